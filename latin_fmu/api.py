@@ -1,0 +1,117 @@
+"""Scene in, solution out."""
+
+from __future__ import annotations
+
+import resource
+import sys
+import time as clock
+from typing import Protocol
+
+from .latin.record import Outcome, Timings
+from .latin.recorder import Recorder
+from .latin.solver import IterationEvent
+from .latin.status import status
+from .latin.windows import Run
+from .observe import Iteration, Observer
+from .results.solution import Solution
+from .scene.build import Built, build
+from .scene.schema import Scene
+
+
+class ProgressSink(Protocol):
+    """Where progress goes."""
+
+    def update(self, done: int, total: int, iteration: int, error: float) -> None:
+        """``done`` of ``total`` windows finished, now at ``iteration`` with indicator ``error``."""
+
+
+def solve(scene: Scene, observer: Observer | None = None, progress: ProgressSink | None = None) -> Solution:
+    """Solve a scene.
+
+    Parameters
+    ----------
+    scene : from ``load_scene`` or built in Python.
+    observer : called after every LATIN iteration with an ``Iteration``.
+    progress : told how far the run is.
+
+    Raises
+    ------
+    SceneError : the scene cannot be built. A run that does not converge is no error: see ``Solution.converged``.
+    """
+    wall = clock.perf_counter()
+    timings = Timings()
+    start = clock.process_time()
+    built = build(scene)
+    timings.setup = clock.process_time() - start
+    return Solution(run(built, timings, observer, progress, wall), scene.text(), scene.name)
+
+
+def run(
+    built: Built,
+    timings: Timings | None = None,
+    observer: Observer | None = None,
+    progress: ProgressSink | None = None,
+    wall_start: float | None = None,
+) -> Outcome:
+    """Run a built scene over its whole interval (once: the built assembly keeps its final state)."""
+    timings = Timings() if timings is None else timings
+    wall = clock.perf_counter() if wall_start is None else wall_start
+    assembly = built.assembly
+    begin = clock.process_time()
+    recorder = Recorder(assembly, built.wanted, built.info)
+
+    def observe(event: IterationEvent) -> None:
+        assert observer is not None
+        observer(Iteration(event.window, event.iteration, event.error_indicator, event.force_mismatch, event, assembly))
+
+    march = Run(
+        assembly, built.settings, recorder, timings,
+        None if observer is None else observe, None if progress is None else progress.update,
+    )  # fmt: skip
+    march.all()
+    state = march.state
+    converged, sentence = status(assembly, built.settings, state.windows, state.interface_indicator)
+    names = [u.name for u in assembly.interfaces]
+    indicator = state.interface_indicator
+    outcome = Outcome(
+        time=assembly.time,
+        interfaces=recorder.interfaces(assembly),
+        substructures=recorder.substructures(),
+        windows=state.windows,
+        interface_indicator={} if indicator is None else dict(zip(names, map(float, indicator), strict=True)),
+        converged=converged,
+        status=sentence,
+        passes=state.marched / (assembly.n_substructure * assembly.n_instant),
+        energy=recorder.assembly_energy(assembly),
+        timings=timings,
+        warnings=built.warnings,
+        settings=march.choices(),
+    )
+    timings.other = clock.process_time() - begin - timings.global_stage - timings.local_stage
+    timings.wall = clock.perf_counter() - wall
+    timings.peak_memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+    return outcome
+
+
+def check(scene: Scene) -> list[str]:
+    """Build a scene without solving it; lines that tell its sizes and warnings.
+
+    Raises
+    ------
+    SceneError : the scene cannot be built.
+    """
+    built = build(scene)
+    assembly = built.assembly
+    lines = [
+        f"scene {scene.name}: {assembly.n_substructure} substructure(s) in {len(assembly.propagators)} class(es), "
+        f"{len(assembly.interfaces)} interface(s), {assembly.n_instant} steps of {assembly.dt:.6g} s"
+    ]
+    for propagator in assembly.propagators:
+        lines.append(
+            f"  {', '.join(propagator.names)}: {propagator.n_dof} unknowns, {propagator.n_channel} interface channels"
+        )
+    lines += [
+        f"  interface {u.name}: {u.behaviour.name}, {u.geometry.n_point} points, area {u.geometry.areas.sum():.6g} m2"
+        for u in assembly.interfaces
+    ]
+    return lines + [f"warning: {w}" for w in built.warnings]

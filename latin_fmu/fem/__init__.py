@@ -1,0 +1,1 @@
+"""Thin finite-element layer: meshes, elastic and mass matrices, integrals over faces."""

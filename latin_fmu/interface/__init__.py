@@ -1,0 +1,9 @@
+"""Interfaces: geometry (points, areas, normals, traces) and behaviours, Eqs. (6), (7), (15)-(23)."""
+
+from .behaviour import Behaviour
+from .contact import Contact
+from .geometry import InterfaceGeometry
+from .perfect import Perfect
+from .registry import BEHAVIOURS, make_behaviour
+
+__all__ = ["BEHAVIOURS", "Behaviour", "Contact", "InterfaceGeometry", "Perfect", "make_behaviour"]

@@ -1,0 +1,63 @@
+"""Geometry of an interface: its points, their areas, frames and initial gap, Eqs. (18)-(19)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+
+from .behaviour import Array
+
+_ROUND_OFF = 1e-12
+
+
+@dataclass(frozen=True)
+class InterfaceGeometry:
+    """Points of one interface and the traces of its two sides.
+
+    Attributes
+    ----------
+    points : (n_point, 3) on side E, m. areas : (n_point,), m2, > 0.
+    frames : (n_point, 3, 3) rows N, t1, t2; N from E to E'.
+    gap : (n_point,) initial opening along N, m.
+    traces : for each side the sparse matrix (3 n_point, 3 n_node) from nodal values to values at the points
+        in global axes; None for rigid ground.
+    """
+
+    points: Array
+    areas: Array
+    frames: Array
+    gap: Array
+    traces: tuple[sp.csr_array, sp.csr_array | None]
+
+    @property
+    def n_point(self) -> int:
+        """Number of points."""
+        return len(self.points)
+
+    def local_trace(self, side: int, n_component: int) -> sp.csr_array | None:
+        """Trace in the local frame, first ``n_component`` components: (n_point * n_component, 3 n_node)."""
+        trace = self.traces[side]
+        if trace is None:
+            return None
+        rotation = sp.block_diag([frame[:n_component] for frame in self.frames], format="csr")
+        local = sp.csr_array(rotation @ trace)
+        local.eliminate_zeros()
+        return local
+
+
+def local_frames(normals: Array) -> Array:
+    """Right-handed frames (n_point, 3, 3) with rows N, t1, t2; t1 and t2 follow the global axes where N does.
+
+    Components of N below 1e-12 are round-off and are dropped, so that a held direction never leaks into another.
+    """
+    normals = np.where(np.abs(normals) < _ROUND_OFF, 0.0, normals)
+    normals = normals / np.linalg.norm(normals, axis=1)[:, None]
+    frames = np.empty((len(normals), 3, 3))
+    axis = np.argmax(np.abs(normals), axis=1)
+    first = np.eye(3)[(axis + 1) % 3]
+    t1 = first - np.einsum("pi,pi->p", first, normals)[:, None] * normals
+    t1 /= np.linalg.norm(t1, axis=1)[:, None]
+    frames[:, 0], frames[:, 1], frames[:, 2] = normals, t1, np.cross(normals, t1)
+    return frames + 0.0  # no negative zeros: equal interfaces compare equal

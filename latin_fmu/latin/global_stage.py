@@ -1,0 +1,92 @@
+"""Global (linear) stage (9)-(14): each substructure over the window, loaded by q = F_hat + k W_hat and dashpots k.
+
+A window of one instant is condensed on the interfaces: the substructures are marched once (``predict``), every
+iteration is a product with Y. Longer windows are marched anew at each iteration.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from .assembly import Assembly
+from .layout import Array
+
+
+class GlobalStage:
+    """Global stage over the window that starts at the present state of the propagators.
+
+    Parameters
+    ----------
+    assembly : with the search direction bound to its propagators. k : (n_flat,). n : instants of the window.
+    """
+
+    def __init__(self, assembly: Assembly, k: Array, n: int) -> None:
+        self.assembly, self.k, self.n = assembly, k, n
+        self.first = assembly.propagators[0].state.instant + 1
+        self.marched = 0  # substructure-instants marched or solved through the condensed operator
+        self._start = assembly.snapshot()
+        self._w_0: list[Array] | None = None
+
+    def __call__(self, q: Array) -> Array:
+        """W (n, n_flat) at the channels for q (n, n_flat)."""
+        self.marched += self.n * self.assembly.n_substructure
+        return self._condensed(q) if self.n == 1 else self._march(q, None)
+
+    def _condensed(self, q: Array) -> Array:
+        assembly = self.assembly
+        if self._w_0 is None:
+            self._w_0 = [p.predict() for p in assembly.propagators]
+        w = np.zeros_like(q)
+        assembly.ground_velocity(w[0], self.first)
+        for propagator, channels, w_0 in zip(assembly.propagators, assembly.channels, self._w_0, strict=True):
+            w[0, channels] = propagator.respond(w_0, q[0, channels])
+        return w
+
+    def _march(self, q: Array, after: Callable[[int], None] | None) -> Array:
+        assembly = self.assembly
+        assembly.restore(self._start)
+        w = np.zeros_like(q)
+        for i in range(self.n):
+            assembly.ground_velocity(w[i], self.first + i)
+            for propagator, channels in zip(assembly.propagators, assembly.channels, strict=True):
+                incoming = q[i, channels]
+                velocity = propagator.respond(propagator.predict(), incoming)
+                propagator.commit(incoming - propagator.k * velocity)
+                w[i, channels] = velocity
+            if after is not None:
+                after(i)
+        return w
+
+    def commit(self, q: Array, f_hat: Array, after: Callable[[int], None]) -> None:
+        """End the window: ``after(i)`` is called with the substructures at its instant i.
+
+        One instant: the local-stage tractions are applied, action and reaction to round-off. Longer windows:
+        the linear-stage fields of q, whose dashpots keep the two sides of an interface together.
+        """
+        assembly = self.assembly
+        self.marched += self.n * assembly.n_substructure
+        if self.n > 1:
+            self._march(q, after)
+            return
+        if self._w_0 is None:
+            for propagator in assembly.propagators:
+                propagator.predict()
+        for propagator, channels in zip(assembly.propagators, assembly.channels, strict=True):
+            propagator.commit(f_hat[0, channels])
+        after(0)
+
+    def trial(self, q: Array, f_hat: Array, after: Callable[[int], None]) -> None:
+        """``commit`` without consequences: ``after(i)`` sees the state, then everything is put back."""
+        marched, condensed = self.marched, self._w_0
+        self.commit(q, f_hat, after)
+        self.rewind()
+        self.marched = marched
+        if condensed is not None:
+            self._w_0 = [p.predict() for p in self.assembly.propagators]
+
+    def rewind(self) -> None:
+        """Back to the start of the window."""
+        self.assembly.restore(self._start)
+        self._w_0 = None

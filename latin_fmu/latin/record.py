@@ -1,0 +1,168 @@
+"""What a run leaves behind: plain arrays, no file format and no plotting.
+
+Interface fields are those of the local stage (they satisfy the behaviour exactly), substructure
+fields those of the linear stage (they satisfy equilibrium exactly); their distance is the indicator.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class InterfaceHistory:
+    """Local-stage fields of one interface over the run (global axes, SI units).
+
+    Attributes
+    ----------
+    name, behaviour : as in the scene; behaviour is the registry key ("perfect", "contact").
+    sides : the two faces, e.g. ("bar1.zmax", "bar2.zmin"); the second may be "ground".
+    points : (n_point, 3) reference coordinates on side E, m.
+    areas : (n_point,) area carried by each point, m2.
+    normals : (n_point, 3) unit normal N from E to E'.
+    initial_gap : (n_point,) open gap at the start, m.
+    friction_coefficient : Coulomb coefficient, 0 for a frictionless contact, None for a perfect bond.
+    traction : (n_time, n_point, 3) traction the interface exerts on side E, Pa.
+    velocity : (n_time, 2, n_point, 3) velocities of sides E and E', m s-1.
+    gap : (n_time, n_point) opening along N from the displacements, m (negative = penetration); None for
+        an interface that cannot open.
+    contact_status : (n_time, n_point) int8, separation 0, stick 1, slip 2; None as for ``gap``.
+    friction_power : (n_time,) power dissipated by friction, W (>= 0); None without friction.
+    """
+
+    name: str
+    behaviour: str
+    sides: tuple[str, str]
+    points: Array
+    areas: Array
+    normals: Array
+    initial_gap: Array
+    friction_coefficient: float | None
+    traction: Array
+    velocity: Array
+    gap: Array | None
+    contact_status: NDArray[np.int8] | None
+    friction_power: Array | None
+
+    def force(self) -> Array:
+        """Resultant force on side E, (n_time, 3), N."""
+        return np.einsum("p,tpc->tc", self.areas, self.traction)
+
+    def impulse(self, time: Array) -> Array:
+        """Running time integral (trapezoid) of ``force``, (n_time, 3), N s."""
+        force = self.force()
+        step = np.diff(time)[:, None] * 0.5 * (force[1:] + force[:-1])
+        return np.concatenate([np.zeros((1, 3)), np.cumsum(step, axis=0)])
+
+    def normal_resultant(self) -> Array:
+        """Compressive normal resultant, (n_time,), N, positive in compression."""
+        return -np.einsum("p,tpc,pc->t", self.areas, self.traction, self.normals)
+
+    def penetration(self) -> float:
+        """Largest penetration met, m (0 when none, or when the interface cannot open)."""
+        return 0.0 if self.gap is None or not self.gap.size else float(max(0.0, -self.gap.min()))
+
+
+@dataclass(frozen=True)
+class SubstructureHistory:
+    """Linear-stage fields of one substructure. Fields not asked for are None.
+
+    Attributes
+    ----------
+    nodes : (n_node, 3) coordinates, m. cells : (n_cell, 8 | 4) connectivity in VTK order.
+    cell_type : "hexahedron" or "tetra".
+    time : (n_stored,) instants at which the fields below are kept, s.
+    displacement, velocity : (n_stored, n_node, 3), m and m s-1.
+    stress : (n_stored, n_cell, 6) mean stress of each element, Pa, order xx yy zz yz xz xy.
+    energy : per instant of the whole run (n_time,), J, keys ``kinetic``, ``elastic``, ``work_of_loads``,
+        ``interface_work`` (work of the interface tractions on this substructure), ``damping_dissipation``,
+        ``scheme_dissipation``; work and dissipation accumulate from the start.
+    """
+
+    name: str
+    nodes: Array
+    cells: NDArray[np.int64]
+    cell_type: str
+    time: Array
+    displacement: Array | None
+    velocity: Array | None
+    stress: Array | None
+    energy: dict[str, Array] | None
+
+
+@dataclass
+class WindowRecord:
+    """How the iteration went in one window.
+
+    ``error_indicator[i]`` is the amplitude sqrt(eta) after iteration i+1, ``force_mismatch[i]`` likewise
+    (NaN where it was not evaluated). ``fallbacks`` names the fall-backs used, in order.
+    """
+
+    first_instant: int
+    last_instant: int
+    error_indicator: list[float] = field(default_factory=list)
+    force_mismatch: list[float] = field(default_factory=list)
+    fallbacks: list[str] = field(default_factory=list)
+    converged: bool = False
+
+    @property
+    def iterations(self) -> int:
+        """Number of LATIN iterations."""
+        return len(self.error_indicator)
+
+
+@dataclass
+class Timings:
+    """CPU seconds of the process by part, and the peak memory in bytes."""
+
+    setup: float = 0.0
+    global_stage: float = 0.0
+    local_stage: float = 0.0
+    other: float = 0.0
+    output: float = 0.0
+    wall: float = 0.0
+    peak_memory: int = 0
+
+    @property
+    def total(self) -> float:
+        """Sum of the CPU times."""
+        return self.setup + self.global_stage + self.local_stage + self.other + self.output
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Everything a run produced.
+
+    ``status`` is a sentence (with a remedy when ``converged`` is False). ``interface_indicator[name]`` is
+    sqrt(eta) restricted to one interface, the largest over windows at the last iteration. ``passes`` counts
+    substructure-instants marched or solved through a condensed operator, divided by substructures x instants.
+    ``energy`` is the assembly's: keys of ``SubstructureHistory.energy`` summed, plus ``friction_dissipation``
+    and ``balance``; None unless asked for. ``sampling`` lists remarks on time laws and other warnings.
+    """
+
+    time: Array
+    interfaces: dict[str, InterfaceHistory]
+    substructures: dict[str, SubstructureHistory]
+    windows: list[WindowRecord]
+    interface_indicator: dict[str, float]
+    converged: bool
+    status: str
+    passes: float
+    energy: dict[str, Array] | None
+    timings: Timings
+    warnings: tuple[str, ...] = ()
+    settings: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def error_indicator(self) -> float:
+        """sqrt(eta) at the end of each window, the largest of them."""
+        return max((w.error_indicator[-1] for w in self.windows if w.error_indicator), default=0.0)
+
+    def penetration(self) -> float:
+        """Largest penetration over all interfaces, m."""
+        return max((h.penetration() for h in self.interfaces.values()), default=0.0)

@@ -1,0 +1,196 @@
+"""Keeps the accepted fields of a run and turns them into histories at its end."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..propagator.energy import TERMS
+from .assembly import Assembly
+from .layout import Array, InterfaceUnit
+from .local_stage import read_opening
+from .record import InterfaceHistory, SubstructureHistory
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What to keep: displacement and velocity fields, mean stress, energies; fields every ``every`` instants."""
+
+    fields: bool = False
+    stress: bool = False
+    energy: bool = False
+    every: int = 1
+
+
+@dataclass(frozen=True)
+class SubstructureInfo:
+    """Mesh of a substructure for the results, and its stress function (displacements (n_node, 3) -> (n_cell, 6))."""
+
+    nodes: Array
+    cells: np.ndarray
+    cell_type: str
+    stress: Callable[[Array], Array]
+
+
+class Recorder:
+    """Histories of interfaces (always) and substructures (as wanted)."""
+
+    def __init__(self, assembly: Assembly, wanted: Wanted, substructures: dict[str, SubstructureInfo]) -> None:
+        self._wanted, self._info = wanted, substructures
+        n_time, layout = len(assembly.time), assembly.layout
+        self._f_hat = np.zeros((n_time, layout.n_flat))
+        self._w_hat = np.zeros((n_time, layout.n_flat))
+        self._gap = [np.zeros((n_time, g.n_point)) if g.behaviour.opens else None for g in layout.groups]
+        # Frictionless interfaces carry no tangential unknowns: their tangential velocities come from the sides.
+        self._slide = {
+            i: np.zeros((n_time, 2, u.geometry.n_point, 3))
+            for i, u in enumerate(assembly.interfaces)
+            if u.behaviour.n_component == 1
+        }
+        self._where = {name: (p, m) for p in assembly.propagators for m, name in enumerate(p.names)}
+        self._stored: dict[str, dict[str, list[Array]]] = {name: {} for name in self._where}
+        self._stored_time: list[float] = []
+        self._energy: dict[str, list[Array]] = {name: [] for name in self._where}
+        self._instant = 0
+
+    def start(self, assembly: Assembly, traction: Array, velocity: Array) -> None:
+        """Keep t = 0."""
+        self._instant = 0
+        self._store(assembly, traction, velocity)
+
+    def keep(self, assembly: Assembly, f_hat: Array, w_hat: Array) -> None:
+        """Keep the next accepted instant."""
+        self._instant += 1
+        self._store(assembly, f_hat, w_hat)
+
+    def _store(self, assembly: Assembly, f_hat: Array, w_hat: Array) -> None:
+        i = self._instant
+        self._f_hat[i], self._w_hat[i] = f_hat, w_hat
+        if any(g is not None for g in self._gap):
+            opening = read_opening(assembly)
+            for gap, now in zip(self._gap, opening.gap, strict=True):
+                if gap is not None:
+                    gap[i] = now
+        for index, history in self._slide.items():
+            self._side_velocities(assembly, assembly.interfaces[index], history[i], i)
+        if self._wanted.energy:
+            for name, (propagator, member) in self._where.items():
+                assert propagator.meter is not None
+                self._energy[name].append(np.array([propagator.meter.totals[t][member] for t in TERMS]))
+        if (self._wanted.fields or self._wanted.stress) and i % self._wanted.every == 0:
+            self._store_fields(float(assembly.time[i]))
+
+    def _side_velocities(self, assembly: Assembly, unit: InterfaceUnit, out: Array, instant: int) -> None:
+        for side, face in enumerate(unit.sides):
+            trace = unit.geometry.traces[side]
+            if trace is None:
+                assert unit.ground_velocity is not None
+                out[side] = unit.ground_velocity[instant]
+            else:
+                propagator, member = self._where[face.split(".")[0]]
+                out[side] = (trace @ propagator.full_velocity(member).ravel()).reshape(-1, 3)
+
+    def _store_fields(self, time: float) -> None:
+        self._stored_time.append(time)
+        for name, (propagator, member) in self._where.items():
+            stored = self._stored[name]
+            u = propagator.full_displacement(member)
+            if self._wanted.fields:
+                stored.setdefault("displacement", []).append(u)
+                stored.setdefault("velocity", []).append(propagator.full_velocity(member))
+            if self._wanted.stress:
+                stored.setdefault("stress", []).append(self._info[name].stress(u))
+
+    # -- histories --------------------------------------------------------------------------------------------
+    def interfaces(self, assembly: Assembly) -> dict[str, InterfaceHistory]:
+        """Interface histories over the kept instants."""
+        return {u.name: self._interface(assembly, i, u) for i, u in enumerate(assembly.interfaces)}
+
+    def _interface(self, assembly: Assembly, index: int, unit: InterfaceUnit) -> InterfaceHistory:
+        n = self._instant + 1
+        group = assembly.layout.group(index)
+        points = group.members[index]
+        f_hat = group.block(self._f_hat[:n])[:, 0, points]
+        w_hat = group.block(self._w_hat[:n])[:, :, points]
+        return interface_history(
+            unit, f_hat, w_hat, self._slide.get(index), self._gap_of(assembly, index, n), group.parameters[points]
+        )
+
+    def _gap_of(self, assembly: Assembly, index: int, n: int) -> Array | None:
+        group = assembly.layout.group(index)
+        gap = self._gap[assembly.layout.groups.index(group)]
+        return None if gap is None else gap[:n, group.members[index]]
+
+    def substructures(self) -> dict[str, SubstructureHistory]:
+        """Histories of the substructures for which something was wanted."""
+        if not (self._wanted.fields or self._wanted.stress or self._wanted.energy):
+            return {}
+        time = np.array(self._stored_time)
+        histories = {}
+        for name, info in self._info.items():
+            stored = {key: np.stack(values) for key, values in self._stored[name].items()}
+            energy = None
+            if self._wanted.energy:
+                table = np.stack(self._energy[name])
+                energy = {term: table[:, j] for j, term in enumerate(TERMS)}
+            histories[name] = SubstructureHistory(
+                name, info.nodes, info.cells, info.cell_type, time,
+                stored.get("displacement"), stored.get("velocity"), stored.get("stress"), energy,
+            )  # fmt: skip
+        return histories
+
+    def assembly_energy(self, assembly: Assembly) -> dict[str, Array] | None:
+        """Sums over the substructures, friction dissipation of the interfaces, balance; None unless wanted.
+
+        balance = change of (kinetic + elastic) + damping + scheme - work of loads - interface work.
+        """
+        if not self._wanted.energy:
+            return None
+        n = self._instant + 1
+        total = {t: sum((np.stack(e)[:, j] for e in self._energy.values()), np.zeros(n)) for j, t in enumerate(TERMS)}
+        friction = np.zeros(n)
+        for history in self.interfaces(assembly).values():
+            if history.friction_power is not None:
+                friction[1:] += np.cumsum(history.friction_power[1:]) * assembly.dt
+        total["friction_dissipation"] = friction
+        stored = total["kinetic"] + total["elastic"]
+        total["balance"] = (
+            stored - stored[0] + total["damping_dissipation"] + total["scheme_dissipation"]
+            - total["work_of_loads"] - total["interface_work"]
+        )  # fmt: skip
+        return total
+
+
+def interface_history(
+    unit: InterfaceUnit, f_hat: Array, w_hat: Array, slide: Array | None, gap: Array | None, parameters: Array
+) -> InterfaceHistory:
+    """History in global axes from local-frame fields.
+
+    Parameters
+    ----------
+    f_hat : (n, n_point, n_component) on side E. w_hat : (n, 2, n_point, n_component).
+    slide : (n_time, 2, n_point, 3) velocities of the sides where tangential unknowns are absent, else None.
+    gap : (n, n_point) or None. parameters : (n_point, n_parameter).
+    """
+    geometry, n_component = unit.geometry, unit.behaviour.n_component
+    frames = geometry.frames[:, :n_component]
+    traction = np.einsum("tpc,pci->tpi", f_hat, frames)
+    velocity = np.einsum("tspc,pci->tspi", w_hat, frames)
+    if slide is not None:
+        normal = geometry.frames[:, 0]
+        kept = slide[: len(f_hat)]
+        velocity = velocity + kept - np.einsum("tspi,pi,pj->tspj", kept, normal, normal)
+    power = None
+    if unit.behaviour.opens and n_component > 1:
+        slip = w_hat[:, 1, :, 1:] - w_hat[:, 0, :, 1:]
+        power = np.einsum("p,tpc,tpc->t", geometry.areas, f_hat[..., 1:], slip)
+    opens = unit.behaviour.opens
+    return InterfaceHistory(
+        name=unit.name, behaviour=unit.behaviour.name, sides=unit.sides, points=geometry.points,
+        areas=geometry.areas, normals=geometry.frames[:, 0], initial_gap=geometry.gap,
+        friction_coefficient=getattr(unit.behaviour, "friction_coefficient", None),
+        traction=traction, velocity=velocity, gap=gap,
+        contact_status=unit.behaviour.status(f_hat, parameters) if opens else None, friction_power=power,
+    )  # fmt: skip

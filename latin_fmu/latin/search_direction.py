@@ -1,0 +1,150 @@
+"""Search directions k of (12), (13), (16), (17): per side, normal and tangential, at every point.
+
+The choice changes the number of iterations, never the converged answer. Candidates:
+
+impedance   rho c_p and rho c_s of the side's own material: exact where the step resolves the wave
+uniform     the same numbers everywhere (the paper's k = G T_c / L_c is rho c_s for T_c = L_c / c_s)
+diagonal    1 / D_ii of the discrete admittance of one instant
+row         resistance of the face to a uniform velocity, spread by area
+automatic   diagonal for windows of one instant; for longer windows the impedance where the step resolves the
+            wave on both sides (row k over impedance within 0.3 ... 3), else half the row value
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg as la
+
+from .assembly import Assembly
+from .layout import Array
+
+RESOLVED = (0.3, 3.0)
+
+
+@dataclass(frozen=True)
+class SearchDirection:
+    """What the scene asks for: ``kind`` of the module docstring, ``factor`` multiplying k, and for "uniform" the
+    normal and tangential values, Pa s m-1."""
+
+    kind: str = "automatic"
+    factor: float = 1.0
+    normal: float = 0.0
+    tangential: float = 0.0
+
+
+def channel_k(assembly: Assembly, wanted: SearchDirection, window: int) -> tuple[Array, str]:
+    """k of every channel (n_flat,), Pa s m-1 (0 where a side is rigid), and a word on the choice made."""
+    kind = wanted.kind
+    if kind == "automatic":
+        kind = "diagonal" if window == 1 else "resolved"
+    if kind == "impedance":
+        k, choice = assembly.impedance.copy(), "impedance"
+    elif kind == "uniform":
+        k = np.where(assembly.layout.normal, wanted.normal, wanted.tangential)
+        choice = "uniform"
+    elif kind == "diagonal":
+        k, choice = _diagonal(assembly), "diagonal"
+    elif kind == "row":
+        k, choice = _row(assembly), "row"
+    else:
+        k, choice = _resolved(assembly)
+    k = wanted.factor * k
+    k[assembly.rigid] = 0.0
+    return k, choice
+
+
+def unresolved_sides(assembly: Assembly) -> list[str]:
+    """Sentences on sides whose wave front the mesh and step do not resolve (converged is not accurate there)."""
+    row = _row(assembly)
+    remarks = []
+    for i, unit in enumerate(assembly.interfaces):
+        for side in (0, 1):
+            channels = assembly.layout.channels(i, side)[:, 0]
+            impedance = assembly.impedance[channels]
+            if not impedance.any() or not row[channels].any():
+                continue
+            ratio = float(np.median(row[channels] / impedance))
+            if not RESOLVED[0] <= ratio <= RESOLVED[1]:
+                remarks.append(
+                    f"interface {unit.name}, side {unit.sides[side]}: the step does not resolve the wave "
+                    f"(resistance of the face over rho c = {ratio:.2g}, resolved within {RESOLVED[0]} ... "
+                    f"{RESOLVED[1]}); the run may converge to an inaccurate force: refine mesh and step there"
+                )
+    return remarks
+
+
+def _diagonal(assembly: Assembly) -> Array:
+    """1 / D_ii; one tangential value per point (the largest admittance of its two directions)."""
+    admittance = assembly.gather(
+        [
+            np.repeat(np.diag(p.operators.admittance)[:, None], len(p.names), axis=1)
+            for p in assembly.propagators
+        ]
+    )
+    return _inverse(_one_tangent(assembly, admittance))
+
+
+def _one_tangent(assembly: Assembly, values: Array) -> Array:
+    for group in assembly.layout.groups:
+        if group.n_component > 1:
+            block = group.block(values)
+            block[..., 1:] = block[..., 1:].max(axis=-1, keepdims=True)
+    return values
+
+
+def _row(assembly: Assembly) -> Array:
+    """Total force for a unit uniform velocity of the face, over its area."""
+    k = np.zeros(assembly.layout.n_flat)
+    for propagator, channels in zip(assembly.propagators, assembly.channels, strict=True):
+        compliance = propagator.operators.compliance
+        position = {int(flat): row for row, flat in enumerate(channels[:, 0])}
+        per_channel = np.zeros(len(channels))
+        for i in range(len(assembly.interfaces)):
+            for side in (0, 1):
+                flat = assembly.layout.channels(i, side)
+                if int(flat[0, 0]) not in position:
+                    continue
+                rows = np.array([[position[int(f)] for f in line] for line in flat])
+                area = propagator.operators.area[rows[:, 0]].sum()
+                for component in range(flat.shape[1]):
+                    per_channel[rows[:, component]] = _resistance(compliance, rows[:, component]) / area
+        k[channels] = per_channel[:, None]
+    return _one_tangent(assembly, k)
+
+
+def _resistance(compliance: Array, rows: Array) -> float:
+    """1^T C^-1 1 over the rows that can move, N s m-1."""
+    diagonal = np.diag(compliance)
+    moving = rows[diagonal[rows] > 1e-12 * diagonal.max(initial=0.0)]
+    if not len(moving):
+        return 0.0
+    block = compliance[np.ix_(moving, moving)]
+    return float(la.lstsq(block, np.ones(len(moving)))[0].sum())
+
+
+def _resolved(assembly: Assembly) -> tuple[Array, str]:
+    """Impedance where both sides of an interface are resolved, else half the row value."""
+    row, impedance = _row(assembly), assembly.impedance
+    k = impedance.copy()
+    choices = []
+    for i in range(len(assembly.interfaces)):
+        sides = [assembly.layout.channels(i, side) for side in (0, 1)]
+        resolved = True
+        for channels in sides:
+            normal = channels[:, 0]
+            if impedance[normal].any() and row[normal].any():
+                ratio = float(np.median(row[normal] / impedance[normal]))
+                resolved &= RESOLVED[0] <= ratio <= RESOLVED[1]
+        if not resolved:
+            for channels in sides:
+                k[channels] = 0.5 * row[channels]
+        choices.append("impedance" if resolved else "half row")
+    return k, ", ".join(sorted(set(choices)))
+
+
+def _inverse(values: Array) -> Array:
+    """1/x where x is more than round-off of the largest, else 0."""
+    negligible = 1e-12 * values.max(initial=0.0)
+    return np.divide(1.0, values, out=np.zeros_like(values), where=values > negligible)

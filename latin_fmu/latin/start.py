@@ -1,0 +1,67 @@
+"""The instant t = 0: velocity is imposed there, so it stays out of the iteration.
+
+A perfect interface gets the traction that makes the accelerations of its sides equal (else a cut and a merged
+model differ), an open contact none, a preloaded one its preload.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.linalg as la
+
+from .assembly import Assembly
+from .layout import Array
+
+
+def start(assembly: Assembly) -> tuple[Array, Array]:
+    """Start every propagator; tractions and velocities (n_flat,) of the channels at t = 0."""
+    propagators = assembly.propagators
+    unbalance = [p.initial_unbalance() for p in propagators]
+    beyond = np.zeros(assembly.layout.n_flat)
+    if any(u.any() for u in unbalance):
+        beyond = _bonded_tractions(assembly, unbalance)
+    for propagator, channels, force in zip(propagators, assembly.channels, unbalance, strict=True):
+        factor = propagator.mass_inverse_at_channels()[1] if force.any() or beyond.any() else None
+        propagator.start(beyond[channels], factor)
+    traction = beyond
+    for group in assembly.layout.groups:
+        normal = group.block(traction)[..., 0]
+        normal[0] -= group.preload
+        normal[1] += group.preload
+    velocity = assembly.gather([p.channel_velocity() for p in propagators])
+    assembly.ground_velocity(velocity, 0)
+    return traction, velocity
+
+
+def _bonded_tractions(assembly: Assembly, unbalance: list[Array]) -> Array:
+    """Tractions on perfect interfaces that make accelerations continuous, 0 elsewhere; flat."""
+    bonded = [i for i, unit in enumerate(assembly.interfaces) if not unit.behaviour.opens]
+    flat = np.zeros(assembly.layout.n_flat)
+    if not bonded:
+        return flat
+    sides = [np.concatenate([assembly.layout.channels(i, side).ravel() for i in bonded]) for side in (0, 1)]
+    n = len(sides[0])
+    unknown = np.full(assembly.layout.n_flat, -1)
+    sign = np.zeros(assembly.layout.n_flat)
+    for side, channels in enumerate(sides):
+        unknown[channels] = np.arange(n)
+        sign[channels] = 1.0 - 2.0 * side
+    system, right = np.zeros((n, n)), np.zeros(n)
+    ground = np.zeros(assembly.layout.n_flat)
+    assembly.ground_acceleration(ground, 0)
+    for propagator, all_channels, force in zip(assembly.propagators, assembly.channels, unbalance, strict=True):
+        compliance, factor = propagator.mass_inverse_at_channels()
+        free = propagator._trace @ factor.solve(force)[propagator.operators.dofs]
+        for member in range(all_channels.shape[1]):
+            channels = all_channels[:, member]
+            rows = np.flatnonzero(unknown[channels] >= 0)
+            where, s = unknown[channels[rows]], sign[channels[rows]]
+            # nodal force = area * traction, and the same weight on the equations keeps the system symmetric
+            weight = s * propagator.operators.area[rows]
+            system[np.ix_(where, where)] += weight[:, None] * compliance[np.ix_(rows, rows)] * weight
+            np.subtract.at(right, where, weight * free[rows, member])
+    grounded = ground != 0
+    np.subtract.at(right, unknown[grounded], sign[grounded] * assembly.layout.area[grounded] * ground[grounded])
+    x = la.lstsq(system, right)[0]
+    flat[sides[0]], flat[sides[1]] = x, -x
+    return flat

@@ -1,0 +1,203 @@
+"""Successive windows over [0, T]: hand-over of state, warm start, fall-back to windows of one instant.
+
+A window starts from the state of the substructures, the opening read from their displacements, and the last
+interface tractions and velocities as first guess. One window over the whole interval is the method as published;
+windows of one instant (the default) need the fewest passes.
+"""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from .assembly import Assembly
+from .error_indicator import Scales
+from .global_stage import GlobalStage
+from .layout import Array
+from .local_stage import read_opening
+from .record import Timings, WindowRecord
+from .recorder import Recorder
+from .settings import Settings
+from .solver import Direction, Iterate, Observer, WindowSolver
+from .start import start
+
+Progress = Callable[[int, int, int, float], None]  # windows done, windows, iteration, indicator
+
+
+@dataclass
+class RunState:
+    """Everything besides the propagators that the next window needs."""
+
+    f_hat: Array
+    w_hat: Array
+    scales: Scales
+    windows: list[WindowRecord] = field(default_factory=list)
+    marched: int = 0
+    interface_indicator: Array | None = None
+
+
+class Run:
+    """A run of an assembly; ``advance`` solves one window after the other.
+
+    Parameters
+    ----------
+    assembly, settings : what and how. recorder : keeps the accepted fields.
+    observer : called after each iteration. progress : called after each iteration with window counts.
+    """
+
+    def __init__(
+        self,
+        assembly: Assembly,
+        settings: Settings,
+        recorder: Recorder,
+        timings: Timings,
+        observer: Observer | None = None,
+        progress: Progress | None = None,
+    ) -> None:
+        self.assembly, self.settings, self.recorder, self.timings = assembly, settings, recorder, timings
+        self._observer, self._progress = observer, progress
+        self._directions: dict[bool, Direction] = {}
+        self._bound: Direction | None = None
+        traction, velocity = start(assembly)
+        self.state = RunState(traction, velocity, self.direction(1).indicator.floor())
+        recorder.start(assembly, traction, velocity)
+
+    def direction(self, n: int) -> Direction:
+        """Search direction for windows of n instants (kept: one for n = 1, one for longer windows)."""
+        if (n == 1) not in self._directions:
+            self._directions[n == 1] = Direction(self.assembly, self.settings, n)
+        return self._directions[n == 1]
+
+    def _bind(self, direction: Direction) -> None:
+        if self._bound is not direction:
+            direction.bind()
+            self._bound = direction
+
+    def choices(self) -> dict[str, str]:
+        """What was chosen automatically."""
+        kinds = {True: "windows of one instant", False: "longer windows"}
+        return {f"search direction, {kinds[one]}": d.choice for one, d in self._directions.items()}
+
+    def all(self) -> None:
+        """Solve every window of the interval."""
+        total = self.assembly.n_instant
+        length = self.settings.window or total
+        count = -(-total // length)
+        for number in range(count):
+            self.advance(min(length, total - number * length), number, count)
+
+    def advance(self, n: int, number: int, count: int) -> WindowRecord:
+        """Solve the next window of n instants."""
+        if not self.assembly.interfaces:
+            return self._free(n)
+        assembly, state = self.assembly, self.state
+        first = assembly.propagators[0].state.instant + 1
+        record = WindowRecord(first, first + n - 1)
+        guess = self._sequential_guess(n) if n > 1 and self.settings.sequential_start else None
+        direction = self.direction(n)
+        self._bind(direction)
+        stage = GlobalStage(assembly, direction.k, n)
+        q = np.repeat(direction.incoming(state.f_hat, state.w_hat)[None], n, axis=0)
+        if guess is not None:
+            q = direction.incoming(*guess)
+
+        def report(iteration: int, error: float) -> None:
+            if self._progress is not None:
+                self._progress(number, count, iteration, error)
+
+        solver = WindowSolver(direction, self.settings, self.timings, self._observer, report)
+        accepted = solver.solve(stage, q, read_opening(assembly), state.scales, record, number)
+        if not record.converged and n > 1:
+            stage.rewind()
+            self._count(stage)
+            return self._one_by_one(record, n, number, count)
+        if not record.converged:
+            accepted.scales = state.scales  # a failed iterate must not loosen the windows that follow
+        self._commit(stage, accepted, record)
+        return record
+
+    def _commit(self, stage: GlobalStage, accepted: Iterate, record: WindowRecord) -> None:
+        state, recorder = self.state, self.recorder
+        before = clock.process_time()
+
+        def keep(i: int) -> None:
+            recorder.keep(self.assembly, accepted.f_hat[i], accepted.w_hat[i])
+
+        stage.commit(accepted.q, accepted.f_hat, keep)
+        self.timings.global_stage += clock.process_time() - before
+        self._count(stage)
+        local = self._bound.indicator.per_interface(accepted.residual, accepted.scales) if self._bound else None
+        if local is not None:
+            worst = state.interface_indicator
+            state.interface_indicator = local if worst is None else np.maximum(worst, local)
+        state.scales = accepted.scales
+        state.f_hat, state.w_hat = accepted.f_hat[-1], accepted.w_hat[-1]
+        state.windows.append(record)
+
+    def _count(self, stage: GlobalStage) -> None:
+        self.state.marched += stage.marched
+        stage.marched = 0
+
+    def _one_by_one(self, record: WindowRecord, n: int, number: int, count: int) -> WindowRecord:
+        """Fall-back: the window as windows of one instant."""
+        record.fallbacks.append("windows of one instant")
+        done = len(self.state.windows)
+        for _ in range(n):
+            self.advance(1, number, count)
+        parts = self.state.windows[done:]
+        del self.state.windows[done:]
+        record.converged = all(p.converged for p in parts)
+        worst = max(parts, key=lambda p: (not p.converged, p.error_indicator[-1]))
+        record.error_indicator.append(worst.error_indicator[-1])
+        record.force_mismatch.append(worst.force_mismatch[-1])
+        self.state.windows.append(record)
+        return record
+
+    def _sequential_guess(self, n: int) -> tuple[Array, Array]:
+        """F_hat, W_hat (n, n_flat) of a pass with windows of one instant; everything is put back after it."""
+        assembly, state, recorder = self.assembly, self.state, self.recorder
+        snapshot = assembly.snapshot()
+        saved = replace(state, windows=[])
+        observer, progress = self._observer, self._progress
+        self._observer = self._progress = None
+        tape = _Tape()
+        self.recorder, self.state = tape, replace(state, windows=[])  # type: ignore[assignment]
+        try:
+            for _ in range(n):
+                self.advance(1, 0, 1)
+            marched = self.state.marched
+        finally:
+            self.recorder, self.state = recorder, state
+            self._observer, self._progress = observer, progress
+            assembly.restore(snapshot)
+        state.marched = saved.marched + (marched - saved.marched)
+        return np.stack(tape.f_hat), np.stack(tape.w_hat)
+
+    def _free(self, n: int) -> WindowRecord:
+        """No interface at all: march."""
+        for _ in range(n):
+            for propagator in self.assembly.propagators:
+                propagator.predict()
+                propagator.commit(np.zeros((0, len(propagator.names))))
+            self.recorder.keep(self.assembly, np.zeros(0), np.zeros(0))
+        last = self.assembly.propagators[0].state.instant
+        record = WindowRecord(last - n + 1, last, [0.0], [0.0], converged=True)
+        self.state.windows.append(record)
+        self.state.marched += n * self.assembly.n_substructure
+        return record
+
+
+class _Tape:
+    """Recorder of a sequential pass."""
+
+    def __init__(self) -> None:
+        self.f_hat: list[Array] = []
+        self.w_hat: list[Array] = []
+
+    def keep(self, assembly: Assembly, f_hat: Array, w_hat: Array) -> None:
+        """Keep one instant."""
+        self.f_hat.append(f_hat)
+        self.w_hat.append(w_hat)

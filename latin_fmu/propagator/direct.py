@@ -1,0 +1,219 @@
+"""Direct implicit propagator: one forward and one backward substitution per instant, contact in between.
+
+One instant, in terms of the incoming quantity q = F_hat + k W_hat of the linear stage (12)-(14):
+
+    predict(i)   free response; W_0, the answer at the channels to q = 0
+    respond(q)   W = W_0 + Y q,  Y = (D^-1 + k)^-1 condensed on the channels, k the search direction
+    commit(F)    ends the instant with the tractions F on the channels
+
+State: plain arrays (n_dof, n_member); identical substructures are members of one class and are solved together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg as la
+import scipy.sparse as sp
+import scipy.sparse.linalg as spla
+
+from ..time_scheme import TimeScheme
+from .energy import EnergyMeter
+from .forcing import Forcing
+from .model import Array, SubstructureModel
+from .operators import build_operators
+
+
+@dataclass
+class State:
+    """Motion of all members at one instant (reduced dofs, one column per member).
+
+    ``residual`` is f - C v - K u with the interface tractions in f; ``instant`` the time index.
+    """
+
+    instant: int
+    u: Array
+    v: Array
+    a: Array
+    residual: Array
+
+    def copy(self) -> State:
+        """Independent copy."""
+        return State(self.instant, self.u.copy(), self.v.copy(), self.a.copy(), self.residual.copy())
+
+
+class DirectPropagator:
+    """March of a class of identical substructures (module docstring).
+
+    Parameters
+    ----------
+    members : models with equal matrices and traces; loads, initial values and preload may differ.
+    scheme, dt : time scheme and step, s. energy : whether to account for energies.
+    """
+
+    def __init__(self, members: Sequence[SubstructureModel], scheme: TimeScheme, dt: float, energy: bool) -> None:
+        self.members = list(members)
+        self.names = [m.name for m in members]
+        self.scheme, self.dt = scheme, dt
+        self.operators = build_operators(members[0], scheme, dt)
+        self.forcing = Forcing(members, scheme, dt)
+        self.preload = np.stack([m.preload for m in members], axis=1)
+        self.meter = EnergyMeter(members, self.forcing, scheme, dt) if energy else None
+        self._area = self.operators.area[:, None]
+        self._trace = self.operators.trace
+        self._trace_t = sp.csr_array(self._trace.T)
+        self._free: tuple[Array, Array, Array, Array, Array] | None = None
+        self.state = self._initial_state()
+
+    @property
+    def n_channel(self) -> int:
+        """Interface channels of one member."""
+        return int(self.operators.area.size)
+
+    @property
+    def n_dof(self) -> int:
+        """Reduced dofs of one member."""
+        return int(self.operators.mass.shape[0])
+
+    def _initial_state(self) -> State:
+        """Initial values; accelerations come with ``start``."""
+        p = self.members[0].expansion
+        pick = sp.csr_array(p.T.multiply(1 / np.maximum(p.sum(axis=0), 1)[:, None]))
+        imposed_u, imposed_v = self.forcing.imposed_u(0), self.forcing.imposed_v(0)
+        u = pick @ (np.stack([m.displacement for m in self.members], axis=1) - imposed_u)
+        v = pick @ (np.stack([m.velocity for m in self.members], axis=1) - imposed_v)
+        return State(0, u, v, np.zeros_like(u), np.zeros_like(u))
+
+    # -- start -----------------------------------------------------------------------------------------------
+    def initial_unbalance(self) -> Array:
+        """f(0) - C v - K u without interface tractions beyond the preload, (n_dof, n_member), N."""
+        ops, state = self.operators, self.state
+        unbalance = self.forcing.at(0) - ops.stiffness @ state.u
+        if ops.damping is not None:
+            unbalance -= ops.damping @ state.v
+        return unbalance
+
+    def mass_inverse_at_channels(self) -> tuple[Array, spla.SuperLU]:
+        """T M^-1 T^T (n_channel, n_channel) and the factor of M: needed once, where the start is not balanced."""
+        ops = self.operators
+        lu = spla.splu(sp.csc_matrix(ops.mass), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
+        spread = np.zeros((self.n_dof, self.n_channel))
+        spread[ops.dofs] = self._trace.T.toarray()
+        return self._trace @ lu.solve(spread)[ops.dofs], lu
+
+    def start(self, traction: Array, mass_factor: spla.SuperLU | None) -> None:
+        """Consistent accelerations at t = 0 with tractions (n_channel, n_member) beyond the preload, Pa."""
+        residual = self.initial_unbalance()
+        residual[self.operators.dofs] += self._trace_t @ (self._area * traction)
+        self.state.residual = residual
+        self.state.a = np.zeros_like(residual) if mass_factor is None else mass_factor.solve(residual)
+        if self.meter is not None:
+            self.meter.start(self.state, self._nodal(traction))
+
+    # -- search direction -------------------------------------------------------------------------------------
+    def bind(self, k: Array) -> None:
+        """Search direction k (n_channel,), Pa s m-1: builds Y once."""
+        compliance, area = self.operators.compliance, self.operators.area
+        # Y = (1 + C a k)^-1 C a, symmetrised through sqrt(a k): C a = velocity per traction.
+        root = np.sqrt(area * k)
+        system = np.eye(len(k)) + root[:, None] * compliance * root
+        inner = la.cho_solve(la.cho_factor(system), root[:, None] * compliance)
+        condensed = compliance - (compliance * root) @ inner
+        self.k = k[:, None]
+        self.response: Array = 0.5 * (condensed + condensed.T) * area
+
+    # -- one instant --------------------------------------------------------------------------------------------
+    def predict(self) -> Array:
+        """Free response of the next instant; W_0 (n_channel, n_member), m s-1."""
+        ops, scheme, dt, state = self.operators, self.scheme, self.dt, self.state
+        u, v = scheme.predict(state.u, state.v, state.a, dt)
+        external = self.forcing.at(state.instant + 1)
+        force = external - ops.stiffness @ u
+        if ops.damping is not None:
+            force -= ops.damping @ v
+        force *= scheme.force_weight
+        if scheme.memory_weight:
+            force -= scheme.memory_weight * state.residual
+        y, c = ops.factor.forward(force)
+        free_a = ops.factor.schur_inverse @ c
+        self._free = (u, v, y, free_a, external)
+        self._velocity = self._trace @ (v[ops.dofs] + scheme.velocity_gain(dt) * free_a)
+        imposed = self.forcing.channel_velocity(state.instant + 1)
+        if imposed is not None:
+            self._velocity = self._velocity + imposed
+        self.free_velocity: Array = self._velocity
+        return self._velocity - self.response @ (self.k * self._velocity)
+
+    def respond(self, w_0: Array, q: Array) -> Array:
+        """W = W_0 + Y q, (n_channel, n_member)."""
+        answer: Array = w_0 + self.response @ q
+        return answer
+
+    def commit(self, traction: Array) -> Array:
+        """End the instant with channel tractions (n_channel, n_member), Pa; returns the channel velocities."""
+        assert self._free is not None, "commit without predict"
+        ops, scheme, dt, state = self.operators, self.scheme, self.dt, self.state
+        u, v, y, free_a, external = self._free
+        beyond = self._area * (traction - self.preload)
+        nodal = self._trace_t @ beyond
+        a = ops.factor.backward(y, free_a + ops.factor.schur_inverse @ (scheme.force_weight * nodal))
+        v = v + scheme.velocity_gain(dt) * a
+        u = u + scheme.displacement_gain(dt) * a
+        residual = ops.mass @ a
+        if scheme.memory_weight:
+            residual += scheme.memory_weight * state.residual
+            residual /= scheme.force_weight
+        self.state = State(state.instant + 1, u, v, a, residual)
+        self._free = None
+        if self.meter is not None:
+            self.meter.advance(self.state, self._nodal(traction - self.preload))
+        return self.channel_velocity()
+
+    def _nodal(self, traction: Array) -> Array:
+        """Reduced nodal forces (n_dof, n_member) of channel tractions."""
+        force = np.zeros((self.n_dof, traction.shape[1]))
+        force[self.operators.dofs] = self._trace_t @ (self._area * traction)
+        return force
+
+    # -- reading the state ----------------------------------------------------------------------------------------
+    def channel_velocity(self) -> Array:
+        """Velocities at the channels, (n_channel, n_member)."""
+        return self._at_channels(self.state.v, self.forcing.channel_velocity(self.state.instant))
+
+    def channel_displacement(self) -> Array:
+        """Displacements at the channels."""
+        return self._at_channels(self.state.u, self.forcing.channel_displacement(self.state.instant))
+
+    def channel_acceleration(self) -> Array:
+        """Accelerations at the channels."""
+        return self._at_channels(self.state.a, self.forcing.channel_acceleration(self.state.instant))
+
+    def _at_channels(self, field: Array, imposed: Array | None) -> Array:
+        values: Array = self._trace @ field[self.operators.dofs]
+        return values if imposed is None else values + imposed
+
+    def full_displacement(self, member: int) -> Array:
+        """Displacements of all nodes, (n_node, 3), m."""
+        return self._full(self.state.u, self.forcing.imposed_u(self.state.instant), member)
+
+    def full_velocity(self, member: int) -> Array:
+        """Velocities of all nodes, (n_node, 3), m s-1."""
+        return self._full(self.state.v, self.forcing.imposed_v(self.state.instant), member)
+
+    def _full(self, field: Array, imposed: Array, member: int) -> Array:
+        full = self.members[member].expansion @ field[:, member] + imposed[:, member]
+        return full.reshape(-1, 3)
+
+    # -- windows --------------------------------------------------------------------------------------------------
+    def snapshot(self) -> tuple[State, object]:
+        """All that determines the next instants."""
+        return self.state, None if self.meter is None else self.meter.snapshot()
+
+    def restore(self, snapshot: tuple[State, object]) -> None:
+        """Back to a snapshot (states are never changed in place)."""
+        self.state = snapshot[0]
+        if self.meter is not None:
+            self.meter.restore(snapshot[1])
+        self._free = None

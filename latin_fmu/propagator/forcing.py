@@ -1,0 +1,115 @@
+"""External forces and prescribed motions of the members of a class, instant by instant."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..time_scheme import TimeScheme
+from .model import Array, SubstructureModel
+
+
+class Forcing:
+    """Reduced nodal forces at each instant, prescribed motions included.
+
+    A prescribed motion enters as known displacement, velocity and acceleration of its dofs that satisfy the
+    recursion of the time scheme, so that the energy identity of the scheme holds for them too.
+    """
+
+    def __init__(self, members: Sequence[SubstructureModel], scheme: TimeScheme, dt: float) -> None:
+        self.members = list(members)
+        self.n_full = members[0].n_full
+        n = members[0].expansion.shape[1]
+        self._constant = np.zeros((n, len(members)))
+        self._terms: list[tuple[int, Array, Array, Array]] = []
+        for column, member in enumerate(members):
+            for load in member.loads:
+                reduced = member.expansion.T @ load.pattern
+                nodes = np.flatnonzero(reduced)
+                if np.ptp(load.history) == 0.0:
+                    self._constant[:, column] += reduced * load.history[0]
+                elif len(nodes):
+                    self._terms.append((column, nodes, reduced[nodes], load.history))
+        self._motion = [_Motion(m, scheme, dt) if m.imposed_pattern.shape[1] else None for m in members]
+        self.moves = any(m is not None for m in self._motion)
+        self._zero = np.zeros((self.n_full, len(members)))
+
+    def at(self, instant: int) -> Array:
+        """Reduced external forces (n, n_member) at an instant, N (a fresh array)."""
+        force = self._constant.copy()
+        for column, nodes, values, history in self._terms:
+            force[nodes, column] += history[instant] * values
+        for column, motion in enumerate(self._motion):
+            if motion is not None:
+                force[:, column] -= motion.reduced_force(instant)
+        return force
+
+    def full_external(self, instant: int) -> Array:
+        """External forces on the full dofs (n_full, n_member), prescribed motions not included, N."""
+        force = self._zero.copy()
+        for column, member in enumerate(self.members):
+            for load in member.loads:
+                force[:, column] += load.history[instant] * load.pattern
+        return force
+
+    def imposed_u(self, instant: int) -> Array:
+        """Prescribed displacements, (n_full, n_member), m."""
+        return self._imposed(instant, 0)
+
+    def imposed_v(self, instant: int) -> Array:
+        """Prescribed velocities, m s-1."""
+        return self._imposed(instant, 1)
+
+    def imposed_a(self, instant: int) -> Array:
+        """Prescribed accelerations, m s-2."""
+        return self._imposed(instant, 2)
+
+    def _imposed(self, instant: int, kind: int) -> Array:
+        if not self.moves:
+            return self._zero
+        columns = [self._zero[:, 0] if m is None else m.full(instant, kind) for m in self._motion]
+        return np.stack(columns, axis=1)
+
+    def channel_displacement(self, instant: int) -> Array | None:
+        """Part of the channel displacements that prescribed motions bring; None when there are none."""
+        return self.members[0].trace @ self.imposed_u(instant) if self.moves else None
+
+    def channel_velocity(self, instant: int) -> Array | None:
+        """Same for velocities."""
+        return self.members[0].trace @ self.imposed_v(instant) if self.moves else None
+
+    def channel_acceleration(self, instant: int) -> Array | None:
+        """Same for accelerations."""
+        return self.members[0].trace @ self.imposed_a(instant) if self.moves else None
+
+
+class _Motion:
+    """Prescribed motions of one member: histories consistent with the time scheme."""
+
+    def __init__(self, member: SubstructureModel, scheme: TimeScheme, dt: float) -> None:
+        self.pattern = member.imposed_pattern
+        v = member.imposed_velocity
+        u, a = np.zeros_like(v), np.zeros_like(v)
+        u[0] = member.imposed_start
+        a[0] = (v[1] - v[0]) / dt
+        for i in range(len(v) - 1):
+            a[i + 1] = scheme.invert_velocity(a[i], v[i + 1] - v[i], dt)
+            free, _ = scheme.predict(u[i], v[i], a[i], dt)
+            u[i + 1] = free + scheme.displacement_gain(dt) * a[i + 1]
+        self.histories = (u, v, a)
+        reduce = member.expansion.T
+        self._mass = reduce @ (member.mass @ self.pattern)
+        self._stiffness = reduce @ (member.stiffness @ self.pattern)
+        self._damping = None if member.damping is None else reduce @ (member.damping @ self.pattern)
+
+    def reduced_force(self, instant: int) -> Array:
+        u, v, a = (h[instant] for h in self.histories)
+        force: Array = self._mass @ a + self._stiffness @ u
+        if self._damping is not None:
+            force += self._damping @ v
+        return force
+
+    def full(self, instant: int, kind: int) -> Array:
+        moved: Array = self.pattern @ self.histories[kind][instant]
+        return moved

@@ -1,0 +1,70 @@
+"""What a propagator is built from: the constant matrices and the histories of one substructure."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class LoadTerm:
+    """One load: a nodal force pattern times a scalar history.
+
+    Attributes
+    ----------
+    name : name of the load in the scene ("" for a constant body force).
+    pattern : (n_full,) nodal forces for amplitude 1, N.
+    history : (n_time,) amplitude at the instants.
+    """
+
+    name: str
+    pattern: Array
+    history: Array
+
+
+@dataclass(frozen=True)
+class SubstructureModel:
+    """Matrices and histories of one substructure.
+
+    Full dofs are 3 * node + component. Reduced dofs are what is left after fixed directions are removed and
+    tied ones merged: ``u_full = expansion @ u + imposed``.
+
+    Attributes
+    ----------
+    name : name in the scene.
+    mass, damping, stiffness : (n_full, n_full); damping None where there is none. kg, N s m-1, N m-1.
+    expansion : (n_full, n) selection matrix.
+    trace : (n_channel, n_full) from full velocities to interface channels (local frames, all interfaces).
+    channel_area : (n_channel,) area carried by each channel, m2.
+    loads : load terms. displacement, velocity : (n_full,) initial values.
+    imposed_pattern : (n_full, n_motion) shapes of prescribed motions, imposed_velocity : (n_time, n_motion), m s-1.
+    imposed_start : (n_motion,) displacement amplitudes at the start, m.
+    preload : (n_channel,) traction already balanced at the start, Pa.
+    """
+
+    name: str
+    mass: sp.csr_array
+    damping: sp.csr_array | None
+    stiffness: sp.csr_array
+    expansion: sp.csr_array
+    trace: sp.csr_array
+    channel_area: Array
+    loads: list[LoadTerm]
+    displacement: Array
+    velocity: Array
+    imposed_pattern: Array
+    imposed_velocity: Array
+    imposed_start: Array
+    preload: Array
+    ordering: Array | None = field(default=None)
+    """(n_full,) elimination rank of each full dof (nested dissection of the mesh), or None."""
+
+    @property
+    def n_full(self) -> int:
+        """Number of full dofs."""
+        return int(self.expansion.shape[0])

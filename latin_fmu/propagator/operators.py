@@ -1,0 +1,74 @@
+"""Constant operators shared by every member of a class of identical substructures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+
+from ..time_scheme import TimeScheme
+from .condensed import CondensedFactor, Index
+from .model import Array, SubstructureModel
+
+
+@dataclass(frozen=True)
+class Operators:
+    """Reduced matrices, factor and interface admittance of one class at one time step.
+
+    Attributes
+    ----------
+    mass, damping, stiffness : reduced matrices (n, n).
+    factor : factor of A, interface dofs last. dofs : (n_gamma,) interface dofs.
+    trace : (n_channel, n_gamma) from interface dofs to channels. area : (n_channel,).
+    compliance : (n_channel, n_channel) velocities of the channels at the new instant per unit of nodal force
+        on the channels, m s-1 N-1, symmetric: T D T^T.
+    """
+
+    mass: sp.csr_array
+    damping: sp.csr_array | None
+    stiffness: sp.csr_array
+    factor: CondensedFactor
+    dofs: Index
+    trace: sp.csr_array
+    area: Array
+    compliance: Array
+
+    @property
+    def admittance(self) -> Array:
+        """Velocities of the channels per unit of traction, m3 N-1 s-1: T D T^T diag(area)."""
+        return self.compliance * self.area
+
+
+def build_operators(model: SubstructureModel, scheme: TimeScheme, dt: float) -> Operators:
+    """Reduce, factorise and condense (once per class and time step)."""
+    p = model.expansion
+    mass, stiffness = _reduce(p, model.mass), _reduce(p, model.stiffness)
+    damping = None if model.damping is None else _reduce(p, model.damping)
+    c_mass, c_damping, c_stiffness = scheme.operator(dt)
+    a = c_mass * mass + c_stiffness * stiffness
+    if damping is not None:
+        a = a + c_damping * damping
+    trace = sp.csc_array(model.trace @ p)
+    dofs = np.flatnonzero(np.diff(trace.indptr)).astype(np.int64)
+    rank = None if model.ordering is None else reduced_rank(p, model.ordering)
+    factor = CondensedFactor(sp.csr_array(a), dofs, rank)
+    local = sp.csr_array(trace[:, dofs])
+    gain = scheme.velocity_gain(dt) * scheme.force_weight
+    compliance = gain * (local @ (local @ factor.schur_inverse).T)
+    return Operators(
+        mass, damping, stiffness, factor, dofs, local, model.channel_area, 0.5 * (compliance + compliance.T)
+    )
+
+
+def reduced_rank(expansion: sp.csr_array, rank: Array) -> Array:
+    """Elimination rank of the reduced dofs: the last of the full dofs that they stand for."""
+    coo = expansion.tocoo()
+    reduced = np.zeros(expansion.shape[1])
+    np.maximum.at(reduced, coo.coords[1], rank[coo.coords[0]])
+    return reduced
+
+
+def _reduce(expansion: sp.csr_array, matrix: sp.csr_array) -> sp.csr_array:
+    """P^T A P."""
+    return sp.csr_array(expansion.T @ matrix @ expansion)

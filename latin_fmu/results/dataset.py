@@ -1,0 +1,196 @@
+"""An ``Outcome`` as an xarray DataTree with stable names.
+
+::
+
+    /                      provenance and status, as attributes
+    /interfaces/<name>     force, impulse (time, component); traction (time, point, component);
+                           velocity (time, side, point, component); gap, contact_status (time, point);
+                           friction_power (time); x, y, z, area, initial_gap (point);
+                           normal (point, component)
+    /substructures/<name>  only what the scene asked for: displacement, velocity (time, node, component);
+                           stress (time, cell, stress_component); and the mesh
+    /substructures/<name>/energy   terms of the substructure (time), when asked for
+    /convergence           error_indicator, force_mismatch (window, iteration), padded with NaN;
+                           iterations, converged, first_instant, last_instant, end_time (window); passes
+    /energy                terms of the assembly (time), when asked for
+
+Every group has its own ``time``: the fields of a substructure may be stored at fewer instants than the run
+has. What a run does not have (the gap of a perfect connection, fields nobody asked for) is absent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import xarray as xr
+
+from ..latin.record import Array, InterfaceHistory, Outcome, SubstructureHistory, WindowRecord
+from .attributes import CONVENTIONS, CONVERGENCE, ENERGY, INTERFACE, SCHEMA_VERSION, SUBSTRUCTURE, annotated
+
+AXES = ["x", "y", "z"]
+SIDES = ["E", "Ep"]
+STRESSES = ["xx", "yy", "zz", "yz", "xz", "xy"]
+
+Columns = dict[str, tuple[object, ...]]
+
+
+def datatree(
+    outcome: Outcome, scene_name: str, scene_text: str, provenance: Mapping[str, str]
+) -> xr.DataTree:
+    """The results of a run as a DataTree (layout: module docstring).
+
+    ``provenance`` goes to the root attributes as it is; ``scene_text`` is kept whole, so that the file tells
+    how to make it again.
+    """
+    groups = {"/": xr.Dataset(attrs=_root_attributes(outcome, scene_name, scene_text, provenance))}
+    for name, interface in outcome.interfaces.items():
+        indicator = outcome.interface_indicator.get(name)
+        groups[f"/interfaces/{name}"] = interface_dataset(interface, outcome.time, indicator)
+    for name, substructure in outcome.substructures.items():
+        if _anything_asked(substructure):
+            groups[f"/substructures/{name}"] = substructure_dataset(substructure)
+            if substructure.energy is not None:
+                groups[f"/substructures/{name}/energy"] = _stored_energy(substructure, outcome.time)
+    groups["/convergence"] = convergence_dataset(outcome.windows, outcome.time, outcome.passes)
+    groups["/convergence"].attrs.update({f"setting_{key}": value for key, value in outcome.settings.items()})
+    if outcome.energy is not None:
+        groups["/energy"] = energy_dataset(outcome.energy, outcome.time)
+    return xr.DataTree.from_dict(groups, name=scene_name)
+
+
+def interface_dataset(history: InterfaceHistory, time: Array, indicator: float | None = None) -> xr.Dataset:
+    """Group ``interfaces/<name>``; ``indicator`` is sqrt(eta) restricted to this interface."""
+    vector = ("time", "point", "component")
+    columns: Columns = {
+        "area": ("point", history.areas),
+        "normal": (("point", "component"), history.normals),
+        "initial_gap": ("point", history.initial_gap),
+        "traction": (vector, history.traction),
+        "velocity": (("time", "side", "point", "component"), history.velocity),
+        "force": (("time", "component"), history.force()),
+        "impulse": (("time", "component"), history.impulse(time)),
+    }
+    if history.gap is not None:
+        columns["gap"] = (("time", "point"), history.gap)
+    if history.contact_status is not None:
+        columns["contact_status"] = (("time", "point"), history.contact_status)
+    if history.friction_power is not None:
+        columns["friction_power"] = ("time", history.friction_power)
+    if indicator is not None:
+        columns["error_indicator"] = ((), indicator)
+    positions = {axis: ("point", history.points[:, i]) for i, axis in enumerate(AXES)}
+    labels = {"time": time, "side": SIDES, "component": AXES}
+    dataset = xr.Dataset(columns, coords={**labels, **positions})
+    dataset.attrs = {"behaviour": history.behaviour, "face_E": history.sides[0], "face_Ep": history.sides[1]}
+    if history.friction_coefficient is not None:
+        dataset.attrs["friction_coefficient"] = float(history.friction_coefficient)
+    return annotated(dataset, INTERFACE)
+
+
+def energy_dataset(terms: Mapping[str, Array], time: Array) -> xr.Dataset:
+    """Group ``energy``: one variable per term (n_time,), J."""
+    columns: Columns = {name: ("time", values) for name, values in terms.items()}
+    return annotated(xr.Dataset(columns, coords={"time": time}), ENERGY)
+
+
+def _stored_energy(history: SubstructureHistory, run_time: Array) -> xr.Dataset:
+    """Energy terms at the stored instants of the fields (a group shares its time with those below it).
+
+    Work and dissipation accumulate, so picking instants loses nothing in between. All instants of the run
+    are kept where no field is stored.
+    """
+    terms = history.energy or {}
+    if not _has_fields(history):
+        return energy_dataset(terms, run_time)
+    nearest = np.searchsorted(0.5 * (run_time[1:] + run_time[:-1]), history.time)
+    return energy_dataset({name: values[nearest] for name, values in terms.items()}, history.time)
+
+
+def substructure_dataset(history: SubstructureHistory) -> xr.Dataset:
+    """Group ``substructures/<name>``: fields at the stored instants, and the mesh."""
+    fields = {"displacement": history.displacement, "velocity": history.velocity}
+    columns: Columns = {
+        name: (("time", "node", "component"), values) for name, values in fields.items() if values is not None
+    }
+    if history.stress is not None:
+        columns["stress"] = (("time", "cell", "stress_component"), history.stress)
+    labels: dict[str, object] = {"time": history.time, "component": AXES} if _has_fields(history) else {}
+    if history.stress is not None:
+        labels["stress_component"] = STRESSES
+    positions = {f"node_{axis}": ("node", history.nodes[:, i]) for i, axis in enumerate(AXES)}
+    columns["cell_nodes"] = (("cell", "cell_node"), history.cells)
+    columns["mesh"] = ((), np.int32(0))
+    dataset = annotated(xr.Dataset(columns, coords={**labels, **positions}), SUBSTRUCTURE)
+    _describe_mesh(dataset, history.cell_type)
+    return dataset
+
+
+def _describe_mesh(dataset: xr.Dataset, cell_type: str) -> None:
+    """UGRID attributes of a three-dimensional unstructured mesh."""
+    dataset["mesh"].attrs.update(
+        cf_role="mesh_topology",
+        topology_dimension=np.int32(3),
+        node_coordinates="node_x node_y node_z",
+        volume_node_connectivity="cell_nodes",
+        volume_dimension="cell",
+        cell_type=cell_type,
+    )
+    dataset["cell_nodes"].attrs.update(cf_role="volume_node_connectivity", start_index=np.int32(0))
+    for name, variable in dataset.data_vars.items():
+        if name in ("displacement", "velocity", "stress"):
+            variable.attrs.update(mesh="mesh", location="volume" if name == "stress" else "node")
+
+
+def convergence_dataset(windows: list[WindowRecord], time: Array, passes: float) -> xr.Dataset:
+    """Group ``convergence``: curves padded with NaN to the longest window (at least one column)."""
+    columns: Columns = {"passes": ((), float(passes))}
+    if not windows:
+        return annotated(xr.Dataset(columns), CONVERGENCE)
+    width = max(1, *(window.iterations for window in windows))
+    for name in ("error_indicator", "force_mismatch"):
+        table = np.full((len(windows), width), np.nan)
+        for row, window in zip(table, windows, strict=True):
+            curve = getattr(window, name)
+            row[: len(curve)] = curve
+        columns[name] = (("window", "iteration"), table)
+    last = np.array([window.last_instant for window in windows], dtype=np.int32)
+    columns["iterations"] = ("window", np.array([window.iterations for window in windows], dtype=np.int32))
+    columns["converged"] = ("window", np.array([window.converged for window in windows], dtype=np.int8))
+    columns["first_instant"] = ("window", np.array([w.first_instant for w in windows], dtype=np.int32))
+    columns["last_instant"] = ("window", last)
+    columns["end_time"] = ("window", time[last])
+    if any(window.fallbacks for window in windows):
+        columns["fallbacks"] = ("window", np.array(["; ".join(w.fallbacks) for w in windows], dtype=object))
+    counts = {"window": np.arange(1, len(windows) + 1), "iteration": np.arange(1, width + 1)}
+    return annotated(xr.Dataset(columns, coords=counts), CONVERGENCE)
+
+
+def _has_fields(history: SubstructureHistory) -> bool:
+    return any(field is not None for field in (history.displacement, history.velocity, history.stress))
+
+
+def _anything_asked(history: SubstructureHistory) -> bool:
+    return _has_fields(history) or history.energy is not None
+
+
+def _root_attributes(
+    outcome: Outcome, scene_name: str, scene_text: str, provenance: Mapping[str, str]
+) -> dict[str, object]:
+    timings = outcome.timings
+    return {
+        **provenance,
+        "Conventions": CONVENTIONS,
+        "schema_version": SCHEMA_VERSION,
+        "title": f"{scene_name}: impact with frictional contact",
+        "scene_name": scene_name,
+        "scene": scene_text,
+        "status": outcome.status,
+        "converged": np.int8(outcome.converged),
+        "warnings": "\n".join(outcome.warnings),
+        "cpu_seconds_set_up": timings.setup,
+        "cpu_seconds_global_stage": timings.global_stage,
+        "cpu_seconds_local_stage": timings.local_stage,
+        "cpu_seconds_other": timings.other,
+        "peak_memory_bytes": np.int64(timings.peak_memory),
+    }

@@ -1,0 +1,113 @@
+"""The result of a run, as users hold it."""
+
+from __future__ import annotations
+
+import time as clock
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+
+from ..latin.record import Array, InterfaceHistory, Outcome, SubstructureHistory, Timings, WindowRecord
+from .dataset import datatree
+from .netcdf import write_netcdf
+from .provenance import provenance
+from .report import report
+from .summary import summary
+
+
+@dataclass(frozen=True)
+class Solution:
+    """A finished run, converged or not: ``status`` says which, and what to change if not.
+
+    Attributes
+    ----------
+    outcome : arrays and records left by the solver.
+    scene_text : text of the effective scene, kept in results files.
+    scene_name : name of the scene.
+    provenance : versions and time of creation, root attributes of results files.
+    """
+
+    outcome: Outcome
+    scene_text: str
+    scene_name: str
+    provenance: dict[str, str] = field(default_factory=provenance)
+
+    @property
+    def status(self) -> str:
+        """One sentence; names a remedy when the run did not converge."""
+        return self.outcome.status
+
+    @property
+    def converged(self) -> bool:
+        """Whether every window met the tolerance."""
+        return self.outcome.converged
+
+    @property
+    def time(self) -> Array:
+        """Instants of the run, (n_time,), s."""
+        return self.outcome.time
+
+    @property
+    def interfaces(self) -> dict[str, InterfaceHistory]:
+        """Local-stage fields by interface name."""
+        return self.outcome.interfaces
+
+    @property
+    def substructures(self) -> dict[str, SubstructureHistory]:
+        """Linear-stage fields by substructure name; those not asked for are None."""
+        return self.outcome.substructures
+
+    @property
+    def windows(self) -> list[WindowRecord]:
+        """How the iteration went in each window."""
+        return self.outcome.windows
+
+    @property
+    def error_indicator(self) -> float:
+        """The amplitude sqrt(eta) at the end of the windows, the largest of them."""
+        return self.outcome.error_indicator
+
+    @property
+    def passes(self) -> float:
+        """Substructure-instants solved / (substructures x instants)."""
+        return self.outcome.passes
+
+    @property
+    def energy(self) -> dict[str, Array] | None:
+        """Energy terms of the assembly, each (n_time,), J; None unless asked for."""
+        return self.outcome.energy
+
+    @property
+    def timings(self) -> Timings:
+        """CPU seconds by part and peak memory."""
+        return self.outcome.timings
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Remarks about the scene and the run."""
+        return self.outcome.warnings
+
+    def to_datatree(self) -> xr.DataTree:
+        """Everything as an xarray DataTree; the layout is in the docstring of ``results.dataset``."""
+        return datatree(self.outcome, self.scene_name, self.scene_text, self.provenance)
+
+    def save(self, path: str | Path) -> None:
+        """Write a netCDF-4 file, complete or not at all; its CPU time is added to ``timings.output``.
+
+        Raises
+        ------
+        ResultsError : the file cannot be written.
+        """
+        start = clock.process_time()
+        write_netcdf(self.to_datatree(), path)
+        self.timings.output += clock.process_time() - start
+
+    def summary(self) -> str:
+        """Text for people: status, cost, accuracy and a table of the interfaces."""
+        return summary(self.outcome, self.scene_name)
+
+    def report(self) -> dict[str, Any]:
+        """Plain data for programs, fit for strict JSON; its keys are in ``results.report``."""
+        return report(self.outcome)

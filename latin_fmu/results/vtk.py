@@ -1,0 +1,174 @@
+"""Export for ParaView: one ``.vtu`` file per part and stored instant, and one ``.pvd`` that lists them.
+
+Substructures carry displacement, velocity, stress and the von Mises stress; interfaces are clouds of points
+with traction, pressure, velocities, gap and contact status. Interfaces are exported at the instants at which
+the fields of the substructures are stored, so that every instant shows the whole assembly; where no field is
+stored, at all instants of the run.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import uuid
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from ..latin.record import Array
+from .files import check_folder, unwritable
+
+_VTK_TENSOR = ["xx", "yy", "zz", "xy", "yz", "xz"]
+"""Order in which VTK reads six numbers as a symmetric tensor; ours is xx yy zz yz xz xy."""
+
+
+class HasTree(Protocol):
+    """Anything that can turn into a DataTree, e.g. a ``Solution``."""
+
+    def to_datatree(self) -> xr.DataTree:
+        """The results, laid out as in ``results.dataset``."""
+        ...
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """What one .vtu file holds, in the terms of meshio."""
+
+    points: Array
+    cells: list[tuple[str, NDArray[np.integer[Any]]]]
+    point_data: dict[str, NDArray[Any]]
+    cell_data: dict[str, list[NDArray[Any]]]
+
+
+def check_export_folder(folder: str | Path) -> None:
+    """Make sure an export can be written to ``folder``: new, empty, or holding an earlier export only.
+
+    Raises
+    ------
+    ResultsError : it holds other files, is a file, or its parent cannot be written to.
+    """
+    target = Path(folder)
+    if target.exists() and not target.is_dir():
+        raise unwritable(target, "this is a file, not a folder", "choose another folder")
+    if target.is_dir() and any(path.suffix not in (".vtu", ".pvd") for path in target.iterdir()):
+        raise unwritable(
+            target, "the folder holds other files, an export would mix with them", "name a new folder"
+        )
+    check_folder(target.absolute().parent)
+
+
+def export_vtu(results: xr.DataTree | HasTree, folder: str | Path) -> Path:
+    """Write the export to ``folder``, whole or not at all; return the path of ``results.pvd``.
+
+    An earlier export in ``folder`` is replaced.
+
+    Raises
+    ------
+    ResultsError : the folder cannot be used (see ``check_export_folder``) or writing failed.
+    """
+    tree = results if isinstance(results, xr.DataTree) else results.to_datatree()
+    target = Path(folder)
+    check_export_folder(target)
+    draft = target.absolute().parent / f".{target.name}-{uuid.uuid4().hex}"
+    try:
+        draft.mkdir()
+        _write_all(tree, draft)
+        if target.is_dir():
+            shutil.rmtree(target)
+        os.replace(draft, target)
+    except OSError as error:
+        raise unwritable(
+            target, f"writing failed: {error.strerror or error}", "check free space and permissions"
+        ) from error
+    finally:
+        shutil.rmtree(draft, ignore_errors=True)
+    return target / "results.pvd"
+
+
+def _write_all(tree: xr.DataTree, folder: Path) -> None:
+    import meshio
+
+    entries = []
+    for part, (name, dataset) in enumerate(_parts(tree).items()):
+        make = _substructure_piece if "mesh" in dataset else _interface_piece
+        for i, time in enumerate(dataset["time"].values):
+            piece = make(dataset.isel(time=i))
+            file = f"{name}_{i:05d}.vtu"
+            mesh = meshio.Mesh(
+                piece.points, piece.cells, point_data=piece.point_data, cell_data=piece.cell_data
+            )
+            mesh.write(folder / file)
+            entries.append(
+                f'    <DataSet timestep="{float(time)!r}" part="{part}" '
+                f"name={quoteattr(name)} file={quoteattr(file)}/>"
+            )
+    head = ['<?xml version="1.0"?>', '<VTKFile type="Collection" version="0.1" byte_order="LittleEndian">']
+    lines = [*head, "  <Collection>", *entries, "  </Collection>", "</VTKFile>", ""]
+    (folder / "results.pvd").write_text("\n".join(lines), encoding="utf-8")
+
+
+def _parts(tree: xr.DataTree) -> dict[str, xr.Dataset]:
+    """Groups to export by file name, substructures first, all at the same instants."""
+    bodies = {
+        f"substructure_{name}": dataset
+        for name, dataset in _children(tree, "substructures")
+        if "time" in dataset.dims
+    }
+    clouds = {f"interface_{name}": dataset for name, dataset in _children(tree, "interfaces")}
+    if bodies:
+        stored = next(iter(bodies.values()))["time"]
+        clouds = {name: dataset.sel(time=stored, method="nearest") for name, dataset in clouds.items()}
+    return {**bodies, **clouds}
+
+
+def _children(tree: xr.DataTree, group: str) -> Iterator[tuple[str, xr.Dataset]]:
+    if group in tree.children:
+        for name, node in tree[group].children.items():
+            yield name, node.to_dataset()
+
+
+def _substructure_piece(instant: xr.Dataset) -> _Piece:
+    points = np.stack([instant[f"node_{axis}"].values for axis in "xyz"], axis=1)
+    cells = instant["cell_nodes"].values
+    kind = str(instant["mesh"].attrs["cell_type"])
+    point_data = {name: _plain(instant[name]) for name in ("displacement", "velocity") if name in instant}
+    cell_data = {}
+    if "stress" in instant:
+        stress = _plain(instant["stress"].sel(stress_component=_VTK_TENSOR))
+        cell_data = {"stress": [stress], "von_mises": [_von_mises(stress)]}
+    return _Piece(points, [(kind, cells)], point_data, cell_data)
+
+
+def _interface_piece(instant: xr.Dataset) -> _Piece:
+    points = np.stack([instant[axis].values for axis in "xyz"], axis=1)
+    traction, normal = _plain(instant["traction"]), _plain(instant["normal"])
+    velocity = _plain(instant["velocity"])
+    point_data: dict[str, NDArray[Any]] = {
+        "traction": traction,
+        "pressure": -np.einsum("pc,pc->p", traction, normal),
+        "normal": normal,
+        "velocity_E": velocity[0],
+        "velocity_Ep": velocity[1],
+    }
+    for name in ("gap", "contact_status"):
+        if name in instant:
+            point_data[name] = instant[name].values
+    return _Piece(points, [("vertex", np.arange(len(points))[:, None])], point_data, {})
+
+
+def _plain(values: xr.DataArray) -> Array:
+    return np.ascontiguousarray(values.values, dtype=float)
+
+
+def _von_mises(stress: Array) -> Array:
+    """Von Mises stress of (n_cell, 6) stresses in VTK order, Pa."""
+    xx, yy, zz, xy, yz, xz = stress.T
+    normal = 0.5 * ((xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2)
+    equivalent: Array = np.sqrt(normal + 3.0 * (xy**2 + yz**2 + xz**2))
+    return equivalent

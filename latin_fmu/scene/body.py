@@ -1,0 +1,125 @@
+"""Bodies: meshes and matrices of the substructures of a scene, shared where shape and material are equal."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+
+from ..errors import MeshError, Problem
+from ..fem.elasticity import body_load, element_basis, mass, mean_stress, stiffness, wave_speeds
+from ..fem.faces import Face, face
+from ..fem.mesh import Array, Mesh, box_mesh
+from ..fem.mesh_file import read_mesh
+from ..fem.ordering import nested_dissection
+from .materials import Material
+from .schema import Scene
+from .substructures import Substructure
+
+# plain 8-node hexahedra lock: nearly incompressible material, bending with few elements over the thickness
+LOCKING_POISSON, SLENDER, FEW_ELEMENTS = 0.45, 10.0, 3
+
+
+class Shape:
+    """Mesh and unit-material matrices, computed once per shape and material."""
+
+    def __init__(self, mesh: Mesh, material: Material) -> None:
+        self.mesh, self.material = mesh, material
+
+    @cached_property
+    def matrices(self) -> tuple[sp.csr_array, sp.csr_array]:
+        """Mass and stiffness (3 n_node, 3 n_node)."""
+        basis = element_basis(self.mesh)
+        m = self.material
+        return mass(basis, m.density), stiffness(basis, m.young_modulus, m.poisson_ratio)
+
+    @cached_property
+    def rank(self) -> Array:
+        """Elimination rank of the full dofs."""
+        return np.repeat(nested_dissection(self.mesh), 3)
+
+    def stress(self, displacement: Array) -> Array:
+        """Mean stress of each element (n_cell, 6), Pa."""
+        m = self.material
+        return mean_stress(element_basis(self.mesh), m.young_modulus, m.poisson_ratio, displacement)
+
+    def body_load(self, force: Array) -> Array:
+        """Nodal forces (3 n_node,) of a uniform body force, N."""
+        return body_load(element_basis(self.mesh), force)
+
+    @property
+    def impedances(self) -> tuple[float, float]:
+        """(rho c_p, rho c_s), Pa s m-1."""
+        m = self.material
+        c_p, c_s = wave_speeds(m.young_modulus, m.poisson_ratio, m.density)
+        return m.density * c_p, m.density * c_s
+
+
+@dataclass(frozen=True)
+class Body:
+    """One substructure: its shape, where it stands, its faces as they are asked for."""
+
+    name: str
+    mesh: Mesh
+    shape: Shape
+    description: Substructure
+
+    def face(self, name: str) -> Face:
+        """Nodal integrals of a face."""
+        return face(self.mesh, name)
+
+    def full_size(self) -> int:
+        """Number of full dofs."""
+        return 3 * self.mesh.n_node
+
+
+def build_bodies(scene: Scene, problems: list[Problem]) -> dict[str, Body]:
+    """Bodies of every substructure whose mesh can be had; what is wrong with others goes to ``problems``."""
+    bodies: dict[str, Body] = {}
+    shapes: dict[tuple[object, ...], Shape] = {}
+    for name, description in scene.substructure.items():
+        material = scene.material[description.material]
+        if description.box is not None:
+            box = description.box
+            key: tuple[object, ...] = (box.size, box.elements, material)
+            mesh = box_mesh(np.asarray(box.origin), np.asarray(box.size), box.elements)
+            if key not in shapes:
+                unit = box_mesh(np.zeros(3), np.asarray(box.size), box.elements)
+                shapes[key] = Shape(unit, material)
+            bodies[name] = Body(name, mesh, shapes[key], description)
+        elif description.mesh is not None:
+            try:
+                mesh = read_mesh(
+                    scene.base_dir / description.mesh.file, description.mesh.group, description.mesh.scale
+                )
+            except MeshError as error:
+                problems += [
+                    Problem(f"substructure.{name}.mesh", f"{p.where}: {p.what}", p.value, p.allowed, p.remedy)
+                    for p in error.problems
+                ]
+                continue
+            bodies[name] = Body(name, mesh, Shape(mesh, material), description)
+    return bodies
+
+
+def locking_remarks(bodies: dict[str, Body]) -> list[str]:
+    """Warnings where plain 8-node hexahedra are known to lock."""
+    remarks = []
+    for name, body in bodies.items():
+        nu = body.shape.material.poisson_ratio
+        if nu > LOCKING_POISSON:
+            remarks.append(
+                f"substructure {name}: Poisson's ratio {nu:g} > {LOCKING_POISSON}: linear elements lock (too stiff)"
+            )
+        box = body.description.box
+        if box is None or nu == 0.0:
+            continue
+        thin = int(np.argmin(box.size))
+        if max(box.size) > SLENDER * box.size[thin] and box.elements[thin] < FEW_ELEMENTS:
+            remarks.append(
+                f"substructure {name}: slender, with {box.elements[thin]} element(s) over its thickness: bending "
+                f"would be too stiff; give it at least {FEW_ELEMENTS}"
+            )
+    return remarks

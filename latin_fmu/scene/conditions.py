@@ -1,0 +1,175 @@
+"""Boundary conditions of one body: held, driven and tied dofs, and absorbing dashpots."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.spatial import cKDTree
+
+from ..errors import Problem
+from ..fem.mesh import Array, Index
+from .body import Body
+from .boundaries import (
+    AXES,
+    Absorbing,
+    Boundary,
+    Fixed,
+    Periodic,
+    PrescribedDisplacement,
+    PrescribedVelocity,
+    Symmetry,
+)
+from .fields import split_face
+
+_FLAT = 1e-6  # a symmetry face may leave its plane by this fraction
+_PAIRING = 1e-3  # periodic faces: lateral distance of a pair over the spacing of points
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """Kinematics and dashpots of a body.
+
+    expansion : (n_full, n) selection matrix. pattern : (n_full, n_motion). velocity : (n_time, n_motion).
+    start : (n_motion,) initial displacement amplitudes. dashpots : (n_full, n_full) or None.
+    """
+
+    expansion: sp.csr_array
+    pattern: Array
+    velocity: Array
+    start: Array
+    dashpots: sp.csr_array | None
+
+
+class _Dofs:
+    """Held, driven and tied dofs while the conditions of a body are read."""
+
+    def __init__(self, n_full: int) -> None:
+        self.leader = np.arange(n_full)
+        self.held = np.zeros(n_full, dtype=bool)
+        self.driver = np.full(n_full, -1)
+        self.velocities: list[Array] = []
+        self.starts: list[float] = []
+
+    def tie(self, first: Index, second: Index) -> None:
+        for a, b in zip(first, second, strict=True):
+            ra, rb = self.root(int(a)), self.root(int(b))
+            self.leader[max(ra, rb)] = min(ra, rb)
+
+    def root(self, dof: int) -> int:
+        while self.leader[dof] != dof:
+            dof = int(self.leader[dof])
+        return dof
+
+
+def build_conditions(
+    body: Body, boundaries: dict[str, Boundary], time: Array, problems: list[Problem]
+) -> Conditions:
+    """Conditions on ``body`` from the boundaries that name one of its faces."""
+    dofs = _Dofs(body.full_size())
+    dashpots: sp.csr_array | None = None
+    for name, boundary in boundaries.items():
+        if isinstance(boundary, Periodic):
+            _tie(body, name, boundary, dofs, problems)
+            continue
+        nodes = body.face(split_face(boundary.face)[1]).nodes
+        if isinstance(boundary, Fixed):
+            for component in boundary.components:
+                dofs.held[3 * nodes + AXES.index(component)] = True
+        elif isinstance(boundary, Symmetry):
+            axis = _normal_axis(body, name, boundary, problems)
+            if axis is not None:
+                dofs.held[3 * nodes + axis] = True
+        elif isinstance(boundary, Absorbing):
+            added = _absorb(body, split_face(boundary.face)[1])
+            dashpots = added if dashpots is None else sp.csr_array(dashpots + added)
+        else:
+            _drive(name, boundary, nodes, time, dofs, problems)
+    return _finish(dofs, len(time), dashpots)
+
+
+def _normal_axis(body: Body, name: str, boundary: Symmetry, problems: list[Problem]) -> int | None:
+    normals = body.face(split_face(boundary.face)[1]).normals
+    axis = int(np.argmax(np.abs(normals[0])))
+    if np.abs(np.abs(normals[:, axis]) - 1).max() > _FLAT:
+        problems.append(
+            Problem(f"boundary.{name}.face", "a symmetry face must be plane and face an axis", boundary.face,
+                    "a plane face normal to x, y or z", 'turn the mesh, or use type = "fixed" with components')
+        )  # fmt: skip
+        return None
+    return axis
+
+
+def _drive(
+    name: str, boundary: PrescribedVelocity | PrescribedDisplacement, nodes: Index, time: Array, dofs: _Dofs,
+    problems: list[Problem],
+) -> None:  # fmt: skip
+    history = boundary.law.sample(time)
+    for component, value in zip(boundary.components, boundary.value, strict=True):
+        moved = 3 * nodes + AXES.index(component)
+        if (dofs.driver[moved] >= 0).any() or dofs.held[moved].any():
+            problems.append(
+                Problem(f"boundary.{name}", "drives nodes that another condition already holds or drives", boundary.face,
+                        remedy="shared edges belong to one condition: leave the component out of one of them")
+            )  # fmt: skip
+            continue
+        dofs.driver[moved] = len(dofs.velocities)
+        if isinstance(boundary, PrescribedVelocity):
+            dofs.velocities.append(value * history)
+            dofs.starts.append(0.0)
+        else:
+            dofs.velocities.append(np.gradient(value * history, time[1] - time[0]))
+            dofs.starts.append(value * float(history[0]))
+
+
+def _tie(body: Body, name: str, boundary: Periodic, dofs: _Dofs, problems: list[Problem]) -> None:
+    first, second = (body.face(split_face(f)[1]) for f in boundary.faces)
+    shift = body.mesh.nodes[second.nodes].mean(axis=0) - body.mesh.nodes[first.nodes].mean(axis=0)
+    spacing = np.sqrt(np.median(first.areas))
+    if len(first.nodes) == len(second.nodes):
+        tree = cKDTree(body.mesh.nodes[second.nodes])
+        distance, partner = tree.query(body.mesh.nodes[first.nodes] + shift)
+        if distance.max() <= _PAIRING * spacing and len(np.unique(partner)) == len(partner):
+            for component in range(3):
+                dofs.tie(3 * first.nodes + component, 3 * second.nodes[partner] + component)
+            return
+    problems.append(
+        Problem(f"boundary.{name}.faces", "the nodes of periodic faces must match one to one",
+                f"{len(first.nodes)} and {len(second.nodes)} nodes", remedy="mesh opposite faces alike")
+    )  # fmt: skip
+
+
+def _absorb(body: Body, face_name: str) -> sp.csr_array:
+    """Lumped dashpots rho c_p along the normal, rho c_s across it."""
+    z_p, z_s = body.shape.impedances
+    surface = body.face(face_name)
+    n = surface.normals
+    blocks = surface.areas[:, None, None] * (z_s * np.eye(3) + (z_p - z_s) * np.einsum("pi,pj->pij", n, n))
+    dofs = 3 * surface.nodes[:, None] + np.arange(3)
+    rows = np.repeat(dofs, 3, axis=1).ravel()
+    columns = np.tile(dofs, (1, 3)).ravel()
+    size = body.full_size()
+    return sp.coo_array((blocks.ravel(), (rows, columns)), shape=(size, size)).tocsr()
+
+
+def _finish(dofs: _Dofs, n_time: int, dashpots: sp.csr_array | None) -> Conditions:
+    n_full = len(dofs.leader)
+    tied = np.flatnonzero(dofs.leader != np.arange(n_full))
+    root = np.arange(n_full)
+    for dof in tied:
+        root[dof] = dofs.root(int(dof))
+    held = np.zeros(n_full, dtype=bool)
+    np.logical_or.at(held, root, dofs.held)
+    driver = np.full(n_full, -1)
+    np.maximum.at(driver, root, dofs.driver)
+    held, driver = held[root], driver[root]
+    free = ~held & (driver < 0)
+    kept, columns = np.unique(root[free], return_inverse=True)
+    rows = np.flatnonzero(free)
+    expansion = sp.coo_array((np.ones(len(rows)), (rows, columns)), shape=(n_full, len(kept))).tocsr()
+    pattern = np.zeros((n_full, len(dofs.velocities)))
+    driven = np.flatnonzero((driver >= 0) & ~held)
+    pattern[driven, driver[driven]] = 1.0
+    velocity = np.stack(dofs.velocities, axis=1) if dofs.velocities else np.zeros((n_time, 0))
+    return Conditions(expansion, pattern, velocity, np.array(dofs.starts), dashpots)

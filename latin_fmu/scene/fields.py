@@ -1,0 +1,123 @@
+"""Building blocks of the scene tables: strict field types, units and the base class of every table."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic.fields import FieldInfo
+from pydantic_core import PydanticCustomError
+
+GROUND = "ground"
+NAME_PATTERN = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+FACE_PATTERN = re.compile(r"[A-Za-z][A-Za-z0-9_]*\.[^\s.](?:[^.]*\S)?")
+NAME_RULE = "a letter, then letters, digits or underscores"
+FACE_RULE = 'written "substructure.face"'
+
+
+class Table(BaseModel):
+    """A table of the scene file: immutable, and a key it does not know is an error."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, validate_default=True)
+
+
+def about(
+    meaning: str,
+    unit: str | None = None,
+    *,
+    gt: float | None = None,
+    ge: float | None = None,
+    lt: float | None = None,
+    le: float | None = None,
+) -> FieldInfo:
+    """Describe a field: what it means, its unit and its range (for messages, reference and JSON schema)."""
+    extra: dict[str, Any] | None = None if unit is None else {"unit": unit}
+    described: FieldInfo = Field(description=meaning, json_schema_extra=extra, gt=gt, ge=ge, lt=lt, le=le)
+    return described
+
+
+def refusal(
+    what: str, *, value: object = None, allowed: str | None = None, remedy: str | None = None
+) -> PydanticCustomError:
+    """An error to raise from a validator; it becomes one `Problem` at the place of the field."""
+    context = {"what": what, "value": value, "allowed": allowed, "remedy": remedy}
+    return PydanticCustomError("scene_problem", "{what}", context)
+
+
+def _check_name(name: str) -> str:
+    if NAME_PATTERN.fullmatch(name) is None:
+        raise refusal("not a valid name", value=name, allowed=NAME_RULE)
+    return name
+
+
+def _check_body_name(name: str) -> str:
+    if name == GROUND:
+        raise refusal(f"the name {GROUND!r} is reserved for the rigid ground", remedy="choose another name")
+    return name
+
+
+def _check_face(face: str) -> str:
+    if FACE_PATTERN.fullmatch(face) is None:
+        raise refusal("not a valid face", value=face, allowed=FACE_RULE)
+    return face
+
+
+def _check_side(face: str) -> str:
+    if face != GROUND and FACE_PATTERN.fullmatch(face) is None:
+        raise refusal("not a valid side", value=face, allowed=f'{FACE_RULE}, or "{GROUND}"')
+    return face
+
+
+def _as_list(value: object) -> object:
+    """Let arrays (anything with ``tolist``) stand for lists in scenes built in Python."""
+    tolist = getattr(value, "tolist", None)
+    return tolist() if callable(tolist) else value
+
+
+def _check_directed(vector: Sequence[float]) -> Sequence[float]:
+    if not any(vector):
+        raise refusal("a direction cannot be zero", value=list(vector), allowed="a vector that is not zero")
+    return vector
+
+
+def tagged(value: object) -> object:
+    """A bare string stands for a table with that type: ``"automatic"`` is ``{type = "automatic"}``."""
+    return {"type": value} if isinstance(value, str) else value
+
+
+def tagged_or(default: str) -> Callable[[object], object]:
+    """As `tagged`, and a table without a type has the default one: ``{factor = 2}``."""
+
+    def complete(value: object) -> object:
+        if isinstance(value, Mapping) and "type" not in value:
+            return {"type": default, **value}
+        return tagged(value)
+
+    return complete
+
+
+def split_face(face: str) -> tuple[str, str]:
+    """``"bar.zmax"`` -> ``("bar", "zmax")``: substructure and face (or surface group) names."""
+    substructure, _, name = face.partition(".")
+    return substructure, name
+
+
+Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0.0)]
+Count = Annotated[int, Field(strict=True)]
+PositiveCount = Annotated[int, Field(strict=True, ge=1)]
+Flag = Annotated[bool, Field(strict=True)]
+Text = Annotated[str, Field(strict=True)]
+Name = Annotated[
+    str,
+    Field(strict=True, json_schema_extra={"pattern": f"^{NAME_PATTERN.pattern}$"}),
+    AfterValidator(_check_name),
+]
+BodyName = Annotated[Name, AfterValidator(_check_body_name)]
+Face = Annotated[str, Field(strict=True), AfterValidator(_check_face)]
+Side = Annotated[str, Field(strict=True), AfterValidator(_check_side)]
+Vector = Annotated[tuple[Real, Real, Real], BeforeValidator(_as_list)]
+Direction = Annotated[tuple[Real, Real, Real], BeforeValidator(_as_list), AfterValidator(_check_directed)]
+Series = Annotated[tuple[Real, ...], BeforeValidator(_as_list)]

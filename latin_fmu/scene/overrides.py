@@ -1,0 +1,115 @@
+"""Settings of the form ``a.b.c=value`` on top of a scene file.
+
+The path follows the tables and names of the file; a number picks an item of a list
+(``substructure.bar.box.elements.2=100``). The value is read as TOML; a bare word is a text. A named table must
+exist; a key may be new, the scene itself then says whether it is known.
+"""
+
+from __future__ import annotations
+
+import copy
+import tomllib
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from ..errors import Problem, SceneError
+from .describe import is_named
+from .schema import Scene
+from .wording import did_you_mean, shown
+
+_FORM = "name.key=value, e.g. interface.crush.friction_coefficient=0.1"
+
+
+def apply_overrides(data: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, Any]:
+    """A copy of the scene data with the settings applied in order.
+
+    Raises SceneError with every setting that cannot be applied.
+    """
+    try:
+        changed: dict[str, Any] = copy.deepcopy(dict(data)) if overrides else dict(data)
+    except RecursionError:
+        raise SceneError([Problem("scene", "nested too deeply")], "the settings cannot be applied") from None
+    problems = [problem for setting in overrides if (problem := _apply(changed, setting)) is not None]
+    if problems:
+        raise SceneError(problems, "the settings cannot be applied")
+    return changed
+
+
+def _apply(data: dict[str, Any], setting: str) -> Problem | None:
+    path, equals, text = setting.partition("=")
+    keys = [key.strip() for key in path.split(".")]
+    if not equals or not all(keys):
+        return Problem("--set", "not a setting", shown(setting), _FORM)
+    where = ".".join(keys)
+    try:
+        value = parse_value(text.strip())
+    except ValueError as error:
+        return Problem(where, str(error), shown(text), "a TOML value")
+    here: Any = data
+    for depth, key in enumerate(keys[:-1]):
+        step = _entered(here, key, ".".join(keys[: depth + 1]), must_exist=depth == 1 and _has_names(keys[0]))
+        if isinstance(step, Problem):
+            return step
+        here = step[0]
+    return _store(here, keys[-1], value, where)
+
+
+def _has_names(key: str) -> bool:
+    field = Scene.model_fields.get(key)
+    return field is not None and is_named(field)
+
+
+def _entered(here: Any, key: str, where: str, must_exist: bool) -> tuple[Any] | Problem:
+    """The table or list one key down, made where it may be; in a tuple, or what is wrong."""
+    if isinstance(here, list):
+        index = _index(here, key)
+        return (here[index],) if index is not None else _no_item(where, here)
+    if not isinstance(here, dict):
+        return Problem(where, "there is no table to enter here", shown(here))
+    if key not in here:
+        if must_exist:
+            return Problem(
+                where, "no table of this name", None, ", ".join(here) or "(none)", did_you_mean(key, here)
+            )
+        here[key] = {}
+    elif isinstance(here[key], str):
+        here[key] = {"type": here[key]}  # "hht" is short for {type = "hht"}
+    return (here[key],)
+
+
+def _store(here: Any, key: str, value: Any, where: str) -> Problem | None:
+    if isinstance(here, dict):
+        here[key] = value
+        return None
+    if isinstance(here, list):
+        index = _index(here, key)
+        if index is None:
+            return _no_item(where, here)
+        here[index] = value
+        return None
+    return Problem(where, "there is no table to enter here", shown(here))
+
+
+def _index(items: list[Any], key: str) -> int | None:
+    return int(key) if key.isascii() and key.isdigit() and len(key) < 10 and int(key) < len(items) else None
+
+
+def _no_item(where: str, items: list[Any]) -> Problem:
+    return Problem(where, "no such item of the list", None, f"0 to {len(items) - 1}")
+
+
+def parse_value(text: str) -> Any:
+    """A TOML value; a bare word is a text. Raises ValueError where it is neither."""
+    try:
+        parsed = tomllib.loads(f"value = {text}\n")
+    except RecursionError:
+        raise ValueError("nested too deeply") from None
+    except tomllib.TOMLDecodeError:
+        if not text or text[0] in "[{\"'" or "\n" in text:
+            raise ValueError("not a value") from None
+        return text
+    except ValueError:
+        raise ValueError("a number with too many digits") from None
+    if parsed.keys() != {"value"}:
+        raise ValueError("more than one value")
+    return parsed["value"]

@@ -1,0 +1,149 @@
+"""Checks that span several keys or tables: unknown names, alternatives, contradictions.
+
+They work on the scene as written (see raw_scene), beside the checks of each field, so that one message
+lists everything. A value that is wrong by itself is reported there and ignored here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from ..errors import Problem
+from .boundary_relations import boundary_problems
+from .face_relations import face_problems, unknown_name
+from .fields import GROUND
+from .interfaces import CONTACT_ONLY
+from .raw_scene import RawTable, given, named_tables, number, single_table, text_list
+from .time_settings import MAX_INSTANTS
+from .wording import shown
+
+STEP_ROUND_OFF = 1e-6
+
+
+def relation_problems(raw: Any, base_dir: Path) -> list[Problem]:
+    """All problems between keys and tables of a scene as written."""
+    return [
+        *_substructure_problems(raw, base_dir),
+        *_interface_problems(raw),
+        *boundary_problems(raw),
+        *_load_problems(raw),
+        *_time_problems(single_table(raw, "time")),
+    ]
+
+
+def _exactly_one(table: RawTable, where: str, first: str, second: str) -> Iterator[Problem]:
+    count = given(table, first) + given(table, second)
+    if count != 1:
+        what = (
+            f"both {first!r} and {second!r} are given"
+            if count
+            else f"neither {first!r} nor {second!r} is given"
+        )
+        yield Problem(where, what, None, f"exactly one of {first!r} and {second!r}")
+
+
+def _substructure_problems(raw: Any, base_dir: Path) -> Iterator[Problem]:
+    materials = named_tables(raw, "material")
+    for name, table in named_tables(raw, "substructure").items():
+        where = f"substructure.{name}"
+        yield from _exactly_one(table, where, "box", "mesh")
+        material = table.get("material")
+        if materials and isinstance(material, str) and material not in materials:
+            yield unknown_name(f"{where}.material", "material", material, materials)
+        mesh = table.get("mesh")
+        file = mesh.get("file") if isinstance(mesh, dict) else None
+        if isinstance(file, str) and not _is_file(base_dir, file):
+            yield Problem(
+                f"{where}.mesh.file",
+                "no such file",
+                shown(file),
+                None,
+                "file names are relative to the scene file",
+            )
+
+
+def _is_file(base_dir: Path, name: str) -> bool:
+    try:
+        return (base_dir / name).is_file()
+    except (OSError, ValueError):  # a name the system refuses, e.g. too long or with a null character
+        return False
+
+
+def _interface_problems(raw: Any) -> Iterator[Problem]:
+    for name, table in named_tables(raw, "interface").items():
+        where = f"interface.{name}"
+        sides = text_list(table.get("sides"))
+        for index, side in enumerate(sides):
+            yield from face_problems(raw, f"{where}.sides[{index}]", side)
+        if len(sides) == 2:
+            yield from _pair_problems(where, table, sides)
+        if table.get("behaviour") == "perfect":
+            for key in CONTACT_ONLY:
+                if given(table, key):
+                    yield Problem(
+                        f"{where}.{key}",
+                        f"{key!r} means nothing on a perfect connection",
+                        shown(table[key]),
+                        None,
+                        'remove it, or choose behaviour = "contact"',
+                    )
+            continue
+        gap, preload = number(table, "gap"), number(table, "preload")
+        if gap is not None and preload is not None and gap > 0.0 and preload > 0.0:
+            yield Problem(
+                f"{where}.preload",
+                "an open interface carries no preload",
+                f"{preload:g} with gap = {gap:g}",
+                "preload > 0 only where gap = 0",
+                "set gap = 0 or remove the preload",
+            )
+
+
+def _pair_problems(where: str, table: RawTable, sides: list[str]) -> Iterator[Problem]:
+    if sides[0] == GROUND:
+        remedy = "name the ground second" if sides[1] != GROUND else "name a face of a substructure first"
+        yield Problem(
+            f"{where}.sides[0]", "the first side cannot be the ground", None, "a substructure face", remedy
+        )
+    elif sides[0] == sides[1]:
+        yield Problem(f"{where}.sides", "a face cannot meet itself", shown(sides), "two different faces")
+    if given(table, "ground_velocity") and GROUND not in sides:
+        yield Problem(
+            f"{where}.ground_velocity",
+            "there is no ground on this interface",
+            None,
+            f'only where the second side is "{GROUND}"',
+        )
+
+
+def _load_problems(raw: Any) -> Iterator[Problem]:
+    for name, table in named_tables(raw, "load").items():
+        yield from _exactly_one(table, f"load.{name}", "pressure", "traction")
+        if isinstance(table.get("face"), str):
+            yield from face_problems(raw, f"load.{name}.face", table["face"])
+
+
+def _time_problems(time: RawTable) -> Iterator[Problem]:
+    if not time:
+        return
+    yield from _exactly_one(time, "time", "step", "instants")
+    end, step, instants = number(time, "end"), number(time, "step"), number(time, "instants")
+    if end is not None and instants is not None and instants > 0.0 and end > 0.0 and end / instants == 0.0:
+        yield Problem("time.end", "too short to be cut into steps", shown(end))
+    if given(time, "instants") or end is None or step is None or end <= 0.0 or step <= 0.0:
+        return
+    ratio = end / step
+    if not ratio <= MAX_INSTANTS:
+        yield Problem("time.step", f"more than {MAX_INSTANTS} steps", shown(step), None, "a longer step")
+        return
+    n_step = max(1, round(ratio))
+    if abs(ratio - n_step) > STEP_ROUND_OFF:
+        yield Problem(
+            "time.end",
+            f"not a whole number of steps ({ratio:.9g} of them)",
+            shown(end),
+            f"a multiple of step = {step:.12g}",
+            f"nearest: end = {n_step * step:.12g}, or instants = {n_step} instead of step",
+        )

@@ -1,0 +1,85 @@
+"""The scene: everything the user describes, checked as a whole."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+from pydantic import (
+    Field,
+    ModelWrapValidatorHandler,
+    PrivateAttr,
+    ValidationError,
+    ValidationInfo,
+    model_validator,
+)
+
+from ..errors import SceneError
+from .boundaries import Boundary
+from .fields import BodyName, Name, Table, Text, about
+from .interfaces import CONTACT_ONLY, Interface
+from .law_file import base_dir_of
+from .loads import Load
+from .materials import Material
+from .output_settings import Output
+from .problems import field_problems
+from .raw_scene import plain
+from .relations import relation_problems
+from .solver_settings import Solver
+from .substructures import Substructure
+from .time_settings import Time
+from .toml_text import toml_text
+
+
+class Scene(Table):
+    """A scene; building one, from a file or in Python, raises `SceneError` listing every problem found.
+
+    The named tables are dictionaries by name. Files named in it are relative to `base_dir`.
+    """
+
+    name: Annotated[Name, about("name of the scene")]
+    description: Annotated[Text, about("free text")] = ""
+    material: Annotated[dict[Name, Material], about("materials by name"), Field(min_length=1)]
+    substructure: Annotated[dict[BodyName, Substructure], about("substructures by name"), Field(min_length=1)]
+    interface: Annotated[dict[Name, Interface], about("interfaces by name"), Field(default_factory=dict)]
+    boundary: Annotated[
+        dict[Name, Boundary], about("boundary conditions by name"), Field(default_factory=dict)
+    ]
+    load: Annotated[dict[Name, Load], about("loads by name"), Field(default_factory=dict)]
+    time: Annotated[Time, about("interval, instants, time scheme")]
+    solver: Annotated[Solver, about("settings of the iteration")] = Solver()
+    output: Annotated[Output, about("what the results keep")] = Output()
+
+    _base_dir: Path = PrivateAttr(default=Path())
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _report_all_problems(
+        cls, data: Any, handler: ModelWrapValidatorHandler[Self], info: ValidationInfo
+    ) -> Self:
+        """Field errors and contradictions between fields in one `SceneError`."""
+        raw = plain(data)
+        base_dir = data.base_dir if isinstance(data, Scene) else base_dir_of(info.context)
+        try:
+            scene = handler(data)
+        except ValidationError as error:
+            problems = field_problems(cls, error, raw) + relation_problems(raw, base_dir)
+            raise SceneError(problems, "the scene cannot be used") from None
+        if problems := relation_problems(raw, base_dir):
+            raise SceneError(problems, "the scene cannot be used")
+        scene._base_dir = base_dir
+        return scene
+
+    @property
+    def base_dir(self) -> Path:
+        """Folder that mesh and law files are relative to."""
+        return self._base_dir
+
+    def text(self) -> str:
+        """The effective scene as TOML, defaults written out; reading it back gives an equal scene."""
+        data = self.model_dump(exclude_none=True)
+        for interface in data["interface"].values():
+            if interface["behaviour"] == "perfect":
+                for key in CONTACT_ONLY:
+                    interface.pop(key, None)
+        return toml_text(data)

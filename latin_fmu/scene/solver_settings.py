@@ -1,0 +1,126 @@
+"""Table [solver]: how the LATIN iteration works. None of it may change the converged answer."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BeforeValidator, Field, PlainValidator
+
+from .fields import Count, Real, Table, about, refusal, tagged_or
+from .wording import did_you_mean
+
+WHOLE: Literal["whole"] = "whole"
+_FACTOR = "multiplies k; changes the cost, never the answer"
+
+
+class Automatic(Table):
+    """Own wave impedance where the step resolves the wave, the discrete admittance where it does not."""
+
+    type: Literal["automatic"] = "automatic"
+    factor: Annotated[Real, about(_FACTOR, "1", gt=0)] = 1.0
+
+
+class Impedance(Table):
+    """Wave impedance of each side's own material: rho c_p (normal), rho c_s (tangential)."""
+
+    type: Literal["impedance"] = "impedance"
+    factor: Annotated[Real, about(_FACTOR, "1", gt=0)] = 1.0
+
+
+class Uniform(Table):
+    """The same k on every interface."""
+
+    type: Literal["uniform"] = "uniform"
+    normal: Annotated[Real, about("k along the normal", "Pa s m-1", gt=0)]
+    tangential: Annotated[Real, about("k along the tangents", "Pa s m-1", gt=0)]
+    factor: Annotated[Real, about(_FACTOR, "1", gt=0)] = 1.0
+
+
+class Diagonal(Table):
+    """Inverse of the diagonal of the discrete admittance of one instant."""
+
+    type: Literal["diagonal"] = "diagonal"
+    factor: Annotated[Real, about(_FACTOR, "1", gt=0)] = 1.0
+
+
+class Row(Table):
+    """Discrete resistance of a face to a uniform velocity, spread by area."""
+
+    type: Literal["row"] = "row"
+    factor: Annotated[Real, about(_FACTOR, "1", gt=0)] = 1.0
+
+
+class Anderson(Table):
+    """Anderson acceleration on the incoming quantity F + k W."""
+
+    type: Literal["anderson"] = "anderson"
+    depth: Annotated[Count, about("number of former iterations combined", "1", ge=1, le=100)] = 6
+
+
+class NoAcceleration(Table):
+    """The plain iteration of the paper."""
+
+    type: Literal["none"] = "none"
+
+
+def _check_window(value: object) -> object:
+    if value == WHOLE and isinstance(value, str):
+        return value
+    if isinstance(value, int) and not isinstance(value, bool) and value >= 1:
+        return value
+    remedy = did_you_mean(value, (WHOLE,)) if isinstance(value, str) else None
+    raise refusal("not a window", value=value, allowed=f'a whole number >= 1, or "{WHOLE}"', remedy=remedy)
+
+
+SearchDirection = Annotated[
+    Annotated[Automatic | Impedance | Uniform | Diagonal | Row, Field(discriminator="type")],
+    BeforeValidator(
+        tagged_or("automatic"),
+        json_schema_input_type=Literal["automatic", "impedance", "diagonal", "row"]
+        | Automatic
+        | Impedance
+        | Uniform
+        | Diagonal
+        | Row,
+    ),
+]
+Acceleration = Annotated[
+    Annotated[Anderson | NoAcceleration, Field(discriminator="type")],
+    BeforeValidator(
+        tagged_or("anderson"), json_schema_input_type=Literal["anderson", "none"] | Anderson | NoAcceleration
+    ),
+]
+Window = Annotated[
+    int | Literal["whole"],
+    PlainValidator(_check_window, json_schema_input_type=Annotated[int, Field(ge=1)] | Literal["whole"]),
+]
+
+
+class Solver(Table):
+    """Settings of the iteration; the defaults suit most scenes."""
+
+    tolerance: Annotated[
+        Real, about("on the amplitude of the error indicator, sqrt(eta)", "1", gt=0, lt=1)
+    ] = 1e-3
+    force_tolerance: Annotated[
+        Real | None, about("on the force mismatch of the sides; 10 * tolerance where left out", "1", gt=0)
+    ] = None
+    max_iterations: Annotated[Count, about("of one window", "1", ge=1)] = 200
+    search_direction: Annotated[SearchDirection, about("the parameter k of the method")] = Automatic()
+    acceleration: Annotated[Acceleration, about("acceleration of the iteration")] = Anderson()
+    relaxation: Annotated[Real, about("1 is none, 1/2 is the safe one", "1", gt=0, le=1)] = 1.0
+    window: Annotated[
+        Window,
+        about('instants solved together: a whole number >= 1, or "whole" for the interval in one piece', "1"),
+    ] = 1
+    start: Annotated[
+        Literal["sequential", "zero"],
+        about(
+            'first guess with window = "whole" (no effect elsewhere): a pass with one-step windows, or zero fields'
+        ),
+    ] = "sequential"
+
+    @property
+    def force_mismatch_tolerance(self) -> float:
+        """`force_tolerance`, or its default 10 * tolerance."""
+        return 10.0 * self.tolerance if self.force_tolerance is None else self.force_tolerance

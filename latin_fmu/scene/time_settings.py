@@ -1,0 +1,58 @@
+"""Table [time]: the interval, its instants and the time scheme."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BeforeValidator, Field
+
+from .fields import Count, Real, Table, about, tagged_or
+
+MAX_INSTANTS = 10_000_000
+
+
+class HHT(Table):
+    """Hilber-Hughes-Taylor: gamma = 1/2 - alpha, beta = (1 - alpha)^2 / 4; damps what the mesh cannot carry."""
+
+    type: Literal["hht"] = "hht"
+    alpha: Annotated[Real, about("0 is undamped, -1/3 damps most", "1", ge=-1 / 3, le=0)] = -0.1
+
+
+class Newmark(Table):
+    """Newmark's family; damped where gamma > 1/2, best with beta = (gamma + 1/2)^2 / 4."""
+
+    type: Literal["newmark"] = "newmark"
+    beta: Annotated[Real, about("weight of the new acceleration in the displacement", "1", gt=0, le=0.5)] = (
+        0.25
+    )
+    gamma: Annotated[Real, about("weight of the new acceleration in the velocity", "1", ge=0.5, le=1)] = 0.5
+
+
+Scheme = Annotated[
+    Annotated[HHT | Newmark, Field(discriminator="type")],
+    BeforeValidator(tagged_or("hht"), json_schema_input_type=Literal["hht", "newmark"] | HHT | Newmark),
+]
+
+
+class Time(Table):
+    """The interval [0, end], cut into equal steps. It has exactly one of `step` and `instants`."""
+
+    end: Annotated[Real, about("last instant", "s", gt=0)]
+    step: Annotated[
+        Real | None, about("time step; `end` must be a whole number of steps (to 1e-6 step)", "s", gt=0)
+    ] = None
+    instants: Annotated[Count | None, about("number of steps", "1", ge=1, le=MAX_INSTANTS)] = None
+    scheme: Annotated[Scheme, about("time scheme")] = HHT()
+
+    @property
+    def n_step(self) -> int:
+        """Number of steps; there are ``n_step + 1`` instants, t = 0 included."""
+        if self.instants is not None:
+            return self.instants
+        assert self.step is not None  # the scene refuses a [time] without either
+        return round(self.end / self.step)
+
+    @property
+    def time_step(self) -> float:
+        """Length of one step, s: ``end / n_step``, so that the last instant is `end` exactly."""
+        return self.end / self.n_step

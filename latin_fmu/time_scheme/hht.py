@@ -1,0 +1,88 @@
+"""Newmark and Hilber-Hughes-Taylor (HHT-alpha) schemes.
+
+Motion at the new instant, forces R = f - C v - K u with every force (loads, interface tractions, dashpots)
+weighted alike:
+
+    M a_{n+1} = (1 + alpha) R_{n+1} - alpha R_n
+    u_{n+1} = u_n + dt v_n + dt^2 ((1/2 - beta) a_n + beta a_{n+1})
+    v_{n+1} = v_n + dt ((1 - gamma) a_n + gamma a_{n+1})
+
+HHT: alpha in [-1/3, 0], gamma = 1/2 - alpha, beta = (1 - alpha)^2 / 4 (Hilber, Hughes, Taylor 1977): second
+order, unconditionally stable, dissipative at high frequency for alpha < 0. Newmark: alpha = 0, free beta and
+gamma; second order for gamma = 1/2 only.
+
+Energy over one step (Krenk 2006, exact): with a_w = (1 - gamma) a_n + gamma a_{n+1},
+
+    Delta T + Delta V + Du.(C v)_w + Du.[(K u)_w - (K u_n + K u_{n+1})/2] + dt^2 (beta - gamma/2) a_w.M Da = Du.f_w
+
+where ( )_w weights the instants n-1, n, n+1 as a_w and the equation of motion do.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from .scheme import Array
+
+
+@dataclass(frozen=True)
+class Newmark:
+    """Newmark scheme with parameters beta, gamma (average acceleration by default)."""
+
+    beta: float = 0.25
+    gamma: float = 0.5
+    alpha: float = 0.0
+    name: str = "newmark"
+
+    @property
+    def declared_order(self) -> int:
+        """2 for gamma = 1/2 - alpha, else 1."""
+        return 2 if abs(self.gamma - 0.5 + self.alpha) < 1e-12 else 1
+
+    @property
+    def force_weight(self) -> float:
+        """1 + alpha."""
+        return 1.0 + self.alpha
+
+    @property
+    def memory_weight(self) -> float:
+        """alpha."""
+        return self.alpha
+
+    def operator(self, dt: float) -> tuple[float, float, float]:
+        """A = M + (1 + alpha) (gamma dt C + beta dt^2 K)."""
+        weight = self.force_weight
+        return 1.0, weight * self.gamma * dt, weight * self.beta * dt * dt
+
+    def velocity_gain(self, dt: float) -> float:
+        """gamma dt."""
+        return self.gamma * dt
+
+    def displacement_gain(self, dt: float) -> float:
+        """beta dt^2."""
+        return self.beta * dt * dt
+
+    def predict(self, u: Array, v: Array, a: Array, dt: float) -> tuple[Array, Array]:
+        """Newmark predictors (shapes of the arguments)."""
+        return u + dt * (v + dt * (0.5 - self.beta) * a), v + dt * (1 - self.gamma) * a
+
+    def invert_velocity(self, a_old: Array, jump: Array, dt: float) -> Array:
+        """a_{n+1} = ((v_{n+1} - v_n)/dt - (1 - gamma) a_n)/gamma."""
+        return (jump / dt - (1 - self.gamma) * a_old) / self.gamma
+
+    def energy_weights(self) -> tuple[tuple[float, float, float], tuple[float, float]]:
+        """See the module docstring."""
+        new, old = self.gamma, 1 - self.gamma
+        force = (-old * self.alpha, old * (1 + self.alpha) - new * self.alpha, new * (1 + self.alpha))
+        return force, (old, new)
+
+    def inertia_dissipation(self, dt: float) -> float:
+        """dt^2 (beta - gamma / 2)."""
+        return dt * dt * (self.beta - 0.5 * self.gamma)
+
+
+class HHT(Newmark):
+    """HHT-alpha scheme, alpha in [-1/3, 0]."""
+
+    def __init__(self, alpha: float = -0.1) -> None:
+        super().__init__(beta=(1 - alpha) ** 2 / 4, gamma=0.5 - alpha, alpha=alpha, name="hht")

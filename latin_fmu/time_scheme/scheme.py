@@ -1,0 +1,60 @@
+"""The contract of a time scheme.
+
+Rules
+
+1. The operator ``A = mass * M + damping * C + stiffness * K`` depends on dt only.
+2. One instant is ``A a = b + gain_force * lambda``: linear in loads, interface forces and initial state.
+3. ``declared_order`` is the order observed on a smooth problem.
+4. One window equals two half windows: the state holds all that the next instant needs.
+5. The energy identity of rule-2 motion is closed by ``dissipation``, a quadratic form of the state alone.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class TimeScheme(Protocol):
+    """A one-step scheme in the acceleration a of the new instant (rules in the module docstring)."""
+
+    @property
+    def name(self) -> str:
+        """Registry key."""
+
+    @property
+    def declared_order(self) -> int:
+        """Order of accuracy in dt."""
+
+    def operator(self, dt: float) -> tuple[float, float, float]:
+        """Factors (mass, damping, stiffness) of M, C, K in A; units 1, s, s2."""
+
+    @property
+    def force_weight(self) -> float:
+        """Weight of the forces of the new instant in its equation of motion."""
+
+    @property
+    def memory_weight(self) -> float:
+        """Weight of the residual force of the old instant (0 for Newmark)."""
+
+    def velocity_gain(self, dt: float) -> float:
+        """dv/da at the new instant, s."""
+
+    def displacement_gain(self, dt: float) -> float:
+        """du/da at the new instant, s2."""
+
+    def predict(self, u: Array, v: Array, a: Array, dt: float) -> tuple[Array, Array]:
+        """Displacement and velocity of the new instant if its acceleration were zero."""
+
+    def invert_velocity(self, a_old: Array, jump: Array, dt: float) -> Array:
+        """Acceleration of the new instant from the velocity increment ``jump``."""
+
+    def energy_weights(self) -> tuple[tuple[float, float, float], tuple[float, float]]:
+        """Weights of forces at (n-1, n, n+1) and of accelerations at (n, n+1) in the work over one step."""
+
+    def inertia_dissipation(self, dt: float) -> float:
+        """Factor of a_w . M (a_new - a_old) in the energy identity, s2 (a_w the weighted acceleration)."""
