@@ -7,6 +7,8 @@ import sys
 import time as clock
 from typing import Protocol
 
+from threadpoolctl import threadpool_limits
+
 from .latin.record import Outcome, Timings
 from .latin.recorder import Recorder
 from .latin.solver import IterationEvent
@@ -41,7 +43,8 @@ def solve(scene: Scene, observer: Observer | None = None, progress: ProgressSink
     wall = clock.perf_counter()
     timings = Timings()
     start = clock.process_time()
-    built = build(scene)
+    with threadpool_limits(1):
+        built = build(scene)
     timings.setup = clock.process_time() - start
     return Solution(run(built, timings, observer, progress, wall), scene.text(), scene.name)
 
@@ -62,13 +65,20 @@ def run(
 
     def observe(event: IterationEvent) -> None:
         assert observer is not None
-        observer(Iteration(event.window, event.iteration, event.error_indicator, event.force_mismatch, event, assembly))
+        observer(
+            Iteration(
+                event.window, event.iteration, event.error_indicator, event.force_mismatch, event, assembly
+            )
+        )
 
     march = Run(
         assembly, built.settings, recorder, timings,
         None if observer is None else observe, None if progress is None else progress.update,
     )  # fmt: skip
-    march.all()
+    with threadpool_limits(
+        1
+    ):  # small dense products: threads of the linear algebra library cost more than they give
+        march.all()
     state = march.state
     converged, sentence = status(assembly, built.settings, state.windows, state.interface_indicator)
     names = [u.name for u in assembly.interfaces]
@@ -89,7 +99,9 @@ def run(
     )
     timings.other = clock.process_time() - begin - timings.global_stage - timings.local_stage
     timings.wall = clock.perf_counter() - wall
-    timings.peak_memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+    timings.peak_memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (
+        1 if sys.platform == "darwin" else 1024
+    )
     return outcome
 
 
@@ -106,10 +118,10 @@ def check(scene: Scene) -> list[str]:
         f"scene {scene.name}: {assembly.n_substructure} substructure(s) in {len(assembly.propagators)} class(es), "
         f"{len(assembly.interfaces)} interface(s), {assembly.n_instant} steps of {assembly.dt:.6g} s"
     ]
-    for propagator in assembly.propagators:
-        lines.append(
-            f"  {', '.join(propagator.names)}: {propagator.n_dof} unknowns, {propagator.n_channel} interface channels"
-        )
+    lines += [
+        f"  {', '.join(p.names)}: {p.n_dof} unknowns, {p.n_channel} interface channels"
+        for p in assembly.propagators
+    ]
     lines += [
         f"  interface {u.name}: {u.behaviour.name}, {u.geometry.n_point} points, area {u.geometry.areas.sum():.6g} m2"
         for u in assembly.interfaces

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -19,6 +19,6 @@ def compiled(function: Function) -> Function:
     from numba import njit
 
     try:
-        return njit(cache=True)(function)  # type: ignore[no-any-return]
+        return cast(Function, njit(cache=True)(function))
     except RuntimeError:  # no folder to cache in: compile afresh in this process
-        return njit(function)  # type: ignore[no-any-return]
+        return cast(Function, njit(function))

@@ -45,7 +45,9 @@ class Iteration:
         points = group.members[index]
         f_hat = group.block(self._event.f_hat)[:, 0, points]
         w_hat = group.block(self._event.w_hat)[:, :, points]
-        return interface_history(self._assembly.interfaces[index], f_hat, w_hat, None, None, group.parameters[points])
+        return interface_history(
+            self._assembly.interfaces[index], f_hat, w_hat, None, None, group.parameters[points]
+        )
 
     def displacement(self, name: str) -> Array:
         """Linear-stage displacement of a substructure in this iterate, (n, n_node, 3), m: costs one more march.

@@ -29,10 +29,10 @@ class Progress:
         self._tolerance = tolerance
         self._clock = clock
         self._terminal = stream.isatty()
-        self._start = clock()
-        self._shown = self._start if not self._terminal else -math.inf
+        self._shown = -math.inf if self._terminal else clock()
         self._width = 0
         self._first: tuple[float, float] | None = None  # time and log10 of the first error of a single window
+        self._origin: tuple[float, int] | None = None  # time and windows done at the first call
 
     def update(self, done: int, total: int, iteration: int, error: float) -> None:
         """Tell that ``done`` of ``total`` windows are finished and how the current one goes.
@@ -41,6 +41,8 @@ class Progress:
         only look at the clock.
         """
         now = self._clock()
+        if self._origin is None:
+            self._origin = (now, done)
         if total == 1 and self._first is None and 0.0 < error < math.inf:
             self._first = (now, math.log10(error))
         if now - self._shown < (_EVERY_ON_TERMINAL if self._terminal else _EVERY_IN_LOG):
@@ -69,7 +71,8 @@ class Progress:
         self._stream.flush()
 
     def _windows_left(self, now: float, done: int, total: int) -> float | None:
-        return (now - self._start) * (total - done) / done if done > 0 else None
+        since, before = self._origin or (now, done)
+        return (now - since) * (total - done) / (done - before) if done > before else None
 
     def _single_window_left(self, now: float, error: float) -> float | None:
         """Extrapolates log(error), which falls about linearly with the iterations, to the tolerance."""

@@ -6,7 +6,7 @@ import numpy as np
 import scipy.sparse as sp
 import skfem
 
-from .mesh import Array, Index, Mesh
+from .mesh import Array, Mesh
 
 # scikit-fem numbers the corners of its reference hexahedron in its own order: VTK corner of each.
 _HEX_TO_SKFEM = [0, 4, 3, 1, 7, 5, 2, 6]
@@ -62,29 +62,6 @@ def body_load(basis: skfem.Basis, force: Array) -> Array:
     load = np.zeros((basis.N, 3))
     np.add.at(load, nodes.ravel(), share.ravel()[:, None] * np.asarray(force))
     return load.ravel()
-
-
-def mean_stress(basis: skfem.Basis, young_modulus: float, poisson_ratio: float, displacement: Array) -> Array:
-    """Mean stress of each element, Pa.
-
-    Parameters
-    ----------
-    displacement : (..., n_node, 3), m.
-
-    Returns
-    -------
-    (..., n_cell, 6) in the order xx yy zz yz xz xy.
-    """
-    first, shear = lame(young_modulus, poisson_ratio)
-    gradient = np.stack([phi[0].grad for phi in basis.basis])
-    mean = np.einsum("aieq,eq->eai", gradient, basis.dx) / basis.dx.sum(axis=1)[:, None, None]
-    nodes: Index = basis.element_dofs.T
-    jump = np.einsum("eai,...eaj->...eij", mean, displacement[..., nodes, :], optimize=True)
-    strain = 0.5 * (jump + np.swapaxes(jump, -1, -2))
-    stress = 2 * shear * strain + first * np.trace(strain, axis1=-2, axis2=-1)[..., None, None] * np.eye(3)
-    rows, columns = (0, 1, 2, 1, 0, 0), (0, 1, 2, 2, 2, 1)
-    picked: Array = stress[..., rows, columns]
-    return picked
 
 
 def _assemble(block: Array, basis: skfem.Basis) -> sp.csr_array:

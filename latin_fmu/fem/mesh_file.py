@@ -54,7 +54,9 @@ def load(path: Path) -> meshio.Mesh:
     MeshError : missing or unreadable file.
     """
     if not path.is_file():
-        raise MeshError([Problem(path.name, "no such mesh file", remedy="the path is relative to the scene file")])
+        raise MeshError(
+            [Problem(path.name, "no such mesh file", remedy="the path is relative to the scene file")]
+        )
     noise = io.StringIO()
     try:
         with contextlib.redirect_stdout(noise), contextlib.redirect_stderr(noise):
@@ -62,7 +64,11 @@ def load(path: Path) -> meshio.Mesh:
     except (Exception, SystemExit) as error:  # meshio raises many kinds and calls sys.exit on bad input
         reason = (noise.getvalue().strip().splitlines() or [str(error)])[-1] or type(error).__name__
         raise MeshError(
-            [Problem(path.name, f"meshio cannot read this file: {reason}", allowed="a mesh format of meshio")],
+            [
+                Problem(
+                    path.name, f"meshio cannot read this file: {reason}", allowed="a mesh format of meshio"
+                )
+            ],
             "unreadable mesh",
         ) from None
 
@@ -80,7 +86,9 @@ def _group_cells(file: meshio.Mesh) -> dict[str, list[Index]]:
             if name in groups:
                 continue
             groups[name] = [
-                np.flatnonzero(np.asarray(tags) == tag) if _dim(block.type) == dim else np.zeros(0, dtype=np.int64)
+                np.flatnonzero(np.asarray(tags) == tag)
+                if _dim(block.type) == dim
+                else np.zeros(0, dtype=np.int64)
                 for block, tags in zip(file.cells, physical, strict=True)
             ]
     return groups
@@ -95,9 +103,15 @@ def _volume_cells(
     file: meshio.Mesh, names: dict[str, list[Index]], group: str | None, where: str
 ) -> tuple[str, Index]:
     """Connectivity of the wanted volume, of one cell type."""
-    volumes = [n for n, sel in names.items() if any(len(s) and _dim(b.type) == 3 for b, s in zip(file.cells, sel))]
+    volumes = [
+        n
+        for n, sel in names.items()
+        if any(len(s) and _dim(b.type) == 3 for b, s in zip(file.cells, sel, strict=True))
+    ]
     if group is not None and group not in volumes:
-        raise MeshError([Problem(where, "no such volume group", group, allowed=", ".join(sorted(volumes)) or "none")])
+        raise MeshError(
+            [Problem(where, "no such volume group", group, allowed=", ".join(sorted(volumes)) or "none")]
+        )
     blocks: dict[str, list[Index]] = {}
     for i, block in enumerate(file.cells):
         chosen = block.data if group is None else block.data[names[group][i]]
@@ -124,7 +138,9 @@ def _oriented(nodes: Array, cells: Index, cell_type: str, where: str) -> Index:
     size = np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1) * np.linalg.norm(c, axis=1)
     flat = np.abs(volume) <= 1e-12 * size
     if flat.any():
-        raise MeshError([Problem(where, f"{int(flat.sum())} cells have no volume", f"first cell {int(flat.argmax())}")])
+        raise MeshError(
+            [Problem(where, f"{int(flat.sum())} cells have no volume", f"first cell {int(flat.argmax())}")]
+        )
     cells = cells.copy()
     turned = volume < 0
     swap = [0, 3, 2, 1, 4, 7, 6, 5] if cell_type == "hexahedron" else [0, 2, 1, 3]

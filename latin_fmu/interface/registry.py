@@ -9,7 +9,9 @@ from .behaviour import Behaviour
 from .contact import Contact
 from .perfect import Perfect
 
-BEHAVIOURS: Mapping[str, Callable[..., Behaviour]] = MappingProxyType({"perfect": Perfect, "contact": Contact})
+BEHAVIOURS: Mapping[str, Callable[..., Behaviour]] = MappingProxyType(
+    {"perfect": Perfect, "contact": Contact}
+)
 
 
 def make_behaviour(name: str, parameters: Mapping[str, float]) -> Behaviour:

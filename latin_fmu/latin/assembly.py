@@ -42,7 +42,11 @@ class Assembly:
         self.impedance = impedance
         self.characteristic_traction = characteristic_traction
         self._ground = [
-            (layout.channels(i, 1), unit.geometry.frames[:, : unit.behaviour.n_component], unit.ground_velocity)
+            (
+                layout.channels(i, 1),
+                unit.geometry.frames[:, : unit.behaviour.n_component],
+                unit.ground_velocity,
+            )
             for i, unit in enumerate(self.interfaces)
             if unit.ground_velocity is not None
         ]

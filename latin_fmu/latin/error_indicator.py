@@ -97,7 +97,9 @@ class Indicator:
                 gap = self._admittance_norm(np.where(mask, residual[i] * self._half_area, 0.0))
                 error[part] = max(error[part], gap)
         force[1] = max(force[1], _TANGENTIAL_FLOOR * force[0])
-        return Measure(max(e / f for e, f in zip(error, force, strict=True)), Scales(scales.field, (force[0], force[1])))
+        return Measure(
+            max(e / f for e, f in zip(error, force, strict=True)), Scales(scales.field, (force[0], force[1]))
+        )
 
     def _admittance_norm(self, force: Array) -> float:
         total = 0.0

@@ -53,7 +53,7 @@ class GlobalStage:
             for propagator, channels in zip(assembly.propagators, assembly.channels, strict=True):
                 incoming = q[i, channels]
                 velocity = propagator.respond(propagator.predict(), incoming)
-                propagator.commit(incoming - propagator.k * velocity)
+                propagator.commit(incoming - propagator.k * velocity, account=after is not None)
                 w[i, channels] = velocity
             if after is not None:
                 after(i)

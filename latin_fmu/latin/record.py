@@ -51,7 +51,8 @@ class InterfaceHistory:
 
     def force(self) -> Array:
         """Resultant force on side E, (n_time, 3), N."""
-        return np.einsum("p,tpc->tc", self.areas, self.traction)
+        force: Array = np.einsum("p,tpc->tc", self.areas, self.traction)
+        return force
 
     def impulse(self, time: Array) -> Array:
         """Running time integral (trapezoid) of ``force``, (n_time, 3), N s."""
@@ -61,7 +62,8 @@ class InterfaceHistory:
 
     def normal_resultant(self) -> Array:
         """Compressive normal resultant, (n_time,), N, positive in compression."""
-        return -np.einsum("p,tpc,pc->t", self.areas, self.traction, self.normals)
+        pull: Array = np.einsum("p,tpc,pc->t", self.areas, self.traction, self.normals)
+        return -pull
 
     def penetration(self) -> float:
         """Largest penetration met, m (0 when none, or when the interface cannot open)."""

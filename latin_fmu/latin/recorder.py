@@ -26,18 +26,21 @@ class Wanted:
 
 @dataclass(frozen=True)
 class SubstructureInfo:
-    """Mesh of a substructure for the results, and its stress function (displacements (n_node, 3) -> (n_cell, 6))."""
+    """Mesh of a substructure for the results, and its stress recovery (displacements (n_node, 3) -> (n_cell, 6),
+    None where no stress is wanted)."""
 
     nodes: Array
     cells: np.ndarray
     cell_type: str
-    stress: Callable[[Array], Array]
+    stress: Callable[[Array], Array] | None
 
 
 class Recorder:
     """Histories of interfaces (always) and substructures (as wanted)."""
 
-    def __init__(self, assembly: Assembly, wanted: Wanted, substructures: dict[str, SubstructureInfo]) -> None:
+    def __init__(
+        self, assembly: Assembly, wanted: Wanted, substructures: dict[str, SubstructureInfo]
+    ) -> None:
         self._wanted, self._info = wanted, substructures
         n_time, layout = len(assembly.time), assembly.layout
         self._f_hat = np.zeros((n_time, layout.n_flat))
@@ -74,7 +77,7 @@ class Recorder:
                 if gap is not None:
                     gap[i] = now
         for index, history in self._slide.items():
-            self._side_velocities(assembly, assembly.interfaces[index], history[i], i)
+            self._side_velocities(assembly.interfaces[index], history[i], i)
         if self._wanted.energy:
             for name, (propagator, member) in self._where.items():
                 assert propagator.meter is not None
@@ -82,7 +85,7 @@ class Recorder:
         if (self._wanted.fields or self._wanted.stress) and i % self._wanted.every == 0:
             self._store_fields(float(assembly.time[i]))
 
-    def _side_velocities(self, assembly: Assembly, unit: InterfaceUnit, out: Array, instant: int) -> None:
+    def _side_velocities(self, unit: InterfaceUnit, out: Array, instant: int) -> None:
         for side, face in enumerate(unit.sides):
             trace = unit.geometry.traces[side]
             if trace is None:
@@ -100,8 +103,9 @@ class Recorder:
             if self._wanted.fields:
                 stored.setdefault("displacement", []).append(u)
                 stored.setdefault("velocity", []).append(propagator.full_velocity(member))
-            if self._wanted.stress:
-                stored.setdefault("stress", []).append(self._info[name].stress(u))
+            recover = self._info[name].stress
+            if self._wanted.stress and recover is not None:
+                stored.setdefault("stress", []).append(recover(u))
 
     # -- histories --------------------------------------------------------------------------------------------
     def interfaces(self, assembly: Assembly) -> dict[str, InterfaceHistory]:
@@ -115,7 +119,12 @@ class Recorder:
         f_hat = group.block(self._f_hat[:n])[:, 0, points]
         w_hat = group.block(self._w_hat[:n])[:, :, points]
         return interface_history(
-            unit, f_hat, w_hat, self._slide.get(index), self._gap_of(assembly, index, n), group.parameters[points]
+            unit,
+            f_hat,
+            w_hat,
+            self._slide.get(index),
+            self._gap_of(assembly, index, n),
+            group.parameters[points],
         )
 
     def _gap_of(self, assembly: Assembly, index: int, n: int) -> Array | None:
@@ -149,7 +158,10 @@ class Recorder:
         if not self._wanted.energy:
             return None
         n = self._instant + 1
-        total = {t: sum((np.stack(e)[:, j] for e in self._energy.values()), np.zeros(n)) for j, t in enumerate(TERMS)}
+        total = {
+            t: sum((np.stack(e)[:, j] for e in self._energy.values()), np.zeros(n))
+            for j, t in enumerate(TERMS)
+        }
         friction = np.zeros(n)
         for history in self.interfaces(assembly).values():
             if history.friction_power is not None:

@@ -96,7 +96,13 @@ class WindowSolver:
         self._observer, self._progress = observer, progress
 
     def solve(
-        self, stage: GlobalStage, q: Array, opening: Opening, scales: Scales, record: WindowRecord, number: int
+        self,
+        stage: GlobalStage,
+        q: Array,
+        opening: Opening,
+        scales: Scales,
+        record: WindowRecord,
+        number: int,
     ) -> Iterate:
         """Iterate from q (n, n_flat); fills ``record`` and returns the accepted (else the best) iterate."""
         settings = self._settings
@@ -130,7 +136,9 @@ class WindowSolver:
             return Relaxation(self._settings.relaxation)
         return Anderson(self._direction.weight, depth, self._settings.relaxation)
 
-    def _evaluate(self, stage: GlobalStage, q: Array, opening: Opening, scales: Scales) -> tuple[Iterate, float]:
+    def _evaluate(
+        self, stage: GlobalStage, q: Array, opening: Opening, scales: Scales
+    ) -> tuple[Iterate, float]:
         """One global and one local stage from q, measured."""
         direction, timings, settings = self._direction, self._timings, self._settings
         clock = time.process_time()

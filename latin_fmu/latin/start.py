@@ -12,22 +12,27 @@ import scipy.linalg as la
 from .assembly import Assembly
 from .layout import Array
 
+_ROUND_OFF = 1e-12
+
 
 def start(assembly: Assembly) -> tuple[Array, Array]:
     """Start every propagator; tractions and velocities (n_flat,) of the channels at t = 0."""
     propagators = assembly.propagators
-    unbalance = [p.initial_unbalance() for p in propagators]
-    beyond = np.zeros(assembly.layout.n_flat)
-    if any(u.any() for u in unbalance):
-        beyond = _bonded_tractions(assembly, unbalance)
-    for propagator, channels, force in zip(propagators, assembly.channels, unbalance, strict=True):
-        factor = propagator.mass_inverse_at_channels()[1] if force.any() or beyond.any() else None
-        propagator.start(beyond[channels], factor)
-    traction = beyond
+    traction = np.zeros(assembly.layout.n_flat)
     for group in assembly.layout.groups:
         normal = group.block(traction)[..., 0]
-        normal[0] -= group.preload
-        normal[1] += group.preload
+        normal[0], normal[1] = -group.preload, group.preload
+    unbalance = [
+        p.initial_unbalance(traction[c]) for p, c in zip(propagators, assembly.channels, strict=True)
+    ]
+    # a preload and its balance cancel to round-off: no reason to factorise the mass
+    level = _ROUND_OFF * assembly.characteristic_traction * float(assembly.layout.area.sum())
+    if any(np.abs(u).max(initial=0.0) > level for u in unbalance):
+        traction += _bonded_tractions(assembly, unbalance)
+    for propagator, channels in zip(propagators, assembly.channels, strict=True):
+        balanced = np.abs(propagator.initial_unbalance(traction[channels])).max(initial=0.0) <= level
+        factor = None if balanced else propagator.mass_inverse_at_channels()[1]
+        propagator.start(traction[channels], factor)
     velocity = assembly.gather([p.channel_velocity() for p in propagators])
     assembly.ground_velocity(velocity, 0)
     return traction, velocity
@@ -49,7 +54,9 @@ def _bonded_tractions(assembly: Assembly, unbalance: list[Array]) -> Array:
     system, right = np.zeros((n, n)), np.zeros(n)
     ground = np.zeros(assembly.layout.n_flat)
     assembly.ground_acceleration(ground, 0)
-    for propagator, all_channels, force in zip(assembly.propagators, assembly.channels, unbalance, strict=True):
+    for propagator, all_channels, force in zip(
+        assembly.propagators, assembly.channels, unbalance, strict=True
+    ):
         compliance, factor = propagator.mass_inverse_at_channels()
         free = propagator._trace @ factor.solve(force)[propagator.operators.dofs]
         for member in range(all_channels.shape[1]):
@@ -61,7 +68,9 @@ def _bonded_tractions(assembly: Assembly, unbalance: list[Array]) -> Array:
             system[np.ix_(where, where)] += weight[:, None] * compliance[np.ix_(rows, rows)] * weight
             np.subtract.at(right, where, weight * free[rows, member])
     grounded = ground != 0
-    np.subtract.at(right, unknown[grounded], sign[grounded] * assembly.layout.area[grounded] * ground[grounded])
+    np.subtract.at(
+        right, unknown[grounded], sign[grounded] * assembly.layout.area[grounded] * ground[grounded]
+    )
     x = la.lstsq(system, right)[0]
     flat[sides[0]], flat[sides[1]] = x, -x
     return flat

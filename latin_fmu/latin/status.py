@@ -19,7 +19,9 @@ def status(
         return True, _converged(settings, windows)
     first = failed[0]
     names = [u.name for u in assembly.interfaces]
-    worst = names[int(np.argmax(interface_indicator))] if interface_indicator is not None and names else "none"
+    worst = (
+        names[int(np.argmax(interface_indicator))] if interface_indicator is not None and names else "none"
+    )
     behaviour = assembly.interfaces[names.index(worst)].behaviour if names else None
     friction = getattr(behaviour, "friction_coefficient", 0.0)
     reached = max(w.error_indicator[-1] if not w.error_indicator else min(w.error_indicator) for w in failed)
@@ -37,7 +39,10 @@ def status(
 def _converged(settings: Settings, windows: list[WindowRecord]) -> str:
     most = max((w.iterations for w in windows), default=0)
     helped = sum(1 for w in windows if w.fallbacks)
-    sentence = f"converged: {len(windows)} window(s), at most {most} iteration(s) to sqrt(eta) <= {settings.tolerance:g}"
+    sentence = (
+        f"converged: {len(windows)} window(s), at most {most} iteration(s) "
+        f"to sqrt(eta) <= {settings.tolerance:g}"
+    )
     return sentence + (f", fall-backs used in {helped}" if helped else "")
 
 

@@ -34,6 +34,7 @@ class RunState:
     f_hat: Array
     w_hat: Array
     scales: Scales
+    before: tuple[Array, Array] | None = None  # f_hat, w_hat one instant earlier
     windows: list[WindowRecord] = field(default_factory=list)
     marched: int = 0
     interface_indicator: Array | None = None
@@ -100,9 +101,7 @@ class Run:
         direction = self.direction(n)
         self._bind(direction)
         stage = GlobalStage(assembly, direction.k, n)
-        q = np.repeat(direction.incoming(state.f_hat, state.w_hat)[None], n, axis=0)
-        if guess is not None:
-            q = direction.incoming(*guess)
+        q = direction.incoming(*guess) if guess is not None else self._warm_start(direction, n)
 
         def report(iteration: int, error: float) -> None:
             if self._progress is not None:
@@ -119,6 +118,14 @@ class Run:
         self._commit(stage, accepted, record)
         return record
 
+    def _warm_start(self, direction: Direction, n: int) -> Array:
+        """First guess of q (n, n_flat): the last value, continued linearly where one instant follows another."""
+        state = self.state
+        q = np.repeat(direction.incoming(state.f_hat, state.w_hat)[None], n, axis=0)
+        if n == 1 and state.before is not None:
+            q += q - direction.incoming(*state.before)
+        return q
+
     def _commit(self, stage: GlobalStage, accepted: Iterate, record: WindowRecord) -> None:
         state, recorder = self.state, self.recorder
         before = clock.process_time()
@@ -129,11 +136,14 @@ class Run:
         stage.commit(accepted.q, accepted.f_hat, keep)
         self.timings.global_stage += clock.process_time() - before
         self._count(stage)
-        local = self._bound.indicator.per_interface(accepted.residual, accepted.scales) if self._bound else None
+        local = (
+            self._bound.indicator.per_interface(accepted.residual, accepted.scales) if self._bound else None
+        )
         if local is not None:
             worst = state.interface_indicator
             state.interface_indicator = local if worst is None else np.maximum(worst, local)
         state.scales = accepted.scales
+        state.before = (state.f_hat, state.w_hat) if stage.n == 1 else None
         state.f_hat, state.w_hat = accepted.f_hat[-1], accepted.w_hat[-1]
         state.windows.append(record)
 
@@ -197,7 +207,7 @@ class _Tape:
         self.f_hat: list[Array] = []
         self.w_hat: list[Array] = []
 
-    def keep(self, assembly: Assembly, f_hat: Array, w_hat: Array) -> None:
+    def keep(self, assembly: Assembly, f_hat: Array, w_hat: Array) -> None:  # noqa: ARG002 (as Recorder.keep)
         """Keep one instant."""
         self.f_hat.append(f_hat)
         self.w_hat.append(w_hat)

@@ -49,22 +49,23 @@ class DirectPropagator:
 
     Parameters
     ----------
-    members : models with equal matrices and traces; loads, initial values and preload may differ.
+    members : models with equal matrices and traces; loads and initial values may differ.
     scheme, dt : time scheme and step, s. energy : whether to account for energies.
     """
 
-    def __init__(self, members: Sequence[SubstructureModel], scheme: TimeScheme, dt: float, energy: bool) -> None:
+    def __init__(
+        self, members: Sequence[SubstructureModel], scheme: TimeScheme, dt: float, energy: bool
+    ) -> None:
         self.members = list(members)
         self.names = [m.name for m in members]
         self.scheme, self.dt = scheme, dt
         self.operators = build_operators(members[0], scheme, dt)
         self.forcing = Forcing(members, scheme, dt)
-        self.preload = np.stack([m.preload for m in members], axis=1)
         self.meter = EnergyMeter(members, self.forcing, scheme, dt) if energy else None
         self._area = self.operators.area[:, None]
         self._trace = self.operators.trace
         self._trace_t = sp.csr_array(self._trace.T)
-        self._free: tuple[Array, Array, Array, Array, Array] | None = None
+        self._free: tuple[Array, Array, Array, Array] | None = None
         self.state = self._initial_state()
 
     @property
@@ -87,10 +88,10 @@ class DirectPropagator:
         return State(0, u, v, np.zeros_like(u), np.zeros_like(u))
 
     # -- start -----------------------------------------------------------------------------------------------
-    def initial_unbalance(self) -> Array:
-        """f(0) - C v - K u without interface tractions beyond the preload, (n_dof, n_member), N."""
+    def initial_unbalance(self, traction: Array) -> Array:
+        """f(0) - C v - K u with tractions (n_channel, n_member) in f; (n_dof, n_member), N."""
         ops, state = self.operators, self.state
-        unbalance = self.forcing.at(0) - ops.stiffness @ state.u
+        unbalance: Array = self.forcing.at(0) - ops.stiffness @ state.u + self._nodal(traction)
         if ops.damping is not None:
             unbalance -= ops.damping @ state.v
         return unbalance
@@ -101,12 +102,12 @@ class DirectPropagator:
         lu = spla.splu(sp.csc_matrix(ops.mass), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
         spread = np.zeros((self.n_dof, self.n_channel))
         spread[ops.dofs] = self._trace.T.toarray()
-        return self._trace @ lu.solve(spread)[ops.dofs], lu
+        compliance: Array = self._trace @ lu.solve(spread)[ops.dofs]
+        return compliance, lu
 
     def start(self, traction: Array, mass_factor: spla.SuperLU | None) -> None:
-        """Consistent accelerations at t = 0 with tractions (n_channel, n_member) beyond the preload, Pa."""
-        residual = self.initial_unbalance()
-        residual[self.operators.dofs] += self._trace_t @ (self._area * traction)
+        """Consistent accelerations at t = 0 with tractions (n_channel, n_member), Pa."""
+        residual = self.initial_unbalance(traction)
         self.state.residual = residual
         self.state.a = np.zeros_like(residual) if mass_factor is None else mass_factor.solve(residual)
         if self.meter is not None:
@@ -129,8 +130,8 @@ class DirectPropagator:
         """Free response of the next instant; W_0 (n_channel, n_member), m s-1."""
         ops, scheme, dt, state = self.operators, self.scheme, self.dt, self.state
         u, v = scheme.predict(state.u, state.v, state.a, dt)
-        external = self.forcing.at(state.instant + 1)
-        force = external - ops.stiffness @ u
+        force = self.forcing.at(state.instant + 1)
+        force -= ops.stiffness @ u
         if ops.damping is not None:
             force -= ops.damping @ v
         force *= scheme.force_weight
@@ -138,26 +139,25 @@ class DirectPropagator:
             force -= scheme.memory_weight * state.residual
         y, c = ops.factor.forward(force)
         free_a = ops.factor.schur_inverse @ c
-        self._free = (u, v, y, free_a, external)
-        self._velocity = self._trace @ (v[ops.dofs] + scheme.velocity_gain(dt) * free_a)
+        self._free = (u, v, y, free_a)
+        velocity: Array = self._trace @ (v[ops.dofs] + scheme.velocity_gain(dt) * free_a)
         imposed = self.forcing.channel_velocity(state.instant + 1)
         if imposed is not None:
-            self._velocity = self._velocity + imposed
-        self.free_velocity: Array = self._velocity
-        return self._velocity - self.response @ (self.k * self._velocity)
+            velocity = velocity + imposed
+        w_0: Array = velocity - self.response @ (self.k * velocity)
+        return w_0
 
     def respond(self, w_0: Array, q: Array) -> Array:
         """W = W_0 + Y q, (n_channel, n_member)."""
         answer: Array = w_0 + self.response @ q
         return answer
 
-    def commit(self, traction: Array) -> Array:
-        """End the instant with channel tractions (n_channel, n_member), Pa; returns the channel velocities."""
+    def commit(self, traction: Array, account: bool = True) -> None:
+        """End the instant with channel tractions (n_channel, n_member), Pa; ``account``: count its energy."""
         assert self._free is not None, "commit without predict"
         ops, scheme, dt, state = self.operators, self.scheme, self.dt, self.state
-        u, v, y, free_a, external = self._free
-        beyond = self._area * (traction - self.preload)
-        nodal = self._trace_t @ beyond
+        u, v, y, free_a = self._free
+        nodal = self._trace_t @ (self._area * traction)
         a = ops.factor.backward(y, free_a + ops.factor.schur_inverse @ (scheme.force_weight * nodal))
         v = v + scheme.velocity_gain(dt) * a
         u = u + scheme.displacement_gain(dt) * a
@@ -167,9 +167,8 @@ class DirectPropagator:
             residual /= scheme.force_weight
         self.state = State(state.instant + 1, u, v, a, residual)
         self._free = None
-        if self.meter is not None:
-            self.meter.advance(self.state, self._nodal(traction - self.preload))
-        return self.channel_velocity()
+        if self.meter is not None and account:
+            self.meter.advance(self.state, self._nodal(traction))
 
     def _nodal(self, traction: Array) -> Array:
         """Reduced nodal forces (n_dof, n_member) of channel tractions."""

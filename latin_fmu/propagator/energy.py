@@ -41,7 +41,9 @@ class _Forces:
 class EnergyMeter:
     """Accumulates the energy terms of a class; ``history`` holds one dict of (n_member,) arrays per instant."""
 
-    def __init__(self, members: Sequence[SubstructureModel], forcing: Forcing, scheme: TimeScheme, dt: float) -> None:
+    def __init__(
+        self, members: Sequence[SubstructureModel], forcing: Forcing, scheme: TimeScheme, dt: float
+    ) -> None:
         model = members[0]
         self._model, self._forcing, self._scheme, self._dt = model, forcing, scheme, dt
         self._free = np.asarray(model.expansion.sum(axis=1)).ravel() > 0
@@ -49,7 +51,11 @@ class EnergyMeter:
 
     def _expand(self, state: Moving) -> tuple[Array, Array, Array]:
         p, forcing, i = self._model.expansion, self._forcing, state.instant
-        return p @ state.u + forcing.imposed_u(i), p @ state.v + forcing.imposed_v(i), p @ state.a + forcing.imposed_a(i)
+        return (
+            p @ state.u + forcing.imposed_u(i),
+            p @ state.v + forcing.imposed_v(i),
+            p @ state.a + forcing.imposed_a(i),
+        )
 
     def _forces(self, u: Array, v: Array, instant: int, interface: Array) -> _Forces:
         damping = None if self._model.damping is None else self._model.damping @ v
@@ -115,4 +121,5 @@ class EnergyMeter:
 
 def _dot(a: Array, b: Array) -> Array:
     """Column-wise scalar product."""
-    return np.einsum("nm,nm->m", a, b)
+    product: Array = np.einsum("nm,nm->m", a, b)
+    return product

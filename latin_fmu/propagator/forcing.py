@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..time_scheme import TimeScheme
+from .condensed import Index
 from .model import Array, SubstructureModel
 
 
@@ -22,11 +23,11 @@ class Forcing:
         self.n_full = members[0].n_full
         n = members[0].expansion.shape[1]
         self._constant = np.zeros((n, len(members)))
-        self._terms: list[tuple[int, Array, Array, Array]] = []
+        self._terms: list[tuple[int, Index, Array, Array]] = []
         for column, member in enumerate(members):
             for load in member.loads:
                 reduced = member.expansion.T @ load.pattern
-                nodes = np.flatnonzero(reduced)
+                nodes = np.flatnonzero(reduced).astype(np.int64)
                 if np.ptp(load.history) == 0.0:
                     self._constant[:, column] += reduced * load.history[0]
                 elif len(nodes):

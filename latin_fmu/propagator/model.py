@@ -17,7 +17,7 @@ class LoadTerm:
 
     Attributes
     ----------
-    name : name of the load in the scene ("" for a constant body force).
+    name : name of the load in the scene ("" for what is no load of the scene: body force, balance of a preload).
     pattern : (n_full,) nodal forces for amplitude 1, N.
     history : (n_time,) amplitude at the instants.
     """
@@ -44,7 +44,6 @@ class SubstructureModel:
     loads : load terms. displacement, velocity : (n_full,) initial values.
     imposed_pattern : (n_full, n_motion) shapes of prescribed motions, imposed_velocity : (n_time, n_motion), m s-1.
     imposed_start : (n_motion,) displacement amplitudes at the start, m.
-    preload : (n_channel,) traction already balanced at the start, Pa.
     """
 
     name: str
@@ -60,7 +59,6 @@ class SubstructureModel:
     imposed_pattern: Array
     imposed_velocity: Array
     imposed_start: Array
-    preload: Array
     ordering: Array | None = field(default=None)
     """(n_full,) elimination rank of each full dof (nested dissection of the mesh), or None."""
 

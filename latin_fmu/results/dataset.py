@@ -8,7 +8,7 @@
                            friction_power (time); x, y, z, area, initial_gap (point);
                            normal (point, component)
     /substructures/<name>  only what the scene asked for: displacement, velocity (time, node, component);
-                           stress (time, cell, stress_component); and the mesh
+                           stress (time, cell, stress_component); and with any of them the mesh
     /substructures/<name>/energy   terms of the substructure (time), when asked for
     /convergence           error_indicator, force_mismatch (window, iteration), padded with NaN;
                            iterations, converged, first_instant, last_instant, end_time (window); passes
@@ -48,10 +48,10 @@ def datatree(
         indicator = outcome.interface_indicator.get(name)
         groups[f"/interfaces/{name}"] = interface_dataset(interface, outcome.time, indicator)
     for name, substructure in outcome.substructures.items():
-        if _anything_asked(substructure):
+        if _has_fields(substructure):
             groups[f"/substructures/{name}"] = substructure_dataset(substructure)
-            if substructure.energy is not None:
-                groups[f"/substructures/{name}/energy"] = _stored_energy(substructure, outcome.time)
+        if substructure.energy is not None:
+            groups[f"/substructures/{name}/energy"] = _stored_energy(substructure, outcome.time)
     groups["/convergence"] = convergence_dataset(outcome.windows, outcome.time, outcome.passes)
     groups["/convergence"].attrs.update({f"setting_{key}": value for key, value in outcome.settings.items()})
     if outcome.energy is not None:
@@ -115,7 +115,7 @@ def substructure_dataset(history: SubstructureHistory) -> xr.Dataset:
     }
     if history.stress is not None:
         columns["stress"] = (("time", "cell", "stress_component"), history.stress)
-    labels: dict[str, object] = {"time": history.time, "component": AXES} if _has_fields(history) else {}
+    labels: dict[str, object] = {"time": history.time, "component": AXES}
     if history.stress is not None:
         labels["stress_component"] = STRESSES
     positions = {f"node_{axis}": ("node", history.nodes[:, i]) for i, axis in enumerate(AXES)}
@@ -133,7 +133,6 @@ def _describe_mesh(dataset: xr.Dataset, cell_type: str) -> None:
         topology_dimension=np.int32(3),
         node_coordinates="node_x node_y node_z",
         volume_node_connectivity="cell_nodes",
-        volume_dimension="cell",
         cell_type=cell_type,
     )
     dataset["cell_nodes"].attrs.update(cf_role="volume_node_connectivity", start_index=np.int32(0))
@@ -168,10 +167,6 @@ def convergence_dataset(windows: list[WindowRecord], time: Array, passes: float)
 
 def _has_fields(history: SubstructureHistory) -> bool:
     return any(field is not None for field in (history.displacement, history.velocity, history.stress))
-
-
-def _anything_asked(history: SubstructureHistory) -> bool:
-    return _has_fields(history) or history.energy is not None
 
 
 def _root_attributes(

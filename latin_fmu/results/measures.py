@@ -69,6 +69,17 @@ def friction_resultant(fields: InterfaceFields) -> Array:
     return length
 
 
+def friction_sum(fields: InterfaceFields) -> Array:
+    """Sum of the magnitudes of the friction forces of all points, (n_time,), N.
+
+    Unlike the resultant it does not cancel where a body spreads in all directions.
+    """
+    along = np.einsum("tpc,pc->tp", fields.traction, fields.normals)
+    tangential = fields.traction - along[:, :, None] * fields.normals
+    total: Array = np.linalg.norm(tangential, axis=2) @ fields.areas
+    return total
+
+
 def peak_force(fields: InterfaceFields) -> float:
     """Largest magnitude of the normal resultant over time, N."""
     return float(np.abs(normal_resultant(fields)).max(initial=0.0))

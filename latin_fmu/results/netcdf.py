@@ -80,7 +80,7 @@ def _padded(variable: xr.Variable) -> bool:
 
 
 def open_results(path: str | Path) -> xr.DataTree:
-    """Open a results file as a DataTree, read lazily; ``tree.load()`` reads it all, ``tree.close()`` closes it.
+    """Open a results file as a DataTree, read lazily; close it with ``tree.close()``.
 
     Times stay numbers in seconds.
 

@@ -18,6 +18,9 @@ Colour = str | tuple[float, float, float, float]
 
 # Okabe and Ito: told apart by colour-blind readers and in grey print.
 DISTINCT = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#999933")
+FEW = 4
+"""Up to this many curves a legend fits inside its panel, and as many strips below the forces."""
+
 STATUS_COLOURS = ("#0072B2", "#E69F00", "#EEEEEE")
 STATUS_LABELS = ("stick", "slip, or closed without friction", "separation")
 
@@ -32,18 +35,29 @@ def colours(count: int) -> list[Colour]:
 
 
 def force_panel(
-    axis: Axes, title: str, time: Array, curves: dict[str, Array], scale: tuple[float, str], legend: bool
+    axis: Axes,
+    title: str,
+    time: Array,
+    curves: dict[str, Array],
+    scale: tuple[float, str],
+    reference: float,
 ) -> None:
-    """One force over time per interface; ``time`` (n_time,) in s, ``curves`` (n_time,) in N."""
+    """One force over time per interface; ``time`` (n_time,) in s, ``curves`` (n_time,) in N.
+
+    Forces below 1e-9 of the force ``reference`` are round-off and not blown up to the height of the panel.
+    """
     divisor, unit = scale
     peak = max((float(np.abs(curve).max(initial=0.0)) for curve in curves.values()), default=0.0)
+    if peak < 1e-9 * reference:
+        peak = reference
+        axis.set_ylim(-1.0, 1.0)
     size, label = prefix_for(peak, "N", micro="µ")
     axis.axhline(0.0, color="0.6", linewidth=0.6, zorder=0)
     for (name, curve), colour in zip(curves.items(), colours(len(curves)), strict=True):
         axis.plot(time / divisor, curve / size, color=colour, label=name, linewidth=1.2)
     axis.set(title=title, xlabel=f"time ({unit})", ylabel=f"force ({label})")
     axis.set_xlim(time[0] / divisor, time[-1] / divisor)
-    if legend:
+    if len(curves) <= FEW:
         axis.legend(fontsize="small")
 
 
@@ -180,4 +194,4 @@ def energy_panel(axis: Axes, energy: xr.Dataset, scale: tuple[float, str]) -> No
         )
     axis.set(title="Energy of the assembly", xlabel=f"time ({unit})", ylabel=f"energy ({label})")
     axis.set_xlim(energy["time"].values[0] / divisor, energy["time"].values[-1] / divisor)
-    axis.legend(fontsize="x-small", ncols=2)
+    axis.legend(fontsize="x-small", loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)

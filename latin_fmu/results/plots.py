@@ -11,12 +11,13 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
+import numpy as np
 import xarray as xr
 
 from ..errors import Problem, ResultsError
 from .files import written_whole
-from .measures import InterfaceFields, friction_resultant, normal_resultant
-from .panels import count_panel, curve_panel, energy_panel, final_panel, force_panel, status_panel
+from .measures import InterfaceFields, friction_sum, normal_resultant
+from .panels import FEW, count_panel, curve_panel, energy_panel, final_panel, force_panel, status_panel
 from .quantities import prefix_for
 
 if TYPE_CHECKING:
@@ -24,8 +25,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
 
 FORMATS = (".png", ".pdf", ".svg")
-FEW = 4
-"""Up to this many curves a legend fits inside its panel, and as many strips below the forces."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +38,7 @@ class _Panel:
 def summary_figure(tree: xr.DataTree) -> Figure:
     """Forces, contact states, convergence and, when present, energy of a run.
 
-    Normal and friction resultants of the interfaces; one strip per interface that can open, with the shares
+    Normal resultant and friction of the interfaces; one strip per interface that can open, with the shares
     of its area that stick, slip and are open; convergence; energy of the assembly. Many strips get a column
     of their own.
     """
@@ -101,12 +100,12 @@ def _force_panels(groups: dict[str, xr.Dataset], scale: tuple[float, str]) -> li
         return []
     time = next(iter(fields.values())).time
     normal = {name: normal_resultant(item) for name, item in fields.items()}
-    legend = len(fields) <= FEW
-    draw = partial(force_panel, title="Normal resultant (compression > 0)", legend=legend)
+    reference = max(float(np.abs(curve).max(initial=0.0)) for curve in normal.values())
+    draw = partial(force_panel, title="Normal resultant (compression > 0)", reference=reference)
     panels = [_Panel(2.4, partial(draw, time=time, curves=normal, scale=scale))]
     if any(float(dataset.attrs.get("friction_coefficient", 0.0)) > 0.0 for dataset in groups.values()):
-        friction = {name: friction_resultant(item) for name, item in fields.items()}
-        draw = partial(force_panel, title="Friction resultant (magnitude)", legend=legend)
+        friction = {name: friction_sum(item) for name, item in fields.items()}
+        draw = partial(force_panel, title="Friction, sum of magnitudes over the points", reference=reference)
         panels.append(_Panel(2.4, partial(draw, time=time, curves=friction, scale=scale)))
     return panels
 

@@ -13,11 +13,10 @@ PAPER = (
 
 
 def package_version() -> str:
-    """Version of the installed distribution, ``unknown`` when the package runs without being installed."""
-    try:
-        return metadata.version("latin-fmu")
-    except metadata.PackageNotFoundError:
-        return "unknown"
+    """Version of this package."""
+    from .. import __version__  # not at the top: the package imports this module before it knows its version
+
+    return __version__
 
 
 def provenance() -> dict[str, str]:

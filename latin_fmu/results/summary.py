@@ -53,7 +53,7 @@ def _energy(outcome: Outcome) -> str:
     share = f"{left / largest:.1e}" if largest > 0.0 else "0"
     text = f"balance closed to {share} of the largest term ({readable(largest, 'J')})"
     for key in ("friction_dissipation", "scheme_dissipation"):
-        if key in energy:
+        if key in energy and energy[key][-1] != 0.0:
             text += f"; {key.replace('_', ' ')} {readable(float(energy[key][-1]), 'J', 3)}"
     return text
 

@@ -1,5 +1,7 @@
-"""Names of the interface behaviours a scene may ask for."""
+"""Names of the interface behaviours a scene may ask for: those of the registry."""
 
 from __future__ import annotations
 
-BEHAVIOUR_NAMES = ("contact", "perfect")
+from ..interface.registry import BEHAVIOURS
+
+BEHAVIOUR_NAMES = tuple(sorted(BEHAVIOURS))

@@ -9,11 +9,12 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..errors import MeshError, Problem
-from ..fem.elasticity import body_load, element_basis, mass, mean_stress, stiffness, wave_speeds
+from ..fem.elasticity import body_load, element_basis, mass, stiffness, wave_speeds
 from ..fem.faces import Face, face
 from ..fem.mesh import Array, Mesh, box_mesh
 from ..fem.mesh_file import read_mesh
 from ..fem.ordering import nested_dissection
+from ..fem.stress import MeanStress
 from .materials import Material
 from .schema import Scene
 from .substructures import Substructure
@@ -40,10 +41,11 @@ class Shape:
         """Elimination rank of the full dofs."""
         return np.repeat(nested_dissection(self.mesh), 3)
 
-    def stress(self, displacement: Array) -> Array:
-        """Mean stress of each element (n_cell, 6), Pa."""
+    @cached_property
+    def stress(self) -> MeanStress:
+        """Stress recovery: displacements (n_node, 3) to mean stress (n_cell, 6), Pa."""
         m = self.material
-        return mean_stress(element_basis(self.mesh), m.young_modulus, m.poisson_ratio, displacement)
+        return MeanStress(element_basis(self.mesh), m.young_modulus, m.poisson_ratio)
 
     def body_load(self, force: Array) -> Array:
         """Nodal forces (3 n_node,) of a uniform body force, N."""

@@ -174,17 +174,21 @@ def _model(
             preloads.append(pressed.ravel())
             channels.append(layout.channels(i, side).ravel())
     n_full = body.full_size()
+    trace = sp.csr_array(sp.vstack(traces)) if traces else sp.csr_array((0, n_full))
+    area = np.concatenate(areas) if areas else np.zeros(0)
+    loads = _loads(scene, name, body, time)
+    if any(p.any() for p in preloads):  # the initial stress is in equilibrium: it holds the preload
+        balance = np.asarray(-(trace.T @ (area * np.concatenate(preloads))))
+        loads.append(LoadTerm("", balance, np.ones(len(time))))
     mass, stiffness = body.shape.matrices
     description = body.description
     model = SubstructureModel(
         name=name, mass=mass, damping=_damping(body, held), stiffness=stiffness, expansion=held.expansion,
-        trace=sp.csr_array(sp.vstack(traces)) if traces else sp.csr_array((0, n_full)),
-        channel_area=np.concatenate(areas) if areas else np.zeros(0),
-        loads=_loads(scene, name, body, time),
+        trace=trace, channel_area=area, loads=loads,
         displacement=np.tile(description.initial_displacement, body.mesh.n_node),
         velocity=np.tile(description.initial_velocity, body.mesh.n_node),
         imposed_pattern=held.pattern, imposed_velocity=held.velocity, imposed_start=held.start,
-        preload=np.concatenate(preloads) if preloads else np.zeros(0), ordering=body.shape.rank,
+        ordering=body.shape.rank,
     )  # fmt: skip
     return model, np.concatenate(channels) if channels else np.zeros(0, dtype=np.int64)
 

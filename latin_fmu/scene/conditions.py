@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.spatial import cKDTree
 
 from ..errors import Problem
 from ..fem.mesh import Array, Index
+from ..fem.nearest import nearest
 from .body import Body
 from .boundaries import (
     AXES,
@@ -110,7 +110,7 @@ def _drive(
         moved = 3 * nodes + AXES.index(component)
         if (dofs.driver[moved] >= 0).any() or dofs.held[moved].any():
             problems.append(
-                Problem(f"boundary.{name}", "drives nodes that another condition already holds or drives", boundary.face,
+                Problem(f"boundary.{name}", "drives nodes already held or driven by another condition", boundary.face,
                         remedy="shared edges belong to one condition: leave the component out of one of them")
             )  # fmt: skip
             continue
@@ -128,8 +128,7 @@ def _tie(body: Body, name: str, boundary: Periodic, dofs: _Dofs, problems: list[
     shift = body.mesh.nodes[second.nodes].mean(axis=0) - body.mesh.nodes[first.nodes].mean(axis=0)
     spacing = np.sqrt(np.median(first.areas))
     if len(first.nodes) == len(second.nodes):
-        tree = cKDTree(body.mesh.nodes[second.nodes])
-        distance, partner = tree.query(body.mesh.nodes[first.nodes] + shift)
+        distance, partner = nearest(body.mesh.nodes[first.nodes] + shift, body.mesh.nodes[second.nodes])
         if distance.max() <= _PAIRING * spacing and len(np.unique(partner)) == len(partner):
             for component in range(3):
                 dofs.tie(3 * first.nodes + component, 3 * second.nodes[partner] + component)

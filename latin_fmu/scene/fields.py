@@ -11,9 +11,9 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticCustomError
 
 GROUND = "ground"
-NAME_PATTERN = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+NAME_PATTERN = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,99}")
 FACE_PATTERN = re.compile(r"[A-Za-z][A-Za-z0-9_]*\.[^\s.](?:[^.]*\S)?")
-NAME_RULE = "a letter, then letters, digits or underscores"
+NAME_RULE = "a letter, then letters, digits or underscores, 100 in all at most"
 FACE_RULE = 'written "substructure.face"'
 
 
@@ -44,6 +44,12 @@ def refusal(
     """An error to raise from a validator; it becomes one `Problem` at the place of the field."""
     context = {"what": what, "value": value, "allowed": allowed, "remedy": remedy}
     return PydanticCustomError("scene_problem", "{what}", context)
+
+
+def _check_text(text: str) -> str:
+    if any(0xD800 <= ord(character) <= 0xDFFF for character in text):
+        raise refusal("not valid text", value=ascii(text[:60]), allowed="characters that UTF-8 can hold")
+    return text
 
 
 def _check_name(name: str) -> str:
@@ -109,15 +115,15 @@ Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0.0)]
 Count = Annotated[int, Field(strict=True)]
 PositiveCount = Annotated[int, Field(strict=True, ge=1)]
 Flag = Annotated[bool, Field(strict=True)]
-Text = Annotated[str, Field(strict=True)]
+Text = Annotated[str, Field(strict=True), AfterValidator(_check_text)]
 Name = Annotated[
     str,
     Field(strict=True, json_schema_extra={"pattern": f"^{NAME_PATTERN.pattern}$"}),
     AfterValidator(_check_name),
 ]
 BodyName = Annotated[Name, AfterValidator(_check_body_name)]
-Face = Annotated[str, Field(strict=True), AfterValidator(_check_face)]
-Side = Annotated[str, Field(strict=True), AfterValidator(_check_side)]
+Face = Annotated[Text, AfterValidator(_check_face)]
+Side = Annotated[Text, AfterValidator(_check_side)]
 Vector = Annotated[tuple[Real, Real, Real], BeforeValidator(_as_list)]
 Direction = Annotated[tuple[Real, Real, Real], BeforeValidator(_as_list), AfterValidator(_check_directed)]
 Series = Annotated[tuple[Real, ...], BeforeValidator(_as_list)]

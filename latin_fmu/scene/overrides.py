@@ -1,8 +1,8 @@
 """Settings of the form ``a.b.c=value`` on top of a scene file.
 
 The path follows the tables and names of the file; a number picks an item of a list
-(``substructure.bar.box.elements.2=100``). The value is read as TOML; a bare word is a text. A named table must
-exist; a key may be new, the scene itself then says whether it is known.
+(``substructure.bar.box.elements.2=100``). The value is read as TOML; a bare word is a text. A named
+table must exist; a key may be new, the scene itself then says whether it is known.
 """
 
 from __future__ import annotations

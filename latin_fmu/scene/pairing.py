@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.spatial import cKDTree
 
 from ..errors import Problem
 from ..fem.faces import Face
 from ..fem.mesh import Array, Index
+from ..fem.nearest import nearest
 from ..interface import InterfaceGeometry, make_behaviour
 from ..interface.geometry import local_frames
 from ..latin.layout import InterfaceUnit
@@ -95,11 +95,9 @@ def _pair(
     flat = np.abs(face.normals @ face.normals[0] - 1).max() < 1e-6
     along = face.normals[0]
     if flat:  # far faces pair by their lateral position
-        _, partner = cKDTree(there - np.outer(there @ along, along)).query(
-            points - np.outer(points @ along, along)
-        )
+        _, partner = nearest(points - np.outer(points @ along, along), there - np.outer(there @ along, along))
     else:
-        _, partner = cKDTree(there).query(points)
+        _, partner = nearest(points, there)
     jump = there[partner] - points
     normal = np.einsum("pi,pi->p", jump, face.normals)
     lateral = np.linalg.norm(jump - normal[:, None] * face.normals, axis=1)

@@ -22,7 +22,6 @@ _WHAT = {
     "int_from_float": "must be a whole number",
     "bool_type": "must be true or false",
     "string_type": "must be text",
-    "string_unicode": "must be valid text",
     "finite_number": "must be a finite number",
     "greater_than": "out of range",
     "greater_than_equal": "out of range",

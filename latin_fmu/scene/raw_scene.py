@@ -6,7 +6,7 @@ The checks between keys and tables look at these, so that a wrong field somewher
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from pydantic import BaseModel
@@ -15,6 +15,8 @@ from .fields import FACE_PATTERN, split_face
 
 RawTable = Mapping[str, Any]
 _DEPTH = 6  # of the deepest table a scene has
+_MAX_LEVELS = 50  # far deeper than any scene: stops at endless nesting
+_MAX_BITS = 4096  # some 1200 digits; Python prints 4300
 
 
 def plain(data: Any, depth: int = _DEPTH) -> Any:
@@ -25,6 +27,18 @@ def plain(data: Any, depth: int = _DEPTH) -> Any:
         return {key: plain(item, depth - 1) for key, item in data.items()}
     tolist = getattr(data, "tolist", None)
     return tolist() if callable(tolist) else data
+
+
+def endless_numbers(raw: Any, path: tuple[str | int, ...] = ()) -> Iterator[tuple[str | int, ...]]:
+    """Paths of the integers too long to be printed, which no library below could even complain about."""
+    if isinstance(raw, int) and raw.bit_length() > _MAX_BITS:
+        yield path
+    elif len(path) < _MAX_LEVELS and isinstance(raw, Mapping):
+        for key, item in raw.items():
+            yield from endless_numbers(item, (*path, str(key)))
+    elif len(path) < _MAX_LEVELS and isinstance(raw, (list, tuple)):
+        for index, item in enumerate(raw):
+            yield from endless_numbers(item, (*path, index))
 
 
 def named_tables(raw: Any, key: str) -> dict[str, RawTable]:

@@ -30,11 +30,12 @@ def reference_text() -> str:
     parts = [_title("Scene file"), INTRODUCTION, "Top of the file", top]
     for key, field in Scene.model_fields.items():
         if tables := tables_in(field.annotation):
-            parts.append(_title(f"[{key}.NAME]" if is_named(field) else f"[{key}]"))
-            parts += [_table_text(table, key) for table in tables]
+            need = "required" if field.is_required() else "optional"
+            parts.append(_title(f"[{key}.NAME] ({need})" if is_named(field) else f"[{key}] ({need})"))
+            parts += [_table_text(table) for table in tables]
     for key, tables in _inner_tables().items():
         parts.append(_title(f"{key} = {{...}}"))
-        parts += [_table_text(table, key) for table in tables]
+        parts += [_table_text(table) for table in tables]
     parts += [_title("Conventions"), CONVENTIONS, _title("Example"), EXAMPLE]
     return "\n\n".join(part.rstrip("\n") for part in parts) + "\n"
 
@@ -61,7 +62,7 @@ def _inner_tables() -> dict[str, list[type[BaseModel]]]:
     return found
 
 
-def _table_text(table: type[BaseModel], key: str) -> str:
+def _table_text(table: type[BaseModel]) -> str:
     tag = tag_of(table)
     meaning = textwrap.fill(" ".join((table.__doc__ or "").split()), _WIDTH)
     lines = [f'type = "{tag}"', textwrap.indent(meaning, "    ")] if tag is not None else [meaning]
@@ -72,7 +73,10 @@ def _table_text(table: type[BaseModel], key: str) -> str:
 
 
 def _field_lines(name: str, field: FieldInfo) -> Iterator[str]:
-    yield f"    {name}: {allowed_text(field)}; {_default_text(field)}"
+    text = f"{name}: {allowed_text(field)}; {_default_text(field)}"
+    yield textwrap.fill(
+        text, _WIDTH, initial_indent=" " * 4, subsequent_indent=" " * 12, break_long_words=False
+    )
     yield textwrap.fill(field.description or "", _WIDTH, initial_indent=_INDENT, subsequent_indent=_INDENT)
 
 

@@ -9,32 +9,35 @@ that only has a type: law = "constant". A key that is not listed here is an erro
 reported at once. Settings on the command line follow the same path:
 --set interface.crush.friction_coefficient=0.1 or --set substructure.bar.box.elements.2=100.
 
-Units are SI as stated with each key; a key without one has no dimension. Nothing depends on it: any consistent system works (mm, t, s, MPa ...)."""
+Units are SI as stated with each key; a key without one has no dimension. Nothing depends on it: any
+consistent system works (mm, t, s, MPa ...)."""
 
 CONVENTIONS = """\
-Faces          "substructure.face". The faces of a box are xmin xmax ymin ymax zmin zmax; those of a mesh file are
-               its named surface groups. The second side of an interface may be "ground": rigid, unbounded, at
-               rest unless ground_velocity is given.
-Interface      The normal N points from the first side (E) to the second (E'). Forces and tractions in the results
-               are those the interface exerts on side E, in global axes: two bodies pressed together along z,
-               the first one below, give a negative z component.
-Gap            Distance of paired points along N, open > 0. Measured on the meshes where left out; where a number is
-               given as well it must agree. The ground has no position: its gap is the number given, 0 without one.
+Faces          "substructure.face". The faces of a box are xmin xmax ymin ymax zmin zmax; those of a mesh
+               file are its named surface groups. The second side of an interface may be "ground": rigid,
+               unbounded, at rest unless ground_velocity is given.
+Interface      The normal N points from the first side (E) to the second (E'). Forces and tractions in the
+               results are those the interface exerts on side E, in global axes: two bodies pressed together
+               along z, the first one below, give a negative z component.
+Gap            Distance of paired points along N, open > 0. Measured on the meshes where left out; where a
+               number is given as well it must agree. The ground has no position: its gap is the number
+               given, 0 without one.
 Preload        Contact pressure already there at t = 0, in equilibrium with initial stresses nobody needs to
                describe: displacements, velocities and stresses are counted from that state.
-Signs          Pressure is positive in compression: traction -p n, n the outward normal. Tractions, body forces and
-               prescribed motions are along the global axes x, y, z.
-Laws           A law a(t) has no dimension and multiplies the load or the prescribed motion. Before its first and
-               after its last point a table keeps its end values.
-Jumps          The value of a law at a jump is the value before it. A step or a pulse that starts at 0 is 0 at t = 0;
-               a rectangular pulse is 1 for start < t <= start + duration. An instant closer to the jump than
-               1e-9 of its own value lies on it.
-Sampling       The solver takes a(t) at its instants, linear in between. Pulses that start and end on instants keep
-               their impulse exactly; a difference of more than 0.1 % is reported.
+Signs          Pressure is positive in compression: traction -p n, n the outward normal. Tractions, body
+               forces and prescribed motions are along the global axes x, y, z.
+Laws           A law a(t) has no dimension and multiplies the load or the prescribed motion. Before its
+               first and after its last point a table keeps its end values.
+Jumps          The value of a law at a jump is the value before it. A step or a pulse that starts at 0 is 0
+               at t = 0; a rectangular pulse is 1 for start < t <= start + duration. An instant closer to
+               the jump than 1e-9 of its own value lies on it.
+Sampling       The solver takes a(t) at its instants, linear in between. Pulses that start and end on
+               instants keep their impulse exactly; a difference of more than 0.1 % is reported.
 Instants       t_i = i end / n, i = 0 ... n, n = instants or end / step. Initial conditions hold at t = 0.
 Boundaries     fixed and symmetry block displacement; velocity and displacement prescribe value * a(t) along
                the components. One condition per face and component. Loads on one face add up.
-Absorbing      Half of a traction on an absorbing face goes into its dashpots: a traction 2 t launches a wave t."""
+Absorbing      Half of a traction on an absorbing face goes into its dashpots: a traction 2 t launches a
+               wave t."""
 
 EXAMPLE = """\
 name = "two_blocks"

@@ -14,7 +14,7 @@ from pydantic import (
     model_validator,
 )
 
-from ..errors import SceneError
+from ..errors import Problem, SceneError
 from .boundaries import Boundary
 from .fields import BodyName, Name, Table, Text, about
 from .interfaces import CONTACT_ONLY, Interface
@@ -22,13 +22,15 @@ from .law_file import base_dir_of
 from .loads import Load
 from .materials import Material
 from .output_settings import Output
-from .problems import field_problems
-from .raw_scene import plain
+from .problems import field_problems, path_text
+from .raw_scene import endless_numbers, plain
 from .relations import relation_problems
 from .solver_settings import Solver
 from .substructures import Substructure
 from .time_settings import Time
 from .toml_text import toml_text
+
+_HEADING = "the scene cannot be used"
 
 
 class Scene(Table):
@@ -59,14 +61,16 @@ class Scene(Table):
     ) -> Self:
         """Field errors and contradictions between fields in one `SceneError`."""
         raw = plain(data)
+        if endless := [Problem(path_text(path), "too large for a number") for path in endless_numbers(raw)]:
+            raise SceneError(endless, _HEADING)
         base_dir = data.base_dir if isinstance(data, Scene) else base_dir_of(info.context)
         try:
             scene = handler(data)
         except ValidationError as error:
             problems = field_problems(cls, error, raw) + relation_problems(raw, base_dir)
-            raise SceneError(problems, "the scene cannot be used") from None
+            raise SceneError(problems, _HEADING) from None
         if problems := relation_problems(raw, base_dir):
-            raise SceneError(problems, "the scene cannot be used")
+            raise SceneError(problems, _HEADING)
         scene._base_dir = base_dir
         return scene
 

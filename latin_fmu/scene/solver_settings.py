@@ -115,9 +115,7 @@ class Solver(Table):
     ] = 1
     start: Annotated[
         Literal["sequential", "zero"],
-        about(
-            'first guess with window = "whole" (no effect elsewhere): a pass with one-step windows, or zero fields'
-        ),
+        about('first guess with window = "whole" (no effect elsewhere): one-step windows, or zero fields'),
     ] = "sequential"
 
     @property

@@ -12,7 +12,7 @@ MAX_INSTANTS = 10_000_000
 
 
 class HHT(Table):
-    """Hilber-Hughes-Taylor: gamma = 1/2 - alpha, beta = (1 - alpha)^2 / 4; damps what the mesh cannot carry."""
+    """Hilber-Hughes-Taylor: gamma = 1/2 - alpha, beta = (1 - alpha)^2 / 4; damps what no mesh carries."""
 
     type: Literal["hht"] = "hht"
     alpha: Annotated[Real, about("0 is undamped, -1/3 damps most", "1", ge=-1 / 3, le=0)] = -0.1

@@ -12,13 +12,13 @@ Per unit area of cross-section throughout.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
-from .connections import Connection, Interval
+from .connections import Connection, Interval, Pieces
 from .piecewise import Array, PiecewiseLinear, merged_breaks
 
 
@@ -50,7 +50,8 @@ class Waves:
     """The solution on [0, end].
 
     ``rightward[i]``, ``leftward[i]``: what bar i emits at its left and right ends, from -transit on.
-    ``stress[j]``, ``opening_velocity[j]``: at connection j (0 = left end of the row), as functions of time.
+    ``stress[j]``, ``velocity[j]`` (bar on the left, bar on the right): at
+    connection j (0 is the left end of the row).
     """
 
     def __init__(
@@ -86,11 +87,10 @@ class Waves:
                     self.rightward[j].append(*piece)
             time = until
 
-    def _connect(self, j: int, start: float, until: float) -> tuple[list[tuple[float, float, float]], ...]:
+    def _connect(self, j: int, start: float, until: float) -> tuple[Pieces, Pieces]:
         """March connection j over [start, until]; returns what it emits to bar j-1 and to bar j."""
-        law = self.connections[j]
+        law, last = self.connections[j], j == len(self.bars)
         first = self._arrival(self.bars[j - 1], self.rightward[j - 1], start, until, -1.0) if j else None
-        last = j == len(self.bars)
         second = None if last else self._arrival(self.bars[j], self.leftward[j], start, until, 1.0)
         y1 = 1.0 / self.bars[j - 1].impedance if j else 0.0
         y2 = 0.0 if last else 1.0 / self.bars[j].impedance
@@ -98,9 +98,8 @@ class Waves:
         v2 = second.scaled(y2) if second else self._walls[1]
         shortest = 1e-12 * min(b.transit for b in self.bars)
         cuts = merged_breaks([v1, v2, *law.knots()], start, until, shortest)
-        to_left: list[tuple[float, float, float]] = []
-        to_right: list[tuple[float, float, float]] = []
-        for a, b in itertools.pairwise(cuts):
+        to_left, to_right = Pieces(), Pieces()
+        for a, b in pairwise(cuts):
             (a1, b1), (a2, b2) = v1.on(a, b), v2.on(a, b)
             part = Interval(a, b, a2 - a1, b2 - b1, y1 + y2, self._quiet(), shortest)
             begin = a
@@ -112,12 +111,12 @@ class Waves:
                 if y1:
                     to_left.append((stop, 2.0 * s0 + p0 / y1, 2.0 * s1 + p1 / y1))
                 if y2:
-                    to_right.append((stop, 2.0 * s0 + q0 / y2, 2.0 * s1 - q1 / y2))
+                    to_right.append((stop, 2.0 * s0 - q0 / y2, 2.0 * s1 - q1 / y2))
                 begin = stop
         return to_left, to_right
 
     def _quiet(self) -> float:
-        """The velocity that is round-off: 1e-12 of the largest emitted so far."""
+        """The velocity that is round-off: 1e-12 of the largest emitted lately."""
         sizes = [
             max(map(abs, [*w.left[-64:], *w.right[-64:]])) / b.impedance
             for waves in (self.rightward, self.leftward)
@@ -135,8 +134,6 @@ class Waves:
         if until > out.end:  # round-off of the two shifts
             out.append(until, out.right[-1], out.right[-1])
         return out
-
-    # ---- fields -------------------------------------------------------------------------------------
 
     def field(
         self, bar: int, x: Sequence[float] | Array, time: float, after: bool = False

@@ -132,7 +132,7 @@ class Contact:
                 time = self._fly(part, time)
                 pieces.append((time, 0.0, 0.0))
             else:
-                start, time = time, self._press(part, time)
+                start, time = time, self._press(part)
                 pieces.append((time, min(part.at(start), 0.0) / part.y, min(part.at(time), 0.0) / part.y))
         if not pieces:
             return [(part.b, 0.0, 0.0)]
@@ -157,7 +157,7 @@ class Contact:
         return time + flight
 
     @staticmethod
-    def _press(part: Interval, time: float) -> float:
+    def _press(part: Interval) -> float:
         """Closed (or touching without pressure) until the free opening velocity changes sign."""
         if part.at(part.b) <= 0.0:
             return part.b

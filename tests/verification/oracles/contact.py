@@ -51,7 +51,8 @@ class ContactProblem:
         size = np.linalg.norm(trial[:, 1:], axis=1)
         bound = self.friction * normal
         factor = np.where(size > bound, bound / np.where(size > 0.0, size, 1.0), 1.0)
-        return force - np.column_stack([normal, factor[:, None] * trial[:, 1:]])
+        projected: Array = np.column_stack([normal, factor[:, None] * trial[:, 1:]])
+        return np.asarray(force - projected, float)
 
 
 def solve(problem: ContactProblem, guess: Array | None = None, tolerance: float = 1e-12) -> Array:
@@ -96,15 +97,15 @@ def newton(problem: ContactProblem, force: Array, aim: float, iterations: int = 
 
 
 def _newton_step(problem: ContactProblem, force: Array) -> Array:
-    jacobian, residual = _jacobian(problem, force), problem.residual(force).ravel()
+    matrix, residual = jacobian(problem, force), problem.residual(force).ravel()
     try:
-        step = np.linalg.solve(jacobian, -residual)
+        step = np.linalg.solve(matrix, -residual)
     except np.linalg.LinAlgError:
-        step = np.linalg.lstsq(jacobian, -residual, rcond=1e-14)[0]
+        step = np.linalg.lstsq(matrix, -residual, rcond=1e-14)[0]
     return step.reshape(-1, 3).astype(float)
 
 
-def _jacobian(problem: ContactProblem, force: Array) -> Array:
+def jacobian(problem: ContactProblem, force: Array) -> Array:
     """Generalised derivative of ``residual``."""
     m, rho = len(force), problem.scaling()
     scale = np.repeat(rho, 3)[:, None]

@@ -81,7 +81,7 @@ def march_contact(
     gap_law: GapLaw = "displacement",
     tolerance: float = 1e-12,
 ) -> ContactMarch:
-    """March all bodies. ``ContactFace.gap`` is the gap at the first instant; contact forces are zero there."""
+    """March all bodies. ``ContactFace.gap`` is the gap at t0; contact forces are zero there."""
     rows = [
         np.concatenate([_opening_rows(f, b, s.system.n_dof) for f in faces]) for b, s in enumerate(bodies)
     ]

@@ -1,0 +1,57 @@
+"""What the examples share: command line, style of the figures, table of the numbers."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+MODELS = Path(__file__).resolve().parents[1] / "models"
+# Okabe and Ito: told apart by colour-blind readers and in grey print.
+BLUE, VERMILION, GREEN, PURPLE, ORANGE = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00"
+COLOURS = (BLUE, GREEN, ORANGE, VERMILION, PURPLE)
+EXACT = {"color": "black", "linewidth": 0.9, "linestyle": (0, (5, 2)), "label": "exact"}
+
+
+@dataclass(frozen=True)
+class Options:
+    """What the command line of an example says."""
+
+    quick: bool
+    folder: Path
+
+
+def options(argv: Sequence[str] | None, description: str | None) -> Options:
+    """Read ``[--quick] [-o FOLDER]``; the folder is made when missing."""
+    parser = ArgumentParser(description=description, formatter_class=RawDescriptionHelpFormatter)
+    parser.add_argument("--quick", action="store_true", help="coarser and shorter, for a first look")
+    parser.add_argument("-o", "--output", type=Path, default=Path("figures"), help="folder of the figures")
+    read = parser.parse_args(argv)
+    read.output.mkdir(parents=True, exist_ok=True)
+    return Options(read.quick, read.output)
+
+
+def save(figure: Figure, folder: Path, name: str) -> Path:
+    """Write a figure as PNG."""
+    path = folder / f"{name}.png"
+    figure.savefig(path, dpi=150)
+    return path
+
+
+def tidy(axis: Axes) -> None:
+    """No frame on top and at the right."""
+    axis.spines[["top", "right"]].set_visible(False)
+
+
+def table(numbers: Mapping[str, float]) -> str:
+    """The checked numbers, one a line."""
+    width = max(len(name) for name in numbers)
+    return "\n".join(f"{name:{width}}  {value:.6g}" for name, value in numbers.items())

@@ -1,0 +1,63 @@
+"""Every group against a CF checker, where one is installed.
+
+Checkers look at the root of a file only, so each group is written as a file of its own.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+import xarray as xr
+
+from latin_fmu.results.netcdf import write_netcdf
+from latin_fmu.results.solution import Solution
+
+CHECKER = os.environ.get("COMPLIANCE_CHECKER") or shutil.which("compliance-checker")
+VERSION = "cf:1.11"
+
+ACCEPTED = (
+    # The checker takes every dimension called time for a date. CF asks for a reference date of dates only
+    # (section 4.4); ours is the time since the start of the run, and standard_name is optional (3.3).
+    "Coordinate variable 'time' should have standard_name='time'",
+    # CF 1.11 has cf_role of UGRID meshes (section 5.9, appendix K), the checker only knows those of section 9.5.
+    "There may only be one variable containing the cf_role attribute",
+    "mesh_topology is not a valid cf_role value",
+    "volume_node_connectivity is not a valid cf_role value",
+)
+
+
+def findings(file: Path) -> list[str]:
+    """What the checker has against a file, warnings included."""
+    report = file.with_suffix(".json")
+    command = [str(CHECKER), f"--test={VERSION}", "--criteria=strict", "--format=json", "-o", str(report), str(file)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert report.exists(), done.stderr
+    checks = json.loads(report.read_text())[VERSION]
+    failed = done.stderr.split("WARNING: The following exceptions occurred")[1:]
+    return [text for level in ("high", "medium", "low") for check in checks[f"{level}_priorities"]
+            for text in check["msgs"]] + failed
+
+
+@pytest.mark.skipif(CHECKER is None, reason="compliance-checker is not installed (or set COMPLIANCE_CHECKER)")
+@pytest.mark.parametrize("kind", ["crushing", "stalled"])
+def test_every_group_follows_cf(kind: str, tmp_path: Path, request: pytest.FixtureRequest) -> None:
+    tree = request.getfixturevalue(kind).to_datatree()
+    found = {}
+    for node in tree.subtree:
+        dataset = node.to_dataset()
+        dataset.attrs = {**tree.attrs, **dataset.attrs}
+        file = tmp_path / f"{node.path.strip('/').replace('/', '_') or 'root'}.nc"
+        write_netcdf(xr.DataTree(dataset), file)
+        found[node.path] = [text for text in findings(file) if not text.startswith(ACCEPTED)]
+    assert found == {path: [] for path in found}
+
+
+@pytest.mark.skipif(CHECKER is None, reason="compliance-checker is not installed (or set COMPLIANCE_CHECKER)")
+def test_the_file_itself_follows_cf(crushing: Solution, tmp_path: Path) -> None:
+    crushing.save(tmp_path / "out.nc")
+    assert findings(tmp_path / "out.nc") == []

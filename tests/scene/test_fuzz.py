@@ -1,0 +1,181 @@
+"""Whatever is written into a scene, the answer is a scene or a SceneError."""
+
+from __future__ import annotations
+
+import copy
+import datetime
+import math
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from latin_fmu.errors import SceneError
+from latin_fmu.scene.reader import load_scene, scene_from_dict
+from latin_fmu.scene.schema import Scene
+
+MODELS = Path(__file__).parents[2] / "models"
+PATHS = [path for path in sorted(MODELS.glob("*/*.toml")) if path.stem not in ("n08", "n16")]
+SOURCES = [(path.parent, tomllib.loads(path.read_text(encoding="utf-8"))) for path in PATHS]
+WORDS = [
+    "steel",
+    "ground",
+    "bar.zmin",
+    "a.b.c",
+    "whole",
+    "perfect",
+    "contact",
+    "table",
+    "type",
+    "csv",
+    "half_sine",
+    "periodic",
+    "velocity",
+    "",
+    "x",
+    "nan",
+    "1e3",
+    ".",
+    "..",
+    "/",
+    "a\0b",
+    "\ud800",
+    "\U0001f600",
+    "[key]",
+]
+KEYS = [
+    "type",
+    "law",
+    "box",
+    "mesh",
+    "sides",
+    "faces",
+    "face",
+    "times",
+    "values",
+    "file",
+    "gap",
+    "preload",
+    "behaviour",
+    "value",
+    "components",
+    "step",
+    "instants",
+    "scheme",
+    "window",
+    "start",
+    "ground_velocity",
+    "direction",
+    "factor",
+]
+
+scalars = st.one_of(
+    st.none(),
+    st.booleans(),
+    st.integers(),
+    st.just(5000).map(lambda digits: 10**digits),
+    st.sampled_from([10**30, 10**400, -(10**400)]),
+    st.floats(),
+    st.sampled_from([0, 1, -1, 1e308, 5e-324, math.nan, math.inf]),
+    st.sampled_from(WORDS),
+    st.text(max_size=8),
+    st.binary(max_size=3),
+    st.just(datetime.date(2000, 1, 1)),
+)
+values = st.recursive(
+    scalars,
+    lambda inner: st.one_of(
+        st.lists(inner, max_size=4),
+        st.dictionaries(st.one_of(st.sampled_from(KEYS), st.text(max_size=5)), inner, max_size=4),
+    ),
+    max_leaves=6,
+)
+SMALL_TIME = settings(
+    max_examples=250, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck)
+)
+
+
+def places(data: Any) -> Iterator[tuple[Any, Any]]:
+    """Every (container, key) of a nested scene."""
+    items = data.items() if isinstance(data, dict) else enumerate(data)
+    for key, item in list(items):
+        yield data, key
+        if isinstance(item, (dict, list)):
+            yield from places(item)
+
+
+def check_message(error: SceneError) -> None:
+    assert error.problems
+    assert len(str(error)) < 400 * len(error.problems) + 100
+
+
+def check(data: Any, base_dir: Path) -> None:
+    try:
+        scene = scene_from_dict(data, base_dir)
+    except SceneError as error:
+        check_message(error)
+        return
+    assert scene_from_dict(tomllib.loads(scene.text()), base_dir) == scene
+
+
+@SMALL_TIME
+@given(st.data())
+def test_changed_models(data: st.DataObject) -> None:
+    """Replace, remove, rename, double a few items anywhere."""
+    base_dir, source = data.draw(st.sampled_from(SOURCES))
+    scene = copy.deepcopy(source)
+    for _ in range(data.draw(st.integers(1, 3))):
+        spots = list(places(scene))
+        container, key = spots[data.draw(st.integers(0, len(spots) - 1))]
+        change = data.draw(st.sampled_from(["replace", "replace", "swap", "remove", "rename"]))
+        if change == "replace":
+            container[key] = data.draw(values)
+        elif change == "swap":
+            other, other_key = spots[data.draw(st.integers(0, len(spots) - 1))]
+            container[key] = copy.deepcopy(other[other_key])
+        elif change == "remove":
+            del container[key]
+        elif isinstance(container, dict):
+            container[data.draw(st.one_of(st.sampled_from(KEYS), st.text(max_size=6)))] = container.pop(key)
+    check(scene, base_dir)
+
+
+@SMALL_TIME
+@given(
+    st.dictionaries(
+        st.one_of(st.sampled_from(list(Scene.model_fields)), st.text(max_size=5)), values, max_size=6
+    )
+)
+def test_any_dictionary(data: dict[str, Any]) -> None:
+    check(data, MODELS)
+
+
+@SMALL_TIME
+@given(st.data())
+def test_damaged_files(tmp_path_factory: Any, data: st.DataObject) -> None:
+    """Cut out, repeat or overwrite pieces of the text of a model."""
+    path = data.draw(st.sampled_from(PATHS))
+    content = path.read_bytes()
+    start = data.draw(st.integers(0, len(content)))
+    stop = min(len(content), start + data.draw(st.integers(0, 40)))
+    piece = data.draw(
+        st.one_of(st.binary(max_size=6), st.sampled_from([b"[", b"=", b'"', b"\n", b"-", b"nan", b"#", b"."]))
+    )
+    file = tmp_path_factory.getbasetemp() / "damaged.toml"
+    file.write_bytes(content[:start] + piece * data.draw(st.integers(0, 3)) + content[stop:])
+    try:
+        load_scene(file)
+    except SceneError as error:
+        check_message(error)
+
+
+@SMALL_TIME
+@given(st.text(max_size=40), st.sampled_from(PATHS))
+def test_any_setting(setting: str, path: Path) -> None:
+    try:
+        load_scene(path, [setting, f"time.{setting}", f"interface.{setting}=1"])
+    except SceneError as error:
+        check_message(error)

@@ -1,0 +1,100 @@
+"""Settings on top of a scene."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from latin_fmu.errors import SceneError
+from latin_fmu.scene.overrides import apply_overrides, parse_value
+from latin_fmu.scene.reader import scene_from_dict
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("1", 1),
+        ("1e-3", 1e-3),
+        ("true", True),
+        ("whole", "whole"),
+        ('"1"', "1"),
+        ("[1, 2]", [1, 2]),
+        ("{type = 'step'}", {"type": "step"}),
+        ("right.zmax", "right.zmax"),
+        ("10e", "10e"),
+        ("a#b", "a#b"),
+    ],
+)
+def test_values(text: str, value: object) -> None:
+    assert parse_value(text) == value
+    assert type(parse_value(text)) is type(value)
+
+
+@pytest.mark.parametrize("text", ["", "[1", "{a", "'a", "1\nb = 2", "9" * 5000, "[" * 100_000])
+def test_values_that_are_none(text: str) -> None:
+    with pytest.raises(ValueError, match=r"not a value|more than one|too many digits|too deeply"):
+        parse_value(text)
+
+
+def test_settings_reach_every_place(small: dict[str, Any]) -> None:
+    settings = [
+        "name=other",
+        "interface.meet.friction_coefficient=0.1",
+        "substructure.left.box.elements.2=20",
+        "substructure.right.box.size=[0.1, 0.1, 2]",
+        "solver.window=10",
+        "solver.search_direction.factor=0.1",
+        "solver.acceleration=none",
+        "time.scheme.alpha=-0.2",
+        "load.push.law.duration=2e-4",
+        "output.energy=true",
+        "solver.window = 20",
+    ]
+    scene = scene_from_dict(apply_overrides(small, settings))
+    assert scene.name == "other"
+    assert scene.interface["meet"].friction_coefficient == 0.1
+    assert scene.substructure["left"].box is not None
+    assert scene.substructure["left"].box.elements == (1, 1, 20)
+    assert scene.solver.window == 20
+    assert scene.solver.search_direction.factor == 0.1
+    assert scene.solver.acceleration.type == "none"
+    assert scene.time.scheme.model_dump() == {"type": "hht", "alpha": -0.2}
+    assert scene.load["push"].law.impulse(0.0, 1.0) == pytest.approx(2e-4 * 0.6366197723675814)
+    assert scene.output.energy
+
+
+def test_the_scene_itself_stays(small: dict[str, Any]) -> None:
+    apply_overrides(small, ["interface.meet.friction_coefficient=0.9"])
+    assert small["interface"]["meet"]["friction_coefficient"] == 0.2
+
+
+@pytest.mark.parametrize(
+    ("setting", "parts"),
+    [
+        ("nothing", ["not a setting", "name.key=value"]),
+        ("a..b=1", ["not a setting"]),
+        ("=1", ["not a setting"]),
+        ("interface.met.gap=1", ["interface.met", "no table of this name", "did you mean 'meet'"]),
+        ("bondary.x.y=1", ["bondary", "unknown key", "did you mean 'boundary'"]),
+        ("interface.meet.friction=1", ["interface.meet.friction", "unknown key", "friction_coefficient"]),
+        ("substructure.left.box.elements.3=1", ["no such item", "0 to 2"]),
+        ("substructure.left.box.elements.x=1", ["no such item"]),
+        ("time.end.x=1", ["time.end", "no table to enter"]),
+        ("time.end.x.y=1", ["no table to enter"]),
+        ("time.end=[", ["time.end", "not a value"]),
+        ("time.end=soon", ["time.end", "must be a number", "'soon'"]),
+        ("time.end=nan", ["time.end", "finite"]),
+        ("interface.meet=3", ["interface.meet", "must be a table"]),
+    ],
+)
+def test_settings_that_cannot_be(small: dict[str, Any], setting: str, parts: list[str]) -> None:
+    with pytest.raises(SceneError) as caught:
+        scene_from_dict(apply_overrides(small, [setting]))
+    assert all(part in str(caught.value) for part in parts), str(caught.value)
+
+
+def test_all_bad_settings_at_once(small: dict[str, Any]) -> None:
+    with pytest.raises(SceneError) as caught:
+        apply_overrides(small, ["a", "interface.met.gap=1", "name=ok", "b="])
+    assert len(caught.value.problems) == 3

@@ -1,0 +1,83 @@
+"""The reference says everything about every key, and its example works."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from typing import get_args
+
+import pytest
+from pydantic import BaseModel
+
+from latin_fmu.interface.registry import BEHAVIOURS
+from latin_fmu.scene.behaviours import BEHAVIOUR_NAMES
+from latin_fmu.scene.describe import kind_of, tables_in, tags_of, unit_of
+from latin_fmu.scene.reader import scene_from_dict
+from latin_fmu.scene.reference import reference_schema, reference_text
+from latin_fmu.scene.reference_text import EXAMPLE
+from latin_fmu.scene.schema import Scene
+from latin_fmu.scene.time_settings import Time
+from latin_fmu.time_scheme.registry import SCHEMES
+
+
+def all_tables() -> list[type[BaseModel]]:
+    found: list[type[BaseModel]] = [Scene]
+    for table in found:
+        for field in table.model_fields.values():
+            found += [inner for inner in tables_in(field.annotation) if inner not in found]
+    return found
+
+
+@pytest.mark.parametrize("table", all_tables(), ids=lambda table: table.__name__)
+def test_every_key_is_described(table: type[BaseModel]) -> None:
+    text = " ".join(reference_text().split())
+    assert table.__doc__
+    for name, field in table.model_fields.items():
+        if name == "type":
+            assert get_args(field.annotation)[0] in text
+            continue
+        assert field.description, name
+        assert f" {name}: {kind_of(field)}" in text or f"[{name}" in text
+        assert (unit_of(field) is not None) == ("number" in kind_of(field)), f"{name} has no unit"
+
+
+def test_reference_is_readable() -> None:
+    text = reference_text()
+    for part in (
+        "[interface.NAME] (optional)",
+        "law = {...}",
+        "Jumps",
+        "xmin xmax ymin ymax zmin zmax",
+        "[Pa s m-1]",
+        "required",
+    ):
+        assert part in text
+    assert "  law: table, type = constant | step" in text
+    assert "PydanticUndefined" not in text
+    assert "annotation" not in text
+    assert max(map(len, text.splitlines())) <= 120
+
+
+def test_the_example_is_valid() -> None:
+    scene = scene_from_dict(tomllib.loads(EXAMPLE))
+    assert scene.time.n_step == 200
+    assert EXAMPLE in reference_text()
+
+
+def test_names_are_those_of_the_registries() -> None:
+    assert set(BEHAVIOUR_NAMES) == set(BEHAVIOURS)
+    assert set(tags_of(tables_in(Time.model_fields["scheme"].annotation))) == set(SCHEMES)
+
+
+def test_schema_is_plain_data_with_units() -> None:
+    schema = reference_schema()
+    assert json.loads(json.dumps(schema)) == schema
+    assert schema["$defs"]["Material"]["properties"]["young_modulus"]["unit"] == "Pa"
+    assert schema["$defs"]["Material"]["additionalProperties"] is False
+    assert set(schema["required"]) == {"name", "material", "substructure", "time"}
+
+
+def test_schema_accepts_the_example() -> None:
+    jsonschema = pytest.importorskip("jsonschema")
+    jsonschema.Draft202012Validator.check_schema(reference_schema())
+    jsonschema.validate(tomllib.loads(EXAMPLE), reference_schema())
