@@ -15,9 +15,11 @@ _HEX_TO_SKFEM = [0, 4, 3, 1, 7, 5, 2, 6]
 def element_basis(mesh: Mesh, order: int = 3) -> skfem.Basis:
     """Scalar linear basis of the mesh; ``order`` 3 is 2 x 2 x 2 Gauss points on hexahedra."""
     if mesh.cell_type == "hexahedron":
-        shape = skfem.MeshHex(mesh.nodes.T, np.ascontiguousarray(mesh.cells[:, _HEX_TO_SKFEM].T))
+        shape = skfem.MeshHex(
+            np.ascontiguousarray(mesh.nodes.T), np.ascontiguousarray(mesh.cells[:, _HEX_TO_SKFEM].T)
+        )
         return skfem.Basis(shape, skfem.ElementHex1(), intorder=order)
-    tets = skfem.MeshTet(mesh.nodes.T, np.ascontiguousarray(mesh.cells.T))
+    tets = skfem.MeshTet(np.ascontiguousarray(mesh.nodes.T), np.ascontiguousarray(mesh.cells.T))
     return skfem.Basis(tets, skfem.ElementTetP1(), intorder=2)
 
 
@@ -48,7 +50,7 @@ def stiffness(basis: skfem.Basis, young_modulus: float, poisson_ratio: float) ->
 
 def mass(basis: skfem.Basis, density: float) -> sp.csr_array:
     """Consistent mass M (3 n_node, 3 n_node), kg."""
-    value = np.stack([phi[0].value for phi in basis.basis])
+    value = np.stack([np.asarray(phi[0]) for phi in basis.basis])
     pair = density * np.einsum("aeq,beq,eq->eab", *(np.broadcast_to(value, (len(value), *basis.dx.shape)),) * 2,
                                basis.dx, optimize=True)  # fmt: skip
     return _assemble(np.einsum("eab,ij->eabij", pair, np.eye(3)), basis)
@@ -56,7 +58,7 @@ def mass(basis: skfem.Basis, density: float) -> sp.csr_array:
 
 def body_load(basis: skfem.Basis, force: Array) -> Array:
     """Nodal forces (3 n_node,) of a uniform body force (3,) in N m-3."""
-    value = np.stack([phi[0].value for phi in basis.basis])
+    value = np.stack([np.asarray(phi[0]) for phi in basis.basis])
     share = np.einsum("aeq,eq->ea", np.broadcast_to(value, (len(value), *basis.dx.shape)), basis.dx)
     nodes = basis.element_dofs.T
     load = np.zeros((basis.N, 3))

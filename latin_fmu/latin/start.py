@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.linalg as la
+import scipy.sparse.linalg as spla
 
 from .assembly import Assembly
 from .layout import Array
@@ -27,18 +28,18 @@ def start(assembly: Assembly) -> tuple[Array, Array]:
     ]
     # a preload and its balance cancel to round-off: no reason to factorise the mass
     level = _ROUND_OFF * assembly.characteristic_traction * float(assembly.layout.area.sum())
-    if any(np.abs(u).max(initial=0.0) > level for u in unbalance):
-        traction += _bonded_tractions(assembly, unbalance)
-    for propagator, channels in zip(propagators, assembly.channels, strict=True):
-        balanced = np.abs(propagator.initial_unbalance(traction[channels])).max(initial=0.0) <= level
-        factor = None if balanced else propagator.mass_inverse_at_channels()[1]
+    moving = any(np.abs(u).max(initial=0.0) > level for u in unbalance)
+    factors = [p.mass_factor() if moving else None for p in propagators]
+    if moving:
+        traction += _bonded_tractions(assembly, unbalance, [f for f in factors if f is not None])
+    for propagator, channels, factor in zip(propagators, assembly.channels, factors, strict=True):
         propagator.start(traction[channels], factor)
     velocity = assembly.gather([p.channel_velocity() for p in propagators])
     assembly.ground_velocity(velocity, 0)
     return traction, velocity
 
 
-def _bonded_tractions(assembly: Assembly, unbalance: list[Array]) -> Array:
+def _bonded_tractions(assembly: Assembly, unbalance: list[Array], factors: list[spla.SuperLU]) -> Array:
     """Tractions on perfect interfaces that make accelerations continuous, 0 elsewhere; flat."""
     bonded = [i for i, unit in enumerate(assembly.interfaces) if not unit.behaviour.opens]
     flat = np.zeros(assembly.layout.n_flat)
@@ -54,11 +55,10 @@ def _bonded_tractions(assembly: Assembly, unbalance: list[Array]) -> Array:
     system, right = np.zeros((n, n)), np.zeros(n)
     ground = np.zeros(assembly.layout.n_flat)
     assembly.ground_acceleration(ground, 0)
-    for propagator, all_channels, force in zip(
-        assembly.propagators, assembly.channels, unbalance, strict=True
+    for propagator, all_channels, force, factor in zip(
+        assembly.propagators, assembly.channels, unbalance, factors, strict=True
     ):
-        compliance, factor = propagator.mass_inverse_at_channels()
-        free = propagator._trace @ factor.solve(force)[propagator.operators.dofs]
+        free, compliance = propagator.initial_channels(factor, force)
         for member in range(all_channels.shape[1]):
             channels = all_channels[:, member]
             rows = np.flatnonzero(unknown[channels] >= 0)

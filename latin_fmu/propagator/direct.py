@@ -66,6 +66,8 @@ class DirectPropagator:
         self._trace = self.operators.trace
         self._trace_t = sp.csr_array(self._trace.T)
         self._free: tuple[Array, Array, Array, Array] | None = None
+        self.k: Array = np.zeros((self.n_channel, 1))
+        self.response: Array = self.operators.admittance  # Y for k = 0, until ``bind``
         self.state = self._initial_state()
 
     @property
@@ -89,27 +91,37 @@ class DirectPropagator:
 
     # -- start -----------------------------------------------------------------------------------------------
     def initial_unbalance(self, traction: Array) -> Array:
-        """f(0) - C v - K u with tractions (n_channel, n_member) in f; (n_dof, n_member), N."""
+        """M a of the free dofs at t = 0 under tractions (n_channel, n_member); (n_dof, n_member), N."""
         ops, state = self.operators, self.state
         unbalance: Array = self.forcing.at(0) - ops.stiffness @ state.u + self._nodal(traction)
         if ops.damping is not None:
             unbalance -= ops.damping @ state.v
-        return unbalance
+        inertia = self.forcing.inertia(0)
+        return unbalance if inertia is None else unbalance - inertia
 
-    def mass_inverse_at_channels(self) -> tuple[Array, spla.SuperLU]:
-        """T M^-1 T^T (n_channel, n_channel) and the factor of M: needed once, where the start is not balanced."""
+    def mass_factor(self) -> spla.SuperLU:
+        """Factor of M: needed once, where the start is not balanced."""
+        return spla.splu(
+            sp.csc_matrix(self.operators.mass), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}
+        )
+
+    def initial_channels(self, factor: spla.SuperLU, unbalance: Array) -> tuple[Array, Array]:
+        """Channel accelerations (n_channel, n_member) at t = 0, and T M^-1 T^T (n_channel, n_channel)."""
         ops = self.operators
-        lu = spla.splu(sp.csc_matrix(ops.mass), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
         spread = np.zeros((self.n_dof, self.n_channel))
         spread[ops.dofs] = self._trace.T.toarray()
-        compliance: Array = self._trace @ lu.solve(spread)[ops.dofs]
-        return compliance, lu
+        compliance: Array = self._trace @ factor.solve(spread)[ops.dofs]
+        free: Array = self._trace @ factor.solve(unbalance)[ops.dofs]
+        imposed = self.forcing.channel_acceleration(0)
+        return free if imposed is None else free + imposed, compliance
 
-    def start(self, traction: Array, mass_factor: spla.SuperLU | None) -> None:
-        """Consistent accelerations at t = 0 with tractions (n_channel, n_member), Pa."""
-        residual = self.initial_unbalance(traction)
-        self.state.residual = residual
-        self.state.a = np.zeros_like(residual) if mass_factor is None else mass_factor.solve(residual)
+    def start(self, traction: Array, factor: spla.SuperLU | None) -> None:
+        """Consistent accelerations at t = 0 with tractions (n_channel, n_member), Pa; ``factor`` of M, None for
+        a start at rest in equilibrium."""
+        unbalance = self.initial_unbalance(traction)
+        inertia = self.forcing.inertia(0)
+        self.state.residual = unbalance if inertia is None else unbalance + inertia
+        self.state.a = np.zeros_like(unbalance) if factor is None else factor.solve(unbalance)
         if self.meter is not None:
             self.meter.start(self.state, self._nodal(traction))
 
@@ -137,6 +149,9 @@ class DirectPropagator:
         force *= scheme.force_weight
         if scheme.memory_weight:
             force -= scheme.memory_weight * state.residual
+        inertia = self.forcing.inertia(state.instant + 1)
+        if inertia is not None:
+            force -= inertia
         y, c = ops.factor.forward(force)
         free_a = ops.factor.schur_inverse @ c
         self._free = (u, v, y, free_a)
@@ -162,9 +177,12 @@ class DirectPropagator:
         v = v + scheme.velocity_gain(dt) * a
         u = u + scheme.displacement_gain(dt) * a
         residual = ops.mass @ a
+        inertia = self.forcing.inertia(state.instant + 1)
+        if inertia is not None:
+            residual += inertia
         if scheme.memory_weight:
             residual += scheme.memory_weight * state.residual
-            residual /= scheme.force_weight
+        residual /= scheme.force_weight
         self.state = State(state.instant + 1, u, v, a, residual)
         self._free = None
         if self.meter is not None and account:

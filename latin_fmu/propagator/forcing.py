@@ -37,7 +37,10 @@ class Forcing:
         self._zero = np.zeros((self.n_full, len(members)))
 
     def at(self, instant: int) -> Array:
-        """Reduced external forces (n, n_member) at an instant, N (a fresh array)."""
+        """Reduced external forces (n, n_member) at an instant, N (a fresh array).
+
+        Prescribed motions act through C and K here; their inertia (``inertia``) is not a force of the scheme.
+        """
         force = self._constant.copy()
         for column, nodes, values, history in self._terms:
             force[nodes, column] += history[instant] * values
@@ -45,6 +48,13 @@ class Forcing:
             if motion is not None:
                 force[:, column] -= motion.reduced_force(instant)
         return force
+
+    def inertia(self, instant: int) -> Array | None:
+        """M a of the prescribed motions on the free dofs (n, n_member), N; None when there are none."""
+        if not self.moves:
+            return None
+        zero = np.zeros(self._constant.shape[0])
+        return np.stack([zero if m is None else m.reduced_inertia(instant) for m in self._motion], axis=1)
 
     def full_external(self, instant: int) -> Array:
         """External forces on the full dofs (n_full, n_member), prescribed motions not included, N."""
@@ -104,9 +114,13 @@ class _Motion:
         self._stiffness = reduce @ (member.stiffness @ self.pattern)
         self._damping = None if member.damping is None else reduce @ (member.damping @ self.pattern)
 
+    def reduced_inertia(self, instant: int) -> Array:
+        force: Array = self._mass @ self.histories[2][instant]
+        return force
+
     def reduced_force(self, instant: int) -> Array:
-        u, v, a = (h[instant] for h in self.histories)
-        force: Array = self._mass @ a + self._stiffness @ u
+        u, v = self.histories[0][instant], self.histories[1][instant]
+        force: Array = self._stiffness @ u
         if self._damping is not None:
             force += self._damping @ v
         return force

@@ -20,6 +20,7 @@ has. What a run does not have (the gap of a perfect connection, fields nobody as
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 
 import numpy as np
@@ -53,7 +54,9 @@ def datatree(
         if substructure.energy is not None:
             groups[f"/substructures/{name}/energy"] = _stored_energy(substructure, outcome.time)
     groups["/convergence"] = convergence_dataset(outcome.windows, outcome.time, outcome.passes)
-    groups["/convergence"].attrs.update({f"setting_{key}": value for key, value in outcome.settings.items()})
+    groups["/convergence"].attrs.update(
+        {f"setting_{re.sub('[^A-Za-z0-9]+', '_', key)}": value for key, value in outcome.settings.items()}
+    )
     if outcome.energy is not None:
         groups["/energy"] = energy_dataset(outcome.energy, outcome.time)
     return xr.DataTree.from_dict(groups, name=scene_name)

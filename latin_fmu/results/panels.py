@@ -90,7 +90,7 @@ def status_panel(
         axis.set_xlabel(f"time ({unit})")
 
 
-def curve_panel(axis: Axes, convergence: xr.Dataset) -> None:
+def curve_panel(axis: Axes, convergence: xr.Dataset, tolerance: float | None) -> None:
     """One window: sqrt(eta) and force mismatch over the iterations."""
     count = max(1, int(convergence["iterations"].values[0]))
     steps = convergence["iteration"].values[:count]
@@ -106,7 +106,7 @@ def curve_panel(axis: Axes, convergence: xr.Dataset) -> None:
     mismatch = convergence["force_mismatch"].values[0, :count]
     if np.isfinite(mismatch).any():
         axis.plot(steps, mismatch, "s", color=DISTINCT[1], markersize=3, label="force mismatch")
-    _tolerance_line(axis, convergence)
+    _tolerance_line(axis, tolerance)
     axis.set(title="Convergence", xlabel="iteration", yscale="log", ylabel="relative error")
     axis.locator_params(axis="x", integer=True)
     axis.legend(fontsize="small")
@@ -129,7 +129,9 @@ def count_panel(axis: Axes, convergence: xr.Dataset, scale: tuple[float, str]) -
     axis.locator_params(axis="y", integer=True)
 
 
-def final_panel(axis: Axes, convergence: xr.Dataset, scale: tuple[float, str]) -> None:
+def final_panel(
+    axis: Axes, convergence: xr.Dataset, tolerance: float | None, scale: tuple[float, str]
+) -> None:
     """Many windows: sqrt(eta) at the last iteration of each, at the time of its end."""
     divisor, unit = scale
     errors = _last_errors(convergence)
@@ -141,7 +143,7 @@ def final_panel(axis: Axes, convergence: xr.Dataset, scale: tuple[float, str]) -
         markersize=3,
         label=r"$\sqrt{\eta}$",
     )
-    _tolerance_line(axis, convergence)
+    _tolerance_line(axis, tolerance)
     axis.set(
         title=r"Final $\sqrt{\eta}$ of each window",
         xlabel=f"time ({unit})",
@@ -169,12 +171,9 @@ def _at_least_two_decades(axis: Axes) -> None:
         axis.set_ylim(middle / 12.0, middle * 12.0)
 
 
-def _tolerance_line(axis: Axes, convergence: xr.Dataset) -> None:
-    try:
-        tolerance = float(convergence.attrs["setting_tolerance"])
-    except (KeyError, ValueError):
-        return
-    axis.axhline(tolerance, color="0.3", linestyle="--", linewidth=0.9, label="tolerance")
+def _tolerance_line(axis: Axes, tolerance: float | None) -> None:
+    if tolerance is not None:
+        axis.axhline(tolerance, color="0.3", linestyle="--", linewidth=0.9, label="tolerance")
 
 
 def energy_panel(axis: Axes, energy: xr.Dataset, scale: tuple[float, str]) -> None:

@@ -5,6 +5,7 @@ Only matplotlib's object interface is used: no window system, no global state.
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -125,9 +126,17 @@ def _convergence_panels(tree: xr.DataTree, scale: tuple[float, str]) -> list[_Pa
         return []
     convergence = tree["convergence"].to_dataset()
     if convergence.sizes["window"] == 1:
-        return [_Panel(2.4, partial(curve_panel, convergence=convergence))]
-    panels = (count_panel, final_panel)
-    return [_Panel(2.2, partial(draw, convergence=convergence, scale=scale)) for draw in panels]
+        return [_Panel(2.4, partial(curve_panel, convergence=convergence, tolerance=_tolerance(tree)))]
+    final = partial(final_panel, tolerance=_tolerance(tree))
+    return [_Panel(2.2, partial(draw, convergence=convergence, scale=scale)) for draw in (count_panel, final)]
+
+
+def _tolerance(tree: xr.DataTree) -> float | None:
+    """Tolerance on sqrt(eta), from the text of the scene the results keep; None if it does not tell."""
+    try:
+        return float(tomllib.loads(tree.attrs["scene"])["solver"]["tolerance"])
+    except (KeyError, TypeError, ValueError):  # an unreadable text is a ValueError
+        return None
 
 
 def _energy_panels(tree: xr.DataTree, scale: tuple[float, str]) -> list[_Panel]:

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator
 from typing import Any
 
 from ..errors import Problem
+from .fields import NAME_PATTERN
 from .raw_scene import given, named_tables, parsed_face
 from .substructures import BOX_FACES
 from .wording import did_you_mean, shown
@@ -15,7 +16,7 @@ _MAX_LISTED = 12
 
 def unknown_name(where: str, kind: str, name: str, known: Iterable[str]) -> Problem:
     """The problem of a name that no table has."""
-    names = sorted(known)
+    names = sorted(name for name in known if NAME_PATTERN.fullmatch(name))
     listed = ", ".join(names[:_MAX_LISTED]) + (", ..." if len(names) > _MAX_LISTED else "")
     return Problem(where, f"no {kind} of this name", shown(name), listed, did_you_mean(name, names))
 

@@ -13,6 +13,7 @@ from pydantic_core import PydanticCustomError
 GROUND = "ground"
 NAME_PATTERN = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,99}")
 FACE_PATTERN = re.compile(r"[A-Za-z][A-Za-z0-9_]*\.[^\s.](?:[^.]*\S)?")
+_LONGEST_VALUE = 70
 NAME_RULE = "a letter, then letters, digits or underscores, 100 in all at most"
 FACE_RULE = 'written "substructure.face"'
 
@@ -42,13 +43,15 @@ def refusal(
     what: str, *, value: object = None, allowed: str | None = None, remedy: str | None = None
 ) -> PydanticCustomError:
     """An error to raise from a validator; it becomes one `Problem` at the place of the field."""
+    if isinstance(value, str):
+        value = value[:_LONGEST_VALUE].encode("utf-8", "backslashreplace").decode()
     context = {"what": what, "value": value, "allowed": allowed, "remedy": remedy}
     return PydanticCustomError("scene_problem", "{what}", context)
 
 
 def _check_text(text: str) -> str:
     if any(0xD800 <= ord(character) <= 0xDFFF for character in text):
-        raise refusal("not valid text", value=ascii(text[:60]), allowed="characters that UTF-8 can hold")
+        raise refusal("not valid text", value=text, allowed="characters that UTF-8 can hold")
     return text
 
 

@@ -37,7 +37,7 @@ def read_law_file(base_dir: Path, name: str) -> tuple[tuple[float, ...], tuple[f
         seen_text = True
         if row is None or not all(map(math.isfinite, row)):
             raise refusal(
-                f"line {number} of {name!r} is not two finite numbers",
+                f"line {number} is not two finite numbers",
                 value=stripped[:60],
                 allowed=_TWO_COLUMNS,
             )

@@ -14,6 +14,8 @@ from typing import Any
 
 from ..errors import Problem, SceneError
 from .describe import is_named
+from .fields import NAME_PATTERN
+from .problems import path_text
 from .schema import Scene
 from .wording import did_you_mean, shown
 
@@ -40,14 +42,16 @@ def _apply(data: dict[str, Any], setting: str) -> Problem | None:
     keys = [key.strip() for key in path.split(".")]
     if not equals or not all(keys):
         return Problem("--set", "not a setting", shown(setting), _FORM)
-    where = ".".join(keys)
+    where = path_text(keys)
     try:
         value = parse_value(text.strip())
     except ValueError as error:
         return Problem(where, str(error), shown(text), "a TOML value")
     here: Any = data
     for depth, key in enumerate(keys[:-1]):
-        step = _entered(here, key, ".".join(keys[: depth + 1]), must_exist=depth == 1 and _has_names(keys[0]))
+        step = _entered(
+            here, key, path_text(keys[: depth + 1]), must_exist=depth == 1 and _has_names(keys[0])
+        )
         if isinstance(step, Problem):
             return step
         here = step[0]
@@ -69,7 +73,11 @@ def _entered(here: Any, key: str, where: str, must_exist: bool) -> tuple[Any] | 
     if key not in here:
         if must_exist:
             return Problem(
-                where, "no table of this name", None, ", ".join(here) or "(none)", did_you_mean(key, here)
+                where,
+                "no table of this name",
+                None,
+                ", ".join(filter(NAME_PATTERN.fullmatch, here)) or "(none)",
+                did_you_mean(key, here),
             )
         here[key] = {}
     elif isinstance(here[key], str):

@@ -18,13 +18,13 @@ def crushing() -> Solution:
 @pytest.fixture
 def bars() -> Solution:
     """Joint and frictionless contact, one window, nothing asked for."""
-    return Solution(synthetic.bars(), 'name = "bars"', "bars")
+    return Solution(synthetic.bars(), 'name = "bars"\n[solver]\ntolerance = 1e-3', "bars")
 
 
 @pytest.fixture
 def stalled() -> Solution:
     """The bars, not converged."""
-    return Solution(synthetic.bars(converged=False), 'name = "bars"', "bars")
+    return Solution(synthetic.bars(converged=False), 'name = "bars"\n[solver]\ntolerance = 1e-3', "bars")
 
 
 @pytest.fixture

@@ -141,7 +141,7 @@ def crushing(n_time: int = 201, window: int = 1, friction: float = 0.1) -> Outco
         energy=energy,
         timings=Timings(0.3, 0.52, 0.11, 0.05, 0.0, 1.2, 120_000_000),
         warnings=("the pulse is sampled with an impulse 0.2 % too small",),
-        settings={"tolerance": "0.001", "scheme": "hht alpha=-0.1"},
+        settings={"search direction, one instant": "diagonal"},
     )
 
 
@@ -155,7 +155,7 @@ def stack(n_interface: int = 16, n_time: int = 201) -> Outcome:
         interfaces[name] = contact(name, time, start, start + 12e-6, 2e8 * 0.95**i, 0.2, level=SIDE * (i + 1))
     base = crushing(n_time)
     changes = {"time": time, "interfaces": interfaces, "substructures": {}, "energy": None, "warnings": ()}
-    indicator = {name: 5e-4 for name in interfaces}
+    indicator = dict.fromkeys(interfaces, 0.0005)
     return Outcome(**base.__dict__ | changes | {"interface_indicator": indicator})
 
 

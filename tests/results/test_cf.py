@@ -20,6 +20,10 @@ from latin_fmu.results.solution import Solution
 CHECKER = os.environ.get("COMPLIANCE_CHECKER") or shutil.which("compliance-checker")
 VERSION = "cf:1.11"
 
+NEEDS_CHECKER = pytest.mark.skipif(
+    CHECKER is None, reason="compliance-checker is not installed (COMPLIANCE_CHECKER may name it)"
+)
+
 ACCEPTED = (
     # The checker takes every dimension called time for a date. CF asks for a reference date of dates only
     # (section 4.4); ours is the time since the start of the run, and standard_name is optional (3.3).
@@ -28,22 +32,37 @@ ACCEPTED = (
     "There may only be one variable containing the cf_role attribute",
     "mesh_topology is not a valid cf_role value",
     "volume_node_connectivity is not a valid cf_role value",
+    # A crash of the checker: it looks for a dimension called time in every group, convergence has none.
+    f"{VERSION}.check_invalid_same_named_dimension_across_groups: 'time'",
 )
 
 
 def findings(file: Path) -> list[str]:
-    """What the checker has against a file, warnings included."""
+    """What the checker has against a file, warnings and its own crashes included, but for ``ACCEPTED``."""
     report = file.with_suffix(".json")
-    command = [str(CHECKER), f"--test={VERSION}", "--criteria=strict", "--format=json", "-o", str(report), str(file)]
+    command = [
+        str(CHECKER),
+        f"--test={VERSION}",
+        "--criteria=strict",
+        "--format=json",
+        "-o",
+        str(report),
+        str(file),
+    ]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert report.exists(), done.stderr
     checks = json.loads(report.read_text())[VERSION]
-    failed = done.stderr.split("WARNING: The following exceptions occurred")[1:]
-    return [text for level in ("high", "medium", "low") for check in checks[f"{level}_priorities"]
-            for text in check["msgs"]] + failed
+    crashes = [line for line in done.stderr.splitlines() if line.startswith(f"{VERSION}.")]
+    messages = [
+        text
+        for level in ("high", "medium", "low")
+        for check in checks[f"{level}_priorities"]
+        for text in check["msgs"]
+    ]
+    return [text for text in messages + crashes if not text.startswith(ACCEPTED)]
 
 
-@pytest.mark.skipif(CHECKER is None, reason="compliance-checker is not installed (or set COMPLIANCE_CHECKER)")
+@NEEDS_CHECKER
 @pytest.mark.parametrize("kind", ["crushing", "stalled"])
 def test_every_group_follows_cf(kind: str, tmp_path: Path, request: pytest.FixtureRequest) -> None:
     tree = request.getfixturevalue(kind).to_datatree()
@@ -53,11 +72,11 @@ def test_every_group_follows_cf(kind: str, tmp_path: Path, request: pytest.Fixtu
         dataset.attrs = {**tree.attrs, **dataset.attrs}
         file = tmp_path / f"{node.path.strip('/').replace('/', '_') or 'root'}.nc"
         write_netcdf(xr.DataTree(dataset), file)
-        found[node.path] = [text for text in findings(file) if not text.startswith(ACCEPTED)]
+        found[node.path] = findings(file)
     assert found == {path: [] for path in found}
 
 
-@pytest.mark.skipif(CHECKER is None, reason="compliance-checker is not installed (or set COMPLIANCE_CHECKER)")
+@NEEDS_CHECKER
 def test_the_file_itself_follows_cf(crushing: Solution, tmp_path: Path) -> None:
     crushing.save(tmp_path / "out.nc")
     assert findings(tmp_path / "out.nc") == []

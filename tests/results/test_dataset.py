@@ -54,7 +54,15 @@ def test_values_are_those_of_the_histories(crushing: Solution) -> None:
 
 
 def test_every_variable_says_what_it_is_and_in_which_unit(crushing: Solution) -> None:
-    without_unit = {"component", "side", "stress_component", "contact_status", "converged", "cell_nodes", "mesh"}
+    without_unit = {
+        "component",
+        "side",
+        "stress_component",
+        "contact_status",
+        "converged",
+        "cell_nodes",
+        "mesh",
+    }
     for node in crushing.to_datatree().subtree:
         for name, variable in node.to_dataset().variables.items():
             assert variable.attrs["long_name"], f"{node.path}/{name}"
@@ -93,7 +101,9 @@ def test_strided_fields_keep_their_own_time(crushing: Solution) -> None:
     tree = crushing.to_datatree()
     lower = crushing.substructures["lower"]
     np.testing.assert_array_equal(tree["substructures/lower/time"].values, lower.time)
-    np.testing.assert_array_equal(tree["substructures/lower/energy/kinetic"].values, lower.energy["kinetic"][::2])
+    np.testing.assert_array_equal(
+        tree["substructures/lower/energy/kinetic"].values, lower.energy["kinetic"][::2]
+    )
     assert tree["interfaces/crush"].sizes["time"] == crushing.time.size
 
 
@@ -108,6 +118,7 @@ def test_convergence_is_padded_with_nan(stalled: Solution) -> None:
     np.testing.assert_array_equal(group["converged"].values, [1, 0])
     assert list(group["fallbacks"].values) == ["", "relaxation; one-step windows"]
     assert float(group["passes"]) == 4.5
+    assert stalled.to_datatree()["convergence"].attrs == {"setting_search_direction_one_instant": "diagonal"}
     assert "fallbacks" in stalled.to_datatree()["convergence"]
 
 
@@ -123,5 +134,12 @@ def test_provenance_is_at_the_root(stalled: Solution) -> None:
     assert attributes["status"] == stalled.status
     assert attributes["converged"] == 0
     assert attributes["Conventions"].startswith("CF-1.11")
-    for key in ("schema_version", "history", "latin_fmu_version", "numpy_version", "scipy_version", "xarray_version"):
+    for key in (
+        "schema_version",
+        "history",
+        "latin_fmu_version",
+        "numpy_version",
+        "scipy_version",
+        "xarray_version",
+    ):
         assert attributes[key]

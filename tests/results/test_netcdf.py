@@ -78,7 +78,7 @@ def test_failure_leaves_the_old_file_and_nothing_else(
     target = tmp_path / "out.nc"
     target.write_bytes(b"old")
 
-    def full_disk(self: xr.DataTree, path: Path, **_: object) -> None:
+    def full_disk(_: xr.DataTree, path: Path, **__: object) -> None:
         Path(path).write_bytes(b"half")
         raise RuntimeError("NetCDF: HDF error")
 
@@ -92,7 +92,7 @@ def test_failure_leaves_the_old_file_and_nothing_else(
 def test_interruption_leaves_nothing(
     crushing: Solution, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def interrupted(self: xr.DataTree, path: Path, **_: object) -> None:
+    def interrupted(_: xr.DataTree, path: Path, **__: object) -> None:
         Path(path).write_bytes(b"half")
         raise KeyboardInterrupt
 

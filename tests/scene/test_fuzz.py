@@ -109,6 +109,7 @@ def places(data: Any) -> Iterator[tuple[Any, Any]]:
 
 def check_message(error: SceneError) -> None:
     assert error.problems
+    assert str(error).encode("utf-8")
     assert len(str(error)) < 400 * len(error.problems) + 100
 
 

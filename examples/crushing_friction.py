@@ -1,0 +1,202 @@
+"""Crushing of two specimens with friction: what friction does, and how the iterations find it.
+
+A steel specimen is pressed on an aluminium one by a half-sine pressure (quarter model). Writes two figures:
+  crushing_through_the_iterations.png  resultants and slip at mu = 0.1, one window from a zero start
+  crushing_friction.png                force, friction, slip and contact states for mu = 0, 0.05, 0.1 and 10
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from example_tools import COLOURS, MODELS, Array, options, save, table, tidy
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+import latin_fmu
+from latin_fmu.latin.record import InterfaceHistory
+
+SCENE = MODELS / "two_specimen_crushing" / "scene.toml"
+FRICTION = (0.0, 0.05, 0.1, 10.0)
+STATES = (("stick", "#4D4D4D"), ("slip", "#F6D55C"), ("separation", "#F7F7F7"))
+NEGLIGIBLE = 1e-3  # of the largest pressure: below it a point counts as open (numerical waves ahead of the front)
+COARSER = ("substructure.lower.box.elements=[3, 3, 3]", "substructure.upper.box.elements=[3, 3, 3]")
+# One window over the whole interval from zero fields and without acceleration: the published iteration.
+PAPER = (
+    "solver.window='whole'", "solver.start='zero'", "solver.acceleration='none'", "solver.max_iterations=60",
+    "solver.tolerance=2e-3", "solver.force_tolerance=1.0",
+)  # fmt: skip
+SHOWN = (1, 2, 4, 6, 8, 30)  # iterations
+
+
+@dataclass(frozen=True)
+class Crush:
+    """Histories of the contact between the specimens (quarter model).
+
+    ``normal`` compression > 0 and ``friction`` along x on the lower specimen, N; ``slip`` distance slipped while
+    pressed, mean over the face, m; ``states`` (n_time, 3) share of the face that sticks, slips, is open.
+    """
+
+    time: Array
+    normal: Array
+    friction: Array
+    slip: Array
+    states: Array
+
+    @property
+    def separation(self) -> float:
+        """Last instant at which the normal force exceeds 1 % of its peak, s."""
+        return float(self.time[np.flatnonzero(self.normal > 0.01 * self.normal.max())[-1]])
+
+
+def crush(time: Array, history: InterfaceHistory) -> Crush:
+    """Resultants, slip and states from the local-stage fields; a window without its start gets it as zero."""
+    force, status, share = history.force(), history.contact_status, history.areas / history.areas.sum()
+    if status is None:
+        raise ValueError("not a contact")
+    sliding = (history.velocity[:, 1] - history.velocity[:, 0])[:, :, :2]  # N is z
+    speed = np.where(status > 0, np.linalg.norm(sliding, axis=2), 0.0) @ share
+    pressure = -history.traction[:, :, 2]
+    status = np.where(pressure > NEGLIGIBLE * pressure.max(), status, 0)
+    states = np.stack([(status == state) @ share for state in (1, 2, 0)], axis=1)
+    columns = np.column_stack([-force[:, 2], force[:, 0], speed, states])
+    if len(columns) < len(time):
+        columns = np.vstack([[0.0, 0.0, 0.0, 0.0, 0.0, 1.0], columns])
+    slip = np.concatenate([[0.0], np.cumsum(np.diff(time) * columns[1:, 2])])
+    return Crush(time, columns[:, 0], columns[:, 1], slip, columns[:, 3:])
+
+
+def solve(friction: float, settings: Sequence[str]) -> tuple[Crush, latin_fmu.Solution]:
+    """The model with another friction coefficient and other settings."""
+    scene = latin_fmu.load_scene(SCENE, (f"interface.crush.friction_coefficient={friction}", *settings))
+    solution = latin_fmu.solve(scene)
+    return crush(solution.time, solution.interfaces["crush"]), solution
+
+
+def iterates(friction: float, settings: Sequence[str], time: Array) -> tuple[list[Crush], list[float]]:
+    """The same histories, and sqrt(eta), after each iteration of one window over the whole interval."""
+    scene = latin_fmu.load_scene(SCENE, (f"interface.crush.friction_coefficient={friction}", *settings, *PAPER))
+    kept: list[Crush] = []
+
+    def keep(event: latin_fmu.Iteration) -> None:
+        kept.append(crush(time, event.interface("crush")))
+
+    solution = latin_fmu.solve(scene, observer=keep)
+    return kept, solution.windows[0].error_indicator
+
+
+def main(argv: Sequence[str] | None = None) -> dict[str, float]:
+    """Solve, draw, and return the checked numbers."""
+    said = options(argv, __doc__)
+
+    # scene and solve: default settings, several coefficients; then the iterations of one of them
+    settings = COARSER if said.quick else ()
+    found, passes = {}, []
+    for friction in FRICTION:
+        found[friction], solution = solve(friction, settings)
+        passes.append(solution.passes)
+    reference, _ = solve(0.1, (*settings, "solver.tolerance=1e-6"))
+    steps, indicator = iterates(0.1, settings, reference.time)
+
+    # check
+    separations = [c.separation for c in found.values()]
+    step = float(np.diff(reference.time)[0])
+    numbers = {
+        "stick_without_friction": float(found[0.0].states[:, 0].max()),
+        "slip_ratio_mu_10_to_0": float(found[10.0].slip[-1] / found[0.0].slip[-1]),
+        "states_met_at_mu_0.1": float((found[0.1].states.max(axis=0) > 0.0).sum()),
+        "separation_us": 1e6 * float(np.mean(separations)),
+        "separation_spread_in_steps": (max(separations) - min(separations)) / step,
+        "peak_normal_kN": 1e-3 * float(found[0.1].normal.max()),
+        "passes_ratio": max(passes) / min(passes),
+        "passes": max(passes),
+        "iterations": float(len(steps)),
+        "normal_error_at_last_iteration": error(steps[-1].normal, reference.normal),
+        "friction_error_at_last_iteration": error(steps[-1].friction, reference.friction),
+    }
+
+    # save
+    save(figure_of_iterations(steps, indicator, reference), said.folder, "crushing_through_the_iterations")
+    save(figure_of_friction(found), said.folder, "crushing_friction")
+    return numbers
+
+
+def error(found: Array, reference: Array) -> float:
+    """Relative distance of two histories in the mean square."""
+    return float(np.linalg.norm(found - reference) / np.linalg.norm(reference))
+
+
+def quantities(found: Crush) -> Iterator[tuple[str, Array]]:
+    """What the line panels show, with its label."""
+    yield "normal force (kN)", 1e-3 * found.normal
+    yield "friction force along x (kN)", 1e-3 * found.friction
+    yield "mean slip (µm)", 1e6 * found.slip
+
+
+def figure_of_iterations(steps: Sequence[Crush], indicator: Sequence[float], reference: Crush) -> Figure:
+    """Histories after some iterations above, their distance to the reference below."""
+    figure = Figure(figsize=(12.5, 7.0), layout="constrained")
+    figure.suptitle("How the iterations find the contact of two crushed specimens ($\\mu$ = 0.1)", fontweight="bold")
+    shown = [i for i in SHOWN if i <= len(steps)]
+    shades = [colormaps["plasma"](float(s)) for s in np.linspace(0.85, 0.1, len(shown))]
+    top, bottom = figure.subplots(2, 3, height_ratios=(1.5, 1.0))
+    for axis, below, (label, exact) in zip(top, bottom, quantities(reference), strict=True):
+        rows = [dict(quantities(step))[label] for step in steps]
+        for iteration, shade in zip(shown, shades, strict=True):
+            axis.plot(1e6 * reference.time, rows[iteration - 1], color=shade, linewidth=1.6, label=f"iteration {iteration}")
+        axis.plot(1e6 * reference.time, exact, color="black", linewidth=1.0, linestyle=(0, (5, 2)), label="converged")
+        axis.set(title=label, xlabel="time (µs)", xlim=(0.0, 1e6 * reference.time[-1]))
+        axis.axhline(0.0, color="0.6", linewidth=0.6, zorder=0)
+        errors = [error(row, exact) for row in rows]
+        below.semilogy(range(1, len(steps) + 1), errors, color="0.35", linewidth=1.2)
+        for iteration, shade in zip(shown, shades, strict=True):
+            below.plot(iteration, errors[iteration - 1], "o", color=shade, markersize=7)
+        below.semilogy(range(1, len(steps) + 1), indicator, color="0.6", linewidth=1.0, linestyle="--")
+        below.axhline(0.01, color="0.6", linewidth=0.8, linestyle=":")
+        below.set(xlabel="iteration", ylabel="distance to converged", ylim=(1e-4, 2.0))
+        tidy(axis)
+        tidy(below)
+    top[0].legend(fontsize="small", frameon=False)
+    place = int(0.7 * len(indicator))
+    bottom[0].annotate("sqrt(eta)", (place, 1.3 * indicator[place - 1]), fontsize="small", color="0.4")
+    bottom[0].annotate("1 %", (len(steps), 0.011), fontsize="small", color="0.4", ha="right", va="bottom")
+    return figure
+
+
+def figure_of_friction(found: dict[float, Crush]) -> Figure:
+    """Histories of every coefficient on the left, contact states on the right."""
+    figure = Figure(figsize=(12.5, 8.0), layout="constrained")
+    figure.suptitle("Crushing of two specimens: the influence of friction", fontweight="bold")
+    left, right = figure.subfigures(1, 2, width_ratios=(1.1, 1.0))
+    lines = left.subplots(3, 1, sharex=True)
+    for (friction, curves), colour in zip(found.items(), COLOURS, strict=False):
+        for axis, (label, values) in zip(lines, quantities(curves), strict=True):
+            axis.plot(1e6 * curves.time, values, color=colour, linewidth=1.5, label=f"$\\mu$ = {friction:g}")
+            axis.set_ylabel(label)
+    for axis in lines:
+        axis.axhline(0.0, color="0.6", linewidth=0.6, zorder=0)
+        axis.set_xlim(0.0, 1e6 * curves.time[-1])
+        tidy(axis)
+    lines[0].legend(fontsize="small", frameon=False)
+    lines[-1].set_xlabel("time (µs)")
+    strips = right.subplots(len(found), 1, sharex=True)
+    for axis, (friction, curves), colour in zip(strips, found.items(), COLOURS, strict=False):
+        draw_states(axis, curves)
+        axis.set_title(f"$\\mu$ = {friction:g}", loc="left", fontsize="medium", color=colour, fontweight="bold")
+    strips[0].legend(fontsize="small", loc="lower right", ncols=3, bbox_to_anchor=(1.0, 1.0), frameon=False)
+    strips[-1].set_xlabel("time (µs)")
+    return figure
+
+
+def draw_states(axis: Axes, found: Crush) -> None:
+    """Shares of the contact face that stick, slip and are open, stacked."""
+    labels, shades = zip(*STATES, strict=True)
+    axis.stackplot(1e6 * found.time, 100.0 * found.states.T, labels=labels, colors=shades, step="post")
+    axis.set(ylim=(0, 100), ylabel="% of the face", xlim=(0.0, 1e6 * found.time[-1]), yticks=(0, 50, 100))
+
+
+if __name__ == "__main__":
+    print(table(main()))

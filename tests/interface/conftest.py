@@ -1,0 +1,134 @@
+"""Every registered behaviour with parameter sets, its relation, and random interface points to try it on.
+
+A new behaviour inherits every test of this folder once it has an entry in ``PARAMETERS`` and ``RELATIONS``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from latin_fmu.interface import BEHAVIOURS, Behaviour, make_behaviour
+
+Array = NDArray[np.float64]
+Residual = Callable[[Behaviour, Array, Array, Array], float]
+
+N_POINT = 400
+SEED = 45
+
+
+def perfect_residual(behaviour: Behaviour, slip: Array, traction: Array, reach: Array) -> float:
+    """Eq. (7): no relative velocity."""
+    return float(np.abs(slip).max())
+
+
+def contact_residual(behaviour: Behaviour, slip: Array, traction: Array, reach: Array) -> float:
+    """Signorini 0 <= reach + d perp P >= 0 and Coulomb's law, each in the unit of its argument (all of order 1)."""
+    pressure, room = -traction[:, 0], reach + slip[:, 0]
+    worst = max(0.0, float(-pressure.min()), float(-room.min()), float(np.abs(pressure * room).max()))
+    if behaviour.n_component == 1:
+        return worst
+    limit = behaviour.friction_coefficient * pressure
+    shear, slide = traction[:, 1:], slip[:, 1:]
+    size, speed = np.linalg.norm(shear, axis=1), np.linalg.norm(slide, axis=1)
+    outside = (size - limit).max()
+    stuck = (speed * np.clip(limit - size, 0.0, 1.0)).max()  # inside the cone: no relative velocity
+    # Friction on E is along the relative velocity of E': |F| |d| = F . d
+    aligned = np.abs(size * speed - np.einsum("pi,pi->p", shear, slide)).max()
+    return max(worst, float(outside), float(stuck), float(aligned))
+
+
+PARAMETERS: Mapping[str, tuple[Mapping[str, float], ...]] = MappingProxyType(
+    {
+        "perfect": (MappingProxyType({}),),
+        "contact": tuple(
+            MappingProxyType({"friction_coefficient": mu}) for mu in (0.0, 1e-6, 0.2, 1.0, 10.0, 1e6)
+        ),
+    }
+)
+RELATIONS: Mapping[str, Residual] = MappingProxyType(
+    {"perfect": perfect_residual, "contact": contact_residual}
+)
+CASES = [(name, parameters) for name in BEHAVIOURS for parameters in PARAMETERS.get(name, ())]
+
+
+@dataclass(frozen=True)
+class Points:
+    """Linear-stage fields of both sides at random points, of order 1.
+
+    w, f, k : (2, n_point, n_component) velocity, traction and search direction of E and E'. reach : (n_point,).
+    """
+
+    w: Array
+    f: Array
+    k: Array
+    reach: Array
+
+    @property
+    def free(self) -> Array:
+        """s = W - F / k, (2, n_point, n_component)."""
+        return self.w - np.divide(self.f, self.k, out=np.zeros_like(self.f), where=np.isfinite(self.k))
+
+    @property
+    def z(self) -> Array:
+        """(n_point, 2) sum of 1 / k, normal and tangential."""
+        both = (1 / self.k).sum(axis=0)
+        return np.ascontiguousarray(both[:, [0, min(1, both.shape[1] - 1)]])
+
+    @property
+    def jump(self) -> Array:
+        """s' - s."""
+        return self.free[1] - self.free[0]
+
+
+def random_points(n_component: int, seed: int = SEED, ground: bool = False) -> Points:
+    """Random fields; one tangential k per point; half of the points closed; ``ground``: rigid side E'."""
+    rng = np.random.default_rng(seed)
+    shape = (2, N_POINT, n_component)
+    k = np.exp(rng.uniform(-2.0, 2.0, shape))
+    k[..., 1:] = k[..., 1:2]
+    if ground:
+        k[1] = np.inf
+    reach = np.where(rng.random(N_POINT) < 0.5, 0.0, rng.exponential(1.0, N_POINT))
+    return Points(rng.normal(size=shape), rng.normal(size=shape), k, reach)
+
+
+@pytest.fixture(params=CASES, ids=lambda case: "-".join([case[0], *(f"{v:g}" for v in case[1].values())]))
+def behaviour(request: pytest.FixtureRequest) -> Behaviour:
+    """Every behaviour with every parameter set."""
+    name, parameters = request.param
+    return make_behaviour(name, parameters)
+
+
+@pytest.fixture
+def residual(behaviour: Behaviour) -> Residual:
+    """Residual of the behaviour's own relation."""
+    return RELATIONS[behaviour.name]
+
+
+@pytest.fixture
+def solve(behaviour: Behaviour) -> Callable[[Points], Array]:
+    """F_hat on side E, (n_point, n_component)."""
+
+    def local(points: Points) -> Array:
+        parameters = behaviour.point_parameters(len(points.reach))
+        return behaviour.local(points.jump, points.z, points.reach, 1.0, parameters)
+
+    return local
+
+
+@pytest.fixture
+def points() -> Callable[..., Points]:
+    """Random points, see ``random_points``."""
+    return random_points
+
+
+@pytest.fixture
+def covered() -> Mapping[str, bool]:
+    """Registry names, and whether this folder has parameters and a relation for them."""
+    return {name: name in PARAMETERS and name in RELATIONS for name in BEHAVIOURS}

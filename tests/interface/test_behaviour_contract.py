@@ -1,0 +1,164 @@
+"""The contract of an interface behaviour, for every entry of the registry."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from latin_fmu.interface import BEHAVIOURS, Behaviour, make_behaviour
+
+Array = NDArray[np.float64]
+Solve = Callable[[Any], Array]
+TIGHT = 1e-12  # of fields of order 1
+
+
+def hat_velocities(points: Any, f_hat: Array) -> Array:
+    """W_hat = K^-1 (F_hat - p) with the outgoing traction p = F - K W, F_hat' = -F_hat; (2, n_point, n_component)."""
+    both = np.stack([f_hat, -f_hat])
+    rigid = np.isinf(points.k)
+    stiffness = np.where(rigid, 1.0, points.k)
+    outgoing = points.f - stiffness * points.w
+    return np.where(rigid, points.w, (both - outgoing) / stiffness)
+
+
+def close(a: Array, b: Array, scale: float = 1.0) -> None:
+    np.testing.assert_allclose(a, b, rtol=0, atol=TIGHT * max(scale, float(np.abs(b).max(initial=0.0))))
+
+
+def test_every_registered_behaviour_is_tested_here(covered: Mapping[str, bool]) -> None:
+    assert all(covered.values()), f"give parameters and a relation in conftest.py to: {covered}"
+
+
+def test_registry_makes_what_it_says() -> None:
+    assert isinstance(BEHAVIOURS, MappingProxyType)
+    for name in BEHAVIOURS:
+        assert make_behaviour(name, {}).name == name
+    with pytest.raises(KeyError):
+        make_behaviour("glued", {})
+
+
+@pytest.mark.parametrize("ground", [False, True], ids=["two_bodies", "ground"])
+def test_relation_holds_with_the_velocities_of_the_search_direction(
+    behaviour: Behaviour, solve: Solve, points: Any, residual: Any, ground: bool
+) -> None:
+    p = points(behaviour.n_component, ground=ground)
+    f_hat = solve(p)
+    w_hat = hat_velocities(p, f_hat)
+    if not ground:
+        for side, traction in enumerate((f_hat, -f_hat)):  # E+: F_hat - F = k (W_hat - W)
+            close(p.k[side] * (w_hat[side] - p.w[side]), traction - p.f[side], scale=10.0)
+    scale = float(np.abs(f_hat).max())
+    assert residual(behaviour, w_hat[1] - w_hat[0], f_hat, p.reach) <= TIGHT * max(1.0, scale**2)
+
+
+def test_a_solution_is_a_fixed_point_for_any_search_direction(
+    behaviour: Behaviour, solve: Solve, points: Any
+) -> None:
+    """Idempotence, also when k changes: the answer satisfies the relation, which knows nothing of k."""
+    first = points(behaviour.n_component)
+    f_hat = solve(first)
+    answer = replace(first, w=hat_velocities(first, f_hat), f=np.stack([f_hat, -f_hat]))
+    close(solve(answer), f_hat)
+    other_k = points(behaviour.n_component, seed=7).k
+    close(solve(replace(answer, k=other_k)), f_hat, scale=100.0)
+
+
+def test_exchange_of_sides(behaviour: Behaviour, solve: Solve, points: Any) -> None:
+    """Read from E' (N and the jump both turn; the tangents stay): F_hat of the new side E is minus the old."""
+    p = points(behaviour.n_component)
+    turn = np.ones(behaviour.n_component)
+    turn[0] = -1.0
+    exchanged = replace(p, w=p.w[::-1] * turn, f=p.f[::-1] * turn, k=p.k[::-1])
+    close(solve(exchanged), -turn * solve(p))
+
+
+def test_rotation_of_the_tangents(behaviour: Behaviour, solve: Solve, points: Any) -> None:
+    if behaviour.n_component == 1:
+        pytest.skip("no tangential unknowns")
+    angle = 0.7
+    turn = np.eye(3)
+    turn[1:, 1:] = [[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]]
+    p = points(3)
+    close(solve(replace(p, w=p.w @ turn.T, f=p.f @ turn.T)), solve(p) @ turn.T)
+
+
+def test_friction_dissipates(behaviour: Behaviour, solve: Solve, points: Any) -> None:
+    """Power taken from the two bodies, -(F_hat . W_hat + F_hat' . W_hat'), tangential part, at every point."""
+    p = points(behaviour.n_component)
+    f_hat = solve(p)
+    slip = hat_velocities(p, f_hat)
+    power = np.einsum("pi,pi->p", f_hat[:, 1:], (slip[1] - slip[0])[:, 1:])
+    assert power.min(initial=0.0) >= -TIGHT * max(1.0, float(np.abs(f_hat).max()))
+
+
+@pytest.mark.parametrize("c", [1e-9, 3.0, 1e12])
+def test_scaling(behaviour: Behaviour, solve: Solve, points: Any, c: float) -> None:
+    """(F, k) -> (c F, c k) and (W, F, reach) -> c (W, F, reach) scale the traction by c and nothing else."""
+    p = points(behaviour.n_component)
+    f_hat = solve(p)
+    for scaled in (replace(p, f=c * p.f, k=c * p.k), replace(p, w=c * p.w, f=c * p.f, reach=c * p.reach)):
+        close(solve(scaled) / c, f_hat)
+
+
+def test_points_are_independent(behaviour: Behaviour, solve: Solve, points: Any) -> None:
+    p = points(behaviour.n_component)
+    together = solve(p)
+    order = np.random.default_rng(1).permutation(len(p.reach))
+    shuffled = replace(p, w=p.w[:, order], f=p.f[:, order], k=p.k[:, order], reach=p.reach[order])
+    np.testing.assert_array_equal(solve(shuffled), together[order])
+    one = replace(p, w=p.w[:, 5:6], f=p.f[:, 5:6], k=p.k[:, 5:6], reach=p.reach[5:6])
+    np.testing.assert_array_equal(solve(one), together[5:6])
+    none = replace(p, w=p.w[:, :0], f=p.f[:, :0], k=p.k[:, :0], reach=p.reach[:0])
+    assert solve(none).shape == (0, behaviour.n_component)
+
+
+def test_parameters_travel_per_point(points: Any) -> None:
+    """Interfaces of one kind are solved together, each with its own parameters."""
+    low, high = (make_behaviour("contact", {"friction_coefficient": mu}) for mu in (0.1, 0.7))
+    p = points(3)
+    n = len(p.reach)
+    mixed = np.concatenate([low.point_parameters(n // 2), high.point_parameters(n - n // 2)])
+    together = low.local(p.jump, p.z, p.reach, 1.0, mixed)
+    for behaviour, part in ((low, slice(0, n // 2)), (high, slice(n // 2, n))):
+        alone = behaviour.local(p.jump, p.z, p.reach, 1.0, behaviour.point_parameters(n))
+        np.testing.assert_array_equal(together[part], alone[part])
+
+
+def test_inputs_are_unchanged(behaviour: Behaviour, points: Any) -> None:
+    p = points(behaviour.n_component)
+    arguments = (p.jump, p.z, p.reach.copy(), behaviour.point_parameters(len(p.reach)))
+    before = [a.copy() for a in arguments]
+    jump, z, reach, parameters = arguments
+    f_hat = behaviour.local(jump, z, reach, 1.0, parameters)
+    behaviour.status(f_hat, parameters)
+    for now, then in zip(arguments, before, strict=True):
+        np.testing.assert_array_equal(now, then)
+    assert not any(np.shares_memory(f_hat, a) for a in arguments)
+
+
+def test_rigid_on_both_sides_gives_no_traction(behaviour: Behaviour) -> None:
+    """z = 0: both sides held. The traction is not determined; 0 and not NaN."""
+    n, c = 3, behaviour.n_component
+    jump = -np.ones((n, c))
+    parameters = behaviour.point_parameters(n)
+    f_hat = behaviour.local(jump, np.zeros((n, 2)), np.zeros(n), 1.0, parameters)
+    np.testing.assert_array_equal(f_hat, np.zeros((n, c)))
+    half = behaviour.local(jump, np.tile([1.0, 0.0], (n, 1)), np.zeros(n), 1.0, parameters)
+    np.testing.assert_array_equal(half[:, 0], -np.ones(n))
+    np.testing.assert_array_equal(half[:, 1:], np.zeros((n, c - 1)))
+
+
+def test_status_has_the_shape_of_the_points(behaviour: Behaviour, solve: Solve, points: Any) -> None:
+    f_hat = solve(points(behaviour.n_component))
+    parameters = behaviour.point_parameters(len(f_hat))
+    alone = behaviour.status(f_hat, parameters)
+    assert alone.dtype == np.int8
+    assert set(np.unique(alone)) <= {0, 1, 2}
+    stacked = behaviour.status(np.stack([f_hat, 2.0 * f_hat]), parameters)
+    np.testing.assert_array_equal(stacked, np.stack([alone, alone]))

@@ -1,0 +1,81 @@
+"""The summary figure: panels present, curves right, nothing overlapping, files whole."""
+
+from __future__ import annotations
+
+import itertools
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from latin_fmu import ResultsError
+from latin_fmu.results.plots import save_figure, summary_figure
+from latin_fmu.results.solution import Solution
+
+
+@pytest.mark.parametrize("kind", ["crushing", "bars", "stalled", "stack"])
+def test_panels_do_not_overlap(kind: str, request: pytest.FixtureRequest) -> None:
+    figure = summary_figure(request.getfixturevalue(kind).to_datatree())
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    axes = [axis for part in figure.subfigs for axis in part.axes]
+    boxes = [axis.get_tightbbox(canvas.get_renderer()) for axis in axes]
+    for (one, a), (two, b) in itertools.combinations(zip(axes, boxes, strict=True), 2):
+        common = min(a.x1, b.x1) - max(a.x0, b.x0), min(a.y1, b.y1) - max(a.y0, b.y0)
+        assert min(common) < 1.0, (one.get_title(), two.get_title())
+    width, height = figure.get_size_inches() * figure.dpi
+    assert all(box.x0 > -1 and box.y0 > -1 and box.x1 < width + 1 and box.y1 < height + 1 for box in boxes)
+
+
+def test_panels_follow_the_run(crushing: Solution, bars: Solution, stack: Solution) -> None:
+    many = [axis for part in summary_figure(stack.to_datatree()).subfigs for axis in part.axes]
+    assert sum(len(axis.collections) == 3 for axis in many) == 16
+    one = {axis.get_title() for part in summary_figure(bars.to_datatree()).subfigs for axis in part.axes}
+    assert "Convergence" in one
+    assert not any("Friction" in title or "Energy" in title for title in one)
+    full = {axis.get_title() for part in summary_figure(crushing.to_datatree()).subfigs for axis in part.axes}
+    assert {"Energy of the assembly", "Iterations of each of 200 windows"} <= full
+
+
+def test_force_curve_in_readable_units(crushing: Solution) -> None:
+    axis = summary_figure(crushing.to_datatree()).subfigs[0].axes[0]
+    curve = next(line for line in axis.lines if line.get_label() == "crush")
+    expected = crushing.interfaces["crush"].normal_resultant()
+    np.testing.assert_allclose(curve.get_ydata(), expected / 1e3)
+    np.testing.assert_allclose(curve.get_xdata(), crushing.time / 1e-6)
+    assert (axis.get_xlabel(), axis.get_ylabel()) == ("time (µs)", "force (kN)")
+
+
+def test_tolerance_comes_from_the_scene(bars: Solution, crushing: Solution) -> None:
+    def levels(solution: Solution, title: str) -> list[object]:
+        figure = summary_figure(solution.to_datatree())
+        axes = [axis for part in figure.subfigs for axis in part.axes if title in axis.get_title()]
+        return [line.get_ydata()[0] for line in axes[0].lines if line.get_label() == "tolerance"]
+
+    assert levels(bars, "Convergence") == [1e-3]
+    assert levels(crushing, "Final") == []
+
+
+def test_an_unfinished_run_says_so(stalled: Solution) -> None:
+    assert "NOT CONVERGED" in summary_figure(stalled.to_datatree()).get_suptitle()
+
+
+def test_no_window_system_is_touched(crushing: Solution, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib.pyplot", None)  # importing it would fail
+    summary_figure(crushing.to_datatree())
+
+
+@pytest.mark.parametrize("suffix", [".png", ".pdf", ".svg"])
+def test_files(bars: Solution, suffix: str, tmp_path: Path) -> None:
+    save_figure(summary_figure(bars.to_datatree()), tmp_path / f"figure{suffix}")
+    assert [path.name for path in tmp_path.iterdir()] == [f"figure{suffix}"]
+    assert (tmp_path / f"figure{suffix}").stat().st_size > 5000
+
+
+@pytest.mark.parametrize("name", ["figure.doc", "figure"])
+def test_other_formats_are_refused(name: str, tmp_path: Path) -> None:
+    with pytest.raises(ResultsError, match=r"allowed: .png"):
+        save_figure(Figure(), tmp_path / name)

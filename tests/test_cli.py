@@ -1,0 +1,201 @@
+"""The command line: exit codes, what goes to which stream, errors before the long part."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from latin_fmu import SolverError, api
+from latin_fmu.cli import COMMANDS, main
+from latin_fmu.results.solution import Solution
+
+from .results import synthetic
+
+SCENE = """\
+name = "two_bars"
+[material.steel]
+young_modulus = 210e9
+poisson_ratio = 0.0
+density = 7800.0
+[substructure.left]
+material = "steel"
+box = { origin = [0.0, 0.0, 0.0], size = [0.01, 0.01, 0.1], elements = [1, 1, 5] }
+[substructure.right]
+material = "steel"
+box = { origin = [0.0, 0.0, 0.1], size = [0.01, 0.01, 0.1], elements = [1, 1, 5] }
+[interface.meet]
+sides = ["left.zmax", "right.zmin"]
+[load.push]
+face = "left.zmin"
+pressure = 1e6
+[time]
+end = 40e-6
+instants = 20
+"""
+
+
+@pytest.fixture
+def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    """A scene file in the current folder."""
+    monkeypatch.chdir(tmp_path)
+    Path("scene.toml").write_text(SCENE)
+    return "scene.toml"
+
+
+@pytest.fixture
+def stalling(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A solver that does not converge."""
+    outcome = synthetic.bars(converged=False)
+    monkeypatch.setattr(api, "solve", lambda scene, **_: Solution(outcome, scene.text(), scene.name))
+
+
+@pytest.mark.usefixtures("scene")
+def test_run_writes_results_beside_and_tells_a_summary(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", "scene.toml"]) == 0
+    out = capsys.readouterr().out
+    assert Path("two_bars.nc").is_file()
+    assert "two_bars: converged" in out
+    assert "results: two_bars.nc" in out
+    assert "meet" in out
+
+
+def test_json_is_alone_on_stdout(scene: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", scene, "-o", "a.nc", "--json"]) == 0
+    captured = capsys.readouterr()
+    report = json.loads(captured.out, parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))
+    assert report["converged"] is True
+    assert len(report["iterations"]) == 20
+    assert report["interfaces"]["meet"]["impulse"][2] < 0.0
+    assert "results: a.nc" in captured.err
+
+
+def test_settings_are_changed_by_name(scene: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", scene, "--json", "--set", "time.instants=10", "--set", "solver.window=5"]) == 0
+    assert len(json.loads(capsys.readouterr().out)["iterations"]) == 2
+
+
+def test_quiet_says_nothing(scene: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", scene, "--quiet"]) == 0
+    assert capsys.readouterr() == ("", "")
+
+
+@pytest.mark.usefixtures("stalling")
+def test_not_converged_is_one_and_results_are_marked(scene: str, capsys: pytest.CaptureFixture[str]) -> None:
+    from latin_fmu import open_results
+
+    assert main(["run", scene, "-o", "a.nc", "--quiet"]) == 1
+    assert "use shorter windows" in capsys.readouterr().err
+    tree = open_results("a.nc")
+    assert tree.attrs["converged"] == 0
+    tree.close()
+
+
+def test_paraview_files(scene: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", scene, "--vtk", "pv", "--set", "output.fields=true", "--set", "output.every=10"]) == 0
+    assert str(Path("pv/results.pvd")) in capsys.readouterr().out
+    assert len(list(Path("pv").glob("substructure_left_*.vtu"))) == 3
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["run", "nothing.toml"],
+        ["run", "scene.toml", "--set", "material.steel.density=-1"],
+        ["run", "scene.toml", "--set", "materiel.steel.density=1"],
+        ["run", "scene.toml", "--set", "density"],
+        ["run", "scene.toml", "-o", "missing/a.nc"],
+        ["run", "scene.toml", "-o", "."],
+        ["run", "scene.toml", "--vtk", "."],
+        ["check", "nothing.toml"],
+        ["plot", "nothing.nc"],
+        ["plot", "scene.toml"],
+        ["plot", "nothing.nc", "-o", "a.doc"],
+        ["run"],
+        ["fly"],
+        [],
+    ],
+)
+@pytest.mark.usefixtures("scene")
+def test_bad_input_is_two_and_explained_before_any_solve(
+    arguments: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(api, "solve", lambda *_, **__: pytest.fail("solved in spite of bad input"))
+    assert main(arguments) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err
+    assert "Traceback" not in captured.err
+
+
+@pytest.mark.parametrize(("error", "code"), [(KeyboardInterrupt(), 130), (SolverError("singular"), 3)])
+def test_a_run_cut_short(
+    error: BaseException,
+    code: int,
+    scene: str,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def stopped(*_: object, **__: object) -> None:
+        raise error
+
+    monkeypatch.setattr(api, "solve", stopped)
+    assert main(["run", scene]) == code
+    assert capsys.readouterr().err.startswith("latin-fmu: ")
+    assert [path.name for path in Path().iterdir()] == [scene]
+
+
+def test_a_full_disk_does_not_cost_the_numbers(
+    scene: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full_disk(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("latin_fmu.results.files.os.replace", full_disk)
+    assert main(["run", scene, "--json"]) == 2
+    captured = capsys.readouterr()
+    assert json.loads(captured.out)["converged"] is True
+    assert "No space left" in captured.err
+
+
+def test_check_tells_sizes(scene: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["check", scene]) == 0
+    assert "meet" in capsys.readouterr().out
+    assert [path.name for path in Path().iterdir()] == [scene]
+
+
+def test_plot_draws_beside_the_results_or_where_told(scene: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", scene, "-o", "a.nc", "--quiet"]) == 0
+    assert main(["plot", "a.nc"]) == 0
+    assert main(["plot", "a.nc", "-o", "b.svg"]) == 0
+    assert "figure: a.png" in capsys.readouterr().out
+    assert Path("a.png").stat().st_size > 5000
+    assert Path("b.svg").read_text().startswith("<?xml")
+
+
+def test_reference_as_text_and_as_schema(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["reference"]) == 0
+    assert "young_modulus" in capsys.readouterr().out
+    assert main(["reference", "--schema"]) == 0
+    assert "properties" in json.loads(capsys.readouterr().out)
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["run", "--help"]])
+def test_help_has_examples(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(arguments) == 0
+    assert "examples:\n  latin-fmu" in capsys.readouterr().out
+
+
+def test_every_command_is_in_the_help(capsys: pytest.CaptureFixture[str]) -> None:
+    main(["--help"])
+    text = capsys.readouterr().out
+    for command in COMMANDS:
+        assert command.__name__.rsplit(".", 1)[-1] in text
+
+
+def test_version(capsys: pytest.CaptureFixture[str]) -> None:
+    import latin_fmu
+
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out == f"latin-fmu {latin_fmu.__version__}\n"
