@@ -8,7 +8,7 @@ closes, then goes over into bar 2. Writes two figures:
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,7 +38,8 @@ class Stress:
 
     def at(self, time: float) -> Array:
         """Stress along the bars at the instant nearest to ``time`` (L/c)."""
-        return self.values[int(np.abs(self.time - time).argmin())]
+        row: Array = self.values[int(np.abs(self.time - time).argmin())]
+        return row
 
 
 def exact_stress(end: float) -> Stress:
@@ -125,7 +126,7 @@ def main(argv: Sequence[str] | None = None) -> dict[str, float]:
     return numbers
 
 
-def joined(nodes: dict[str, Array], displacement: dict[str, Array | None], time: Array) -> Stress:
+def joined(nodes: Mapping[str, Array], displacement: Mapping[str, Array | None], time: Array) -> Stress:
     """The bars one after the other, in the coordinates of the reference state without the gap."""
     places, stresses = [], []
     for number, name in enumerate(BARS):
@@ -144,7 +145,9 @@ def relative_error(found: Stress, exact: Stress) -> float:
     borders = np.linspace(0.0, 3 * LENGTH, len(exact.x) + 1)
     primitive = np.concatenate([np.zeros((len(rows), 1)), np.cumsum(rows, axis=1)], axis=1)
     edges = np.linspace(0.0, 3 * LENGTH, len(found.x) + 1)
-    mean = np.array([np.diff(np.interp(edges, borders, row)) for row in primitive]) * len(found.x) / len(exact.x)
+    mean = (
+        np.array([np.diff(np.interp(edges, borders, row)) for row in primitive]) * len(found.x) / len(exact.x)
+    )
     return float(np.linalg.norm(found.values - mean) / np.linalg.norm(mean))
 
 
@@ -169,7 +172,7 @@ def figure_of_waves(found: Stress, exact: Stress) -> Figure:
     """Six snapshots on the left, the plane of space and time on the right."""
     figure = Figure(figsize=(12.0, 7.5), layout="constrained")
     figure.suptitle("A pressure pulse crosses two bars with a gap between them", fontweight="bold")
-    left, right = figure.subfigures(1, 2, width_ratios=(1.15, 1.0))
+    left, right = np.atleast_1d(figure.subfigures(1, 2, width_ratios=(1.15, 1.0)))
     axes = left.subplots(len(SHOWN), 1, sharex=True)
     notes = (
         "compression enters bar 1", "and runs through the joint", "the free end turns it into tension",
@@ -191,7 +194,9 @@ def figure_of_waves(found: Stress, exact: Stress) -> Figure:
 
 def draw_plane(axis: Axes, found: Stress) -> None:
     """Stress as colour over place and time, with the times of the snapshots."""
-    image = axis.pcolormesh(found.x, found.time, found.values, cmap="RdBu_r", vmin=-120, vmax=120, rasterized=True)
+    image = axis.pcolormesh(
+        found.x, found.time, found.values, cmap="RdBu_r", vmin=-120, vmax=120, rasterized=True
+    )
     axis.figure.colorbar(image, ax=axis, label="stress (MPa): compression blue, tension red", shrink=0.8)
     axis.axvline(2 * LENGTH, color="black", linewidth=1.2)
     axis.axvline(LENGTH, color="0.4", linewidth=0.8, linestyle=":")

@@ -135,7 +135,7 @@ class DirectPropagator:
         inner = la.cho_solve(la.cho_factor(system), root[:, None] * compliance)
         condensed = compliance - (compliance * root) @ inner
         self.k = k[:, None]
-        self.response: Array = 0.5 * (condensed + condensed.T) * area
+        self.response = 0.5 * (condensed + condensed.T) * area
 
     # -- one instant --------------------------------------------------------------------------------------------
     def predict(self) -> Array:

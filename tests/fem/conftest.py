@@ -1,0 +1,129 @@
+"""Small meshes, straight and distorted, and writers of mesh files that do not depend on any library."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from latin_fmu.fem.mesh import CELL_FACES, Array, Index, Mesh, box_mesh
+
+ORIGIN, SIZE = np.array([0.3, -0.2, 0.1]), np.array([1.0, 0.8, 1.5])
+# Six tetrahedra of a hexahedron around the diagonal 0-6; neighbours cut their common face alike.
+KUHN = ((0, 1, 2, 6), (0, 2, 3, 6), (0, 3, 7, 6), (0, 7, 4, 6), (0, 4, 5, 6), (0, 5, 1, 6))
+
+Groups = Mapping[str, tuple[str, Index]]  # name -> type of cell, connectivity
+Writer = Callable[[Path, Array, Groups], None]
+
+
+def distorted(mesh: Mesh, amplitude: float, boundary: bool) -> Mesh:
+    """Nodes moved at random by a fraction of the element size; the boundary only where asked."""
+    rng = np.random.default_rng(11)
+    step = SIZE / 3 * amplitude
+    shift = rng.uniform(-1.0, 1.0, mesh.nodes.shape) * step
+    if not boundary:
+        inside = np.all((mesh.nodes > ORIGIN + 1e-9) & (mesh.nodes < ORIGIN + SIZE - 1e-9), axis=1)
+        shift[~inside] = 0.0
+    return replace(mesh, nodes=mesh.nodes + shift)
+
+
+def tetrahedra(mesh: Mesh) -> Mesh:
+    """Each hexahedron cut in six; faces cut with them."""
+    cells = np.concatenate([mesh.cells[:, list(corner)] for corner in KUHN])
+    facets = {tuple(sorted(f)): f for local in CELL_FACES["tetra"] for f in cells[:, list(local)].tolist()}
+    faces = {}
+    for name, quads in mesh.faces.items():
+        allowed = [set(q) for q in quads.tolist()]
+        on_face = [f for key, f in facets.items() if any(set(key) <= q for q in allowed)]
+        faces[name] = np.array(on_face, dtype=np.int64)
+    return Mesh(mesh.nodes, cells, "tetra", faces)
+
+
+@pytest.fixture
+def box() -> Mesh:
+    """3 x 3 x 3 hexahedra."""
+    return box_mesh(ORIGIN, SIZE, (3, 3, 3))
+
+
+@pytest.fixture(params=["hexahedron", "tetra"])
+def straight(request: pytest.FixtureRequest, box: Mesh) -> Mesh:
+    """The box, interior nodes distorted, with either type of cell."""
+    mesh = distorted(box, 0.25, boundary=False)
+    return mesh if request.param == "hexahedron" else tetrahedra(mesh)
+
+
+@pytest.fixture(params=["hexahedron", "tetra"])
+def warped(request: pytest.FixtureRequest, box: Mesh) -> Mesh:
+    """The box with all nodes distorted: faces of hexahedra are no longer plane."""
+    mesh = distorted(box, 0.2, boundary=True)
+    return mesh if request.param == "hexahedron" else tetrahedra(mesh)
+
+
+GMSH_TYPE = {"triangle": 2, "quad": 3, "tetra": 4, "hexahedron": 5, "wedge": 6, "pyramid": 7, "hexahedron20": 17}
+ABAQUS_TYPE = {"triangle": "S3", "quad": "S4", "tetra": "C3D4", "hexahedron": "C3D8", "wedge": "C3D6",
+               "hexahedron20": "C3D20"}  # fmt: skip
+
+
+def write_msh(path: Path, nodes: Array, groups: Groups) -> None:
+    """Gmsh 4.1 ASCII, one entity per group."""
+    dims = {name: 2 if kind in ("triangle", "quad") else 3 for name, (kind, _) in groups.items()}
+    tags = {name: 10 + i for i, name in enumerate(groups)}
+    names = [f'{dims[n]} {tags[n]} "{n}"' for n in groups]
+    span = "0 0 0 1 1 1"
+    surfaces = [f"{tags[n]} {span} 1 {tags[n]} 0" for n in groups if dims[n] == 2]
+    volumes = [f"{tags[n]} {span} 1 {tags[n]} 0" for n in groups if dims[n] == 3]
+    n = len(nodes)
+    lines = ["$MeshFormat", "4.1 0 8", "$EndMeshFormat", "$PhysicalNames", str(len(names)), *names,
+             "$EndPhysicalNames", "$Entities", f"0 0 {len(surfaces)} {len(volumes)}", *surfaces, *volumes,
+             "$EndEntities", "$Nodes", f"1 {n} 1 {n}", f"3 {max(tags.values())} 0 {n}",
+             *(str(i + 1) for i in range(n)), *(" ".join(map(repr, map(float, x))) for x in nodes), "$EndNodes"]  # fmt: skip
+    total = sum(len(cells) for _, cells in groups.values())
+    lines += ["$Elements", f"{len(groups)} {total} 1 {total}"]
+    tag = 0
+    for name, (kind, cells) in groups.items():
+        lines.append(f"{dims[name]} {tags[name]} {GMSH_TYPE[kind]} {len(cells)}")
+        for cell in cells:
+            tag += 1
+            lines.append(f"{tag} " + " ".join(str(c + 1) for c in cell))
+    path.write_text("\n".join([*lines, "$EndElements", ""]))
+
+
+def write_inp(path: Path, nodes: Array, groups: Groups) -> None:
+    """Abaqus input, one ELSET per group."""
+    lines = ["*NODE", *(f"{i + 1}, " + ", ".join(map(repr, map(float, x))) for i, x in enumerate(nodes))]
+    tag = 0
+    for name, (kind, cells) in groups.items():
+        lines.append(f"*ELEMENT, TYPE={ABAQUS_TYPE[kind]}, ELSET={name}")
+        for cell in cells:
+            tag += 1
+            lines.append(f"{tag}, " + ", ".join(str(c + 1) for c in cell))
+    path.write_text("\n".join([*lines, ""]))
+
+
+@pytest.fixture(params=[("msh", write_msh), ("inp", write_inp)], ids=["msh", "inp"])
+def written(request: pytest.FixtureRequest, tmp_path: Path) -> Callable[[Array, Groups], Path]:
+    """Writes nodes and groups to a file of each format and returns its path."""
+    suffix, writer = request.param
+
+    def write(nodes: Array, groups: Groups) -> Path:
+        path = tmp_path / f"part.{suffix}"
+        writer(path, nodes, groups)
+        return path
+
+    return write
+
+
+@pytest.fixture
+def msh(tmp_path: Path) -> Callable[[NDArray[np.float64], Groups], Path]:
+    """Writes a .msh file."""
+
+    def write(nodes: Array, groups: Groups) -> Path:
+        path = tmp_path / "part.msh"
+        write_msh(path, nodes, groups)
+        return path
+
+    return write

@@ -1,0 +1,83 @@
+"""The examples run, and their numbers are right (coarse variants, as ``--quick``)."""
+
+from __future__ import annotations
+
+import importlib
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from .verification.oracles import cases
+
+EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
+
+
+@pytest.fixture
+def example(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """The module named by the test's parameter."""
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+    return importlib.import_module(request.param)
+
+
+def _figures(folder: Path) -> set[str]:
+    return {path.name for path in folder.glob("*.png") if path.stat().st_size > 10_000}
+
+
+def test_every_example_is_tested_here() -> None:
+    names = {path.stem for path in EXAMPLES.glob("*.py")} - {"example_tools"}
+    assert names == {"waves_in_bars", "crushing_friction", "convergence_friction"}
+
+
+@pytest.mark.parametrize("example", ["waves_in_bars"], indirect=True)
+def test_exact_stress_of_the_waves_is_that_of_the_characteristics(example: ModuleType) -> None:
+    exact = example.exact_stress(250 / 42)
+    waves = cases.beam_in_traction().waves
+    places = (np.arange(example.CELLS) + 0.5) / example.CELLS * 0.5
+    for time in (0.5, 1.75, 2.25, 2.8, 3.25, 4.0, 4.6, 5.5):
+        along = np.concatenate([waves.field(i, places, time * example.TRANSIT)[0] for i in range(3)])
+        assert exact.at(time) == pytest.approx(1e-6 * along, abs=1e-9)
+
+
+@pytest.mark.parametrize("example", ["waves_in_bars"], indirect=True)
+def test_waves_in_bars(example: ModuleType, tmp_path: Path) -> None:
+    numbers = example.main(["--quick", "-o", str(tmp_path)])
+    assert _figures(tmp_path) == {"waves_in_bars.png", "waves_through_the_iterations.png"}
+    assert numbers["iterations"] <= 8
+    assert numbers["error_indicator"] <= 1e-3
+    assert abs(numbers["contact_instant_error_in_steps"]) <= 1.5
+    assert numbers["impulse_ratio"] == pytest.approx(1.0, abs=0.01)
+    assert numbers["stress_error"] < 0.5  # shock fronts on 25 elements per substructure
+    assert numbers["tension_level_ratio"] == pytest.approx(1.0, abs=0.15)
+
+
+@pytest.mark.parametrize("example", ["crushing_friction"], indirect=True)
+def test_crushing_friction(example: ModuleType, tmp_path: Path) -> None:
+    numbers = example.main(["--quick", "-o", str(tmp_path)])
+    assert _figures(tmp_path) == {"crushing_friction.png", "crushing_through_the_iterations.png"}
+    assert numbers["stick_without_friction"] == 0.0
+    assert numbers["slip_ratio_mu_10_to_0"] < 0.01
+    assert numbers["states_met_at_mu_0.1"] == 3
+    assert numbers["separation_spread_in_steps"] <= 2.0 + 1e-9
+    assert numbers["separation_us"] == pytest.approx(16.8, abs=0.3)
+    assert numbers["peak_normal_kN"] == pytest.approx(26.8, rel=0.03)
+    assert numbers["passes_ratio"] < 1.5
+    assert numbers["normal_error_at_last_iteration"] < 2e-3
+    assert numbers["friction_error_at_last_iteration"] < 1e-2
+
+
+@pytest.mark.parametrize("example", ["convergence_friction"], indirect=True)
+def test_convergence_friction(example: ModuleType, tmp_path: Path) -> None:
+    numbers = example.main(["--quick", "-o", str(tmp_path)])
+    assert _figures(tmp_path) == {"convergence_friction.png"}
+    plain, fast = (
+        {mu: numbers[f"{name}_iterations_to_0.001_mu_{mu:g}"] for mu in example.FRICTION}
+        for name in ("none", "anderson")
+    )
+    assert max(plain.values()) <= 80
+    assert max(fast.values()) <= 45
+    assert fast[10.0] < plain[10.0]
+    # The first iterations carry the waves across the blocks: the same for every coefficient.
+    early = [numbers[f"anderson_iterations_to_0.01_mu_{mu:g}"] for mu in example.FRICTION]
+    assert max(early) - min(early) <= 5

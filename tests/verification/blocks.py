@@ -1,0 +1,111 @@
+"""Scenes of stacked blocks written in Python, and the same blocks for the reference solvers."""
+
+from __future__ import annotations
+
+import copy
+from typing import Any
+
+import numpy as np
+
+import latin_fmu
+
+from .oracles.contact_march import Body, ContactFace
+from .oracles.hexahedra import Block, Solid, merged
+from .oracles.monolithic import LinearSystem, Scheme
+
+EDGE, ELEMENTS, STEP, N_STEP = 0.01, 3, 2e-7, 60
+ALUMINIUM, STEEL = (70e9, 0.3, 2700.0), (210e9, 0.3, 7800.0)
+PRESSURE, DURATION = 200e6, 6e-6
+
+
+def stack(
+    n: int, behaviour: str, friction: float = 0.0, gap: float = 0.0, elements: int = ELEMENTS, **solver: Any
+) -> dict[str, Any]:
+    """``n`` alternating blocks in quarter symmetry on a plane of symmetry, half-sine pressure on the top."""
+    names = ("young_modulus", "poisson_ratio", "density")
+    scene: dict[str, Any] = {
+        "name": "stack",
+        "material": {
+            "aluminium": dict(zip(names, ALUMINIUM, strict=True)),
+            "steel": dict(zip(names, STEEL, strict=True)),
+        },
+        "substructure": {},
+        "interface": {},
+        "boundary": {"base": {"type": "symmetry", "face": "b1.zmin"}},
+        "load": {
+            "pulse": {
+                "face": f"b{n}.zmax",
+                "pressure": PRESSURE,
+                "law": {"type": "half_sine", "duration": DURATION},
+            }
+        },
+        "time": {"end": N_STEP * STEP, "instants": N_STEP},
+        "solver": solver,
+        "output": {"fields": True, "energy": True},
+    }
+    for i in range(1, n + 1):
+        box = {"origin": [0, 0, (i - 1) * (EDGE + gap)], "size": [EDGE] * 3, "elements": [elements] * 3}
+        scene["substructure"][f"b{i}"] = {"material": "aluminium" if i % 2 else "steel", "box": box}
+        for axis in "xy":
+            scene["boundary"][f"b{i}_{axis}"] = {"type": "symmetry", "face": f"b{i}.{axis}min"}
+        if i > 1:
+            sides = [f"b{i - 1}.zmax", f"b{i}.zmin"]
+            scene["interface"][f"i{i - 1}"] = {"sides": sides, "behaviour": behaviour}
+            if behaviour == "contact":
+                scene["interface"][f"i{i - 1}"]["friction_coefficient"] = friction
+    return scene
+
+
+def solve(description: dict[str, Any]) -> latin_fmu.Solution:
+    """Solve a description; must converge."""
+    solution = latin_fmu.solve(latin_fmu.scene_from_dict(copy.deepcopy(description)))
+    assert solution.converged, solution.status
+    return solution
+
+
+def _block(i: int) -> Block:
+    material = ALUMINIUM if i % 2 else STEEL
+    return Block((0, 0, (i - 1) * EDGE), (EDGE,) * 3, (ELEMENTS,) * 3, *material)
+
+
+def _held(solid: Solid, with_base: bool) -> np.ndarray:
+    held = [3 * solid.on_plane(axis, 0.0) + axis for axis in (0, 1)]
+    if with_base:
+        held.append(3 * solid.on_plane(2, 0.0) + 2)
+    return np.unique(np.concatenate(held))
+
+
+def pulse() -> np.ndarray:
+    """Amplitude of the load at the instants."""
+    time = STEP * np.arange(N_STEP + 1)
+    return np.where(time < DURATION, np.sin(np.pi * time / DURATION), 0.0)
+
+
+def _loads(solid: Solid, top: float) -> np.ndarray:
+    nodes = solid.on_plane(2, top)
+    loads = np.zeros((N_STEP + 1, solid.n_dof))
+    loads[:, 3 * nodes + 2] = -PRESSURE * np.outer(pulse(), solid.face_areas(nodes))
+    return loads
+
+
+def bonded(n: int, scheme: Scheme) -> tuple[Solid, LinearSystem, np.ndarray]:
+    """The blocks merged into one mesh, its system and loads."""
+    solid = merged([_block(i) for i in range(1, n + 1)])
+    system = LinearSystem(solid.mass, None, solid.stiffness, _held(solid, True), STEP, scheme)
+    return solid, system, _loads(solid, n * EDGE)
+
+
+def apart(n: int, friction: float, scheme: Scheme) -> tuple[list[Solid], list[Body], list[ContactFace]]:
+    """The blocks as bodies in contact."""
+    solids = [merged([_block(i)]) for i in range(1, n + 1)]
+    bodies = []
+    for i, solid in enumerate(solids, 1):
+        system = LinearSystem(solid.mass, None, solid.stiffness, _held(solid, i == 1), STEP, scheme)
+        loads = _loads(solid, n * EDGE) if i == n else np.zeros((N_STEP + 1, solid.n_dof))
+        bodies.append(Body(system, loads, np.zeros(solid.n_dof), np.zeros(solid.n_dof)))
+    faces = []
+    for i in range(1, n):
+        nodes = solids[i - 1].on_plane(2, i * EDGE), solids[i].on_plane(2, i * EDGE)
+        normals = np.tile([0.0, 0.0, 1.0], (len(nodes[0]), 1))
+        faces.append(ContactFace((i - 1, i), nodes, normals, np.zeros(len(nodes[0])), friction))
+    return solids, bodies, faces

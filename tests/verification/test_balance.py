@@ -1,0 +1,132 @@
+"""Energy, momentum, no tension, friction that dissipates: on every model."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from .blocks import solve, stack
+from .scenes import MODELS, solved
+
+SHIPPED = sorted(str(p.relative_to(MODELS).with_suffix("")) for p in MODELS.glob("*/*.toml"))
+# sqrt(eta) is an energy norm over all interfaces; work mismatch is bounded by it times the work exchanged
+MULTIPLE = 10.0
+
+
+def exchanged(solution):
+    """Scale of works, J: what crosses the interfaces (sum of |power| dt over sides and instants, local-stage
+    fields), or the largest term of the energy balance where more (rigid ground: no work crosses)."""
+    dt = solution.time[1]
+    crossing = sum(
+        np.abs(np.einsum("p,tpc,tpc->t", h.areas, h.traction, h.velocity[:, side])).sum() * dt
+        for h in solution.interfaces.values()
+        for side in (0, 1)
+    )
+    return max(crossing, *(np.abs(term).max() for term in solution.energy.values()))
+
+
+@pytest.mark.parametrize("model", SHIPPED)
+def test_every_model_keeps_the_laws(model):
+    solution = solved(model)
+    for history in solution.interfaces.values():
+        normal = np.einsum("tpc,pc->tp", history.traction, history.normals)
+        if history.contact_status is None:
+            continue
+        scale = np.abs(normal).max()
+        assert normal.max() <= 1e-12 * scale  # contact never pulls
+        assert (history.contact_status[normal >= 0] == 0).all()
+        if history.friction_power is not None:
+            # a stuck point dissipates traction times the round-off of its velocities
+            size = np.abs(history.velocity).max() * np.abs(history.traction).max() * history.areas.sum()
+            assert history.friction_power.min() >= -1e-14 * size
+            shear = np.linalg.norm(history.traction - normal[..., None] * history.normals, axis=-1)
+            assert (shear <= history.friction_coefficient * -normal + 1e-9 * scale).all()
+
+
+@pytest.mark.parametrize("model", SHIPPED)
+def test_every_model_closes_its_energy(model):
+    """Per substructure and for the assembly: to 1e-10 of the largest term, each term computed by itself."""
+    solution = solved(model)
+    accounts = [h.energy for h in solution.substructures.values()]
+    for energy in accounts:
+        stored = energy["kinetic"] + energy["elastic"]
+        rest = (
+            stored - stored[0] + energy["damping_dissipation"] + energy["scheme_dissipation"]
+            - energy["work_of_loads"] - energy["interface_work"]
+        )  # fmt: skip
+        largest = max(np.abs(term).max() for term in energy.values())
+        assert np.abs(rest).max() <= 1e-10 * largest
+    total = solution.energy
+    assert np.abs(total["balance"]).max() <= 1e-10 * max(np.abs(t).max() for t in total.values())
+    assert (np.diff(total["friction_dissipation"]) >= -1e-12 * total["friction_dissipation"][-1]).all()
+
+
+def mismatches(solution):
+    """Momentum and interface-work mismatch, relative.
+
+    Momentum: total momentum against the impulse of loads and supports is exact by construction where tractions of
+    the two sides are opposite; what can differ is the velocity of the two sides under those tractions. Interface
+    work: power of the tractions on the marched velocities against the local-stage ones.
+    """
+    dt = solution.time[1]
+    work = 0.0
+    for history in solution.interfaces.values():
+        for side, name in enumerate(history.sides):
+            if name == "ground":
+                continue
+            part, _ = name.split(".")
+            body = solution.substructures[part]
+            nodes = np.argmin(
+                np.linalg.norm(body.nodes[None] - (history.points + side * _shift(history))[:, None], axis=2), axis=1
+            )
+            marched = body.velocity[:, nodes]
+            sign = 1.0 if side == 0 else -1.0
+            gap = marched - history.velocity[:, side]
+            work += sign * np.einsum("p,tpc,tpc->", history.areas, history.traction, gap) * dt
+    return abs(work) / exchanged(solution)
+
+
+def _shift(history):
+    return history.initial_gap[:, None] * history.normals
+
+
+@pytest.mark.parametrize("model", ["beam_in_traction/scene", "impact_bar/scene", "shear_interface/scene"])
+def test_interface_work_mismatch_is_bounded_by_the_indicator(model):
+    solution = solved(model)
+    assert mismatches(solution) <= MULTIPLE * solution.error_indicator
+
+
+@pytest.mark.parametrize("window", [1, "whole"])
+def test_interface_work_mismatch_vanishes_with_the_tolerance(window):
+    """Below 1e-9 at tolerance 1e-11."""
+    scene = stack(2, "contact", 0.2, tolerance=1e-11, window=window, max_iterations=5000)
+    assert mismatches(solve(scene)) < 1e-9
+
+
+def test_momentum_of_free_bodies():
+    """Two free blocks thrown at each other, default tolerance, windows of one instant: momentum to round-off."""
+    scene = stack(2, "contact", 0.3, gap=1e-5)
+    scene["boundary"] = {}
+    scene["load"] = {}
+    scene["substructure"]["b1"]["initial_velocity"] = [3.0, -2.0, 10.0]
+    scene["substructure"]["b2"]["initial_velocity"] = [-1.0, 4.0, -5.0]
+    solution = solve(scene)
+    assert np.abs(solution.interfaces["i1"].impulse(solution.time)[-1]).min() > 0
+    volume = 0.01**3
+    total = 0.0
+    for name, density in (("b1", 2700.0), ("b2", 7800.0)):
+        history = solution.substructures[name]
+        lumped = _lumped(history.nodes) * density * volume
+        total = total + np.einsum("n,tnc->tc", lumped, history.velocity)
+    # the scheme weights forces over a step alike on both sides, so their sum never moves
+    assert np.abs(total - total[0]).max() < 1e-11 * np.abs(total).max()
+
+
+def _lumped(nodes):
+    """Share of the volume of each node of a regular block of cubes."""
+    share = np.ones(len(nodes))
+    for axis in range(3):
+        x = nodes[:, axis]
+        inside = (x > x.min() + 1e-9) & (x < x.max() - 1e-9)
+        share *= np.where(inside, 1.0, 0.5)
+    return share / share.sum()

@@ -1,0 +1,87 @@
+"""The converged answer is that of the discrete problem, whatever the windows and the search direction."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from .blocks import apart, bonded, solve, stack
+from .oracles.contact_march import march_contact
+from .oracles.hexahedra import matching_nodes
+from .oracles.monolithic import Scheme, march
+
+SCHEMES = {
+    "hht": ({"type": "hht", "alpha": -0.1}, Scheme.hht(-0.1)),
+    "newmark": ({"type": "newmark", "beta": 0.25, "gamma": 0.5}, Scheme.newmark()),
+}
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("window", [1, 7, "whole"])
+def test_perfect_interfaces_are_the_merged_mesh(scheme, window):
+    """All interfaces perfect, iterated to round-off: monolithic integration of the merged mesh to 1e-8."""
+    described, reference = SCHEMES[scheme]
+    scene = stack(3, "perfect", tolerance=1e-11, window=window, max_iterations=400)
+    scene["time"]["scheme"] = described
+    solution = solve(scene)
+    solid, system, loads = bonded(3, reference)
+    expected = march(system, loads)
+    for name, history in solution.substructures.items():
+        there = matching_nodes(history.nodes, solid.nodes)
+        for computed, exact in ((history.displacement, expected.displacement), (history.velocity, expected.velocity)):
+            wanted = exact.reshape(len(exact), -1, 3)[:, there]
+            assert np.abs(computed - wanted).max() <= 1e-8 * np.abs(exact).max(), name
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.1, 10.0])
+def test_contact_is_the_coupled_discrete_problem(friction):
+    """Against Newton and Gauss-Seidel on the whole contact operator at every instant: forces to 1e-6."""
+    solids, bodies, faces = apart(3, friction, Scheme.hht(-0.1))
+    expected = march_contact(bodies, faces)
+    solution = solve(stack(3, "contact", friction, tolerance=1e-9, max_iterations=2000))
+    for i, face in enumerate(faces):
+        history = solution.interfaces[f"i{i + 1}"]
+        order = matching_nodes(history.points, solids[i].nodes[face.nodes[0]])
+        nodal = history.traction * history.areas[:, None]
+        assert np.abs(nodal - expected.force[i][:, order]).max() < 1e-6 * np.abs(expected.force[i]).max()
+    for b, name in enumerate(("b1", "b2", "b3")):
+        history = solution.substructures[name]
+        order = matching_nodes(history.nodes, solids[b].nodes)
+        moved = expected.displacement[b].reshape(len(history.time), -1, 3)[:, order]
+        assert np.abs(history.displacement - moved).max() < 1e-6 * np.abs(moved).max()
+
+
+def resultants(solution):
+    return np.stack([h.force() for h in solution.interfaces.values()])
+
+
+@pytest.fixture(scope="module")
+def tight():
+    """Stack of three blocks with friction, windows of one instant, iterated far."""
+    return resultants(solve(stack(3, "contact", 0.2, tolerance=1e-8, max_iterations=2000)))
+
+
+@pytest.mark.parametrize("window", [1, 4, 13, "whole"])
+def test_windows_do_not_change_the_answer(window, tight):
+    """One window or many: within ten times the tolerance on sqrt(eta)."""
+    found = resultants(solve(stack(3, "contact", 0.2, window=window, tolerance=1e-4, max_iterations=400)))
+    assert np.abs(found - tight).max() < 1e-3 * np.abs(tight).max()
+
+
+@pytest.mark.parametrize("acceleration", ["anderson", "none"])
+@pytest.mark.parametrize("kind", ["automatic", "impedance", "row", "diagonal"])
+def test_search_directions_do_not_change_the_answer(kind, acceleration, tight):
+    """Every choice of k, plain or accelerated, ends in one answer."""
+    scene = stack(
+        3, "contact", 0.2, search_direction=kind, acceleration=acceleration, tolerance=1e-4, max_iterations=2000
+    )
+    assert np.abs(resultants(solve(scene)) - tight).max() < 1e-3 * np.abs(tight).max()
+
+
+@pytest.mark.parametrize("factor", [0.1, 10.0])
+@pytest.mark.parametrize("kind", ["automatic", "impedance"])
+def test_ten_times_larger_or_smaller_k_gives_the_same_answer(kind, factor, tight):
+    """k times 0.1 and 10: only the cost changes."""
+    direction = {"type": kind, "factor": factor}
+    scene = stack(3, "contact", 0.2, search_direction=direction, tolerance=1e-4, max_iterations=4000)
+    assert np.abs(resultants(solve(scene)) - tight).max() < 2e-3 * np.abs(tight).max()
