@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from example_tools import COLOURS, MODELS, Array, options, save, table, tidy
+from example_tools import COLOURS, MODELS, Array, halves, options, save, table, tidy
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -189,7 +189,7 @@ def figure_of_friction(found: dict[float, Crush]) -> Figure:
     """Histories of every coefficient on the left, contact states on the right."""
     figure = Figure(figsize=(12.5, 8.0), layout="constrained")
     figure.suptitle("Crushing of two specimens: the influence of friction", fontweight="bold")
-    left, right = np.atleast_1d(figure.subfigures(1, 2, width_ratios=(1.1, 1.0)))
+    left, right = halves(figure, 1.1)
     lines = left.subplots(3, 1, sharex=True)
     for (friction, curves), colour in zip(found.items(), COLOURS, strict=False):
         for axis, (label, values) in zip(lines, quantities(curves), strict=True):

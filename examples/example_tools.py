@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, SubFigure
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -44,6 +44,12 @@ def save(figure: Figure, folder: Path, name: str) -> Path:
     path = folder / f"{name}.png"
     figure.savefig(path, dpi=150)
     return path
+
+
+def halves(figure: Figure, ratio: float) -> tuple[SubFigure, SubFigure]:
+    """Left and right part of a figure, the left one ``ratio`` times as wide."""
+    grid = figure.add_gridspec(1, 2, width_ratios=(ratio, 1.0))
+    return figure.add_subfigure(grid[0]), figure.add_subfigure(grid[1])
 
 
 def tidy(axis: Axes) -> None:

@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from example_tools import BLUE, EXACT, MODELS, VERMILION, Array, options, save, table, tidy
+from example_tools import BLUE, EXACT, MODELS, VERMILION, Array, halves, options, save, table, tidy
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -172,7 +172,7 @@ def figure_of_waves(found: Stress, exact: Stress) -> Figure:
     """Six snapshots on the left, the plane of space and time on the right."""
     figure = Figure(figsize=(12.0, 7.5), layout="constrained")
     figure.suptitle("A pressure pulse crosses two bars with a gap between them", fontweight="bold")
-    left, right = np.atleast_1d(figure.subfigures(1, 2, width_ratios=(1.15, 1.0)))
+    left, right = halves(figure, 1.15)
     axes = left.subplots(len(SHOWN), 1, sharex=True)
     notes = (
         "compression enters bar 1", "and runs through the joint", "the free end turns it into tension",
@@ -225,7 +225,7 @@ def figure_of_iterations(iterates: Sequence[Stress], errors: Sequence[float], ex
     for axis, time in zip(axes[0], BUILT_AT, strict=True):
         axis.set_title(f"t = {time:.2f} L/c  ({1e6 * time * TRANSIT:.0f} µs)", pad=16)
         name_bars(axis)
-    axes[0, 1].legend(loc="lower right", fontsize="small", ncols=2, frameon=False)
+    axes[0, 1].legend(loc="upper right", fontsize="small", ncols=2, frameon=False)
     for axis in axes[-1]:
         axis.set_xlabel("place along the bars (m)")
     return figure

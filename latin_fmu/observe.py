@@ -46,7 +46,13 @@ class Iteration:
         f_hat = group.block(self._event.f_hat)[:, 0, points]
         w_hat = group.block(self._event.w_hat)[:, :, points]
         return interface_history(
-            self._assembly.interfaces[index], f_hat, w_hat, None, None, group.parameters[points]
+            self._assembly.interfaces[index],
+            f_hat,
+            w_hat,
+            None,
+            None,
+            group.parameters[points],
+            self._assembly.characteristic_traction,
         )
 
     def displacement(self, name: str) -> Array:

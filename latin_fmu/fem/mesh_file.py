@@ -79,7 +79,9 @@ def _group_cells(file: meshio.Mesh) -> dict[str, list[Index]]:
     for name, blocks in file.cell_sets.items():
         if name.startswith("gmsh:"):
             continue
-        groups[name] = [np.asarray([] if b is None else b, dtype=np.int64) for b in blocks]
+        found = [np.asarray([] if b is None else b, dtype=np.int64) for b in blocks]
+        # a set written before later blocks names no cell of them
+        groups[name] = found + [np.zeros(0, dtype=np.int64)] * (len(file.cells) - len(found))
     physical = file.cell_data.get("gmsh:physical")
     if physical is not None:
         for name, (tag, dim) in file.field_data.items():
@@ -130,19 +132,33 @@ def _volume_cells(
     return cell_type, np.concatenate(blocks[cell_type])
 
 
+# At each corner, the neighbours along three edges, in right-handed order.
+_CORNERS = {
+    "hexahedron": (
+        (0, 1, 3, 4), (1, 2, 0, 5), (2, 3, 1, 6), (3, 0, 2, 7),
+        (4, 7, 5, 0), (5, 4, 6, 1), (6, 5, 7, 2), (7, 6, 4, 3),
+    ),
+    "tetra": ((0, 1, 2, 3),),
+}  # fmt: skip
+
+
 def _oriented(nodes: Array, cells: Index, cell_type: str, where: str) -> Index:
-    """Tetrahedra of negative volume are turned; hexahedra must be right as they are."""
-    edge = (1, 3, 4) if cell_type == "hexahedron" else (1, 2, 3)
-    a, b, c = (nodes[cells[:, i]] - nodes[cells[:, 0]] for i in edge)
-    volume = np.einsum("ij,ij->i", np.cross(a, b), c)
-    size = np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1) * np.linalg.norm(c, axis=1)
-    flat = np.abs(volume) <= 1e-12 * size
-    if flat.any():
+    """Cells numbered inside out are turned; flat or tangled ones are refused (Jacobian at the corners)."""
+    ratios = []
+    for corner, *neighbours in _CORNERS[cell_type]:
+        a, b, c = (nodes[cells[:, i]] - nodes[cells[:, corner]] for i in neighbours)
+        volume = np.einsum("ij,ij->i", np.cross(a, b), c)
+        size = np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1) * np.linalg.norm(c, axis=1)
+        ratios.append(volume / np.where(size > 0, size, 1.0))
+    low, high = np.min(ratios, axis=0), np.max(ratios, axis=0)
+    bad = ~((low > 1e-12) | (high < -1e-12))
+    if bad.any():
         raise MeshError(
-            [Problem(where, f"{int(flat.sum())} cells have no volume", f"first cell {int(flat.argmax())}")]
-        )
+            [Problem(where, f"{int(bad.sum())} cells have no volume or are tangled", f"first cell {int(bad.argmax())}",
+                     "a positive Jacobian at every corner", "repair the mesh where it is distorted")]
+        )  # fmt: skip
     cells = cells.copy()
-    turned = volume < 0
+    turned = high < 0
     swap = [0, 3, 2, 1, 4, 7, 6, 5] if cell_type == "hexahedron" else [0, 2, 1, 3]
     cells[turned] = cells[turned][:, swap]
     return cells
@@ -152,21 +168,21 @@ def _named_faces(
     file: meshio.Mesh, names: dict[str, list[Index]], renumber: Index, cells: Index, cell_type: str
 ) -> dict[str, Index]:
     """Named surface groups whose facets belong to this volume, oriented outwards."""
-    outward = {
-        tuple(sorted(facet)): facet
-        for local in CELL_FACES[cell_type]
-        for facet in map(tuple, cells[:, list(local)].tolist())
-    }
+    outward: dict[tuple[int, ...], tuple[int, ...] | None] = {}
+    for local in CELL_FACES[cell_type]:
+        for facet in map(tuple, cells[:, list(local)].tolist()):
+            key = tuple(sorted(facet))
+            outward[key] = None if key in outward else facet  # shared by two cells: inside the volume
     faces: dict[str, Index] = {}
     for name, selections in names.items():
-        facets = []
+        facets: dict[tuple[int, ...], tuple[int, ...]] = {}
         for block, chosen in zip(file.cells, selections, strict=True):
             if _SURFACE.get(block.type) != cell_type or not len(chosen):
                 continue
-            for facet in renumber[block.data[chosen]].tolist():
-                match = outward.get(tuple(sorted(facet)))
+            for key in (tuple(sorted(f)) for f in renumber[block.data[chosen]].tolist()):
+                match = outward.get(key)
                 if match is not None:
-                    facets.append(match)
+                    facets[key] = match
         if facets:
-            faces[name] = np.asarray(facets, dtype=np.int64)
+            faces[name] = np.asarray(list(facets.values()), dtype=np.int64)
     return faces

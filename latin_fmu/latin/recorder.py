@@ -7,11 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..interface.behaviour import SEPARATION
 from ..propagator.energy import TERMS
 from .assembly import Assembly
 from .layout import Array, InterfaceUnit
 from .local_stage import read_opening
 from .record import InterfaceHistory, SubstructureHistory
+
+_NO_CONTACT = 1e-6
 
 
 @dataclass(frozen=True)
@@ -125,6 +128,7 @@ class Recorder:
             self._slide.get(index),
             self._gap_of(assembly, index, n),
             group.parameters[points],
+            assembly.characteristic_traction,
         )
 
     def _gap_of(self, assembly: Assembly, index: int, n: int) -> Array | None:
@@ -176,7 +180,13 @@ class Recorder:
 
 
 def interface_history(
-    unit: InterfaceUnit, f_hat: Array, w_hat: Array, slide: Array | None, gap: Array | None, parameters: Array
+    unit: InterfaceUnit,
+    f_hat: Array,
+    w_hat: Array,
+    slide: Array | None,
+    gap: Array | None,
+    parameters: Array,
+    characteristic: float,
 ) -> InterfaceHistory:
     """History in global axes from local-frame fields.
 
@@ -185,6 +195,8 @@ def interface_history(
     f_hat : (n, n_point, n_component) on side E. w_hat : (n, 2, n_point, n_component).
     slide : (n_time, 2, n_point, 3) velocities of the sides where tangential unknowns are absent, else None.
     gap : (n, n_point) or None. parameters : (n_point, n_parameter).
+    characteristic : traction the loads can bring, Pa; a pressure below 1e-6 of it (the round-off and the numerical
+        forerunners of a wave that has not arrived) does not count as contact.
     """
     geometry, n_component = unit.geometry, unit.behaviour.n_component
     frames = geometry.frames[:, :n_component]
@@ -199,10 +211,14 @@ def interface_history(
         slip = w_hat[:, 1, :, 1:] - w_hat[:, 0, :, 1:]
         power = np.einsum("p,tpc,tpc->t", geometry.areas, f_hat[..., 1:], slip)
     opens = unit.behaviour.opens
+    status = None
+    if opens:
+        status = unit.behaviour.status(f_hat, parameters)
+        status[-f_hat[..., 0] <= _NO_CONTACT * characteristic] = SEPARATION
     return InterfaceHistory(
         name=unit.name, behaviour=unit.behaviour.name, sides=unit.sides, points=geometry.points,
         areas=geometry.areas, normals=geometry.frames[:, 0], initial_gap=geometry.gap,
         friction_coefficient=getattr(unit.behaviour, "friction_coefficient", None),
         traction=traction, velocity=velocity, gap=gap,
-        contact_status=unit.behaviour.status(f_hat, parameters) if opens else None, friction_power=power,
+        contact_status=status, friction_power=power,
     )  # fmt: skip

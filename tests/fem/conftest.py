@@ -63,7 +63,15 @@ def warped(request: pytest.FixtureRequest, box: Mesh) -> Mesh:
     return mesh if request.param == "hexahedron" else tetrahedra(mesh)
 
 
-GMSH_TYPE = {"triangle": 2, "quad": 3, "tetra": 4, "hexahedron": 5, "wedge": 6, "pyramid": 7, "hexahedron20": 17}
+GMSH_TYPE = {
+    "triangle": 2,
+    "quad": 3,
+    "tetra": 4,
+    "hexahedron": 5,
+    "wedge": 6,
+    "pyramid": 7,
+    "hexahedron20": 17,
+}
 ABAQUS_TYPE = {"triangle": "S3", "quad": "S4", "tetra": "C3D4", "hexahedron": "C3D8", "wedge": "C3D6",
                "hexahedron20": "C3D20"}  # fmt: skip
 

@@ -127,7 +127,9 @@ def test_frictionless_contact_has_normal_unknowns_only_and_slips() -> None:
     assert contact.n_component == 1
     assert Contact(0.1).n_component == 3
     f_hat = np.array([[-1.0], [0.0], [-0.0]])
-    np.testing.assert_array_equal(contact.status(f_hat, contact.point_parameters(3)), [SLIP, SEPARATION, SEPARATION])
+    np.testing.assert_array_equal(
+        contact.status(f_hat, contact.point_parameters(3)), [SLIP, SEPARATION, SEPARATION]
+    )
 
 
 def test_zero_friction_equals_the_normal_unknown_alone(points: Any) -> None:

@@ -39,7 +39,7 @@ class Oscillator:
     m: float = 1.0
     c: float = 0.0
     k: float = 0.0
-    f: Load = lambda t: 0.0  # noqa: E731
+    f: Load = lambda t: 0.0
 
 
 @dataclass(frozen=True)

@@ -122,7 +122,10 @@ def test_superposition(scheme: TimeScheme, marched: March, oscillator: Any) -> N
         states = marched(scheme, oscillator(1.0, 0.3, 8.0, load), 0.1, 30, u, v)
         return np.array([(s.u, s.v, s.a) for s in states])
 
-    both = run(lambda t: 2 * first[0](t) - 3 * second[0](t), *(2 * a - 3 * b for a, b in zip(first[1:], second[1:], strict=True)))
+    both = run(
+        lambda t: 2 * first[0](t) - 3 * second[0](t),
+        *(2 * a - 3 * b for a, b in zip(first[1:], second[1:], strict=True)),
+    )
     np.testing.assert_allclose(both, 2 * run(*first) - 3 * run(*second), atol=1e-11)
 
 

@@ -77,7 +77,8 @@ def mismatches(solution):
             part, _ = name.split(".")
             body = solution.substructures[part]
             nodes = np.argmin(
-                np.linalg.norm(body.nodes[None] - (history.points + side * _shift(history))[:, None], axis=2), axis=1
+                np.linalg.norm(body.nodes[None] - (history.points + side * _shift(history))[:, None], axis=2),
+                axis=1,
             )
             marched = body.velocity[:, nodes]
             sign = 1.0 if side == 0 else -1.0

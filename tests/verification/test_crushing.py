@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -50,7 +52,7 @@ def test_status_per_friction_coefficient():
         assert set(np.unique(run(mu).interfaces["crush"].contact_status)) == {0, 1, 2}
     assert slipped(10.0) < 0.01 * slipped(0.0)
     distances = [slipped(mu) for mu in FRICTION]
-    assert all(a >= b for a, b in zip(distances, distances[1:], strict=False)), distances
+    assert all(a >= b for a, b in itertools.pairwise(distances)), distances
 
 
 def test_frictionless_interface_has_no_tangential_unknowns():
@@ -66,7 +68,11 @@ def test_one_window_of_the_whole_interval():
     counts = {}
     for mu in (0.0, 0.05, 0.1):
         solution = run(
-            mu, 'solver.window="whole"', 'solver.start="zero"', "solver.max_iterations=60", "output.energy=false"
+            mu,
+            'solver.window="whole"',
+            'solver.start="zero"',
+            "solver.max_iterations=60",
+            "output.energy=false",
         )
         assert solution.windows[0].fallbacks == []
         counts[mu] = solution.windows[0].iterations

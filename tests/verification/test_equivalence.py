@@ -28,7 +28,10 @@ def test_perfect_interfaces_are_the_merged_mesh(scheme, window):
     expected = march(system, loads)
     for name, history in solution.substructures.items():
         there = matching_nodes(history.nodes, solid.nodes)
-        for computed, exact in ((history.displacement, expected.displacement), (history.velocity, expected.velocity)):
+        for computed, exact in (
+            (history.displacement, expected.displacement),
+            (history.velocity, expected.velocity),
+        ):
             wanted = exact.reshape(len(exact), -1, 3)[:, there]
             assert np.abs(computed - wanted).max() <= 1e-8 * np.abs(exact).max(), name
 
@@ -73,7 +76,13 @@ def test_windows_do_not_change_the_answer(window, tight):
 def test_search_directions_do_not_change_the_answer(kind, acceleration, tight):
     """Every choice of k, plain or accelerated, ends in one answer."""
     scene = stack(
-        3, "contact", 0.2, search_direction=kind, acceleration=acceleration, tolerance=1e-4, max_iterations=2000
+        3,
+        "contact",
+        0.2,
+        search_direction=kind,
+        acceleration=acceleration,
+        tolerance=1e-4,
+        max_iterations=2000,
     )
     assert np.abs(resultants(solve(scene)) - tight).max() < 1e-3 * np.abs(tight).max()
 

@@ -1,0 +1,211 @@
+"""Meshes from files: named groups, units, orientation, and a clear refusal of everything else."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from latin_fmu.errors import MeshError
+from latin_fmu.fem.elasticity import element_basis, mass
+from latin_fmu.fem.faces import face
+from latin_fmu.fem.mesh import Mesh, box_mesh
+from latin_fmu.fem.mesh_file import load, read_mesh
+
+SURFACE = {"hexahedron": "quad", "tetra": "triangle"}
+Write = Callable[..., Path]
+
+
+def groups_of(mesh: Mesh, **faces: str) -> dict[str, Any]:
+    """The volume as group "part" and some faces of the box under new names."""
+    groups: dict[str, Any] = {"part": (mesh.cell_type, mesh.cells)}
+    for name, box_face in faces.items():
+        groups[name] = (SURFACE[mesh.cell_type], mesh.faces[box_face])
+    return groups
+
+
+def test_volume_and_faces_come_back(straight: Mesh, written: Write) -> None:
+    path = written(straight.nodes, groups_of(straight, foot="zmin", top="zmax"))
+    for group in ("part", None):
+        mesh = read_mesh(path, group)
+        np.testing.assert_array_equal(mesh.nodes, straight.nodes)
+        np.testing.assert_array_equal(mesh.cells, straight.cells)
+        assert mesh.cell_type == straight.cell_type
+        assert set(mesh.faces) == {"foot", "top"}
+        for name, box_face in (("foot", "zmin"), ("top", "zmax")):
+            ours, theirs = face(mesh, name), face(straight, box_face)
+            np.testing.assert_array_equal(ours.nodes, theirs.nodes)
+            np.testing.assert_allclose(ours.vector_areas, theirs.vector_areas, atol=1e-15)
+
+
+def test_scale_is_metres_per_unit_of_the_file(straight: Mesh, written: Write) -> None:
+    path = written(straight.nodes, groups_of(straight, top="zmax"))
+    mesh = read_mesh(path, "part", scale=1e-3)
+    np.testing.assert_allclose(mesh.nodes, 1e-3 * straight.nodes, rtol=1e-15)
+    assert face(mesh, "top").areas.sum() == pytest.approx(0.8e-6, rel=1e-12)
+
+
+def two_parts(cell: str) -> tuple[np.ndarray, dict[str, Any]]:
+    """Two boxes one on the other that share the nodes of their common face "middle", with nodes nobody uses."""
+    lower, upper = (box_mesh(np.array([0.0, 0.0, z]), np.ones(3), (2, 2, 2)) for z in (0.0, 1.0))
+    shift = lower.n_node
+    renumber = np.arange(upper.n_node) + shift
+    bottom, top = np.unique(upper.faces["zmin"]), np.unique(lower.faces["zmax"])
+    renumber[bottom] = top
+    nodes = np.concatenate([lower.nodes, upper.nodes])
+    groups = {
+        "lower": (cell, lower.cells), "upper": (cell, renumber[upper.cells]),
+        "base": ("quad", lower.faces["zmin"]), "middle": ("quad", lower.faces["zmax"]),
+        "roof": ("quad", renumber[upper.faces["zmax"]]),
+    }  # fmt: skip
+    return nodes, groups
+
+
+def test_a_group_takes_its_own_nodes_and_the_faces_it_touches(written: Write) -> None:
+    """A face between two parts belongs to both, outwards for each."""
+    path = written(*two_parts("hexahedron"))
+    lower, upper = read_mesh(path, "lower"), read_mesh(path, "upper")
+    assert lower.n_node == upper.n_node == 27
+    assert set(lower.faces) == {"base", "middle"}
+    assert set(upper.faces) == {"middle", "roof"}
+    np.testing.assert_allclose(face(lower, "middle").normals, np.tile([0.0, 0.0, 1.0], (9, 1)), atol=1e-15)
+    np.testing.assert_allclose(face(upper, "middle").normals, np.tile([0.0, 0.0, -1.0], (9, 1)), atol=1e-15)
+    assert read_mesh(path).n_node == 45  # without a group: all volume cells together
+
+
+def test_inverted_cells_are_turned(straight: Mesh, written: Write) -> None:
+    """Same shape, mirrored numbering: volumes become positive again, faces stay outwards."""
+    mirror = [0, 3, 2, 1, 4, 7, 6, 5] if straight.cell_type == "hexahedron" else [0, 2, 1, 3]
+    cells = straight.cells.copy()
+    cells[::2] = cells[::2][:, mirror]
+    groups = groups_of(straight, top="zmax")
+    groups["part"] = (straight.cell_type, cells)
+    groups["top"] = (groups["top"][0], groups["top"][1][:, ::-1])
+    mesh = read_mesh(written(straight.nodes, groups))
+    basis = element_basis(mesh)
+    assert basis.dx.min() > 0
+    assert basis.dx.sum() == pytest.approx(1.2, rel=1e-12)
+    assert mass(basis, 1.0).sum() == pytest.approx(3 * 1.2, rel=1e-12)
+    assert face(mesh, "top").vector_areas.sum(axis=0)[2] == pytest.approx(0.8, rel=1e-12)
+
+
+def refused(call: Callable[[], object], *words: str) -> MeshError:
+    with pytest.raises(MeshError) as caught:
+        call()
+    for word in words:
+        assert word in str(caught.value)
+    return caught.value
+
+
+def test_unknown_group_tells_the_known_ones(box: Mesh, written: Write) -> None:
+    path = written(box.nodes, groups_of(box, top="zmax"))
+    refused(lambda: read_mesh(path, "prat"), "prat", "part", path.name)
+    refused(lambda: read_mesh(path, "top"), "top", "part")  # a surface is no volume
+
+
+CORNERS = {"wedge": 6, "pyramid": 5, "hexahedron20": 20}
+
+
+@pytest.mark.parametrize("kind", CORNERS)
+def test_other_cells_are_refused_with_a_remedy(kind: str, written: Write) -> None:
+    nodes = np.random.default_rng(0).normal(size=(20, 3))
+    groups = {"part": (kind, np.arange(CORNERS[kind])[None])}
+    try:
+        path = written(nodes, groups)
+    except KeyError:
+        pytest.skip("the format has no such cell")
+    refused(lambda: read_mesh(path), kind, "8-node hexahedra", "4-node tetrahedra")
+
+
+def test_mixed_cells_are_refused_in_one_group_but_not_in_two(box: Mesh, msh: Write) -> None:
+    tetra = np.array([[0, 1, 4, 16]])
+    groups = {**groups_of(box), "bit": ("tetra", tetra)}
+    path = msh(box.nodes, groups)
+    refused(lambda: read_mesh(path), "tetra", "hexahedron")
+    assert read_mesh(path, "part").cell_type == "hexahedron"
+    assert read_mesh(path, "bit").cell_type == "tetra"
+
+
+def test_a_surface_alone_is_no_volume(box: Mesh, written: Write) -> None:
+    path = written(box.nodes, {"top": ("quad", box.faces["zmax"])})
+    refused(lambda: read_mesh(path), "no volume cells")
+
+
+def test_flat_cells_are_refused(straight: Mesh, written: Write) -> None:
+    nodes = straight.nodes.copy()
+    nodes[:, 1] = 0.0
+    refused(lambda: read_mesh(written(nodes, groups_of(straight))), "no volume")
+
+
+def test_a_tangled_hexahedron_is_refused(written: Write) -> None:
+    """Right at its first corner and inside out at the opposite one: its stiffness would be nonsense."""
+    mesh = box_mesh(np.zeros(3), np.ones(3), (1, 1, 1))
+    nodes = mesh.nodes.copy()
+    nodes[7] = [0.1, 0.1, 0.1]
+    refused(lambda: read_mesh(written(nodes, groups_of(mesh))), "part.")
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_coordinates_must_be_finite(box: Mesh, written: Write, value: float) -> None:
+    nodes = box.nodes.copy()
+    nodes[5, 0] = value
+    refused(lambda: read_mesh(written(nodes, groups_of(box))))
+
+
+def test_missing_file_and_folder(tmp_path: Path) -> None:
+    refused(lambda: read_mesh(tmp_path / "none.msh"), "none.msh", "no such mesh file")
+    refused(lambda: load(tmp_path), tmp_path.name)
+
+
+GARBAGE = (b"", b"\n", b"hello", b"\x00\xff\xfe" * 200, b"$MeshFormat\n4.1 0 8\n", b"$MeshFormat\n9.9 0 8\n$EndMeshFormat\n",
+           b"*NODE\n1, a, b, c\n", b"*ELEMENT, TYPE=C3D8\n1,1,2\n", b"*NODE\n1,0,0,0\n*ELEMENT, TYPE=X9\n1,1\n",
+           b"<VTKFile type='UnstructuredGrid'", b"# vtk DataFile Version 2.0\n")  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "suffix", ["msh", "inp", "vtu", "vtk", "med", "xdmf", "bdf", "mesh", "stl", "zzz", ""]
+)
+def test_garbage_is_a_mesh_error_and_never_ends_the_process(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / (f"bad.{suffix}" if suffix else "bad")
+    for content in GARBAGE:
+        path.write_bytes(content)
+        refused(lambda: read_mesh(path), path.name)
+
+
+def test_truncated_files_are_mesh_errors(box: Mesh, written: Write) -> None:
+    """Cut anywhere, a file is refused or still makes a mesh; nothing else escapes."""
+    path = written(box.nodes, groups_of(box, top="zmax"))
+    text = path.read_text()
+    for end in range(0, len(text), 97):
+        path.write_text(text[:end])
+        try:
+            read_mesh(path)
+        except MeshError:
+            continue
+
+
+def test_damaged_files_are_mesh_errors(box: Mesh, written: Write) -> None:
+    """One number replaced at a time, by none, a huge, or a negative one."""
+    path = written(box.nodes, groups_of(box, top="zmax"))
+    words = path.read_text().split(" ")
+    rng = np.random.default_rng(6)
+    for where in rng.integers(0, len(words), 150):
+        for wrong in ("", "999999", "-7"):
+            path.write_text(" ".join([*words[:where], wrong, *words[where + 1 :]]))
+            try:
+                read_mesh(path, "part")
+            except MeshError:
+                continue
+
+
+def test_reading_says_nothing(
+    box: Mesh, written: Write, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    read_mesh(written(box.nodes, groups_of(box, top="zmax")))
+    bad = tmp_path / "bad.msh"
+    bad.write_text("hello")
+    refused(lambda: read_mesh(bad))
+    assert capsys.readouterr() == ("", "")

@@ -1,0 +1,249 @@
+"""Boundary conditions of a scene at work: closed forms of waves and oscillations, equal models built otherwise."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+import scipy.linalg as la
+
+from latin_fmu.api import run
+from latin_fmu.errors import SceneError
+from latin_fmu.latin.record import Outcome
+from latin_fmu.scene.build import Built, build
+from latin_fmu.scene.reader import scene_from_dict
+
+# c = 2 along a bar with E = 4, rho = 1, nu = 0; shear waves at sqrt(2)
+MATERIAL = {"young_modulus": 4.0, "poisson_ratio": 0.0, "density": 1.0}
+LENGTH, SPEED = 10.0, 2.0
+
+
+def built(**tables: Any) -> Built:
+    """A bar of 1 x 1 x 10 along z with 100 elements, and other tables."""
+    base: dict[str, Any] = {
+        "name": "bar",
+        "material": {"m": MATERIAL},
+        "substructure": {"bar": {"material": "m", "box": {"origin": [0, 0, 0], "size": [1.0, 1.0, LENGTH], "elements": [1, 1, 100]}}},
+        "time": {"end": 4.0, "instants": 200},
+        "output": {"fields": True, "energy": True},
+    }  # fmt: skip
+    return build(scene_from_dict(base | tables))
+
+
+def solved(**tables: Any) -> Outcome:
+    return run(built(**tables))
+
+
+def half_sine(duration: float) -> dict[str, Any]:
+    return {"type": "half_sine", "start": 0.0, "duration": duration}
+
+
+def pulse(t: np.ndarray, duration: float) -> np.ndarray:
+    return np.where((t > 0) & (t < duration), np.sin(np.pi * t / duration), 0.0)
+
+
+@pytest.mark.parametrize("scheme", [{"type": "hht"}, {"type": "newmark"}], ids=["hht", "newmark"])
+def test_a_driven_end_sends_its_velocity_along_the_bar(scheme: dict[str, Any]) -> None:
+    """v(z, t) = V(t - z/c) until the front reaches the free end."""
+    outcome = solved(
+        boundary={"push": {"type": "velocity", "face": "bar.zmin", "components": ["z"], "value": [0.3], "law": half_sine(2.0)}},
+        time={"end": 4.0, "instants": 200, "scheme": scheme},
+    )  # fmt: skip
+    bar = outcome.substructures["bar"]
+    z = bar.nodes[:, 2]
+    for i in (60, 120, 200):
+        exact = 0.3 * pulse(outcome.time[i] - z / SPEED, 2.0)
+        assert np.abs(bar.velocity[i, :, 2] - exact).max() < 0.03 * 0.3  # the kinks of the law
+        assert np.abs(bar.velocity[i, :, :2]).max() < 1e-14
+    end = z == 0.0
+    np.testing.assert_allclose(bar.velocity[:, end, 2], np.tile(0.3 * pulse(outcome.time, 2.0)[:, None], (1, 4)), atol=1e-15)
+    # energy sent: rho c A int V^2 dt
+    assert outcome.energy["work_of_loads"][-1] == pytest.approx(SPEED * 0.09 * 1.0, rel=2e-3)
+    assert np.abs(outcome.energy["balance"]).max() < 1e-12
+
+
+def test_prescribed_displacement_is_followed() -> None:
+    """Quadratic in time to the accuracy of the scheme; a value at t = 0 is there from the start."""
+    law = {"type": "table", "times": [0.0, 1.0, 2.0, 4.0], "values": [1.0, 1.0, 0.0, 0.5]}
+    outcome = solved(
+        boundary={"move": {"type": "displacement", "face": "bar.zmin", "components": ["x", "z"], "value": [0.2, -0.1], "law": law}},
+        substructure={"bar": {"material": "m", "initial_displacement": [0.2, 0.0, -0.1],
+                              "box": {"origin": [0, 0, 0], "size": [1.0, 1.0, LENGTH], "elements": [1, 1, 20]}}},
+    )  # fmt: skip
+    bar = outcome.substructures["bar"]
+    wanted = np.interp(outcome.time, law["times"], law["values"])
+    found = bar.displacement[:, bar.nodes[:, 2] == 0.0]
+    for component, value in ((0, 0.2), (2, -0.1)):
+        # one step (dt = 0.02) of rounding at the corners of the law, and no drift
+        error = found[..., component] - value * wanted[:, None]
+        assert np.abs(error).max() < abs(value) * 0.02
+        assert np.abs(error[-1]).max() < abs(value) * 0.006
+    assert np.abs(bar.displacement[: 40, :, 0] - 0.2).max() < 1e-13  # at rest until the law moves
+
+
+@pytest.mark.parametrize(("direction", "reflected"), [(2, 0.01), (0, 0.01)], ids=["pressure", "shear"])
+def test_absorbing_end_sends_nothing_back(direction: int, reflected: float) -> None:
+    """Pressure and shear pulses in a periodic column: nothing is left after they have left, and no rigid motion."""
+    traction = [0.0, 0.0, 0.0]
+    traction[direction] = 1.0
+    speed = (math.sqrt(2.0), math.sqrt(2.0), 2.0)[direction]
+    end = 2.0 + 1.3 * LENGTH / speed
+    outcome = solved(
+        boundary={"out": {"type": "absorbing", "face": "bar.zmax"}, "x": {"type": "periodic", "faces": ["bar.xmin", "bar.xmax"]},
+                  "y": {"type": "periodic", "faces": ["bar.ymin", "bar.ymax"]}},
+        load={"hit": {"face": "bar.zmin", "traction": traction, "law": half_sine(2.0)}},
+        time={"end": end, "instants": 400},
+    )  # fmt: skip
+    bar = outcome.substructures["bar"]
+    peak = 1.0 / speed  # v = t / (rho c)
+    assert np.abs(bar.velocity).max() == pytest.approx(peak, rel=0.02)
+    assert np.abs(bar.velocity[-1]).max() < reflected * peak
+    stored = outcome.energy["kinetic"][-1] + outcome.energy["elastic"][-1]
+    assert stored < reflected**2 * outcome.energy["work_of_loads"][-1]
+    assert outcome.energy["damping_dissipation"][-1] == pytest.approx(outcome.energy["work_of_loads"][-1], rel=0.01)
+    assert np.abs(outcome.energy["balance"]).max() < 1e-12
+
+
+def test_a_free_end_reflects_all() -> None:
+    """The same pulse without the absorbing end is all there after its reflection: the test above can fail."""
+    outcome = solved(
+        load={"hit": {"face": "bar.zmin", "pressure": 1.0, "law": half_sine(2.0)}}, time={"end": 8.5, "instants": 400}
+    )
+    stored = outcome.energy["kinetic"][-1] + outcome.energy["elastic"][-1]
+    assert stored == pytest.approx(outcome.energy["work_of_loads"][-1], rel=0.01)
+
+
+def test_mass_damping_of_a_rigid_motion() -> None:
+    """v = v_0 exp(-a t)."""
+    damped = MATERIAL | {"rayleigh_mass": 0.5}
+    outcome = solved(
+        material={"m": damped},
+        substructure={"bar": {"material": "m", "initial_velocity": [1.0, -2.0, 0.5], "box": {"origin": [0, 0, 0], "size": [1.0, 1.0, 2.0], "elements": [1, 1, 2]}}},
+    )  # fmt: skip
+    velocity = outcome.substructures["bar"].velocity
+    expected = np.exp(-0.5 * outcome.time)[:, None, None] * np.array([1.0, -2.0, 0.5])
+    np.testing.assert_allclose(velocity, np.broadcast_to(expected, velocity.shape), atol=1e-4)
+    lost = 0.5 * 2.0 * 5.25 * (1 - math.exp(-4.0))
+    assert outcome.energy["damping_dissipation"][-1] == pytest.approx(lost, rel=1e-3)
+
+
+def test_rayleigh_damping_of_a_mode(model: Callable[..., Any], begin: Callable[..., Any], changed: Callable[..., Any]) -> None:
+    """A mode phi with w decays as exp(-z w t) cos(w_d t) + ...; z = (0.3 / w + 0.02 w) / 2 (the model's damping)."""
+    m = model("damped", n=400)
+    values, modes = la.eigh(m.stiffness.toarray(), m.mass.toarray())
+    w, phi = math.sqrt(values[6]), modes[:, 6]
+    z = 0.5 * (0.3 / w + 0.02 * w)
+    w_d = w * math.sqrt(1 - z * z)
+    alone = changed(m, loads=[], displacement=phi, velocity=np.zeros_like(phi))
+    from latin_fmu.propagator import DirectPropagator
+    from latin_fmu.time_scheme import make_scheme
+
+    dt = 0.01 / w
+    propagator = DirectPropagator([alone], make_scheme("newmark", {}), dt, energy=False)
+    nothing = np.zeros((propagator.n_channel, 1))
+    propagator.start(nothing, propagator.mass_factor())
+    for i in range(1, 401):
+        propagator.predict()
+        propagator.commit(nothing)
+        t = i * dt
+        exact = math.exp(-z * w * t) * (math.cos(w_d * t) + z * w / w_d * math.sin(w_d * t))
+        assert propagator.full_displacement(0).ravel() @ phi / (phi @ phi) == pytest.approx(exact, abs=2e-4)
+
+
+def test_periodic_column_moves_as_one_line() -> None:
+    """Nodes of one height move together, like the column with one element across."""
+    def column(n: int) -> Outcome:
+        return solved(
+            substructure={"bar": {"material": "m", "box": {"origin": [0, 0, 0], "size": [1.0, 1.0, LENGTH], "elements": [n, n, 40]}}},
+            boundary={"x": {"type": "periodic", "faces": ["bar.xmin", "bar.xmax"]}, "y": {"type": "periodic", "faces": ["bar.ymin", "bar.ymax"]}},
+            load={"shear": {"face": "bar.zmin", "traction": [1.0, 0.5, 0.2], "law": half_sine(1.0)}},
+            material={"m": MATERIAL | {"poisson_ratio": 0.3}},
+            time={"end": 4.0, "instants": 80},
+        )  # fmt: skip
+
+    thin, wide = column(1).substructures["bar"], column(2).substructures["bar"]
+    heights = np.linspace(0.0, LENGTH, 41)
+    for bar in (thin, wide):
+        for z in heights[::10]:
+            line = bar.velocity[:, np.isclose(bar.nodes[:, 2], z)]
+            assert np.ptp(line, axis=1).max() < 1e-13
+    profile = [bar.velocity[-1][[np.flatnonzero(np.isclose(bar.nodes[:, 2], z))[0] for z in heights]] for bar in (thin, wide)]
+    np.testing.assert_allclose(profile[1], profile[0], atol=1e-12)
+
+
+def test_quarter_with_symmetries_equals_the_whole() -> None:
+    def block(origin: float, size: float, n: int, planes: tuple[str, ...]) -> Outcome:
+        return solved(
+            material={"m": MATERIAL | {"poisson_ratio": 0.3}},
+            substructure={"bar": {"material": "m", "box": {"origin": [origin, origin, 0.0], "size": [size, size, 2.0], "elements": [n, n, 3]}}},
+            boundary={"base": {"type": "symmetry", "face": "bar.zmin"}}
+            | {f"plane{i}": {"type": "symmetry", "face": f"bar.{p}"} for i, p in enumerate(planes)},
+            load={"press": {"face": "bar.zmax", "pressure": 1.0, "law": half_sine(1.0)}},
+            time={"end": 2.0, "instants": 40},
+        )  # fmt: skip
+
+    whole = block(-1.0, 2.0, 4, ()).substructures["bar"]
+    quarter = block(0.0, 1.0, 2, ("xmin", "ymin")).substructures["bar"]
+    same = [int(np.argmin(np.linalg.norm(whole.nodes - x, axis=1))) for x in quarter.nodes]
+    np.testing.assert_allclose(whole.displacement[:, same], quarter.displacement, atol=1e-12)
+    assert np.abs(quarter.displacement[..., 0]).max() > 0.01  # it does bulge
+
+
+def test_fixed_components_and_symmetry_hold_what_they_say() -> None:
+    outcome = solved(
+        boundary={"base": {"type": "fixed", "face": "bar.zmin", "components": ["x", "z"]}, "side": {"type": "symmetry", "face": "bar.xmax"}},
+        load={"push": {"face": "bar.zmax", "traction": [1.0, 1.0, 1.0], "law": half_sine(1.0)}},
+        material={"m": MATERIAL | {"poisson_ratio": 0.3}},
+    )  # fmt: skip
+    bar = outcome.substructures["bar"]
+    base, side = bar.nodes[:, 2] == 0.0, bar.nodes[:, 0] == 1.0
+    assert not bar.displacement[:, base][..., [0, 2]].any()
+    assert not bar.displacement[:, side, 0].any()
+    assert np.abs(bar.displacement[:, base, 1]).max() > 0
+    assert np.abs(bar.displacement[:, side, 1:]).max() > 0
+
+
+def test_pressure_pushes_inwards_and_gravity_falls() -> None:
+    box = {"origin": [0, 0, 0], "size": [1.0, 1.0, 2.0], "elements": [1, 1, 2]}
+    pushed = solved(substructure={"bar": {"material": "m", "box": box}}, load={"p": {"face": "bar.xmax", "pressure": 3.0}})
+    impulse = pushed.substructures["bar"].velocity[-1].mean(axis=0) * 2.0
+    np.testing.assert_allclose(impulse, [-3.0 * 2.0 * 4.0, 0.0, 0.0], atol=1e-9)
+    falling = solved(substructure={"bar": {"material": "m", "box": box, "body_force": [0.0, 0.0, -9.81]}})
+    depth = falling.substructures["bar"].displacement[-1]
+    np.testing.assert_allclose(depth, np.tile([0.0, 0.0, -0.5 * 9.81 * 16.0], (12, 1)), rtol=1e-12, atol=1e-12)
+
+
+def refused(words: tuple[str, ...], **tables: Any) -> None:
+    with pytest.raises(SceneError) as caught:
+        built(**tables)
+    for word in words:
+        assert word in str(caught.value)
+
+
+def test_two_conditions_on_one_edge_are_refused() -> None:
+    """Faces that share an edge: the same component cannot be driven twice, nor held and driven."""
+    def drive(face: str) -> dict[str, Any]:
+        return {"type": "velocity", "face": face, "components": ["x"], "value": [1.0]}
+
+    refused(("boundary.second", "bar.xmin"), boundary={"first": drive("bar.zmin"), "second": drive("bar.xmin")})
+    for order in (("held", "driven"), ("driven", "held")):
+        tables = {"held": {"type": "fixed", "face": "bar.zmin"}, "driven": drive("bar.xmin")}
+        refused(("boundary.",), boundary={name: tables[name] for name in order})
+
+
+def test_identical_bodies_share_one_class() -> None:
+    def box(x: float, elements: tuple[int, int, int] = (1, 1, 2)) -> dict[str, Any]:
+        return {"material": "m", "box": {"origin": [x, 0.1, 0.7], "size": [1.0, 1.0, 2.0], "elements": list(elements)}}
+
+    loaded = box(3.3) | {"initial_velocity": [1.0, 0.0, 0.0]}
+    stiff = box(6.0) | {"material": "stiff"}
+    assembly = built(
+        material={"m": MATERIAL, "stiff": MATERIAL | {"young_modulus": 8.0}},
+        substructure={"a": box(0.0), "b": loaded, "c": stiff, "d": box(9.0, (1, 1, 3)), "e": box(12.0), "f": box(15.0)},
+        load={"push": {"face": "b.xmin", "pressure": 1.0}},
+        boundary={"hold": {"type": "fixed", "face": "e.zmin"}, "out": {"type": "absorbing", "face": "f.zmin"}},
+    ).assembly  # fmt: skip
+    assert [p.names for p in assembly.propagators] == [["a", "b"], ["c"], ["d"], ["e"], ["f"]]
