@@ -78,7 +78,8 @@ def volume(mesh: Mesh) -> float:
 
 def test_facets_of_the_reference_cells_point_outwards() -> None:
     corners = {
-        "hexahedron": np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]]),
+        "hexahedron": np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0],
+                                [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]]),
         "tetra": np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]),
     }  # fmt: skip
     for cell_type, nodes in corners.items():

@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 from latin_fmu.interface import BEHAVIOURS, Behaviour, make_behaviour
 
 Array = NDArray[np.float64]
-Residual = Callable[[Behaviour, Array, Array, Array], float]
+Residual = Callable[[Behaviour, Array, Array, Array], float]  # behaviour, W' - W, F_hat on E, reach
 
 N_POINT = 400
 SEED = 45
 
 
-def perfect_residual(behaviour: Behaviour, slip: Array, traction: Array, reach: Array) -> float:
+def perfect_residual(_: Behaviour, slip: Array, *__: Array) -> float:
     """Eq. (7): no relative velocity."""
     return float(np.abs(slip).max())
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -36,7 +36,10 @@ def histories(n_time: int, count: int, seed: int) -> Array:
     """Smooth random histories (n_time, count) with values and slopes at t = 0."""
     rng = np.random.default_rng(seed)
     t = np.arange(n_time)[:, None] * DT
-    waves = (rng.normal(size=count) * np.sin(t * rng.uniform(0.5, 6.0, count) + rng.uniform(0, 6, count)) for _ in range(3))
+    waves = (
+        rng.normal(size=count) * np.sin(t * rng.uniform(0.5, 6.0, count) + rng.uniform(0, 6, count))
+        for _ in range(3)
+    )
     return np.sum(list(waves), axis=0)
 
 
@@ -71,7 +74,10 @@ def channels(mesh: Mesh, tilt: float) -> tuple[sp.csr_array, Array]:
         surface = face(mesh, name)
         frames = local_frames(surface.normals + tilt * np.array([1.0, 0.5, 0.0]))
         pick = sp.csr_array(
-            (np.ones(3 * len(surface.nodes)), (np.arange(3 * len(surface.nodes)), dofs(surface.nodes, 0, 1, 2))),
+            (
+                np.ones(3 * len(surface.nodes)),
+                (np.arange(3 * len(surface.nodes)), dofs(surface.nodes, 0, 1, 2)),
+            ),
             shape=(3 * len(surface.nodes), 3 * mesh.n_node),
         )
         blocks.append(sp.csr_array(sp.block_diag([f[:count] for f in frames]) @ pick))
@@ -79,7 +85,9 @@ def channels(mesh: Mesh, tilt: float) -> tuple[sp.csr_array, Array]:
     return sp.csr_array(sp.vstack(blocks)), np.concatenate(areas)
 
 
-def make_model(kind: str, seed: int = 0, n: int = N, elements: tuple[int, int, int] = (2, 2, 3)) -> SubstructureModel:
+def make_model(
+    kind: str, seed: int = 0, n: int = N, elements: tuple[int, int, int] = (2, 2, 3)
+) -> SubstructureModel:
     """A box of hexahedra with loads, initial motion, and the conditions of ``kind``."""
     mesh = box_mesh(np.zeros(3), np.array([1.0, 0.9, 1.6]), elements)
     basis = element_basis(mesh)
@@ -100,7 +108,10 @@ def make_model(kind: str, seed: int = 0, n: int = N, elements: tuple[int, int, i
     trace, area = channels(mesh, tilt=0.3 if everything else 0.0)
     rng = np.random.default_rng(seed)
     free = np.asarray(expansion.sum(axis=1)).ravel()
-    loads = [LoadTerm(f"load{i}", rng.normal(size=3 * mesh.n_node), histories(n + 1, 1, seed + 3 + i)[:, 0]) for i in range(2)]
+    loads = [
+        LoadTerm(f"load{i}", rng.normal(size=3 * mesh.n_node), histories(n + 1, 1, seed + 3 + i)[:, 0])
+        for i in range(2)
+    ]
     loads.append(LoadTerm("", rng.normal(size=3 * mesh.n_node), np.ones(n + 1)))
     tied = expansion @ rng.normal(size=(expansion.shape[1], 2))
     velocity = histories(n + 1, len(driven), seed + 20)
@@ -122,15 +133,14 @@ class Motion:
     a: Array
 
 
-def prescribed(model: SubstructureModel, scheme: Any) -> Iterator[Array]:
-    """Full u, v, a of the prescribed motions: given velocities, Newmark's relations for the others."""
+def prescribed(model: SubstructureModel, scheme: Any) -> Array:
+    """Full accelerations of the prescribed motions, (n + 1, n_full): Newmark's relation for the given velocities."""
     v = model.imposed_velocity
-    u, a = np.zeros_like(v), np.zeros_like(v)
-    u[0], a[0] = model.imposed_start, (v[1] - v[0]) / DT
+    a = np.zeros_like(v)
+    a[0] = (v[1] - v[0]) / DT
     for i in range(len(v) - 1):
         a[i + 1] = ((v[i + 1] - v[i]) / DT - (1 - scheme.gamma) * a[i]) / scheme.gamma
-        u[i + 1] = u[i] + DT * v[i] + DT**2 * ((0.5 - scheme.beta) * a[i] + scheme.beta * a[i + 1])
-    return (h @ model.imposed_pattern.T for h in (u, v, a))
+    return a @ model.imposed_pattern.T
 
 
 def dense_march(model: SubstructureModel, scheme: Any, incoming: Array, k: Array) -> Motion:
@@ -144,7 +154,7 @@ def dense_march(model: SubstructureModel, scheme: Any, incoming: Array, k: Array
     damp = np.zeros_like(m) if model.damping is None else model.damping.toarray()
     damp = damp + t.T @ ((area * k)[:, None] * t)
     loads = sum(np.outer(term.history, term.pattern) for term in model.loads) + (incoming * area) @ t
-    u_p, v_p, a_p = prescribed(model, scheme)
+    a_p = prescribed(model, scheme)
     al, be, ga = scheme.alpha, scheme.beta, scheme.gamma
     n = len(loads) - 1
     u, v, a = (np.zeros((n + 1, model.n_full)) for _ in range(3))
@@ -164,7 +174,9 @@ def dense_march(model: SubstructureModel, scheme: Any, incoming: Array, k: Array
     return Motion(u, v, a)
 
 
-def started(members: list[SubstructureModel], scheme: TimeScheme, traction: Array | None = None) -> DirectPropagator:
+def started(
+    members: list[SubstructureModel], scheme: TimeScheme, traction: Array | None = None
+) -> DirectPropagator:
     """Propagator with energies, at t = 0 with tractions (n_channel, n_member)."""
     propagator = DirectPropagator(members, scheme, DT, energy=True)
     at_start = np.zeros((propagator.n_channel, len(members))) if traction is None else traction
@@ -183,7 +195,10 @@ def commit_all(propagator: DirectPropagator, tractions: Array) -> Motion:
 
 
 def _state(propagator: DirectPropagator) -> tuple[Array, Array, Array]:
-    a = propagator.members[0].expansion @ propagator.state.a[:, 0] + propagator.forcing.imposed_a(propagator.state.instant)[:, 0]
+    a = (
+        propagator.members[0].expansion @ propagator.state.a[:, 0]
+        + propagator.forcing.imposed_a(propagator.state.instant)[:, 0]
+    )
     return propagator.full_displacement(0).ravel(), propagator.full_velocity(0).ravel(), a
 
 

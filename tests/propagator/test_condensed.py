@@ -30,7 +30,9 @@ def response(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) ->
 
 @pytest.mark.parametrize("ranked", [False, True], ids=["library_order", "given_order"])
 @pytest.mark.parametrize("n_last", [0, 1, 30, 70, 108])
-def test_forward_and_backward_make_one_solve(matrix: sp.csr_array, response: bool, n_last: int, ranked: bool) -> None:
+def test_forward_and_backward_make_one_solve(
+    matrix: sp.csr_array, response: bool, n_last: int, ranked: bool
+) -> None:
     n = matrix.shape[0]
     rng = np.random.default_rng(1)
     last = np.sort(rng.permutation(n)[:n_last])
@@ -47,7 +49,8 @@ def test_forward_and_backward_make_one_solve(matrix: sp.csr_array, response: boo
     assert factor.nbytes > 0
 
 
-def test_schur_complement(matrix: sp.csr_array, response: bool) -> None:
+@pytest.mark.usefixtures("response")
+def test_schur_complement(matrix: sp.csr_array) -> None:
     n = matrix.shape[0]
     last = np.arange(0, n, 4)
     factor = CondensedFactor(matrix, last)
@@ -58,7 +61,8 @@ def test_schur_complement(matrix: sp.csr_array, response: bool) -> None:
     np.testing.assert_array_equal(factor.schur_inverse, factor.schur_inverse.T)
 
 
-def test_interface_loads_reach_the_interior(matrix: sp.csr_array, response: bool) -> None:
+@pytest.mark.usefixtures("response")
+def test_interface_loads_reach_the_interior(matrix: sp.csr_array) -> None:
     """One forward sweep without the interface force g, one backward sweep with it, is the solve with it."""
     n = matrix.shape[0]
     last = np.arange(3, n, 5)
@@ -73,7 +77,8 @@ def test_interface_loads_reach_the_interior(matrix: sp.csr_array, response: bool
     )
 
 
-def test_arguments_are_unchanged(matrix: sp.csr_array, response: bool) -> None:
+@pytest.mark.usefixtures("response")
+def test_arguments_are_unchanged(matrix: sp.csr_array) -> None:
     n = matrix.shape[0]
     last = np.arange(0, n, 7)
     before = matrix.copy()

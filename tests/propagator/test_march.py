@@ -31,7 +31,9 @@ def test_march_under_given_tractions(
         close(getattr(found, name), getattr(expected, name))
 
 
-def test_respond_is_a_march_with_dashpots(scheme: Any, kind: str, model: Make, reference: Make, begin: Make, tractions: Make) -> None:
+def test_respond_is_a_march_with_dashpots(
+    scheme: Any, kind: str, model: Make, reference: Make, begin: Make, tractions: Make
+) -> None:
     """W = W_0 + Y q equals the velocities of a march with k in its matrix, loaded by q; commit(q - k W) agrees."""
     m = model(kind)
     n = len(m.channel_area)
@@ -79,7 +81,9 @@ def test_respond_takes_one_or_many_columns(hht: Any, model: Make, begin: Make, t
         close(propagator.respond(w_0[:, j : j + 1], q[:, j : j + 1]), together[:, j : j + 1], 1e-13)
 
 
-def test_causality(kind: str, hht: Any, model: Make, begin: Make, advance: Make, tractions: Make, changed: Make) -> None:
+def test_causality(
+    kind: str, hht: Any, model: Make, begin: Make, advance: Make, tractions: Make, changed: Make
+) -> None:
     """What is changed after instant 10 changes nothing up to it, bit for bit."""
     m = model(kind)
     given = tractions(len(m.channel_area))
@@ -95,7 +99,9 @@ def test_causality(kind: str, hht: Any, model: Make, begin: Make, advance: Make,
     assert np.abs(first.a[11] - second.a[11]).max() > 0.1
 
 
-def test_superposition(kind: str, hht: Any, model: Make, begin: Make, advance: Make, tractions: Make, changed: Make) -> None:
+def test_superposition(
+    kind: str, hht: Any, model: Make, begin: Make, advance: Make, tractions: Make, changed: Make
+) -> None:
     """Linear in loads, initial motion, prescribed motion and tractions together."""
     a, b = model(kind, 0), model(kind, 1)
     n = len(a.channel_area)
@@ -112,7 +118,9 @@ def test_superposition(kind: str, hht: Any, model: Make, begin: Make, advance: M
         close(getattr(found, name), 2 * getattr(parts[0], name) - 3 * getattr(parts[1], name))
 
 
-def test_restore_repeats_bit_by_bit(kind: str, scheme: Any, model: Make, begin: Make, advance: Make, tractions: Make) -> None:
+def test_restore_repeats_bit_by_bit(
+    kind: str, scheme: Any, model: Make, begin: Make, advance: Make, tractions: Make
+) -> None:
     m = model(kind)
     given = tractions(len(m.channel_area))
     propagator = begin([m], scheme, given[0])
@@ -129,7 +137,9 @@ def test_restore_repeats_bit_by_bit(kind: str, scheme: Any, model: Make, begin: 
         np.testing.assert_array_equal(propagator.meter.totals[term], energies[term])
 
 
-def test_predict_and_trials_leave_the_state_alone(hht: Any, model: Make, begin: Make, tractions: Make) -> None:
+def test_predict_and_trials_leave_the_state_alone(
+    hht: Any, model: Make, begin: Make, tractions: Make
+) -> None:
     m = model("everything")
     given = tractions(len(m.channel_area))
     propagator = begin([m], hht)
@@ -142,7 +152,9 @@ def test_predict_and_trials_leave_the_state_alone(hht: Any, model: Make, begin: 
     assert propagator.state.instant == 0
 
 
-def test_members_march_as_if_alone(kind: str, hht: Any, model: Make, begin: Make, advance: Make, tractions: Make) -> None:
+def test_members_march_as_if_alone(
+    kind: str, hht: Any, model: Make, begin: Make, advance: Make, tractions: Make
+) -> None:
     """Identical substructures with their own loads, initial and prescribed motions share one factor."""
     members = [model(kind, seed) for seed in range(3)]
     n = len(members[0].channel_area)
@@ -156,7 +168,9 @@ def test_members_march_as_if_alone(kind: str, hht: Any, model: Make, begin: Make
         close(together.full_velocity(j), alone.full_velocity(0), 1e-12)
         close(together.state.residual[:, j : j + 1], alone.state.residual, 1e-11)
         for term in TERMS:
-            assert together.meter.totals[term][j] == pytest.approx(alone.meter.totals[term][0], rel=1e-9, abs=1e-12)
+            assert together.meter.totals[term][j] == pytest.approx(
+                alone.meter.totals[term][0], rel=1e-9, abs=1e-12
+            )
 
 
 def test_admittance_is_symmetric_and_positive(scheme: Any, kind: str, model: Make, begin: Make) -> None:
@@ -199,7 +213,9 @@ def test_condensed_response(kind: str, hht: Any, model: Make, begin: Make) -> No
     close(force, force.T, 1e-13)
 
 
-def test_energy_identity_of_every_member(scheme: Any, kind: str, model: Make, begin: Make, advance: Make, tractions: Make) -> None:
+def test_energy_identity_of_every_member(
+    scheme: Any, kind: str, model: Make, begin: Make, tractions: Make
+) -> None:
     """T + V + damping + scheme = work of loads (reactions included) + work of interfaces, at every instant."""
     members = [model(kind, seed) for seed in range(2)]
     given = tractions(len(members[0].channel_area), 2)
@@ -218,7 +234,9 @@ def test_energy_identity_of_every_member(scheme: Any, kind: str, model: Make, be
         assert (np.abs(balance) <= 1e-10 * size).all(), f"{balance / size}"
 
 
-def test_energies_are_those_of_the_motion(hht: Any, model: Make, begin: Make, advance: Make, tractions: Make) -> None:
+def test_energies_are_those_of_the_motion(
+    hht: Any, model: Make, begin: Make, advance: Make, tractions: Make
+) -> None:
     m = model("everything")
     given = tractions(len(m.channel_area))
     propagator = begin([m], hht, given[0])

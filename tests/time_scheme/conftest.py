@@ -32,6 +32,11 @@ PARAMETERS: Mapping[str, tuple[Mapping[str, float], ...]] = MappingProxyType(
 CASES = [(name, parameters) for name in SCHEMES for parameters in PARAMETERS.get(name, ())]
 
 
+def unloaded(_: float) -> float:
+    """f = 0."""
+    return 0.0
+
+
 @dataclass(frozen=True)
 class Oscillator:
     """m u'' + c u' + k u = f(t)."""
@@ -39,7 +44,7 @@ class Oscillator:
     m: float = 1.0
     c: float = 0.0
     k: float = 0.0
-    f: Load = lambda t: 0.0
+    f: Load = unloaded
 
 
 @dataclass(frozen=True)
@@ -104,6 +109,12 @@ def marched() -> Callable[..., list[Moment]]:
 def advanced() -> Callable[..., Moment]:
     """See ``advance``."""
     return advance
+
+
+@pytest.fixture
+def moment() -> type[Moment]:
+    """t, u, v, a, residual."""
+    return Moment
 
 
 @pytest.fixture
