@@ -1,4 +1,31 @@
-"""LATIN method for shocks on assemblies with frictional contact."""
+"""LATIN method for shocks on assemblies with frictional contact.
+
+After P. Ladeveze, H. Lemoussu, P.A. Boucard, "A modular approach to 3-D impact computation with frictional contact",
+Computers and Structures 78 (2000) 45-51; equation numbers below and in all docstrings are the paper's.
+
+Unknown: velocity W and traction F on both sides of every interface, over a window of time. F is what the interface
+exerts on a side; N points from side E to side E'. Two groups of equations, satisfied in turn:
+
+=====================================================================  ==========================================
+equations                                                              module
+=====================================================================  ==========================================
+(1)-(5)    kinematics, initial values, equilibrium, elasticity         fem, scene.body, scene.conditions
+(6), (15)  an interface behaviour and its contract                     interface.behaviour
+(7)        perfect connection                                          interface.perfect
+(8)-(14)   linear stage: F - F_hat = -k (W - W_hat), dashpots k        latin.global_stage, propagator.direct
+(12)-(17)  search directions k                                         latin.search_direction
+(15)-(17)  local stage: F_hat - F = k (W_hat - W), point by point      latin.local_stage
+(18)-(19)  points, normals, gap of an interface                        interface.geometry, scene.pairing
+(20)-(23)  unilateral contact with Coulomb friction                    interface.contact
+(24)       error indicator                                             latin.error_indicator
+           loop, acceleration, fall-backs; windows                     latin.solver, latin.acceleration, latin.windows
+           t = 0                                                       latin.start
+           time schemes and their energy identity                      time_scheme.hht, propagator.energy
+=====================================================================  ==========================================
+
+A run: ``solve(load_scene("scene.toml"))`` gives a ``Solution`` whose ``to_datatree()`` and ``save()`` give xarray
+and netCDF.
+"""
 
 from .api import check, solve
 from .errors import InputError, LatinError, MeshError, ResultsError, SceneError, SolverError
@@ -11,6 +38,18 @@ from .scene.schema import Scene
 __version__ = "0.1.0"
 
 __all__ = [
-    "InputError", "Iteration", "LatinError", "MeshError", "ResultsError", "Scene", "SceneError", "Solution",
-    "SolverError", "check", "load_scene", "open_results", "scene_from_dict", "solve",
-]  # fmt: skip
+    "InputError",
+    "Iteration",
+    "LatinError",
+    "MeshError",
+    "ResultsError",
+    "Scene",
+    "SceneError",
+    "Solution",
+    "SolverError",
+    "check",
+    "load_scene",
+    "open_results",
+    "scene_from_dict",
+    "solve",
+]

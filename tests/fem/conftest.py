@@ -88,7 +88,8 @@ def write_msh(path: Path, nodes: Array, groups: Groups) -> None:
     lines = ["$MeshFormat", "4.1 0 8", "$EndMeshFormat", "$PhysicalNames", str(len(names)), *names,
              "$EndPhysicalNames", "$Entities", f"0 0 {len(surfaces)} {len(volumes)}", *surfaces, *volumes,
              "$EndEntities", "$Nodes", f"1 {n} 1 {n}", f"3 {max(tags.values())} 0 {n}",
-             *(str(i + 1) for i in range(n)), *(" ".join(map(repr, map(float, x))) for x in nodes), "$EndNodes"]  # fmt: skip
+             *(str(i + 1) for i in range(n)), *(" ".join(map(repr, map(float, x))) for x in nodes),
+             "$EndNodes"]  # fmt: skip
     total = sum(len(cells) for _, cells in groups.values())
     lines += ["$Elements", f"{len(groups)} {total} 1 {total}"]
     tag = 0

@@ -161,7 +161,8 @@ def test_missing_file_and_folder(tmp_path: Path) -> None:
 
 
 GARBAGE = (b"", b"\n", b"hello", b"\x00\xff\xfe" * 200, b"$MeshFormat\n4.1 0 8\n",
-           b"$MeshFormat\n9.9 0 8\n$EndMeshFormat\n", b"*NODE\n1, a, b, c\n", b"*ELEMENT, TYPE=C3D8\n1,1,2\n", b"*NODE\n1,0,0,0\n*ELEMENT, TYPE=X9\n1,1\n",
+           b"$MeshFormat\n9.9 0 8\n$EndMeshFormat\n", b"*NODE\n1, a, b, c\n", b"*ELEMENT, TYPE=C3D8\n1,1,2\n",
+           b"*NODE\n1,0,0,0\n*ELEMENT, TYPE=X9\n1,1\n",
            b"<VTKFile type='UnstructuredGrid'", b"# vtk DataFile Version 2.0\n")  # fmt: skip
 
 

@@ -54,8 +54,15 @@ def half_sine(duration: float) -> dict[str, Any]:
     return {"type": "half_sine", "start": 0.0, "duration": duration}
 
 
-def pulse(t: np.ndarray, duration: float) -> np.ndarray:
-    return np.where((t > 0) & (t < duration), np.sin(np.pi * t / duration), 0.0)
+def pulse(t: np.ndarray) -> np.ndarray:
+    """sin^2 from t = 0 to 2: no kink."""
+    return np.where((t > 0) & (t < 2.0), np.sin(0.5 * np.pi * t) ** 2, 0.0)
+
+
+def smooth() -> dict[str, Any]:
+    """The law of ``pulse``, given at the instants of the tests."""
+    times = np.linspace(0.0, 2.0, 101)
+    return {"type": "table", "times": times.tolist(), "values": pulse(times).tolist()}
 
 
 @pytest.mark.parametrize("scheme", [{"type": "hht"}, {"type": "newmark"}], ids=["hht", "newmark"])
@@ -75,15 +82,15 @@ def test_a_driven_end_sends_its_velocity_along_the_bar(scheme: dict[str, Any]) -
     bar = outcome.substructures["bar"]
     z = bar.nodes[:, 2]
     for i in (60, 120, 200):
-        exact = 0.3 * pulse(outcome.time[i] - z / SPEED, 2.0)
-        assert np.abs(bar.velocity[i, :, 2] - exact).max() < 0.03 * 0.3  # the kinks of the law
+        exact = 0.3 * pulse(outcome.time[i] - z / SPEED)
+        assert np.abs(bar.velocity[i, :, 2] - exact).max() < 0.008 * 0.3
         assert np.abs(bar.velocity[i, :, :2]).max() < 1e-14
     end = z == 0.0
     np.testing.assert_allclose(
-        bar.velocity[:, end, 2], np.tile(0.3 * pulse(outcome.time, 2.0)[:, None], (1, 4)), atol=1e-15
+        bar.velocity[:, end, 2], np.tile(0.3 * pulse(outcome.time)[:, None], (1, 4)), atol=1e-15
     )
     # energy sent: rho c A int V^2 dt
-    assert outcome.energy["work_of_loads"][-1] == pytest.approx(SPEED * 0.09 * 1.0, rel=2e-3)
+    assert outcome.energy["work_of_loads"][-1] == pytest.approx(SPEED * 0.09 * 0.75, rel=2e-3)
     assert np.abs(outcome.energy["balance"]).max() < 1e-12
 
 
@@ -239,10 +246,8 @@ def test_fixed_components_and_symmetry_hold_what_they_say() -> None:
 
 
 def test_pressure_pushes_inwards_and_gravity_falls() -> None:
-    box = {"origin": [0, 0, 0], "size": [1.0, 1.0, 2.0], "elements": [1, 1, 2]}
-    pushed = solved(
-        substructure={"bar": {"material": "m", "box": box}}, load={"p": {"face": "bar.xmax", "pressure": 3.0}}
-    )
+    small = ((1.0, 1.0, 2.0), (1, 1, 2))
+    pushed = solved(substructure={"bar": body(*small)}, load={"p": {"face": "bar.xmax", "pressure": 3.0}})
     impulse = pushed.substructures["bar"].velocity[-1].mean(axis=0) * 2.0
     np.testing.assert_allclose(impulse, [-3.0 * 2.0 * 4.0, 0.0, 0.0], atol=1e-9)
     falling = solved(substructure={"bar": body(*small, body_force=[0.0, 0.0, -9.81])})
