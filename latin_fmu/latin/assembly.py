@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,12 +12,18 @@ from ..time_scheme import TimeScheme
 from .layout import Array, Index, InterfaceUnit, Layout
 
 
+class GroundState(NamedTuple):
+    """Where the ground of an interface stands: displacement (3,), m, and acceleration (3,), m s-2 (None at t = 0)."""
+
+    displacement: Array
+    acceleration: Array | None
+
+
 class Assembly:
     """Substructure classes and interfaces tied together by index arrays.
 
     Parameters
     ----------
-    time : (n_time,) instants, s, equally spaced.
     propagators : one per class of identical substructures.
     channels : for each propagator the flat indices (n_channel, n_member).
     interfaces, layout : see there.
@@ -27,7 +34,6 @@ class Assembly:
 
     def __init__(
         self,
-        time: Array,
         propagators: Sequence[DirectPropagator],
         channels: Sequence[Index],
         interfaces: Sequence[InterfaceUnit],
@@ -36,21 +42,29 @@ class Assembly:
         characteristic_traction: float,
         scheme: TimeScheme,
     ) -> None:
-        self.time, self.dt = time, float(time[1] - time[0])
         self.propagators, self.channels = list(propagators), list(channels)
         self.interfaces, self.layout, self.scheme = list(interfaces), layout, scheme
         self.impedance = impedance
         self.characteristic_traction = characteristic_traction
-        self._ground = [
-            (
-                layout.channels(i, 1),
-                unit.geometry.frames[:, : unit.behaviour.n_component],
-                unit.ground_velocity,
-            )
+        self._ground_frames = {
+            i: (layout.channels(i, 1), unit.geometry.frames[:, : unit.behaviour.n_component])
             for i, unit in enumerate(self.interfaces)
-            if unit.ground_velocity is not None
-        ]
+            if unit.against_ground
+        }
+        self.ground_start = {i: GroundState(np.zeros(3), None) for i in self._ground_frames}
         self.rigid = self._rigid_channels()
+
+    def begin(self, time: Array, ground: Mapping[int, Array], start: Mapping[int, GroundState]) -> None:
+        """Set the instants of the run, or of its next segment.
+
+        Parameters
+        ----------
+        time : (n_time,), s, equally spaced. ground : per interface against ground, its velocity (n_time, 3), m s-1.
+        start : state of that ground at the first instant.
+        """
+        self.time, self.dt = time, float(time[1] - time[0])
+        self.ground = dict(ground)
+        self.ground_start = dict(start)
 
     def _rigid_channels(self) -> Index:
         """Channels of points where a side cannot move at all (ground, or every direction held)."""
@@ -80,24 +94,40 @@ class Assembly:
         return flat
 
     def ground_velocity(self, flat: Array, instant: int) -> None:
-        """Write the velocities of moving ground into a flat vector."""
-        for channels, frames, velocity in self._ground:
-            assert velocity is not None
-            flat[channels] = frames @ velocity[instant]
+        """Write the velocities of the ground into a flat vector."""
+        for i, (channels, frames) in self._ground_frames.items():
+            flat[channels] = frames @ self.ground[i][instant]
+
+    def ground_travel(self, interface: int, instant: int) -> Array:
+        """Displacement (3,) of the ground at an instant, m: trapezoid of its velocity."""
+        velocity = self.ground[interface]
+        moved: Array = self.dt * (velocity[1 : instant + 1] + velocity[:instant]).sum(axis=0) / 2
+        return self.ground_start[interface].displacement + moved
 
     def ground_displacement(self, flat: Array, instant: int) -> None:
-        """Write the displacements of moving ground (trapezoid of its velocity) into a flat vector."""
-        for channels, frames, velocity in self._ground:
-            assert velocity is not None
-            travel = self.dt * (velocity[1 : instant + 1] + velocity[:instant]).sum(axis=0) / 2
-            flat[channels] = frames @ travel
+        """Write the displacements of the ground into a flat vector."""
+        for i, (channels, frames) in self._ground_frames.items():
+            flat[channels] = frames @ self.ground_travel(i, instant)
 
     def ground_acceleration(self, flat: Array, instant: int) -> None:
-        """Write the accelerations of moving ground (backward differences) into a flat vector."""
-        for channels, frames, velocity in self._ground:
-            assert velocity is not None
-            i = max(instant, 1)
-            flat[channels] = frames @ ((velocity[i] - velocity[i - 1]) / self.dt)
+        """Write the accelerations of the ground (backward differences) into a flat vector."""
+        for i, (channels, frames) in self._ground_frames.items():
+            flat[channels] = frames @ self._ground_acceleration(i, instant)
+
+    def _ground_acceleration(self, interface: int, instant: int) -> Array:
+        start, velocity = self.ground_start[interface], self.ground[interface]
+        if instant == 0 and start.acceleration is not None:
+            return start.acceleration
+        i = max(instant, 1)
+        slope: Array = (velocity[i] - velocity[i - 1]) / self.dt
+        return slope
+
+    def ground_end(self, instant: int) -> dict[int, GroundState]:
+        """State of the ground at an instant, for the next segment."""
+        return {
+            i: GroundState(self.ground_travel(i, instant), self._ground_acceleration(i, instant))
+            for i in self._ground_frames
+        }
 
     def motion(self) -> tuple[Array, Array, Array]:
         """Displacement, velocity, acceleration of every channel in the present state of the propagators."""

@@ -27,7 +27,6 @@ class InterfaceUnit:
     ----------
     name : name in the scene. sides : faces, the second may be "ground". behaviour, geometry : see there.
     preload : contact pressure at the start, Pa.
-    ground_velocity : (n_time, 3) velocity of the ground, m s-1; None for a side that is a substructure.
     """
 
     name: str
@@ -35,7 +34,11 @@ class InterfaceUnit:
     behaviour: Behaviour
     geometry: InterfaceGeometry
     preload: float
-    ground_velocity: Array | None
+
+    @property
+    def against_ground(self) -> bool:
+        """Whether side E' is the rigid ground."""
+        return self.geometry.traces[1] is None
 
 
 @dataclass(frozen=True)

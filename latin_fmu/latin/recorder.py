@@ -80,7 +80,7 @@ class Recorder:
                 if gap is not None:
                     gap[i] = now
         for index, history in self._slide.items():
-            self._side_velocities(assembly.interfaces[index], history[i], i)
+            self._side_velocities(assembly, index, history[i], i)
         if self._wanted.energy:
             for name, (propagator, member) in self._where.items():
                 assert propagator.meter is not None
@@ -88,12 +88,12 @@ class Recorder:
         if (self._wanted.fields or self._wanted.stress) and i % self._wanted.every == 0:
             self._store_fields(float(assembly.time[i]))
 
-    def _side_velocities(self, unit: InterfaceUnit, out: Array, instant: int) -> None:
+    def _side_velocities(self, assembly: Assembly, index: int, out: Array, instant: int) -> None:
+        unit = assembly.interfaces[index]
         for side, face in enumerate(unit.sides):
             trace = unit.geometry.traces[side]
             if trace is None:
-                assert unit.ground_velocity is not None
-                out[side] = unit.ground_velocity[instant]
+                out[side] = assembly.ground[index][instant]
             else:
                 propagator, member = self._where[face.split(".")[0]]
                 out[side] = (trace @ propagator.full_velocity(member).ravel()).reshape(-1, 3)

@@ -34,7 +34,7 @@ class RunState:
     f_hat: Array
     w_hat: Array
     scales: Scales
-    before: tuple[Array, Array] | None = None  # f_hat, w_hat one instant earlier
+    before: tuple[Array, Array, float] | None = None  # f_hat, w_hat one instant earlier, and the step between
     windows: list[WindowRecord] = field(default_factory=list)
     marched: int = 0
     interface_indicator: Array | None = None
@@ -62,6 +62,7 @@ class Run:
         self._observer, self._progress = observer, progress
         self._directions: dict[bool, Direction] = {}
         self._bound: Direction | None = None
+        self._operators = [p.operators for p in assembly.propagators]
         traction, velocity = start(assembly)
         self.state = RunState(traction, velocity, self.direction(1).indicator.floor())
         recorder.start(assembly, traction, velocity)
@@ -76,6 +77,21 @@ class Run:
         if self._bound is not direction:
             direction.bind()
             self._bound = direction
+
+    def resume(self, recorder: Recorder) -> None:
+        """Go on after the assembly has begun a new segment of time."""
+        operators = [p.operators for p in self.assembly.propagators]
+        if any(a is not b for a, b in zip(operators, self._operators, strict=True)):
+            self._directions.clear()
+            self._bound, self._operators = None, operators
+        self.state.windows, self.state.interface_indicator = [], None
+        self.recorder = recorder
+        recorder.start(self.assembly, self.state.f_hat, self.state.w_hat)
+
+    @property
+    def _step(self) -> float:
+        """Step of the operators in use, s."""
+        return self.assembly.propagators[0].dt
 
     def choices(self) -> dict[str, str]:
         """What was chosen automatically."""
@@ -122,8 +138,8 @@ class Run:
         """First guess of q (n, n_flat): the last value, continued linearly where one instant follows another."""
         state = self.state
         q = np.repeat(direction.incoming(state.f_hat, state.w_hat)[None], n, axis=0)
-        if n == 1 and state.before is not None:
-            q += q - direction.incoming(*state.before)
+        if n == 1 and state.before is not None and state.before[2] == self._step:
+            q += q - direction.incoming(*state.before[:2])
         return q
 
     def _commit(self, stage: GlobalStage, accepted: Iterate, record: WindowRecord) -> None:
@@ -143,7 +159,7 @@ class Run:
             worst = state.interface_indicator
             state.interface_indicator = local if worst is None else np.maximum(worst, local)
         state.scales = accepted.scales
-        state.before = (state.f_hat, state.w_hat) if stage.n == 1 else None
+        state.before = (state.f_hat, state.w_hat, self._step) if stage.n == 1 else None
         state.f_hat, state.w_hat = accepted.f_hat[-1], accepted.w_hat[-1]
         state.windows.append(record)
 

@@ -12,7 +12,8 @@ State: plain arrays (n_dof, n_member); identical substructures are members of on
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import scipy.linalg as la
@@ -22,8 +23,11 @@ import scipy.sparse.linalg as spla
 from ..time_scheme import TimeScheme
 from .energy import EnergyMeter
 from .forcing import Forcing
-from .model import Array, SubstructureModel
-from .operators import build_operators
+from .model import Array, Histories, SubstructureModel
+from .operators import Operators, build_operators
+
+_SAME_STEP = 1e-9  # steps closer than this (relative) share their operators
+_STEPS_KEPT = 4
 
 
 @dataclass
@@ -39,10 +43,6 @@ class State:
     a: Array
     residual: Array
 
-    def copy(self) -> State:
-        """Independent copy."""
-        return State(self.instant, self.u.copy(), self.v.copy(), self.a.copy(), self.residual.copy())
-
 
 class DirectPropagator:
     """March of a class of identical substructures (module docstring).
@@ -50,25 +50,62 @@ class DirectPropagator:
     Parameters
     ----------
     members : models with equal matrices and traces; loads and initial values may differ.
-    scheme, dt : time scheme and step, s. energy : whether to account for energies.
+    scheme, dt : time scheme and step, s (``begin`` may change the step). energy : whether to account for energies.
     """
+
+    state: State
+    operators: Operators
+    dt: float
 
     def __init__(
         self, members: Sequence[SubstructureModel], scheme: TimeScheme, dt: float, energy: bool
     ) -> None:
         self.members = list(members)
         self.names = [m.name for m in members]
-        self.scheme, self.dt = scheme, dt
-        self.operators = build_operators(members[0], scheme, dt)
-        self.forcing = Forcing(members, scheme, dt)
-        self.meter = EnergyMeter(members, self.forcing, scheme, dt) if energy else None
+        self.scheme = scheme
+        self.forcing = Forcing(members, scheme)
+        self.meter = EnergyMeter(members, self.forcing, scheme) if energy else None
+        self._kept: list[tuple[float, Operators]] = []
+        self._begun = False
+        self._resumed: list[tuple[Array, Array]] | None = None
+        self._use(dt)
         self._area = self.operators.area[:, None]
         self._trace = self.operators.trace
         self._trace_t = sp.csr_array(self._trace.T)
         self._free: tuple[Array, Array, Array, Array] | None = None
+
+    def _use(self, dt: float) -> None:
+        """Operators for the step dt: known ones (to 1e-9) are used again, a few are kept."""
+        if self._kept and abs(self.dt - dt) <= _SAME_STEP * dt:
+            return
+        for known, operators in self._kept:
+            if abs(known - dt) <= _SAME_STEP * dt:
+                self.dt, self.operators = known, operators
+                break
+        else:
+            self.dt, self.operators = dt, build_operators(self.members[0], self.scheme, dt)
+            self._kept = [*self._kept[-_STEPS_KEPT + 1 :], (dt, self.operators)]
         self.k: Array = np.zeros((self.n_channel, 1))
         self.response: Array = self.operators.admittance  # Y for k = 0, until ``bind``
-        self.state = self._initial_state()
+
+    def begin(self, histories: Sequence[Histories], dt: float) -> None:
+        """Set the histories of a run, or of the segment that goes on from the present state.
+
+        Parameters
+        ----------
+        histories : one per member. dt : their step, s.
+        """
+        if self._begun:
+            motions = self.forcing.end(self.state.instant) if self._resumed is None else self._resumed
+            self.forcing.resume(motions)
+            self._resumed = None
+        self._use(dt)
+        self.forcing.begin(histories, self.dt)
+        if self.meter is not None:
+            self.meter.dt = self.dt
+        self._free = None
+        self.state = replace(self.state, instant=0) if self._begun else self._initial_state()
+        self._begun = True
 
     @property
     def n_channel(self) -> int:
@@ -227,6 +264,27 @@ class DirectPropagator:
     def snapshot(self) -> tuple[State, object]:
         """All that determines the next instants."""
         return self.state, None if self.meter is None else self.meter.snapshot()
+
+    def rewind(self) -> None:
+        """Back to the initial values; ``begin`` must follow."""
+        self._begun, self._resumed = False, None
+        self.forcing.resume([None] * len(self.members))
+
+    def tree(self) -> dict[str, object]:
+        """The present state as plain arrays: all that the next segment needs."""
+        state = self.state
+        motions = [[u, a] for u, a in self.forcing.end(state.instant)]
+        meter = None if self.meter is None else self.meter.tree()
+        arrays = {"u": state.u, "v": state.v, "a": state.a, "residual": state.residual}
+        return {**arrays, "motions": motions, "meter": meter}
+
+    def resume(self, tree: dict[str, Any]) -> None:
+        """Take up a state given by ``tree``; ``begin`` must follow."""
+        self.state = State(0, tree["u"], tree["v"], tree["a"], tree["residual"])
+        self._resumed = [(u, a) for u, a in tree["motions"]]
+        if self.meter is not None:
+            self.meter.resume(tree["meter"])
+        self._free = None
 
     def restore(self, snapshot: tuple[State, object]) -> None:
         """Back to a snapshot (states are never changed in place)."""

@@ -11,7 +11,7 @@ form given in the time scheme's module. Works use the scheme's weights of forces
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -31,23 +31,26 @@ class Moving(Protocol):
     a: Array
 
 
-class _Forces:
+class _Forces(NamedTuple):
     """Full-space forces at one instant."""
 
-    def __init__(self, elastic: Array, damping: Array | None, loads: Array, interface: Array) -> None:
-        self.elastic, self.damping, self.loads, self.interface = elastic, damping, loads, interface
+    elastic: Array
+    damping: Array | None
+    loads: Array
+    interface: Array
 
 
 class EnergyMeter:
-    """Accumulates the energy terms of a class; ``history`` holds one dict of (n_member,) arrays per instant."""
+    """Accumulates the energy terms of a class; ``totals`` holds them at the present instant, (n_member,) each."""
 
-    def __init__(
-        self, members: Sequence[SubstructureModel], forcing: Forcing, scheme: TimeScheme, dt: float
-    ) -> None:
+    def __init__(self, members: Sequence[SubstructureModel], forcing: Forcing, scheme: TimeScheme) -> None:
         model = members[0]
-        self._model, self._forcing, self._scheme, self._dt = model, forcing, scheme, dt
-        self._free = np.asarray(model.expansion.sum(axis=1)).ravel() > 0
-        self._initial_velocity = np.stack([m.velocity for m in members], axis=1)
+        self._model, self._forcing, self._scheme = model, forcing, scheme
+        self.dt = 0.0  # set by ``begin`` of the propagator
+        p = model.expansion
+        self._free = np.asarray(p.sum(axis=1)).ravel() > 0
+        # forces on tied dofs act once: shared by the full dofs they stand for
+        self._once = p.multiply(1 / np.maximum(p.sum(axis=0), 1)[None, :]).tocsr()
 
     def _expand(self, state: Moving) -> tuple[Array, Array, Array]:
         p, forcing, i = self._model.expansion, self._forcing, state.instant
@@ -59,14 +62,11 @@ class EnergyMeter:
 
     def _forces(self, u: Array, v: Array, instant: int, interface: Array) -> _Forces:
         damping = None if self._model.damping is None else self._model.damping @ v
-        # Interface forces of tied or shared dofs act once: put each on one of the full dofs it stands for.
         full = self._once @ interface
         return _Forces(self._model.stiffness @ u, damping, self._forcing.full_external(instant), full)
 
     def start(self, state: Moving, interface: Array) -> None:
         """Energies at t = 0; ``interface`` (n, n_member) reduced nodal forces of the interfaces, N."""
-        p = self._model.expansion
-        self._once = p.multiply(1 / np.maximum(p.sum(axis=0), 1)[None, :]).tocsr()
         u, v, a = self._expand(state)
         now = self._forces(u, v, state.instant, interface)
         mass_v, mass_a = self._model.mass @ v, self._model.mass @ a
@@ -97,7 +97,7 @@ class EnergyMeter:
         totals["scheme_dissipation"] = (
             totals["scheme_dissipation"]
             + _dot(step, elastic - 0.5 * (old.elastic + new.elastic))
-            + self._scheme.inertia_dissipation(self._dt) * _dot(a_weighted, mass_a - mass_a_old)
+            + self._scheme.inertia_dissipation(self.dt) * _dot(a_weighted, mass_a - mass_a_old)
         )
         if new.damping is not None and old.damping is not None and before.damping is not None:
             damping = weighted(before.damping, old.damping, new.damping)
@@ -113,6 +113,17 @@ class EnergyMeter:
     def snapshot(self) -> object:
         """State of the account."""
         return self.totals, self._last
+
+    def tree(self) -> dict[str, object]:
+        """State of the account as plain arrays."""
+        u, a, mass_a, new, old = self._last
+        return {"totals": dict(self.totals), "last": [u, a, mass_a, list(new), list(old)]}
+
+    def resume(self, tree: dict[str, Any]) -> None:
+        """Take up an account given by ``tree``."""
+        u, a, mass_a, new, old = tree["last"]
+        self.totals = dict(tree["totals"])
+        self._last = (u, a, mass_a, _Forces(*new), _Forces(*old))
 
     def restore(self, snapshot: object) -> None:
         """Back to a snapshot."""

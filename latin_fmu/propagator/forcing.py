@@ -8,7 +8,7 @@ import numpy as np
 
 from ..time_scheme import TimeScheme
 from .condensed import Index
-from .model import Array, SubstructureModel
+from .model import Array, Histories, SubstructureModel
 
 
 class Forcing:
@@ -18,23 +18,43 @@ class Forcing:
     recursion of the time scheme, so that the energy identity of the scheme holds for them too.
     """
 
-    def __init__(self, members: Sequence[SubstructureModel], scheme: TimeScheme, dt: float) -> None:
+    def __init__(self, members: Sequence[SubstructureModel], scheme: TimeScheme) -> None:
         self.members = list(members)
+        self._scheme = scheme
         self.n_full = members[0].n_full
-        n = members[0].expansion.shape[1]
-        self._constant = np.zeros((n, len(members)))
-        self._terms: list[tuple[int, Index, Array, Array]] = []
-        for column, member in enumerate(members):
-            for load in member.loads:
-                reduced = member.expansion.T @ load.pattern
-                nodes = np.flatnonzero(reduced).astype(np.int64)
-                if np.ptp(load.history) == 0.0:
-                    self._constant[:, column] += reduced * load.history[0]
-                elif len(nodes):
-                    self._terms.append((column, nodes, reduced[nodes], load.history))
-        self._motion = [_Motion(m, scheme, dt) if m.imposed_pattern.shape[1] else None for m in members]
+        self._n = members[0].expansion.shape[1]
+        self._reduced = []  # per member and load: dofs and values
+        for member in members:
+            patterns = [np.asarray(member.expansion.T @ load.pattern) for load in member.loads]
+            self._reduced.append([(np.flatnonzero(p).astype(np.int64), p) for p in patterns])
+        self._motion = [_Motion(m, scheme) if m.imposed_pattern.shape[1] else None for m in members]
         self.moves = any(m is not None for m in self._motion)
         self._zero = np.zeros((self.n_full, len(members)))
+
+    def begin(self, histories: Sequence[Histories], dt: float) -> None:
+        """Set what drives the members over the instants of a run or segment; motions go on where they are."""
+        self._histories = list(histories)
+        self._constant = np.zeros((self._n, len(self.members)))
+        self._terms: list[tuple[int, Index, Array, Array]] = []
+        for column, (loads, history) in enumerate(zip(self._reduced, histories, strict=True)):
+            for (dofs, pattern), amplitude in zip(loads, history.amplitudes, strict=True):
+                if np.ptp(amplitude) == 0.0:
+                    self._constant[:, column] += pattern * amplitude[0]
+                elif len(dofs):
+                    self._terms.append((column, dofs, pattern[dofs], amplitude))
+        for motion, history in zip(self._motion, histories, strict=True):
+            if motion is not None:
+                motion.begin(history.imposed_velocity, dt)
+
+    def end(self, instant: int) -> list[tuple[Array, Array]]:
+        """Displacement and acceleration of the prescribed motions at an instant, for the next segment."""
+        return [(np.zeros(0), np.zeros(0)) if m is None else m.at(instant) for m in self._motion]
+
+    def resume(self, motions: Sequence[tuple[Array, Array] | None]) -> None:
+        """Where the prescribed motions go on from (``end`` of the segment before); None: from their start."""
+        for motion, start in zip(self._motion, motions, strict=True):
+            if motion is not None:
+                motion.start = start
 
     def at(self, instant: int) -> Array:
         """Reduced external forces (n, n_member) at an instant, N (a fresh array).
@@ -59,9 +79,9 @@ class Forcing:
     def full_external(self, instant: int) -> Array:
         """External forces on the full dofs (n_full, n_member), prescribed motions not included, N."""
         force = self._zero.copy()
-        for column, member in enumerate(self.members):
-            for load in member.loads:
-                force[:, column] += load.history[instant] * load.pattern
+        for column, (member, history) in enumerate(zip(self.members, self._histories, strict=True)):
+            for load, amplitude in zip(member.loads, history.amplitudes, strict=True):
+                force[:, column] += amplitude[instant] * load.pattern
         return force
 
     def imposed_u(self, instant: int) -> Array:
@@ -98,21 +118,27 @@ class Forcing:
 class _Motion:
     """Prescribed motions of one member: histories consistent with the time scheme."""
 
-    def __init__(self, member: SubstructureModel, scheme: TimeScheme, dt: float) -> None:
+    def __init__(self, member: SubstructureModel, scheme: TimeScheme) -> None:
         self.pattern = member.imposed_pattern
-        v = member.imposed_velocity
-        u, a = np.zeros_like(v), np.zeros_like(v)
-        u[0] = member.imposed_start
-        a[0] = (v[1] - v[0]) / dt
-        for i in range(len(v) - 1):
-            a[i + 1] = scheme.invert_velocity(a[i], v[i + 1] - v[i], dt)
-            free, _ = scheme.predict(u[i], v[i], a[i], dt)
-            u[i + 1] = free + scheme.displacement_gain(dt) * a[i + 1]
-        self.histories = (u, v, a)
+        self._scheme = scheme
+        self.start: tuple[Array, Array] | None = None
+        self._initial = member.imposed_start
         reduce = member.expansion.T
         self._mass = reduce @ (member.mass @ self.pattern)
         self._stiffness = reduce @ (member.stiffness @ self.pattern)
         self._damping = None if member.damping is None else reduce @ (member.damping @ self.pattern)
+
+    def begin(self, v: Array, dt: float) -> None:
+        u, a = np.zeros_like(v), np.zeros_like(v)
+        u[0], a[0] = (self._initial, (v[1] - v[0]) / dt) if self.start is None else self.start
+        for i in range(len(v) - 1):
+            a[i + 1] = self._scheme.invert_velocity(a[i], v[i + 1] - v[i], dt)
+            free, _ = self._scheme.predict(u[i], v[i], a[i], dt)
+            u[i + 1] = free + self._scheme.displacement_gain(dt) * a[i + 1]
+        self.histories = (u, v, a)
+
+    def at(self, instant: int) -> tuple[Array, Array]:
+        return self.histories[0][instant], self.histories[2][instant]
 
     def reduced_inertia(self, instant: int) -> Array:
         force: Array = self._mass @ self.histories[2][instant]

@@ -13,18 +13,31 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class LoadTerm:
-    """One load: a nodal force pattern times a scalar history.
+    """One load: a nodal force pattern times a scalar history (``Histories``).
 
     Attributes
     ----------
     name : name of the load in the scene ("" for what is no load of the scene: body force, balance of a preload).
     pattern : (n_full,) nodal forces for amplitude 1, N.
-    history : (n_time,) amplitude at the instants.
     """
 
     name: str
     pattern: Array
-    history: Array
+
+
+@dataclass(frozen=True)
+class Histories:
+    """What drives one substructure at the instants of a run or segment.
+
+    Attributes
+    ----------
+    time : (n_time,), s. amplitudes : per load term of the model, (n_time,).
+    imposed_velocity : (n_time, n_motion) velocities of the prescribed motions, m s-1.
+    """
+
+    time: Array
+    amplitudes: list[Array]
+    imposed_velocity: Array
 
 
 @dataclass(frozen=True)
@@ -42,7 +55,7 @@ class SubstructureModel:
     trace : (n_channel, n_full) from full velocities to interface channels (local frames, all interfaces).
     channel_area : (n_channel,) area carried by each channel, m2.
     loads : load terms. displacement, velocity : (n_full,) initial values.
-    imposed_pattern : (n_full, n_motion) shapes of prescribed motions, imposed_velocity : (n_time, n_motion), m s-1.
+    imposed_pattern : (n_full, n_motion) shapes of prescribed motions.
     imposed_start : (n_motion,) displacement amplitudes at the start, m.
     """
 
@@ -57,7 +70,6 @@ class SubstructureModel:
     displacement: Array
     velocity: Array
     imposed_pattern: Array
-    imposed_velocity: Array
     imposed_start: Array
     ordering: Array | None = field(default=None)
     """(n_full,) elimination rank of each full dof (nested dissection of the mesh), or None."""

@@ -22,24 +22,55 @@ from .boundaries import (
     Symmetry,
 )
 from .fields import split_face
+from .laws import TimeLaw
 
 _FLAT = 1e-6  # a symmetry face may leave its plane by this fraction
 _PAIRING = 1e-3  # periodic faces: lateral distance of a pair over the spacing of points
 
 
 @dataclass(frozen=True)
+class Motion:
+    """A prescribed velocity, or displacement, ``value`` times a law."""
+
+    law: TimeLaw
+    value: float
+    is_displacement: bool
+
+    def velocity(self, time: Array) -> Array:
+        """Velocity at the instants, (n_time,), m s-1; of a displacement law by central differences over one step."""
+        if not self.is_displacement:
+            return self.value * self.law.sample(time)
+        step = time[1] - time[0]
+        before, after = np.maximum(time - step, 0.0), time + step
+        difference: Array = (self.law.sample(after) - self.law.sample(before)) / (after - before)
+        return self.value * difference
+
+    def start(self) -> float:
+        """Displacement at t = 0, m."""
+        return self.value * float(self.law.sample(np.zeros(1))[0]) if self.is_displacement else 0.0
+
+
+@dataclass(frozen=True)
 class Conditions:
     """Kinematics and dashpots of a body.
 
-    expansion : (n_full, n) selection matrix. pattern : (n_full, n_motion). velocity : (n_time, n_motion).
-    start : (n_motion,) initial displacement amplitudes. dashpots : (n_full, n_full) or None.
+    expansion : (n_full, n) selection matrix. pattern : (n_full, n_motion). motions : what the columns follow.
+    dashpots : (n_full, n_full) or None.
     """
 
     expansion: sp.csr_array
     pattern: Array
-    velocity: Array
-    start: Array
+    motions: tuple[Motion, ...]
     dashpots: sp.csr_array | None
+
+    def velocity(self, time: Array) -> Array:
+        """Velocities of the prescribed motions, (n_time, n_motion), m s-1."""
+        columns = [m.velocity(time) for m in self.motions]
+        return np.stack(columns, axis=1) if columns else np.zeros((len(time), 0))
+
+    def start(self) -> Array:
+        """Displacements of the prescribed motions at t = 0, (n_motion,), m."""
+        return np.array([m.start() for m in self.motions])
 
 
 class _Dofs:
@@ -49,13 +80,24 @@ class _Dofs:
         self.leader = np.arange(n_full)
         self.held = np.zeros(n_full, dtype=bool)
         self.driver = np.full(n_full, -1)
-        self.velocities: list[Array] = []
-        self.starts: list[float] = []
+        self.motions: list[Motion] = []
 
     def tie(self, first: Index, second: Index) -> None:
         for a, b in zip(first, second, strict=True):
             ra, rb = self.root(int(a)), self.root(int(b))
             self.leader[max(ra, rb)] = min(ra, rb)
+
+    def roots(self) -> Index:
+        """Leader of every dof."""
+        roots = np.arange(len(self.leader))
+        for dof in np.flatnonzero(self.leader != roots):
+            roots[dof] = self.root(int(dof))
+        return roots
+
+    def with_tied(self, some: Index) -> Index:
+        """The dofs and all that are tied to them."""
+        roots = self.roots()
+        return np.flatnonzero(np.isin(roots, roots[some]))
 
     def root(self, dof: int) -> int:
         while self.leader[dof] != dof:
@@ -63,13 +105,14 @@ class _Dofs:
         return dof
 
 
-def build_conditions(
-    body: Body, boundaries: dict[str, Boundary], time: Array, problems: list[Problem]
-) -> Conditions:
+def build_conditions(body: Body, boundaries: dict[str, Boundary], problems: list[Problem]) -> Conditions:
     """Conditions on ``body`` from the boundaries that name one of its faces."""
     dofs = _Dofs(body.full_size())
     dashpots: sp.csr_array | None = None
-    for name, boundary in boundaries.items():
+    # motions last: what they drive must be neither held nor driven already, whatever the order in the scene
+    for name, boundary in sorted(
+        boundaries.items(), key=lambda item: isinstance(item[1], PrescribedVelocity | PrescribedDisplacement)
+    ):
         if isinstance(boundary, Periodic):
             _tie(body, name, boundary, dofs, problems)
             continue
@@ -85,8 +128,8 @@ def build_conditions(
             added = _absorb(body, split_face(boundary.face)[1])
             dashpots = added if dashpots is None else sp.csr_array(dashpots + added)
         else:
-            _drive(name, boundary, nodes, time, dofs, problems)
-    return _finish(dofs, len(time), dashpots)
+            _drive(name, boundary, nodes, dofs, problems)
+    return _finish(dofs, dashpots)
 
 
 def _normal_axis(body: Body, name: str, boundary: Symmetry, problems: list[Problem]) -> int | None:
@@ -102,25 +145,19 @@ def _normal_axis(body: Body, name: str, boundary: Symmetry, problems: list[Probl
 
 
 def _drive(
-    name: str, boundary: PrescribedVelocity | PrescribedDisplacement, nodes: Index, time: Array, dofs: _Dofs,
+    name: str, boundary: PrescribedVelocity | PrescribedDisplacement, nodes: Index, dofs: _Dofs,
     problems: list[Problem],
 ) -> None:  # fmt: skip
-    history = boundary.law.sample(time)
     for component, value in zip(boundary.components, boundary.value, strict=True):
-        moved = 3 * nodes + AXES.index(component)
+        moved = dofs.with_tied(3 * nodes + AXES.index(component))
         if (dofs.driver[moved] >= 0).any() or dofs.held[moved].any():
             problems.append(
                 Problem(f"boundary.{name}", "drives nodes already held or driven by another condition", boundary.face,
                         remedy="shared edges belong to one condition: leave the component out of one of them")
             )  # fmt: skip
             continue
-        dofs.driver[moved] = len(dofs.velocities)
-        if isinstance(boundary, PrescribedVelocity):
-            dofs.velocities.append(value * history)
-            dofs.starts.append(0.0)
-        else:
-            dofs.velocities.append(np.gradient(value * history, time[1] - time[0]))
-            dofs.starts.append(value * float(history[0]))
+        dofs.driver[moved] = len(dofs.motions)
+        dofs.motions.append(Motion(boundary.law, value, isinstance(boundary, PrescribedDisplacement)))
 
 
 def _tie(body: Body, name: str, boundary: Periodic, dofs: _Dofs, problems: list[Problem]) -> None:
@@ -152,12 +189,9 @@ def _absorb(body: Body, face_name: str) -> sp.csr_array:
     return sp.coo_array((blocks.ravel(), (rows, columns)), shape=(size, size)).tocsr()
 
 
-def _finish(dofs: _Dofs, n_time: int, dashpots: sp.csr_array | None) -> Conditions:
+def _finish(dofs: _Dofs, dashpots: sp.csr_array | None) -> Conditions:
     n_full = len(dofs.leader)
-    tied = np.flatnonzero(dofs.leader != np.arange(n_full))
-    root = np.arange(n_full)
-    for dof in tied:
-        root[dof] = dofs.root(int(dof))
+    root = dofs.roots()
     held = np.zeros(n_full, dtype=bool)
     np.logical_or.at(held, root, dofs.held)
     driver = np.full(n_full, -1)
@@ -167,8 +201,7 @@ def _finish(dofs: _Dofs, n_time: int, dashpots: sp.csr_array | None) -> Conditio
     kept, columns = np.unique(root[free], return_inverse=True)
     rows = np.flatnonzero(free)
     expansion = sp.coo_array((np.ones(len(rows)), (rows, columns)), shape=(n_full, len(kept))).tocsr()
-    pattern = np.zeros((n_full, len(dofs.velocities)))
+    pattern = np.zeros((n_full, len(dofs.motions)))
     driven = np.flatnonzero((driver >= 0) & ~held)
     pattern[driven, driver[driven]] = 1.0
-    velocity = np.stack(dofs.velocities, axis=1) if dofs.velocities else np.zeros((n_time, 0))
-    return Conditions(expansion, pattern, velocity, np.array(dofs.starts), dashpots)
+    return Conditions(expansion, pattern, tuple(dofs.motions), dashpots)

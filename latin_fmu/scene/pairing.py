@@ -22,7 +22,7 @@ _FACING = -0.9  # N . N' of paired points
 
 
 def build_interface(
-    name: str, interface: Interface, bodies: dict[str, Body], time: Array, problems: list[Problem]
+    name: str, interface: Interface, bodies: dict[str, Body], problems: list[Problem]
 ) -> InterfaceUnit | None:
     """The interface ready to be solved, or None (with its problems told) when its faces do not fit."""
     body, face_name = _side(bodies, interface.sides[0])
@@ -30,14 +30,9 @@ def build_interface(
     points = body.mesh.nodes[face.nodes]
     frames = local_frames(face.normals)
     trace = _selection(face.nodes, body)
-    ground = None
     if interface.against_ground:
         other: sp.csr_array | None = None
         gap = np.full(len(points), interface.gap or 0.0)
-        ground = np.zeros((len(time), 3))
-        if interface.ground_velocity is not None:
-            moving = interface.ground_velocity
-            ground = moving.law.sample(time)[:, None] * np.asarray(moving.vector)
     else:
         paired = _pair(name, interface, bodies, face, points, problems)
         if paired is None:
@@ -51,7 +46,7 @@ def build_interface(
             Problem(f"interface.{name}.preload", "a preloaded interface cannot be open", f"gap up to {gap.max():g} m",
                     remedy="close the gap of the meshes, or leave the preload out")
         )  # fmt: skip
-    return InterfaceUnit(name, interface.sides, behaviour, geometry, interface.preload, ground)
+    return InterfaceUnit(name, interface.sides, behaviour, geometry, interface.preload)
 
 
 def _behaviour(interface: Interface):  # type: ignore[no-untyped-def]

@@ -29,6 +29,7 @@ def relation_problems(raw: Any, base_dir: Path) -> list[Problem]:
         *_interface_problems(raw),
         *boundary_problems(raw),
         *_load_problems(raw),
+        *_sensor_problems(raw),
         *_time_problems(single_table(raw, "time")),
     ]
 
@@ -123,6 +124,14 @@ def _load_problems(raw: Any) -> Iterator[Problem]:
         yield from _exactly_one(table, f"load.{name}", "pressure", "traction")
         if isinstance(table.get("face"), str):
             yield from face_problems(raw, f"load.{name}.face", table["face"])
+
+
+def _sensor_problems(raw: Any) -> Iterator[Problem]:
+    substructures = named_tables(raw, "substructure")
+    for name, table in named_tables(raw, "sensor").items():
+        body = table.get("substructure")
+        if substructures and isinstance(body, str) and body not in substructures:
+            yield unknown_name(f"sensor.{name}.substructure", "substructure", body, substructures)
 
 
 def _time_problems(time: RawTable) -> Iterator[Problem]:

@@ -25,6 +25,7 @@ from .output_settings import Output
 from .problems import field_problems, path_text
 from .raw_scene import endless_numbers, plain
 from .relations import relation_problems
+from .sensors import Sensor
 from .solver_settings import Solver
 from .substructures import Substructure
 from .time_settings import Time
@@ -48,6 +49,7 @@ class Scene(Table):
         dict[Name, Boundary], about("boundary conditions by name"), Field(default_factory=dict)
     ]
     load: Annotated[dict[Name, Load], about("loads by name"), Field(default_factory=dict)]
+    sensor: Annotated[dict[Name, Sensor], about("sensors by name"), Field(default_factory=dict)]
     time: Annotated[Time, about("interval, instants, time scheme")]
     solver: Annotated[Solver, about("settings of the iteration")] = Solver()
     output: Annotated[Output, about("what the results keep")] = Output()

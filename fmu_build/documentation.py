@@ -1,0 +1,55 @@
+"""documentation/index.html of the FMU, from the variable table."""
+
+from __future__ import annotations
+
+from html import escape
+
+from .facts import Facts
+
+_STYLE = (
+    "body{font-family:sans-serif;max-width:70em;margin:2em auto;line-height:1.4}table{border-collapse:collapse}"
+    "td,th{border:1px solid #bbb;padding:.2em .5em;text-align:left;vertical-align:top}code{background:#eee}"
+)
+
+_USE = """\
+<h2>Use</h2>
+<ul>
+<li><b>Windowed</b> (<code>mode = 0</code>): set <code>load.NAME.value</code> and <code>load.NAME.rate</code>, make a step of
+any length; the step is cut into equal time steps no longer than <code>timeStep</code>. The state is carried on. Saving and
+restoring the state (serialised or not) is exact to the last bit.</li>
+<li><b>Prescribed</b> (<code>mode = 1</code>): load histories are given up front by <code>historyFile</code> (CSV with a header
+<code>time,NAME,...</code>, or netCDF) or, in FMI 3, by the arrays <code>load.NAME.history</code>; the whole interval
+[0, <code>endTime</code>] is solved when initialization ends and played back at any communication step.</li>
+<li>A step that cannot be made (a value that is no number, a step of no length, no convergence, a changed input in prescribed
+mode) is <b>discarded</b>: a message in the log says why, the state is as before.</li>
+<li>What fails during initialization (a missing file, no convergence in prescribed mode) is logged as an error; every later step
+is discarded with the same message.</li>
+<li>The stop time is not needed. The tolerance of the importer goes before the parameter <code>tolerance</code> (FMI 2; the FMI 3
+exporter does not hand it on: use the parameter).</li>
+<li>With <code>resultsFile</code> a netCDF file is written at termination; it holds accepted steps only.</li>
+<li>Extract the FMU to a path in plain ASCII: the exporter's library cannot open another one. Spaces are fine.</li>
+</ul>
+<h2>What it needs</h2>
+<p>A Python on the importer's side with the packages of <code>externalDependencies.txt</code>; the solver itself is inside. Linux and
+Windows, x86-64.</p>
+"""
+
+
+def documentation(facts: Facts, scene_text: str, version: str) -> str:
+    """The page: use, variables, scene. ``version`` is that of the FMI."""
+    rows = "\n".join(
+        f"<tr><td>{number}</td><td><code>{escape(v.name)}</code></td><td>{v.causality}</td><td>{v.kind}</td>"
+        f"<td>{escape(v.unit or '')}</td><td>{'' if v.start is None else escape(str(v.start))}</td>"
+        f"<td>{' x '.join(map(str, v.dimensions))}</td><td>{escape(v.description)}</td></tr>"
+        for number, v in enumerate(facts.table)
+    )
+    return (
+        f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(facts.model)}</title>\n'
+        f"<style>{_STYLE}</style></head><body>\n<h1>{escape(facts.model)}</h1>\n<p>{escape(facts.description)}</p>\n"
+        f"<p>FMI {version} for co-simulation, made by latin_fmu {facts.version}. Impact of elastic bodies with "
+        f"frictional contact by the LATIN method. SI units.</p>\n{_USE}<h2>Variables</h2>\n<p>Components are counted "
+        "from 1, along x, y, z. A load is its amplitude here: it multiplies the pressure or traction of the scene.</p>\n"
+        "<table><tr><th>reference</th><th>name</th><th>causality</th><th>type</th><th>unit</th><th>start</th>"
+        f"<th>size</th><th>meaning</th></tr>\n{rows}\n</table>\n<h2>Scene</h2>\n<pre>{escape(scene_text)}</pre>\n"
+        "</body></html>\n"
+    )

@@ -1,0 +1,64 @@
+"""modelDescription.xml of FMI 2.0 from the variable table."""
+
+from __future__ import annotations
+
+from xml.etree.ElementTree import Element, SubElement
+
+from latin_fmu.cosim.units import UNITS
+from latin_fmu.cosim.variable import Variable
+
+from .facts import Facts
+from .xml_text import add_logging_and_experiment, add_units, head, value_text
+
+_TYPES = {"real": "Real", "integer": "Integer", "string": "String"}
+
+
+def fmi2_description(facts: Facts) -> Element:
+    """The model description; the table must hold scalars only."""
+    root = head(facts, "2.0", "guid")
+    SubElement(
+        root, "CoSimulation",
+        {
+            "modelIdentifier": facts.identifier, "needsExecutionTool": "true",
+            "canHandleVariableCommunicationStepSize": "true", "canInterpolateInputs": "false",
+            "canNotUseMemoryManagementFunctions": "true", "canGetAndSetFMUstate": "true",
+            "canSerializeFMUstate": "true", "canBeInstantiatedOnlyOncePerProcess": "false",
+        },
+    )  # fmt: skip
+    add_units(root, facts)
+    add_logging_and_experiment(root, facts)
+    variables = SubElement(root, "ModelVariables")
+    for number, variable in enumerate(facts.table):
+        _add_variable(variables, number, variable)
+    structure = SubElement(root, "ModelStructure")
+    places = {variable.name: number + 1 for number, variable in enumerate(facts.table)}
+    outputs = [variable for variable in facts.table if variable.causality == "output"]
+    now, start = SubElement(structure, "Outputs"), SubElement(structure, "InitialUnknowns")
+    for variable in outputs:
+        place = str(places[variable.name])
+        SubElement(now, "Unknown", {"index": place, "dependencies": ""})
+        depends = " ".join(str(places[name]) for name in variable.initial_dependencies)
+        SubElement(start, "Unknown", {"index": place, "dependencies": depends})
+    return root
+
+
+def _add_variable(parent: Element, number: int, variable: Variable) -> None:
+    attributes = {
+        "name": variable.name,
+        "valueReference": str(number),
+        "description": variable.description,
+        "causality": variable.causality,
+        "variability": variable.variability,
+    }
+    if variable.causality == "output":
+        attributes["initial"] = "calculated"
+    element = SubElement(parent, "ScalarVariable", attributes)
+    facts: dict[str, str] = {}
+    if variable.kind == "real" and variable.unit is not None:
+        facts["unit"] = UNITS[variable.unit].name
+    for key, value in (("min", variable.minimum), ("max", variable.maximum), ("nominal", variable.nominal)):
+        if value is not None:
+            facts[key] = value_text(float(value) if variable.kind == "real" else int(value))
+    if variable.start is not None:
+        facts["start"] = value_text(variable.start)
+    SubElement(element, _TYPES[variable.kind], facts)

@@ -1,0 +1,28 @@
+"""Units of the exchanged variables: UDUNITS strings (netCDF) and their FMI names and SI exponents."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Unit:
+    """An SI unit: ``name`` as FMI writes it, ``exponents`` of kg, m, s."""
+
+    name: str
+    exponents: Mapping[str, int]
+
+
+UNITS: Mapping[str, Unit] = {
+    "1": Unit("1", {}),
+    "s-1": Unit("1/s", {"s": -1}),
+    "s": Unit("s", {"s": 1}),
+    "m": Unit("m", {"m": 1}),
+    "m s-1": Unit("m/s", {"m": 1, "s": -1}),
+    "N": Unit("N", {"kg": 1, "m": 1, "s": -2}),
+    "N s": Unit("N.s", {"kg": 1, "m": 1, "s": -1}),
+    "J": Unit("J", {"kg": 1, "m": 2, "s": -2}),
+    "Pa": Unit("Pa", {"kg": 1, "m": -1, "s": -2}),
+}
+"""By UDUNITS string."""

@@ -1,0 +1,139 @@
+"""Supernodal Cholesky factor with the interface dofs last, its half solves and dense Schur complement."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import scipy.linalg.lapack as lapack
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from ...errors import SolverError
+from .kernels import routines
+from .numeric import NOT_SYMMETRIC, factorise
+from .sweeps import backward_many, backward_one, forward_many, forward_one
+from .symbolic import Array, Index, Symbolic, analyse
+
+
+class CholeskyFactor:
+    """Factor of a symmetric positive definite sparse matrix, interface dofs kept for last.
+
+    With P A P^T = [[L, 0], [G, 1]] [[1, 0], [0, S]] [[L, 0], [G, 1]]^T, S = A_GG - A_GI A_II^-1 A_IG,
+
+        forward(b):      y = L^-1 b_I,  c = b_G - G y
+        interface:       S x_G = c + g
+        backward(y, x_G):  L^T x_I = y - G^T x_G
+
+    Parameters
+    ----------
+    matrix : (n, n). last : sorted dofs of the interface. rank : (n,) elimination order for the others, or None for
+        minimum degree. dtype : float64, or float32 to store the factor in half the memory (S stays in float64).
+    symbolic : analysis of another matrix with the same pattern and interface, to be used again.
+
+    Raises
+    ------
+    SolverError : the matrix is not symmetric positive definite.
+    """
+
+    def __init__(
+        self,
+        matrix: sp.csr_array,
+        last: Index,
+        rank: Array | None = None,
+        dtype: Any = np.float64,
+        symbolic: Symbolic | None = None,
+    ) -> None:
+        self.symbolic = shape = analyse(matrix, last, rank) if symbolic is None else symbolic
+        self.dtype: np.dtype[Any] = np.dtype(dtype)
+        self.last = np.asarray(last, dtype=np.int64)
+        self.interior = shape.order[: shape.n_interior]
+        self._panels: NDArray[Any] = np.empty(shape.panel_start[-1], dtype=self.dtype)
+        self._one = self.dtype.type(1.0)
+        self._routines = routines(self.dtype)
+        below = np.diff(shape.row_start)
+        self._tallest = int(below.max(initial=0))
+        self._pattern = (shape.first, shape.row_start, shape.rows, shape.panel_start)
+        schur = np.ascontiguousarray(matrix[self.last][:, self.last].toarray())
+        failed = factorise(
+            routines(np.dtype(np.float64)), matrix.indptr.astype(np.int64), matrix.indices, matrix.data,
+            shape.order, shape.position, *self._pattern, shape.n_children, shape.is_root, shape.stack_size,
+            self._panels, schur,
+        )  # fmt: skip
+        if failed == NOT_SYMMETRIC:
+            raise SolverError(
+                "factorisation: the pattern of the matrix is not symmetric; allowed: symmetric matrices"
+            )
+        if failed >= 0:
+            raise _not_definite(int(shape.order[failed]))
+        self.schur: Array = _mirrored(schur)
+        self.schur_inverse: Array = self._inverse()
+
+    def _inverse(self) -> Array:
+        """S^-1, symmetric."""
+        if not len(self.last):
+            return np.zeros((0, 0))
+        root, info = lapack.dpotrf(self.schur.T, lower=0)  # the transpose is in the order that LAPACK wants
+        if info:
+            raise _not_definite(int(self.last[info - 1]))
+        inverse, _ = lapack.dpotri(root, lower=0, overwrite_c=1)
+        return _mirrored(inverse.T)
+
+    def forward(self, b: Array) -> tuple[Array, Array]:
+        """(y, c) of the class docstring for b (n, m); y is in elimination order and of use to ``backward`` only."""
+        n, m = b.shape
+        n_interior = self.symbolic.n_interior
+        if m == 1:
+            x = np.empty(n)
+            forward_one(*self._pattern, self._panels, self.symbolic.order, b.reshape(-1), x)
+            return x[:n_interior, None], x[n_interior:, None]
+        work = np.empty((n, m), dtype=self.dtype)
+        scratch = np.empty((self._tallest, m), dtype=self.dtype)
+        forward_many(
+            self._routines, self._one, *self._pattern, self._panels, self.symbolic.order, b, work, scratch
+        )
+        return work[:n_interior], work[n_interior:].astype(np.float64, copy=False)
+
+    def backward(self, y: Array, x_last: Array) -> Array:
+        """Full solution (n, m) from ``forward`` and the interface values (n_last, m)."""
+        n, m = len(self.symbolic.order), x_last.shape[1]
+        out = np.empty((n, m))
+        if m == 1:
+            backward_one(
+                *self._pattern, self._panels, self.symbolic.order, y.reshape(-1), x_last.reshape(-1), np.empty(n),
+                out.reshape(-1),
+            )  # fmt: skip
+            return out
+        work = np.empty((n, m), dtype=self.dtype)
+        scratch = np.empty((self._tallest, m), dtype=self.dtype)
+        backward_many(
+            self._routines, self._one, *self._pattern, self._panels, self.symbolic.order, y, x_last, work, scratch,
+            out,
+        )  # fmt: skip
+        return out
+
+    def solve(self, b: Array) -> Array:
+        """A^-1 b for b (n, m)."""
+        y, c = self.forward(b)
+        return self.backward(y, self.schur_inverse @ c)
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of the factor and of the dense interface matrices, bytes."""
+        return int(
+            self._panels.nbytes + self.symbolic.rows.nbytes + self.schur.nbytes + self.schur_inverse.nbytes
+        )
+
+
+def _mirrored(lower: Array) -> Array:
+    """The symmetric matrix with this lower triangle, rows contiguous."""
+    full: Array = np.tril(lower)
+    full += np.tril(lower, -1).T
+    return full
+
+
+def _not_definite(dof: int) -> SolverError:
+    return SolverError(
+        f"factorisation: the pivot of dof {dof} is not positive; allowed: symmetric positive definite matrices; "
+        "check the density, the time step and whether the part is held"
+    )

@@ -1,0 +1,70 @@
+"""Compilation of the kernels of the factor, and calls of BLAS and LAPACK from inside them.
+
+The routines are SciPy's own. Their addresses are arguments of the kernels (an array of integers), not constants in
+them, so that the compiled code can be kept on disk from one process to the next.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
+
+import numpy as np
+from llvmlite import ir
+from numba import njit, types
+from numba.core import cgutils
+from numba.extending import get_cython_function_address, intrinsic
+from numpy.typing import NDArray
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+LEFT, RIGHT, UPPER = np.uint8(ord("L")), np.uint8(ord("R")), np.uint8(ord("U"))
+PLAIN, TRANSPOSED = np.uint8(ord("N")), np.uint8(ord("T"))
+
+# Sums may be taken in another (fixed) order: without that they are not vectorised.
+_FAST = {"reassoc", "contract", "nsz"}
+
+
+def kernel(function: Function) -> Function:
+    """Compile for loops over floating-point numbers: cached, sums vectorised, without the interpreter lock."""
+    try:
+        return cast(Function, njit(cache=True, nogil=True, fastmath=_FAST)(function))
+    except RuntimeError:  # no folder to cache in: compile afresh in this process
+        return cast(Function, njit(nogil=True, fastmath=_FAST)(function))
+
+
+def routines(dtype: np.dtype[Any]) -> NDArray[np.int64]:
+    """Addresses (6,) of potrf, trsm, syrk, trtri, trmm, gemm for float64 or float32."""
+    letter = "s" if dtype == np.float32 else "d"
+    names = ("lapack:potrf", "blas:trsm", "blas:syrk", "lapack:trtri", "blas:trmm", "blas:gemm")
+    found = []
+    for name in names:
+        library, routine = name.split(":")
+        found.append(get_cython_function_address(f"scipy.linalg.cython_{library}", letter + routine))
+    return np.array(found, dtype=np.int64)
+
+
+def _fortran(_typing: Any, address: Any, arguments: Any) -> Any:
+    """Call the routine at ``address``, everything by reference.
+
+    ``arguments`` is a tuple: uint64 = address of an array, int64 = an integer (passed as C int), uint8 = a letter,
+    float64 or float32 = a number.
+    """
+
+    def generate(_context: Any, builder: Any, _signature: Any, values: Any) -> Any:
+        pointers = []
+        for kind, value in zip(tuple(arguments), cgutils.unpack_tuple(builder, values[1]), strict=True):
+            if kind == types.uint64:
+                pointers.append(builder.inttoptr(value, cgutils.voidptr_t))
+                continue
+            stored = builder.trunc(value, ir.IntType(32)) if kind == types.int64 else value
+            slot = cgutils.alloca_once(builder, stored.type)
+            builder.store(stored, slot)
+            pointers.append(builder.bitcast(slot, cgutils.voidptr_t))
+        shape = ir.FunctionType(ir.VoidType(), [cgutils.voidptr_t] * len(pointers))
+        builder.call(builder.inttoptr(values[0], shape.as_pointer()), pointers)
+
+    return types.void(address, arguments), generate
+
+
+fortran: Callable[[Any, Any], None] = intrinsic(_fortran)

@@ -1,0 +1,158 @@
+"""Elimination tree, column counts and rows of the supernodes of a symmetric graph (Davis, *Direct methods*, ch. 4).
+
+Graphs are (pointers, neighbours) in elimination order: ``n_interior`` vertices to eliminate, then those that stay.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .kernels import kernel
+
+Index = NDArray[np.int64]
+
+
+@kernel
+def elimination_tree(pointers: Index, neighbours: Index, n_interior: int) -> Index:
+    """Parent of each interior vertex, (n_interior,), -1 at the roots (Liu's algorithm)."""
+    parent = np.full(n_interior, -1, dtype=np.int64)
+    ancestor = np.full(n_interior, -1, dtype=np.int64)
+    for i in range(n_interior):
+        for entry in range(pointers[i], pointers[i + 1]):
+            j = neighbours[entry]
+            while j < i and j != -1:
+                above = ancestor[j]
+                ancestor[j] = i
+                if above == -1:
+                    parent[j] = i
+                    break
+                j = above
+    return parent
+
+
+@kernel
+def column_counts(pointers: Index, neighbours: Index, parent: Index, weight: Index) -> Index:
+    """Rows below the diagonal in each interior column of the factor, in dofs: (n_interior,)."""
+    n_interior = len(parent)
+    count = np.zeros(n_interior, dtype=np.int64)
+    mark = np.full(n_interior, -1, dtype=np.int64)
+    for i in range(len(pointers) - 1):
+        for entry in range(pointers[i], pointers[i + 1]):
+            j = neighbours[entry]
+            if j >= n_interior or j >= i:
+                continue
+            while j != -1 and j != i and mark[j] != i:
+                mark[j] = i
+                count[j] += weight[i]
+                j = parent[j]
+    return count
+
+
+@kernel
+def amalgamate(
+    parent: Index, count: Index, weight: Index, limit: Index, fraction: NDArray[np.float64]
+) -> Index:
+    """Supernode of each interior vertex, named by its last vertex, (n_interior,).
+
+    First the columns with the same pattern, then (relaxed) children joined to their parents: a supernode of at most
+    ``limit[i]`` columns may hold the part ``fraction[i]`` of zeros.
+    """
+    n = len(parent)
+    owner = np.arange(n)
+    width = weight[:n].copy()
+    entries = width * (width + 1) // 2 + width * count
+    head = np.full(n, -1, dtype=np.int64)  # lists of children
+    following = np.full(n, -1, dtype=np.int64)
+    for relaxed in range(2):
+        head[:] = -1
+        for c in range(n - 1, -1, -1):
+            if owner[c] == c and parent[c] != -1:
+                p = parent[c]
+                while owner[p] != p:
+                    p = owner[p]
+                following[c] = head[p]
+                head[p] = c
+        for p in range(n):
+            if owner[p] != p:
+                continue
+            c = head[p]
+            while c != -1:
+                total = width[c] + width[p]
+                held = entries[c] + entries[p]
+                size = total * (total + 1) // 2 + total * count[p]
+                join = size == held
+                if relaxed == 1:
+                    for i in range(len(limit)):
+                        join |= total <= limit[i] and size - held <= fraction[i] * size
+                if join:
+                    owner[c] = p
+                    width[p] = total
+                    entries[p] = held
+                c = following[c]
+    for c in range(n - 1, -1, -1):
+        owner[c] = owner[owner[c]]
+    return owner
+
+
+@kernel
+def postorder(parent: Index) -> Index:
+    """Vertices of a forest, children before parents and each subtree in one piece, (n,)."""
+    n = len(parent)
+    head = np.full(n, -1, dtype=np.int64)
+    following = np.full(n, -1, dtype=np.int64)
+    for c in range(n - 1, -1, -1):
+        if parent[c] != -1:
+            following[c] = head[parent[c]]
+            head[parent[c]] = c
+    order = np.empty(n, dtype=np.int64)
+    stack = np.empty(n, dtype=np.int64)
+    done = 0
+    for root in range(n):
+        if parent[root] != -1:
+            continue
+        depth = 1
+        stack[0] = root
+        while depth > 0:
+            c = head[stack[depth - 1]]
+            if c == -1:
+                depth -= 1
+                order[done] = stack[depth]
+                done += 1
+            else:
+                head[stack[depth - 1]] = following[c]
+                stack[depth] = c
+                depth += 1
+    return order
+
+
+@kernel
+def supernode_rows(
+    pointers: Index,
+    neighbours: Index,
+    owner: Index,
+    parent: Index,
+    n_interior: int,
+    start: Index,
+    rows: Index,
+) -> Index:
+    """Vertices below each supernode: counts them (n_super,) and, where ``rows`` is not empty, writes them.
+
+    ``owner`` : supernode of each vertex (-1 for those that stay), ``parent`` : tree of the supernodes, ``start`` :
+    where the rows of each begin in ``rows``.
+    """
+    count = np.zeros(len(parent), dtype=np.int64)
+    mark = np.full(len(parent), -1, dtype=np.int64)
+    for i in range(len(pointers) - 1):
+        for entry in range(pointers[i], pointers[i + 1]):
+            j = neighbours[entry]
+            if j >= n_interior or j >= i:
+                continue
+            s = owner[j]
+            while s != -1 and s != owner[i] and mark[s] != i:
+                mark[s] = i
+                if len(rows) > 0:
+                    rows[start[s] + count[s]] = i
+                count[s] += 1
+                s = parent[s]
+    return count

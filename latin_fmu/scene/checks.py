@@ -1,0 +1,106 @@
+"""Checks of a scene against its meshes, and what can be said of its loads beforehand."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterator
+
+import numpy as np
+
+from ..errors import Problem
+from ..fem.mesh import Array
+from .body import Body
+from .boundaries import Boundary, Periodic, PrescribedDisplacement, PrescribedVelocity
+from .conditions import Motion
+from .fields import GROUND, split_face
+from .laws import InputLaw, TimeLaw, sampled_impulse_error
+from .schema import Scene
+
+_SAMPLING = 1e-3  # relative error of a sampled impulse that is worth a remark
+
+
+def _faces_named(scene: Scene) -> Iterator[tuple[str, str]]:
+    for name, interface in scene.interface.items():
+        for i, side in enumerate(interface.sides):
+            if side != GROUND:
+                yield f"interface.{name}.sides[{i}]", side
+    for name, boundary in scene.boundary.items():
+        if isinstance(boundary, Periodic):
+            for i, face in enumerate(boundary.faces):
+                yield f"boundary.{name}.faces[{i}]", face
+        else:
+            yield f"boundary.{name}.face", boundary.face
+    for name, load in scene.load.items():
+        yield f"load.{name}.face", load.face
+
+
+def check_faces(scene: Scene, bodies: dict[str, Body], problems: list[Problem]) -> None:
+    """Every face named in the scene must exist on its mesh."""
+    for where, side in _faces_named(scene):
+        substructure, face = split_face(side)
+        if substructure not in bodies:
+            continue
+        known = sorted(bodies[substructure].mesh.faces)
+        if face not in known:
+            close = difflib.get_close_matches(face, known, 1)
+            problems.append(
+                Problem(where, "unknown face", side, ", ".join(known) or "no named surface group touches this volume",
+                        f"did you mean {substructure}.{close[0]!s}?" if close else None)
+            )  # fmt: skip
+
+
+def boundaries_of(scene: Scene, substructure: str) -> dict[str, Boundary]:
+    """Boundary conditions on the faces of a substructure."""
+
+    def face(boundary: Boundary) -> str:
+        return boundary.faces[0] if isinstance(boundary, Periodic) else boundary.face
+
+    return {n: b for n, b in scene.boundary.items() if split_face(face(b))[0] == substructure}
+
+
+def characteristic_traction(scene: Scene, bodies: dict[str, Body], time: Array) -> float:
+    """Largest traction that loads, initial values and prescribed motions can bring, Pa."""
+    sizes = [0.0]
+    for load in scene.load.values():
+        amplitude = _amplitude(load.law, time)
+        size = (
+            abs(load.pressure) if load.pressure is not None else float(np.linalg.norm(load.traction or 0.0))
+        )
+        sizes.append(size * amplitude)
+    for name, body in bodies.items():
+        z_p = body.shape.impedances[0]
+        sizes.append(z_p * float(np.linalg.norm(body.description.initial_velocity)))
+        sizes.append(float(np.linalg.norm(body.description.body_force)) * float(body.mesh.extent().max()))
+        for boundary in boundaries_of(scene, name).values():
+            if isinstance(boundary, PrescribedVelocity | PrescribedDisplacement):
+                moving = isinstance(boundary, PrescribedDisplacement)
+                for value in boundary.value:
+                    speed = np.abs(Motion(boundary.law, value, moving).velocity(time)).max()
+                    sizes.append(z_p * float(speed))
+    stiffest = max(body.shape.impedances[0] for body in bodies.values())
+    for interface in scene.interface.values():
+        sizes.append(interface.preload)
+        if interface.ground_velocity is not None:
+            ground = interface.ground_velocity
+            speed = float(np.linalg.norm(ground.vector) * np.abs(ground.law.sample(time)).max())
+            sizes.append(stiffest * speed)
+    return max(sizes)
+
+
+def _amplitude(law: TimeLaw, time: Array) -> float:
+    """Largest amplitude of a law; an input, known only later, counts as 1 at least."""
+    largest = float(np.abs(law.sample(time)).max())
+    return max(largest, 1.0) if isinstance(law, InputLaw) else largest
+
+
+def sampling_remarks(scene: Scene, time: Array) -> list[str]:
+    """Loads whose sampled impulse differs from the exact one."""
+    remarks = []
+    for name, load in scene.load.items():
+        error = sampled_impulse_error(load.law, time)
+        if abs(error) > _SAMPLING:
+            remarks.append(
+                f"load {name}: sampled at the instants its impulse is off by {100 * error:+.2g} % "
+                "(jumps between instants): let jumps fall on instants, or take smaller steps"
+            )
+    return remarks

@@ -1,0 +1,141 @@
+"""Models of the substructures of a scene, grouped into classes of identical ones."""
+
+from __future__ import annotations
+
+import hashlib
+
+import numpy as np
+import scipy.sparse as sp
+
+from ..latin.layout import Array, Index, InterfaceUnit, Layout
+from ..propagator import DirectPropagator, LoadTerm, SubstructureModel
+from ..time_scheme import TimeScheme
+from .body import Body
+from .conditions import Conditions
+from .fields import GROUND, split_face
+from .schema import Scene
+
+
+def build_propagators(
+    scene: Scene, bodies: dict[str, Body], conditions: dict[str, Conditions], units: list[InterfaceUnit],
+    layout: Layout, scheme: TimeScheme, dt: float,
+) -> tuple[list[DirectPropagator], list[Index]]:  # fmt: skip
+    """One propagator per class of identical substructures, and the flat indices of its channels."""
+    classes: dict[bytes, list[tuple[SubstructureModel, Index]]] = {}
+    for name, body in bodies.items():
+        model, channels = _model(scene, name, body, conditions[name], units, layout)
+        classes.setdefault(_signature(model, body), []).append((model, channels))
+    propagators, flat = [], []
+    for members in classes.values():
+        models = [m for m, _ in members]
+        propagators.append(DirectPropagator(models, scheme, dt, scene.output.energy))
+        flat.append(np.stack([c for _, c in members], axis=1))
+    return propagators, flat
+
+
+def _model(
+    scene: Scene,
+    name: str,
+    body: Body,
+    held: Conditions,
+    units: list[InterfaceUnit],
+    layout: Layout,
+) -> tuple[SubstructureModel, Index]:
+    traces, areas, preloads, channels = [], [], [], []
+    for i, unit in enumerate(units):
+        for side, face in enumerate(unit.sides):
+            if face == GROUND or split_face(face)[0] != name:
+                continue
+            n_component = unit.behaviour.n_component
+            trace = unit.geometry.local_trace(side, n_component)
+            assert trace is not None
+            traces.append(trace)
+            areas.append(np.repeat(unit.geometry.areas, n_component))
+            pressed = np.zeros((unit.geometry.n_point, n_component))
+            pressed[:, 0] = unit.preload * (-1.0 if side == 0 else 1.0)
+            preloads.append(pressed.ravel())
+            channels.append(layout.channels(i, side).ravel())
+    n_full = body.full_size()
+    trace = sp.csr_array(sp.vstack(traces)) if traces else sp.csr_array((0, n_full))
+    area = np.concatenate(areas) if areas else np.zeros(0)
+    loads = _loads(scene, name, body)
+    if any(p.any() for p in preloads):  # the initial stress is in equilibrium: it holds the preload
+        balance = np.asarray(-(trace.T @ (area * np.concatenate(preloads))))
+        loads.append(LoadTerm("", balance))
+    mass, stiffness = body.shape.matrices
+    description = body.description
+    model = SubstructureModel(
+        name=name, mass=mass, damping=_damping(body, held), stiffness=stiffness, expansion=held.expansion,
+        trace=trace, channel_area=area, loads=loads,
+        displacement=np.tile(description.initial_displacement, body.mesh.n_node),
+        velocity=np.tile(description.initial_velocity, body.mesh.n_node),
+        imposed_pattern=held.pattern, imposed_start=held.start(),
+        ordering=body.shape.rank,
+    )  # fmt: skip
+    return model, np.concatenate(channels) if channels else np.zeros(0, dtype=np.int64)
+
+
+def _damping(body: Body, held: Conditions) -> sp.csr_array | None:
+    material = body.shape.material
+    mass, stiffness = body.shape.matrices
+    damping: sp.csr_array | None = None
+    if material.rayleigh_mass or material.rayleigh_stiffness:
+        damping = sp.csr_array(material.rayleigh_mass * mass + material.rayleigh_stiffness * stiffness)
+    if held.dashpots is not None:
+        damping = held.dashpots if damping is None else sp.csr_array(damping + held.dashpots)
+    return damping
+
+
+def _loads(scene: Scene, name: str, body: Body) -> list[LoadTerm]:
+    terms = []
+    if any(body.description.body_force):
+        pattern = body.shape.body_load(np.asarray(body.description.body_force))
+        terms.append(LoadTerm("", pattern))
+    for load_name, load in scene.load.items():
+        substructure, face_name = split_face(load.face)
+        if substructure != name:
+            continue
+        face = body.face(face_name)
+        if load.pressure is not None:
+            nodal = -load.pressure * face.vector_areas
+        else:
+            nodal = face.areas[:, None] * np.asarray(load.traction)
+        pattern = np.zeros((body.mesh.n_node, 3))
+        pattern[face.nodes] = nodal
+        terms.append(LoadTerm(load_name, pattern.ravel()))
+    return terms
+
+
+def _signature(model: SubstructureModel, body: Body) -> bytes:
+    """Equal for substructures whose operators are equal (loads, initial values and place do not count)."""
+    digest = hashlib.sha256()
+    size = float(body.mesh.extent().max())
+    digest.update(repr((body.shape.material, body.mesh.cell_type, f"{size:.9e}")).encode())
+    digest.update(np.round((body.mesh.nodes - body.mesh.nodes[0]) / size, 9).astype("f8").tobytes())
+    digest.update(body.mesh.cells.tobytes())
+    for matrix in (model.expansion, model.trace):
+        matrix.sort_indices()
+        for part in (matrix.indptr, matrix.indices, np.round(matrix.data, 9) + 0.0):
+            digest.update(np.ascontiguousarray(part).tobytes())
+    digest.update((np.round(model.channel_area / size**2, 12) + 0.0).tobytes())
+    if model.damping is not None:
+        digest.update(
+            repr((model.damping.nnz, float(model.damping.trace()), float(abs(model.damping).sum()))).encode()
+        )
+        digest.update(model.damping.indices.tobytes())
+    digest.update(model.imposed_pattern.tobytes())
+    return digest.digest()
+
+
+def side_impedance(bodies: dict[str, Body], units: list[InterfaceUnit], layout: Layout) -> Array:
+    """Material impedance of every channel, (n_flat,), Pa s m-1; 0 on the ground."""
+    impedance = np.zeros(layout.n_flat)
+    for i, unit in enumerate(units):
+        for side, face in enumerate(unit.sides):
+            if face == GROUND:
+                continue
+            z_p, z_s = bodies[split_face(face)[0]].shape.impedances
+            channels = layout.channels(i, side)
+            impedance[channels[:, 0]] = z_p
+            impedance[channels[:, 1:]] = z_s
+    return impedance

@@ -1,0 +1,209 @@
+"""A run that goes on segment by segment: loads given from outside, variable steps, snapshots."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from ..fem.mesh import Array
+from ..latin.assembly import GroundState
+from ..latin.blob import decode, encode
+from ..latin.error_indicator import Scales
+from ..latin.record import InterfaceHistory, SubstructureHistory, Timings, WindowRecord
+from ..latin.recorder import Recorder
+from ..latin.status import status
+from ..latin.windows import Run
+from .build import build
+from .schema import Scene
+
+
+@dataclass(frozen=True)
+class Segment:
+    """What happened in one segment; the first instant of every history is its start.
+
+    Attributes
+    ----------
+    time : (n + 1,), s. interfaces, substructures, windows : as in a whole run.
+    converged, status : whether every window converged, and a sentence. accepted : whether the state moved on.
+    energy : terms of the assembly at the instants, accumulated since t = 0; None unless the scene asks for them.
+    """
+
+    time: Array
+    interfaces: dict[str, InterfaceHistory]
+    substructures: dict[str, SubstructureHistory]
+    windows: list[WindowRecord]
+    converged: bool
+    accepted: bool
+    status: str
+    energy: dict[str, Array] | None
+
+    @property
+    def iterations(self) -> int:
+        """LATIN iterations over all windows."""
+        return sum(w.iterations for w in self.windows)
+
+    @property
+    def error_indicator(self) -> float:
+        """Largest final sqrt(eta) of the windows."""
+        return max((w.error_indicator[-1] for w in self.windows if w.error_indicator), default=0.0)
+
+
+class SegmentedRun:
+    """A scene advanced segment by segment.
+
+    Parameters
+    ----------
+    scene : loads whose law is ``input`` take the histories given to ``advance``; the others keep their law.
+    tolerance : replaces the tolerance of the scene (the force tolerance in proportion).
+
+    Raises
+    ------
+    SceneError : the scene cannot be built.
+    """
+
+    def __init__(self, scene: Scene, tolerance: float | None = None) -> None:
+        self.scene = scene
+        with threadpool_limits(1):
+            self.built = build(scene)
+        if tolerance is not None:
+            factor = tolerance / self.built.settings.tolerance
+            settings = self.built.settings
+            self.built = replace(
+                self.built,
+                settings=replace(
+                    settings, tolerance=tolerance, force_tolerance=factor * settings.force_tolerance
+                ),
+            )
+        self.timings = Timings()
+        self.time = 0.0
+        self._friction = 0.0
+        self._run: Run | None = None
+        self._ground = dict(self.built.assembly.ground_start)
+        self._stored: float | None = None  # energy at t = 0
+        self._kind = hashlib.sha256(scene.text().encode()).hexdigest()
+        self._where = {
+            name: (p, m) for p in self.built.assembly.propagators for m, name in enumerate(p.names)
+        }
+
+    def advance(
+        self, end: float, n: int, loads: Mapping[str, Array] | None = None, accept: bool = False
+    ) -> Segment:
+        """Solve n steps from the present time to ``end``.
+
+        Parameters
+        ----------
+        end : s, > present time. n : number of steps. loads : amplitude (n + 1,) of loads by name.
+        accept : move on even where a window did not converge (its best iterate); else the state is untouched.
+        """
+        before = None if self._run is None else self._tree()
+        time = np.linspace(self.time, end, n + 1)
+        with threadpool_limits(1):
+            segment = self._solve(time, loads or {})
+        if not segment.converged and not accept:
+            if before is None:
+                self.reset()
+            else:
+                self._resume(before)
+            return replace(segment, accepted=False)
+        self.time = end
+        if segment.energy is not None:
+            self._friction = float(segment.energy["friction_dissipation"][-1])
+        self._ground = self.built.assembly.ground_end(n)
+        return segment
+
+    def _solve(self, time: Array, loads: Mapping[str, Array]) -> Segment:
+        built, assembly = self.built, self.built.assembly
+        built.timeline.begin(assembly, time, loads, self._ground)
+        recorder = Recorder(assembly, built.wanted, built.info)
+        if self._run is None:
+            self._run = Run(assembly, built.settings, recorder, self.timings)
+        else:
+            self._run.resume(recorder)
+        run = self._run
+        run.all()
+        state = run.state
+        converged, sentence = status(assembly, built.settings, state.windows, state.interface_indicator)
+        energy = recorder.assembly_energy(assembly)
+        if energy is not None:
+            energy["friction_dissipation"] = energy["friction_dissipation"] + self._friction
+            first = float(energy["kinetic"][0] + energy["elastic"][0])
+            self._stored = first if self._stored is None else self._stored
+            energy["balance"] = energy["balance"] + (first - self._stored)
+        return Segment(
+            time, recorder.interfaces(assembly), recorder.substructures(), state.windows, converged, True, sentence,
+            energy,
+        )  # fmt: skip
+
+    def displacement(self, substructure: str) -> Array:
+        """Displacements of all nodes of a substructure at the present time, (n_node, 3), m."""
+        propagator, member = self._where[substructure]
+        return propagator.full_displacement(member)
+
+    def velocity(self, substructure: str) -> Array:
+        """Velocities of all nodes of a substructure at the present time, (n_node, 3), m s-1."""
+        propagator, member = self._where[substructure]
+        return propagator.full_velocity(member)
+
+    # -- snapshots ------------------------------------------------------------------------------------------------
+    def snapshot(self) -> bytes:
+        """All that determines the next segment, versioned, bit-exact."""
+        return encode(None if self._run is None else self._tree(), self._kind)
+
+    def restore(self, blob: bytes) -> None:
+        """Back to a snapshot of the same scene, taken by this or another instance.
+
+        Raises
+        ------
+        InputError : bytes that are no such snapshot; nothing has changed then.
+        """
+        tree = decode(blob, self._kind)
+        if tree is None:
+            self.reset()
+            return
+        if self._run is None:  # not started yet: a start gives it what a run needs
+            assembly = self.built.assembly
+            recorder = Recorder(assembly, self.built.wanted, self.built.info)
+            with threadpool_limits(1):
+                self.built.timeline.begin(assembly, assembly.time, {}, self._ground)
+                self._run = Run(assembly, self.built.settings, recorder, self.timings)
+        self._resume(tree)
+
+    def reset(self) -> None:
+        """Back to t = 0."""
+        for propagator in self.built.assembly.propagators:
+            propagator.rewind()
+        self._ground = {i: GroundState(np.zeros(3), None) for i in self._ground}
+        self.time, self._friction, self._stored, self._run = 0.0, 0.0, None, None
+
+    def _tree(self) -> dict[str, object]:
+        assert self._run is not None
+        state = self._run.state
+        return {
+            "time": self.time,
+            "friction": self._friction,
+            "f_hat": state.f_hat,
+            "w_hat": state.w_hat,
+            "before": None if state.before is None else list(state.before),
+            "field": state.scales.field,
+            "force": list(state.scales.force),
+            "stored": self._stored,
+            "ground": {str(i): list(g) for i, g in self._ground.items()},
+            "propagators": [p.tree() for p in self.built.assembly.propagators],
+        }
+
+    def _resume(self, tree: dict[str, Any]) -> None:
+        assert self._run is not None
+        state = self._run.state
+        self.time, self._friction = tree["time"], tree["friction"]
+        state.f_hat, state.w_hat = tree["f_hat"], tree["w_hat"]
+        state.before = None if tree["before"] is None else tuple(tree["before"])
+        state.scales = Scales(tree["field"], (tree["force"][0], tree["force"][1]))
+        self._stored = tree["stored"]
+        self._ground = {int(i): GroundState(*g) for i, g in tree["ground"].items()}
+        for propagator, part in zip(self.built.assembly.propagators, tree["propagators"], strict=True):
+            propagator.resume(part)

@@ -1,0 +1,62 @@
+"""Histories of loads and motions of a scene over the instants of a run or of a segment of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ..fem.mesh import Array
+from ..latin.assembly import Assembly, GroundState
+from ..propagator import Histories
+from .conditions import Conditions
+from .schema import Scene
+
+
+class Timeline:
+    """Samples the laws of a scene; amplitudes given from outside replace the law of a load."""
+
+    def __init__(self, scene: Scene, conditions: dict[str, Conditions]) -> None:
+        self._scene, self._conditions = scene, conditions
+
+    def begin(
+        self,
+        assembly: Assembly,
+        time: Array,
+        given: Mapping[str, Array],
+        ground_start: Mapping[int, GroundState],
+    ) -> None:
+        """Set the instants of an assembly and of its propagators.
+
+        Parameters
+        ----------
+        time : (n_time,), s. given : amplitude (n_time,) of loads by name. ground_start : see ``Assembly.begin``.
+        """
+        dt = float(time[1] - time[0])
+        for propagator in assembly.propagators:
+            histories = [
+                Histories(
+                    time,
+                    [self._amplitude(load.name, time, given) for load in member.loads],
+                    self._conditions[member.name].velocity(time),
+                )
+                for member in propagator.members
+            ]
+            propagator.begin(histories, dt)
+        assembly.begin(time, self._ground(assembly, time), ground_start)
+
+    def _amplitude(self, name: str, time: Array, given: Mapping[str, Array]) -> Array:
+        if not name:
+            return np.ones(len(time))
+        return given[name] if name in given else self._scene.load[name].law.sample(time)
+
+    def _ground(self, assembly: Assembly, time: Array) -> dict[int, Array]:
+        ground = {}
+        for i, unit in enumerate(assembly.interfaces):
+            if not unit.against_ground:
+                continue
+            moving = self._scene.interface[unit.name].ground_velocity
+            ground[i] = np.zeros((len(time), 3))
+            if moving is not None:
+                ground[i] = moving.law.sample(time)[:, None] * np.asarray(moving.vector)
+        return ground

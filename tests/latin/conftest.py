@@ -1,0 +1,111 @@
+"""Small scenes: bars in a row and rubbing blocks, as dictionaries to be changed, and their operators."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from latin_fmu.latin.record import Timings
+from latin_fmu.latin.recorder import Recorder
+from latin_fmu.latin.windows import Run
+from latin_fmu.scene.build import Built, build
+from latin_fmu.scene.reader import scene_from_dict
+
+Tables = dict[str, Any]
+SECTION, LENGTH, ELEMENTS = 0.5, 1.0, 6
+
+
+def box(z: float, length: float = LENGTH, n: int = ELEMENTS, across: int = 1, size: float = SECTION) -> Tables:
+    """A bar along z."""
+    return {"origin": [0.0, 0.0, z], "size": [size, size, length], "elements": [across, across, n]}
+
+
+def bars(behaviour: str = "contact", gap: float = 0.0, **others: Any) -> Tables:
+    """Three bars a, b, c along z: a and b joined, b meets c with ``behaviour``; c held, a pushed by a half sine.
+
+    E = 4, nu = 0, rho = 1 (c = 2); the front needs 0.5 s per bar.
+    """
+    tables: Tables = {
+        "name": "bars",
+        "material": {"m": {"young_modulus": 4.0, "poisson_ratio": 0.0, "density": 1.0}},
+        "substructure": {
+            "a": {"material": "m", "box": box(0.0)},
+            "b": {"material": "m", "box": box(LENGTH)},
+            "c": {"material": "m", "box": box(2 * LENGTH + gap)},
+        },
+        "interface": {
+            "joint": {"sides": ["a.zmax", "b.zmin"], "behaviour": "perfect"},
+            "meet": {"sides": ["b.zmax", "c.zmin"], "behaviour": behaviour},
+        },
+        "boundary": {"held": {"type": "fixed", "face": "c.zmax"}},
+        "load": {"push": {"face": "a.zmin", "pressure": 1.0, "law": {"type": "half_sine", "duration": 1.0}}},
+        "time": {"end": 2.4, "instants": 48},
+        "solver": {},
+        "output": {"fields": True, "energy": True},
+    }
+    return tables | others
+
+
+def blocks(**others: Any) -> Tables:
+    """Two blocks with friction, the upper one thrown obliquely on the lower one, which stands on the ground."""
+    tables: Tables = {
+        "name": "blocks",
+        "material": {
+            "m": {"young_modulus": 4.0, "poisson_ratio": 0.3, "density": 1.0},
+            "soft": {"young_modulus": 2.0, "poisson_ratio": 0.2, "density": 2.0},
+        },
+        "substructure": {
+            "low": {"material": "m", "box": box(0.0, 1.0, 2, 2, 1.0)},
+            "high": {"material": "soft", "box": box(1.0, 1.0, 2, 2, 1.0), "initial_velocity": [0.05, 0.02, -0.1]},
+        },
+        "interface": {
+            "floor": {"sides": ["low.zmin", "ground"], "friction_coefficient": 0.5},
+            "rub": {"sides": ["low.zmax", "high.zmin"], "friction_coefficient": 0.2},
+        },
+        "time": {"end": 1.2, "instants": 12},
+        "solver": {},
+        "output": {"fields": True, "energy": True},
+    }  # fmt: skip
+    return tables | others
+
+
+def make(tables: Tables) -> Built:
+    """Operators of a scene."""
+    return build(scene_from_dict(tables))
+
+
+def make_run(built: Built) -> Run:
+    """A run at t = 0."""
+    return Run(built.assembly, built.settings, Recorder(built.assembly, built.wanted, built.info), Timings())
+
+
+@pytest.fixture
+def bars_scene() -> Callable[..., Tables]:
+    """See ``bars``."""
+    return bars
+
+
+@pytest.fixture
+def blocks_scene() -> Callable[..., Tables]:
+    """See ``blocks``."""
+    return blocks
+
+
+@pytest.fixture
+def bar_box() -> Callable[..., Tables]:
+    """See ``box``."""
+    return box
+
+
+@pytest.fixture
+def made() -> Callable[[Tables], Built]:
+    """See ``make``."""
+    return make
+
+
+@pytest.fixture
+def begun() -> Callable[[Built], Run]:
+    """See ``make_run``."""
+    return make_run

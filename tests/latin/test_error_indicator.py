@@ -1,0 +1,136 @@
+"""Indicator (24) and force mismatch against their definitions."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from latin_fmu.api import run
+from latin_fmu.latin.error_indicator import Indicator, Scales
+
+Array = np.ndarray
+NOTHING = Scales(0.0, (0.0, 0.0))
+
+
+@pytest.fixture
+def assembly(blocks_scene: Any, made: Any) -> Any:
+    """Two materials, friction, ground."""
+    return made(blocks_scene()).assembly
+
+
+def fields(assembly: Any, k: Array, n: int = 3) -> tuple[Array, ...]:
+    """F, W, F_hat, W_hat that satisfy E+ for k, and the residual of q; ground: given motion, hat tractions only."""
+    rng = np.random.default_rng(8)
+    size = assembly.layout.n_flat
+    f, w, f_hat = rng.normal(size=(3, n, size))
+    w_hat = w + np.divide(f_hat - f, k, out=np.zeros_like(f), where=k > 0)
+    residual = (f_hat + k * w_hat) - (f + k * w)
+    return f, w, f_hat, w_hat, residual
+
+
+def eta(assembly: Any, f: Array, w: Array, f_hat: Array, w_hat: Array) -> float:
+    """(24) from its definition, sides that can move only."""
+    z = assembly.impedance
+    moves = z > 0
+    area = assembly.layout.area
+
+    def square(traction: Array, velocity: Array) -> float:
+        part = area * (np.divide(traction**2, z, out=np.zeros_like(traction), where=moves) + z * velocity**2)
+        return float(part[:, moves].sum())
+
+    return square(f - f_hat, w - w_hat) / (square(f, w) + square(f_hat, w_hat))
+
+
+@pytest.mark.parametrize("level", [0.01, 1.0, 30.0])
+def test_indicator_is_its_definition_whatever_k(assembly: Any, level: float) -> None:
+    k = level * np.where(assembly.impedance > 0, 1.0 + np.arange(assembly.layout.n_flat) % 5, 0.0)
+    f, w, f_hat, w_hat, residual = fields(assembly, k)
+    measure = Indicator(assembly, k).field(residual, (f, w, f_hat, w_hat), NOTHING)
+    assert measure.value == pytest.approx(np.sqrt(eta(assembly, f, w, f_hat, w_hat)), rel=1e-12)
+
+
+def test_indicator_is_zero_at_the_fixed_point_and_never_nan(assembly: Any) -> None:
+    k = np.where(assembly.impedance > 0, 2.0, 0.0)
+    indicator = Indicator(assembly, k)
+    f, w, _, _, _ = fields(assembly, k)
+    nothing = np.zeros_like(f)
+    assert indicator.field(nothing, (f, w, f, w), indicator.floor()).value == 0.0
+    assert indicator.field(nothing, (nothing,) * 4, indicator.floor()).value == 0.0  # quiet: no 0 / 0
+    assert indicator.mismatch(nothing, nothing, indicator.floor()).value == 0.0
+    assert not indicator.per_interface(nothing, indicator.floor()).any()
+
+
+def test_scale_is_the_largest_met(assembly: Any) -> None:
+    """A small window after a large one is measured against the large one, whatever its length."""
+    k = np.where(assembly.impedance > 0, 2.0, 0.0)
+    indicator = Indicator(assembly, k)
+    *large, residual = fields(assembly, k, 3)
+    first = indicator.field(residual, tuple(large), NOTHING)
+    small = tuple(1e-3 * x[:1] for x in large)
+    second = indicator.field(1e-3 * residual[:1], small, first.scales)
+    assert second.scales.field == first.scales.field
+    alone = indicator.field(1e-3 * residual[:1], small, NOTHING)
+    assert second.value == pytest.approx(
+        1e-3 * alone.value * np.sqrt(alone.scales.field * 1e6 / first.scales.field), rel=1e-9
+    )
+    doubled = tuple(np.concatenate([x, x]) for x in large)
+    twice = indicator.field(np.concatenate([residual, residual]), doubled, NOTHING)
+    assert twice.value == pytest.approx(first.value, rel=1e-12)
+    assert twice.scales.field == pytest.approx(first.scales.field, rel=1e-12)
+
+
+def test_parts_of_the_interfaces_add_up(assembly: Any) -> None:
+    k = np.where(assembly.impedance > 0, 3.0, 0.0)
+    indicator = Indicator(assembly, k)
+    *all_fields, residual = fields(assembly, k)
+    whole = indicator.field(residual, tuple(all_fields), NOTHING)
+    parts = indicator.per_interface(residual, whole.scales)
+    assert parts.shape == (2,)
+    assert np.sqrt((parts**2).sum()) == pytest.approx(whole.value, rel=1e-12)
+
+
+def test_mismatch_is_its_definition(assembly: Any) -> None:
+    """max over instants of sqrt(f . C f), f = area (F - F_hat), normal and tangential parts each to its scale."""
+    k = np.where(assembly.impedance > 0, 2.0, 0.0)
+    f, _, f_hat, _, residual = fields(assembly, k)
+    area, normal = assembly.layout.area, assembly.layout.normal
+
+    def norm(nodal: Array) -> float:
+        total = 0.0
+        for p, channels in zip(assembly.propagators, assembly.channels, strict=True):
+            for j in range(channels.shape[1]):
+                total += nodal[channels[:, j]] @ p.operators.compliance @ nodal[channels[:, j]]
+        return float(np.sqrt(total))
+
+    expected = max(
+        max(norm(mask * area * (f[i] - f_hat[i])) for i in range(3))
+        / max(norm(mask * area * f_hat[i]) for i in range(3))
+        for mask in (normal, ~normal)
+    )
+    measure = Indicator(assembly, k).mismatch(residual, f_hat, NOTHING)
+    assert measure.value == pytest.approx(expected, rel=1e-12)
+
+
+def test_shear_error_is_seen_beside_a_large_pressure(assembly: Any) -> None:
+    """A tangential mismatch as large as the shear itself is 1, however large the normal forces are."""
+    k = np.where(assembly.impedance > 0, 2.0, 0.0)
+    tangential = ~assembly.layout.normal
+    f_hat = np.where(tangential, 0.05, 1.0)[None] * np.ones((1, assembly.layout.n_flat))
+    residual = np.where(tangential & (k > 0), 2 * 0.05, 0.0)[None]
+    value = Indicator(assembly, k).mismatch(residual, f_hat, NOTHING).value
+    assert 0.5 < value <= 1.0 + 1e-12
+
+
+@pytest.mark.parametrize("factor", [0.3, 4.0])
+def test_runs_stop_at_the_same_distance_from_the_answer_for_any_k(blocks_scene: Any, made: Any, factor: float) -> None:
+    """No choice of k makes a run look converged: the certified error bounds the true one alike."""
+    answer = run(made(blocks_scene(solver={"tolerance": 1e-9, "force_tolerance": 1e-8})))
+    direction = {"type": "impedance", "factor": factor}
+    rough = run(made(blocks_scene(solver={"tolerance": 1e-3, "search_direction": direction})))
+    assert rough.converged
+    assert answer.converged
+    exact = answer.interfaces["rub"].force()
+    error = np.abs(rough.interfaces["rub"].force() - exact).max() / np.abs(exact).max()
+    assert error < 0.02

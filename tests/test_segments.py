@@ -1,0 +1,187 @@
+"""A run in segments: loads from outside, variable steps, snapshots."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import latin_fmu
+from latin_fmu.scene.segments import SegmentedRun
+
+MODELS = Path(__file__).parents[1] / "models"
+
+
+def scene(model: str, *overrides: str):
+    return latin_fmu.load_scene(MODELS / f"{model}.toml", overrides)
+
+
+def pieces(run: SegmentedRun, bounds, total: int, **kwargs):
+    """Advance over pieces of the interval; the concatenated tractions and the last segment."""
+    end = run.scene.time.end
+    parts = []
+    for a, b in itertools.pairwise(bounds):
+        segment = run.advance(end * b / total, b - a, **kwargs)
+        assert segment.converged, segment.status
+        parts.append(segment)
+    return parts
+
+
+@pytest.mark.parametrize(
+    "model", ["impact_bar/scene", "shear_interface/scene", "two_specimen_crushing/scene"]
+)
+def test_segments_equal_the_whole_run(model):
+    """Same windows, same numbers: cutting the interval changes results by round-off of the instants only."""
+    described = scene(model, "output.fields=false")
+    whole = latin_fmu.solve(described)
+    n = described.time.n_step
+    parts = pieces(SegmentedRun(described), [0, n // 5, n // 2, n], n)
+    for name, history in whole.interfaces.items():
+        cut = np.concatenate([p.interfaces[name].traction[(i > 0) :] for i, p in enumerate(parts)])
+        assert np.abs(cut - history.traction).max() <= 1e-9 * np.abs(history.traction).max()
+    energy = parts[-1].energy
+    for term, values in whole.energy.items():
+        scale = max(np.abs(v).max() for v in whole.energy.values())
+        assert abs(energy[term][-1] - values[-1]) <= 1e-9 * scale, term
+
+
+def test_one_segment_is_the_run_itself():
+    """Bit for bit."""
+    described = scene("two_specimen_crushing/scene", "output.energy=false", "time.end=6e-6")
+    whole = latin_fmu.solve(described)
+    segment = SegmentedRun(described).advance(described.time.end, described.time.n_step)
+    assert np.array_equal(whole.interfaces["crush"].traction, segment.interfaces["crush"].traction)
+
+
+def test_snapshot_restore_is_bit_identical():
+    """Save, go on, come back, go on again; in the same instance and in a fresh one."""
+    described = scene("bouncing_bar/scene", "output.fields=false")
+    run = SegmentedRun(described)
+    run.advance(1.0, 200)
+    run.advance(1.1, 13)  # another step
+    blob = run.snapshot()
+    first = run.advance(1.4, 60)
+    run.advance(1.9, 50)
+    run.restore(blob)
+    again = run.advance(1.4, 60)
+    fresh = SegmentedRun(described)
+    fresh.restore(blob)
+    elsewhere = fresh.advance(1.4, 60)
+    for other in (again, elsewhere):
+        assert np.array_equal(first.interfaces["wall"].traction, other.interfaces["wall"].traction)
+        assert np.array_equal(first.energy["balance"], other.energy["balance"])
+    assert first.interfaces["wall"].traction.any()
+    run.restore(blob)
+    assert run.snapshot() == blob
+
+
+def test_reset_starts_again():
+    described = scene("impact_bar/scene", "output.fields=false")
+    run = SegmentedRun(described)
+    first = run.advance(0.7, 140)
+    run.reset()
+    assert np.array_equal(
+        first.interfaces["wall"].traction, run.advance(0.7, 140).interfaces["wall"].traction
+    )
+
+
+@pytest.mark.parametrize("damage", [b"", b"nonsense", lambda b: b[:-8], lambda b: b + b"x", lambda b: b[:40]])
+def test_damaged_snapshots_are_refused(damage):
+    run = SegmentedRun(scene("impact_bar/scene"))
+    run.advance(0.1, 20)
+    blob = run.snapshot()
+    with pytest.raises(latin_fmu.InputError, match="state"):
+        run.restore(damage(blob) if callable(damage) else damage)
+    assert run.snapshot() == blob
+
+
+def test_snapshots_of_another_scene_are_refused():
+    run = SegmentedRun(scene("impact_bar/scene"))
+    run.advance(0.1, 20)
+    with pytest.raises(latin_fmu.InputError, match="another scene"):
+        SegmentedRun(scene("bouncing_bar/scene")).restore(run.snapshot())
+
+
+def test_known_steps_share_their_operators():
+    """A step that differs by round-off costs no factorisation; a few steps are kept."""
+    run = SegmentedRun(scene("impact_bar/scene", "output.fields=false"))
+    run.advance(0.1, 20)
+    operators = run.built.assembly.propagators[0].operators
+    run.advance(0.1 + 0.1 * (1 + 1e-12), 20)
+    assert run.built.assembly.propagators[0].operators is operators
+    run.advance(0.4, 10)
+    assert run.built.assembly.propagators[0].operators is not operators
+    run.advance(0.45, 10)
+    assert run.built.assembly.propagators[0].operators is operators
+
+
+def test_loads_from_outside():
+    """The history given for a load replaces its law."""
+    described = scene("two_specimen_crushing/scene", "output.energy=false", "time.end=9e-6")
+    time = np.linspace(0.0, 9e-6, 61)
+    name = next(iter(described.load))
+    law = described.load[name].law.sample(time)
+    by_law = SegmentedRun(described).advance(9e-6, 60)
+    given = SegmentedRun(described).advance(9e-6, 60, {name: law})
+    none = SegmentedRun(described).advance(9e-6, 60, {name: np.zeros(61)})
+    assert np.array_equal(by_law.interfaces["crush"].traction, given.interfaces["crush"].traction)
+    assert not none.interfaces["crush"].traction.any()
+
+
+def test_a_segment_that_does_not_converge_leaves_the_state_alone():
+    described = scene("two_specimen_crushing/scene", "solver.max_iterations=2", "output.energy=false")
+    run = SegmentedRun(described)
+    blob = run.snapshot()
+    segment = run.advance(3e-6, 20)
+    assert not segment.converged
+    assert not segment.accepted
+    assert run.time == 0.0
+    assert run.snapshot() == blob
+    assert run.advance(3e-6, 20, accept=True).accepted
+    assert run.time == 3e-6
+    blob = run.snapshot()
+    assert not run.advance(6e-6, 20).accepted
+    assert run.snapshot() == blob
+
+
+def test_driven_bodies_go_on_where_they_are():
+    """Prescribed motion and moving ground over several segments equal the whole run."""
+    box = {"origin": [0, 0, 0], "size": [1.0, 1.0, 4.0], "elements": [1, 1, 8]}
+    law = {"type": "half_sine", "duration": 3.0}
+    described = latin_fmu.scene_from_dict(
+        {
+            "name": "driven",
+            "material": {"soft": {"young_modulus": 4.0, "poisson_ratio": 0.0, "density": 1.0}},
+            "substructure": {"bar": {"material": "soft", "box": box}},
+            "interface": {
+                "wall": {
+                    "sides": ["bar.zmax", "ground"],
+                    "gap": 0.05,
+                    "ground_velocity": {"direction": [0, 0, -1], "amplitude": 0.1, "law": law},
+                }
+            },
+            "boundary": {
+                "push": {
+                    "type": "velocity",
+                    "face": "bar.zmin",
+                    "components": ["z"],
+                    "value": [0.2],
+                    "law": law,
+                }
+            },
+            "time": {"end": 6.0, "instants": 120},
+            "solver": {"tolerance": 1e-10},
+            "output": {"energy": True},
+        }
+    )
+    whole = latin_fmu.solve(described)
+    parts = pieces(SegmentedRun(described), [0, 30, 77, 120], 120)
+    history = whole.interfaces["wall"]
+    cut = np.concatenate([p.interfaces["wall"].traction[(i > 0) :] for i, p in enumerate(parts)])
+    assert history.traction.any()
+    assert np.abs(cut - history.traction).max() <= 1e-8 * np.abs(history.traction).max()
+    gaps = np.concatenate([p.interfaces["wall"].gap[(i > 0) :] for i, p in enumerate(parts)])
+    assert np.abs(gaps - history.gap).max() <= 1e-10
+    assert np.abs(whole.energy["balance"]).max() <= 1e-12
