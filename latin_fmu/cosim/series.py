@@ -48,6 +48,11 @@ class InterfaceSeries:
             shares,
         )
 
+    def last(self) -> InterfaceSeries:
+        """The last instant only."""
+        cut = (None if v is None else v[-1:] for v in (self.gap, self.smallest_gap, self.shares))
+        return InterfaceSeries(self.force[-1:], self.velocity[-1:], self.normal_force[-1:], *cut)
+
     def columns(self, impulse: Array) -> Array:
         """(n, n_output): the scalar outputs of the interface in the order of the variable table.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Final
 
 
 @dataclass(frozen=True)
@@ -14,7 +15,7 @@ class Unit:
     exponents: Mapping[str, int]
 
 
-UNITS: Mapping[str, Unit] = {
+UNITS: Final[Mapping[str, Unit]] = {
     "1": Unit("1", {}),
     "s-1": Unit("1/s", {"s": -1}),
     "s": Unit("s", {"s": 1}),

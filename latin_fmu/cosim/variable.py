@@ -50,14 +50,10 @@ class Variable:
 AXES = ("x", "y", "z")
 
 
-def vector(name: str, unit: str, description: str, **facts: float | tuple[str, ...] | None) -> list[Variable]:
+def vector(name: str, unit: str, description: str, *, depends: tuple[str, ...] = ()) -> list[Variable]:
     """Outputs ``name[1]``, ``name[2]``, ``name[3]`` along the global axes."""
-    nominal, depends = facts.get("nominal"), facts.get("depends", ())
-    assert not isinstance(nominal, tuple)
-    assert isinstance(depends, tuple)
     return [
-        output(f"{name}[{i}]", unit, f"{description}, {axis}", nominal=nominal, depends=depends)
-        for i, axis in enumerate(AXES, 1)
+        output(f"{name}[{i}]", unit, f"{description}, {axis}", depends=depends) for i, axis in enumerate(AXES, 1)
     ]
 
 

@@ -7,6 +7,7 @@ value reference. Names are structured, components are counted from 1.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from typing import Final
 
 from ..scene.laws import InputLaw
 from ..scene.schema import Scene
@@ -16,7 +17,7 @@ WINDOWED, PRESCRIBED = 0, 1
 HOLD, RATE, LINE = 0, 1, 2
 MAX_WINDOW = 100_000
 
-ENERGIES: Mapping[str, str] = {
+ENERGIES: Final[Mapping[str, str]] = {
     "kinetic": "kinetic energy",
     "elastic": "elastic energy",
     "work_of_loads": "work of the loads since the start",
@@ -228,8 +229,7 @@ def _interface_arrays(
     )
     if scene.interface[name].behaviour == "perfect":
         return
-    for key, text in (("gap", "mean gap"),):
-        yield output(f"{where}.window.{key}", "m", f"{text} {note}", dimensions=instants)
+    yield output(f"{where}.window.gap", "m", f"mean gap {note}", dimensions=instants)
     for key in ("closed", "sticking", "slipping"):
         yield output(f"{where}.window.{key}", "1", f"share of the area {key} {note}", dimensions=instants)
     yield output(f"{where}.points.gap", "m", "gap at the points", dimensions=(n_point,))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,7 @@ Index = NDArray[np.int64]
 # Faces of the reference cells, VTK node order, oriented so that the normal points outwards.
 HEX_FACES = ((0, 4, 7, 3), (1, 2, 6, 5), (0, 1, 5, 4), (3, 7, 6, 2), (0, 3, 2, 1), (4, 5, 6, 7))
 TET_FACES = ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2))
-CELL_FACES = {"hexahedron": HEX_FACES, "tetra": TET_FACES}
+CELL_FACES: Final = {"hexahedron": HEX_FACES, "tetra": TET_FACES}
 BOX_FACES = ("xmin", "xmax", "ymin", "ymax", "zmin", "zmax")
 
 

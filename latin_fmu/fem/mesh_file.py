@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 from pathlib import Path
+from typing import Final
 
 import meshio
 import numpy as np
@@ -13,7 +14,7 @@ from ..errors import MeshError, Problem
 from .mesh import CELL_FACES, Array, Index, Mesh
 
 _VOLUME = ("hexahedron", "tetra")
-_SURFACE = {"quad": "hexahedron", "triangle": "tetra"}
+_SURFACE: Final = {"quad": "hexahedron", "triangle": "tetra"}
 _HARMLESS = ("vertex", "line")
 
 
@@ -133,7 +134,7 @@ def _volume_cells(
 
 
 # At each corner, the neighbours along three edges, in right-handed order.
-_CORNERS = {
+_CORNERS: Final = {
     "hexahedron": (
         (0, 1, 3, 4), (1, 2, 0, 5), (2, 3, 1, 6), (3, 0, 2, 7),
         (4, 7, 5, 0), (5, 4, 6, 1), (6, 5, 7, 2), (7, 6, 4, 3),

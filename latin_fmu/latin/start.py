@@ -28,7 +28,9 @@ def start(assembly: Assembly) -> tuple[Array, Array]:
     ]
     # a preload and its balance cancel to round-off: no reason to factorise the mass
     level = _ROUND_OFF * assembly.characteristic_traction * float(assembly.layout.area.sum())
-    moving = any(np.abs(u).max(initial=0.0) > level for u in unbalance)
+    ground = np.zeros(assembly.layout.n_flat)
+    assembly.ground_acceleration(ground, 0)
+    moving = ground.any() or any(np.abs(u).max(initial=0.0) > level for u in unbalance)
     factors = [p.mass_factor() if moving else None for p in propagators]
     if moving:
         traction += _bonded_tractions(assembly, unbalance, [f for f in factors if f is not None])

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 import xarray as xr
@@ -31,7 +32,7 @@ class Meaning:
         return {key: value for key, value in pairs.items() if value is not None}
 
 
-COORDINATES: Mapping[str, Meaning] = {
+COORDINATES: Final[Mapping[str, Meaning]] = {
     "time": Meaning("s", "time since the start of the run"),
     "component": Meaning(None, "global axis"),
     "side": Meaning(None, "side of the interface"),
@@ -46,7 +47,7 @@ COORDINATES: Mapping[str, Meaning] = {
     "iteration": Meaning("1", "number of the LATIN iteration in its window, from 1"),
 }
 
-INTERFACE: Mapping[str, Meaning] = {
+INTERFACE: Final[Mapping[str, Meaning]] = {
     "area": Meaning("m2", "area carried by the interface point"),
     "normal": Meaning("1", "unit normal N, from side E to side Ep"),
     "initial_gap": Meaning("m", "gap at the start of the run"),
@@ -64,7 +65,7 @@ INTERFACE: Mapping[str, Meaning] = {
     ),
 }
 
-SUBSTRUCTURE: Mapping[str, Meaning] = {
+SUBSTRUCTURE: Final[Mapping[str, Meaning]] = {
     "displacement": Meaning("m", "displacement", "linear-stage field"),
     "velocity": Meaning("m s-1", "velocity", "linear-stage field"),
     "stress": Meaning("Pa", "mean stress of the element, tension positive", "linear-stage field"),
@@ -72,7 +73,7 @@ SUBSTRUCTURE: Mapping[str, Meaning] = {
     "mesh": Meaning(None, "topology of the mesh"),
 }
 
-ENERGY: Mapping[str, Meaning] = {
+ENERGY: Final[Mapping[str, Meaning]] = {
     "kinetic": Meaning("J", "kinetic energy"),
     "elastic": Meaning("J", "elastic energy"),
     "work_of_loads": Meaning("J", "work of the loads since the start of the run"),
@@ -85,7 +86,7 @@ ENERGY: Mapping[str, Meaning] = {
     "balance": Meaning("J", "what the energy balance leaves over"),
 }
 
-CONVERGENCE: Mapping[str, Meaning] = {
+CONVERGENCE: Final[Mapping[str, Meaning]] = {
     "error_indicator": Meaning("1", "error indicator sqrt(eta) after each iteration"),
     "force_mismatch": Meaning("1", "relative mismatch of the forces of both sides after each iteration"),
     "iterations": Meaning("1", "LATIN iterations of the window"),
@@ -97,7 +98,7 @@ CONVERGENCE: Mapping[str, Meaning] = {
     "passes": Meaning("1", "substructure-instants solved / (substructures x instants)"),
 }
 
-_FLAGS: Mapping[str, tuple[list[int], str]] = {
+_FLAGS: Final[Mapping[str, tuple[list[int], str]]] = {
     "contact_status": ([0, 1, 2], "separation stick slip"),
     "converged": ([0, 1], "not_converged converged"),
 }

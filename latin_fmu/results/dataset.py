@@ -22,6 +22,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from typing import Final
 
 import numpy as np
 import xarray as xr
@@ -29,9 +30,9 @@ import xarray as xr
 from ..latin.record import Array, InterfaceHistory, Outcome, SubstructureHistory, WindowRecord
 from .attributes import CONVENTIONS, CONVERGENCE, ENERGY, INTERFACE, SCHEMA_VERSION, SUBSTRUCTURE, annotated
 
-AXES = ["x", "y", "z"]
-SIDES = ["E", "Ep"]
-STRESSES = ["xx", "yy", "zz", "yz", "xz", "xy"]
+AXES: Final = ["x", "y", "z"]
+SIDES: Final = ["E", "Ep"]
+STRESSES: Final = ["xx", "yy", "zz", "yz", "xz", "xy"]
 
 Columns = dict[str, tuple[object, ...]]
 

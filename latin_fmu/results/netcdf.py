@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import xarray as xr
@@ -13,7 +13,7 @@ from ..errors import Problem, ResultsError
 from .attributes import SCHEMA_VERSION
 from .files import unwritable, written_whole
 
-_CHUNK = {"time": 50, "point": 4096, "node": 4096, "cell": 4096}
+_CHUNK: Final = {"time": 50, "point": 4096, "node": 4096, "cell": 4096}
 _SINGLE_PRECISION = ("displacement", "velocity", "stress")
 
 

@@ -14,7 +14,7 @@ import uuid
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Final, Protocol
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from ..latin.record import Array
 from .files import check_folder, unwritable
 
-_VTK_TENSOR = ["xx", "yy", "zz", "xy", "yz", "xz"]
+_VTK_TENSOR: Final = ["xx", "yy", "zz", "xy", "yz", "xz"]
 """Order in which VTK reads six numbers as a symmetric tensor; ours is xx yy zz yz xz xy."""
 
 

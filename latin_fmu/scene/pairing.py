@@ -118,6 +118,12 @@ def _gap(
     """Initial gap (n_point,): the distance of the meshes, or the number given where they touch."""
     negligible = _TOUCHING * size
     if interface.behaviour == "perfect":
+        if np.abs(distance).max() > _MATCHING * size:
+            problems.append(
+                Problem(f"interface.{name}.sides", "bonded faces must touch", f"{np.abs(distance).max():.6g} m apart",
+                        remedy='move the meshes together, or use behaviour = "contact"')
+            )  # fmt: skip
+            return None
         return np.zeros(len(distance))
     if distance.min() < -negligible:
         problems.append(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Final
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
@@ -15,7 +15,7 @@ from .wording import did_you_mean, shown
 
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 _LONGEST_KEY = 100
-_WHAT = {
+_WHAT: Final = {
     "missing": "this key is missing",
     "float_type": "must be a number",
     "int_type": "must be a whole number",

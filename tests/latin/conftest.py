@@ -17,7 +17,9 @@ Tables = dict[str, Any]
 SECTION, LENGTH, ELEMENTS = 0.5, 1.0, 6
 
 
-def box(z: float, length: float = LENGTH, n: int = ELEMENTS, across: int = 1, size: float = SECTION) -> Tables:
+def box(
+    z: float, length: float = LENGTH, n: int = ELEMENTS, across: int = 1, size: float = SECTION
+) -> Tables:
     """A bar along z."""
     return {"origin": [0.0, 0.0, z], "size": [size, size, length], "elements": [across, across, n]}
 

@@ -143,11 +143,15 @@ def test_unknown_face_of_a_mesh(bars_scene: Any, made: Any) -> None:
     tables = with_mesh(bars_scene(), "a", path, group="upper_plate", scale=1e-3)
     tables["interface"], tables["boundary"] = {}, {}
     tables["load"]["push"]["face"] = "a.uper_bottom"
-    error = refused(made, tables, "load.push.face", "a.uper_bottom", "did you mean a.upper_bottom?", "upper_under_punch")
+    error = refused(
+        made, tables, "load.push.face", "a.uper_bottom", "did you mean a.upper_bottom?", "upper_under_punch"
+    )
     assert "punch_head" not in str(error)
 
 
-def test_mesh_errors_name_the_substructure_and_come_all_at_once(bars_scene: Any, made: Any, tmp_path: Path) -> None:
+def test_mesh_errors_name_the_substructure_and_come_all_at_once(
+    bars_scene: Any, made: Any, tmp_path: Path
+) -> None:
     garbage = tmp_path / "garbage.msh"
     garbage.write_text("hello")
     tables = with_mesh(bars_scene(), "a", garbage)
@@ -166,7 +170,10 @@ def tilted(angle: float, bulge: float) -> Mesh:
     return Mesh(nodes @ np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]]), mesh.cells, mesh.cell_type, mesh.faces)
 
 
-@pytest.mark.parametrize(("angle", "bulge", "fine"), [(0.0, 0.0, True), (0.3, 0.0, False), (0.0, 0.5, False), (np.pi / 2, 0.0, True)])
+@pytest.mark.parametrize(
+    ("angle", "bulge", "fine"),
+    [(0.0, 0.0, True), (0.3, 0.0, False), (0.0, 0.5, False), (np.pi / 2, 0.0, True)],
+)
 def test_symmetry_needs_a_plane_face_along_an_axis(
     bars_scene: Any, made: Any, tmp_path: Path, angle: float, bulge: float, fine: bool
 ) -> None:
@@ -198,7 +205,9 @@ def test_curved_faces_are_paired_point_by_point(bars_scene: Any, made: Any, tmp_
     geometry = made(tables).assembly.interfaces[0].geometry
     np.testing.assert_array_equal(geometry.gap, 0.0)
     assert np.abs(geometry.frames[:, 0, 0]).max() > 0.05  # truly curved
-    one, two = ((t @ n.ravel()).reshape(-1, 3) for t, n in zip(geometry.traces, (below.nodes, nodes), strict=True))
+    one, two = (
+        (t @ n.ravel()).reshape(-1, 3) for t, n in zip(geometry.traces, (below.nodes, nodes), strict=True)
+    )
     np.testing.assert_allclose(one, two, atol=1e-14)
 
 
@@ -207,7 +216,9 @@ def test_periodic_faces_must_match(bars_scene: Any, made: Any, tmp_path: Path) -
     moved = mesh.nodes.copy()
     inner = np.flatnonzero((moved[:, 0] == 0.5) & (moved[:, 2] == 0.5))
     moved[inner, 2] += 0.1
-    write_inp(tmp_path / "part.inp", Mesh(moved, mesh.cells, mesh.cell_type, mesh.faces), ["xmin", "xmax", "zmin"])
+    write_inp(
+        tmp_path / "part.inp", Mesh(moved, mesh.cells, mesh.cell_type, mesh.faces), ["xmin", "xmax", "zmin"]
+    )
     tables = with_mesh(bars_scene(), "a", tmp_path / "part.inp", group="part")
     tables["interface"], tables["load"] = {}, {}
     for faces in (["a.xmin", "a.xmax"], ["a.xmin", "a.zmin"]):

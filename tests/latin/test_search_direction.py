@@ -85,7 +85,9 @@ def test_impedance_and_uniform(made: Any) -> None:
     assert choice == "impedance"
     for side, name in enumerate(("soft", "stiff")):
         z = np.sqrt(YOUNG[name] * DENSITY[name])
-        np.testing.assert_allclose(impedance[side], np.tile(0.5 * z * np.sqrt([1.0, 0.5, 0.5]), (4, 1)), rtol=1e-13)
+        np.testing.assert_allclose(
+            impedance[side], np.tile(0.5 * z * np.sqrt([1.0, 0.5, 0.5]), (4, 1)), rtol=1e-13
+        )
     uniform, _ = k_of(assembly, SearchDirection("uniform", 2.0, normal=3.0, tangential=5.0))
     for side in (0, 1):
         np.testing.assert_array_equal(uniform[side], np.tile([6.0, 10.0, 10.0], (4, 1)))
@@ -117,7 +119,7 @@ def test_held_points_are_rigid(made: Any) -> None:
 
 
 def test_automatic_choice(bars_scene: Any, made: Any) -> None:
-    """Diagonal for windows of one instant; else the impedance where the step resolves the wave, half the row where not."""
+    """Diagonal for windows of one instant; else the impedance where the step resolves the wave, or half the row."""
     tables = bars_scene()
     fine = made(tables).assembly
     assert k_of(fine, SearchDirection(), 1)[1] == "diagonal"

@@ -26,7 +26,9 @@ class Direction:
 class Scripted(WindowSolver):
     """Meets given errors (and mismatches) one after the other; notes the q it was asked to evaluate."""
 
-    def __init__(self, settings: Settings, errors: list[float], mismatches: list[float] | None = None) -> None:
+    def __init__(
+        self, settings: Settings, errors: list[float], mismatches: list[float] | None = None
+    ) -> None:
         super().__init__(Direction(), settings, Timings())  # type: ignore[arg-type]
         self.errors = errors
         self.mismatches = [0.0] * len(errors) if mismatches is None else mismatches

@@ -38,7 +38,9 @@ def test_search_direction_action_and_reaction_at_every_channel(run_: Any) -> Non
     f[assembly.rigid] = 0.0
     s = w - direction.local.z * f
     f_hat, w_hat = direction.local.instant(s, read_opening(assembly).gap)
-    np.testing.assert_allclose(np.delete(f_hat - f - direction.k * (w_hat - w), assembly.rigid), 0.0, atol=1e-12)
+    np.testing.assert_allclose(
+        np.delete(f_hat - f - direction.k * (w_hat - w), assembly.rigid), 0.0, atol=1e-12
+    )
     np.testing.assert_array_equal(w_hat[assembly.rigid], w[assembly.rigid])
     for i in (0, 1):
         one, two = (f_hat[assembly.layout.channels(i, side)] for side in (0, 1))
@@ -136,7 +138,9 @@ def test_global_stage_is_affine_and_repeats(run_: Any) -> None:
         assert assembly.propagators[0].state.instant == 0
         ground = assembly.layout.channels(0, 1)
         expected = 0.3 * np.sin(np.pi * 0.1 / 2.0) / np.sqrt(2)  # of a half sine of 2 s at 0.1 s
-        np.testing.assert_allclose(w_a[0, ground], np.tile([-expected, expected, 0.0], (9, 1)) @ frame(assembly))
+        np.testing.assert_allclose(
+            w_a[0, ground], np.tile([-expected, expected, 0.0], (9, 1)) @ frame(assembly)
+        )
 
 
 def frame(assembly: Any) -> Array:

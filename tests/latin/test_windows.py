@@ -1,4 +1,4 @@
-"""Windows: hand-over, fall-back to windows of one instant, sequential start, and equal answers whatever the settings."""
+"""Windows: hand-over, fall-back to windows of one instant, sequential start; settings never change the answer."""
 
 from __future__ import annotations
 
@@ -21,7 +21,9 @@ def same(found: Outcome, expected: Outcome, tolerance: float) -> None:
         np.testing.assert_allclose(found.interfaces[name].traction, history.traction, atol=tolerance * scale)
     for name, body in expected.substructures.items():
         scale = np.abs(body.displacement).max()
-        np.testing.assert_allclose(found.substructures[name].displacement, body.displacement, atol=tolerance * scale)
+        np.testing.assert_allclose(
+            found.substructures[name].displacement, body.displacement, atol=tolerance * scale
+        )
 
 
 @pytest.fixture
@@ -45,7 +47,9 @@ def answer(blocks_scene: Any, made: Any) -> Outcome:
     ],
     ids=str,
 )
-def test_settings_never_change_the_answer(answer: Outcome, blocks_scene: Any, made: Any, settings: dict[str, Any]) -> None:
+def test_settings_never_change_the_answer(
+    answer: Outcome, blocks_scene: Any, made: Any, settings: dict[str, Any]
+) -> None:
     found = run(made(blocks_scene(solver=TIGHT | settings)))
     # whole windows stop on an indicator over the window: its late instants are a little less exact
     same(found, answer, 1e-6)
@@ -91,7 +95,9 @@ def test_a_run_that_fails_everywhere_says_where_and_why(blocks_scene: Any, made:
         assert np.isfinite(history.traction).all()
 
 
-def test_a_failed_iterate_does_not_loosen_the_windows_that_follow(blocks_scene: Any, made: Any, begun: Any) -> None:
+def test_a_failed_iterate_does_not_loosen_the_windows_that_follow(
+    blocks_scene: Any, made: Any, begun: Any
+) -> None:
     march = begun(made(blocks_scene(solver={"tolerance": 1e-12, "max_iterations": 2})))
     before = march.state.scales
     record = march.advance(1, 0, 12)
@@ -99,7 +105,9 @@ def test_a_failed_iterate_does_not_loosen_the_windows_that_follow(blocks_scene: 
     assert march.state.scales == before
 
 
-def test_the_sequential_start_leaves_no_trace_but_a_better_guess(blocks_scene: Any, made: Any, begun: Any) -> None:
+def test_the_sequential_start_leaves_no_trace_but_a_better_guess(
+    blocks_scene: Any, made: Any, begun: Any
+) -> None:
     zero, sequential = (
         begun(made(blocks_scene(solver={"window": "whole", "start": s}))) for s in ("zero", "sequential")
     )
@@ -147,7 +155,9 @@ def test_scaled_units_give_equal_counts_and_results(blocks_scene: Any, made: Any
     assert [w.iterations for w in first.windows] == [w.iterations for w in second.windows]
     for name, history in first.interfaces.items():
         scale = np.abs(history.traction).max()
-        np.testing.assert_allclose(second.interfaces[name].traction / stress, history.traction, atol=1e-11 * scale)
+        np.testing.assert_allclose(
+            second.interfaces[name].traction / stress, history.traction, atol=1e-11 * scale
+        )
 
 
 def test_nothing_happens_in_a_quiet_assembly(bars_scene: Any, made: Any) -> None:

@@ -16,7 +16,7 @@ from latin_fmu.fem.faces import face
 from latin_fmu.fem.mesh import Mesh, box_mesh
 from latin_fmu.fem.ordering import nested_dissection
 from latin_fmu.interface.geometry import local_frames
-from latin_fmu.propagator import DirectPropagator, LoadTerm, SubstructureModel
+from latin_fmu.propagator import DirectPropagator, Histories, LoadTerm, SubstructureModel
 from latin_fmu.time_scheme import TimeScheme, make_scheme
 
 Array = NDArray[np.float64]
@@ -85,9 +85,15 @@ def channels(mesh: Mesh, tilt: float) -> tuple[sp.csr_array, Array]:
     return sp.csr_array(sp.vstack(blocks)), np.concatenate(areas)
 
 
-def make_model(
-    kind: str, seed: int = 0, n: int = N, elements: tuple[int, int, int] = (2, 2, 3)
-) -> SubstructureModel:
+@dataclass(frozen=True)
+class Driven:
+    """A substructure and what drives it."""
+
+    model: SubstructureModel
+    histories: Histories
+
+
+def make_model(kind: str, seed: int = 0, n: int = N, elements: tuple[int, int, int] = (2, 2, 3)) -> Driven:
     """A box of hexahedra with loads, initial motion, and the conditions of ``kind``."""
     mesh = box_mesh(np.zeros(3), np.array([1.0, 0.9, 1.6]), elements)
     basis = element_basis(mesh)
@@ -108,20 +114,17 @@ def make_model(
     trace, area = channels(mesh, tilt=0.3 if everything else 0.0)
     rng = np.random.default_rng(seed)
     free = np.asarray(expansion.sum(axis=1)).ravel()
-    loads = [
-        LoadTerm(f"load{i}", rng.normal(size=3 * mesh.n_node), histories(n + 1, 1, seed + 3 + i)[:, 0])
-        for i in range(2)
-    ]
-    loads.append(LoadTerm("", rng.normal(size=3 * mesh.n_node), np.ones(n + 1)))
+    loads = [LoadTerm(name, rng.normal(size=3 * mesh.n_node)) for name in ("one", "two", "")]
+    amplitudes = [*histories(n + 1, 2, seed + 3).T, np.ones(n + 1)]
     tied = expansion @ rng.normal(size=(expansion.shape[1], 2))
     velocity = histories(n + 1, len(driven), seed + 20)
-    return SubstructureModel(
+    model = SubstructureModel(
         name=f"{kind}{seed}", mass=m, damping=damping, stiffness=k, expansion=expansion, trace=trace,
         channel_area=area, loads=loads, displacement=0.1 * free * tied[:, 0],
         velocity=free * tied[:, 1] + pattern @ velocity[0], imposed_pattern=pattern,
-        imposed_velocity=velocity, imposed_start=np.zeros(len(driven)),
-        ordering=np.repeat(nested_dissection(mesh), 3),
+        imposed_start=np.zeros(len(driven)), ordering=np.repeat(nested_dissection(mesh), 3),
     )  # fmt: skip
+    return Driven(model, Histories(DT * np.arange(n + 1), amplitudes, velocity))
 
 
 @dataclass(frozen=True)
@@ -133,28 +136,30 @@ class Motion:
     a: Array
 
 
-def prescribed(model: SubstructureModel, scheme: Any) -> Array:
+def prescribed(driven: Driven, scheme: Any) -> Array:
     """Full accelerations of the prescribed motions, (n + 1, n_full): Newmark's relation for the given velocities."""
-    v = model.imposed_velocity
+    v = driven.histories.imposed_velocity
     a = np.zeros_like(v)
     a[0] = (v[1] - v[0]) / DT
     for i in range(len(v) - 1):
         a[i + 1] = ((v[i + 1] - v[i]) / DT - (1 - scheme.gamma) * a[i]) / scheme.gamma
-    return a @ model.imposed_pattern.T
+    return a @ driven.model.imposed_pattern.T
 
 
-def dense_march(model: SubstructureModel, scheme: Any, incoming: Array, k: Array) -> Motion:
+def dense_march(driven: Driven, scheme: Any, incoming: Array, k: Array) -> Motion:
     """HHT in the full space, dense, one plain solve per instant: tractions q - k W on the channels.
 
     P^T [M a_{n+1} - (1 + alpha) R_{n+1} + alpha R_n] = 0,  R = f + T^T A (q - k T v) - C v - K u,
     u = P x + prescribed. With k = 0 the tractions are given.
     """
+    model = driven.model
     p, m, stiff = model.expansion.toarray(), model.mass.toarray(), model.stiffness.toarray()
     t, area = model.trace.toarray(), model.channel_area
     damp = np.zeros_like(m) if model.damping is None else model.damping.toarray()
     damp = damp + t.T @ ((area * k)[:, None] * t)
-    loads = sum(np.outer(term.history, term.pattern) for term in model.loads) + (incoming * area) @ t
-    a_p = prescribed(model, scheme)
+    terms = zip(driven.histories.amplitudes, model.loads, strict=True)
+    loads = sum(np.outer(amplitude, term.pattern) for amplitude, term in terms) + (incoming * area) @ t
+    a_p = prescribed(driven, scheme)
     al, be, ga = scheme.alpha, scheme.beta, scheme.gamma
     n = len(loads) - 1
     u, v, a = (np.zeros((n + 1, model.n_full)) for _ in range(3))
@@ -174,11 +179,10 @@ def dense_march(model: SubstructureModel, scheme: Any, incoming: Array, k: Array
     return Motion(u, v, a)
 
 
-def started(
-    members: list[SubstructureModel], scheme: TimeScheme, traction: Array | None = None
-) -> DirectPropagator:
+def started(members: list[Driven], scheme: TimeScheme, traction: Array | None = None) -> DirectPropagator:
     """Propagator with energies, at t = 0 with tractions (n_channel, n_member)."""
-    propagator = DirectPropagator(members, scheme, DT, energy=True)
+    propagator = DirectPropagator([d.model for d in members], scheme, DT, energy=True)
+    propagator.begin([d.histories for d in members], DT)
     at_start = np.zeros((propagator.n_channel, len(members))) if traction is None else traction
     propagator.start(at_start, propagator.mass_factor())
     return propagator
@@ -221,7 +225,7 @@ def kind(request: pytest.FixtureRequest) -> str:
 
 
 @pytest.fixture
-def model() -> Callable[..., SubstructureModel]:
+def model() -> Callable[..., Driven]:
     """See ``make_model``."""
     return make_model
 
@@ -255,6 +259,12 @@ def tractions() -> Callable[..., Array]:
 
 
 @pytest.fixture
-def changed() -> Callable[..., SubstructureModel]:
-    """``dataclasses.replace``."""
-    return replace
+def changed() -> Callable[..., Driven]:
+    """A driven substructure with some attributes of its model or histories replaced."""
+
+    def change(
+        driven: Driven, model: dict[str, Any] | None = None, histories: dict[str, Any] | None = None
+    ) -> Driven:
+        return Driven(replace(driven.model, **(model or {})), replace(driven.histories, **(histories or {})))
+
+    return change

@@ -16,7 +16,7 @@ from latin_fmu.propagator.condensed import CondensedFactor
 @pytest.fixture
 def matrix(model: Any) -> sp.csr_array:
     """A symmetric positive definite matrix of a body."""
-    m = model("free")
+    m = model("free").model
     return sp.csr_array(m.mass + 0.05 * m.stiffness)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ import scipy.linalg as la
 from latin_fmu.api import run
 from latin_fmu.errors import SceneError
 from latin_fmu.latin.record import Outcome
-from latin_fmu.propagator import DirectPropagator
+from latin_fmu.propagator import DirectPropagator, Histories
 from latin_fmu.scene.build import Built, build
 from latin_fmu.scene.reader import scene_from_dict
 from latin_fmu.time_scheme import make_scheme
@@ -167,19 +168,20 @@ def test_mass_damping_of_a_rigid_motion() -> None:
     assert outcome.energy["damping_dissipation"][-1] == pytest.approx(lost, rel=1e-3)
 
 
-def test_rayleigh_damping_of_a_mode(model: Callable[..., Any], changed: Callable[..., Any]) -> None:
+def test_rayleigh_damping_of_a_mode(model: Callable[..., Any]) -> None:
     """A mode phi with w decays as exp(-z w t) cos(w_d t) + ...; z = (0.3 / w + 0.02 w) / 2 (the model's damping)."""
-    m = model("damped", n=400)
+    m = model("damped").model
     values, modes = la.eigh(m.stiffness.toarray(), m.mass.toarray())
     w, phi = math.sqrt(values[6]), modes[:, 6]
     z = 0.5 * (0.3 / w + 0.02 * w)
     w_d = w * math.sqrt(1 - z * z)
-    alone = changed(m, loads=[], displacement=phi, velocity=np.zeros_like(phi))
-    dt = 0.01 / w
+    alone = replace(m, loads=[], displacement=phi, velocity=np.zeros_like(phi))
+    dt, n = 0.01 / w, 400
     propagator = DirectPropagator([alone], make_scheme("newmark", {}), dt, energy=False)
+    propagator.begin([Histories(dt * np.arange(n + 1), [], np.zeros((n + 1, 0)))], dt)
     nothing = np.zeros((propagator.n_channel, 1))
     propagator.start(nothing, propagator.mass_factor())
-    for i in range(1, 401):
+    for i in range(1, n + 1):
         propagator.predict()
         propagator.commit(nothing)
         t = i * dt

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from latin_fmu.propagator import LoadTerm
 from latin_fmu.propagator.energy import TERMS
 
 Array = np.ndarray
@@ -24,8 +23,8 @@ def test_march_under_given_tractions(
 ) -> None:
     """Loads, initial motion, holds, ties, damping, prescribed motion and tractions: all fields at all instants."""
     m = model(kind)
-    given = tractions(len(m.channel_area))
-    expected = reference(m, scheme, given[..., 0], np.zeros(len(m.channel_area)))
+    given = tractions(len(m.model.channel_area))
+    expected = reference(m, scheme, given[..., 0], np.zeros(len(m.model.channel_area)))
     found = advance(begin([m], scheme, given[0]), given)
     for name in "uva":
         close(getattr(found, name), getattr(expected, name))
@@ -36,17 +35,17 @@ def test_respond_is_a_march_with_dashpots(
 ) -> None:
     """W = W_0 + Y q equals the velocities of a march with k in its matrix, loaded by q; commit(q - k W) agrees."""
     m = model(kind)
-    n = len(m.channel_area)
+    n = len(m.model.channel_area)
     k = np.random.default_rng(3).uniform(0.0, 4.0, n)
     k[::5] = 0.0
     q = tractions(n)
-    q[0] = (k * (m.trace @ m.velocity))[:, None]  # tractions of the start are zero: q_0 = k W_0
+    q[0] = (k * (m.model.trace @ m.model.velocity))[:, None]  # tractions of the start are zero: q_0 = k W_0
     expected = reference(m, scheme, q[..., 0], k)
     propagator = begin([m], scheme)
     propagator.bind(k)
     for i in range(1, len(q)):
         w = propagator.respond(propagator.predict(), q[i])
-        close(w[:, 0], m.trace @ expected.v[i], 1e-9)
+        close(w[:, 0], m.model.trace @ expected.v[i], 1e-9)
         propagator.commit(q[i] - propagator.k * w)
         close(propagator.channel_velocity(), w)
     close(propagator.full_displacement(0).ravel(), expected.u[-1])
@@ -54,12 +53,12 @@ def test_respond_is_a_march_with_dashpots(
 
 def test_channels_read_the_motion(hht: Any, model: Make, begin: Make, advance: Make, tractions: Make) -> None:
     m = model("everything")
-    given = tractions(len(m.channel_area))
+    given = tractions(len(m.model.channel_area))
     propagator = begin([m], hht)
     motion = advance(propagator, given)
-    close(propagator.channel_displacement()[:, 0], m.trace @ motion.u[-1])
-    close(propagator.channel_velocity()[:, 0], m.trace @ motion.v[-1])
-    close(propagator.channel_acceleration()[:, 0], m.trace @ motion.a[-1])
+    close(propagator.channel_displacement()[:, 0], m.model.trace @ motion.u[-1])
+    close(propagator.channel_velocity()[:, 0], m.model.trace @ motion.v[-1])
+    close(propagator.channel_acceleration()[:, 0], m.model.trace @ motion.a[-1])
 
 
 def test_the_response_without_search_direction_is_the_admittance(hht: Any, model: Make, begin: Make) -> None:
@@ -86,14 +85,17 @@ def test_causality(
 ) -> None:
     """What is changed after instant 10 changes nothing up to it, bit for bit."""
     m = model(kind)
-    given = tractions(len(m.channel_area))
+    given = tractions(len(m.model.channel_area))
     later = given.copy()
     later[11:] += 1.0
     after = np.arange(len(given)) > 10
-    loads = [LoadTerm(t.name, t.pattern, np.where(after, 3.0, t.history)) for t in m.loads[:2]] + m.loads[2:]
-    velocity = np.where(after[:, None], 1.0, m.imposed_velocity)
+    drive = m.histories
+    other = {
+        "amplitudes": [np.where(after, 3.0, x) for x in drive.amplitudes[:2]] + drive.amplitudes[2:],
+        "imposed_velocity": np.where(after[:, None], 1.0, drive.imposed_velocity),
+    }
     first = advance(begin([m], hht, given[0]), given)
-    second = advance(begin([changed(m, loads=loads, imposed_velocity=velocity)], hht, given[0]), later)
+    second = advance(begin([changed(m, histories=other)], hht, given[0]), later)
     for name in "uva":
         np.testing.assert_array_equal(getattr(first, name)[:11], getattr(second, name)[:11])
     assert np.abs(first.a[11] - second.a[11]).max() > 0.1
@@ -104,14 +106,21 @@ def test_superposition(
 ) -> None:
     """Linear in loads, initial motion, prescribed motion and tractions together."""
     a, b = model(kind, 0), model(kind, 1)
-    n = len(a.channel_area)
+    n = len(a.model.channel_area)
     given = tractions(n), tractions(n, seed=60)
-    loads = [LoadTerm("", t.pattern, 2 * t.history) for t in a.loads]
-    loads += [LoadTerm("", t.pattern, -3 * t.history) for t in b.loads]
+    x, y = a.model, b.model
     both = changed(
-        a, loads=loads, displacement=2 * a.displacement - 3 * b.displacement,
-        velocity=2 * a.velocity - 3 * b.velocity, imposed_velocity=2 * a.imposed_velocity - 3 * b.imposed_velocity,
-    )  # fmt: skip
+        a,
+        {
+            "loads": x.loads + y.loads,
+            "displacement": 2 * x.displacement - 3 * y.displacement,
+            "velocity": 2 * x.velocity - 3 * y.velocity,
+        },
+        {
+            "amplitudes": [2 * h for h in a.histories.amplitudes] + [-3 * h for h in b.histories.amplitudes],
+            "imposed_velocity": 2 * a.histories.imposed_velocity - 3 * b.histories.imposed_velocity,
+        },
+    )
     found = advance(begin([both], hht, 2 * given[0][0] - 3 * given[1][0]), 2 * given[0] - 3 * given[1])
     parts = [advance(begin([m], hht, g[0]), g) for m, g in zip((a, b), given, strict=True)]
     for name in "uva":
@@ -122,7 +131,7 @@ def test_restore_repeats_bit_by_bit(
     kind: str, scheme: Any, model: Make, begin: Make, advance: Make, tractions: Make
 ) -> None:
     m = model(kind)
-    given = tractions(len(m.channel_area))
+    given = tractions(len(m.model.channel_area))
     propagator = begin([m], scheme, given[0])
     advance(propagator, given[:9])
     snapshot = propagator.snapshot()
@@ -141,14 +150,14 @@ def test_predict_and_trials_leave_the_state_alone(
     hht: Any, model: Make, begin: Make, tractions: Make
 ) -> None:
     m = model("everything")
-    given = tractions(len(m.channel_area))
+    given = tractions(len(m.model.channel_area))
     propagator = begin([m], hht)
-    before = propagator.state.copy()
+    before = {name: getattr(propagator.state, name).copy() for name in ("u", "v", "a", "residual")}
     first = propagator.predict().copy()
     propagator.respond(first, given[3])
     np.testing.assert_array_equal(propagator.predict(), first)
-    for name in ("u", "v", "a", "residual"):
-        np.testing.assert_array_equal(getattr(propagator.state, name), getattr(before, name))
+    for name, value in before.items():
+        np.testing.assert_array_equal(getattr(propagator.state, name), value)
     assert propagator.state.instant == 0
 
 
@@ -157,7 +166,7 @@ def test_members_march_as_if_alone(
 ) -> None:
     """Identical substructures with their own loads, initial and prescribed motions share one factor."""
     members = [model(kind, seed) for seed in range(3)]
-    n = len(members[0].channel_area)
+    n = len(members[0].model.channel_area)
     given = tractions(n, 3)
     together = begin(members, hht, given[0])
     advance(together, given)
@@ -218,7 +227,7 @@ def test_energy_identity_of_every_member(
 ) -> None:
     """T + V + damping + scheme = work of loads (reactions included) + work of interfaces, at every instant."""
     members = [model(kind, seed) for seed in range(2)]
-    given = tractions(len(members[0].channel_area), 2)
+    given = tractions(len(members[0].model.channel_area), 2)
     propagator = begin(members, scheme, given[0])
     start = dict(propagator.meter.totals)
     for traction in given[1:]:
@@ -238,12 +247,16 @@ def test_energies_are_those_of_the_motion(
     hht: Any, model: Make, begin: Make, advance: Make, tractions: Make
 ) -> None:
     m = model("everything")
-    given = tractions(len(m.channel_area))
+    given = tractions(len(m.model.channel_area))
     propagator = begin([m], hht, given[0])
     motion = advance(propagator, given)
     totals = propagator.meter.totals
-    assert totals["kinetic"][0] == pytest.approx(0.5 * motion.v[-1] @ (m.mass @ motion.v[-1]), rel=1e-12)
-    assert totals["elastic"][0] == pytest.approx(0.5 * motion.u[-1] @ (m.stiffness @ motion.u[-1]), rel=1e-12)
+    assert totals["kinetic"][0] == pytest.approx(
+        0.5 * motion.v[-1] @ (m.model.mass @ motion.v[-1]), rel=1e-12
+    )
+    assert totals["elastic"][0] == pytest.approx(
+        0.5 * motion.u[-1] @ (m.model.stiffness @ motion.u[-1]), rel=1e-12
+    )
     assert totals["damping_dissipation"][0] > 0
 
 
@@ -255,3 +268,74 @@ def test_trial_commits_are_not_accounted(hht: Any, model: Make, begin: Make) -> 
     propagator.commit(np.ones((propagator.n_channel, 1)), account=False)
     for term in TERMS:
         np.testing.assert_array_equal(propagator.meter.totals[term], before[term])
+
+
+def part(driven: Any, changed: Make, start: int, stop: int) -> Any:
+    """The histories from instant ``start`` to ``stop``."""
+    h = driven.histories
+    cut = slice(start, stop + 1)
+    return changed(
+        driven, histories={"time": h.time[cut], "amplitudes": [x[cut] for x in h.amplitudes],
+                           "imposed_velocity": h.imposed_velocity[cut]},
+    ).histories  # fmt: skip
+
+
+def test_segments_are_one_run(
+    kind: str, scheme: Any, model: Make, begin: Make, advance: Make, tractions: Make, changed: Make
+) -> None:
+    """Histories given piece by piece: same motion, same energies, prescribed motions go on."""
+    m = model(kind)
+    given = tractions(len(m.model.channel_area))
+    whole = begin([m], scheme, given[0])
+    expected = advance(whole, given)
+    pieces = begin([m], scheme, given[0])
+    for start, stop in ((0, 7), (7, 8), (8, 24)):
+        if start:
+            pieces.begin([part(m, changed, start, stop)], pieces.dt)
+        advance(pieces, given[start : stop + 1])
+    close(pieces.full_displacement(0).ravel(), expected.u[-1], 1e-12)
+    close(pieces.full_velocity(0).ravel(), expected.v[-1], 1e-12)
+    close(pieces.state.residual, whole.state.residual, 1e-11)
+    for term in TERMS:
+        assert pieces.meter.totals[term][0] == pytest.approx(
+            whole.meter.totals[term][0], rel=1e-10, abs=1e-12
+        )
+
+
+def test_a_state_can_be_taken_up_by_another_propagator(
+    kind: str, hht: Any, model: Make, begin: Make, advance: Make, tractions: Make, changed: Make
+) -> None:
+    """``tree`` holds all that the next segment needs, bit by bit."""
+    m = model(kind)
+    given = tractions(len(m.model.channel_area))
+    first = begin([m], hht, given[0])
+    advance(first, given[:10])
+    tree = first.tree()
+    rest = part(m, changed, 9, 24)
+    first.begin([rest], first.dt)
+    expected = advance(first, given[9:])
+    second = begin([m], hht, given[1])  # stands elsewhere before
+    second.resume(tree)
+    second.begin([rest], second.dt)
+    found = advance(second, given[9:])
+    for name in "uva":
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+    for term in TERMS:
+        np.testing.assert_array_equal(second.meter.totals[term], first.meter.totals[term])
+
+
+def test_another_step_in_between(hht: Any, model: Make, begin: Make, advance: Make, changed: Make) -> None:
+    """A longer step takes operators of its own and comes back to the first ones; free flight stays exact."""
+    m = model("free")
+    flight = np.tile([0.3, -0.1, 0.2], m.model.n_full // 3)
+    still = {"amplitudes": [0.0 * x for x in m.histories.amplitudes]}
+    flying = changed(m, {"displacement": 0.0 * flight, "velocity": flight}, still)
+    propagator = begin([flying], hht)
+    first = propagator.operators
+    for dt in (0.11, 0.5, 0.11):
+        propagator.begin([flying.histories], dt)
+        advance(propagator, np.zeros((6, len(m.model.channel_area), 1)))
+    assert propagator.operators is first
+    np.testing.assert_allclose(
+        propagator.full_displacement(0).ravel(), 5 * (0.11 + 0.5 + 0.11) * flight, atol=1e-12
+    )

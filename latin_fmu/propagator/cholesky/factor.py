@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ...errors import SolverError
 from .kernels import routines
-from .numeric import NOT_SYMMETRIC, factorise
+from .numeric import OUTSIDE_PATTERN, factorise
 from .sweeps import backward_many, backward_one, forward_many, forward_one
 from .symbolic import Array, Index, Symbolic, analyse
 
@@ -56,11 +56,11 @@ class CholeskyFactor:
         self._pattern = (shape.first, shape.row_start, shape.rows, shape.panel_start)
         schur = np.ascontiguousarray(matrix[self.last][:, self.last].toarray())
         failed = factorise(
-            routines(np.dtype(np.float64)), matrix.indptr.astype(np.int64), matrix.indices, matrix.data,
+            routines(np.dtype(np.float64)), matrix.indptr, matrix.indices, matrix.data,
             shape.order, shape.position, *self._pattern, shape.n_children, shape.is_root, shape.stack_size,
             self._panels, schur,
         )  # fmt: skip
-        if failed == NOT_SYMMETRIC:
+        if failed == OUTSIDE_PATTERN:
             raise SolverError(
                 "factorisation: the pattern of the matrix is not symmetric; allowed: symmetric matrices"
             )

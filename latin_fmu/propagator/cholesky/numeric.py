@@ -16,7 +16,7 @@ from .kernels import LEFT, PLAIN, TRANSPOSED, UPPER, fortran, kernel
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-NOT_SYMMETRIC = -2
+OUTSIDE_PATTERN = -2
 
 
 @kernel
@@ -84,7 +84,7 @@ def factorise(
     """Fill ``panels`` (flat, float64 or float32) and take the updates from the lower triangle of ``schur``.
 
     ``pointers, neighbours, values`` : the matrix by rows. ``order, position`` : position -> dof and its inverse.
-    Returns -1, the position of a pivot that is not positive, or ``NOT_SYMMETRIC``.
+    Returns -1, the position of a pivot that is not positive, or ``OUTSIDE_PATTERN``.
     """
     n_super = len(first) - 1
     n_interior = first[n_super]
@@ -117,7 +117,7 @@ def factorise(
                 i = position[neighbours[entry]]
                 if i >= j:
                     if where[i] < 0:
-                        return NOT_SYMMETRIC
+                        return OUTSIDE_PATTERN
                     panel[where[i] * width + j - begin] += values[entry]
         base = top
         for _ in range(n_children[s]):

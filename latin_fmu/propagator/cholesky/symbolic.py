@@ -11,7 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from .quotient import Quotient, quotient_graph
+from .quotient import Quotient, quotient_graph, running_sum
 from .tree import amalgamate, column_counts, elimination_tree, postorder, supernode_rows
 
 Array = NDArray[np.float64]
@@ -72,14 +72,14 @@ def _expand(quotient: Quotient, owner: Index, tree: Index) -> Symbolic:
     of_all = np.concatenate([owner, np.full(n_vertex - len(owner), -1, dtype=np.int64)])
     graph = (pointers, neighbours, of_all, tree, quotient.n_interior)
     nothing = np.zeros(0, dtype=np.int64)
-    start = _running(supernode_rows(*graph, nothing, nothing))
+    start = running_sum(supernode_rows(*graph, nothing, nothing))
     vertices = np.empty(start[-1], dtype=np.int64)
     if len(vertices):
         supernode_rows(*graph, start, vertices)
-    at = _running(weight)
+    at = running_sum(weight)
     first = at[np.searchsorted(owner, np.arange(n_super + 1))]
     repeats = weight[vertices]
-    ends = _running(repeats)
+    ends = running_sum(repeats)
     rows = np.repeat(at[vertices] - ends[:-1], repeats) + np.arange(ends[-1])
     row_start = ends[start]
     width, below = np.diff(first), np.diff(row_start)
@@ -88,14 +88,9 @@ def _expand(quotient: Quotient, owner: Index, tree: Index) -> Symbolic:
     position = np.empty(len(quotient.order), dtype=np.int64)
     position[quotient.order] = np.arange(len(position))
     return Symbolic(
-        quotient.order, position, int(first[-1]), first, row_start, rows, _running(width * (width + below)),
+        quotient.order, position, int(first[-1]), first, row_start, rows, running_sum(width * (width + below)),
         n_children, tree < 0, _stack_size(below, tree, n_children),
     )  # fmt: skip
-
-
-def _running(counts: Index) -> Index:
-    """Running sum that begins with zero."""
-    return np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(counts, dtype=np.int64)])
 
 
 def _stack_size(below: Index, tree: Index, n_children: Index) -> int:

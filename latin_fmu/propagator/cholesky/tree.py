@@ -5,12 +5,37 @@ Graphs are (pointers, neighbours) in elimination order: ``n_interior`` vertices 
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from .kernels import kernel
 
 Index = NDArray[np.int64]
+
+
+@kernel
+def vertex_graph(
+    indptr: NDArray[Any], indices: NDArray[Any], vertex: Index, order: Index, start: Index
+) -> tuple[Index, Index]:
+    """Graph of the vertices (loops left out) of a matrix by rows; ``order`` lists the dofs of each from ``start``."""
+    n = len(start) - 1
+    pointers = np.zeros(n + 1, dtype=np.int64)
+    neighbours = np.empty(len(indices), dtype=np.int64)
+    mark = np.full(n, -1, dtype=np.int64)
+    filled = 0
+    for i in range(n):
+        mark[i] = i
+        for k in range(start[i], start[i + 1]):
+            for entry in range(indptr[order[k]], indptr[order[k] + 1]):
+                j = vertex[indices[entry]]
+                if mark[j] != i:
+                    mark[j] = i
+                    neighbours[filled] = j
+                    filled += 1
+        pointers[i + 1] = filled
+    return pointers, neighbours[:filled].copy()
 
 
 @kernel

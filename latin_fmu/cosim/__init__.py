@@ -1,0 +1,26 @@
+"""Co-simulation of a scene: a session advanced by communication steps, and the table of its variables.
+
+Nothing here knows the FMI; the adapters to it are thin. The names below are looked up when first used, so that
+importing this package costs nothing.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .session import Session
+    from .settings import Settings
+    from .step_report import StepReport
+    from .waveform import WaveformMaster
+
+__all__ = ["Session", "Settings", "StepReport", "WaveformMaster"]
+
+
+def __getattr__(name: str) -> object:
+    from importlib import import_module
+
+    homes = {"Session": "session", "Settings": "settings", "StepReport": "step_report", "WaveformMaster": "waveform"}
+    if name not in homes:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f".{homes[name]}", __name__), name)

@@ -1,0 +1,71 @@
+"""The accepted steps of a session: a chain one can go back along, so that steps rolled back are never stored."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from weakref import WeakValueDictionary
+
+from ..latin.record import Array
+from ..scene.segments import Segment
+
+
+@dataclass(frozen=True)
+class AcceptedStep:
+    """A step: from ``start`` to ``end``, s; outputs at its end; loads during it; its segment (windowed mode)."""
+
+    start: float
+    end: float
+    row: Array
+    value: dict[str, float]
+    rate: dict[str, float]
+    segment: Segment | None
+
+
+class Link:
+    """A step and the one before it. Its identity is a digest of all steps up to it."""
+
+    def __init__(self, step: AcceptedStep, before: Link | None) -> None:
+        self.step, self.before = step, before
+        digest = hashlib.sha256(b"" if before is None else before.identity.encode())
+        digest.update(repr((step.start, step.end, step.value, step.rate)).encode())
+        digest.update(step.row.tobytes())
+        self.identity = digest.hexdigest()[:32]
+
+
+class Chain:
+    """The steps accepted so far.
+
+    Links of other branches are found again as long as somebody holds them (``head``); a chain moved to a link
+    nobody holds begins there anew.
+    """
+
+    def __init__(self) -> None:
+        self.head: Link | None = None
+        self._known: WeakValueDictionary[str, Link] = WeakValueDictionary()
+
+    @property
+    def identity(self) -> str:
+        """Of the last step; empty before the first."""
+        return "" if self.head is None else self.head.identity
+
+    def append(self, step: AcceptedStep) -> None:
+        """Add a step."""
+        self.head = Link(step, self.head)
+        self._known[self.head.identity] = self.head
+
+    def move_to(self, identity: str) -> None:
+        """Make the step of this identity the last one."""
+        self.head = self._known.get(identity) if identity else None
+
+    def clear(self) -> None:
+        """Forget the steps."""
+        self.head = None
+
+    def __iter__(self) -> Iterator[AcceptedStep]:
+        steps, link = [], self.head
+        while link is not None:
+            steps.append(link.step)
+            link = link.before
+        return reversed(steps)

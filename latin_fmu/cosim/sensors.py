@@ -1,0 +1,42 @@
+"""Where the sensors of a scene sit on its meshes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from ..fem.nearest import nearest
+from ..latin.record import Array, SubstructureHistory
+from ..latin.recorder import SubstructureInfo
+from ..scene.schema import Scene
+
+Places = dict[str, tuple[str, int]]
+"""Substructure and node by sensor."""
+
+
+def places_of(scene: Scene, info: Mapping[str, SubstructureInfo]) -> Places:
+    """The node nearest to the point of each sensor."""
+    places = {}
+    for name, sensor in scene.sensor.items():
+        _, node = nearest(np.asarray([sensor.point]), info[sensor.substructure].nodes)
+        places[name] = (sensor.substructure, int(node[0]))
+    return places
+
+
+def motion_now(
+    places: Places, displacement: Callable[[str], Array], velocity: Callable[[str], Array]
+) -> list[tuple[Array, Array]]:
+    """Displacement and velocity (1, 3) of every sensor at the present time."""
+    return [(displacement(body)[None, node], velocity(body)[None, node]) for body, node in places.values()]
+
+
+def motion_of(places: Places, histories: Mapping[str, SubstructureHistory]) -> list[tuple[Array, Array]]:
+    """Displacement and velocity (n_time, 3) of every sensor from stored fields."""
+    found = []
+    for body, node in places.values():
+        displacement, velocity = histories[body].displacement, histories[body].velocity
+        assert displacement is not None
+        assert velocity is not None
+        found.append((displacement[:, node], velocity[:, node]))
+    return found

@@ -1,0 +1,68 @@
+"""Choices of a session, fixed before it starts."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from ..errors import InputError, Problem
+from ..scene.schema import Scene
+from .variables import HOLD, LINE, PRESCRIBED, RATE, WINDOWED
+
+
+@dataclass(frozen=True)
+class Settings:
+    """None stands for what the scene says.
+
+    Attributes
+    ----------
+    mode : WINDOWED (0) or PRESCRIBED (1). interpolation : of loads inside a step, HOLD (0), RATE (1), LINE (2).
+    time_step : longest time step inside a communication step, s. end_time : end of the interval solved in
+        prescribed mode, s. tolerance : on sqrt(eta). max_iterations : of a window.
+    keep : keep the accepted steps in memory, for ``Session.dataset``.
+    """
+
+    mode: int = WINDOWED
+    interpolation: int = RATE
+    time_step: float | None = None
+    end_time: float | None = None
+    tolerance: float | None = None
+    max_iterations: int | None = None
+    keep: bool = True
+
+    def problems(self) -> list[Problem]:
+        """What is out of range."""
+        found = []
+        if self.mode not in (WINDOWED, PRESCRIBED):
+            found.append(Problem("mode", "no such mode", str(self.mode), "0 (windowed) or 1 (prescribed)"))
+        if self.interpolation not in (HOLD, RATE, LINE):
+            found.append(
+                Problem("inputInterpolation", "no such rule", str(self.interpolation), "0 (hold), 1 (rate), 2 (line)")
+            )
+        for name, value in (("timeStep", self.time_step), ("endTime", self.end_time)):
+            if value is not None and not (math.isfinite(value) and value > 0.0):
+                found.append(Problem(name, "must be a time span", repr(value), "a finite number > 0"))
+        if self.tolerance is not None and not 1e-14 <= self.tolerance < 1.0:
+            found.append(Problem("tolerance", "out of range", repr(self.tolerance), "1e-14 <= tolerance < 1"))
+        if self.max_iterations is not None and self.max_iterations < 1:
+            found.append(Problem("maxIterations", "out of range", str(self.max_iterations), "1 or more"))
+        return found
+
+    def applied(self, scene: Scene) -> Scene:
+        """The scene with these settings (all but the tolerance, which the run takes by itself).
+
+        Raises
+        ------
+        InputError : a setting out of range; all are listed.
+        """
+        if found := self.problems():
+            raise InputError(found, "the settings cannot be used")
+        changes: dict[str, object] = {}
+        if self.max_iterations is not None and self.max_iterations != scene.solver.max_iterations:
+            changes["solver"] = scene.solver.model_copy(update={"max_iterations": self.max_iterations})
+        step = scene.time.time_step if self.time_step is None else self.time_step
+        end = scene.time.end if self.end_time is None else self.end_time
+        if self.mode == PRESCRIBED and (step, end) != (scene.time.time_step, scene.time.end):
+            n = max(1, round(end / step))
+            changes["time"] = scene.time.model_copy(update={"end": end, "step": None, "instants": n})
+        return scene.model_copy(update=changes) if changes else scene

@@ -1,0 +1,294 @@
+"""Rules of the house that a reader relies on: one direction of imports, pure numerical layers, no hidden state."""
+
+from __future__ import annotations
+
+import ast
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).parents[1] / "latin_fmu"
+MODULES = tuple(sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py")))
+
+# Each layer may import those before it, never its own neighbours or those after it.
+LAYERS: tuple[tuple[str, ...], ...] = (
+    ("errors", "compiled"),
+    ("fem", "interface", "time_scheme"),
+    ("propagator",),
+    ("latin",),
+    ("scene", "results"),
+    ("observe", "progress"),
+    ("api",),
+    ("cosim", "accuracy"),
+    ("commands",),
+    ("cli",),
+    ("__init__", "__main__"),
+)
+NUMERICAL = ("fem", "interface", "time_scheme", "propagator", "latin")
+FOREIGN = {
+    "xarray",
+    "netCDF4",
+    "pydantic",
+    "matplotlib",
+    "fmpy",
+    "pythonfmu",
+    "pythonfmu3",
+    "typer",
+    "meshio",
+}
+MESH_READER = Path("fem/mesh_file.py")  # the one reader below the scene
+FILE_CALLS = {"open", "read_text", "read_bytes", "write_text", "write_bytes", "load", "save", "savez", "loadtxt",
+              "savetxt", "genfromtxt", "fromfile", "tofile", "mkdir", "unlink"}  # fmt: skip
+SPEAKERS = ("cli.py", "__main__.py", "commands")  # where printing belongs
+MUTABLE_CALLS = {"dict", "list", "set", "bytearray", "defaultdict", "OrderedDict", "Counter", "deque"}
+
+
+@cache
+def tree(module: Path) -> ast.Module:
+    """Syntax tree of a module of the package."""
+    return ast.parse((PACKAGE / module).read_text(encoding="utf-8"))
+
+
+def top(module: Path) -> str:
+    """Package or module right below ``latin_fmu``."""
+    return module.parts[0].removesuffix(".py")
+
+
+def relative_imports(module: Path) -> Iterator[tuple[str, ...]]:
+    """What a module imports from the package, as paths below ``latin_fmu``."""
+    here = module.parts[:-1]
+    for node in ast.walk(tree(module)):
+        if isinstance(node, ast.ImportFrom) and node.level:
+            base = here[: len(here) - node.level + 1]
+            if node.module:
+                yield (*base, *node.module.split("."))
+            else:
+                yield from ((*base, alias.name) for alias in node.names)
+
+
+def absolute_imports(module: Path) -> Iterator[str]:
+    """First names of what a module imports from elsewhere."""
+    for node in ast.walk(tree(module)):
+        if isinstance(node, ast.Import):
+            yield from (alias.name.split(".")[0] for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and not node.level and node.module:
+            yield node.module.split(".")[0]
+
+
+def called(module: Path) -> Iterator[tuple[str, int]]:
+    """Names of the functions and methods a module calls, with lines."""
+    for node in ast.walk(tree(module)):
+        if isinstance(node, ast.Call):
+            if isinstance(node.func, ast.Name):
+                yield node.func.id, node.lineno
+            elif isinstance(node.func, ast.Attribute):
+                yield node.func.attr, node.lineno
+
+
+def numerical(module: Path) -> bool:
+    return top(module) in NUMERICAL
+
+
+def test_there_is_something_to_check() -> None:
+    assert len(MODULES) > 40
+    assert {top(m) for m in MODULES} >= {*NUMERICAL, "scene", "results", "api", "cli"}
+
+
+def test_imports_go_one_way() -> None:
+    level = {name: i for i, layer in enumerate(LAYERS) for name in layer}
+    unknown = {top(m) for m in MODULES} - level.keys()
+    assert not unknown, f"give a layer to {unknown}"
+    wrong = [
+        f"{module} imports {'.'.join(target)}"
+        for module in MODULES
+        for target in relative_imports(module)
+        if target[0] in level and target[0] != top(module) and level[target[0]] >= level[top(module)]
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
+def test_modules_do_not_import_each_other_in_circles() -> None:
+    names = {m.with_suffix("").parts: m for m in MODULES}
+    names |= {m.parts[:-1]: m for m in MODULES if m.name == "__init__.py" and len(m.parts) > 1}
+    needs = {m: {names[t] for t in relative_imports(m) if t in names} - {m} for m in MODULES}
+    done: set[Path] = set()
+
+    def visit(module: Path, path: tuple[Path, ...]) -> None:
+        assert module not in path, f"circle: {' -> '.join(map(str, (*path, module)))}"
+        if module not in done:
+            for other in needs[module]:
+                if other.name != "__init__.py":  # a package gathers its modules
+                    visit(other, (*path, module))
+            done.add(module)
+
+    for module in MODULES:
+        visit(module, ())
+
+
+def test_the_description_of_a_scene_knows_no_operators() -> None:
+    """What ``scene.schema`` and ``scene.reader`` need from ``scene`` imports names of behaviours, nothing numerical."""
+    names = {m.with_suffix("").parts: m for m in MODULES if top(m) == "scene"}
+    needed, todo = set(), [("scene", "schema"), ("scene", "reader")]
+    while todo:
+        name = todo.pop()
+        if name not in needed and name in names:
+            needed.add(name)
+            todo += [t for t in relative_imports(names[name]) if t[0] == "scene"]
+    assert len(needed) > 10
+    wrong = [
+        f"{'.'.join(name)} imports {'.'.join(target)}"
+        for name in sorted(needed)
+        for target in relative_imports(names[name])
+        if target[0] in NUMERICAL and target != ("interface", "registry")
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
+def test_numerical_layers_import_no_files_plots_or_schemas() -> None:
+    wrong = [
+        f"{module} imports {name}"
+        for module in MODULES
+        if numerical(module)
+        for name in absolute_imports(module)
+        if name in FOREIGN and not (module == MESH_READER and name == "meshio")
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
+def test_numerical_layers_open_no_files() -> None:
+    wrong = [
+        f"{module}:{line} calls {name}"
+        for module in MODULES
+        if numerical(module) and module != MESH_READER
+        for name, line in called(module)
+        if name in FILE_CALLS
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
+def test_only_the_command_line_prints() -> None:
+    wrong = [
+        f"{module}:{line} calls {name}"
+        for module in MODULES
+        if module.parts[0] not in SPEAKERS
+        for name, line in called(module)
+        if name in ("print", "input", "pprint")
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
+def test_imports_inside_the_package_are_relative() -> None:
+    """So that the package can be loaded under another name."""
+    wrong = [str(module) for module in MODULES if "latin_fmu" in absolute_imports(module)]
+    assert not wrong, "\n".join(wrong)
+
+
+@pytest.mark.parametrize("name", ["numerics_v2"])
+def test_package_loads_under_another_name(tmp_path: Path, name: str) -> None:
+    shutil.copytree(PACKAGE, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
+    code = (
+        f"import sys, {name}; assert {name}.load_scene; "
+        "assert not [m for m in sys.modules if m.split('.')[0] == 'latin_fmu']"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def module_level(body: list[ast.stmt]) -> Iterator[ast.stmt]:
+    """Statements run at import, also those under if, try and with."""
+    for node in body:
+        yield node
+        for field in ("body", "orelse", "finalbody"):
+            if isinstance(node, ast.If | ast.Try | ast.With | ast.For):
+                yield from module_level(getattr(node, field, []))
+
+
+def mutable(value: ast.expr | None) -> bool:
+    """A literal, comprehension or call that makes a container anyone could change."""
+    if isinstance(value, ast.Dict | ast.List | ast.Set | ast.DictComp | ast.ListComp | ast.SetComp):
+        return True
+    return isinstance(value, ast.Call) and isinstance(value.func, ast.Name) and value.func.id in MUTABLE_CALLS
+
+
+def test_no_state_at_module_level() -> None:
+    """Containers of a module are tuples, frozensets, MappingProxyType, or at least declared Final."""
+    wrong = []
+    for module in MODULES:
+        for node in module_level(tree(module).body):
+            if not isinstance(node, ast.Assign | ast.AnnAssign) or not mutable(node.value):
+                continue
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            final = isinstance(node, ast.AnnAssign) and "Final" in ast.unparse(node.annotation)
+            names = [t.id for t in targets if isinstance(t, ast.Name)]
+            if names != ["__all__"] and not final:
+                wrong.append(f"{module}:{node.lineno} {', '.join(names)}")
+    assert not wrong, "\n".join(wrong)
+
+
+def test_no_globals_are_assigned() -> None:
+    wrong = [
+        f"{module}:{node.lineno}"
+        for module in MODULES
+        for node in ast.walk(tree(module))
+        if isinstance(node, ast.Global)
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
+def test_no_bare_except() -> None:
+    wrong = [
+        f"{module}:{node.lineno}"
+        for module in MODULES
+        for node in ast.walk(tree(module))
+        if isinstance(node, ast.ExceptHandler) and node.type is None
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
+def test_options_are_named() -> None:
+    """No ``**options`` that would swallow a typo."""
+    wrong = [
+        f"{module}:{node.lineno} {node.name}"
+        for module in MODULES
+        for node in ast.walk(tree(module))
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and node.args.kwarg is not None
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
+def public(body: list[ast.stmt], prefix: str = "") -> Iterator[tuple[str, ast.FunctionDef | ast.ClassDef]]:
+    """Public functions and classes of a module, and public methods of public classes."""
+    for node in body:
+        if isinstance(node, ast.FunctionDef | ast.ClassDef) and not node.name.startswith("_"):
+            yield prefix + node.name, node
+            if isinstance(node, ast.ClassDef):
+                yield from public(node.body, f"{prefix}{node.name}.")
+
+
+def test_everything_public_has_a_docstring() -> None:
+    wrong = [str(module) for module in MODULES if not ast.get_docstring(tree(module))]
+    wrong += [
+        f"{module}:{node.lineno} {name}"
+        for module in MODULES
+        for name, node in public(tree(module).body)
+        if not ast.get_docstring(node)
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
+def test_no_path_of_a_machine_in_the_sources() -> None:
+    marks = ("/home/", "/work/", "/opt/", "/Users/", "C:\\\\")
+    wrong = [
+        f"{module}: {mark}"
+        for module in MODULES
+        for mark in marks
+        if mark in (PACKAGE / module).read_text(encoding="utf-8")
+    ]
+    assert not wrong, "\n".join(wrong)
