@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import resource
-import sys
 import time as clock
 from typing import Protocol
 
@@ -14,6 +12,7 @@ from .latin.recorder import Recorder
 from .latin.solver import IterationEvent
 from .latin.status import status
 from .latin.windows import Run
+from .memory import peak_memory
 from .observe import Iteration, Observer
 from .results.solution import Solution
 from .scene.build import Built, build
@@ -60,7 +59,7 @@ def run(
     timings = Timings() if timings is None else timings
     wall = clock.perf_counter() if wall_start is None else wall_start
     assembly = built.assembly
-    begin = clock.process_time()
+    begin, begin_wall = clock.process_time(), clock.perf_counter()
     recorder = Recorder(assembly, built.wanted, built.info)
 
     def observe(event: IterationEvent) -> None:
@@ -75,9 +74,7 @@ def run(
         assembly, built.settings, recorder, timings,
         None if observer is None else observe, None if progress is None else progress.update,
     )  # fmt: skip
-    with threadpool_limits(
-        1
-    ):  # small dense products: threads of the linear algebra library cost more than they give
+    with threadpool_limits(1):  # threads on small dense products cost more than they give
         march.all()
     state = march.state
     converged, sentence = status(assembly, built.settings, state.windows, state.interface_indicator)
@@ -97,11 +94,14 @@ def run(
         warnings=built.warnings,
         settings=march.choices(),
     )
-    timings.other = clock.process_time() - begin - timings.global_stage - timings.local_stage
+    # the stages are timed with the wall clock, which costs nothing to read, and share the CPU time in proportion
+    cpu = clock.process_time() - begin
+    share = cpu / (clock.perf_counter() - begin_wall)
+    timings.global_stage *= share
+    timings.local_stage *= share
+    timings.other = cpu - timings.global_stage - timings.local_stage
     timings.wall = clock.perf_counter() - wall
-    timings.peak_memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (
-        1 if sys.platform == "darwin" else 1024
-    )
+    timings.peak_memory = peak_memory()
     return outcome
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 from weakref import WeakValueDictionary
@@ -37,13 +38,16 @@ class Link:
 class Chain:
     """The steps accepted so far.
 
-    Links of other branches are found again as long as somebody holds them (``head``); a chain moved to a link
-    nobody holds begins there anew.
+    Links of other branches are found again while they are among the last ``RECENT`` or somebody holds them
+    (``head``); a chain moved to a link that is gone begins there anew.
     """
+
+    RECENT = 256
 
     def __init__(self) -> None:
         self.head: Link | None = None
         self._known: WeakValueDictionary[str, Link] = WeakValueDictionary()
+        self._recent: deque[Link] = deque(maxlen=self.RECENT)
 
     @property
     def identity(self) -> str:
@@ -54,6 +58,7 @@ class Chain:
         """Add a step."""
         self.head = Link(step, self.head)
         self._known[self.head.identity] = self.head
+        self._recent.append(self.head)
 
     def move_to(self, identity: str) -> None:
         """Make the step of this identity the last one."""
@@ -62,6 +67,7 @@ class Chain:
     def clear(self) -> None:
         """Forget the steps."""
         self.head = None
+        self._recent.clear()
 
     def __iter__(self) -> Iterator[AcceptedStep]:
         steps, link = [], self.head

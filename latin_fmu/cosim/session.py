@@ -81,6 +81,11 @@ class Session:
         if self._windowed is not None:
             self._windowed.run.reset()
 
+    @property
+    def prescribed(self) -> bool:
+        """Whether the mode is prescribed."""
+        return self.settings.mode == PRESCRIBED
+
     # -- inputs ---------------------------------------------------------------------------------------------------
     @property
     def loads(self) -> tuple[str, ...]:
@@ -126,7 +131,7 @@ class Session:
         if bad or not math.isfinite(t0):
             raise InputError([Problem(bad or "start time", "is not a finite number")], "the session cannot start")
         tolerance = self.settings.tolerance
-        if self.settings.mode == PRESCRIBED:
+        if self.prescribed:
             self._solve()
             assert self._prescribed is not None
             self.row = self._prescribed.row_at(0.0)
@@ -155,7 +160,7 @@ class Session:
         if trouble := self._trouble(t, h):
             return refused(trouble)
         try:
-            report = self._play(t, h) if self.settings.mode == PRESCRIBED else self._advance(t, h)
+            report = self._play(t, h) if self.prescribed else self._advance(t, h)
         except LatinError as error:
             return refused(str(error))
         if report.accepted:
@@ -303,7 +308,7 @@ class Session:
         self._initial = {name: (a, b) for name, (a, b) in tree["initial"].items()}
         self._histories = {name: (t, a) for name, (t, a) in tree["histories"].items()}
         self.chain.move_to(tree["last"])
-        if self.started and self.settings.mode == PRESCRIBED:
+        if self.started and self.prescribed:
             wanted, self._value = self._value, {name: pair[0] for name, pair in self._initial.items()}
             self._solve()
             self._value = wanted

@@ -39,32 +39,47 @@ class Anderson:
 
     def __init__(self, weight: Array, depth: int, relaxation: float) -> None:
         self._weight, self._depth, self._relaxation = weight, depth, relaxation
-        self._last: tuple[Array, Array] | None = None
-        self._dq: list[Array] = []
-        self._dr: list[Array] = []
+        self._count = 0  # differences seen so far; they are kept in a ring of ``depth`` rows
+        self._gram = np.zeros((depth, depth))
+
+    def _allocate(self, shape: tuple[int, ...]) -> None:
+        self._dq = np.empty((self._depth, *shape))
+        self._dr = np.empty((self._depth, *shape))
+        self._scaled = np.empty((self._depth, int(np.prod(shape))))
 
     def next(self, q: Array, residual: Array) -> Array:
         """Next iterate (shape of q)."""
         scaled = (self._weight * residual).ravel()
-        if self._last is not None:
-            last_q, last_r = self._last
-            self._dq.append(q - last_q)
-            self._dr.append(scaled - last_r)
-            if len(self._dq) > self._depth:
-                del self._dq[0], self._dr[0]
-        self._last = (q, scaled)
+        if not hasattr(self, "_last"):
+            self._allocate(q.shape)
+            self._last = (q, residual, scaled)
+            return q + self._relaxation * residual
+        self._remember(q, residual, scaled)
+        kept = min(self._count, self._depth)
+        gamma = self._coefficients(self._scaled[:kept] @ scaled, self._gram[:kept, :kept])
         step = self._relaxation * residual
-        if not self._dq:
-            return q + step
-        matrix = np.stack(self._dr)
-        gram = matrix @ matrix.T
+        for g, dq, dr in zip(gamma, self._dq, self._dr, strict=False):
+            step -= g * (dq + self._relaxation * dr)
+        return q + step
+
+    def _remember(self, q: Array, residual: Array, scaled: Array) -> None:
+        row = self._count % self._depth
+        last_q, last_r, last_scaled = self._last
+        np.subtract(q, last_q, out=self._dq[row])
+        np.subtract(residual, last_r, out=self._dr[row])
+        np.subtract(scaled, last_scaled, out=self._scaled[row])
+        self._count += 1
+        kept = min(self._count, self._depth)
+        products = self._scaled[:kept] @ self._scaled[row]
+        self._gram[row, :kept] = self._gram[:kept, row] = products
+        self._last = (q, residual, scaled)
+
+    @staticmethod
+    def _coefficients(right: Array, gram: Array) -> Array:
+        """Least-squares coefficients; directions that round-off makes meaningless are dropped."""
         size = np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))
         values, vectors = np.linalg.eigh(gram / np.outer(size, size))
-        kept = values > _RANK * values[-1]
-        right = vectors[:, kept].T @ ((matrix @ scaled) / size)
-        gamma = (vectors[:, kept] @ (right / values[kept])) / size
-        unweighted = np.divide(gamma @ matrix, np.tile(self._weight, len(q)),
-                               out=np.zeros(matrix.shape[1]), where=np.tile(self._weight, len(q)) > 0)  # fmt: skip
-        correction = sum(g * d for g, d in zip(gamma, self._dq, strict=True))
-        accelerated: Array = q + step - correction - self._relaxation * unweighted.reshape(q.shape)
-        return accelerated
+        used = values > _RANK * values[-1]
+        basis = vectors[:, used]
+        gamma: Array = (basis @ ((basis.T @ (right / size)) / values[used])) / size
+        return gamma

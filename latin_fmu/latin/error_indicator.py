@@ -60,7 +60,7 @@ class Indicator:
         """Scales of negligible fields, relative to the largest load."""
         level = _FLOOR * self.assembly.characteristic_traction
         uniform = np.where(self.assembly.layout.normal, level, 0.0)
-        force = self._admittance_norm(uniform * self.assembly.layout.area)
+        force = float(self._admittance_norms((uniform * self.assembly.layout.area)[:, None])[0])
         field = level**2 * float(self._f_weight[self.assembly.layout.normal].sum())
         tiny = np.finfo(float).tiny
         return Scales(max(field, tiny), (max(force, tiny), max(_TANGENTIAL_FLOOR * force, tiny)))
@@ -69,45 +69,46 @@ class Indicator:
         """sqrt(eta) over the window; ``fields`` = F, W, F_hat, W_hat, each (n, n_flat) like ``residual``."""
         n = len(residual)
         f, w, f_hat, w_hat = fields
-        size = self._square(self._f_weight, f, f_hat) + self._square(self._w_weight, w, w_hat)
+        size = self._square(self._f_weight, f) + self._square(self._f_weight, f_hat)
+        size += self._square(self._w_weight, w) + self._square(self._w_weight, w_hat)
         reached = Scales(max(scales.field, size / n), scales.force)
-        difference = float(np.einsum("j,ij,ij->", self._r_weight, residual, residual)) / n
+        difference = self._square(self._r_weight, residual) / n
         return Measure(float(np.sqrt(difference / reached.field)), reached)
 
     def per_interface(self, residual: Array, scales: Scales) -> Array:
         """sqrt(eta) of each interface alone against the common scale, (n_interface,)."""
-        n = len(residual)
-        density = np.einsum("j,ij,ij->j", self._r_weight, residual, residual) / n
+        density = self._r_weight * np.einsum("ij,ij->j", residual, residual) / len(residual)
         layout = self.assembly.layout
-        return np.array(
-            [
-                np.sqrt(sum(density[layout.channels(i, side)].sum() for side in (0, 1)) / scales.field)
-                for i in range(len(self.assembly.interfaces))
-            ]
-        )
+        total = np.bincount(layout.interface, density, minlength=len(self.assembly.interfaces))
+        shares: Array = np.sqrt(total / scales.field)
+        return shares
 
     def mismatch(self, residual: Array, f_hat: Array, scales: Scales) -> Measure:
         """Largest relative force mismatch over the instants of the window, (n, n_flat) arguments."""
         area = self.assembly.layout.area
-        force = list(scales.force)
-        error = [0.0, 0.0]
+        force, error = list(scales.force), [0.0, 0.0]
         for i in range(len(residual)):
-            for part, mask in enumerate(self._parts):
-                force[part] = max(force[part], self._admittance_norm(np.where(mask, f_hat[i] * area, 0.0)))
-                gap = self._admittance_norm(np.where(mask, residual[i] * self._half_area, 0.0))
-                error[part] = max(error[part], gap)
+            # columns: tractions and their mismatch, normal and tangential parts
+            vectors = np.stack([area * f_hat[i], self._half_area * residual[i]], axis=1)
+            parts = np.concatenate([vectors * mask[:, None] for mask in self._parts], axis=1)
+            norms = self._admittance_norms(parts)
+            for part in range(len(self._parts)):
+                force[part] = max(force[part], float(norms[2 * part]))
+                error[part] = max(error[part], float(norms[2 * part + 1]))
         force[1] = max(force[1], _TANGENTIAL_FLOOR * force[0])
-        return Measure(
-            max(e / f for e, f in zip(error, force, strict=True)), Scales(scales.field, (force[0], force[1]))
-        )
+        worst = max(e / f for e, f in zip(error, force, strict=True))
+        return Measure(worst, Scales(scales.field, (force[0], force[1])))
 
-    def _admittance_norm(self, force: Array) -> float:
-        total = 0.0
+    def _admittance_norms(self, force: Array) -> Array:
+        """sqrt(f . C f) of each column of nodal forces (n_flat, n_vector)."""
+        total = np.zeros(force.shape[1])
         for propagator, channels in zip(self.assembly.propagators, self.assembly.channels, strict=True):
-            f = force[channels]
-            total += float(np.einsum("cm,cm->", f, propagator.operators.compliance @ f))
-        return float(np.sqrt(max(total, 0.0)))
+            f = force[channels].reshape(len(channels), channels.shape[1] * force.shape[1])
+            work = np.einsum("cv,cv->v", f, propagator.operators.compliance @ f)
+            total += work.reshape(channels.shape[1], force.shape[1]).sum(axis=0)
+        norms: Array = np.sqrt(np.maximum(total, 0.0))
+        return norms
 
     @staticmethod
-    def _square(weight: Array, a: Array, b: Array) -> float:
-        return float(np.einsum("j,ij,ij->", weight, a, a) + np.einsum("j,ij,ij->", weight, b, b))
+    def _square(weight: Array, a: Array) -> float:
+        return float(np.vdot(weight * a, a))

@@ -102,11 +102,13 @@ class Layout:
         self.n_flat = start
         self.area = np.zeros(start)
         self.normal = np.zeros(start, dtype=bool)
+        self.interface = np.zeros(start, dtype=np.int64)  # the interface that each channel belongs to
         for group in self.groups:
             normal = group.block(self.normal)
             normal[..., 0] = True
             for i, points in group.members.items():
                 group.block(self.area)[:, points] = interfaces[i].geometry.areas[:, None]
+                group.block(self.interface)[:, points] = i
 
     def group(self, interface: int) -> Group:
         """Group of an interface."""

@@ -144,13 +144,13 @@ class Run:
 
     def _commit(self, stage: GlobalStage, accepted: Iterate, record: WindowRecord) -> None:
         state, recorder = self.state, self.recorder
-        before = clock.process_time()
+        before = clock.perf_counter()
 
         def keep(i: int) -> None:
             recorder.keep(self.assembly, accepted.f_hat[i], accepted.w_hat[i])
 
         stage.commit(accepted.q, accepted.f_hat, keep)
-        self.timings.global_stage += clock.process_time() - before
+        self.timings.global_stage += clock.perf_counter() - before
         self._count(stage)
         local = (
             self._bound.indicator.per_interface(accepted.residual, accepted.scales) if self._bound else None

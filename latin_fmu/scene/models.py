@@ -115,14 +115,15 @@ def _signature(model: SubstructureModel, body: Body) -> bytes:
     digest.update(body.mesh.cells.tobytes())
     for matrix in (model.expansion, model.trace):
         matrix.sort_indices()
-        for part in (matrix.indptr, matrix.indices, np.round(matrix.data, 9) + 0.0):
+        index = (matrix.indptr.astype(np.int64), matrix.indices.astype(np.int64))
+        for part in (*index, np.round(matrix.data, 9) + 0.0):
             digest.update(np.ascontiguousarray(part).tobytes())
     digest.update((np.round(model.channel_area / size**2, 12) + 0.0).tobytes())
     if model.damping is not None:
         digest.update(
             repr((model.damping.nnz, float(model.damping.trace()), float(abs(model.damping).sum()))).encode()
         )
-        digest.update(model.damping.indices.tobytes())
+        digest.update(model.damping.indices.astype(np.int64).tobytes())
     digest.update(model.imposed_pattern.tobytes())
     return digest.digest()
 

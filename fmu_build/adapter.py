@@ -1,0 +1,89 @@
+"""What the FMI 2 and FMI 3 adapters share: opening the parts that travel in the FMU, and the log.
+
+Runs inside the host. At module level and at instantiation it does next to nothing: the exporter runs the module
+twice per instance, and hosts instantiate to look.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import sys
+from typing import Any
+
+CATEGORIES = {0: "logAll", 1: "logStatusWarning", 2: "logStatusDiscard", 3: "logStatusError"}
+NEEDED = ("numpy", "scipy", "numba", "skfem", "meshio", "pydantic", "xarray", "netCDF4", "threadpoolctl")
+
+
+class Adapter:
+    """Mixed into the class of the exporter, before it. ``package`` is the root package inside the FMU."""
+
+    package = ""
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__(**kwargs)
+        relocate(self.package, self.resources)  # type: ignore[attr-defined]
+        missing = [name for name in NEEDED if name not in sys.modules and importlib.util.find_spec(name) is None]
+        if missing:
+            raise ImportError(
+                f"this FMU needs the Python packages {', '.join(missing)}, which {sys.executable} does not have: "
+                "see documentation/externalDependencies.txt"
+            )
+        self.participant = self._open()
+
+    def _open(self) -> Any:
+        resources = self.resources  # type: ignore[attr-defined]
+        core = f"{self.package}.latin_fmu"
+        table = importlib.import_module(f"{core}.cosim.table_file")
+        participant = importlib.import_module(f"{core}.cosim.participant")
+
+        def scene() -> Any:
+            reader = importlib.import_module(f"{core}.scene.reader")
+            return reader.load_scene(os.path.join(resources, "scene", "scene.toml"))
+
+        with open(os.path.join(resources, "variables.json"), encoding="utf-8") as file:
+            rows = table.table_from(file.read())
+        return participant.Participant(rows, scene, self.tell)
+
+    def tell(self, level: int, message: str) -> None:
+        """Queue a message; the library of the exporter takes its text for a printf format."""
+        text = message.replace("%", "%%")
+        self.log(text, self.status(level), CATEGORIES[level])  # type: ignore[attr-defined]
+
+    def status(self, level: int) -> Any:
+        """The level as the exporter counts it."""
+        return level
+
+    # -- states: the same two functions in FMI 2 and FMI 3 ---------------------------------------------------------
+    def _get_fmu_state(self) -> Any:
+        return self.participant.save()
+
+    def _set_fmu_state(self, state: Any) -> None:
+        if state is None:
+            self.tell(3, "a state that could not be saved cannot be restored")
+        else:
+            self.participant.load(state)
+
+    @staticmethod
+    def _fmu_state_to_bytes(state: Any) -> bytes:
+        return b"" if state is None else state.blob
+
+    @classmethod
+    def _fmu_state_from_bytes(cls, block: bytes) -> Any:
+        module = importlib.import_module(f"{cls.package}.latin_fmu.cosim.participant")
+        return module.SavedState(bytes(block))
+
+
+def relocate(package: str, resources: str) -> None:
+    """Let packages already loaded find their modules here, when the folder they came from is gone.
+
+    A host that extracts the same FMU twice shares its modules and may delete the first folder. Names are made from
+    contents, so that what is found here is the same.
+    """
+    for name, module in list(sys.modules.items()):
+        if name != package and not name.startswith(f"{package}."):
+            continue
+        path = getattr(module, "__path__", None)
+        if path is not None and not any(os.path.isdir(folder) for folder in path):
+            path.insert(0, os.path.join(resources, *name.split(".")))
+    importlib.invalidate_caches()

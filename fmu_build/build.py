@@ -1,0 +1,135 @@
+"""A scene as an FMU for co-simulation."""
+
+from __future__ import annotations
+
+import re
+import uuid
+from pathlib import Path
+from typing import Literal
+
+import latin_fmu
+from latin_fmu.cosim.table_file import table_text
+from latin_fmu.cosim.variables import table_of
+from latin_fmu.errors import InputError, Problem
+from latin_fmu.results.files import written_whole
+from latin_fmu.scene.build import build
+from latin_fmu.scene.schema import Scene
+
+from .archive import archive
+from .contents import Exporter, Files, content_hash, external_dependencies, package_files, scene_files
+from .documentation import documentation
+from .facts import Facts
+from .fmi2_description import fmi2_description
+from .fmi3_description import fmi3_description
+from .terminals import terminals
+from .xml_text import xml_bytes
+
+Fmi = Literal["2", "3"]
+MAX_SCALARS = 2000  # more make FMI 2 hosts slow
+_SPACE = uuid.UUID("7d1b3c52-6c0e-5f0a-9a43-2f4b8e1d90aa")  # of the tokens made from contents
+
+_SCRIPT = '''\
+"""Entry point of the FMU; its name is made from its content."""
+
+from {package}.fmu_build.fmi{fmi} import Fmi{fmi}Adapter
+from {package}.{exporter}.fmi{fmi}slave import Fmi{fmi}Slave
+
+
+class {identifier}(Fmi{fmi}Adapter, Fmi{fmi}Slave):
+    package = "{package}"
+'''
+
+
+def build_fmu(scene: Scene, target: str | Path, fmi: Fmi = "2") -> Path:
+    """Write the FMU of a scene; it is complete or not there. Building twice gives the same bytes.
+
+    Parameters
+    ----------
+    scene : loads with the law ``input`` become inputs. target : file to write. fmi : "2" (2.0) or "3" (3.0).
+
+    Raises
+    ------
+    InputError : the scene cannot be built, or gives too many variables. ModuleNotFoundError : the exporter is missing.
+    ResultsError : the file cannot be written.
+    """
+    path = Path(target)
+    content = archive(fmu_files(scene, fmi))
+    with written_whole(path) as draft:
+        Path(draft).write_bytes(content)
+    return path
+
+
+def fmu_files(scene: Scene, fmi: Fmi) -> Files:
+    """Every file of the FMU, by path inside the archive."""
+    exporter = Exporter.installed(fmi)
+    built = build(scene)  # also shows that it can be built
+    n_point = {unit.name: unit.geometry.n_point for unit in built.assembly.interfaces}
+    table = table_of(scene, n_point if fmi == "3" else None)
+    if fmi == "2" and len(table) > MAX_SCALARS:
+        problem = Problem("scene", f"gives {len(table)} variables", None, f"at most {MAX_SCALARS} in FMI 2", "use FMI 3")
+        raise InputError([problem], "the FMU cannot be built")
+    package, inside = package_files(exporter), scene_files(scene)
+    name = f"latin_fmu_{content_hash(package)[:12]}"
+    variables = table_text(table).encode()
+    token = content_hash(package, inside, {"variables": variables, "fmi": fmi.encode()})
+    identifier = re.sub(r"\W", "_", scene.name)
+    facts = Facts(
+        model=scene.name, identifier=identifier, token=_token(token, fmi), table=table, version=latin_fmu.__version__,
+        description=scene.description or f"Impact with frictional contact: {scene.name}",
+        stop_time=scene.time.end, step_size=_step_size(scene), tolerance=scene.solver.tolerance,
+    )  # fmt: skip
+    script = _SCRIPT.format(package=name, fmi=fmi, exporter=exporter.name, identifier=identifier)
+    slave = f"slave_{token[:16]}"
+    description = (fmi2_description if fmi == "2" else fmi3_description)(facts)
+    return {
+        "modelDescription.xml": xml_bytes(description),
+        "resources/slavemodule.txt": slave.encode(),
+        f"resources/{slave}.py": script.encode(),
+        "resources/variables.json": variables,
+        **{f"resources/{name}/{path}": content for path, content in package.items()},
+        **{f"resources/scene/{path}": content for path, content in inside.items()},
+        **_binaries(exporter, identifier),
+        **_documents(facts, inside["scene.toml"].decode(), exporter, fmi),
+    }
+
+
+def _token(digest: str, fmi: Fmi) -> str:
+    made = uuid.uuid5(_SPACE, digest)
+    return f"{{{made}}}" if fmi == "2" else str(made)
+
+
+def _step_size(scene: Scene) -> float:
+    """Suggested communication step: about a fiftieth of the interval, a whole number of time steps."""
+    n = scene.time.n_step
+    parts = next((p for p in range(min(50, n), 0, -1) if n % p == 0), 1)
+    return scene.time.end / parts
+
+
+def _binaries(exporter: Exporter, identifier: str) -> Files:
+    return {
+        f"binaries/{Path(path).parent.as_posix()}/{identifier}{Path(path).suffix}": content
+        for path, content in exporter.libraries.items()
+    }
+
+
+def _documents(facts: Facts, scene_text: str, exporter: Exporter, fmi: Fmi) -> Files:
+    here = Path(__file__).parent
+    icon = (here / "icon.png").read_bytes()
+    page = documentation(facts, scene_text, f"{fmi}.0").encode()
+    documents: Files = {
+        "documentation/index.html": page,
+        "documentation/externalDependencies.txt": external_dependencies().encode(),
+        "documentation/licenses/license.txt": _licence().encode(),
+        **exporter.licences(),
+    }
+    if fmi == "2":
+        return {**documents, "model.png": icon}
+    return {
+        **documents,
+        "terminalsAndIcons/icon.png": icon,
+        "terminalsAndIcons/terminalsAndIcons.xml": xml_bytes(terminals(facts)),
+    }
+
+
+def _licence() -> str:
+    return (Path(__file__).parent / "license.txt").read_text(encoding="utf-8")

@@ -1,0 +1,95 @@
+"""Numbers the cases share."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..latin.record import Array
+from ..results.solution import Solution
+from .case import Measure
+
+TIGHT = {"tolerance": 1e-9, "max_iterations": 3000}
+"""Solver settings of a run to round-off: the same discrete problem, whatever the search direction."""
+
+
+def pressure_force(solution: Solution, interface: str = "meet") -> Array:
+    """Compressive normal resultant, (n_time,)."""
+    return solution.interfaces[interface].normal_resultant()
+
+
+def distance(found: Array, wanted: Array) -> float:
+    """Largest difference over the largest wanted value."""
+    return float(np.abs(found - wanted).max() / np.abs(wanted).max())
+
+
+def impulse(solution: Solution, interface: str = "meet") -> float:
+    """Time integral of the compressive resultant (end-of-step forces: the force acts over the step it ends)."""
+    force = pressure_force(solution, interface)
+    return float(np.trapezoid(force, solution.time))
+
+
+def mean_iterations(solution: Solution) -> float:
+    """LATIN iterations per window."""
+    return float(np.mean([window.iterations for window in solution.windows]))
+
+
+def openings(force: Array, level: float) -> int:
+    """How often a force falls to zero after it has exceeded ``level``."""
+    state, count = False, 0
+    for value in force:
+        if not state and value > level:
+            state = True
+        elif state and value <= 0.0:
+            state, count = False, count + 1
+    return count
+
+
+def laws(solution: Solution) -> list[Measure]:
+    """What every run must obey: no tension, Coulomb's cone, energy balance, energy that never grows."""
+    return [*contact_laws(solution), *energy_laws(solution)]
+
+
+def contact_laws(solution: Solution) -> list[Measure]:
+    """No tension and Coulomb's cone at every point and instant, relative to the largest traction."""
+    tension = cone = 0.0
+    for history in solution.interfaces.values():
+        if history.behaviour != "contact":
+            continue
+        size = float(np.abs(history.traction).max()) or 1.0
+        normal = np.einsum("tpc,pc->tp", history.traction, history.normals)
+        shear = np.linalg.norm(history.traction - normal[..., None] * history.normals, axis=2)
+        tension = max(tension, float(normal.max()) / size)
+        excess = shear - (history.friction_coefficient or 0.0) * np.maximum(-normal, 0.0)
+        cone = max(cone, float(excess.max()) / size)
+    return [Measure("tension", tension, 1e-12), Measure("friction outside the cone", cone, 1e-9)]
+
+
+def energy_laws(solution: Solution) -> list[Measure]:
+    """Discrete balance, and stored energy minus work of loads, relative to the largest energy."""
+    energy = solution.energy
+    if energy is None:
+        return []
+    stored = energy["kinetic"] + energy["elastic"]
+    scale = max(float(stored.max()), float(np.abs(energy["work_of_loads"]).max())) or 1.0
+    excess = stored - energy["work_of_loads"]
+    growth = float((excess - excess[0]).max()) / scale
+    return [
+        Measure("energy balance", float(np.abs(energy["balance"]).max()) / scale, 1e-9),
+        Measure("energy gained", growth, 1e-6),
+    ]
+
+
+def penetration_bound(solution: Solution) -> float:
+    """Largest penetration over its bound: half a step times the largest change of opening velocity in a step,
+    plus what the tolerance lets pass (1e-3 of the largest velocity times the step)."""
+    worst, step = 0.0, float(solution.time[1])
+    for history in solution.interfaces.values():
+        if history.gap is None:
+            continue
+        relative = history.velocity[:, 1] - history.velocity[:, 0]
+        opening = np.einsum("tpc,pc->tp", relative, history.normals)
+        change = float(np.abs(np.diff(opening, axis=0)).max())
+        bound = 0.5 * step * change + 1e-3 * step * float(np.abs(history.velocity).max())
+        if bound > 0:
+            worst = max(worst, history.penetration() / bound)
+    return worst
