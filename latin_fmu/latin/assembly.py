@@ -129,16 +129,20 @@ class Assembly:
             for i in self._ground_frames
         }
 
-    def motion(self) -> tuple[Array, Array, Array]:
-        """Displacement, velocity, acceleration of every channel in the present state of the propagators."""
-        instant = self.propagators[0].state.instant if self.propagators else 0
+    def displacement(self) -> Array:
+        """Displacement of every channel in the present state of the propagators."""
         u = self.gather([p.channel_displacement() for p in self.propagators])
+        self.ground_displacement(u, self.propagators[0].state.instant)
+        return u
+
+    def rates(self) -> tuple[Array, Array]:
+        """Velocity and acceleration of every channel in the present state of the propagators."""
+        instant = self.propagators[0].state.instant
         v = self.gather([p.channel_velocity() for p in self.propagators])
         a = self.gather([p.channel_acceleration() for p in self.propagators])
-        self.ground_displacement(u, instant)
         self.ground_velocity(v, instant)
         self.ground_acceleration(a, instant)
-        return u, v, a
+        return v, a
 
     def snapshot(self) -> list[object]:
         """State of every propagator."""

@@ -23,23 +23,28 @@ from .layout import Array
 
 @dataclass
 class Opening:
-    """Opening (gap) of the points of each group, with its velocity and acceleration; (n_point,) arrays per group."""
+    """Opening of the points of each group with its velocity and acceleration; (n_point,) arrays per group."""
 
     gap: list[Array]
     velocity: list[Array]
     acceleration: list[Array]
 
 
+def read_gaps(assembly: Assembly) -> list[Array]:
+    """Gap (n_point,) of each group in the present state of the substructures (no drift: from displacements)."""
+    jumps = _normal_jumps(assembly, assembly.displacement())
+    return [group.gap + jump for group, jump in zip(assembly.layout.groups, jumps, strict=True)]
+
+
 def read_opening(assembly: Assembly) -> Opening:
-    """Opening in the present state of the substructures (no drift: read from displacements)."""
-    opening = Opening([], [], [])
-    u, v, a = assembly.motion()
-    for group in assembly.layout.groups:
-        jumps = [(b := group.block(field))[1, :, 0] - b[0, :, 0] for field in (u, v, a)]
-        opening.gap.append(group.gap + jumps[0])
-        opening.velocity.append(jumps[1])
-        opening.acceleration.append(jumps[2])
-    return opening
+    """Opening in the present state of the substructures."""
+    v, a = assembly.rates()
+    return Opening(read_gaps(assembly), _normal_jumps(assembly, v), _normal_jumps(assembly, a))
+
+
+def _normal_jumps(assembly: Assembly, flat: Array) -> list[Array]:
+    blocks = [group.block(flat) for group in assembly.layout.groups]
+    return [block[1, :, 0] - block[0, :, 0] for block in blocks]
 
 
 class LocalStage:

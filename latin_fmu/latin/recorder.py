@@ -11,7 +11,7 @@ from ..interface.behaviour import SEPARATION
 from ..propagator.energy import TERMS
 from .assembly import Assembly
 from .layout import Array, InterfaceUnit
-from .local_stage import read_opening
+from .local_stage import read_gaps
 from .record import InterfaceHistory, SubstructureHistory
 
 _NO_CONTACT = 1e-6
@@ -61,22 +61,22 @@ class Recorder:
         self._energy: dict[str, list[Array]] = {name: [] for name in self._where}
         self._instant = 0
 
-    def start(self, assembly: Assembly, traction: Array, velocity: Array) -> None:
-        """Keep t = 0."""
+    def start(self, assembly: Assembly, traction: Array, velocity: Array) -> list[Array] | None:
+        """Keep t = 0; the gaps there, None where nothing can open."""
         self._instant = 0
-        self._store(assembly, traction, velocity)
+        return self._store(assembly, traction, velocity)
 
-    def keep(self, assembly: Assembly, f_hat: Array, w_hat: Array) -> None:
-        """Keep the next accepted instant."""
+    def keep(self, assembly: Assembly, f_hat: Array, w_hat: Array) -> list[Array] | None:
+        """Keep the next accepted instant; the gaps there."""
         self._instant += 1
-        self._store(assembly, f_hat, w_hat)
+        return self._store(assembly, f_hat, w_hat)
 
-    def _store(self, assembly: Assembly, f_hat: Array, w_hat: Array) -> None:
+    def _store(self, assembly: Assembly, f_hat: Array, w_hat: Array) -> list[Array] | None:
         i = self._instant
         self._f_hat[i], self._w_hat[i] = f_hat, w_hat
-        if any(g is not None for g in self._gap):
-            opening = read_opening(assembly)
-            for gap, now in zip(self._gap, opening.gap, strict=True):
+        gaps = read_gaps(assembly) if any(g is not None for g in self._gap) else None
+        if gaps is not None:
+            for gap, now in zip(self._gap, gaps, strict=True):
                 if gap is not None:
                     gap[i] = now
         for index, history in self._slide.items():
@@ -87,6 +87,7 @@ class Recorder:
                 self._energy[name].append(np.array([propagator.meter.totals[t][member] for t in TERMS]))
         if (self._wanted.fields or self._wanted.stress) and i % self._wanted.every == 0:
             self._store_fields(float(assembly.time[i]))
+        return gaps
 
     def _side_velocities(self, assembly: Assembly, index: int, out: Array, instant: int) -> None:
         unit = assembly.interfaces[index]

@@ -17,7 +17,7 @@ from .assembly import Assembly
 from .error_indicator import Scales
 from .global_stage import GlobalStage
 from .layout import Array
-from .local_stage import read_opening
+from .local_stage import Opening, read_gaps, read_opening
 from .record import Timings, WindowRecord
 from .recorder import Recorder
 from .settings import Settings
@@ -65,7 +65,7 @@ class Run:
         self._operators = [p.operators for p in assembly.propagators]
         traction, velocity = start(assembly)
         self.state = RunState(traction, velocity, self.direction(1).indicator.floor())
-        recorder.start(assembly, traction, velocity)
+        self._gaps: list[Array] | None = recorder.start(assembly, traction, velocity)
 
     def direction(self, n: int) -> Direction:
         """Search direction for windows of n instants (kept: one for n = 1, one for longer windows)."""
@@ -86,7 +86,7 @@ class Run:
             self._bound, self._operators = None, operators
         self.state.windows, self.state.interface_indicator = [], None
         self.recorder = recorder
-        recorder.start(self.assembly, self.state.f_hat, self.state.w_hat)
+        self._gaps = recorder.start(self.assembly, self.state.f_hat, self.state.w_hat)
 
     @property
     def _step(self) -> float:
@@ -124,7 +124,7 @@ class Run:
                 self._progress(number, count, iteration, error)
 
         solver = WindowSolver(direction, self.settings, self.timings, self._observer, report)
-        accepted = solver.solve(stage, q, read_opening(assembly), state.scales, record, number)
+        accepted = solver.solve(stage, q, self._opening(n), state.scales, record, number)
         if not record.converged and n > 1:
             stage.rewind()
             self._count(stage)
@@ -133,6 +133,12 @@ class Run:
             accepted.scales = state.scales  # a failed iterate must not loosen the windows that follow
         self._commit(stage, accepted, record)
         return record
+
+    def _opening(self, n: int) -> Opening:
+        """Opening at the start of a window; one instant needs the gaps alone, known from the last one kept."""
+        if n > 1:
+            return read_opening(self.assembly)
+        return Opening(read_gaps(self.assembly) if self._gaps is None else self._gaps, [], [])
 
     def _warm_start(self, direction: Direction, n: int) -> Array:
         """First guess of q (n, n_flat): the last value, continued linearly where one instant follows another."""
@@ -147,7 +153,7 @@ class Run:
         before = clock.perf_counter()
 
         def keep(i: int) -> None:
-            recorder.keep(self.assembly, accepted.f_hat[i], accepted.w_hat[i])
+            self._gaps = recorder.keep(self.assembly, accepted.f_hat[i], accepted.w_hat[i])
 
         stage.commit(accepted.q, accepted.f_hat, keep)
         self.timings.global_stage += clock.perf_counter() - before
@@ -191,12 +197,13 @@ class Run:
         self._observer = self._progress = None
         tape = _Tape()
         self.recorder, self.state = tape, replace(state, windows=[])  # type: ignore[assignment]
+        gaps = self._gaps
         try:
             for _ in range(n):
                 self.advance(1, 0, 1)
             marched = self.state.marched
         finally:
-            self.recorder, self.state = recorder, state
+            self.recorder, self.state, self._gaps = recorder, state, gaps
             self._observer, self._progress = observer, progress
             assembly.restore(snapshot)
         state.marched = saved.marched + (marched - saved.marched)
@@ -223,7 +230,7 @@ class _Tape:
         self.f_hat: list[Array] = []
         self.w_hat: list[Array] = []
 
-    def keep(self, assembly: Assembly, f_hat: Array, w_hat: Array) -> None:  # noqa: ARG002 (as Recorder.keep)
+    def keep(self, assembly: Assembly, f_hat: Array, w_hat: Array) -> None:  # noqa: ARG002, as Recorder.keep
         """Keep one instant."""
         self.f_hat.append(f_hat)
         self.w_hat.append(w_hat)
