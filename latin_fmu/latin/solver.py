@@ -10,6 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from .error_indicator import Indicator, Scales
 from .global_stage import GlobalStage
 from .layout import Array
 from .local_stage import LocalStage, Opening
+from .point_by_point import PointByPoint
 from .record import Timings, WindowRecord
 from .search_direction import channel_k
 from .settings import Settings
@@ -26,6 +28,9 @@ from .settings import Settings
 # Stall: the best of the last _RECENT residuals is above this fraction of the best before, after _PATIENCE.
 _RECENT, _PATIENCE = 6, 12
 _STALL_ACCELERATED, _STALL_PLAIN = 0.7, 0.99
+
+RELAXED, POINT_BY_POINT = "relaxation 1/2", "points one after the other"
+_LAST_WORD = 20  # iterations after the last fall-back
 
 
 @dataclass
@@ -70,6 +75,11 @@ class Direction:
         self.indicator = Indicator(assembly, self.k)
         self.weight = np.sqrt(assembly.layout.area * self.local.z)
 
+    @cached_property
+    def points(self) -> PointByPoint:
+        """Gauss-Seidel over the points, built where it is needed."""
+        return PointByPoint(self.assembly)
+
     def bind(self) -> None:
         """Condense the propagators on this direction."""
         for propagator, channels in zip(self.assembly.propagators, self.assembly.channels, strict=True):
@@ -107,7 +117,7 @@ class WindowSolver:
         """Iterate from q (n, n_flat); fills ``record`` and returns the accepted (else the best) iterate."""
         settings = self._settings
         best: Iterate | None = None
-        phase_start = 0
+        phase_start, limit = 0, settings.max_iterations
         accelerator = self._accelerator(settings.anderson_depth)
         while True:
             now, mismatch = self._evaluate(stage, q, opening, scales)
@@ -119,17 +129,41 @@ class WindowSolver:
             if now.error <= settings.tolerance and mismatch <= settings.force_tolerance:
                 record.converged = True
                 return now
-            if record.iterations >= settings.max_iterations or not np.isfinite(now.error):
+            if not np.isfinite(now.error):
                 return best
+            exhausted = record.iterations >= limit
             errors = record.error_indicator[phase_start:]
-            if self._stalled(errors, isinstance(accelerator, Anderson)):
-                if "relaxation 1/2" in record.fallbacks:
-                    return best
-                record.fallbacks.append("relaxation 1/2")
-                phase_start = record.iterations
+            if not exhausted and not self._stalled(errors, isinstance(accelerator, Anderson)):
+                q = accelerator.next(now.q, now.residual)
+                continue
+            fallback = self._fallback(stage, record, exhausted)
+            if fallback is None:
+                return best
+            record.fallbacks.append(fallback)
+            phase_start = record.iterations
+            if fallback == RELAXED:
                 accelerator = Relaxation(0.5)
-                now = best
-            q = accelerator.next(now.q, now.residual)
+                q = accelerator.next(best.q, best.residual)
+            else:
+                limit = record.iterations + _LAST_WORD
+                accelerator = self._accelerator(settings.anderson_depth)
+                q = self._point_by_point(stage, best, opening)
+
+    def _fallback(self, stage: GlobalStage, record: WindowRecord, exhausted: bool) -> str | None:
+        """The next fall-back, None when there is none left."""
+        if RELAXED not in record.fallbacks and not exhausted:
+            return RELAXED
+        wanted = self._settings.max_iterations >= _PATIENCE  # fewer: a look at the iteration, not an answer
+        return POINT_BY_POINT if stage.n == 1 and wanted and POINT_BY_POINT not in record.fallbacks else None
+
+    def _point_by_point(self, stage: GlobalStage, best: Iterate, opening: Opening) -> Array:
+        """q (1, n_flat) of the solution point by point."""
+        clock = time.perf_counter()
+        points, k = self._direction.points, self._direction.k
+        free = points.free_velocity(stage(np.zeros_like(best.q))[0], k)
+        f_hat, w_hat = points.solve(free, best.f_hat[0], opening.gap)
+        self._timings.local_stage += time.perf_counter() - clock
+        return self._direction.incoming(f_hat, w_hat)[None]
 
     def _accelerator(self, depth: int) -> Anderson | Relaxation:
         if depth == 0:

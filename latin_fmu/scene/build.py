@@ -14,7 +14,7 @@ from ..latin.search_direction import SearchDirection, unresolved_sides
 from ..latin.settings import Settings
 from ..time_scheme import make_scheme
 from .body import build_bodies, locking_remarks
-from .checks import boundaries_of, characteristic_traction, check_faces, sampling_remarks
+from .checks import boundaries_of, characteristic_traction, check_faces, redundancy_remarks, sampling_remarks
 from .conditions import build_conditions
 from .models import build_propagators, side_impedance
 from .pairing import build_interface
@@ -68,7 +68,12 @@ def build(scene: Scene) -> Built:
     )  # fmt: skip
     timeline = Timeline(scene, conditions)
     timeline.begin(assembly, time, {}, assembly.ground_start)
-    remarks = [*locking_remarks(bodies), *sampling_remarks(scene, time), *unresolved_sides(assembly)]
+    remarks = [
+        *redundancy_remarks(scene),
+        *locking_remarks(bodies),
+        *sampling_remarks(scene, time),
+        *unresolved_sides(assembly),
+    ]
     output = scene.output
     info = {
         n: SubstructureInfo(

@@ -87,6 +87,20 @@ def characteristic_traction(scene: Scene, bodies: dict[str, Body], time: Array) 
     return max(sizes)
 
 
+def redundancy_remarks(scene: Scene) -> list[str]:
+    """Interfaces that join the same two faces: their total force is unique, its share is not."""
+    seen: dict[frozenset[str], str] = {}
+    remarks = []
+    for name, interface in scene.interface.items():
+        first = seen.setdefault(frozenset(interface.sides), name)
+        if first != name:
+            remarks.append(
+                f"interfaces {first} and {name} join the same faces: their total force is unique, "
+                "how it is shared between them is not"
+            )
+    return remarks
+
+
 def _amplitude(law: TimeLaw, time: Array) -> float:
     """Largest amplitude of a law; an input, known only later, counts as 1 at least."""
     largest = float(np.abs(law.sample(time)).max())

@@ -1,0 +1,115 @@
+"""Last fall-back of one instant: interface points one after the other (block Gauss-Seidel).
+
+Where the search directions circle (a point held by several rough interfaces, a soft light body under a step far
+longer than its transit, a k far off) the condensed problem of the instant is taken up point by point:
+
+    v = v_free + sum over points of D_p f_p        D the admittance of one instant, all substructures
+    f_p := behaviour(v' - v without the share of f_p), z = D_pp of both sides
+
+and v is corrected after each point (the non-smooth contact dynamics iteration of Jean and Moreau, with the local
+stage of the LATIN method as its law). Slower than the iteration it helps out, and as parameter free as it gets:
+the LATIN iteration goes on from its result and has the last word.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .assembly import Assembly
+from .layout import Array, Group, Index
+
+_SWEEPS, _WORK = 300, 100_000  # sweeps, and sweeps x points, at most
+_ENOUGH = 1e-7  # relative change of the tractions in one sweep
+
+
+@dataclass(frozen=True)
+class _Side:
+    """One side of a point: its flat channels, the substructure's channels and the columns of its admittance."""
+
+    channels: Index
+    neighbours: Index
+    columns: Array
+
+
+@dataclass(frozen=True)
+class _Point:
+    """One interface point."""
+
+    group: Group
+    group_index: int
+    index: int
+    sides: tuple[_Side, _Side]
+    z: Array  # (1, 2) normal, tangential
+
+
+class PointByPoint:
+    """Gauss-Seidel over the interface points of an assembly."""
+
+    def __init__(self, assembly: Assembly) -> None:
+        self.assembly = assembly
+        self._owner: dict[int, tuple[int, int, int]] = {}
+        for c, channels in enumerate(assembly.channels):
+            for (row, member), flat in np.ndenumerate(channels):
+                self._owner[int(flat)] = (c, row, member)
+        self._points = [
+            point
+            for g, group in enumerate(assembly.layout.groups)
+            for p in range(group.n_point)
+            if (point := self._point(g, group, p)).z.any()
+        ]
+
+    def _side(self, channels: Index) -> _Side:
+        if int(channels[0]) not in self._owner:
+            return _Side(channels, np.zeros(0, dtype=np.int64), np.zeros((0, len(channels))))
+        c, _, member = self._owner[int(channels[0])]
+        rows = [self._owner[int(flat)][1] for flat in channels]
+        columns = self.assembly.propagators[c].operators.admittance[:, rows]
+        return _Side(channels, self.assembly.channels[c][:, member], columns)
+
+    def _point(self, g: int, group: Group, p: int) -> _Point:
+        numbers = np.arange(group.start, group.stop).reshape(2, group.n_point, group.n_component)
+        sides = self._side(numbers[0, p]), self._side(numbers[1, p])
+        own = np.zeros(group.n_component)
+        for side in sides:
+            for component, flat in enumerate(side.channels):
+                own[component] += side.columns[side.neighbours == flat, component].sum()
+        return _Point(group, g, p, sides, np.array([[own[0], own[1:].max(initial=0.0)]]))
+
+    def free_velocity(self, w_0: Array, k: Array) -> Array:
+        """Velocities without any traction, from the response W_0 to q = 0 with dashpots k; both (n_flat,)."""
+        free = w_0.copy()
+        for propagator, channels in zip(self.assembly.propagators, self.assembly.channels, strict=True):
+            free[channels] += propagator.operators.admittance @ (k[channels] * w_0[channels])
+        return free
+
+    def solve(self, free: Array, f_hat: Array, gaps: list[Array]) -> tuple[Array, Array]:
+        """Tractions and velocities (n_flat,) from a first guess of the tractions; ``gaps`` per group, m."""
+        f, v, rate = f_hat.copy(), free.copy(), 1 / self.assembly.dt
+        for propagator, channels in zip(self.assembly.propagators, self.assembly.channels, strict=True):
+            v[channels] += propagator.operators.admittance @ f[channels]
+        for _ in range(min(_SWEEPS, _WORK // max(len(self._points), 1) + 1)):
+            before = f.copy()
+            for point in self._points:
+                self._settle(point, f, v, gaps, rate)
+            if np.linalg.norm(f - before) <= _ENOUGH * np.linalg.norm(f):
+                break
+        return f, v
+
+    @staticmethod
+    def _settle(point: _Point, f: Array, v: Array, gaps: list[Array], rate: float) -> None:
+        """One point, everything else held: f and v are brought up to date."""
+        first, second = (side.channels for side in point.sides)
+        group, old = point.group, f[first]
+        z = np.where(np.arange(len(old)) == 0, point.z[0, 0], point.z[0, 1])
+        reach = np.maximum(gaps[point.group_index][point.index : point.index + 1], 0.0) * rate
+        new = group.behaviour.local(
+            (v[second] - v[first] + z * old)[None], point.z, reach, rate,
+            group.parameters[point.index : point.index + 1],
+        )[0]  # fmt: skip
+        step = new - old
+        if step.any():
+            f[first], f[second] = new, -new
+            for side, sign in zip(point.sides, (1.0, -1.0), strict=True):
+                v[side.neighbours] += sign * (side.columns @ step)
