@@ -42,7 +42,7 @@ class InterfaceSeries:
         return cls(
             history.force(),
             np.einsum("p,tspc->tsc", share, history.velocity),
-            history.normal_resultant(),
+            history.normal_resultant() + 0.0,  # no negative zero
             gap,
             smallest,
             shares,

@@ -108,7 +108,7 @@ class Layout:
             normal[..., 0] = True
             for i, points in group.members.items():
                 group.block(self.area)[:, points] = interfaces[i].geometry.areas[:, None]
-                group.block(self.interface)[:, points] = i
+                self.interface[self.channels(i, 0)] = self.interface[self.channels(i, 1)] = i
 
     def group(self, interface: int) -> Group:
         """Group of an interface."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -42,7 +43,8 @@ class Scripted(WindowSolver):
 
     def go(self) -> tuple[Iterate, WindowRecord]:
         record = WindowRecord(1, 1)
-        accepted = self.solve(None, np.zeros((1, 1)), None, SCALES, record, 0)  # type: ignore[arg-type]
+        stage: Any = SimpleNamespace(n=2)  # of a longer window: the fall-back of one instant does not apply
+        accepted = self.solve(stage, np.zeros((1, 1)), None, SCALES, record, 0)  # type: ignore[arg-type]
         return accepted, record
 
 
@@ -137,8 +139,8 @@ def test_real_chain_marks_its_windows(
     assert len(run.state.windows) == 12
     assert len(active) >= 10
     for window in active:
-        assert window.fallbacks == ["relaxation 1/2"]
-        assert window.iterations == 14
+        assert window.fallbacks == ["relaxation 1/2", "points one after the other"]
+        assert window.iterations >= 14
         assert not window.converged
     assert np.isfinite(run.state.f_hat).all()
 

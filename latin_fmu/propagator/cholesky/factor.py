@@ -46,6 +46,8 @@ class CholeskyFactor:
     ) -> None:
         self.symbolic = shape = analyse(matrix, last, rank) if symbolic is None else symbolic
         self.dtype: np.dtype[Any] = np.dtype(dtype)
+        if self.dtype not in (np.float64, np.float32):
+            raise ValueError(f"dtype of the factor: {self.dtype}; allowed: float64, float32")
         self.last = np.asarray(last, dtype=np.int64)
         self.interior = shape.order[: shape.n_interior]
         self._panels: NDArray[Any] = np.empty(shape.panel_start[-1], dtype=self.dtype)
@@ -54,16 +56,15 @@ class CholeskyFactor:
         below = np.diff(shape.row_start)
         self._tallest = int(below.max(initial=0))
         self._pattern = (shape.first, shape.row_start, shape.rows, shape.panel_start)
+        _check_finite(matrix)
         schur = np.ascontiguousarray(matrix[self.last][:, self.last].toarray())
         failed = factorise(
-            routines(np.dtype(np.float64)), matrix.indptr, matrix.indices, matrix.data,
-            shape.order, shape.position, *self._pattern, shape.n_children, shape.is_root, shape.stack_size,
+            routines(np.dtype(np.float64)), matrix.indptr.astype(np.int64), matrix.indices.astype(np.int64),
+            matrix.data, shape.order, shape.position, *self._pattern, shape.n_children, shape.is_root, shape.stack_size,
             self._panels, schur,
         )  # fmt: skip
         if failed == OUTSIDE_PATTERN:
-            raise SolverError(
-                "factorisation: the pattern of the matrix is not symmetric; allowed: symmetric matrices"
-            )
+            raise SolverError("factorisation: the matrix has entries outside the pattern analysed; analyse it afresh")
         if failed >= 0:
             raise _not_definite(int(shape.order[failed]))
         self.schur: Array = _mirrored(schur)
@@ -85,18 +86,22 @@ class CholeskyFactor:
         n_interior = self.symbolic.n_interior
         if m == 1:
             x = np.empty(n)
-            forward_one(*self._pattern, self._panels, self.symbolic.order, b.reshape(-1), x)
+            forward_one(
+                *self._pattern, self._panels, self.symbolic.order, np.ascontiguousarray(b).reshape(-1), x
+            )
             return x[:n_interior, None], x[n_interior:, None]
         work = np.empty((n, m), dtype=self.dtype)
         scratch = np.empty((self._tallest, m), dtype=self.dtype)
         forward_many(
-            self._routines, self._one, *self._pattern, self._panels, self.symbolic.order, b, work, scratch
-        )
+            self._routines, self._one, *self._pattern, self._panels, self.symbolic.order, np.ascontiguousarray(b), work,
+            scratch,
+        )  # fmt: skip
         return work[:n_interior], work[n_interior:].astype(np.float64, copy=False)
 
     def backward(self, y: Array, x_last: Array) -> Array:
         """Full solution (n, m) from ``forward`` and the interface values (n_last, m)."""
         n, m = len(self.symbolic.order), x_last.shape[1]
+        x_last = np.ascontiguousarray(x_last)
         out = np.empty((n, m))
         if m == 1:
             backward_one(
@@ -130,6 +135,17 @@ def _mirrored(lower: Array) -> Array:
     full: Array = np.tril(lower)
     full += np.tril(lower, -1).T
     return full
+
+
+def _check_finite(matrix: sp.csr_array) -> None:
+    finite = np.isfinite(matrix.data)
+    if not finite.all():
+        entry = int(np.argmin(finite))
+        dof = int(np.searchsorted(matrix.indptr, entry, side="right")) - 1
+        raise SolverError(
+            f"factorisation: the matrix has the entry {matrix.data[entry]} in the row of dof {dof}; "
+            "allowed: finite numbers; check the material, the mesh and the time step"
+        )
 
 
 def _not_definite(dof: int) -> SolverError:

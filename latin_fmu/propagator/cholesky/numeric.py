@@ -67,7 +67,7 @@ def _eliminate(routines: Index, panel: Array, width: int, below: int, update: Ar
 def factorise(
     routines: Index,
     pointers: Index,
-    neighbours: Any,
+    neighbours: Index,
     values: Array,
     order: Index,
     position: Index,
@@ -128,7 +128,7 @@ def factorise(
             _extend(panel, width, below, theirs, stack[base : base + len(theirs) ** 2], update, where)
         _eliminate(routines, panel, width, below, update, info)
         if info[0] != 0:
-            return begin + info[0] - 1
+            return int(begin + info[0] - 1)
         stored = panels[panel_start[s] : panel_start[s + 1]]
         for i in range(width + below):
             for j in range(width):

@@ -74,14 +74,18 @@ def quotient_graph(matrix: sp.csr_array, last: Index, rank: Array | None) -> Quo
     vertex[last] = n_interior + np.cumsum(fresh) - 1
     order = np.argsort(vertex, kind="stable")
     weight = np.bincount(vertex, minlength=n_interior + int(fresh.sum()))
-    pointers, neighbours = vertex_graph(matrix.indptr, matrix.indices, vertex, order, running_sum(weight))
+    pointers, neighbours = vertex_graph(
+        matrix.indptr.astype(np.int64), matrix.indices.astype(np.int64), vertex, order, running_sum(weight)
+    )
     shape = (len(weight), len(weight))
     graph = sp.csr_array((np.ones(len(neighbours), dtype=np.int8), neighbours, pointers), shape=shape)
     graph = sp.csr_array(graph + graph.T)
     quotient = Quotient(
         graph.indptr.astype(np.int64), graph.indices.astype(np.int64), weight, n_interior, order
     )
-    return quotient if rank is not None else quotient.reordered(_minimum_degree(graph[:n_interior, :n_interior]))
+    return (
+        quotient if rank is not None else quotient.reordered(_minimum_degree(graph[:n_interior, :n_interior]))
+    )
 
 
 def _pattern_sums(matrix: sp.csr_array) -> NDArray[np.uint64]:
@@ -89,8 +93,8 @@ def _pattern_sums(matrix: sp.csr_array) -> NDArray[np.uint64]:
     n = matrix.shape[0]
     label = np.random.default_rng(20240229).integers(1, 2**63, size=n, dtype=np.uint64)
     ones = np.ones(matrix.nnz, dtype=np.uint64)
-    sums: NDArray[np.uint64] = sp.csr_array((ones, matrix.indices, matrix.indptr), shape=(n, n)) @ label
-    return sums
+    pattern = sp.csr_array((ones, matrix.indices, matrix.indptr), shape=(n, n))
+    return np.asarray(pattern @ label, dtype=np.uint64)
 
 
 def _minimum_degree(graph: sp.csr_array) -> Index:
@@ -101,6 +105,8 @@ def _minimum_degree(graph: sp.csr_array) -> Index:
     degree = np.diff(graph.indptr)
     dominant = sp.csc_array(sp.diags_array(2.0 * degree + 1.0) + graph.astype(np.float64))
     # nearly everything is dropped: only the ordering is wanted
-    cheap = spla.spilu(dominant, drop_tol=1.0, fill_factor=1.0, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0)
+    cheap = spla.spilu(
+        dominant, drop_tol=1.0, fill_factor=1.0, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0
+    )
     order: Index = np.argsort(cheap.perm_c).astype(np.int64)
     return order

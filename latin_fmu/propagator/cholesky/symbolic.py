@@ -55,7 +55,7 @@ def analyse(matrix: sp.csr_array, last: Index, rank: Array | None = None) -> Sym
     owner = amalgamate(parent, count, weight, _LIMIT, _FRACTION)
     tops, owner = np.unique(owner, return_inverse=True)
     above = parent[tops]
-    tree = np.where(above >= 0, owner[above] if len(owner) else above, -1)
+    tree = np.where(above >= 0, owner[above], -1)
     sequence = postorder(tree)
     turn = np.empty(len(sequence), dtype=np.int64)
     turn[sequence] = np.arange(len(sequence))

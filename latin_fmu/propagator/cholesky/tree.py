@@ -5,8 +5,6 @@ Graphs are (pointers, neighbours) in elimination order: ``n_interior`` vertices 
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,7 +15,7 @@ Index = NDArray[np.int64]
 
 @kernel
 def vertex_graph(
-    indptr: NDArray[Any], indices: NDArray[Any], vertex: Index, order: Index, start: Index
+    indptr: Index, indices: Index, vertex: Index, order: Index, start: Index
 ) -> tuple[Index, Index]:
     """Graph of the vertices (loops left out) of a matrix by rows; ``order`` lists the dofs of each from ``start``."""
     n = len(start) - 1

@@ -1,0 +1,133 @@
+"""Friction: from none to no slip, oblique impact, wedges, a coefficient no method can serve."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+from math import cos, degrees, radians, sin
+
+import numpy as np
+
+from .case import Bench, Case, Measure
+from .measures import TIGHT, contact_laws, distance, energy_laws, laws
+from .scenes import Box, Stuff, cornered, press, two_boxes
+
+STICK = 1
+
+
+def cases() -> Iterator[Case]:
+    """See the module docstring."""
+    for friction in (0.0, 0.1, 0.3, 1.0, 10.0, 1e6):
+        yield Case(f"crushing, mu {friction:g}", "friction", "same cost at any mu; stick and slip where they belong",
+                   partial(_crushing, friction))  # fmt: skip
+    for angle in (0, 15, 30, 45, 60, 73):
+        yield Case(f"oblique impact, {angle} degrees", "friction",
+                   "impulse on the cone and against the sliding, momentum exact", partial(_oblique, angle))  # fmt: skip
+    for friction in (0.0, 0.1, 0.3, 1.0, 10.0):
+        yield Case(f"corner of three walls, mu {friction:g}", "friction",
+                   "a node of three interfaces: converged; total force unique for mu <= 0.3",
+                   partial(_corner, friction))  # fmt: skip
+    yield Case("corner of three walls, mu 1e6", "friction",
+               "not winnable point by point: stops with a sentence, laws kept", _hopeless)  # fmt: skip
+
+
+def _crushing(friction: float, bench: Bench) -> list[Measure]:
+    solution = bench.converged(press(friction, 4))
+    smooth = bench.converged(press(0.0, 4), counted=False)
+    history = solution.interfaces["meet"]
+    status = history.contact_status
+    assert status is not None
+    measures = [
+        Measure("passes over mu 0", solution.passes / smooth.passes, 2.0),
+        Measure("mu 0 over passes", smooth.passes / solution.passes, 2.0),
+        *laws(solution),
+    ]
+    if friction == 0:
+        measures.append(Measure("points that stick", int(np.count_nonzero(status == STICK)), 0))
+    if friction >= 10:
+        slid, free = (_slipped(s.interfaces["meet"], solution.time[1]) for s in (solution, smooth))
+        measures.append(Measure("slip over that of mu 0", slid / free, 0.01))
+    return measures
+
+
+def _slipped(history: object, step: float) -> float:
+    """Largest distance a point slips while it is pressed, m."""
+    velocity, status = history.velocity, history.contact_status  # type: ignore[attr-defined]
+    relative = velocity[:, 1] - velocity[:, 0]
+    sliding = np.linalg.norm(relative[..., :2], axis=2) * (status > 0)
+    return float(sliding.sum(axis=0).max()) * step
+
+
+def _oblique(angle: int, bench: Bench) -> list[Measure]:
+    friction, turn = 0.1, 0.3
+    tilt = radians(angle)
+    velocity = (sin(tilt) * cos(turn), sin(tilt) * sin(turn), cos(tilt))
+    first, second = Box(Stuff(), elements=(3, 3, 8), velocity=velocity), Box(Stuff(), elements=(3, 3, 8))
+    scene = two_boxes(first, second, 1 / 16, 60, friction, tolerance=1e-6, max_iterations=1000)
+    scene["output"] = {"energy": True, "fields": True, "every": 60}
+    solution = bench.converged(scene)
+    received = solution.interfaces["meet"].impulse(solution.time)[-1]
+    along = float(np.hypot(received[0], received[1]))
+    measures = [Measure("momentum lost", _momentum_drift(solution), 1e-11)]
+    if angle >= 30:  # slides all along: tan(angle) > 2 mu (1 + Z_s/Z_p)
+        back = float(np.arctan2(-received[1], -received[0]))
+        measures += [
+            Measure("impulse ratio over mu off by", abs(along / -received[2] / friction - 1), 1e-3),
+            Measure("direction off by degrees", abs(degrees(back - turn)), 0.05),
+        ]
+    elif angle == 0:
+        measures.append(Measure("shear impulse", along / -received[2], 1e-6))
+    else:
+        measures.append(Measure("impulse ratio over mu", along / -received[2] / friction, 1.0))
+    return measures + energy_laws(solution)
+
+
+def _momentum_drift(solution: object) -> float:
+    """Change of the momentum of two equal cubes of unit mass over that at the start."""
+    total = []
+    for stored in (0, -1):
+        momentum = np.zeros(3)
+        for history in solution.substructures.values():  # type: ignore[attr-defined]
+            velocity = history.velocity[stored]
+            weight = _lumped(history.nodes, history.cells)
+            momentum += weight @ velocity
+        total.append(momentum)
+    return float(np.linalg.norm(total[1] - total[0]) / np.linalg.norm(total[0]))
+
+
+def _lumped(nodes: np.ndarray, cells: np.ndarray) -> np.ndarray:
+    """Volume carried by each node of a mesh of boxes (integral of its shape function)."""
+    corners = nodes[cells]
+    volume = np.prod(corners.max(axis=1) - corners.min(axis=1), axis=1) / 8
+    weight = np.zeros(len(nodes))
+    np.add.at(weight, cells, volume[:, None])
+    return weight
+
+
+THROW = (-1.0, -0.7, -0.4)
+
+
+def _corner(friction: float, bench: Bench) -> list[Measure]:
+    solution = bench.converged(cornered(THROW, friction))
+    measures = laws(solution)
+    if friction <= 0.3:
+        totals = []
+        for kind in ("diagonal", "impedance"):
+            scene = cornered(THROW, friction, search_direction=kind, **TIGHT | {"tolerance": 1e-11})
+            tight = bench.converged(scene, counted=False)
+            totals.append(np.stack([h.force() for h in tight.interfaces.values()]).sum(axis=0))
+        measures.append(Measure("total force of two search directions differs by", distance(*totals), 1e-8))
+    return measures
+
+
+def _hopeless(bench: Bench) -> list[Measure]:
+    solution = bench.solve(cornered(THROW, 1e6))
+    said = solution.status
+    vague = solution.converged or not ("interface" in said and "friction" in said and "step" in said)
+    finite = all(np.isfinite(h.traction).all() for h in solution.interfaces.values())
+    return [
+        Measure("sentence without interface, friction and remedy", float(vague and not solution.converged), 0),
+        Measure("numbers that are not finite", float(not finite), 0),
+        Measure("iterations in a window", max(bench.iterations), 300),
+        *contact_laws(solution),
+    ]

@@ -1,0 +1,149 @@
+"""Gaps: closed, tiny, closing later, never closing, negative; grazing contact; contact at t = 0."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+
+import numpy as np
+
+from ..errors import SceneError
+from .case import Bench, Case, Description, Measure
+from .measures import distance, energy_laws, impulse, openings, penetration_bound, pressure_force
+from .scenes import Stuff, bar, thrown, two_boxes
+
+ELEMENTS = 30
+STEP = 1.0 / ELEMENTS
+
+
+def cases() -> Iterator[Case]:
+    """See the module docstring."""
+    for gap in (0.0, 1e-16, 1e-12, 1e-3, 0.5):
+        yield Case(f"bars, gap {gap:g} L", "gap", "impulse m v, contact when the gap is crossed", partial(_closing, gap))
+    yield Case("bars, gap never closed", "gap", "no force, free flight, no iterations", _open)
+    yield Case("bars that overlap", "gap", "refused before solving, with the depth", _overlap)
+    yield Case("touching at t = 0 with a velocity jump", "gap", "no flip at the start", _touching)
+    yield Case("at rest in touch, no load", "gap", "nothing happens", _rest)
+    yield Case("grazing: bar put on the ground under gravity", "gap",
+               "stress 0 ... 2 rho g L and back to 0, again and again", _grazing)  # fmt: skip
+    yield Case("grazing: bar released at the top of its flight", "gap", "no chatter", _kiss)
+    yield Case("stack of blocks under preload", "gap", "stays at rest, keeps its preload", _preload)
+
+
+def _thrown_together(gap: float, in_mesh: bool = True) -> Description:
+    stuff = Stuff()
+    scene = two_boxes(bar(stuff, 1.0, ELEMENTS, 1.0), bar(stuff, 1.0, ELEMENTS), STEP, 90, gap=gap if in_mesh else 0.0)
+    if not in_mesh:
+        scene["interface"]["meet"]["gap"] = gap
+    return scene
+
+
+def _closing(gap: float, bench: Bench) -> list[Measure]:
+    solution = bench.converged(_thrown_together(gap))
+    given = bench.converged(_thrown_together(gap, in_mesh=False), counted=False)
+    force, time = pressure_force(solution), solution.time
+    first = time[np.argmax(force > 0.01 * force.max())]
+    return [
+        Measure("impulse off by", abs(impulse(solution) - 1.0), 0.6 * STEP),
+        Measure("first contact late by steps", abs(first - gap) / STEP, 1.5),
+        Measure("gap as number and as distance differ by", distance(pressure_force(given), force), 2e-3),
+        Measure("penetration over its bound", penetration_bound(solution), 1.0),
+        Measure("contacts beyond the first", max(openings(force, 0.1) - 1, 0), 0),
+        *energy_laws(solution),
+    ]
+
+
+def _open(bench: Bench) -> list[Measure]:
+    solution = bench.converged(_thrown_together(50.0))
+    energy = solution.energy
+    assert energy is not None
+    drift = float(np.abs(energy["kinetic"] / energy["kinetic"][0] - 1).max())
+    return [
+        Measure("force", float(np.abs(pressure_force(solution)).max()), 0.0),
+        Measure("kinetic energy changed by", drift, 1e-12),
+        Measure("iterations per step", max(bench.iterations), 2),
+    ]
+
+
+def _overlap(bench: Bench) -> list[Measure]:
+    try:
+        bench.solve(_thrown_together(-1e-3))
+    except SceneError as error:
+        return [Measure("depth not told", float("0.001" not in str(error)), 0)]
+    return [Measure("overlap solved in silence", 1.0, 0)]
+
+
+def _touching(bench: Bench) -> list[Measure]:
+    solution = bench.converged(_thrown_together(0.0))
+    force = pressure_force(solution)
+    early = force[1:20]
+    signs = int(np.count_nonzero(np.diff(np.sign(np.diff(early))) != 0))
+    return [
+        Measure("largest stress over Z v/2", float(early.max()) / 0.5, 1.3),
+        Measure("lack at step 2", 1.0 - float(force[2]) / 0.5, 0.3),
+        Measure("turns of the force in 19 steps", signs, 12),
+        Measure("force at t = 0", abs(float(force[0])), 0.0),
+    ]
+
+
+def _rest(bench: Bench) -> list[Measure]:
+    scene = _thrown_together(0.0)
+    scene["substructure"]["low"]["initial_velocity"] = [0.0, 0.0, 0.0]
+    solution = bench.converged(scene)
+    energy = solution.energy
+    assert energy is not None
+    return [
+        Measure("force", float(np.abs(pressure_force(solution)).max()), 0.0),
+        Measure("kinetic energy", float(energy["kinetic"].max()), 0.0),
+        Measure("iterations per step", max(bench.iterations), 1),
+    ]
+
+
+def _grazing(bench: Bench) -> list[Measure]:
+    """Contact stress rho g c t until 2 L/c, back to 0 at 4 L/c with speed 0: a grazing exit every 4/3."""
+    scene = thrown(50, 2000, 20 / 3, 0.0, 0.0, 10.0)
+    solution = bench.converged(scene)
+    force, time = pressure_force(solution, "wall"), solution.time
+    exact = 200.0 * (1 - np.abs(1 - (time % (4 / 3)) / (2 / 3)))
+    return [
+        Measure("stress off by (of 200)", float(np.abs(force - exact).max()) / 200, 0.06),
+        Measure("mean stress over weight", abs(float(force[1:].mean()) / 100 - 1), 5e-3),
+        Measure("openings in 5 periods", openings(force, 10.0), 6),
+        *energy_laws(solution),
+    ]
+
+
+def _kiss(bench: Bench) -> list[Measure]:
+    """Thrown up from below so that it arrives at the gap with speed 0: rises 0.05 in 0.1 under gravity 10."""
+    scene = thrown(50, 400, 0.2, 0.05, 0.0, 10.0)
+    scene["substructure"]["bar"]["initial_velocity"] = [0.0, 0.0, 1.0]
+    scene["substructure"]["bar"]["body_force"] = [0.0, 0.0, -10.0]
+    scene["interface"]["wall"]["sides"] = ["bar.zmin", "ground"]
+    scene["substructure"]["roof"] = {
+        "material": "bar",
+        "box": {"origin": [0.0, 0.0, 10.1], "size": [1.0, 1.0, 1.0], "elements": [1, 1, 5]},
+    }
+    scene["boundary"] = {"held": {"type": "fixed", "face": "roof.zmax"}}
+    scene["interface"]["roof"] = {"sides": ["bar.zmax", "roof.zmin"]}
+    solution = bench.converged(scene)
+    force = pressure_force(solution, "roof")
+    # a point mass would just touch: 1 t - 5 t^2 = 0.05 at t = 0.1; the step sees the top within dt^2 g / 8
+    return [
+        Measure("stress over that of 1 % of the launch speed", float(force.max()) / (30.0 * 0.01), 1.0),
+        Measure("openings", openings(force, 0.0), 3),
+        *energy_laws(solution),
+    ]
+
+
+def _preload(bench: Bench) -> list[Measure]:
+    stuff = Stuff()
+    scene = two_boxes(bar(stuff, 1.0, 5), bar(stuff, 1.0, 5), 0.1, 100)
+    scene["interface"]["meet"]["preload"] = 1e-3
+    solution = bench.converged(scene)
+    force = pressure_force(solution)
+    energy = solution.energy
+    assert energy is not None
+    return [
+        Measure("preload lost", float(np.abs(force / 1e-3 - 1).max()), 1e-9),
+        Measure("kinetic energy", float(energy["kinetic"].max()), 1e-20),
+    ]

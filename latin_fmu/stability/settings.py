@@ -1,0 +1,78 @@
+"""Settings that must change the cost and never the answer: search direction, windows, units, steps, tolerance."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+from typing import Any
+
+from .case import Bench, Case, Description, Measure
+from .measures import distance, laws, penetration_bound
+from .scenes import ALUMINIUM, STEEL, Box, Stuff, two_boxes
+
+# (mass, length, time) units: how many of them make one kg, m, s
+UNITS = {
+    "mm-t-s": (1e-3, 1e3, 1.0), "km": (1.0, 1e-3, 1.0), "nano (ug, nm, ns)": (1e9, 1e9, 1e9),
+    "g-mm-us": (1e3, 1e3, 1e6), "E 1e-9 of SI": (1e-9, 1.0, 1.0), "E 1e15 of SI": (1e3, 1e-6, 1e-3),
+}  # fmt: skip
+
+
+def cases() -> Iterator[Case]:
+    """See the module docstring."""
+    for kind in ("automatic", "impedance"):
+        for factor in (1e-2, 0.1, 10.0, 1e2):
+            yield Case(f"k {kind} x {factor:g}", "settings", "the answer of k x 1", partial(_direction, kind, factor))
+    for window in (2, 5, 10, "whole"):
+        for ratio in (1.0, 1e4):
+            yield Case(f"windows of {window}, E ratio {ratio:g}", "settings", "the answer of one-step windows",
+                       partial(_window, window, ratio))  # fmt: skip
+    for name, units in UNITS.items():
+        yield Case(f"units {name}", "settings", "SI after scaling, same iterations", partial(_units, units))
+    for transits in (1e-6, 1e-3, 1.0, 1e2, 1e4):
+        yield Case(f"step of {transits:g} transits", "settings", "converged, laws kept, penetration bounded",
+                   partial(_step, transits))  # fmt: skip
+
+
+def _scene(ratio: float = 3.0, step: float = 0.2, **solver: Any) -> Description:
+    low, up = Stuff(1.0, 1.0, 0.3), Stuff(ratio, 2.0 if ratio == 3.0 else 1.0, 0.3)
+    return two_boxes(Box(low, velocity=(0.3, 0.1, 1.0)), Box(up), step, 30, 0.3, **solver)
+
+
+def _direction(kind: str, factor: float, bench: Bench) -> list[Measure]:
+    found = bench.converged(_scene(search_direction={"type": kind, "factor": factor}, tolerance=1e-4))
+    wanted = bench.converged(_scene(tolerance=1e-8, max_iterations=3000), counted=False)
+    forces = (s.interfaces["meet"].force() for s in (found, wanted))
+    return [Measure("force off by", distance(*forces), 2e-3), *laws(found)]
+
+
+def _window(window: int | str, ratio: float, bench: Bench) -> list[Measure]:
+    found = bench.converged(_scene(ratio, window=window, tolerance=1e-4, max_iterations=1000))
+    wanted = bench.converged(_scene(ratio, tolerance=1e-8, max_iterations=3000), counted=False)
+    forces = (s.interfaces["meet"].force() for s in (found, wanted))
+    return [Measure("force off by", distance(*forces), 5e-3)]
+
+
+def _crush(mass: float, length: float, time: float) -> Description:
+    """Oblique impact of two 10 mm blocks over a gap of 1 um, in given units."""
+    pressure, weight = mass / length / time**2, mass / length**3
+    size = (0.01 * length,) * 3
+    low, up = (Stuff(s.young * pressure, s.density * weight, s.poisson) for s in (ALUMINIUM, STEEL))
+    velocity = (3.0 * length / time, 0.0, 10.0 * length / time)
+    return two_boxes(Box(low, size, velocity=velocity), Box(up, size), 2e-7 * time, 60, 0.3, 1e-6 * length)
+
+
+def _units(units: tuple[float, float, float], bench: Bench) -> list[Measure]:
+    mass, length, time = units
+    scaled, si = bench.converged(_crush(*units)), bench.converged(_crush(1.0, 1.0, 1.0), counted=False)
+    force = scaled.interfaces["meet"].force() / (mass * length / time**2)
+    counts = [[w.iterations for w in s.windows] for s in (scaled, si)]
+    differing = sum(a != b for a, b in zip(*counts, strict=True))
+    return [
+        Measure("force differs by", distance(force, si.interfaces["meet"].force()), 1e-11),
+        Measure("windows with other iterations", differing, 0),
+    ]
+
+
+def _step(transits: float, bench: Bench) -> list[Measure]:
+    solution = bench.converged(_scene(step=transits))
+    return [Measure("penetration over its bound", penetration_bound(solution), 1.0), *laws(solution)]

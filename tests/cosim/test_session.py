@@ -1,0 +1,258 @@
+"""Windowed and prescribed sessions against runs of the same scene."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import latin_fmu
+from latin_fmu.cosim import Session, Settings
+from latin_fmu.errors import InputError, SolverError
+
+from .scenes import bar, blocks
+
+H = 1e-6
+FORCE = [f"interface.crush.force[{i}]" for i in (1, 2, 3)]
+
+
+def ramped(session: Session, n: int, h: float = H) -> np.ndarray:
+    """Rows of n steps under a load that rises and falls."""
+    rows = []
+    for i in range(n):
+        session.set_load("press", 0.2 + 0.1 * i, 0.1 / h)
+        report = session.step(i * h, h)
+        assert report, report.message
+        rows.append(session.row.copy())
+    return np.array(rows)
+
+
+def table_scene(times, values):
+    law = {"type": "table", "times": list(times), "values": list(values)}
+    load = blocks().model_dump()["load"]
+    return blocks(load={**load, "press": {"face": "upper.zmax", "pressure": 100e6, "law": law}})
+
+
+def test_outputs_are_those_of_the_table():
+    session = Session(blocks())
+    session.initialize()
+    assert len(session.row) == len(session.outputs) == len(set(session.outputs))
+    session.step(0.0, H)
+    assert len(session.row) == len(session.outputs)
+    assert np.isfinite(session.row).all()
+
+
+def test_windowed_equals_a_run_with_the_same_load():
+    """Steps that are multiples of the time step see the instants of the whole run."""
+    session = Session(blocks())
+    session.initialize()
+    rows = ramped(session, 6)
+    whole = latin_fmu.solve(table_scene(H * np.arange(7), 0.2 + 0.1 * np.arange(7)))
+    history = whole.interfaces["crush"]
+    index = [session.outputs.index(name) for name in FORCE]
+    force = history.force()[5::5]
+    scale = np.abs(force).max()
+    assert scale > 100.0
+    assert np.abs(rows[:, index] - force).max() <= 1e-6 * scale
+    impulse = [session.outputs.index(f"interface.crush.impulse[{i}]") for i in (1, 2, 3)]
+    assert rows[-1, impulse] == pytest.approx(history.impulse(whole.time)[-1], rel=1e-6, abs=1e-9)
+    energy = session.outputs.index("energy.kinetic")
+    assert rows[-1, energy] == pytest.approx(whole.energy["kinetic"][-1], rel=1e-6)
+
+
+def test_prescribed_is_solve_to_the_last_digit():
+    times, values = np.array([0.0, 2e-6, 6e-6]), np.array([0.0, 1.0, 0.3])
+    whole = latin_fmu.solve(table_scene(times, values))
+    session = Session(blocks(), Settings(mode=1))
+    session.set_history("press", times, values)
+    session.initialize()
+    n, dt = len(whole.time) - 1, 6e-6 / 30
+    history = whole.interfaces["crush"]
+    force, impulse = history.force(), history.impulse(whole.time)
+    for i in range(n):
+        assert session.step(i * dt, dt)
+        assert (session.values(FORCE) == force[i + 1]).all()
+        assert session.value("interface.crush.impulse[3]") == impulse[i + 1, 2]
+        assert session.value("energy.elastic") == whole.energy["elastic"][i + 1]
+    time, interfaces = session.window()
+    assert np.array_equal(time, whole.time)
+    assert np.array_equal(interfaces["crush"].traction, history.traction)
+
+
+def test_prescribed_plays_back_between_instants():
+    session = Session(blocks(), Settings(mode=1, end_time=3e-6))
+    session.initialize()
+    assert session.step(0.0, 0.3e-6)
+    half = session.values(FORCE)
+    time, interfaces = session.window()
+    force = interfaces["crush"].force()
+    assert half == pytest.approx(0.5 * (force[1] + force[2]))
+    assert time[-1] == 3e-6
+    refused = session.step(0.3e-6, 5e-6)
+    assert not refused
+    assert "endTime" in refused.message
+
+
+def test_prescribed_refuses_changed_inputs():
+    session = Session(blocks(), Settings(mode=1, end_time=1e-6))
+    session.initialize()
+    row = session.row.copy()
+    session.set_load("press", 0.9)
+    report = session.step(0.0, 1e-7)
+    assert not report
+    assert "no effect in prescribed mode" in report.message
+    assert np.array_equal(session.row, row)
+    session.set_load("press", 0.25)
+    assert session.step(0.0, 1e-7)
+
+
+@pytest.mark.parametrize(("rule", "expected"), [(0, [0.5, 0.5]), (1, [0.5, 0.75]), (2, [0.25, 0.5])])
+def test_loads_inside_a_step(rule, expected):
+    session = Session(blocks(), Settings(interpolation=rule))
+    session.initialize()
+    session.set_load("press", 0.5, 0.25 / H)
+    amplitude = session._amplitude("press", H, 4)
+    assert amplitude[[0, -1]] == pytest.approx(expected)
+    assert np.diff(amplitude) == pytest.approx(np.full(4, (expected[1] - expected[0]) / 4))
+
+
+def test_lines_join():
+    """A straight line from the end of the last step: the load has no jump."""
+    session = Session(blocks(), Settings(interpolation=2))
+    session.initialize()
+    session.set_load("press", 0.5)
+    assert session.step(0.0, H)
+    session.set_load("press", 0.1)
+    assert session._amplitude("press", H, 2) == pytest.approx([0.5, 0.3, 0.1])
+
+
+@pytest.mark.parametrize(
+    ("t", "h", "words"),
+    [(0.0, 0.0, "too short"), (0.0, -1.0, "too short"), (0.0, 1e-30, "too short"), (0.0, 1e3, "at most"),
+     (0.0, math.nan, "finite"), (0.0, math.inf, "finite"), (math.nan, H, "finite"), (5e-7, H, "present time")],
+)  # fmt: skip
+def test_absurd_steps_are_refused(t, h, words):
+    session = Session(blocks())
+    session.initialize()
+    assert session.step(0.0, H / 5) or True
+    session.reset()
+    session.initialize()
+    before = session.snapshot()
+    report = session.step(t, h)
+    assert not report
+    assert words in report.message
+    assert session.snapshot() == before
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize("what", ["value", "rate"])
+def test_inputs_that_are_no_numbers_are_refused(bad, what):
+    session = Session(blocks())
+    session.initialize()
+    session.step(0.0, H)
+    good = session.snapshot()
+    session.set_load("press", **{"value": 0.3, "rate": 0.0, what: bad})
+    report = session.step(H, H)
+    assert not report
+    assert f"load.press.{what}" in report.message
+    session.set_load("press", 0.25)
+    assert session.snapshot() == good
+
+
+def test_overflow_is_refused_and_harmless():
+    session = Session(blocks())
+    session.initialize()
+    session.set_load("press", 0.25)
+    before = session.snapshot()
+    session.set_load("press", 1e300)
+    assert not session.step(0.0, H)
+    session.set_load("press", 0.25)
+    assert session.snapshot() == before
+    assert session.step(0.0, H)
+
+
+def test_no_convergence_is_refused_and_harmless():
+    session = Session(blocks(), Settings(max_iterations=1, tolerance=1e-9))
+    session.initialize()
+    before = session.snapshot()
+    report = session.step(0.0, H)
+    assert not report
+    assert "no convergence" in report.message
+    assert session.snapshot() == before
+
+
+def test_prescribed_without_convergence_raises():
+    session = Session(blocks(), Settings(mode=1, max_iterations=1, tolerance=1e-9))
+    with pytest.raises(SolverError):
+        session.initialize()
+    assert not session.step(0.0, H)
+
+
+def test_settings_out_of_range_are_listed():
+    with pytest.raises(InputError) as caught:
+        Session(blocks(), Settings(mode=7, interpolation=9, time_step=-1.0, end_time=math.nan, tolerance=0.0))
+    assert len(caught.value.problems) == 5
+
+
+def test_unknown_names():
+    session = Session(blocks())
+    for call in (lambda: session.set_load("pres", 1.0), lambda: session.set_history("push", [0], [1]), lambda: session.value("x")):
+        with pytest.raises(InputError):
+            call()
+
+
+def test_reset_gives_the_same_again():
+    session = Session(blocks())
+    session.initialize()
+    first = ramped(session, 3)
+    session.reset()
+    session.initialize()
+    assert np.array_equal(first, ramped(session, 3))
+
+
+def test_rounded_steps_share_one_factorisation():
+    session = Session(bar())
+    session.initialize()
+    operators, t = None, 0.0
+    for _ in range(1000):
+        h = 0.02 * (1.0 + 1e-13 * math.sin(t))
+        assert session.step(t, h)
+        t = t + h
+        present = session._windowed.run.built.assembly.propagators[0].operators
+        assert operators is None or operators is present
+        operators = present
+
+
+def test_start_time_other_than_zero():
+    first, late = Session(blocks()), Session(blocks())
+    first.initialize()
+    late.initialize(10.0 * H)
+    assert first.step(0.0, H)
+    assert late.step(10.0 * H, H)
+    assert late.row == pytest.approx(first.row, rel=1e-6, abs=1e-9)
+    assert late.window()[0][0] == 10.0 * H
+
+
+def test_sensor_tells_the_motion_of_its_node():
+    whole = latin_fmu.solve(blocks(output={"fields": True}))
+    session = Session(blocks())
+    session.initialize()
+    for i in range(6):
+        assert session.step(i * H, H)
+    node = int(np.linalg.norm(whole.substructures["upper"].nodes - [0.005, 0.005, 0.02], axis=1).argmin())
+    expected = whole.substructures["upper"].displacement[-1, node]
+    found = session.values([f"sensor.head.displacement[{i}]" for i in (1, 2, 3)])
+    assert found == pytest.approx(expected, rel=1e-6, abs=1e-12)
+    played = Session(blocks(), Settings(mode=1))
+    played.initialize()
+    assert played.step(0.0, 6e-6)
+    assert played.values([f"sensor.head.displacement[{i}]" for i in (1, 2, 3)]) == pytest.approx(expected, rel=1e-9)
+
+
+def test_initial_outputs_hold_initial_velocity():
+    session = Session(bar())
+    session.initialize()
+    assert session.value("interface.wall.velocityE[3]") == pytest.approx(-10.0)
+    assert session.value("interface.wall.gap") == pytest.approx(0.5)
+    assert session.value("interface.wall.closed") == 0.0

@@ -1,0 +1,44 @@
+"""The variable table."""
+
+from __future__ import annotations
+
+import re
+
+from latin_fmu.cosim.table_file import table_from, table_text
+from latin_fmu.cosim.units import UNITS
+from latin_fmu.cosim.variables import table_of
+
+from .scenes import bar, blocks
+
+
+def test_names_are_unique_and_structured():
+    table = table_of(blocks(), {"crush": 9})
+    names = [v.name for v in table]
+    assert len(set(names)) == len(names)
+    assert all(re.fullmatch(r"[A-Za-z]\w*(\.[A-Za-z]\w*)*(\[\d\])?", name) for name in names)
+
+
+def test_every_real_has_a_known_unit_and_every_variable_a_meaning():
+    for variable in table_of(blocks(), {"crush": 9}):
+        assert variable.description
+        assert (variable.unit in UNITS) == (variable.kind == "real"), variable
+
+
+def test_inputs_have_starts_and_outputs_have_none():
+    for variable in table_of(blocks()):
+        if variable.causality == "output":
+            assert variable.start is None
+            assert variable.kind == "real"
+        elif variable.causality != "independent":
+            assert variable.start is not None
+
+
+def test_only_loads_with_the_law_input_are_inputs():
+    inputs = [v.name for v in table_of(blocks()) if v.causality == "input"]
+    assert inputs == ["load.press.value", "load.press.rate"]
+    assert not [v for v in table_of(bar()) if v.causality == "input"]
+
+
+def test_the_table_survives_its_file():
+    table = table_of(blocks(), {"crush": 9})
+    assert table_from(table_text(table)) == table

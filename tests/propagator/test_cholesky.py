@@ -1,0 +1,287 @@
+"""Supernodal Cholesky factor with the interface last, against dense and sparse solves of NumPy and SciPy."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+import scipy.sparse.linalg as spla
+from numpy.typing import NDArray
+
+from latin_fmu.errors import LatinError, SolverError
+from latin_fmu.fem.elasticity import element_basis, mass, stiffness
+from latin_fmu.fem.faces import face
+from latin_fmu.fem.mesh import box_mesh
+from latin_fmu.fem.ordering import nested_dissection
+from latin_fmu.propagator.cholesky import interface_factor
+from latin_fmu.propagator.condensed import CondensedFactor
+
+if os.environ.get("LATIN_FMU_COMPILE", "1") == "0":
+    pytest.skip("the Cholesky factor is compiled", allow_module_level=True)
+
+from latin_fmu.propagator.cholesky.factor import CholeskyFactor
+from latin_fmu.propagator.cholesky.symbolic import analyse
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+
+def body(elements: tuple[int, int, int]) -> tuple[sp.csr_array, Array]:
+    """Operator M + c K of a box (some dofs held) and the nested dissection rank of its dofs."""
+    mesh = box_mesh(np.zeros(3), np.asarray(elements, dtype=float), elements)
+    basis = element_basis(mesh)
+    kept = np.ones(3 * mesh.n_node, dtype=bool)
+    kept[3 * face(mesh, "xmin").nodes] = False
+    kept = np.flatnonzero(kept)
+    a = sp.csr_array(mass(basis, 1.0) + 0.4 * stiffness(basis, 1.0, 0.3))
+    return sp.csr_array(a[kept][:, kept]), np.repeat(nested_dissection(mesh), 3)[kept]
+
+
+def scattered(n: int, density: float, seed: int) -> sp.csr_array:
+    """Random symmetric positive definite matrix."""
+    rng = np.random.default_rng(seed)
+    half = sp.random_array((n, n), density=density, rng=rng, data_sampler=lambda size: rng.normal(size=size))
+    both = half + half.T
+    return sp.csr_array(both + sp.diags_array(1.0 + abs(both).sum(axis=1)))
+
+
+def check(matrix: sp.csr_array, last: Index, factor: Any, tolerance: float = 1e-12) -> None:
+    """Everything the factor offers against dense algebra, for 1, 2 and 7 members."""
+    dense = matrix.toarray()
+    n = len(dense)
+    inside = np.setdiff1d(np.arange(n), last)
+    np.testing.assert_array_equal(np.sort(factor.interior), inside)
+    np.testing.assert_array_equal(factor.last, last)
+    to_last = dense[np.ix_(inside, last)]
+    schur = dense[np.ix_(last, last)] - to_last.T @ np.linalg.solve(dense[np.ix_(inside, inside)], to_last)
+    if len(last):
+        scale = np.abs(schur).max()
+        np.testing.assert_allclose(factor.schur, schur, atol=1e-12 * scale)
+        np.testing.assert_allclose(factor.schur_inverse @ schur, np.eye(len(last)), atol=1e-10)
+    np.testing.assert_array_equal(factor.schur, factor.schur.T)
+    np.testing.assert_array_equal(factor.schur_inverse, factor.schur_inverse.T)
+    rng = np.random.default_rng(5)
+    for m in (1, 2, 7):
+        b, g = rng.normal(size=(n, m)), rng.normal(size=(len(last), m))
+        kept = b.copy()
+        loaded = b.copy()
+        loaded[last] += g
+        y, c = factor.forward(b)
+        y_before = y.copy()
+        x = factor.backward(y, factor.schur_inverse @ (c + g))
+        expected = np.linalg.solve(dense, loaded)
+        assert x.shape == (n, m)
+        assert c.shape == (len(last), m)
+        assert c.dtype == x.dtype == np.float64
+        np.testing.assert_allclose(x, expected, atol=tolerance * np.abs(expected).max())
+        np.testing.assert_allclose(factor.solve(loaded), expected, atol=tolerance * np.abs(expected).max())
+        np.testing.assert_array_equal(b, kept)
+        np.testing.assert_array_equal(y, y_before)
+    assert factor.nbytes >= 8 * len(last) ** 2
+
+
+@pytest.mark.parametrize("ranked", [False, True], ids=["own_order", "given_order"])
+@pytest.mark.parametrize("n_last", [0, 1, 17, 80, 119, 120])
+@pytest.mark.parametrize("density", [0.0, 0.004, 0.03, 0.5])
+def test_random_matrices(density: float, n_last: int, ranked: bool) -> None:
+    """From a diagonal to nearly full, from no interface to nothing else; sparse ones fall into many pieces."""
+    matrix = scattered(120, density, seed=n_last)
+    rng = np.random.default_rng(n_last)
+    last = np.sort(rng.permutation(120)[:n_last])
+    rank = rng.permutation(120).astype(float) if ranked else None
+    check(matrix, last, CholeskyFactor(matrix, last, rank))
+
+
+@pytest.mark.parametrize("ranked", [False, True], ids=["own_order", "given_order"])
+@pytest.mark.parametrize("elements", [(1, 1, 1), (1, 1, 30), (4, 3, 5), (6, 6, 6)], ids=str)
+@pytest.mark.parametrize("interface", ["none", "node", "dof", "top", "two_faces", "all"])
+def test_bodies(elements: tuple[int, int, int], interface: str, ranked: bool) -> None:
+    matrix, rank = body(elements)
+    n = matrix.shape[0]
+    layer = 3 * (elements[0] + 1) * (elements[1] + 1) - (elements[1] + 1)
+    last = {
+        "none": np.arange(0), "node": np.arange(n - 3, n), "dof": np.array([n // 2]), "top": np.arange(n - layer, n),
+        "two_faces": np.r_[0:layer, n - layer : n], "all": np.arange(n),
+    }[interface]  # fmt: skip
+    check(matrix, last, CholeskyFactor(matrix, last, rank if ranked else None))
+
+
+def test_same_answers_as_the_sparse_lu() -> None:
+    matrix, rank = body((5, 5, 5))
+    last = np.arange(matrix.shape[0] - 60, matrix.shape[0])
+    ours, theirs = CholeskyFactor(matrix, last, rank), CondensedFactor(matrix, last, rank)
+    b = np.random.default_rng(0).normal(size=(matrix.shape[0], 3))
+    np.testing.assert_allclose(ours.schur, theirs.schur, atol=1e-13 * np.abs(theirs.schur).max())
+    np.testing.assert_allclose(ours.forward(b)[1], theirs.forward(b)[1], atol=1e-12)
+    np.testing.assert_allclose(ours.solve(b), theirs.solve(b), atol=1e-13 * np.abs(b).max())
+
+
+def test_disconnected_parts_only_one_of_which_has_the_interface() -> None:
+    one, rank = body((2, 2, 3))
+    matrix = sp.csr_array(sp.block_diag([one, one, sp.diags_array(np.arange(1.0, 5.0)), one]))
+    last = np.arange(4, 20)
+    n = one.shape[0]
+    check(matrix, last, CholeskyFactor(matrix, last, np.concatenate([rank, rank, np.zeros(4), rank + n])))
+    check(matrix, last, CholeskyFactor(matrix, last))
+
+
+def test_entries_that_happen_to_be_zero_may_be_missing_on_one_side() -> None:
+    matrix, rank = body((3, 3, 3))
+    coo = matrix.tocoo()
+    rows, columns = coo.coords
+    tiny = (np.abs(coo.data) < 0.05) & (rows != columns)
+    dense = matrix.toarray()
+    dense[rows[tiny], columns[tiny]] = 0.0
+    gone = tiny & (rows < columns)
+    assert gone.sum() > 100
+    data = np.where(tiny, 0.0, coo.data)[~gone]
+    lopsided = sp.csr_array((data, (rows[~gone], columns[~gone])), shape=matrix.shape)
+    lopsided += sp.eye_array(len(dense), format="csr")
+    last = np.arange(7, 30)
+    for order in (rank, None):
+        check(lopsided, last, CholeskyFactor(lopsided, last, order))
+
+
+def test_ill_conditioned_matrix_has_a_small_residual() -> None:
+    matrix, rank = body((4, 4, 6))
+    scale = np.random.default_rng(3).uniform(-4, 4, matrix.shape[0])
+    grown = sp.diags_array(10.0**scale)
+    matrix = sp.csr_array(grown @ matrix @ grown)
+    last = np.arange(60, 90)
+    b = matrix @ np.ones((matrix.shape[0], 1))
+    x = CholeskyFactor(matrix, last, rank).solve(b)
+    backward_error = np.abs(b - matrix @ x) / (abs(matrix) @ np.abs(x))
+    assert backward_error.max() < 1e-13
+
+
+@pytest.mark.parametrize("m", [1, 3, 16])
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+def test_repeat_runs_are_bit_identical(m: int, dtype: type) -> None:
+    matrix, rank = body((6, 5, 7))
+    last = np.arange(50, 99)
+    b = np.random.default_rng(0).normal(size=(matrix.shape[0], m))
+    results = []
+    for _ in range(3):
+        factor = CholeskyFactor(matrix, last, rank, dtype)
+        shifted = np.empty(b.size + 1)[1:].reshape(b.shape)  # elsewhere in memory
+        shifted[:] = b
+        results += [
+            np.concatenate([factor.solve(b), factor.solve(shifted)]),
+            factor.schur,
+            factor.schur_inverse,
+        ]
+    for first, again in zip(results[:3] * 2, results[3:], strict=True):
+        np.testing.assert_array_equal(first, again)
+    np.testing.assert_array_equal(*np.split(results[0], 2))
+
+
+@pytest.mark.parametrize("m", [1, 4])
+def test_views_and_other_memory_orders(m: int) -> None:
+    matrix, rank = body((3, 3, 3))
+    last = np.arange(10, 22)
+    factor = CholeskyFactor(matrix, last, rank)
+    wide = np.random.default_rng(0).normal(size=(matrix.shape[0], 2 * m))
+    expected = factor.solve(np.ascontiguousarray(wide[:, ::2]))
+    np.testing.assert_array_equal(factor.solve(wide[:, ::2]), expected)
+    np.testing.assert_array_equal(factor.solve(np.asfortranarray(wide[:, ::2])), expected)
+
+
+@pytest.mark.parametrize("m", [1, 5])
+def test_float32_storage(m: int) -> None:
+    matrix, rank = body((6, 6, 6))
+    last = np.arange(100, 200)
+    exact = CholeskyFactor(matrix, last, rank)
+    stored = CholeskyFactor(matrix, last, rank, np.float32)
+    b = np.random.default_rng(0).normal(size=(matrix.shape[0], m))
+    x, y = exact.solve(b), stored.solve(b)
+    assert y.dtype == np.float64
+    error = np.abs(x - y).max() / np.abs(x).max()
+    assert 1e-10 < error < 2e-6
+    np.testing.assert_array_equal(stored.schur, exact.schur)
+    assert stored.nbytes < 0.7 * exact.nbytes
+
+
+def test_other_storage_is_refused() -> None:
+    with pytest.raises(ValueError, match="float64, float32"):
+        CholeskyFactor(scattered(5, 0.1, 0), np.arange(1), dtype=np.int32)
+
+
+def test_analysis_serves_matrices_of_one_pattern() -> None:
+    matrix, rank = body((3, 3, 4))
+    last = np.arange(0, 21)
+    symbolic = analyse(matrix, last, rank)
+    for shift in (0.0, 3.0):
+        moved = sp.csr_array(matrix + shift * sp.eye_array(matrix.shape[0]))
+        check(moved, last, CholeskyFactor(moved, last, symbolic=symbolic))
+    full = sp.csr_array(np.eye(matrix.shape[0]) + 1e-3)
+    with pytest.raises(SolverError, match="outside the pattern"):
+        CholeskyFactor(full, last, symbolic=symbolic)
+
+
+@pytest.mark.parametrize("where", [5, 140, 199])
+@pytest.mark.parametrize("ranked", [False, True])
+def test_pivot_that_is_not_positive_is_named(where: int, ranked: bool) -> None:
+    matrix = scattered(200, 0.02, 1).tolil()
+    matrix[where, :] = 0.0
+    matrix[:, where] = 0.0
+    matrix[where, where] = -1.0
+    rank = np.random.default_rng(0).permutation(200).astype(float) if ranked else None
+    with pytest.raises(LatinError, match=f"pivot of dof {where} is not positive"):
+        CholeskyFactor(sp.csr_array(matrix), np.arange(120, 200), rank)
+
+
+def test_semidefinite_matrix_is_refused() -> None:
+    """A graph Laplacian less a little: the last pivot of the interface tells."""
+    n = 40
+    chain = sp.diags_array(
+        [-np.ones(n - 1), np.r_[1.0, 2 * np.ones(n - 2), 1.0], -np.ones(n - 1)], offsets=[-1, 0, 1]
+    )
+    with pytest.raises(SolverError, match=r"pivot of dof \d+ is not positive"):
+        CholeskyFactor(sp.csr_array(chain - 1e-6 * sp.eye_array(n)), np.array([3, 20]))
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_entries_that_are_no_numbers_are_refused(value: float) -> None:
+    matrix = scattered(20, 0.1, 0)
+    matrix[7, 7] = value
+    with pytest.raises(SolverError, match=r"row of dof 7"):
+        CholeskyFactor(matrix, np.arange(3))
+
+
+def test_model_operators(model: Callable[..., Any], kind: str) -> None:
+    """Reduced operators as the march builds them: held, tied and driven dofs."""
+    from latin_fmu.propagator.operators import reduced_rank
+
+    m = model(kind)
+    p = m.expansion
+    a = sp.csr_array(p.T @ (m.mass + 0.02 * m.stiffness) @ p)
+    dofs = np.flatnonzero(np.diff(sp.csc_array(m.trace @ p).indptr))
+    check(a, dofs, interface_factor(a, dofs, reduced_rank(p, m.ordering)))
+
+
+def test_large_body_against_scipy() -> None:
+    matrix, rank = body((10, 9, 8))
+    last = np.arange(matrix.shape[0] - 200, matrix.shape[0])
+    b = np.random.default_rng(0).normal(size=(matrix.shape[0], 1))
+    factor = CholeskyFactor(matrix, last, rank)
+    np.testing.assert_allclose(factor.solve(b)[:, 0], spla.spsolve(matrix.tocsc(), b[:, 0]), atol=1e-12)
+
+
+def test_sparse_lu_where_compilation_is_off(monkeypatch: pytest.MonkeyPatch) -> None:
+    matrix, rank = body((2, 2, 2))
+    last = np.arange(6)
+    assert isinstance(interface_factor(matrix, last, rank), CholeskyFactor)
+    monkeypatch.setenv("LATIN_FMU_COMPILE", "0")
+    assert isinstance(interface_factor(matrix, last, rank), CondensedFactor)
+
+
+def test_numba_is_not_imported_where_compilation_is_off() -> None:
+    code = "import sys, latin_fmu.propagator.cholesky as c; assert 'numba' not in sys.modules and c.interface_factor"
+    environment = {**os.environ, "LATIN_FMU_COMPILE": "0", "PYTHONPATH": os.pathsep.join(sys.path)}
+    subprocess.run([sys.executable, "-c", code], check=True, env=environment)
