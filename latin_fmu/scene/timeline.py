@@ -8,7 +8,7 @@ import numpy as np
 
 from ..fem.mesh import Array
 from ..latin.assembly import Assembly, GroundState
-from ..propagator import Histories
+from ..propagator import Histories, SubstructureModel
 from .conditions import Conditions
 from .schema import Scene
 
@@ -34,16 +34,15 @@ class Timeline:
         """
         dt = float(time[1] - time[0])
         for propagator in assembly.propagators:
-            histories = [
-                Histories(
-                    time,
-                    [self._amplitude(load.name, time, given) for load in member.loads],
-                    self._conditions[member.name].velocity(time),
-                )
-                for member in propagator.members
-            ]
-            propagator.begin(histories, dt)
+            propagator.begin([self.histories(member, time, given) for member in propagator.members], dt)
         assembly.begin(time, self._ground(assembly, time), ground_start)
+
+    def histories(
+        self, model: SubstructureModel, time: Array, given: Mapping[str, Array] | None = None
+    ) -> Histories:
+        """What drives one substructure at the instants; ``given`` as for ``begin``."""
+        amplitudes = [self._amplitude(load.name, time, given or {}) for load in model.loads]
+        return Histories(time, amplitudes, self._conditions[model.name].velocity(time))
 
     def _amplitude(self, name: str, time: Array, given: Mapping[str, Array]) -> Array:
         if not name:

@@ -258,7 +258,7 @@ def test_model_operators(model: Callable[..., Any], kind: str) -> None:
     """Reduced operators as the march builds them: held, tied and driven dofs."""
     from latin_fmu.propagator.operators import reduced_rank
 
-    m = model(kind)
+    m = model(kind).model
     p = m.expansion
     a = sp.csr_array(p.T @ (m.mass + 0.02 * m.stiffness) @ p)
     dofs = np.flatnonzero(np.diff(sp.csc_array(m.trace @ p).indptr))

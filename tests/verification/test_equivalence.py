@@ -5,7 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from .blocks import apart, bonded, solve, stack
+import latin_fmu
+from latin_fmu.scene.build import build
+from latin_fmu.scene.merge import bonded
+
+from .blocks import apart, solve, stack
+from .blocks import bonded as bonded_reference
 from .oracles.contact_march import march_contact
 from .oracles.hexahedra import matching_nodes
 from .oracles.monolithic import Scheme, march
@@ -24,7 +29,7 @@ def test_perfect_interfaces_are_the_merged_mesh(scheme, window):
     scene = stack(3, "perfect", tolerance=1e-11, window=window, max_iterations=400)
     scene["time"]["scheme"] = described
     solution = solve(scene)
-    solid, system, loads = bonded(3, reference)
+    solid, system, loads = bonded_reference(3, reference)
     expected = march(system, loads)
     for name, history in solution.substructures.items():
         there = matching_nodes(history.nodes, solid.nodes)
@@ -94,3 +99,25 @@ def test_ten_times_larger_or_smaller_k_gives_the_same_answer(kind, factor, tight
     direction = {"type": kind, "factor": factor}
     scene = stack(3, "contact", 0.2, search_direction=direction, tolerance=1e-4, max_iterations=4000)
     assert np.abs(resultants(solve(scene)) - tight).max() < 2e-3 * np.abs(tight).max()
+
+
+@pytest.mark.parametrize("friction", [None, 0.3])
+def test_merged_body_is_the_monolithic_march(friction):
+    """The bonded assembly as one body, whatever its interfaces are: the reference march to 1e-10."""
+    scene = stack(3, "perfect") if friction is None else stack(3, "contact", friction)
+    built = build(latin_fmu.scene_from_dict(scene))
+    body, where = bonded(built.assembly, built.info, built.timeline)
+    nothing = np.zeros((0, 1))
+    body.start(nothing, body.mass_factor())
+    fields = [body.full_displacement(0)]
+    for _ in range(built.assembly.n_instant):
+        body.predict()
+        body.commit(nothing)
+        fields.append(body.full_displacement(0))
+    moved = np.stack(fields)
+    solid, system, loads = bonded_reference(3, Scheme.hht(-0.1))
+    expected = march(system, loads).displacement.reshape(len(moved), -1, 3)
+    for name, rows in where.items():
+        there = matching_nodes(built.info[name].nodes, solid.nodes)
+        nodes = slice(rows.start // 3, rows.stop // 3)
+        assert np.abs(moved[:, nodes] - expected[:, there]).max() <= 1e-10 * np.abs(expected).max()

@@ -64,7 +64,9 @@ class CholeskyFactor:
             self._panels, schur,
         )  # fmt: skip
         if failed == OUTSIDE_PATTERN:
-            raise SolverError("factorisation: the matrix has entries outside the pattern analysed; analyse it afresh")
+            raise SolverError(
+                "factorisation: the matrix has entries outside the pattern analysed; analyse it afresh"
+            )
         if failed >= 0:
             raise _not_definite(int(shape.order[failed]))
         self.schur: Array = _mirrored(schur)

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
 import numpy as np
-from llvmlite import ir
+from llvmlite import ir  # type: ignore[import-untyped]
 from numba import njit, types
 from numba.core import cgutils
 from numba.extending import get_cython_function_address, intrinsic
@@ -52,19 +52,20 @@ def _fortran(_typing: Any, address: Any, arguments: Any) -> Any:
     """
 
     def generate(_context: Any, builder: Any, _signature: Any, values: Any) -> Any:
+        tools: Any = cgutils
         pointers = []
-        for kind, value in zip(tuple(arguments), cgutils.unpack_tuple(builder, values[1]), strict=True):
+        for kind, value in zip(tuple(arguments), tools.unpack_tuple(builder, values[1]), strict=True):
             if kind == types.uint64:
-                pointers.append(builder.inttoptr(value, cgutils.voidptr_t))
+                pointers.append(builder.inttoptr(value, tools.voidptr_t))
                 continue
             stored = builder.trunc(value, ir.IntType(32)) if kind == types.int64 else value
-            slot = cgutils.alloca_once(builder, stored.type)
+            slot = tools.alloca_once(builder, stored.type)
             builder.store(stored, slot)
-            pointers.append(builder.bitcast(slot, cgutils.voidptr_t))
-        shape = ir.FunctionType(ir.VoidType(), [cgutils.voidptr_t] * len(pointers))
+            pointers.append(builder.bitcast(slot, tools.voidptr_t))
+        shape = ir.FunctionType(ir.VoidType(), [tools.voidptr_t] * len(pointers))
         builder.call(builder.inttoptr(values[0], shape.as_pointer()), pointers)
 
     return types.void(address, arguments), generate
 
 
-fortran: Callable[[Any, Any], None] = intrinsic(_fortran)
+fortran: Callable[[Any, Any], None] = cast(Any, intrinsic)(_fortran)

@@ -1,0 +1,130 @@
+"""Bonded assembly as one body: interface nodes made one, nothing iterated.
+
+The linear transient of the bonded mesh is the floor of every cost of contact, and what an assembly with perfect
+interfaces only reduces to.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.csgraph import connected_components
+
+from ..fem.mesh import Array, Mesh
+from ..fem.ordering import nested_dissection
+from ..latin.assembly import Assembly
+from ..latin.recorder import SubstructureInfo
+from ..propagator import DirectPropagator, Histories, LoadTerm, SubstructureModel
+from .fields import split_face
+from .timeline import Timeline
+
+
+def bonded(
+    assembly: Assembly, info: dict[str, SubstructureInfo], timeline: Timeline, energy: bool = False
+) -> tuple[DirectPropagator, dict[str, slice]]:
+    """The assembly with every interface between substructures bonded, begun at the assembly's instants.
+
+    Returns
+    -------
+    The propagator of the merged body, and where the full dofs of each substructure stand among its full dofs.
+    """
+    models = {m.name: m for p in assembly.propagators for m in p.members}
+    names = list(models)
+    ends = np.cumsum([models[n].n_full for n in names])
+    where = {n: slice(int(e) - models[n].n_full, int(e)) for n, e in zip(names, ends, strict=True)}
+    same = _same_dofs(assembly, where, int(ends[-1]))
+    expansion = _merged_expansion(models, where, same)
+    imposed: Array = sp.block_diag([models[n].imposed_pattern for n in names]).toarray()
+    # a tied dof that is driven in one body is driven in all
+    driven = np.zeros((same.max() + 1, imposed.shape[1]))
+    np.maximum.at(driven, same, imposed)
+    merged = SubstructureModel(
+        name="bonded",
+        mass=_blocks([models[n].mass for n in names]),
+        damping=_damping([models[n] for n in names]),
+        stiffness=_blocks([models[n].stiffness for n in names]),
+        expansion=expansion,
+        trace=sp.csr_array((0, int(ends[-1]))),
+        channel_area=np.zeros(0),
+        loads=[
+            LoadTerm(load.name, _placed(load.pattern, where[n], int(ends[-1])))
+            for n in names
+            for load in models[n].loads
+        ],
+        displacement=np.concatenate([models[n].displacement for n in names]),
+        velocity=np.concatenate([models[n].velocity for n in names]),
+        imposed_pattern=driven[same],
+        imposed_start=np.concatenate([models[n].imposed_start for n in names]),
+        ordering=_rank(names, info, same),
+    )
+    propagator = DirectPropagator([merged], assembly.scheme, assembly.dt, energy)
+    parts = [timeline.histories(models[n], assembly.time) for n in names]
+    amplitudes = [a for part in parts for a in part.amplitudes]
+    motions = np.concatenate([part.imposed_velocity for part in parts], axis=1)
+    propagator.begin([Histories(assembly.time, amplitudes, motions)], assembly.dt)
+    return propagator, where
+
+
+def _same_dofs(assembly: Assembly, where: dict[str, slice], n: int) -> np.ndarray:
+    """Number of the merged dof of every full dof."""
+    firsts, seconds = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
+    for unit in assembly.interfaces:
+        first, second = unit.geometry.traces
+        if second is None:
+            continue
+        firsts.append(where[split_face(unit.sides[0])[0]].start + first.indices)
+        seconds.append(where[split_face(unit.sides[1])[0]].start + second.indices)
+    a, b = np.concatenate(firsts), np.concatenate(seconds)
+    graph = sp.coo_array((np.ones(len(a)), (a, b)), shape=(n, n))
+    return np.asarray(connected_components(graph, directed=False)[1])
+
+
+def _merged_expansion(
+    models: dict[str, SubstructureModel], where: dict[str, slice], same: np.ndarray
+) -> sp.csr_array:
+    """Selection matrix of the merged body: dofs tied by an interface or within a body are one."""
+    apart = sp.csr_array(sp.block_diag([models[n].expansion for n in where]))
+    n_full, n = apart.shape
+    # reduced dofs that share a merged dof are one; a merged dof held in one body is held in all
+    held_rows = np.flatnonzero(np.diff(apart.indptr) == 0)
+    rows = np.flatnonzero(np.diff(apart.indptr))
+    count = int(same.max()) + 1
+    graph = sp.coo_array(
+        (np.ones(len(rows)), (same[rows], count + apart.indices)), shape=(count + n, count + n)
+    )
+    _, label = connected_components(graph, directed=False)
+    held = np.zeros(int(label.max()) + 1, dtype=bool)
+    held[label[same[held_rows]]] = True
+    of_dof = label[same]
+    free = np.flatnonzero(~held[of_dof])
+    _, columns = np.unique(of_dof[free], return_inverse=True)
+    shape = (n_full, int(columns.max(initial=-1)) + 1)
+    return sp.coo_array((np.ones(len(free)), (free, columns)), shape=shape).tocsr()
+
+
+def _blocks(matrices: list[sp.csr_array]) -> sp.csr_array:
+    return sp.csr_array(sp.block_diag(matrices, format="csr"))
+
+
+def _damping(models: list[SubstructureModel]) -> sp.csr_array | None:
+    if all(m.damping is None for m in models):
+        return None
+    return _blocks([sp.csr_array(m.mass.shape) if m.damping is None else m.damping for m in models])
+
+
+def _placed(pattern: Array, where: slice, n: int) -> Array:
+    placed = np.zeros(n)
+    placed[where] = pattern
+    return placed
+
+
+def _rank(names: list[str], info: dict[str, SubstructureInfo], same: np.ndarray) -> Array | None:
+    """Elimination rank of the merged mesh; None where cell types differ."""
+    if len({info[n].cell_type for n in names}) > 1:
+        return None
+    nodes = np.concatenate([info[n].nodes for n in names])
+    starts = np.cumsum([0, *(len(info[n].nodes) for n in names[:-1])])
+    cells = np.concatenate([info[n].cells + s for n, s in zip(names, starts, strict=True)])
+    _, kept, number = np.unique(same[::3], return_index=True, return_inverse=True)
+    rank = nested_dissection(Mesh(nodes[kept], number[cells], info[names[0]].cell_type, {}))
+    return np.repeat(rank[number], 3)
