@@ -54,15 +54,17 @@ class Assembly:
         self.ground_start = {i: GroundState(np.zeros(3), None) for i in self._ground_frames}
         self.rigid = self._rigid_channels()
 
-    def begin(self, time: Array, ground: Mapping[int, Array], start: Mapping[int, GroundState]) -> None:
+    def begin(
+        self, time: Array, dt: float, ground: Mapping[int, Array], start: Mapping[int, GroundState]
+    ) -> None:
         """Set the instants of the run, or of its next segment.
 
         Parameters
         ----------
-        time : (n_time,), s, equally spaced. ground : per interface against ground, its velocity (n_time, 3), m s-1.
+        time : (n_time,), s, equally spaced by dt (but for round-off). ground : per interface against ground, its velocity (n_time, 3), m s-1.
         start : state of that ground at the first instant.
         """
-        self.time, self.dt = time, float(time[1] - time[0])
+        self.time, self.dt = time, dt
         self.ground = dict(ground)
         self.ground_start = dict(start)
 

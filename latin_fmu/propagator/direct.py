@@ -26,7 +26,6 @@ from .forcing import Forcing
 from .model import Array, Histories, SubstructureModel
 from .operators import Operators, build_operators
 
-_SAME_STEP = 1e-9  # steps closer than this (relative) share their operators
 _STEPS_KEPT = 4
 
 
@@ -75,11 +74,11 @@ class DirectPropagator:
         self._free: tuple[Array, Array, Array, Array] | None = None
 
     def _use(self, dt: float) -> None:
-        """Operators for the step dt: known ones (to 1e-9) are used again, a few are kept."""
-        if self._kept and abs(self.dt - dt) <= _SAME_STEP * dt:
+        """Operators for the step dt: a few are kept for use again."""
+        if self._kept and self.dt == dt:
             return
         for known, operators in self._kept:
-            if abs(known - dt) <= _SAME_STEP * dt:
+            if known == dt:
                 self.dt, self.operators = known, operators
                 break
         else:

@@ -21,6 +21,8 @@ from ..latin.windows import Run
 from .build import build
 from .schema import Scene
 
+_SAME_STEP, _STEPS_KEPT = 1e-9, 8
+
 
 @dataclass(frozen=True)
 class Segment:
@@ -85,6 +87,7 @@ class SegmentedRun:
         self._run: Run | None = None
         self._ground = dict(self.built.assembly.ground_start)
         self._stored: float | None = None  # energy at t = 0
+        self._steps: list[float] = []
         self._kind = hashlib.sha256(scene.text().encode()).hexdigest()
         self._where = {
             name: (p, m) for p in self.built.assembly.propagators for m, name in enumerate(p.names)
@@ -118,7 +121,8 @@ class SegmentedRun:
 
     def _solve(self, time: Array, loads: Mapping[str, Array]) -> Segment:
         built, assembly = self.built, self.built.assembly
-        built.timeline.begin(assembly, time, loads, self._ground)
+        step = self._known_step(float(time[1] - time[0]))
+        built.timeline.begin(assembly, time, loads, self._ground, step)
         recorder = Recorder(assembly, built.wanted, built.info)
         if self._run is None:
             self._run = Run(assembly, built.settings, recorder, self.timings)
@@ -138,6 +142,15 @@ class SegmentedRun:
             time, recorder.interfaces(assembly), recorder.substructures(), state.windows, converged, True, sentence,
             energy,
         )  # fmt: skip
+
+    def _known_step(self, dt: float) -> float:
+        """The step met before that equals dt but for round-off, else dt itself: part of the state, so that a run
+        that is rolled back and repeated uses the same operators to the last bit."""
+        for known in self._steps:
+            if abs(known - dt) <= _SAME_STEP * dt:
+                return known
+        self._steps = [*self._steps[-_STEPS_KEPT + 1 :], dt]
+        return dt
 
     def displacement(self, substructure: str) -> Array:
         """Displacements of all nodes of a substructure at the present time, (n_node, 3), m."""
@@ -178,7 +191,7 @@ class SegmentedRun:
         for propagator in self.built.assembly.propagators:
             propagator.rewind()
         self._ground = {i: GroundState(np.zeros(3), None) for i in self._ground}
-        self.time, self._friction, self._stored, self._run = 0.0, 0.0, None, None
+        self.time, self._friction, self._stored, self._run, self._steps = 0.0, 0.0, None, None, []
 
     def _tree(self) -> dict[str, object]:
         assert self._run is not None
@@ -192,6 +205,7 @@ class SegmentedRun:
             "field": state.scales.field,
             "force": list(state.scales.force),
             "stored": self._stored,
+            "steps": self._steps,
             "ground": {str(i): list(g) for i, g in self._ground.items()},
             "propagators": [p.tree() for p in self.built.assembly.propagators],
         }
@@ -203,7 +217,7 @@ class SegmentedRun:
         state.f_hat, state.w_hat = tree["f_hat"], tree["w_hat"]
         state.before = None if tree["before"] is None else tuple(tree["before"])
         state.scales = Scales(tree["field"], (tree["force"][0], tree["force"][1]))
-        self._stored = tree["stored"]
+        self._stored, self._steps = tree["stored"], list(tree["steps"])
         self._ground = {int(i): GroundState(*g) for i, g in tree["ground"].items()}
         for propagator, part in zip(self.built.assembly.propagators, tree["propagators"], strict=True):
             propagator.resume(part)

@@ -25,17 +25,19 @@ class Timeline:
         time: Array,
         given: Mapping[str, Array],
         ground_start: Mapping[int, GroundState],
+        dt: float | None = None,
     ) -> None:
         """Set the instants of an assembly and of its propagators.
 
         Parameters
         ----------
         time : (n_time,), s. given : amplitude (n_time,) of loads by name. ground_start : see ``Assembly.begin``.
+        dt : step of the operators, s; that of ``time`` where None (they may differ by round-off).
         """
-        dt = float(time[1] - time[0])
+        dt = float(time[1] - time[0]) if dt is None else dt
         for propagator in assembly.propagators:
             propagator.begin([self.histories(member, time, given) for member in propagator.members], dt)
-        assembly.begin(time, self._ground(assembly, time), ground_start)
+        assembly.begin(time, dt, self._ground(assembly, time), ground_start)
 
     def histories(
         self, model: SubstructureModel, time: Array, given: Mapping[str, Array] | None = None

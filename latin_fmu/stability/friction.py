@@ -32,8 +32,8 @@ def cases() -> Iterator[Case]:
 
 
 def _crushing(friction: float, bench: Bench) -> list[Measure]:
-    solution = bench.converged(press(friction, 4))
-    smooth = bench.converged(press(0.0, 4), counted=False)
+    solution = bench.converged(press(friction, 6, 60))
+    smooth = bench.converged(press(0.0, 6, 60), counted=False)
     history = solution.interfaces["meet"]
     status = history.contact_status
     assert status is not None

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..errors import SceneError
 from .case import Bench, Case, Description, Measure
-from .measures import distance, energy_laws, impulse, openings, penetration_bound, pressure_force
+from .measures import distance, energy_laws, impulse, openings, penetration_bound, pressure_force, turns
 from .scenes import Stuff, bar, thrown, two_boxes
 
 ELEMENTS = 30
@@ -27,7 +27,7 @@ def cases() -> Iterator[Case]:
     yield Case("grazing: bar put on the ground under gravity", "gap",
                "stress 0 ... 2 rho g L and back to 0, again and again", _grazing)  # fmt: skip
     yield Case("grazing: bar released at the top of its flight", "gap", "no chatter", _kiss)
-    yield Case("stack of blocks under preload", "gap", "stays at rest, keeps its preload", _preload)
+    yield Case("bars under preload", "gap", "stay at rest, keep their preload", _preload)
 
 
 def _thrown_together(gap: float, in_mesh: bool = True) -> Description:
@@ -77,11 +77,10 @@ def _touching(bench: Bench) -> list[Measure]:
     solution = bench.converged(_thrown_together(0.0))
     force = pressure_force(solution)
     early = force[1:20]
-    signs = int(np.count_nonzero(np.diff(np.sign(np.diff(early))) != 0))
     return [
-        Measure("largest stress over Z v/2", float(early.max()) / 0.5, 1.3),
+        Measure("largest stress over Z v/2", float(early.max()) / 0.5, 1.4),
         Measure("lack at step 2", 1.0 - float(force[2]) / 0.5, 0.3),
-        Measure("turns of the force in 19 steps", signs, 12),
+        Measure("turns by more than 2 % in 19 steps", turns(early, 0.01), 4),
         Measure("force at t = 0", abs(float(force[0])), 0.0),
     ]
 
@@ -136,14 +135,12 @@ def _kiss(bench: Bench) -> list[Measure]:
 
 
 def _preload(bench: Bench) -> list[Measure]:
-    stuff = Stuff()
-    scene = two_boxes(bar(stuff, 1.0, 5), bar(stuff, 1.0, 5), 0.1, 100)
-    scene["interface"]["meet"]["preload"] = 1e-3
-    solution = bench.converged(scene)
-    force = pressure_force(solution)
-    energy = solution.energy
-    assert energy is not None
-    return [
-        Measure("preload lost", float(np.abs(force / 1e-3 - 1).max()), 1e-9),
-        Measure("kinetic energy", float(energy["kinetic"].max()), 1e-20),
-    ]
+    """Quiet to the tolerance: 1e-2 on the force by default, in proportion when it is tightened."""
+    stuff, measures = Stuff(), []
+    for tolerance in (1e-3, 1e-9):
+        scene = two_boxes(bar(stuff, 1.0, 5), bar(stuff, 1.0, 5), 0.1, 100, tolerance=tolerance)
+        scene["interface"]["meet"]["preload"] = 1e-3
+        force = pressure_force(bench.converged(scene))
+        lost = float(np.abs(force / 1e-3 - 1).max())
+        measures.append(Measure(f"preload lost at tolerance {tolerance:g}", lost, 10 * tolerance))
+    return measures

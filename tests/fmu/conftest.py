@@ -1,0 +1,44 @@
+"""FMUs built once, instances freed at the end of a test."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("fmpy")
+pytest.importorskip("pythonfmu")
+pytest.importorskip("pythonfmu3")
+
+from fmu_build.build import build_fmu  # noqa: E402
+
+from .scenes import blocks  # noqa: E402
+from .host import Host  # noqa: E402
+
+
+@pytest.fixture(scope="session")
+def fmus(tmp_path_factory) -> dict[str, Path]:
+    """FMU of the two blocks, by version of the FMI."""
+    folder = tmp_path_factory.mktemp("fmus")
+    return {fmi: build_fmu(blocks(), folder / f"blocks{fmi}.fmu", fmi) for fmi in ("2", "3")}
+
+
+@pytest.fixture(params=["2", "3"])
+def fmi(request) -> str:
+    return str(request.param)
+
+
+@pytest.fixture
+def opened(fmus, tmp_path) -> Iterator[Callable[..., Host]]:
+    """Open an FMU of the two blocks, or another one."""
+    hosts: list[Host] = []
+
+    def open_fmu(fmi: str = "2", path: Path | None = None, folder: str = "") -> Host:
+        place = tmp_path / (folder or f"instance {len(hosts)}")  # a path with a space
+        hosts.append(Host(path or fmus[fmi], place))
+        return hosts[-1]
+
+    yield open_fmu
+    for host in hosts:
+        host.close()

@@ -1,0 +1,100 @@
+"""A small host on top of fmpy: one instance, its messages, values by name."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import fmpy
+import numpy as np
+from fmpy.fmi2 import (
+    FMU2Slave,
+    defaultCallbacks,
+    fmi2CallbackFunctions,
+    fmi2CallbackLoggerTYPE,
+)
+from fmpy.fmi3 import FMU3Slave
+
+
+class Host:
+    """An instance of an FMU in a folder of its own."""
+
+    def __init__(self, fmu: Path, folder: Path, name: str = "instance") -> None:
+        self.messages: list[tuple[int, str, str]] = []
+        self.folder = Path(fmpy.extract(str(fmu), unzipdir=str(folder)))
+        self.description = fmpy.read_model_description(str(fmu))
+        self.three = self.description.fmiVersion.startswith("3")
+        self.variables = {v.name: v for v in self.description.modelVariables}
+        self.outputs = [
+            v.name for v in self.description.modelVariables if v.causality == "output" and not v.dimensions
+        ]
+        kind: Any = FMU3Slave if self.three else FMU2Slave
+        self.fmu = kind(
+            guid=self.description.guid, unzipDirectory=str(self.folder), instanceName=name,
+            modelIdentifier=self.description.coSimulation.modelIdentifier,
+        )  # fmt: skip
+        if self.three:
+            self.fmu.instantiate(loggingOn=True, logMessage=self._three_hears)
+        else:
+            self._callbacks = fmi2CallbackFunctions()
+            self._callbacks.logger = fmi2CallbackLoggerTYPE(self._two_hears)
+            self._callbacks.allocateMemory = defaultCallbacks.allocateMemory
+            self._callbacks.freeMemory = defaultCallbacks.freeMemory
+            self.fmu.instantiate(callbacks=self._callbacks, loggingOn=True)
+
+    def _three_hears(self, _environment, status, category, message) -> None:
+        self.messages.append((status, (category or b"").decode(), message.decode()))
+
+    def _two_hears(self, _environment, _instance, status, category, message) -> None:
+        self.messages.append((status, (category or b"").decode(), message.decode()))
+
+    def reference(self, name: str) -> int:
+        return self.variables[name].valueReference
+
+    def set(self, **values: Any) -> None:
+        """Names with ``__`` for the dots."""
+        for key, value in values.items():
+            name = key.replace("__", ".")
+            kind = self.variables[name].type
+            getattr(self.fmu, f"set{kind}")([self.reference(name)], value if isinstance(value, list) else [value])
+
+    def read(self, names: Sequence[str] | None = None) -> np.ndarray:
+        names = self.outputs if names is None else names
+        references = [self.reference(n) for n in names]
+        return np.array(self.fmu.getFloat64(references) if self.three else self.fmu.getReal(references))
+
+    def array(self, name: str, size: int) -> np.ndarray:
+        return np.array(self.fmu.getFloat64([self.reference(name)], nValues=size))
+
+    def start(self, start_time: float = 0.0, tolerance: float | None = None) -> None:
+        if not self.three:
+            self.fmu.setupExperiment(startTime=start_time, tolerance=tolerance)
+        self.fmu.enterInitializationMode()
+        self.fmu.exitInitializationMode()
+
+    def step(self, t: float, h: float) -> bool:
+        """False where the step was discarded; any other status is an error of the test."""
+        try:
+            self.fmu.doStep(t, h)
+        except Exception as error:
+            assert "status 2" in str(error), error
+            return False
+        return True
+
+    def save(self) -> Any:
+        return self.fmu.getFMUState() if self.three else self.fmu.getFMUstate()
+
+    def restore(self, state: Any) -> None:
+        (self.fmu.setFMUState if self.three else self.fmu.setFMUstate)(state)
+
+    def to_bytes(self, state: Any) -> bytes:
+        return bytes(self.fmu.serializeFMUState(state) if self.three else self.fmu.serializeFMUstate(state))
+
+    def from_bytes(self, block: bytes) -> Any:
+        return self.fmu.deserializeFMUState(block) if self.three else self.fmu.deSerializeFMUstate(block)
+
+    def close(self) -> None:
+        self.fmu.freeInstance()
+        shutil.rmtree(self.folder, ignore_errors=True)

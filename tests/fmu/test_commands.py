@@ -1,0 +1,60 @@
+"""``latin-fmu fmu`` and ``latin-fmu simulate``."""
+
+from __future__ import annotations
+
+import csv
+
+import pytest
+
+from latin_fmu import cli
+from latin_fmu.commands import fmu, simulate
+
+from .scenes import blocks
+
+
+@pytest.fixture(autouse=True)
+def commands(monkeypatch):
+    known = tuple(c for c in (fmu, simulate) if c not in cli.COMMANDS)
+    monkeypatch.setattr(cli, "COMMANDS", (*cli.COMMANDS, *known))
+
+
+@pytest.fixture
+def scene_file(tmp_path):
+    path = tmp_path / "blocks.toml"
+    path.write_text(blocks().text())
+    return path
+
+
+@pytest.mark.parametrize("version", ["2", "3"])
+def test_build_and_simulate(scene_file, tmp_path, version, capsys):
+    target, out = tmp_path / "blocks.fmu", tmp_path / "out.csv"
+    assert cli.main(["fmu", str(scene_file), "-o", str(target), "--fmi", version]) == 0
+    assert "valid" in capsys.readouterr().out
+    loads = tmp_path / "loads.csv"
+    loads.write_text("time,load.press.value\n0,0\n3e-6,1\n")
+    code = cli.main(["simulate", str(target), "--input", str(loads), "-o", str(out), "--step", "1e-6", "--stop", "4e-6"])
+    assert code == 0
+    assert "100.0 %" in capsys.readouterr().err
+    with out.open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 5
+    assert float(rows[-1]["interface.crush.force[3]"]) != 0.0
+
+
+def test_a_refused_step_ends_the_run_with_its_message(scene_file, tmp_path, capsys):
+    target = tmp_path / "blocks.fmu"
+    assert cli.main(["fmu", str(scene_file), "-o", str(target)]) == 0
+    start = ["--start", "maxIterations=1", "--start", "tolerance=1e-9"]
+    assert cli.main(["simulate", str(target), *start, "-o", str(tmp_path / "o.csv"), "--quiet"]) == 3
+    assert "no convergence" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [(["nowhere.fmu"], "no such file"), (["{fmu}", "--start", "x=1"], "no variable of this name"),
+     (["{fmu}", "--start", "x"], "NAME=VALUE"), (["{fmu}", "--input", "nowhere.csv"], "nowhere.csv")],
+)  # fmt: skip
+def test_bad_arguments(fmus, tmp_path, arguments, words, capsys):
+    given = [a.replace("{fmu}", str(fmus["2"])) for a in arguments]
+    assert cli.main(["simulate", *given, "-o", str(tmp_path / "o.csv")]) == 2
+    assert words in capsys.readouterr().err

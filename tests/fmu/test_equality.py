@@ -1,0 +1,127 @@
+"""The FMU and the session give the same numbers, to the last digit."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import latin_fmu
+from latin_fmu.cosim import Session, Settings
+
+from .scenes import blocks
+
+H = 0.6e-6
+
+
+def test_windowed(opened, fmi):
+    host, session = opened(fmi), Session(blocks())
+    host.start()
+    session.initialize()
+    names = list(session.outputs)
+    t = 0.0
+    for i, h in enumerate([H, H, 0.37 * H, 2 * H, H]):
+        host.set(load__press__value=0.2 * i, load__press__rate=1e4)
+        session.set_load("press", 0.2 * i, 1e4)
+        assert host.step(t, h)
+        assert session.step(t, h)
+        t = t + h
+        assert np.array_equal(host.read(names), session.values(names))
+        assert host.read(["time"]) == t
+    assert abs(session.value("interface.crush.force[3]")) > 100.0
+
+
+def test_prescribed_from_a_file(opened, fmi, tmp_path):
+    times, values = [0.0, 2e-6, 6e-6], [0.0, 1.0, 0.3]
+    file = tmp_path / "loads.csv"
+    file.write_text("time,press\n" + "".join(f"{t!r},{a!r}\n" for t, a in zip(times, values, strict=True)))
+    loads = blocks().model_dump()["load"]
+    law = {"type": "table", "times": times, "values": values}
+    whole = latin_fmu.solve(blocks(load={**loads, "press": {**loads["press"], "law": law}}))
+    host = opened(fmi)
+    host.set(mode=1, historyFile=str(file))
+    host.start()
+    assert not [m for m in host.messages if m[0] > 1], host.messages
+    force, dt = whole.interfaces["crush"].force(), 6e-6 / 30
+    for i in range(30):
+        assert host.step(i * dt, dt)
+        assert np.array_equal(host.read([f"interface.crush.force[{k}]" for k in (1, 2, 3)]), force[i + 1])
+    assert not host.step(30 * dt, dt)
+    assert "endTime" in host.messages[-1][2]
+
+
+def test_prescribed_from_netcdf(opened, tmp_path):
+    import xarray as xr
+
+    file = tmp_path / "loads.nc"
+    xr.Dataset({"press": ("time", [0.0, 1.0])}, coords={"time": [0.0, 3e-6]}).to_netcdf(file, engine="netcdf4")
+    session = Session(blocks(), Settings(mode=1))
+    session.set_history("press", [0.0, 3e-6], [0.0, 1.0])
+    session.initialize()
+    host = opened("2")
+    host.set(mode=1, historyFile=str(file))
+    host.start()
+    assert host.step(0.0, 4e-6)
+    session.step(0.0, 4e-6)
+    names = [n for n in session.outputs]
+    assert np.array_equal(host.read(names), session.values(names))
+
+
+def test_prescribed_from_arrays(opened):
+    times, values = [0.0, 1e-6, 3e-6], [0.0, 0.8, 0.1]
+    session = Session(blocks(), Settings(mode=1))
+    session.set_history("press", times, values)
+    session.initialize()
+    host = opened("3")
+    host.fmu.enterConfigurationMode()
+    host.set(history__size=3)
+    host.fmu.exitConfigurationMode()
+    host.set(mode=1, history__time=times, load__press__history=values)
+    host.start()
+    assert host.step(0.0, 4e-6), host.messages
+    session.step(0.0, 4e-6)
+    assert np.array_equal(host.read(list(session.outputs)), session.row)
+    time, interfaces = session.window()
+    n = len(time)
+    assert host.read(["window.count"]) == n
+    assert np.array_equal(host.array("window.time", 31), time)
+    assert np.array_equal(
+        host.array("interface.crush.window.force", 93).reshape(31, 3), interfaces["crush"].force()
+    )
+    assert np.array_equal(
+        host.array("interface.crush.points.traction", 27).reshape(9, 3), interfaces["crush"].traction[20]
+    )
+
+
+def test_arrays_of_a_windowed_step(opened):
+    host = opened("3")
+    host.start()
+    host.set(load__press__value=1.0)
+    assert host.step(0.0, 1e-6)
+    assert host.read(["window.count"]) == 6
+    force = host.array("interface.crush.window.force", 93).reshape(31, 3)
+    assert np.array_equal(force[5], host.read([f"interface.crush.force[{k}]" for k in (1, 2, 3)]))
+    assert np.isnan(force[6:]).all()
+    assert host.array("interface.crush.points.velocity", 54).shape == (54,)
+    assert set(host.array("interface.crush.points.status", 9)) <= {0.0, 1.0, 2.0}
+
+
+def test_the_tolerance_of_the_host_is_taken(opened):
+    host, session = opened("2"), Session(blocks(), Settings(tolerance=1e-6))
+    host.start(tolerance=1e-6)
+    session.initialize()
+    host.step(0.0, H)
+    session.step(0.0, H)
+    assert host.read(["solver.errorIndicator"]) == session.value("solver.errorIndicator") <= 1e-6
+    assert host.read(["interface.crush.velocityE[3]"]) == pytest.approx(
+        session.value("interface.crush.velocityE[3]"), rel=1e-12
+    )
+
+
+def test_simulate_fmu_runs_without_a_stop_time_in_the_setup(fmus, fmi):
+    import fmpy
+
+    result = fmpy.simulate_fmu(
+        str(fmus[fmi]), stop_time=3e-6, output_interval=1e-6, start_values={"load.press.value": 0.5},
+        output=["interface.crush.force[3]"],
+    )  # fmt: skip
+    assert len(result) == 4

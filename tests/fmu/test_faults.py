@@ -1,0 +1,219 @@
+"""What goes wrong is told and discarded; the host lives and the state is as before."""
+
+from __future__ import annotations
+
+import json
+import math
+import subprocess
+import sys
+import textwrap
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import fmu_build.contents
+from fmu_build.build import build_fmu
+
+from .scenes import bar, blocks
+
+H = 0.6e-6
+
+
+def discarded(host, t: float, h: float, words: str) -> None:
+    """The step is discarded with these words, and a good step gives what it would have given."""
+    before = host.to_bytes(host.save())
+    assert not host.step(t, h)
+    status, category, message = host.messages[-1]
+    assert (status, category) == (2, "logStatusDiscard")
+    assert words in message, message
+    assert host.to_bytes(host.save()) == before
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf])
+def test_inputs(opened, fmi, bad):
+    host = opened(fmi)
+    host.start()
+    host.set(load__press__value=bad)
+    discarded(host, 0.0, H, "load.press.value")
+    host.set(load__press__value=0.5)
+    assert host.step(0.0, H)
+
+
+@pytest.mark.parametrize(("h", "words"), [(0.0, "too short"), (-1.0, "too short"), (1e9, "at most"), (math.nan, "finite")])
+def test_step_sizes(opened, fmi, h, words):
+    host = opened(fmi)
+    host.start()
+    discarded(host, 0.0, h, words)
+    assert host.step(0.0, H)
+
+
+def test_a_missing_history_file(opened, fmi):
+    host = opened(fmi)
+    host.set(mode=1, historyFile="nowhere %s.csv")
+    host.start()
+    assert host.messages[-1][:2] == (3, "logStatusError")
+    assert "nowhere %%s.csv: no such file" in host.messages[-1][2]  # the text is a printf format
+    discarded(host, 0.0, H, "initialization failed")
+
+
+def test_an_unwritable_results_file(opened, fmi, tmp_path):
+    host = opened(fmi)
+    host.set(resultsFile=str(tmp_path / "no folder" / "x.nc"))
+    host.start()
+    assert host.messages[-1][0] == 3
+    discarded(host, 0.0, H, "initialization failed")
+
+
+def test_results_file(opened, fmi, tmp_path):
+    from latin_fmu import open_results
+
+    file = tmp_path / "out.nc"
+    host = opened(fmi)
+    host.set(resultsFile=str(file))
+    host.start()
+    host.step(0.0, H)
+    state = host.save()
+    host.step(H, 3 * H)
+    host.restore(state)
+    host.step(H, H)
+    assert not file.exists()
+    host.fmu.terminate()
+    tree = open_results(file)
+    assert tree["exchange"]["time"].values == pytest.approx([H, 2 * H])
+    tree.close()
+
+
+def test_settings_out_of_range(opened, fmi):
+    host = opened(fmi)
+    host.set(mode=5, timeStep=-1.0)
+    host.start()
+    assert "2 problems" in host.messages[-1][2]
+    discarded(host, 0.0, H, "initialization failed")
+
+
+def test_no_convergence(opened, fmi):
+    host = opened(fmi)
+    host.set(maxIterations=1, tolerance=1e-10, load__press__value=1.0)
+    host.start()
+    discarded(host, 0.0, H, "no convergence")
+
+
+def test_prescribed_mode_refuses_changed_inputs(opened, fmi):
+    host = opened(fmi)
+    host.set(mode=1, endTime=1.2e-6)
+    host.start()
+    host.set(load__press__value=0.9)
+    discarded(host, 0.0, H, "no effect in prescribed mode")
+
+
+def test_parameters_are_fixed_after_initialization(opened, fmi):
+    host = opened(fmi)
+    host.start()
+    host.set(timeStep=1e-3)
+    assert host.messages[-1][0] == 1
+    assert host.read(["timeStep"]) == 0.2e-6
+
+
+def test_a_step_before_initialization(opened, fmi):
+    assert not opened(fmi).step(0.0, H)
+
+
+def test_nothing_is_printed_and_no_file_appears(fmus, fmi, tmp_path):
+    code = f"""
+        import sys
+        from pathlib import Path
+        sys.path[:0] = [{str(Path(__file__).parents[2])!r}]
+        from tests.fmu.host import Host
+        host = Host(Path({str(fmus[fmi])!r}), Path({str(tmp_path / "extracted")!r}))
+        host.start()
+        host.step(0.0, {H!r}); host.step(0.0, -1.0)
+        host.fmu.terminate()
+        host.close()
+    """
+    work = tmp_path / "work"
+    work.mkdir()
+    done = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(code)], capture_output=True, text=True, cwd=work, check=False, timeout=120
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == ""
+    assert done.stderr == ""
+    assert not list(work.iterdir())
+
+
+def test_two_scenes_in_one_process(opened, fmi, tmp_path):
+    other = build_fmu(bar(), tmp_path / "bar.fmu", fmi)
+    first, second = opened(fmi), opened(fmi, other)
+    for host in (first, second):
+        host.start()
+    assert second.step(0.0, 0.02)
+    assert first.step(0.0, H)
+    assert second.read(["interface.wall.velocityE[3]"]) == pytest.approx(-10.0)
+
+
+def test_two_versions_of_the_package_in_one_process(opened, fmus, fmi, tmp_path, monkeypatch):
+    real = fmu_build.contents.package_files
+
+    def changed(exporter):
+        files = real(exporter)
+        text = files["latin_fmu/cosim/step_report.py"].decode()
+        return {**files, "latin_fmu/cosim/step_report.py": (text + "\nOTHER = True\n").encode()}
+
+    monkeypatch.setattr("fmu_build.build.package_files", changed)
+    other = build_fmu(blocks(), tmp_path / "other.fmu", fmi)
+    first, second = opened(fmi), opened(fmi, other)
+    for host in (first, second):
+        host.start()
+        assert host.step(0.0, H)
+    assert np.array_equal(first.read(), second.read())
+    with zipfile.ZipFile(fmus[fmi]) as a, zipfile.ZipFile(other) as b:
+        roots = [next(n.split("/")[1] for n in z.namelist() if n.startswith("resources/latin_fmu_")) for z in (a, b)]
+    assert roots[0] != roots[1]
+    for root, other_version in zip(roots, (False, True), strict=True):
+        assert hasattr(sys.modules[f"{root}.latin_fmu.cosim.step_report"], "OTHER") == other_version
+
+
+def test_fifty_instances(opened, fmi):
+    hosts = [opened(fmi) for _ in range(50)]
+    for host in hosts[:5]:
+        host.start()
+        assert host.step(0.0, H)
+    assert all(np.array_equal(hosts[0].read(), host.read()) for host in hosts[1:5])
+
+
+def test_a_folder_that_is_gone(opened, fmi):
+    """The host removes the first extraction; the second instance still finds its modules."""
+    first = opened(fmi, folder="first")
+    first.start()
+    first.close()
+    first.fmu.freeInstance = lambda: None
+    second = opened(fmi, folder="second")
+    second.set(mode=1, endTime=H)
+    second.start()
+    assert second.step(0.0, H), second.messages
+
+
+def test_missing_packages_are_named(fmus, fmi, tmp_path):
+    """On a host without them instantiation fails, with their names."""
+    code = f"""
+        import sys, json
+        from pathlib import Path
+        sys.path[:0] = [{str(Path(__file__).parents[2])!r}]
+        import importlib.util
+        real = importlib.util.find_spec
+        importlib.util.find_spec = lambda name, *a: None if name == "skfem" else real(name, *a)
+        from tests.fmu import host
+        heard = []
+        host.Host._two_hears = lambda self, *a: heard.append(a[-1].decode())
+        host.Host._three_hears = lambda self, *a: heard.append(a[-1].decode())
+        try:
+            host.Host(Path({str(fmus[fmi])!r}), Path({str(tmp_path / "x")!r}))
+        except Exception as error:
+            print(json.dumps([str(error), *heard]))
+    """
+    done = subprocess.run([sys.executable, "-c", textwrap.dedent(code)], capture_output=True, text=True, check=False, timeout=120)
+    assert done.returncode == 0, done.stderr
+    said = " ".join(json.loads(done.stdout.splitlines()[-1]))
+    assert "skfem" in said
