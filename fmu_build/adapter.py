@@ -6,24 +6,37 @@ twice per instance, and hosts instantiate to look.
 
 from __future__ import annotations
 
+import contextlib
+import ctypes
 import importlib.util
 import os
 import sys
-from typing import Any
+from pathlib import Path
+from typing import Any, ClassVar
 
 CATEGORIES = {0: "logAll", 1: "logStatusWarning", 2: "logStatusDiscard", 3: "logStatusError"}
 NEEDED = ("numpy", "scipy", "numba", "skfem", "meshio", "pydantic", "xarray", "netCDF4", "threadpoolctl")
 
 
 class Adapter:
-    """Mixed into the class of the exporter, before it. ``package`` is the root package inside the FMU."""
+    """Mixed into the class of the exporter, before it.
+
+    ``package`` is the root package inside the FMU. ``held`` are spare references to the namespace of the entry
+    script: the library of pythonfmu 0.7.0 gives one back too many per instance, and the second instance would
+    find freed memory.
+    """
 
     package = ""
+    held: ClassVar[list[dict[str, Any]]] = []
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__(**kwargs)
+        self.held.append(vars(sys.modules[type(self).__module__]))
+        pin_library(self.resources)  # type: ignore[attr-defined]
         relocate(self.package, self.resources)  # type: ignore[attr-defined]
-        missing = [name for name in NEEDED if name not in sys.modules and importlib.util.find_spec(name) is None]
+        missing = [
+            name for name in NEEDED if name not in sys.modules and importlib.util.find_spec(name) is None
+        ]
         if missing:
             raise ImportError(
                 f"this FMU needs the Python packages {', '.join(missing)}, which {sys.executable} does not have: "
@@ -72,6 +85,19 @@ class Adapter:
     def _fmu_state_from_bytes(cls, block: bytes) -> Any:
         module = importlib.import_module(f"{cls.package}.latin_fmu.cosim.participant")
         return module.SavedState(bytes(block))
+
+
+def pin_library(resources: str) -> None:
+    """Keep the exporter's library in memory once the host unloads it (Linux).
+
+    It starts a thread of its own, which may still run inside it then: now and then a host died at its exit.
+    """
+    if not hasattr(os, "RTLD_NODELETE"):
+        return
+    binaries = Path(resources).parent / "binaries"
+    for library in (*binaries.glob("linux64/*.so"), *binaries.glob("x86_64-linux/*.so")):
+        with contextlib.suppress(OSError):  # a host that moved the binaries: nothing is lost
+            ctypes.CDLL(str(library), mode=os.RTLD_NOW | os.RTLD_NODELETE)
 
 
 def relocate(package: str, resources: str) -> None:

@@ -37,6 +37,7 @@ from {package}.{exporter}.fmi{fmi}slave import Fmi{fmi}Slave
 
 class {identifier}(Fmi{fmi}Adapter, Fmi{fmi}Slave):
     package = "{package}"
+    held = [globals()] * 8
 '''
 
 
@@ -66,7 +67,9 @@ def fmu_files(scene: Scene, fmi: Fmi) -> Files:
     n_point = {unit.name: unit.geometry.n_point for unit in built.assembly.interfaces}
     table = table_of(scene, n_point if fmi == "3" else None)
     if fmi == "2" and len(table) > MAX_SCALARS:
-        problem = Problem("scene", f"gives {len(table)} variables", None, f"at most {MAX_SCALARS} in FMI 2", "use FMI 3")
+        problem = Problem(
+            "scene", f"gives {len(table)} variables", None, f"at most {MAX_SCALARS} in FMI 2", "use FMI 3"
+        )
         raise InputError([problem], "the FMU cannot be built")
     package, inside = package_files(exporter), scene_files(scene)
     name = f"latin_fmu_{content_hash(package)[:12]}"

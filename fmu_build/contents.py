@@ -20,7 +20,9 @@ Files = dict[str, bytes]
 _ADAPTERS = ("__init__.py", "adapter.py", "fmi2.py", "fmi3.py", "reduced_adapter.py")
 _EXPORTERS = {"2": "pythonfmu", "3": "pythonfmu3"}
 _LEFT_OUT = ("cli.py", "__main__.py", "commands", "accuracy")  # nothing an FMU runs
-_BARE_INIT = '"""The solver inside an FMU; nothing is imported before it is needed."""\n\n__version__ = "{}"\n'
+_BARE_INIT = (
+    '"""The solver inside an FMU; nothing is imported before it is needed."""\n\n__version__ = "{}"\n'
+)
 
 
 @dataclass(frozen=True)
@@ -41,9 +43,13 @@ class Exporter:
         name = _EXPORTERS[fmi]
         spec = importlib.util.find_spec(name)
         if spec is None or spec.origin is None:
-            raise ModuleNotFoundError(f"building FMI {fmi} needs {name}: pip install 'latin-fmu[fmu]'", name=name)
+            raise ModuleNotFoundError(
+                f"building FMI {fmi} needs {name}: pip install 'latin-fmu[fmu]'", name=name
+            )
         folder = Path(spec.origin).parent
-        modules = {path.name: path.read_bytes() for path in sorted(folder.glob("*.py")) if path.name != "__main__.py"}
+        modules = {
+            path.name: path.read_bytes() for path in sorted(folder.glob("*.py")) if path.name != "__main__.py"
+        }
         binaries = folder / "resources" / "binaries"
         found = (p for p in sorted(binaries.rglob("*")) if p.suffix in (".so", ".dll", ".dylib"))
         libraries = {path.relative_to(binaries).as_posix(): path.read_bytes() for path in found}
@@ -53,7 +59,9 @@ class Exporter:
         """Its licence files, as installed."""
         distribution = importlib.metadata.distribution(self.name)
         return {
-            f"documentation/licenses/{self.name}/{Path(str(file)).name}": Path(str(file.locate())).read_bytes()
+            f"documentation/licenses/{self.name}/{Path(str(file)).name}": Path(
+                str(file.locate())
+            ).read_bytes()
             for file in sorted(distribution.files or [], key=str)
             if Path(str(file)).name.upper().startswith(("LICENSE", "LICENCE", "COPYING", "NOTICE"))
         }
@@ -61,7 +69,9 @@ class Exporter:
 
 def package_files(exporter: Exporter) -> Files:
     """The root package that travels in the FMU: solver, adapters and exporter side by side."""
-    files: Files = {"__init__.py": b'"""Solver, adapters and exporter of an FMU, under a name made from their content."""\n'}
+    files: Files = {
+        "__init__.py": b'"""Solver, adapters and exporter of an FMU, under a name made from their content."""\n'
+    }
     solver = Path(latin_fmu.__file__).parent
     for path in sorted(solver.rglob("*.py")):
         inside = path.relative_to(solver)
@@ -69,7 +79,9 @@ def package_files(exporter: Exporter) -> Files:
             files[f"latin_fmu/{inside.as_posix()}"] = path.read_bytes()
     files["latin_fmu/__init__.py"] = _BARE_INIT.format(latin_fmu.__version__).encode()
     here = Path(__file__).parent
-    files |= {f"fmu_build/{name}": (here / name).read_bytes() for name in _ADAPTERS if (here / name).is_file()}
+    files |= {
+        f"fmu_build/{name}": (here / name).read_bytes() for name in _ADAPTERS if (here / name).is_file()
+    }
     return files | {f"{exporter.name}/{name}": content for name, content in exporter.modules.items()}
 
 
@@ -116,5 +128,15 @@ def _requirements() -> list[str]:
     try:
         required = importlib.metadata.requires("latin-fmu") or []
     except importlib.metadata.PackageNotFoundError:  # run from a source folder
-        return ["numpy", "scipy", "numba", "scikit-fem", "meshio", "pydantic", "xarray", "netCDF4", "threadpoolctl"]
+        return [
+            "numpy",
+            "scipy",
+            "numba",
+            "scikit-fem",
+            "meshio",
+            "pydantic",
+            "xarray",
+            "netCDF4",
+            "threadpoolctl",
+        ]
     return sorted(r for r in required if "extra ==" not in r and not r.startswith("matplotlib"))

@@ -29,14 +29,18 @@ class Drive:
     outputs : names of the scalar outputs. complaint : last message of the FMU when a step was refused, else "".
     """
 
-    def __init__(self, path: str | Path, start: Mapping[str, Any] | None = None, inputs: Columns | None = None) -> None:
+    def __init__(
+        self, path: str | Path, start: Mapping[str, Any] | None = None, inputs: Columns | None = None
+    ) -> None:
         self._folder = ""
         if not Path(path).is_file():
             raise InputError([Problem(str(path), "no such file")], "the FMU cannot be opened")
         try:
             self.description = fmpy.read_model_description(str(path))
         except Exception as error:  # fmpy raises bare exceptions
-            raise InputError([Problem(str(path), f"not a valid FMU: {error}")], "the FMU cannot be opened") from None
+            raise InputError(
+                [Problem(str(path), f"not a valid FMU: {error}")], "the FMU cannot be opened"
+            ) from None
         if self.description.coSimulation is None:
             raise InputError([Problem(str(path), "not an FMU for co-simulation")], "the FMU cannot be opened")
         self._by_name = {v.name: v for v in self.description.modelVariables}
@@ -50,11 +54,11 @@ class Drive:
         self.stop_time = float(getattr(experiment, "stopTime", None) or 1.0)
         self.step_size = float(getattr(experiment, "stepSize", None) or self.stop_time / 50)
         self.complaint, self._message = "", ""
-        self._three = self.description.fmiVersion.startswith("3")
+        self.three = self.description.fmiVersion.startswith("3")
         self._folder = fmpy.extract(str(path))
         self._fmu = self._instance()
         for name, value in (start or {}).items():
-            self._set(name, value)
+            self.set(name, value)
 
     def _check(self, names: Sequence[str]) -> None:
         problems = [Problem(name, "no variable of this name") for name in names if name not in self._by_name]
@@ -62,12 +66,12 @@ class Drive:
             raise InputError(problems, "the FMU does not have these variables")
 
     def _instance(self) -> Any:
-        kind: Callable[..., Any] = FMU3Slave if self._three else FMU2Slave
+        kind: Callable[..., Any] = FMU3Slave if self.three else FMU2Slave
         fmu = kind(
             guid=self.description.guid, unzipDirectory=self._folder, instanceName=self.description.modelName,
             modelIdentifier=self.description.coSimulation.modelIdentifier,
         )  # fmt: skip
-        if self._three:
+        if self.three:
             fmu.instantiate(loggingOn=True, logMessage=lambda _e, _s, _c, text: self._hear(text))
             return fmu
         from fmpy.fmi2 import defaultCallbacks, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
@@ -81,28 +85,42 @@ class Drive:
         return fmu
 
     def _hear(self, text: bytes | str) -> None:
-        self._message = (text.decode(errors="replace") if isinstance(text, bytes) else text).replace("%%", "%")
+        self._message = (text.decode(errors="replace") if isinstance(text, bytes) else text).replace(
+            "%%", "%"
+        )
 
-    def _set(self, name: str, value: Any) -> None:
+    def set(self, name: str, value: Any) -> None:
+        """Set a variable."""
         variable = self._by_name[name]
         reference = [variable.valueReference]
         kinds = {"Real": "Real", "Integer": "Integer", "String": "String", "Boolean": "Boolean"}
-        kind = variable.type if self._three else kinds[variable.type]
+        kind = variable.type if self.three else kinds[variable.type]
         whole = kind in ("Integer", "Int32", "UInt64")
-        getattr(self._fmu, f"set{kind}")(reference, [int(value) if whole else value if kind == "String" else float(value)])
+        getattr(self._fmu, f"set{kind}")(
+            reference, [int(value) if whole else value if kind == "String" else float(value)]
+        )
 
-    def _read(self, names: Sequence[str]) -> list[float]:
-        references = [self._by_name[name].valueReference for name in names]
-        return list(self._fmu.getFloat64(references) if self._three else self._fmu.getReal(references))
+    def read(self, names: Sequence[str]) -> list[float]:
+        """Values of real variables, read at once."""
+        return self.read_references([self.reference(name) for name in names])
+
+    def reference(self, name: str) -> int:
+        """Value reference of a variable."""
+        found: int = self._by_name[name].valueReference
+        return found
+
+    def read_references(self, references: Sequence[int]) -> list[float]:
+        """Values by reference."""
+        return list(self._fmu.getFloat64(references) if self.three else self._fmu.getReal(references))
 
     def _give(self, t: float, h: float) -> None:
         """Inputs at the start of a step; rates follow from values where no column gives them."""
         for name, column in self._inputs.items():
             value = self._at(column, t)
-            self._set(name, value)
+            self.set(name, value)
             rate = f"{name.removesuffix('.value')}.rate"
             if name.endswith(".value") and rate in self._by_name and rate not in self._inputs:
-                self._set(rate, (self._at(column, t + h) - value) / h)
+                self.set(rate, (self._at(column, t + h) - value) / h)
 
     def _at(self, column: Sequence[float], t: float) -> float:
         i = bisect_right(self._time, t)
@@ -111,28 +129,38 @@ class Drive:
         a, b = self._time[i - 1], self._time[i]
         return float(column[i - 1] + (column[i] - column[i - 1]) * (t - a) / (b - a))
 
+    def initialize(self) -> None:
+        """Set up at time 0 and initialize."""
+        if not self.three:
+            self._fmu.setupExperiment(startTime=0.0)
+        self._fmu.enterInitializationMode()
+        self._fmu.exitInitializationMode()
+
+    def advance(self, t: float, h: float) -> bool:
+        """One step; False, with ``complaint``, where it is refused."""
+        self._message = ""
+        try:
+            self._fmu.doStep(t, h)
+        except Exception as error:  # fmpy raises its own for every status but OK
+            self.complaint = self._message or str(error)
+            return False
+        return True
+
     def run(self, step: float, stop: float) -> Iterator[list[float]]:
         """Time and outputs after initialization and after every step; ends early where a step is refused."""
         if not (step > 0.0 and stop > 0.0):
             raise InputError([Problem("--step, --stop", "must be > 0", f"{step}, {stop}")])
-        if not self._three:
-            self._fmu.setupExperiment(startTime=0.0)
         if self._inputs:
             self._give(0.0, step)
-        self._fmu.enterInitializationMode()
-        self._fmu.exitInitializationMode()
-        yield [0.0, *self._read(self.outputs)]
+        self.initialize()
+        yield [0.0, *self.read(self.outputs)]
         n = max(1, round(stop / step))
         for i in range(n):
             t, end = stop * i / n, stop * (i + 1) / n
             self._give(t, end - t)
-            self._message = ""
-            try:
-                self._fmu.doStep(t, end - t)
-            except Exception as error:  # fmpy raises its own for every status but OK
-                self.complaint = self._message or str(error)
+            if not self.advance(t, end - t):
                 return
-            yield [end, *self._read(self.outputs)]
+            yield [end, *self.read(self.outputs)]
         self._fmu.terminate()
 
     def close(self) -> None:

@@ -39,7 +39,9 @@ def fmi3_description(facts: Facts) -> Element:
     for variable in outputs:
         depends = " ".join(str(references[name]) for name in variable.initial_dependencies)
         SubElement(
-            structure, "InitialUnknown", {"valueReference": str(references[variable.name]), "dependencies": depends}
+            structure,
+            "InitialUnknown",
+            {"valueReference": str(references[variable.name]), "dependencies": depends},
         )
     return root
 

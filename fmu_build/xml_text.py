@@ -12,7 +12,8 @@ from .facts import AUTHOR, LICENCE, LOG_CATEGORIES, NAME, Facts
 def xml_bytes(root: Element) -> bytes:
     """The document, indented, UTF-8; the same tree gives the same bytes."""
     indent(root)
-    return b'<?xml version="1.0" encoding="UTF-8"?>\n' + tostring(root, encoding="utf-8") + b"\n"
+    text: bytes = tostring(root, encoding="utf-8")
+    return b'<?xml version="1.0" encoding="UTF-8"?>\n' + text + b"\n"
 
 
 def value_text(value: float | int | str) -> str:

@@ -81,7 +81,7 @@ def run(
     names = [u.name for u in assembly.interfaces]
     indicator = state.interface_indicator
     outcome = Outcome(
-        time=assembly.time,
+        time=assembly.time[: recorder.n_kept],
         interfaces=recorder.interfaces(assembly),
         substructures=recorder.substructures(),
         windows=state.windows,

@@ -10,10 +10,22 @@ import os
 import sys
 from collections.abc import Sequence
 
-from .commands import BAD_INPUT, CONVERGED, INTERRUPTED, SOLVER_FAILED, check, plot, reference, run
+from .commands import (
+    BAD_INPUT,
+    CONVERGED,
+    INTERRUPTED,
+    SOLVER_FAILED,
+    check,
+    fmu,
+    plot,
+    reference,
+    run,
+    simulate,
+    stress,
+)
 from .errors import InputError, LatinError
 
-COMMANDS = (run, check, plot, reference)
+COMMANDS = (run, check, plot, fmu, simulate, stress, reference)
 
 _EXAMPLES = """\
 examples:
@@ -21,6 +33,9 @@ examples:
   latin-fmu run models/beam_in_traction/scene.toml -o beam.nc
   latin-fmu run models/two_specimen_crushing/scene.toml --set interface.crush.friction_coefficient=0.3
   latin-fmu plot beam.nc -o beam.png
+  latin-fmu fmu models/two_specimen_crushing/scene.toml -o crushing.fmu
+  latin-fmu simulate crushing.fmu -o out.csv
+  latin-fmu stress --quick -o stability.md
   latin-fmu reference
 
 exit codes: 0 converged, 1 not converged (results are written and marked), 2 bad input,

@@ -32,11 +32,19 @@ def register(add: AddParser) -> None:
     )  # fmt: skip
     parser.add_argument("fmu", metavar="X.fmu", type=Path, help="FMU for co-simulation")
     parser.add_argument("--input", metavar="IN.csv", type=Path, help="inputs over time")
-    parser.add_argument("-o", "--output", metavar="OUT.csv", type=Path, help="outputs at every step (default: out.csv)")
-    parser.add_argument("--step", metavar="H", type=float, help="communication step, s (default: that of the FMU)")
+    parser.add_argument(
+        "-o", "--output", metavar="OUT.csv", type=Path, help="outputs at every step (default: out.csv)"
+    )
+    parser.add_argument(
+        "--step", metavar="H", type=float, help="communication step, s (default: that of the FMU)"
+    )
     parser.add_argument("--stop", metavar="T", type=float, help="end, s (default: that of the FMU)")
     parser.add_argument(
-        "--start", metavar="NAME=VALUE", action="append", default=[], help="start value of an input or parameter; repeatable"
+        "--start",
+        metavar="NAME=VALUE",
+        action="append",
+        default=[],
+        help="start value of an input or parameter; repeatable",
     )
     parser.add_argument("--quiet", action="store_true", help="no progress and no summary")
     parser.set_defaults(command=_simulate)
@@ -98,7 +106,9 @@ def read_columns(path: Path) -> dict[str, list[float]]:
         names = [name.strip() for name in rows[0]]
         columns = {name: [float(row[i]) for row in rows[1:]] for i, name in enumerate(names)}
     except (OSError, UnicodeDecodeError, ValueError, IndexError, csv.Error) as error:
-        problem = Problem(str(path), f"not a table of numbers ({error})", None, "a header, then one row per time")
+        problem = Problem(
+            str(path), f"not a table of numbers ({error})", None, "a header, then one row per time"
+        )
         raise InputError([problem], "the inputs cannot be read") from None
     times = columns.get("time", [])
     if len(times) < 1 or any(b <= a for a, b in zip(times, times[1:], strict=False)):

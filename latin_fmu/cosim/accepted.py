@@ -27,9 +27,9 @@ class AcceptedStep:
 class Link:
     """A step and the one before it. Its identity is a digest of all steps up to it."""
 
-    def __init__(self, step: AcceptedStep, before: Link | None) -> None:
+    def __init__(self, step: AcceptedStep, before: Link | None, identity: str) -> None:
         self.step, self.before = step, before
-        digest = hashlib.sha256(b"" if before is None else before.identity.encode())
+        digest = hashlib.sha256(identity.encode())
         digest.update(repr((step.start, step.end, step.value, step.rate)).encode())
         digest.update(step.row.tobytes())
         self.identity = digest.hexdigest()[:32]
@@ -46,27 +46,28 @@ class Chain:
 
     def __init__(self) -> None:
         self.head: Link | None = None
+        self._gone = ""  # identity of a last step whose link is gone
         self._known: WeakValueDictionary[str, Link] = WeakValueDictionary()
         self._recent: deque[Link] = deque(maxlen=self.RECENT)
 
     @property
     def identity(self) -> str:
         """Of the last step; empty before the first."""
-        return "" if self.head is None else self.head.identity
+        return self._gone if self.head is None else self.head.identity
 
     def append(self, step: AcceptedStep) -> None:
         """Add a step."""
-        self.head = Link(step, self.head)
+        self.head = Link(step, self.head, self.identity)
         self._known[self.head.identity] = self.head
         self._recent.append(self.head)
 
     def move_to(self, identity: str) -> None:
         """Make the step of this identity the last one."""
-        self.head = self._known.get(identity) if identity else None
+        self.head, self._gone = self._known.get(identity), identity
 
     def clear(self) -> None:
         """Forget the steps."""
-        self.head = None
+        self.head, self._gone = None, ""
         self._recent.clear()
 
     def __iter__(self) -> Iterator[AcceptedStep]:

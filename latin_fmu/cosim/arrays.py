@@ -39,14 +39,18 @@ class ArrayReader:
 
     def size(self, reference: int, numbers: Array, place: Mapping[str, int]) -> int:
         """Number of elements."""
-        sizes = (s if isinstance(s, int) else int(numbers[place[s]]) for s in self._table[reference].dimensions)
+        sizes = (
+            s if isinstance(s, int) else int(numbers[place[s]]) for s in self._table[reference].dimensions
+        )
         return int(np.prod(list(sizes), dtype=np.int64))
 
     def write(self, reference: int, values: Sequence[float]) -> None:
         """Keep the values of an array parameter."""
         self._given[reference] = np.array(values, dtype=float)
 
-    def read(self, reference: int, numbers: Array, place: Mapping[str, int], session: Session | None) -> list[float]:
+    def read(
+        self, reference: int, numbers: Array, place: Mapping[str, int], session: Session | None
+    ) -> list[float]:
         """Elements in row-major order."""
         size = self.size(reference, numbers, place)
         variable = self._table[reference]

@@ -44,7 +44,11 @@ def exchange_dataset(table: Sequence[Variable], steps: Sequence[AcceptedStep]) -
     outputs = [v for v in table if v.causality == "output"]
     rows = np.array([step.row for step in steps]).reshape(len(steps), len(outputs))
     columns: dict[str, tuple[tuple[str, ...], Array, dict[str, str]]] = {
-        "step_start": (("time",), np.array([s.start for s in steps]), {"units": "s", "long_name": "start of the step"})
+        "step_start": (
+            ("time",),
+            np.array([s.start for s in steps]),
+            {"units": "s", "long_name": "start of the step"},
+        )
     }
     for variable in table:
         if variable.causality == "input":
@@ -108,9 +112,7 @@ def _joined_interface(parts: Sequence[InterfaceHistory]) -> InterfaceHistory:
 
 
 def _joined_fields(parts: Sequence[SubstructureHistory]) -> SubstructureHistory:
-    changes: dict[str, Array] = {
-        "time": np.concatenate([p.time[(i > 0) :] for i, p in enumerate(parts)])
-    }
+    changes: dict[str, Array] = {"time": np.concatenate([p.time[(i > 0) :] for i, p in enumerate(parts)])}
     for key in ("displacement", "velocity", "stress"):
         if getattr(parts[0], key) is not None:
             changes[key] = np.concatenate([getattr(p, key)[(i > 0) :] for i, p in enumerate(parts)])

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import wraps
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numpy as np
 
@@ -27,7 +27,7 @@ OK, WARNING, DISCARD, ERROR = 0, 1, 2, 3
 """Levels of a message, as the FMI counts them."""
 
 Log = Callable[[int, str], None]
-Answer = TypeVar("Answer")
+Method = TypeVar("Method", bound=Callable[..., Any])
 
 
 class SavedState:
@@ -37,12 +37,12 @@ class SavedState:
         self.blob, self.link = blob, link
 
 
-def guarded(fallback: Answer) -> Callable[[Callable[..., Answer]], Callable[..., Answer]]:
+def guarded(fallback: object) -> Callable[[Method], Method]:
     """Log what a method raises and return ``fallback``."""
 
-    def wrap(method: Callable[..., Answer]) -> Callable[..., Answer]:
+    def wrap(method: Method) -> Method:
         @wraps(method)
-        def call(self: Participant, *args: Any) -> Answer:
+        def call(self: Participant, *args: Any) -> Any:
             try:
                 return method(self, *args)
             except LatinError as error:
@@ -51,7 +51,7 @@ def guarded(fallback: Answer) -> Callable[[Callable[..., Answer]], Callable[...,
                 self.log(ERROR, f"unexpected {type(error).__name__} in {method.__name__}: {error}")
             return fallback
 
-        return call
+        return cast(Method, call)
 
     return wrap
 
@@ -77,7 +77,10 @@ class Participant:
     def clear(self) -> None:
         """Every variable at its start value; before initialization."""
         self.numbers: Array = np.array(
-            [float(v.start) if isinstance(v.start, (int, float)) and not v.is_array else 0.0 for v in self.table]
+            [
+                float(v.start) if isinstance(v.start, (int, float)) and not v.is_array else 0.0
+                for v in self.table
+            ]
         )
         self.texts = {i: str(v.start) for i, v in enumerate(self.table) if v.kind == "string"}
         self._arrays.clear()
@@ -106,7 +109,8 @@ class Participant:
         if not self._arrays.has(references):
             return len(references)
         return sum(
-            self._arrays.size(r, self.numbers, self._place) if 0 <= r < len(self.table) else 1 for r in references
+            self._arrays.size(r, self.numbers, self._place) if 0 <= r < len(self.table) else 1
+            for r in references
         )
 
     @guarded(False)
@@ -146,7 +150,9 @@ class Participant:
         """Set strings."""
         for reference, value in zip(references, values, strict=True):
             if self._ready:
-                self.log(WARNING, f"{self.table[reference].name} is fixed after initialization and was not set")
+                self.log(
+                    WARNING, f"{self.table[reference].name} is fixed after initialization and was not set"
+                )
             else:
                 self.texts[reference] = value
         return True
@@ -244,9 +250,12 @@ class Participant:
         if not self._ready or session is None:
             self.log(DISCARD, self._failure or "a step before initialization")
             return False
+        before = {name: session.load(name) for name in session.loads}
         self._push_inputs(session)
         report = session.step(t, h)
         if not report.accepted:
+            for name, (value, rate) in before.items():
+                session.set_load(name, value, rate)
             self.log(DISCARD, report.message)
             return False
         self._pull_outputs(session)
@@ -315,4 +324,3 @@ class Participant:
         (self.numbers, self.texts, arrays, self._start_time, self._host_tolerance, self._ready, self._failure,
          self._session) = parts  # fmt: skip
         self._arrays.resume(arrays)
-

@@ -25,7 +25,9 @@ class Prescribed:
     segment : the whole interval. time : its instants (n + 1,), s. rows : scalar outputs (n + 1, n_output).
     """
 
-    def __init__(self, scene: Scene, tolerance: float | None, histories: Histories, start: Mapping[str, float]) -> None:
+    def __init__(
+        self, scene: Scene, tolerance: float | None, histories: Histories, start: Mapping[str, float]
+    ) -> None:
         """Solve. ``histories``: times and amplitudes of loads; ``start``: amplitude of those without a history.
 
         Raises

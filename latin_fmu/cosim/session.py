@@ -1,10 +1,10 @@
 """A session: one scene taken through a simulation by communication steps.
 
-    session = Session(scene)                              # windowed mode
-    session.set_load("press", value=0.3, rate=1e5)
-    session.initialize()
-    report = session.step(0.0, 1e-6)
-    force = session.value("interface.crush.force[3]")
+session = Session(scene)                              # windowed mode
+session.set_load("press", value=0.3, rate=1e5)
+session.initialize()
+report = session.step(0.0, 1e-6)
+force = session.value("interface.crush.force[3]")
 """
 
 from __future__ import annotations
@@ -112,7 +112,9 @@ class Session:
         increase.
         """
         self._check_load(name)
-        self._histories[name] = check_history(f"history of load {name}", np.asarray(times), np.asarray(values))
+        self._histories[name] = check_history(
+            f"history of load {name}", np.asarray(times), np.asarray(values)
+        )
 
     def _check_load(self, name: str) -> None:
         if name not in self._start:
@@ -129,7 +131,9 @@ class Session:
         """
         bad = self._not_finite()
         if bad or not math.isfinite(t0):
-            raise InputError([Problem(bad or "start time", "is not a finite number")], "the session cannot start")
+            raise InputError(
+                [Problem(bad or "start time", "is not a finite number")], "the session cannot start"
+            )
         tolerance = self.settings.tolerance
         if self.prescribed:
             self._solve()
@@ -150,7 +154,9 @@ class Session:
         if self._prescribed is None or self._solved_for != key:
             self._prescribed = None
             try:
-                self._prescribed = Prescribed(self.scene, self.settings.tolerance, self._histories, self._value)
+                self._prescribed = Prescribed(
+                    self.scene, self.settings.tolerance, self._histories, self._value
+                )
             except (ArithmeticError, ValueError, RuntimeError, np.linalg.LinAlgError) as error:
                 raise SolverError(f"the solver cannot continue: {error}") from error
             self._solved_for = key
@@ -227,7 +233,9 @@ class Session:
                 )
         end = float(solved.time[-1])
         if t + h - self._t0 > end * (1.0 + 1e-9):
-            return refused(f"the interval solved ends at {self._t0 + end:g} s: set endTime before initialization")
+            return refused(
+                f"the interval solved ends at {self._t0 + end:g} s: set endTime before initialization"
+            )
         self.row = solved.row_at(t + h - self._t0)
         segment = solved.segment
         if self.settings.keep:
@@ -318,4 +326,3 @@ def _start_value(scene: Scene, name: str) -> float:
     law = scene.load[name].law
     assert isinstance(law, InputLaw)
     return law.start_value
-

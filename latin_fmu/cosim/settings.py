@@ -37,7 +37,12 @@ class Settings:
             found.append(Problem("mode", "no such mode", str(self.mode), "0 (windowed) or 1 (prescribed)"))
         if self.interpolation not in (HOLD, RATE, LINE):
             found.append(
-                Problem("inputInterpolation", "no such rule", str(self.interpolation), "0 (hold), 1 (rate), 2 (line)")
+                Problem(
+                    "inputInterpolation",
+                    "no such rule",
+                    str(self.interpolation),
+                    "0 (hold), 1 (rate), 2 (line)",
+                )
             )
         for name, value in (("timeStep", self.time_step), ("endTime", self.end_time)):
             if value is not None and not (math.isfinite(value) and value > 0.0):

@@ -14,7 +14,11 @@ def table_text(table: Sequence[Variable]) -> str:
     plain = Variable("", "output", "fixed", "real", "")
     lines = []
     for variable in table:
-        facts = {k: v for k, v in asdict(variable).items() if v != getattr(plain, k) or k in ("causality", "kind", "variability")}
+        facts = {
+            k: v
+            for k, v in asdict(variable).items()
+            if v != getattr(plain, k) or k in ("causality", "kind", "variability")
+        }
         lines.append(json.dumps(facts))
     return "[\n" + ",\n".join(lines) + "\n]\n"
 

@@ -53,7 +53,8 @@ AXES = ("x", "y", "z")
 def vector(name: str, unit: str, description: str, *, depends: tuple[str, ...] = ()) -> list[Variable]:
     """Outputs ``name[1]``, ``name[2]``, ``name[3]`` along the global axes."""
     return [
-        output(f"{name}[{i}]", unit, f"{description}, {axis}", depends=depends) for i, axis in enumerate(AXES, 1)
+        output(f"{name}[{i}]", unit, f"{description}, {axis}", depends=depends)
+        for i, axis in enumerate(AXES, 1)
     ]
 
 

@@ -112,4 +112,3 @@ _FIELDS = ("traction", "velocity", "gap", "contact_status", "friction_power")
 
 def _fields(history: InterfaceHistory) -> dict[str, Any]:
     return {key: getattr(history, key) for key in _FIELDS}
-

@@ -61,11 +61,16 @@ class Assembly:
 
         Parameters
         ----------
-        time : (n_time,), s, equally spaced by dt (but for round-off). ground : per interface against ground, its velocity (n_time, 3), m s-1.
+        time : (n_time,), s, equally spaced by dt (but for round-off).
+        ground : per interface against ground, its velocity (n_time, 3), m s-1.
         start : state of that ground at the first instant.
         """
         self.time, self.dt = time, dt
         self.ground = dict(ground)
+        self._travel = {
+            i: np.concatenate([np.zeros((1, 3)), np.cumsum(0.5 * dt * (v[1:] + v[:-1]), axis=0)])
+            for i, v in ground.items()
+        }
         self.ground_start = dict(start)
 
     def _rigid_channels(self) -> Index:
@@ -102,9 +107,12 @@ class Assembly:
 
     def ground_travel(self, interface: int, instant: int) -> Array:
         """Displacement (3,) of the ground at an instant, m: trapezoid of its velocity."""
-        velocity = self.ground[interface]
-        moved: Array = self.dt * (velocity[1 : instant + 1] + velocity[:instant]).sum(axis=0) / 2
-        return self.ground_start[interface].displacement + moved
+        moved: Array = self.ground_start[interface].displacement + self._travel[interface][instant]
+        return moved
+
+    def ground_path(self, interface: int) -> Array:
+        """Travel of the ground since the first instant, (n_time, 3), m."""
+        return self._travel[interface]
 
     def ground_displacement(self, flat: Array, instant: int) -> None:
         """Write the displacements of the ground into a flat vector."""

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .assembly import Assembly
+from .kernels import close
 from .layout import Array
 
 # Fields below this fraction of the characteristic traction are negligible.
@@ -51,8 +52,9 @@ class Indicator:
         z = np.divide(1.0, k, out=np.zeros_like(k), where=free)
         area = np.where(free, layout.area, 0.0)
         impedance = np.where(assembly.impedance > 0, assembly.impedance, 1.0)
-        self._f_weight, self._w_weight = area / impedance, area * impedance
-        self._r_weight = 0.25 * (self._f_weight + self._w_weight * z * z)
+        f_weight, w_weight = area / impedance, area * impedance
+        self._k = k
+        self._weights = np.stack([0.25 * (f_weight + w_weight * z * z), f_weight, w_weight])
         self._half_area = 0.5 * layout.area
         self._parts = [layout.normal] if layout.normal.all() else [layout.normal, ~layout.normal]
 
@@ -61,23 +63,24 @@ class Indicator:
         level = _FLOOR * self.assembly.characteristic_traction
         uniform = np.where(self.assembly.layout.normal, level, 0.0)
         force = float(self._admittance_norms((uniform * self.assembly.layout.area)[:, None])[0])
-        field = level**2 * float(self._f_weight[self.assembly.layout.normal].sum())
+        field = level**2 * float(self._weights[1, self.assembly.layout.normal].sum())
         tiny = np.finfo(float).tiny
         return Scales(max(field, tiny), (max(force, tiny), max(_TANGENTIAL_FLOOR * force, tiny)))
 
-    def field(self, residual: Array, fields: tuple[Array, Array, Array, Array], scales: Scales) -> Measure:
-        """sqrt(eta) over the window; ``fields`` = F, W, F_hat, W_hat, each (n, n_flat) like ``residual``."""
-        n = len(residual)
+    def field(
+        self, q: Array, fields: tuple[Array, Array, Array, Array], scales: Scales
+    ) -> tuple[Array, Measure]:
+        """Residual of q and sqrt(eta) over the window; ``fields`` = F, W, F_hat, W_hat, all (n, n_flat)."""
+        n = len(q)
         f, w, f_hat, w_hat = fields
-        size = self._square(self._f_weight, f) + self._square(self._f_weight, f_hat)
-        size += self._square(self._w_weight, w) + self._square(self._w_weight, w_hat)
+        residual = np.empty_like(q)
+        difference, size = close(q, self._k, f_hat, w_hat, f, w, self._weights, residual)
         reached = Scales(max(scales.field, size / n), scales.force)
-        difference = self._square(self._r_weight, residual) / n
-        return Measure(float(np.sqrt(difference / reached.field)), reached)
+        return residual, Measure(float(np.sqrt(difference / n / reached.field)), reached)
 
     def per_interface(self, residual: Array, scales: Scales) -> Array:
         """sqrt(eta) of each interface alone against the common scale, (n_interface,)."""
-        density = self._r_weight * np.einsum("ij,ij->j", residual, residual) / len(residual)
+        density = self._weights[0] * np.einsum("ij,ij->j", residual, residual) / len(residual)
         layout = self.assembly.layout
         total = np.bincount(layout.interface, density, minlength=len(self.assembly.interfaces))
         shares: Array = np.sqrt(total / scales.field)
@@ -108,7 +111,3 @@ class Indicator:
             total += work.reshape(channels.shape[1], force.shape[1]).sum(axis=0)
         norms: Array = np.sqrt(np.maximum(total, 0.0))
         return norms
-
-    @staticmethod
-    def _square(weight: Array, a: Array) -> float:
-        return float(np.vdot(weight * a, a))

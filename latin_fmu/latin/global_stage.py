@@ -11,6 +11,7 @@ from collections.abc import Callable
 import numpy as np
 
 from .assembly import Assembly
+from .kernels import respond
 from .layout import Array
 
 
@@ -41,7 +42,7 @@ class GlobalStage:
         w = np.zeros_like(q)
         assembly.ground_velocity(w[0], self.first)
         for propagator, channels, w_0 in zip(assembly.propagators, assembly.channels, self._w_0, strict=True):
-            w[0, channels] = propagator.respond(w_0, q[0, channels])
+            respond(propagator.response, w_0, channels, q[0], w[0])
         return w
 
     def _march(self, q: Array, after: Callable[[int], None] | None) -> Array:

@@ -102,7 +102,8 @@ class WindowRecord:
     """How the iteration went in one window.
 
     ``error_indicator[i]`` is the amplitude sqrt(eta) after iteration i+1, ``force_mismatch[i]`` likewise
-    (NaN where it was not evaluated). ``fallbacks`` names the fall-backs used, in order.
+    (NaN where it was not evaluated). ``accepted`` is the index of the iterate the run goes on from: the last one
+    where the window converged, else the best. ``fallbacks`` names the fall-backs used, in order.
     """
 
     first_instant: int
@@ -111,6 +112,17 @@ class WindowRecord:
     force_mismatch: list[float] = field(default_factory=list)
     fallbacks: list[str] = field(default_factory=list)
     converged: bool = False
+    accepted: int = -1
+
+    @property
+    def final_error(self) -> float:
+        """sqrt(eta) of the accepted iterate (0 without iteration)."""
+        return self.error_indicator[self.accepted] if self.error_indicator else 0.0
+
+    @property
+    def final_mismatch(self) -> float:
+        """Force mismatch of the accepted iterate (NaN where it was not evaluated)."""
+        return self.force_mismatch[self.accepted] if self.force_mismatch else 0.0
 
     @property
     def iterations(self) -> int:
@@ -143,7 +155,8 @@ class Outcome:
     ``status`` is a sentence (with a remedy when ``converged`` is False). ``interface_indicator[name]`` is
     sqrt(eta) restricted to one interface, the largest over windows at the last iteration. ``passes`` counts
     substructure-instants marched or solved through a condensed operator, divided by substructures x instants.
-    ``energy`` is the assembly's: keys of ``SubstructureHistory.energy`` summed, plus ``friction_dissipation``
+    ``energy`` is the assembly's: keys of ``SubstructureHistory.energy`` summed, plus ``friction_dissipation``,
+    ``contact_dissipation`` (impacts), ``ground_work`` where the ground moves,
     and ``balance``; None unless asked for. ``sampling`` lists remarks on time laws and other warnings.
     """
 
@@ -162,8 +175,8 @@ class Outcome:
 
     @property
     def error_indicator(self) -> float:
-        """sqrt(eta) at the end of each window, the largest of them."""
-        return max((w.error_indicator[-1] for w in self.windows if w.error_indicator), default=0.0)
+        """sqrt(eta) of the accepted iterate of each window, the largest of them."""
+        return max((w.final_error for w in self.windows), default=0.0)
 
     def penetration(self) -> float:
         """Largest penetration over all interfaces, m."""

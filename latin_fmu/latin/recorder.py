@@ -10,6 +10,7 @@ import numpy as np
 from ..interface.behaviour import SEPARATION
 from ..propagator.energy import TERMS
 from .assembly import Assembly
+from .interface_energy import ground_work, impact_losses
 from .layout import Array, InterfaceUnit
 from .local_stage import read_gaps
 from .record import InterfaceHistory, SubstructureHistory
@@ -111,6 +112,11 @@ class Recorder:
             if self._wanted.stress and recover is not None:
                 stored.setdefault("stress", []).append(recover(u))
 
+    @property
+    def n_kept(self) -> int:
+        """Instants kept so far, t = 0 included."""
+        return self._instant + 1
+
     # -- histories --------------------------------------------------------------------------------------------
     def interfaces(self, assembly: Assembly) -> dict[str, InterfaceHistory]:
         """Interface histories over the kept instants."""
@@ -156,9 +162,11 @@ class Recorder:
         return histories
 
     def assembly_energy(self, assembly: Assembly) -> dict[str, Array] | None:
-        """Sums over the substructures, friction dissipation of the interfaces, balance; None unless wanted.
+        """Sums over the substructures, what the interfaces dissipate, balance; None unless wanted.
 
-        balance = change of (kinetic + elastic) + damping + scheme - work of loads - interface work.
+        balance = change of (kinetic + elastic) + damping + scheme - work of loads - interface work. The interface
+        work is - friction - contact dissipation + ground work, but for the iteration tolerance and the different
+        weights of the instants in the friction dissipation (end of each instant, so that it never decreases).
         """
         if not self._wanted.energy:
             return None
@@ -167,11 +175,16 @@ class Recorder:
             t: sum((np.stack(e)[:, j] for e in self._energy.values()), np.zeros(n))
             for j, t in enumerate(TERMS)
         }
-        friction = np.zeros(n)
-        for history in self.interfaces(assembly).values():
+        histories = list(self.interfaces(assembly).values())
+        total["friction_dissipation"] = np.zeros(n)
+        for history in histories:
             if history.friction_power is not None:
-                friction[1:] += np.cumsum(history.friction_power[1:]) * assembly.dt
-        total["friction_dissipation"] = friction
+                total["friction_dissipation"][1:] += np.cumsum(history.friction_power[1:]) * assembly.dt
+        weights = assembly.scheme.energy_weights()[0]
+        total["contact_dissipation"] = sum((impact_losses(h, weights) for h in histories), np.zeros(n))
+        if any(g.any() for g in assembly.ground.values()):
+            works = [ground_work(histories[i], assembly.ground_path(i)[:n], weights) for i in assembly.ground]
+            total["ground_work"] = sum(works, np.zeros(n))
         stored = total["kinetic"] + total["elastic"]
         total["balance"] = (
             stored - stored[0] + total["damping_dissipation"] + total["scheme_dissipation"]

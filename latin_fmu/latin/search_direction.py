@@ -21,6 +21,7 @@ from .assembly import Assembly
 from .layout import Array
 
 RESOLVED = (0.3, 3.0)
+WARNED = (0.2, 5.0)
 
 
 @dataclass(frozen=True)
@@ -66,11 +67,23 @@ def unresolved_sides(assembly: Assembly) -> list[str]:
             if not impedance.any() or not row[channels].any():
                 continue
             ratio = float(np.median(row[channels] / impedance))
-            if not RESOLVED[0] <= ratio <= RESOLVED[1]:
+            if not WARNED[0] <= ratio <= WARNED[1]:
+                coarse = ratio > WARNED[1]
                 remarks.append(
-                    f"interface {unit.name}, side {unit.sides[side]}: the step does not resolve the wave "
-                    f"(resistance of the face over rho c = {ratio:.2g}, resolved within {RESOLVED[0]} ... "
-                    f"{RESOLVED[1]}); the run may converge to an inaccurate force: refine mesh and step there"
+                    f"interface {unit.name}, side {unit.sides[side]}: "
+                    + (
+                        "the mesh is too coarse for this step"
+                        if coarse
+                        else "the step is too long for this mesh"
+                    )
+                    + f" to follow the wave (resistance of the face over rho c = {ratio:.2g}, followed within "
+                    f"{WARNED[0]} ... {WARNED[1]}); a contact shorter than the passage through a few elements is "
+                    "not resolved: "
+                    + (
+                        "refine the mesh there (a smaller step alone does not help)"
+                        if coarse
+                        else "take smaller steps"
+                    )
                 )
     return remarks
 
@@ -79,11 +92,16 @@ def _diagonal(assembly: Assembly) -> Array:
     """1 / D_ii; one tangential value per point (the largest admittance of its two directions)."""
     admittance = assembly.gather(
         [
-            np.repeat(np.diag(p.operators.admittance)[:, None], len(p.names), axis=1)
+            np.repeat(_without_round_off(np.diag(p.operators.admittance))[:, None], len(p.names), axis=1)
             for p in assembly.propagators
         ]
     )
     return _inverse(_one_tangent(assembly, admittance))
+
+
+def _without_round_off(values: Array) -> Array:
+    """Entries that are round-off of the largest of their substructure (held directions) become 0."""
+    return np.where(values > 1e-12 * values.max(initial=0.0), values, 0.0)
 
 
 def _one_tangent(assembly: Assembly, values: Array) -> Array:
@@ -145,6 +163,5 @@ def _resolved(assembly: Assembly) -> tuple[Array, str]:
 
 
 def _inverse(values: Array) -> Array:
-    """1/x where x is more than round-off of the largest, else 0."""
-    negligible = 1e-12 * values.max(initial=0.0)
-    return np.divide(1.0, values, out=np.zeros_like(values), where=values > negligible)
+    """1/x where x > 0, else 0."""
+    return np.divide(1.0, values, out=np.zeros_like(values), where=values > 0)

@@ -18,6 +18,7 @@ from .acceleration import Anderson, Relaxation
 from .assembly import Assembly
 from .error_indicator import Indicator, Scales
 from .global_stage import GlobalStage
+from .kernels import outgoing
 from .layout import Array
 from .local_stage import LocalStage, Opening
 from .point_by_point import PointByPoint
@@ -28,6 +29,8 @@ from .settings import Settings
 # Stall: the best of the last _RECENT residuals is above this fraction of the best before, after _PATIENCE.
 _RECENT, _PATIENCE = 6, 12
 _STALL_ACCELERATED, _STALL_PLAIN = 0.7, 0.99
+# Below this fraction of the tolerance nothing happens and the warm start is the answer.
+_AT_REST = 1e-2
 
 RELAXED, POINT_BY_POINT = "relaxation 1/2", "points one after the other"
 _LAST_WORD = 20  # iterations after the last fall-back
@@ -63,6 +66,27 @@ class IterationEvent:
 
 
 Observer = Callable[[IterationEvent], None]
+
+
+class _Merits:
+    """How far each iterate is from both tolerances (1: met); the mismatch, known near the end only, is taken in
+    proportion to the indicator before."""
+
+    def __init__(self, settings: Settings) -> None:
+        self._settings, self._ratio = settings, 1.0
+        self.values: list[float] = []
+
+    def add(self, error: float, mismatch: float) -> bool:
+        """Add an iterate; True where it is the best so far."""
+        if not np.isfinite(error):
+            self.values.append(np.inf)
+            return False
+        merit = error / self._settings.tolerance
+        if np.isfinite(mismatch) and merit > 0:
+            self._ratio = max(1.0, mismatch / self._settings.force_tolerance / merit)
+        merit = merit * self._ratio if merit > 0 else mismatch / self._settings.force_tolerance
+        self.values.append(merit)
+        return merit <= min(self.values)
 
 
 class Direction:
@@ -118,22 +142,25 @@ class WindowSolver:
         settings = self._settings
         best: Iterate | None = None
         phase_start, limit = 0, settings.max_iterations
+        merits = _Merits(settings)
         accelerator = self._accelerator(settings.anderson_depth)
         while True:
             now, mismatch = self._evaluate(stage, q, opening, scales)
             record.error_indicator.append(now.error)
             record.force_mismatch.append(mismatch)
             self._tell(number, record, now, stage)
-            if best is None or now.error < best.error:
-                best = now
-            if now.error <= settings.tolerance and mismatch <= settings.force_tolerance:
-                record.converged = True
+            if merits.add(now.error, mismatch) or best is None:
+                best, record.accepted = now, record.iterations - 1
+            met = now.error <= settings.tolerance and mismatch <= settings.force_tolerance
+            # A warm start within tolerance is not accepted as it is: step after step its lag would add up.
+            if met and (stage.n > 1 or record.iterations > 1 or now.error <= _AT_REST * settings.tolerance):
+                record.converged, record.accepted = True, record.iterations - 1
                 return now
             if not np.isfinite(now.error):
                 return best
             exhausted = record.iterations >= limit
-            errors = record.error_indicator[phase_start:]
-            if not exhausted and not self._stalled(errors, isinstance(accelerator, Anderson)):
+            progress = merits.values[phase_start:]
+            if not exhausted and not self._stalled(progress, isinstance(accelerator, Anderson)):
                 q = accelerator.next(now.q, now.residual)
                 continue
             fallback = self._fallback(stage, record, exhausted)
@@ -179,16 +206,15 @@ class WindowSolver:
         w = stage(q)
         after_global = time.perf_counter()
         timings.global_stage += after_global - clock
-        f = q - direction.k * w
-        s = w - direction.local.z * f
+        f, s = np.empty_like(q), np.empty_like(q)
+        outgoing(q, w, direction.k, direction.local.z, f, s)
         if len(s) == 1:
             f_hat, w_hat = direction.local.instant(s[0], opening.gap)
             f_hat, w_hat = f_hat[None], w_hat[None]
         else:
             f_hat, w_hat, _ = direction.local.window(s, opening)
         timings.local_stage += time.perf_counter() - after_global
-        residual = direction.incoming(f_hat, w_hat) - q
-        measure = direction.indicator.field(residual, (f, w, f_hat, w_hat), scales)
+        residual, measure = direction.indicator.field(q, (f, w, f_hat, w_hat), scales)
         mismatch, reached = float("nan"), measure.scales
         if measure.value <= settings.tolerance:
             forces = direction.indicator.mismatch(residual, f_hat, measure.scales)

@@ -7,7 +7,6 @@ model differ), an open contact none, a preloaded one its preload.
 from __future__ import annotations
 
 import numpy as np
-import scipy.linalg as la
 import scipy.sparse.linalg as spla
 
 from .assembly import Assembly
@@ -42,37 +41,46 @@ def start(assembly: Assembly) -> tuple[Array, Array]:
 
 
 def _bonded_tractions(assembly: Assembly, unbalance: list[Array], factors: list[spla.SuperLU]) -> Array:
-    """Tractions on perfect interfaces that make accelerations continuous, 0 elsewhere; flat."""
+    """Tractions on perfect interfaces that make accelerations continuous, 0 elsewhere; flat.
+
+    Conjugate gradients on the jump of accelerations: consistent even where bonds are redundant.
+    """
     bonded = [i for i, unit in enumerate(assembly.interfaces) if not unit.behaviour.opens]
     flat = np.zeros(assembly.layout.n_flat)
     if not bonded:
         return flat
-    sides = [np.concatenate([assembly.layout.channels(i, side).ravel() for i in bonded]) for side in (0, 1)]
-    n = len(sides[0])
-    unknown = np.full(assembly.layout.n_flat, -1)
-    sign = np.zeros(assembly.layout.n_flat)
-    for side, channels in enumerate(sides):
-        unknown[channels] = np.arange(n)
-        sign[channels] = 1.0 - 2.0 * side
-    system, right = np.zeros((n, n)), np.zeros(n)
-    ground = np.zeros(assembly.layout.n_flat)
-    assembly.ground_acceleration(ground, 0)
-    for propagator, all_channels, force, factor in zip(
+    first, second = (
+        np.concatenate([assembly.layout.channels(i, side).ravel() for i in bonded]) for side in (0, 1)
+    )
+    area = assembly.layout.area[first]
+    free, diagonal = np.zeros_like(flat), np.zeros_like(flat)
+    assembly.ground_acceleration(free, 0)
+    compliances = []
+    for propagator, channels, force, factor in zip(
         assembly.propagators, assembly.channels, unbalance, factors, strict=True
     ):
-        free, compliance = propagator.initial_channels(factor, force)
-        for member in range(all_channels.shape[1]):
-            channels = all_channels[:, member]
-            rows = np.flatnonzero(unknown[channels] >= 0)
-            where, s = unknown[channels[rows]], sign[channels[rows]]
-            # nodal force = area * traction, and the same weight on the equations keeps the system symmetric
-            weight = s * propagator.operators.area[rows]
-            system[np.ix_(where, where)] += weight[:, None] * compliance[np.ix_(rows, rows)] * weight
-            np.subtract.at(right, where, weight * free[rows, member])
-    grounded = ground != 0
-    np.subtract.at(
-        right, unknown[grounded], sign[grounded] * assembly.layout.area[grounded] * ground[grounded]
+        free[channels], compliance = propagator.initial_channels(factor, force)
+        diagonal[channels] = np.diag(compliance)[:, None]
+        compliances.append(compliance)
+
+    def jump(x: Array) -> Array:
+        """Weighted jump of the accelerations that tractions x bring (the weight keeps it symmetric)."""
+        force, acceleration = np.zeros_like(flat), np.zeros_like(flat)
+        force[first], force[second] = area * x, -area * x
+        for channels, compliance in zip(assembly.channels, compliances, strict=True):
+            acceleration[channels] = compliance @ force[channels]
+        weighted: Array = area * (acceleration[first] - acceleration[second])
+        return weighted
+
+    scale = area**2 * (diagonal[first] + diagonal[second])
+    inverse = np.divide(1.0, scale, out=np.ones_like(scale), where=scale > 0)
+    n = len(first)
+    x, _ = spla.cg(
+        spla.LinearOperator((n, n), matvec=jump, dtype=float),
+        -area * (free[first] - free[second]),
+        rtol=1e-14,
+        maxiter=10 * n,
+        M=spla.LinearOperator((n, n), matvec=lambda v: inverse * v, dtype=float),
     )
-    x = la.lstsq(system, right)[0]
-    flat[sides[0]], flat[sides[1]] = x, -x
+    flat[first], flat[second] = x, -x
     return flat

@@ -8,6 +8,7 @@ from .assembly import Assembly
 from .layout import Array
 from .record import WindowRecord
 from .settings import Settings
+from .windows import HOPELESS
 
 
 def status(
@@ -17,23 +18,41 @@ def status(
     failed = [w for w in windows if not w.converged]
     if not failed:
         return True, _converged(settings, windows)
-    first = failed[0]
-    names = [u.name for u in assembly.interfaces]
-    worst = (
-        names[int(np.argmax(interface_indicator))] if interface_indicator is not None and names else "none"
-    )
-    behaviour = assembly.interfaces[names.index(worst)].behaviour if names else None
-    friction = getattr(behaviour, "friction_coefficient", 0.0)
-    reached = max(w.error_indicator[-1] if not w.error_indicator else min(w.error_indicator) for w in failed)
+    first, worst = failed[0], max(failed, key=lambda w: w.final_error)
+    stopped = windows[-1].last_instant < assembly.n_instant or _unfinished(windows[-1])
     sentence = (
         f"not converged in {len(failed)} of {len(windows)} window(s), first at t = "
-        f"{assembly.time[first.first_instant]:.6g} s (instant {first.first_instant}): error indicator "
-        f"{reached:.2e} (wanted {settings.tolerance:.1e}) after {max(w.iterations for w in failed)} iterations"
-        f"{_used(failed)}; worst interface {worst}"
+        f"{assembly.time[first.first_instant]:.6g} s (instant {first.first_instant}): {_reached(settings, worst)} "
+        f"after {max(w.iterations for w in failed)} iterations{_used(failed)}{_where(assembly, interface_indicator)}"
     )
-    if friction:
-        sentence += f" (friction coefficient {friction:g})"
+    if stopped:
+        sentence += (
+            f"; stopped there, results end at t = {assembly.time[windows[-1].first_instant - 1]:.6g} s"
+        )
     return False, sentence + f". {_remedy(settings, failed)}"
+
+
+def _unfinished(window: WindowRecord) -> bool:
+    """Whether the run stopped in this window."""
+    return not window.converged and not window.final_error <= HOPELESS
+
+
+def _reached(settings: Settings, window: WindowRecord) -> str:
+    """What the accepted iterate misses: the indicator, or the force mismatch where the indicator is met."""
+    if window.final_error <= settings.tolerance and np.isfinite(window.final_mismatch):
+        return (
+            f"force mismatch of the sides {window.final_mismatch:.2e} (wanted {settings.force_tolerance:.1e})"
+        )
+    return f"error indicator {window.final_error:.2e} (wanted {settings.tolerance:.1e})"
+
+
+def _where(assembly: Assembly, interface_indicator: Array | None) -> str:
+    """The interface with the largest indicator."""
+    if interface_indicator is None or not assembly.interfaces:
+        return ""
+    unit = assembly.interfaces[int(np.argmax(interface_indicator))]
+    friction = getattr(unit.behaviour, "friction_coefficient", 0.0)
+    return f"; worst interface {unit.name}" + (f" (friction coefficient {friction:g})" if friction else "")
 
 
 def _converged(settings: Settings, windows: list[WindowRecord]) -> str:
@@ -52,8 +71,10 @@ def _used(failed: list[WindowRecord]) -> str:
 
 
 def _remedy(settings: Settings, failed: list[WindowRecord]) -> str:
+    if any(not np.isfinite(w.final_error) for w in failed):
+        return "The search direction or the data are out of range: check units, and leave search_direction automatic"
     if any(w.iterations >= settings.max_iterations for w in failed):
         return "Raise solver.max_iterations, shorten solver.window, or use acceleration anderson"
     if settings.window != 1:
         return "Use solver.window = 1, or a smaller time step"
-    return "Use a smaller time step, a lower friction coefficient, or a finer mesh on the softer side"
+    return "Check that no point is pressed from both sides without a way out; use a smaller time step or a finer mesh"

@@ -24,6 +24,9 @@ from .settings import Settings
 from .solver import Direction, Iterate, Observer, WindowSolver
 from .start import start
 
+# A window that fails with an indicator above this holds no answer worth going on from.
+HOPELESS = 0.3
+
 Progress = Callable[[int, int, int, float], None]  # windows done, windows, iteration, indicator
 
 
@@ -34,7 +37,6 @@ class RunState:
     f_hat: Array
     w_hat: Array
     scales: Scales
-    before: tuple[Array, Array, float] | None = None  # f_hat, w_hat one instant earlier, and the step between
     windows: list[WindowRecord] = field(default_factory=list)
     marched: int = 0
     interface_indicator: Array | None = None
@@ -60,6 +62,7 @@ class Run:
     ) -> None:
         self.assembly, self.settings, self.recorder, self.timings = assembly, settings, recorder, timings
         self._observer, self._progress = observer, progress
+        self.stopped = False
         self._directions: dict[bool, Direction] = {}
         self._bound: Direction | None = None
         self._operators = [p.operators for p in assembly.propagators]
@@ -84,14 +87,9 @@ class Run:
         if any(a is not b for a, b in zip(operators, self._operators, strict=True)):
             self._directions.clear()
             self._bound, self._operators = None, operators
-        self.state.windows, self.state.interface_indicator = [], None
+        self.state.windows, self.state.interface_indicator, self.stopped = [], None, False
         self.recorder = recorder
         self._gaps = recorder.start(self.assembly, self.state.f_hat, self.state.w_hat)
-
-    @property
-    def _step(self) -> float:
-        """Step of the operators in use, s."""
-        return self.assembly.propagators[0].dt
 
     def choices(self) -> dict[str, str]:
         """What was chosen automatically."""
@@ -99,12 +97,14 @@ class Run:
         return {f"search direction, {kinds[one]}": d.choice for one, d in self._directions.items()}
 
     def all(self) -> None:
-        """Solve every window of the interval."""
+        """Solve every window of the interval; stops after one whose best iterate is far from any answer."""
         total = self.assembly.n_instant
         length = self.settings.window or total
         count = -(-total // length)
         for number in range(count):
             self.advance(min(length, total - number * length), number, count)
+            if self.stopped:
+                return
 
     def advance(self, n: int, number: int, count: int) -> WindowRecord:
         """Solve the next window of n instants."""
@@ -131,6 +131,11 @@ class Run:
             return self._one_by_one(record, n, number, count)
         if not record.converged:
             accepted.scales = state.scales  # a failed iterate must not loosen the windows that follow
+            self.stopped = not accepted.error <= HOPELESS  # NaN included
+            if self.stopped:
+                stage.rewind()
+                state.windows.append(record)
+                return record
         self._commit(stage, accepted, record)
         return record
 
@@ -141,12 +146,11 @@ class Run:
         return Opening(read_gaps(self.assembly) if self._gaps is None else self._gaps, [], [])
 
     def _warm_start(self, direction: Direction, n: int) -> Array:
-        """First guess of q (n, n_flat): the last value, continued linearly where one instant follows another."""
-        state = self.state
-        q = np.repeat(direction.incoming(state.f_hat, state.w_hat)[None], n, axis=0)
-        if n == 1 and state.before is not None and state.before[2] == self._step:
-            q += q - direction.incoming(*state.before[:2])
-        return q
+        """First guess of q (n, n_flat): the last value.
+
+        No extrapolation: accepted within the tolerance as it is, it would feed its own error and gain energy.
+        """
+        return np.repeat(direction.incoming(self.state.f_hat, self.state.w_hat)[None], n, axis=0)
 
     def _commit(self, stage: GlobalStage, accepted: Iterate, record: WindowRecord) -> None:
         state, recorder = self.state, self.recorder
@@ -165,7 +169,6 @@ class Run:
             worst = state.interface_indicator
             state.interface_indicator = local if worst is None else np.maximum(worst, local)
         state.scales = accepted.scales
-        state.before = (state.f_hat, state.w_hat, self._step) if stage.n == 1 else None
         state.f_hat, state.w_hat = accepted.f_hat[-1], accepted.w_hat[-1]
         state.windows.append(record)
 
@@ -179,20 +182,22 @@ class Run:
         done = len(self.state.windows)
         for _ in range(n):
             self.advance(1, number, count)
+            if self.stopped:
+                break
         parts = self.state.windows[done:]
         del self.state.windows[done:]
         record.converged = all(p.converged for p in parts)
-        worst = max(parts, key=lambda p: (not p.converged, p.error_indicator[-1]))
-        record.error_indicator.append(worst.error_indicator[-1])
-        record.force_mismatch.append(worst.force_mismatch[-1])
+        worst = max(parts, key=lambda p: (not p.converged, p.final_error))
+        record.error_indicator.append(worst.final_error)
+        record.force_mismatch.append(worst.final_mismatch)
+        record.accepted = record.iterations - 1
         self.state.windows.append(record)
         return record
 
-    def _sequential_guess(self, n: int) -> tuple[Array, Array]:
+    def _sequential_guess(self, n: int) -> tuple[Array, Array] | None:
         """F_hat, W_hat (n, n_flat) of a pass with windows of one instant; everything is put back after it."""
         assembly, state, recorder = self.assembly, self.state, self.recorder
         snapshot = assembly.snapshot()
-        saved = replace(state, windows=[])
         observer, progress = self._observer, self._progress
         self._observer = self._progress = None
         tape = _Tape()
@@ -201,12 +206,16 @@ class Run:
         try:
             for _ in range(n):
                 self.advance(1, 0, 1)
-            marched = self.state.marched
+                if self.stopped:
+                    break
+            state.marched = self.state.marched
         finally:
             self.recorder, self.state, self._gaps = recorder, state, gaps
             self._observer, self._progress = observer, progress
             assembly.restore(snapshot)
-        state.marched = saved.marched + (marched - saved.marched)
+        if self.stopped:  # no guess to be had: start from the last values
+            self.stopped = False
+            return None
         return np.stack(tape.f_hat), np.stack(tape.w_hat)
 
     def _free(self, n: int) -> WindowRecord:

@@ -264,7 +264,7 @@ class DirectPropagator:
         """All that determines the next instants."""
         return self.state, None if self.meter is None else self.meter.snapshot()
 
-    def rewind(self) -> None:
+    def restart(self) -> None:
         """Back to the initial values; ``begin`` must follow."""
         self._begun, self._resumed = False, None
         self.forcing.resume([None] * len(self.members))

@@ -81,6 +81,10 @@ ENERGY: Final[Mapping[str, Meaning]] = {
         "J", "work of the interface tractions on the substructures since the start of the run"
     ),
     "friction_dissipation": Meaning("J", "energy dissipated by friction since the start of the run"),
+    "contact_dissipation": Meaning(
+        "J", "energy lost to the normal contact law (impacts) since the start of the run"
+    ),
+    "ground_work": Meaning("J", "work of moving ground since the start of the run"),
     "damping_dissipation": Meaning("J", "energy dissipated by material damping since the start of the run"),
     "scheme_dissipation": Meaning("J", "energy dissipated by the time scheme since the start of the run"),
     "balance": Meaning("J", "what the energy balance leaves over"),

@@ -19,8 +19,8 @@ from .materials import Material
 from .schema import Scene
 from .substructures import Substructure
 
-# plain 8-node hexahedra lock: nearly incompressible material, bending with few elements over the thickness
-LOCKING_POISSON, SLENDER, FEW_ELEMENTS = 0.45, 10.0, 3
+# plain 8-node hexahedra lock: nearly incompressible material, bending with elements long against the thickness
+LOCKING_POISSON, SLENDER, LONG_ELEMENT = 0.45, 10.0, 0.6
 
 
 class Shape:
@@ -106,8 +106,8 @@ def build_bodies(scene: Scene, problems: list[Problem]) -> dict[str, Body]:
     return bodies
 
 
-def locking_remarks(bodies: dict[str, Body]) -> list[str]:
-    """Warnings where plain 8-node hexahedra are known to lock."""
+def locking_remarks(bodies: dict[str, Body], unbending: set[str]) -> list[str]:
+    """Warnings where plain 8-node hexahedra are known to lock; ``unbending`` names bodies that cannot bend."""
     remarks = []
     for name, body in bodies.items():
         nu = body.shape.material.poisson_ratio
@@ -116,12 +116,14 @@ def locking_remarks(bodies: dict[str, Body]) -> list[str]:
                 f"substructure {name}: Poisson's ratio {nu:g} > {LOCKING_POISSON}: linear elements lock (too stiff)"
             )
         box = body.description.box
-        if box is None or nu == 0.0:
+        if box is None or name in unbending:
             continue
-        thin = int(np.argmin(box.size))
-        if max(box.size) > SLENDER * box.size[thin] and box.elements[thin] < FEW_ELEMENTS:
+        thin, slender = int(np.argmin(box.size)), int(np.argmax(box.size))
+        length = box.size[slender] / box.elements[slender]
+        if box.size[slender] > SLENDER * box.size[thin] and length > LONG_ELEMENT * box.size[thin]:
             remarks.append(
-                f"substructure {name}: slender, with {box.elements[thin]} element(s) over its thickness: bending "
-                f"would be too stiff; give it at least {FEW_ELEMENTS}"
+                f"substructure {name}: slender, with elements {length / box.size[thin]:.2g} times as long as it is "
+                f"thick: bending would be far too stiff; at most {LONG_ELEMENT:g} where it bends (waves along it are "
+                "not concerned)"
             )
     return remarks

@@ -14,8 +14,17 @@ from ..latin.search_direction import SearchDirection, unresolved_sides
 from ..latin.settings import Settings
 from ..time_scheme import make_scheme
 from .body import build_bodies, locking_remarks
-from .checks import boundaries_of, characteristic_traction, check_faces, redundancy_remarks, sampling_remarks
+from .boundaries import Periodic
+from .checks import (
+    boundaries_of,
+    characteristic_traction,
+    check_faces,
+    initial_problems,
+    redundancy_remarks,
+    sampling_remarks,
+)
 from .conditions import build_conditions
+from .fields import split_face
 from .models import build_propagators, side_impedance
 from .pairing import build_interface
 from .schema import Scene
@@ -57,6 +66,10 @@ def build(scene: Scene) -> Built:
     if problems:
         raise SceneError(problems, "the scene cannot be built")
     units = [unit for unit in found if unit is not None]
+    remarks: list[str] = []
+    initial_problems(scene, units, problems, remarks)
+    if problems:
+        raise SceneError(problems, "the scene cannot be built")
     layout = Layout(units)
     scheme = make_scheme(scene.time.scheme.type, scene.time.scheme.model_dump(exclude={"type"}))
     time = np.linspace(0.0, scene.time.end, scene.time.n_step + 1)
@@ -68,9 +81,11 @@ def build(scene: Scene) -> Built:
     )  # fmt: skip
     timeline = Timeline(scene, conditions)
     timeline.begin(assembly, time, {}, assembly.ground_start)
-    remarks = [
+    remarks += [
         *redundancy_remarks(scene),
-        *locking_remarks(bodies),
+        *locking_remarks(
+            bodies, {split_face(b.faces[0])[0] for b in scene.boundary.values() if isinstance(b, Periodic)}
+        ),
         *sampling_remarks(scene, time),
         *unresolved_sides(assembly),
     ]

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..errors import Problem
 from ..fem.mesh import Array
+from ..latin.layout import InterfaceUnit
 from .body import Body
 from .boundaries import Boundary, Periodic, PrescribedDisplacement, PrescribedVelocity
 from .conditions import Motion
@@ -108,13 +109,60 @@ def _amplitude(law: TimeLaw, time: Array) -> float:
 
 
 def sampling_remarks(scene: Scene, time: Array) -> list[str]:
-    """Loads whose sampled impulse differs from the exact one."""
+    """Laws whose impulse, sampled at the instants, differs from the exact one."""
+    laws: list[tuple[str, TimeLaw]] = [(f"load {n}", load.law) for n, load in scene.load.items()]
+    for name, boundary in scene.boundary.items():
+        if isinstance(boundary, PrescribedVelocity):
+            laws.append((f"boundary {name}", boundary.law))
+    for name, interface in scene.interface.items():
+        if interface.ground_velocity is not None:
+            laws.append((f"ground of interface {name}", interface.ground_velocity.law))
     remarks = []
-    for name, load in scene.load.items():
-        error = sampled_impulse_error(load.law, time)
-        if abs(error) > _SAMPLING:
+    for where, law in laws:
+        error = abs(sampled_impulse_error(law, time))
+        if error > _SAMPLING:
             remarks.append(
-                f"load {name}: sampled at the instants its impulse is off by {100 * error:+.2g} % "
+                f"{where}: sampled at the instants its time integral is off by {100 * error:.2g} % "
                 "(jumps between instants): let jumps fall on instants, or take smaller steps"
             )
     return remarks
+
+
+def initial_problems(
+    scene: Scene, units: list[InterfaceUnit], problems: list[Problem], remarks: list[str]
+) -> None:
+    """Overlaps, open preloads and torn bonds that initial displacements make; velocity jumps of bonds are remarks."""
+    for unit in units:
+        first, second = (
+            None if side == GROUND else scene.substructure[split_face(side)[0]] for side in unit.sides
+        )
+        assert first is not None
+        zero = (0.0, 0.0, 0.0)
+        jump = np.subtract(
+            zero if second is None else second.initial_displacement, first.initial_displacement
+        )
+        where = f"interface.{unit.name}"
+        if not unit.behaviour.opens:
+            if jump.any():
+                problems.append(
+                    Problem(where, "initial displacements tear a bonded interface", str(jump.tolist()),
+                            remedy="give both sides the same initial displacement")
+                )  # fmt: skip
+            if second is not None and first.initial_velocity != second.initial_velocity:
+                remarks.append(
+                    f"interface {unit.name}: bonded sides start with different velocities; the jump is lost in the "
+                    "first step, with its energy"
+                )
+            continue
+        gap = unit.geometry.gap + unit.geometry.frames[:, 0] @ jump
+        size = float(np.ptp(unit.geometry.points, axis=0).max())
+        if gap.min() < -1e-9 * max(size, float(np.abs(jump).max())):
+            problems.append(
+                Problem(where, "the sides overlap at the start", f"by {-gap.min():.6g} m in all",
+                        remedy="change initial_displacement, or move the meshes apart")
+            )  # fmt: skip
+        elif unit.preload > 0 and gap.max() > 1e-9 * size and not unit.geometry.gap.any():
+            problems.append(
+                Problem(f"{where}.preload", "a preloaded interface cannot be open", f"{gap.max():.6g} m",
+                        remedy="leave out the initial displacement that opens it, or the preload")
+            )  # fmt: skip

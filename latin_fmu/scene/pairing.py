@@ -18,7 +18,6 @@ from .interfaces import Interface
 
 _MATCHING = 1e-3  # lateral distance of paired points over the spacing of points
 _TOUCHING = 1e-9  # a distance along N below this fraction of the face is no gap
-_FACING = -0.9  # N . N' of paired points
 
 
 def build_interface(
@@ -86,6 +85,9 @@ def _pair(
                     f"{len(face.nodes)} and {len(other.nodes)} nodes", remedy="mesh both faces alike")
         )  # fmt: skip
         return None
+    if float(face.vector_areas.sum(axis=0) @ other.vector_areas.sum(axis=0)) >= 0:
+        problems.append(Problem(where, "the two faces do not face each other", ", ".join(interface.sides)))
+        return None
     there = body.mesh.nodes[other.nodes]
     flat = np.abs(face.normals @ face.normals[0] - 1).max() < 1e-6
     along = face.normals[0]
@@ -104,9 +106,6 @@ def _pair(
                     f"worst lateral distance {worst:.2g} of the node spacing", f"at most {_MATCHING:g}",
                     "mesh both faces alike and place them opposite each other")
         )  # fmt: skip
-        return None
-    if np.einsum("pi,pi->p", face.normals, other.normals[partner]).max() > _FACING:
-        problems.append(Problem(where, "the two faces do not face each other", ", ".join(interface.sides)))
         return None
     gap = _gap(name, interface, normal, float(np.ptp(points, axis=0).max()), problems)
     return (other.nodes[partner], gap) if gap is not None else None

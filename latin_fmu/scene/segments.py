@@ -22,6 +22,7 @@ from .build import build
 from .schema import Scene
 
 _SAME_STEP, _STEPS_KEPT = 1e-9, 8
+_RUNNING = ("friction_dissipation", "contact_dissipation", "ground_work")
 
 
 @dataclass(frozen=True)
@@ -51,8 +52,8 @@ class Segment:
 
     @property
     def error_indicator(self) -> float:
-        """Largest final sqrt(eta) of the windows."""
-        return max((w.error_indicator[-1] for w in self.windows if w.error_indicator), default=0.0)
+        """Largest sqrt(eta) of the accepted iterates of the windows."""
+        return max((w.final_error for w in self.windows), default=0.0)
 
 
 class SegmentedRun:
@@ -83,7 +84,7 @@ class SegmentedRun:
             )
         self.timings = Timings()
         self.time = 0.0
-        self._friction = 0.0
+        self._running: dict[str, float] = {}  # interface energies so far
         self._run: Run | None = None
         self._ground = dict(self.built.assembly.ground_start)
         self._stored: float | None = None  # energy at t = 0
@@ -107,7 +108,7 @@ class SegmentedRun:
         time = np.linspace(self.time, end, n + 1)
         with threadpool_limits(1):
             segment = self._solve(time, loads or {})
-        if not segment.converged and not accept:
+        if not segment.converged and (not accept or self._stopped()):
             if before is None:
                 self.reset()
             else:
@@ -115,7 +116,9 @@ class SegmentedRun:
             return replace(segment, accepted=False)
         self.time = end
         if segment.energy is not None:
-            self._friction = float(segment.energy["friction_dissipation"][-1])
+            for term in _RUNNING:
+                if term in segment.energy:
+                    self._running[term] = float(segment.energy[term][-1])
         self._ground = self.built.assembly.ground_end(n)
         return segment
 
@@ -134,14 +137,22 @@ class SegmentedRun:
         converged, sentence = status(assembly, built.settings, state.windows, state.interface_indicator)
         energy = recorder.assembly_energy(assembly)
         if energy is not None:
-            energy["friction_dissipation"] = energy["friction_dissipation"] + self._friction
+            for term in _RUNNING:
+                if term in energy:
+                    energy[term] = energy[term] + self._running.get(term, 0.0)
             first = float(energy["kinetic"][0] + energy["elastic"][0])
             self._stored = first if self._stored is None else self._stored
             energy["balance"] = energy["balance"] + (first - self._stored)
         return Segment(
-            time, recorder.interfaces(assembly), recorder.substructures(), state.windows, converged, True, sentence,
+            time[: recorder.n_kept],
+            recorder.interfaces(assembly),
+            recorder.substructures(),
+            state.windows,
+            converged,
+            True,
+            sentence,
             energy,
-        )  # fmt: skip
+        )
 
     def _known_step(self, dt: float) -> float:
         """The step met before that equals dt but for round-off, else dt itself: part of the state, so that a run
@@ -151,6 +162,9 @@ class SegmentedRun:
                 return known
         self._steps = [*self._steps[-_STEPS_KEPT + 1 :], dt]
         return dt
+
+    def _stopped(self) -> bool:
+        return self._run is not None and self._run.stopped
 
     def displacement(self, substructure: str) -> Array:
         """Displacements of all nodes of a substructure at the present time, (n_node, 3), m."""
@@ -189,19 +203,18 @@ class SegmentedRun:
     def reset(self) -> None:
         """Back to t = 0."""
         for propagator in self.built.assembly.propagators:
-            propagator.rewind()
+            propagator.restart()
         self._ground = {i: GroundState(np.zeros(3), None) for i in self._ground}
-        self.time, self._friction, self._stored, self._run, self._steps = 0.0, 0.0, None, None, []
+        self.time, self._running, self._stored, self._run, self._steps = 0.0, {}, None, None, []
 
     def _tree(self) -> dict[str, object]:
         assert self._run is not None
         state = self._run.state
         return {
             "time": self.time,
-            "friction": self._friction,
+            "running": dict(self._running),
             "f_hat": state.f_hat,
             "w_hat": state.w_hat,
-            "before": None if state.before is None else list(state.before),
             "field": state.scales.field,
             "force": list(state.scales.force),
             "stored": self._stored,
@@ -213,9 +226,8 @@ class SegmentedRun:
     def _resume(self, tree: dict[str, Any]) -> None:
         assert self._run is not None
         state = self._run.state
-        self.time, self._friction = tree["time"], tree["friction"]
+        self.time, self._running = tree["time"], dict(tree["running"])
         state.f_hat, state.w_hat = tree["f_hat"], tree["w_hat"]
-        state.before = None if tree["before"] is None else tuple(tree["before"])
         state.scales = Scales(tree["field"], (tree["force"][0], tree["force"][1]))
         self._stored, self._steps = tree["stored"], list(tree["steps"])
         self._ground = {int(i): GroundState(*g) for i, g in tree["ground"].items()}

@@ -126,7 +126,9 @@ def _hopeless(bench: Bench) -> list[Measure]:
     vague = solution.converged or not ("interface" in said and "friction" in said and "step" in said)
     finite = all(np.isfinite(h.traction).all() for h in solution.interfaces.values())
     return [
-        Measure("sentence without interface, friction and remedy", float(vague and not solution.converged), 0),
+        Measure(
+            "sentence without interface, friction and remedy", float(vague and not solution.converged), 0
+        ),
         Measure("numbers that are not finite", float(not finite), 0),
         Measure("iterations in a window", max(bench.iterations), 300),
         *contact_laws(solution),

@@ -81,7 +81,8 @@ def energy_laws(solution: Solution, round_off: float = 1e-9) -> list[Measure]:
     """Discrete balance (relative to the largest energy), and energy gained.
 
     Gained: stored energy minus work of loads above its start, at any instant; under loads at the end only (HHT
-    weights the loads of three instants, so that its work is counted up to a step late).
+    weights the loads of three instants, so that its work is counted up to a step late), where interfaces may have
+    passed on half of the force tolerance (1e-2) too much; iterated far the gain is negative.
     """
     energy = solution.energy
     if energy is None:
@@ -93,21 +94,25 @@ def energy_laws(solution: Solution, round_off: float = 1e-9) -> list[Measure]:
     growth = float(excess[-1] - excess[0] if loaded else (excess - excess[0]).max()) / scale
     return [
         Measure("energy balance", float(np.abs(energy["balance"]).max()) / scale, round_off),
-        Measure("energy gained", growth, 1e-6),
+        Measure("energy gained", growth, 5e-3 if loaded else 1e-6),
     ]
 
 
 def penetration_bound(solution: Solution) -> float:
-    """Largest penetration over its bound: half a step times the range of the opening velocity, plus what the
-    tolerance lets pass (1e-2 of the largest velocity times the step)."""
-    worst, step = 0.0, float(solution.time[1])
+    """Largest penetration over its bound.
+
+    Bound: half a step times the range of the opening velocity (an impact is met at the end of a step, and nothing
+    pushes a penetrated point out), plus what the tolerance lets pass: both sides agree to 1e-2 of the largest
+    velocity, in each step anew.
+    """
+    worst, step, span = 0.0, float(solution.time[1]), float(solution.time[-1])
     for history in solution.interfaces.values():
         if history.gap is None:
             continue
         relative = history.velocity[:, 1] - history.velocity[:, 0]
         opening = np.einsum("tpc,pc->tp", relative, history.normals)
         change = float(np.ptp(opening, axis=0).max())
-        bound = 0.5 * step * change + 1e-2 * step * float(np.abs(history.velocity).max())
+        bound = 0.5 * step * change + 1e-2 * span * float(np.abs(history.velocity).max())
         if bound > 0:
             worst = max(worst, history.penetration() / bound)
     return worst

@@ -124,7 +124,9 @@ ALUMINIUM, STEEL = Stuff(70e9, 2700.0, 0.3), Stuff(210e9, 7800.0, 0.3)
 EDGE, PRESSURE = 0.01, 200e6
 
 
-def press(friction: float, elements: int = 3, instants: int = 100, quarter: bool = True, **solver: Any) -> Description:
+def press(
+    friction: float, elements: int = 3, instants: int = 100, quarter: bool = True, **solver: Any
+) -> Description:
     """Steel block on aluminium block crushed by a half-sine pressure of 10 us; the base slides and stays down."""
     side, count = (EDGE, elements) if quarter else (2 * EDGE, 2 * elements)
     size, number = (side, side, EDGE), (count, count, elements)

@@ -21,7 +21,9 @@ def cases() -> Iterator[Case]:
     """See the module docstring."""
     for kind in ("automatic", "impedance"):
         for factor in (1e-2, 0.1, 10.0, 1e2):
-            yield Case(f"k {kind} x {factor:g}", "settings", "the answer of k x 1", partial(_direction, kind, factor))
+            yield Case(
+                f"k {kind} x {factor:g}", "settings", "the answer of k x 1", partial(_direction, kind, factor)
+            )
     for window in (2, 5, 10, "whole"):
         for ratio in (1.0, 1e4):
             yield Case(f"windows of {window}, E ratio {ratio:g}", "settings", "the answer of one-step windows",
@@ -77,4 +79,7 @@ def _step(transits: float, bench: Bench) -> list[Measure]:
     """Round-off of the elastic energy grows with the square of the rigid travel: 1e-12 of it is allowed."""
     solution = bench.converged(_scene(step=transits))
     round_off = 1e-9 + 1e-12 * transits**2
-    return [Measure("penetration over its bound", penetration_bound(solution), 1.0), *laws(solution, round_off)]
+    return [
+        Measure("penetration over its bound", penetration_bound(solution), 1.0),
+        *laws(solution, round_off),
+    ]

@@ -27,7 +27,11 @@ def blocks(**changes: Any) -> Scene:
         "boundary": {"base": {"type": "fixed", "face": "lower.zmin"}},
         "load": {
             "press": {"face": "upper.zmax", "pressure": 100e6, "law": {"type": "input", "start_value": 0.25}},
-            "push": {"face": "upper.xmin", "traction": [10e6, 0.0, 0.0], "law": {"type": "half_sine", "duration": 9e-6}},
+            "push": {
+                "face": "upper.xmin",
+                "traction": [10e6, 0.0, 0.0],
+                "law": {"type": "half_sine", "duration": 9e-6},
+            },
         },
         "sensor": {"head": {"substructure": "upper", "point": [0.005, 0.005, 0.02]}},
         "time": {"end": 6e-6, "step": 0.2e-6},

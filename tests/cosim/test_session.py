@@ -197,7 +197,11 @@ def test_settings_out_of_range_are_listed():
 
 def test_unknown_names():
     session = Session(blocks())
-    for call in (lambda: session.set_load("pres", 1.0), lambda: session.set_history("push", [0], [1]), lambda: session.value("x")):
+    for call in (
+        lambda: session.set_load("pres", 1.0),
+        lambda: session.set_history("push", [0], [1]),
+        lambda: session.value("x"),
+    ):
         with pytest.raises(InputError):
             call()
 
@@ -247,7 +251,9 @@ def test_sensor_tells_the_motion_of_its_node():
     played = Session(blocks(), Settings(mode=1))
     played.initialize()
     assert played.step(0.0, 6e-6)
-    assert played.values([f"sensor.head.displacement[{i}]" for i in (1, 2, 3)]) == pytest.approx(expected, rel=1e-9)
+    assert played.values([f"sensor.head.displacement[{i}]" for i in (1, 2, 3)]) == pytest.approx(
+        expected, rel=1e-9
+    )
 
 
 def test_initial_outputs_hold_initial_velocity():

@@ -11,10 +11,10 @@ pytest.importorskip("fmpy")
 pytest.importorskip("pythonfmu")
 pytest.importorskip("pythonfmu3")
 
-from fmu_build.build import build_fmu  # noqa: E402
+from fmu_build.build import build_fmu
 
-from .scenes import blocks  # noqa: E402
-from .host import Host  # noqa: E402
+from .host import Host
+from .scenes import blocks
 
 
 @pytest.fixture(scope="session")

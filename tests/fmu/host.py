@@ -35,6 +35,12 @@ class Host:
             guid=self.description.guid, unzipDirectory=str(self.folder), instanceName=name,
             modelIdentifier=self.description.coSimulation.modelIdentifier,
         )  # fmt: skip
+        try:
+            self._instantiate()
+        except Exception as error:
+            raise RuntimeError(f"{error}: {self.messages}") from error
+
+    def _instantiate(self) -> None:
         if self.three:
             self.fmu.instantiate(loggingOn=True, logMessage=self._three_hears)
         else:
@@ -58,7 +64,9 @@ class Host:
         for key, value in values.items():
             name = key.replace("__", ".")
             kind = self.variables[name].type
-            getattr(self.fmu, f"set{kind}")([self.reference(name)], value if isinstance(value, list) else [value])
+            getattr(self.fmu, f"set{kind}")(
+                [self.reference(name)], value if isinstance(value, list) else [value]
+            )
 
     def read(self, names: Sequence[str] | None = None) -> np.ndarray:
         names = self.outputs if names is None else names

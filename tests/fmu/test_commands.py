@@ -32,7 +32,9 @@ def test_build_and_simulate(scene_file, tmp_path, version, capsys):
     assert "valid" in capsys.readouterr().out
     loads = tmp_path / "loads.csv"
     loads.write_text("time,load.press.value\n0,0\n3e-6,1\n")
-    code = cli.main(["simulate", str(target), "--input", str(loads), "-o", str(out), "--step", "1e-6", "--stop", "4e-6"])
+    code = cli.main(
+        ["simulate", str(target), "--input", str(loads), "-o", str(out), "--step", "1e-6", "--stop", "4e-6"]
+    )
     assert code == 0
     assert "100.0 %" in capsys.readouterr().err
     with out.open() as file:

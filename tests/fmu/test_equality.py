@@ -53,7 +53,9 @@ def test_prescribed_from_netcdf(opened, tmp_path):
     import xarray as xr
 
     file = tmp_path / "loads.nc"
-    xr.Dataset({"press": ("time", [0.0, 1.0])}, coords={"time": [0.0, 3e-6]}).to_netcdf(file, engine="netcdf4")
+    xr.Dataset({"press": ("time", [0.0, 1.0])}, coords={"time": [0.0, 3e-6]}).to_netcdf(
+        file, engine="netcdf4"
+    )
     session = Session(blocks(), Settings(mode=1))
     session.set_history("press", [0.0, 3e-6], [0.0, 1.0])
     session.initialize()

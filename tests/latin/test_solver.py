@@ -141,7 +141,9 @@ def test_real_chain_marks_its_windows(
     for window in active:
         assert window.fallbacks == ["relaxation 1/2", "points one after the other"]
         assert window.iterations >= 14
-        assert not window.converged
+        assert (
+            not window.converged or window.final_error == 0.0
+        )  # point by point may hit the answer to the bit
     assert np.isfinite(run.state.f_hat).all()
 
 

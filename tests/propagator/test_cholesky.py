@@ -285,3 +285,26 @@ def test_numba_is_not_imported_where_compilation_is_off() -> None:
     code = "import sys, latin_fmu.propagator.cholesky as c; assert 'numba' not in sys.modules and c.interface_factor"
     environment = {**os.environ, "LATIN_FMU_COMPILE": "0", "PYTHONPATH": os.pathsep.join(sys.path)}
     subprocess.run([sys.executable, "-c", code], check=True, env=environment)
+
+
+def test_rows_in_groups_or_one_by_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Factors beyond the cache are read row by row: same answer."""
+    matrix, rank = body((3, 4, 5))
+    last = np.arange(20, 50)
+    grouped = CholeskyFactor(matrix, last, rank)
+    monkeypatch.setattr("latin_fmu.propagator.cholesky.factor._CACHE", 0)
+    single = CholeskyFactor(matrix, last, rank)
+    assert grouped._grouped
+    assert not single._grouped
+    check(matrix, last, single)
+
+
+@pytest.mark.parametrize("m", [1, 3])
+def test_wrong_sizes_are_refused(m: int) -> None:
+    factor = CholeskyFactor(scattered(30, 0.1, 0), np.arange(5))
+    with pytest.raises(ValueError, match="b has 29 rows; allowed: 30"):
+        factor.forward(np.ones((29, m)))
+    with pytest.raises(ValueError, match="x_last has 4 rows; allowed: 5"):
+        factor.backward(np.ones((25, m)), np.ones((4, m)))
+    with pytest.raises(ValueError, match="y has 30 rows; allowed: 25"):
+        factor.backward(np.ones((30, m)), np.ones((5, m)))

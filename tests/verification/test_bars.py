@@ -103,7 +103,7 @@ def test_bouncing_bar_two_contacts():
         step = time[1]
         assert abs(early[0] - 1.0) <= 1.5 * step
         assert abs(early[-1] - 5 / 3) <= 0.02 * level**-0.6  # the end of the contact is smeared
-        assert abs(late[0] - 11 / 3) <= 2 * step
+        assert abs(late[0] - 11 / 3) <= 0.01  # energy lost at the first impact shortens the flight
         assert abs(late[-1] - 13 / 3) <= 0.02 * level**-0.6
         first = np.trapezoid(np.where(time < 2.6, history, 0), time)
         second = np.trapezoid(np.where(time >= 2.6, history, 0), time)

@@ -15,6 +15,9 @@ from .numeric import OUTSIDE_PATTERN, factorise
 from .sweeps import backward_many, backward_one, forward_many, forward_one
 from .symbolic import Array, Index, Symbolic, analyse
 
+# Panels beyond this many bytes do not stay in the cache from one sweep to the next (see ``sweeps``).
+_CACHE = 16_000_000
+
 
 class CholeskyFactor:
     """Factor of a symmetric positive definite sparse matrix, interface dofs kept for last.
@@ -54,13 +57,15 @@ class CholeskyFactor:
         self._one = self.dtype.type(1.0)
         self._routines = routines(self.dtype)
         below = np.diff(shape.row_start)
+        self._grouped = self._panels.nbytes <= _CACHE
         self._tallest = int(below.max(initial=0))
-        self._pattern = (shape.first, shape.row_start, shape.rows, shape.panel_start)
+        pattern = (shape.first, shape.row_start, shape.rows, shape.panel_start)
+        self._sweep = (*pattern, self._panels, shape.order)
         _check_finite(matrix)
         schur = np.ascontiguousarray(matrix[self.last][:, self.last].toarray())
         failed = factorise(
             routines(np.dtype(np.float64)), matrix.indptr.astype(np.int64), matrix.indices.astype(np.int64),
-            matrix.data, shape.order, shape.position, *self._pattern, shape.n_children, shape.is_root, shape.stack_size,
+            matrix.data, shape.order, shape.position, *pattern, shape.n_children, shape.is_root, shape.stack_size,
             self._panels, schur,
         )  # fmt: skip
         if failed == OUTSIDE_PATTERN:
@@ -86,38 +91,40 @@ class CholeskyFactor:
         """(y, c) of the class docstring for b (n, m); y is in elimination order and of use to ``backward`` only."""
         n, m = b.shape
         n_interior = self.symbolic.n_interior
+        self._check_rows("b", n, n_interior + len(self.last))
+        b = np.ascontiguousarray(b)
         if m == 1:
             x = np.empty(n)
-            forward_one(
-                *self._pattern, self._panels, self.symbolic.order, np.ascontiguousarray(b).reshape(-1), x
-            )
+            forward_one(self._grouped, *self._sweep, b.reshape(-1), x)
             return x[:n_interior, None], x[n_interior:, None]
-        work = np.empty((n, m), dtype=self.dtype)
-        scratch = np.empty((self._tallest, m), dtype=self.dtype)
-        forward_many(
-            self._routines, self._one, *self._pattern, self._panels, self.symbolic.order, np.ascontiguousarray(b), work,
-            scratch,
-        )  # fmt: skip
+        work, scratch = self._workspace(m)
+        forward_many(self._routines, self._one, *self._sweep, b, work, scratch)
         return work[:n_interior], work[n_interior:].astype(np.float64, copy=False)
 
     def backward(self, y: Array, x_last: Array) -> Array:
         """Full solution (n, m) from ``forward`` and the interface values (n_last, m)."""
         n, m = len(self.symbolic.order), x_last.shape[1]
+        self._check_rows("y", len(y), self.symbolic.n_interior)
+        self._check_rows("x_last", len(x_last), len(self.last))
         x_last = np.ascontiguousarray(x_last)
         out = np.empty((n, m))
         if m == 1:
-            backward_one(
-                *self._pattern, self._panels, self.symbolic.order, y.reshape(-1), x_last.reshape(-1), np.empty(n),
-                out.reshape(-1),
-            )  # fmt: skip
+            x = np.empty(n)
+            backward_one(self._grouped, *self._sweep, y.reshape(-1), x_last.reshape(-1), x, out.reshape(-1))
             return out
-        work = np.empty((n, m), dtype=self.dtype)
-        scratch = np.empty((self._tallest, m), dtype=self.dtype)
-        backward_many(
-            self._routines, self._one, *self._pattern, self._panels, self.symbolic.order, y, x_last, work, scratch,
-            out,
-        )  # fmt: skip
+        work, scratch = self._workspace(m)
+        backward_many(self._routines, self._one, *self._sweep, y, x_last, work, scratch, out)
         return out
+
+    @staticmethod
+    def _check_rows(name: str, given: int, expected: int) -> None:
+        """The compiled sweeps do not look at sizes."""
+        if given != expected:
+            raise ValueError(f"{name} has {given} rows; allowed: {expected}")
+
+    def _workspace(self, m: int) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Vectors (n, m), and the part of them below one supernode."""
+        return np.empty((len(self.symbolic.order), m), self.dtype), np.empty((self._tallest, m), self.dtype)
 
     def solve(self, b: Array) -> Array:
         """A^-1 b for b (n, m)."""

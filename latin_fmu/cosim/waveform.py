@@ -1,0 +1,174 @@
+"""Master for waveform relaxation: participants coupled through velocity and force, a step iterated with rollback.
+
+The iteration is that of the method itself, across participants: the velocities of the two sides of a coupling give
+a new force along a search direction k,
+
+    F <- F - k (W - W'),      1 / k = 1 / z + 1 / z'
+
+z the impedances of the sides (rho c for a bar), until the velocities agree at the end of the step; Anderson
+acceleration mends what k misses. The force is linear over the step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from ..errors import InputError, Problem, SolverError
+from ..latin.acceleration import Anderson
+from ..latin.record import Array
+from .step_report import StepReport
+
+
+class Peer(Protocol):
+    """What the master needs of a participant; a ``Session`` is one, an FMU becomes one by ``fmu_build.peer``."""
+
+    def set_load(self, name: str, value: float, rate: float = 0.0) -> None:
+        """Amplitude at the start of the next step and its rate."""
+        ...
+
+    def step(self, t: float, h: float) -> StepReport:
+        """Go on from t by h, s."""
+        ...
+
+    def value(self, name: str) -> float:
+        """A scalar output."""
+        ...
+
+    def snapshot(self) -> bytes:
+        """The state."""
+        ...
+
+    def restore(self, blob: bytes) -> None:
+        """Back to a state."""
+        ...
+
+
+@dataclass(frozen=True)
+class Side:
+    """One side of a coupling: a load of a peer that takes the force, an output that is its velocity.
+
+    impedance : force amplitude per velocity the side answers with, e.g. rho c (Pa s m-1) for a load of 1 Pa on the
+    end of a bar.
+    """
+
+    peer: str
+    load: str
+    velocity: str
+    impedance: float
+
+
+@dataclass(frozen=True)
+class Coupling:
+    """Two sides with one velocity; the load is +F on the first and -F on the second."""
+
+    first: Side
+    second: Side
+
+    @property
+    def search_direction(self) -> float:
+        """k of the two impedances in series."""
+        a, b = self.first.impedance, self.second.impedance
+        return a * b / (a + b)
+
+
+@dataclass(frozen=True)
+class MasterReport:
+    """How a step went: iterations, last relative mismatch, forces at the end of the step (n_coupling,)."""
+
+    iterations: int
+    mismatch: float
+    force: Array
+
+
+class WaveformMaster:
+    """Steps coupled peers together.
+
+    Parameters
+    ----------
+    peers : initialized participants by name. couplings : see there.
+    tolerance : on k |W - W'| relative to the largest force met. max_iterations : of a step. depth : of Anderson.
+
+    Raises
+    ------
+    InputError : a coupling names a peer that is not there, or an impedance that is not positive.
+    """
+
+    def __init__(
+        self,
+        peers: Mapping[str, Peer],
+        couplings: Sequence[Coupling],
+        tolerance: float = 1e-8,
+        max_iterations: int = 50,
+        depth: int = 5,
+    ) -> None:
+        self._peers, self._couplings = dict(peers), list(couplings)
+        self._tolerance, self._max, self._depth = tolerance, max_iterations, depth
+        problems = [
+            Problem(f"coupling {i}", "no such peer", side.peer, ", ".join(peers))
+            for i, c in enumerate(couplings)
+            for side in (c.first, c.second)
+            if side.peer not in peers
+        ]
+        problems += [
+            Problem(f"coupling {i}", "impedances must be positive", f"{c.first.impedance}, {c.second.impedance}")
+            for i, c in enumerate(couplings)
+            if not (c.first.impedance > 0.0 and c.second.impedance > 0.0)
+        ]
+        if problems:
+            raise InputError(problems, "the master cannot be made")
+        self._k = np.array([c.search_direction for c in couplings])
+        self.force: Array = np.zeros(len(couplings))
+        self._before = self.force
+        self._scale = 0.0
+
+    def step(self, t: float, h: float) -> MasterReport:
+        """Iterate all peers from t to t + h until they agree.
+
+        Raises
+        ------
+        SolverError : a peer refuses the step, or the velocities do not agree; every peer is back at t.
+        """
+        states = {name: peer.snapshot() for name, peer in self._peers.items()}
+        accelerator = Anderson(np.ones(len(self._k)), self._depth, 1.0)
+        force = 2.0 * self.force - self._before
+        for iteration in range(1, self._max + 1):
+            if iteration > 1:
+                self._rewind(states)
+            self._advance(states, force, t, h)
+            residual = -self._k * self._jump()
+            self._scale = max(self._scale, float(np.abs(force).max(initial=0.0)))
+            mismatch = float(np.abs(residual).max(initial=0.0)) / (self._scale or 1.0)
+            if mismatch <= self._tolerance:
+                self._before, self.force = self.force, force
+                return MasterReport(iteration, mismatch, force)
+            force = accelerator.next(force[None], residual[None])[0]
+        self._rewind(states)
+        raise SolverError(f"the step at {t:g} s: velocities differ by {mismatch:.3g} after {self._max} iterations")
+
+    def _advance(self, states: Mapping[str, bytes], force: Array, t: float, h: float) -> None:
+        rate = (force - self.force) / h
+        for i, coupling in enumerate(self._couplings):
+            for side, sign in ((coupling.first, 1.0), (coupling.second, -1.0)):
+                self._peers[side.peer].set_load(side.load, sign * float(self.force[i]), sign * float(rate[i]))
+        for name, peer in self._peers.items():
+            report = peer.step(t, h)
+            if not report.accepted:
+                self._rewind(states)
+                raise SolverError(f"{name} refuses the step of {h:g} s at {t:g} s: {report.message}")
+
+    def _jump(self) -> Array:
+        """W - W' at the end of the step, (n_coupling,)."""
+        return np.array(
+            [
+                self._peers[c.first.peer].value(c.first.velocity) - self._peers[c.second.peer].value(c.second.velocity)
+                for c in self._couplings
+            ]
+        )
+
+    def _rewind(self, states: Mapping[str, bytes]) -> None:
+        for name, state in states.items():
+            self._peers[name].restore(state)

@@ -1,0 +1,80 @@
+"""The command ``latin-fmu stress`` on a short list of cases: table, figure, JSON, exit codes."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from latin_fmu.cli import main
+from latin_fmu.stability import CASES, Case, Measure, run_case
+from latin_fmu.stability import schemes as scheme_table
+from latin_fmu.stability import suite
+
+KEYS = {"case", "asked", "measured", "passed", "iterations", "fallbacks", "seconds"}
+
+
+@pytest.fixture
+def few(monkeypatch):
+    """Three quick cases instead of all of them."""
+    names = ("bars that overlap", "at rest in touch, no load", "bars, gap 0.001 L")
+    chosen = tuple(c for c in CASES if c.name in names)
+    assert len(chosen) == 3
+    monkeypatch.setattr(suite, "CASES", chosen)
+    return chosen
+
+
+def test_json_is_one_list_of_rows(few, capsys):
+    assert main(["stress", "--quick", "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)
+    assert [row["case"] for row in rows] == [c.name for c in few]
+    assert all(set(row) == KEYS for row in rows)
+    assert all(row["passed"] is True for row in rows)
+
+
+def test_report_and_figure(few, tmp_path, monkeypatch, capsys):
+    first = dict([next(iter(scheme_table.SCHEMES.items()))])
+    monkeypatch.setattr(scheme_table, "SCHEMES", first)
+    target = tmp_path / "stability.md"
+    assert main(["stress", "--quick", "-o", str(target)]) == 0
+    text = target.read_text(encoding="utf-8")
+    assert "3 of 3 hard cases hold" in text
+    assert all(case.name in text for case in few)
+    assert "Time schemes on impact" in text
+    assert (tmp_path / "stability.png").read_bytes().startswith(b"\x89PNG")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["stability.md", "stability.png"]
+    assert "3 of 3" in capsys.readouterr().out
+
+
+def broken(bench):
+    raise ArithmeticError("not converged in 1 of 2 window(s)")
+
+
+def test_a_case_that_fails_is_told(monkeypatch, capsys):
+    """Too large a number, a number that is not finite, a run that stops: three failed rows, exit code 1."""
+    bad = (
+        Case("too large", "x", "small", lambda bench: [Measure("off by", 2.0, 1.0)]),
+        Case("no number", "x", "small", lambda bench: [Measure("off by", float("nan"), 1.0)]),
+        Case("stops", "x", "runs", broken),
+    )
+    monkeypatch.setattr(suite, "CASES", bad)
+    assert main(["stress", "--json"]) == 1
+    rows = json.loads(capsys.readouterr().out)
+    assert [row["passed"] for row in rows] == [False] * 3
+    assert "not converged" in rows[2]["measured"]
+
+
+def test_target_is_checked_before_the_run(few, tmp_path, capsys):
+    assert main(["stress", "-o", str(tmp_path / "nowhere" / "report.md")]) == 2
+    assert "the folder does not exist" in capsys.readouterr().err
+
+
+def test_a_margin_of_one_is_the_limit():
+    row = run_case(Case("edge", "x", "at most", lambda bench: [Measure("a", 0.5, 1.0), Measure("b", 3.0, 3.0)]))
+    assert row.passed
+    assert row.margin == 1.0
+
+
+def test_quick_is_a_part_of_all():
+    assert set(suite.cases(quick=True)) < set(suite.cases())
+    assert len(suite.cases(quick=True)) > 100
