@@ -17,7 +17,7 @@ from .facts import NAME
 Files = dict[str, bytes]
 """Contents by path inside the archive."""
 
-_ADAPTERS = ("__init__.py", "adapter.py", "fmi2.py", "fmi3.py", "reduced_adapter.py")
+_ADAPTERS = ("__init__.py", "adapter.py", "fmi2.py", "fmi3.py")
 _EXPORTERS = {"2": "pythonfmu", "3": "pythonfmu3"}
 _LEFT_OUT = ("cli.py", "__main__.py", "commands", "accuracy")  # nothing an FMU runs
 _BARE_INIT = (

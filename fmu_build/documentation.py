@@ -7,31 +7,33 @@ from html import escape
 from .facts import Facts
 
 _STYLE = (
-    "body{font-family:sans-serif;max-width:70em;margin:2em auto;line-height:1.4}table{border-collapse:collapse}"
+    "body{font-family:sans-serif;max-width:70em;margin:2em auto;line-height:1.4}"
+    "table{border-collapse:collapse}"
     "td,th{border:1px solid #bbb;padding:.2em .5em;text-align:left;vertical-align:top}code{background:#eee}"
 )
 
 _USE = """\
 <h2>Use</h2>
 <ul>
-<li><b>Windowed</b> (<code>mode = 0</code>): set <code>load.NAME.value</code> and <code>load.NAME.rate</code>, make a step of
-any length; the step is cut into equal time steps no longer than <code>timeStep</code>. The state is carried on. Saving and
-restoring the state (serialised or not) is exact to the last bit.</li>
-<li><b>Prescribed</b> (<code>mode = 1</code>): load histories are given up front by <code>historyFile</code> (CSV with a header
-<code>time,NAME,...</code>, or netCDF) or, in FMI 3, by the arrays <code>load.NAME.history</code>; the whole interval
-[0, <code>endTime</code>] is solved when initialization ends and played back at any communication step.</li>
-<li>A step that cannot be made (a value that is no number, a step of no length, no convergence, a changed input in prescribed
-mode) is <b>discarded</b>: a message in the log says why, the state is as before.</li>
-<li>What fails during initialization (a missing file, no convergence in prescribed mode) is logged as an error; every later step
-is discarded with the same message.</li>
-<li>The stop time is not needed. The tolerance of the importer goes before the parameter <code>tolerance</code> (FMI 2; the FMI 3
-exporter does not hand it on: use the parameter).</li>
+<li><b>Windowed</b> (<code>mode = 0</code>): set <code>load.NAME.value</code> and <code>load.NAME.rate</code>, make a
+step of any length; it is cut into equal time steps no longer than <code>timeStep</code>. The state is carried on.
+Saving and restoring the state (serialised or not) is exact to the last bit.</li>
+<li><b>Prescribed</b> (<code>mode = 1</code>): load histories are given up front by <code>historyFile</code> (CSV with a
+header <code>time,NAME,...</code>, or netCDF) or, in FMI 3, by the arrays <code>load.NAME.history</code>; the whole
+interval [0, <code>endTime</code>] is solved when initialization ends and played back at any communication step.</li>
+<li>A step that cannot be made (a value that is no number, a step of no length, no convergence, a changed input in
+prescribed mode) is <b>discarded</b>: a message in the log says why, the state is as before.</li>
+<li>What fails during initialization (a missing file, no convergence in prescribed mode) is logged as an error; every
+later step is discarded.</li>
+<li>The stop time is not needed. The tolerance of the importer goes before the parameter <code>tolerance</code> (FMI 2;
+the FMI 3 exporter does not hand it on: use the parameter).</li>
 <li>With <code>resultsFile</code> a netCDF file is written at termination; it holds accepted steps only.</li>
+<li>The scene's own time laws count from the start of the simulation.</li>
 <li>Extract the FMU to a path in plain ASCII: the exporter's library cannot open another one. Spaces are fine.</li>
 </ul>
 <h2>What it needs</h2>
-<p>A Python on the importer's side with the packages of <code>externalDependencies.txt</code>; the solver itself is inside. Linux and
-Windows, x86-64.</p>
+<p>A Python on the importer's side with the packages of <code>externalDependencies.txt</code>; the solver itself is
+inside. Linux and Windows, x86-64.</p>
 """
 
 

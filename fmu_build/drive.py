@@ -161,6 +161,10 @@ class Drive:
             if not self.advance(t, end - t):
                 return
             yield [end, *self.read(self.outputs)]
+        self.terminate()
+
+    def terminate(self) -> None:
+        """End of the simulation: results are written now, where they are asked for."""
         self._fmu.terminate()
 
     def close(self) -> None:

@@ -28,10 +28,12 @@ def fmi2_description(facts: Facts) -> Element:
     add_units(root, facts)
     add_logging_and_experiment(root, facts)
     variables = SubElement(root, "ModelVariables")
+    places: dict[str, int] = {}
     for number, variable in enumerate(facts.table):
-        _add_variable(variables, number, variable)
+        if variable.causality != "independent":  # optional in FMI 2, and some hosts want a start value for it
+            _add_variable(variables, number, variable)
+            places[variable.name] = len(places) + 1
     structure = SubElement(root, "ModelStructure")
-    places = {variable.name: number + 1 for number, variable in enumerate(facts.table)}
     outputs = [variable for variable in facts.table if variable.causality == "output"]
     now, start = SubElement(structure, "Outputs"), SubElement(structure, "InitialUnknowns")
     for variable in outputs:

@@ -7,9 +7,8 @@ import json
 import pytest
 
 from latin_fmu.cli import main
-from latin_fmu.stability import CASES, Case, Measure, run_case
+from latin_fmu.stability import CASES, Case, Measure, run_case, suite
 from latin_fmu.stability import schemes as scheme_table
-from latin_fmu.stability import suite
 
 KEYS = {"case", "asked", "measured", "passed", "iterations", "fallbacks", "seconds"}
 
@@ -46,15 +45,15 @@ def test_report_and_figure(few, tmp_path, monkeypatch, capsys):
     assert "3 of 3" in capsys.readouterr().out
 
 
-def broken(bench):
+def broken(_):
     raise ArithmeticError("not converged in 1 of 2 window(s)")
 
 
 def test_a_case_that_fails_is_told(monkeypatch, capsys):
     """Too large a number, a number that is not finite, a run that stops: three failed rows, exit code 1."""
     bad = (
-        Case("too large", "x", "small", lambda bench: [Measure("off by", 2.0, 1.0)]),
-        Case("no number", "x", "small", lambda bench: [Measure("off by", float("nan"), 1.0)]),
+        Case("too large", "x", "small", lambda _: [Measure("off by", 2.0, 1.0)]),
+        Case("no number", "x", "small", lambda _: [Measure("off by", float("nan"), 1.0)]),
         Case("stops", "x", "runs", broken),
     )
     monkeypatch.setattr(suite, "CASES", bad)
@@ -64,13 +63,14 @@ def test_a_case_that_fails_is_told(monkeypatch, capsys):
     assert "not converged" in rows[2]["measured"]
 
 
-def test_target_is_checked_before_the_run(few, tmp_path, capsys):
+@pytest.mark.usefixtures("few")
+def test_target_is_checked_before_the_run(tmp_path, capsys):
     assert main(["stress", "-o", str(tmp_path / "nowhere" / "report.md")]) == 2
     assert "the folder does not exist" in capsys.readouterr().err
 
 
 def test_a_margin_of_one_is_the_limit():
-    row = run_case(Case("edge", "x", "at most", lambda bench: [Measure("a", 0.5, 1.0), Measure("b", 3.0, 3.0)]))
+    row = run_case(Case("edge", "x", "at most", lambda _: [Measure("a", 0.5, 1.0), Measure("b", 3.0, 3.0)]))
     assert row.passed
     assert row.margin == 1.0
 

@@ -29,10 +29,6 @@ def register(add: AddParser) -> None:
         "-o", "--output", metavar="X.fmu", type=Path, help="file to write (default: <name of the scene>.fmu)"
     )
     parser.add_argument("--fmi", choices=("2", "3"), default="2", help="version of the FMI (default: 2)")
-    parser.add_argument(
-        "--model-exchange", action="store_true",
-        help="a reduced model for model exchange instead (FMI 3; a cross-check, not the LATIN method)",
-    )  # fmt: skip
     parser.set_defaults(command=_fmu)
 
 
@@ -42,10 +38,7 @@ def _fmu(arguments: argparse.Namespace) -> int:
     scene = read_scene(arguments)
     target = arguments.output or Path(f"{scene.name}.fmu")
     try:
-        if arguments.model_exchange:
-            import_module("fmu_build.build_reduced").build_reduced_fmu(scene, target)
-        else:
-            import_module("fmu_build.build").build_fmu(scene, target, arguments.fmi)
+        import_module("fmu_build.build").build_fmu(scene, target, arguments.fmi)
         problems = import_module("fmu_build.validate").validate(target)
     except ModuleNotFoundError as error:
         print(f"latin-fmu: {error.msg}; pip install 'latin-fmu[fmu]' gives what FMUs need")

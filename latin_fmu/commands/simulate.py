@@ -6,6 +6,7 @@ import argparse
 import csv
 import sys
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -111,7 +112,7 @@ def read_columns(path: Path) -> dict[str, list[float]]:
         )
         raise InputError([problem], "the inputs cannot be read") from None
     times = columns.get("time", [])
-    if len(times) < 1 or any(b <= a for a, b in zip(times, times[1:], strict=False)):
+    if len(times) < 1 or any(b <= a for a, b in pairwise(times)):
         problem = Problem(str(path), "needs a column 'time' that increases strictly")
         raise InputError([problem], "the inputs cannot be read")
     return columns

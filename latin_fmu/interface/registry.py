@@ -7,10 +7,11 @@ from types import MappingProxyType
 
 from .behaviour import Behaviour
 from .contact import Contact
+from .no_slip import NoSlip
 from .perfect import Perfect
 
 BEHAVIOURS: Mapping[str, Callable[..., Behaviour]] = MappingProxyType(
-    {"perfect": Perfect, "contact": Contact}
+    {"perfect": Perfect, "contact": Contact, "no_slip": NoSlip}
 )
 
 

@@ -65,7 +65,7 @@ class Indicator:
         force = float(self._admittance_norms((uniform * self.assembly.layout.area)[:, None])[0])
         field = level**2 * float(self._weights[1, self.assembly.layout.normal].sum())
         tiny = np.finfo(float).tiny
-        return Scales(max(field, tiny), (max(force, tiny), max(_TANGENTIAL_FLOOR * force, tiny)))
+        return Scales(max(field, tiny), (max(force, tiny), max(force, tiny)))
 
     def field(
         self, q: Array, fields: tuple[Array, Array, Array, Array], scales: Scales

@@ -8,7 +8,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..time_scheme import TimeScheme
-from .condensed import CondensedFactor, Index
+from .cholesky import InterfaceFactor, interface_factor
+from .condensed import Index
 from .model import Array, SubstructureModel
 
 
@@ -28,7 +29,7 @@ class Operators:
     mass: sp.csr_array
     damping: sp.csr_array | None
     stiffness: sp.csr_array
-    factor: CondensedFactor
+    factor: InterfaceFactor
     dofs: Index
     trace: sp.csr_array
     area: Array
@@ -52,7 +53,7 @@ def build_operators(model: SubstructureModel, scheme: TimeScheme, dt: float) -> 
     trace = sp.csc_array(model.trace @ p)
     dofs = np.flatnonzero(np.diff(trace.indptr)).astype(np.int64)
     rank = None if model.ordering is None else reduced_rank(p, model.ordering)
-    factor = CondensedFactor(sp.csr_array(a), dofs, rank)
+    factor = interface_factor(sp.csr_array(a), dofs, rank)
     local = sp.csr_array(trace[:, dofs])
     gain = scheme.velocity_gain(dt) * scheme.force_weight
     compliance = gain * (local @ (local @ factor.schur_inverse).T)

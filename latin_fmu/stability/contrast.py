@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +20,7 @@ def cases() -> Iterator[Case]:
     for what in ("E", "rho"):
         for ratio in RATIOS:
             yield Case(f"bars, {what} ratio {ratio:g}", "contrast",
-                       "stress Z1 Z2 v/(Z1+Z2) at any contrast, cost of contrast 1", partial(_bars, what, ratio))  # fmt: skip
+                       "stress Z1 Z2 v/(Z1+Z2), cost of contrast 1", partial(_bars, what, ratio))  # fmt: skip
     for friction in (0.0, 0.3):
         for what in ("E", "rho"):
             for ratio in RATIOS:
@@ -61,7 +62,7 @@ def _bars(what: str, ratio: float, bench: Bench) -> list[Measure]:
     ]
 
 
-def blocks(what: str, ratio: float, friction: float, **solver: object) -> Description:
+def blocks(what: str, ratio: float, friction: float, **solver: Any) -> Description:
     """Two cubes of 3 x 3 x 3 elements, one thrown askew on the other; the step follows the faster wave."""
     soft, hard = _stuffs(what, ratio, 0.3)
     step = 1.0 / 3.0 / max(soft.pressure_speed, hard.pressure_speed)
@@ -95,5 +96,5 @@ def _lengths(ratio: float, bench: Bench) -> list[Measure]:
 
 def _unresolved(bench: Bench) -> list[Measure]:
     solution = bench.converged(blocks("E", 1e6, 0.0))
-    silent = not any("does not resolve" in remark for remark in solution.warnings)
+    silent = not any("too coarse" in remark for remark in solution.warnings)
     return [Measure("runs without a warning", float(silent), 0.0)]

@@ -20,8 +20,9 @@ FALL = 500.0  # energy of the fall, J
 
 def cases() -> Iterator[Case]:
     """See the module docstring."""
-    damped = {"type": "newmark", "beta": 0.3025, "gamma": 0.6}
-    for name, scheme in {"hht": {"type": "hht"}, "newmark, gamma 0.6": damped}.items():
+    damped: dict[str, Any] = {"type": "newmark", "beta": 0.3025, "gamma": 0.6}
+    schemes: dict[str, dict[str, Any]] = {"hht": {"type": "hht"}, "newmark, gamma 0.6": damped}
+    for name, scheme in schemes.items():
         yield Case(f"20 bounces, {name}", "duration", "energy never above its start, period kept",
                    partial(_bounces, 20, 50, scheme), quick=False)  # fmt: skip
     yield Case("5 bounces, hht", "duration", "energy never above its start, period kept",

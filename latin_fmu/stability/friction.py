@@ -8,8 +8,8 @@ from math import cos, degrees, radians, sin
 
 import numpy as np
 
-from .case import Bench, Case, Measure
-from .measures import TIGHT, contact_laws, distance, energy_laws, laws
+from .case import Bench, Case, Description, Measure
+from .measures import TIGHT, contact_laws, distance, energy_laws, impulse, laws
 from .scenes import Box, Stuff, cornered, press, two_boxes
 
 STICK = 1
@@ -27,6 +27,8 @@ def cases() -> Iterator[Case]:
         yield Case(f"corner of three walls, mu {friction:g}", "friction",
                    "a node of three interfaces: converged; total force unique for mu <= 0.3",
                    partial(_corner, friction))  # fmt: skip
+    yield Case("corner of three walls, no_slip", "friction", "converged where mu 1e6 is not", _no_slip_corner)
+    yield Case("crushing, no_slip", "friction", "the answer of mu 1e6, same cost", _no_slip_crushing)
     yield Case("corner of three walls, mu 1e6", "friction",
                "not winnable point by point: stops with a sentence, laws kept", _hopeless)  # fmt: skip
 
@@ -113,11 +115,40 @@ def _corner(friction: float, bench: Bench) -> list[Measure]:
     if friction <= 0.3:
         totals = []
         for kind in ("diagonal", "impedance"):
-            scene = cornered(THROW, friction, search_direction=kind, **TIGHT | {"tolerance": 1e-11})
+            scene = cornered(THROW, friction, search_direction=kind, **{**TIGHT, "tolerance": 1e-11})
             tight = bench.converged(scene, counted=False)
             totals.append(np.stack([h.force() for h in tight.interfaces.values()]).sum(axis=0))
         measures.append(Measure("total force of two search directions differs by", distance(*totals), 1e-8))
     return measures
+
+
+def _no_slip(scene: Description) -> Description:
+    for table in scene["interface"].values():
+        table["behaviour"] = "no_slip"
+        table.pop("friction_coefficient", None)
+    return scene
+
+
+def _no_slip_corner(bench: Bench) -> list[Measure]:
+    solution = bench.converged(_no_slip(cornered(THROW, 0.0)))
+    energy = solution.energy
+    assert energy is not None
+    taken = float(np.abs(energy["friction_dissipation"]).max() / energy["kinetic"][0])
+    return [Measure("work of the tangential tractions", taken, 2e-3), *energy_laws(solution)]
+
+
+def _no_slip_crushing(bench: Bench) -> list[Measure]:
+    rough = bench.converged(press(1e6, 6, 60), counted=False)
+    solution = bench.converged(_no_slip(press(0.0, 6, 60)))
+    forces = (s.interfaces["meet"].force() for s in (solution, rough))
+    return [
+        Measure(
+            "force differs by", distance(*forces), 0.05
+        ),  # holds the points that touch without pressure too
+        Measure("normal impulse differs by", abs(impulse(solution) / impulse(rough) - 1), 2e-3),
+        Measure("passes over mu 1e6", solution.passes / rough.passes, 1.5),
+        *energy_laws(solution),
+    ]
 
 
 def _hopeless(bench: Bench) -> list[Measure]:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any
+
 import numpy as np
 
 from ..latin.record import Array
 from ..results.solution import Solution
 from .case import Measure
 
-TIGHT = {"tolerance": 1e-9, "max_iterations": 3000}
+TIGHT: Mapping[str, Any] = MappingProxyType({"tolerance": 1e-9, "max_iterations": 3000})
 """Solver settings of a run to round-off: the same discrete problem, whatever the search direction."""
 
 
@@ -102,17 +106,18 @@ def penetration_bound(solution: Solution) -> float:
     """Largest penetration over its bound.
 
     Bound: half a step times the range of the opening velocity (an impact is met at the end of a step, and nothing
-    pushes a penetrated point out), plus what the tolerance lets pass: both sides agree to 1e-2 of the largest
-    velocity, in each step anew.
+    pushes a penetrated point out), plus what the tolerance lets pass: in each step anew the velocities of both
+    sides agree to the force tolerance (1e-2) of their sum, at most twice the largest in the assembly.
     """
     worst, step, span = 0.0, float(solution.time[1]), float(solution.time[-1])
+    fastest = max(float(np.abs(history.velocity).max()) for history in solution.interfaces.values())
     for history in solution.interfaces.values():
         if history.gap is None:
             continue
         relative = history.velocity[:, 1] - history.velocity[:, 0]
         opening = np.einsum("tpc,pc->tp", relative, history.normals)
         change = float(np.ptp(opening, axis=0).max())
-        bound = 0.5 * step * change + 1e-2 * span * float(np.abs(history.velocity).max())
+        bound = 0.5 * step * change + 2e-2 * span * fastest
         if bound > 0:
             worst = max(worst, history.penetration() / bound)
     return worst

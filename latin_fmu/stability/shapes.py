@@ -1,4 +1,4 @@
-"""Shapes and ties: slivers, nearly incompressible blocks, symmetry, redundant and shared interfaces, floating bodies."""
+"""Shapes and ties: slivers, near incompressibility, symmetry, redundant and shared interfaces, floating bodies."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def cases() -> Iterator[Case]:
                        "force of the same discrete problem at round-off", partial(_sliver, shape, aspect))  # fmt: skip
     for poisson in (-0.9, 0.45, 0.49, 0.499, 0.4999):
         yield Case(f"Poisson's ratio {poisson:g}", "shape",
-                   "force of the same discrete problem at round-off; locking warned", partial(_poisson, poisson))  # fmt: skip
+                   "force of the problem at round-off; locking warned", partial(_poisson, poisson))  # fmt: skip
     for friction in (0.0, 0.1, 0.3, 1.0, 10.0):
         yield Case(f"planes of symmetry across the interface, mu {friction:g}", "shape",
                    "quarter model = full model", partial(_symmetry, friction))  # fmt: skip

@@ -57,7 +57,11 @@ def scene(seed: int) -> dict[str, Any]:
     weight = max(s["density"] for s in stuffs)
     _load(described, rng, count, weight * float(max(speeds)) * scale, 60 * float(max(transits)))
     step = float(pick([min(transits), max(transits)])) * 10.0 ** rng.uniform(-1, 1)
-    described["time"] = {"end": 40 * step, "instants": 40, "scheme": dict(SCHEMES[int(rng.integers(len(SCHEMES)))])}
+    described["time"] = {
+        "end": 40 * step,
+        "instants": 40,
+        "scheme": dict(SCHEMES[int(rng.integers(len(SCHEMES)))]),
+    }
     described["solver"] = {
         "window": pick([1, 1, 1, 4, "whole"]).item(),
         "search_direction": {
@@ -93,10 +97,15 @@ def _surroundings(described: dict[str, Any], rng: np.random.Generator, count: in
             described["boundary"][f"x{i}"] = {"face": f"b{i}.xmin", "type": "symmetry"}
 
 
-def _load(described: dict[str, Any], rng: np.random.Generator, count: int, traction: float, span: float) -> None:
+def _load(
+    described: dict[str, Any], rng: np.random.Generator, count: int, traction: float, span: float
+) -> None:
     if rng.random() < 0.3:
         return
-    law = {"type": str(rng.choice(["half_sine", "rectangular_pulse"])), "duration": span * 10.0 ** rng.uniform(-2, 0)}
+    law = {
+        "type": str(rng.choice(["half_sine", "rectangular_pulse"])),
+        "duration": span * 10.0 ** rng.uniform(-2, 0),
+    }
     size = traction * 10.0 ** rng.uniform(-1, 1)
     if rng.random() < 0.7:
         described["load"]["push"] = {"face": f"b{count - 1}.zmax", "pressure": size, "law": law}
@@ -106,7 +115,7 @@ def _load(described: dict[str, Any], rng: np.random.Generator, count: int, tract
 
 
 def outcome(seed: int) -> str:
-    """"converged" or "not converged"; AssertionError for anything else."""
+    """ "converged" or "not converged"; AssertionError for anything else."""
     start = time.process_time()
     described = scene(seed)
     solution = latin_fmu.solve(latin_fmu.scene_from_dict(described))
@@ -123,7 +132,9 @@ def outcome(seed: int) -> str:
         assert said.rstrip(".").split(". ")[-1], said
         return "not converged"
     check_energy(solution, described)
-    assert penetration_bound(solution) <= 1.0, f"penetration over its bound: {penetration_bound(solution):.3f}"
+    assert penetration_bound(solution) <= 1.0, (
+        f"penetration over its bound: {penetration_bound(solution):.3f}"
+    )
     return "converged"
 
 
@@ -146,4 +157,6 @@ def check_energy(solution: latin_fmu.Solution, described: dict[str, Any]) -> Non
         courant = max(courant, float(solution.time[1]) * speed / shortest)
     allowed = (1e-9 + 1e-12 * courant**2) * scale
     assert float(np.abs(energy["balance"]).max()) <= allowed, "energy balance"
-    assert float(np.diff(energy["friction_dissipation"]).min(initial=0.0)) >= -1e-9 * scale, "friction gives energy"
+    assert float(np.diff(energy["friction_dissipation"]).min(initial=0.0)) >= -1e-9 * scale, (
+        "friction gives energy"
+    )

@@ -7,7 +7,6 @@ import pytest
 from latin_fmu.stability import CASES, run_case
 
 
-
 @pytest.mark.parametrize(
     "case",
     [pytest.param(c, id=f"{c.family}: {c.name}", marks=[] if c.quick else [pytest.mark.slow]) for c in CASES],

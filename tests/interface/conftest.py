@@ -43,16 +43,25 @@ def contact_residual(behaviour: Behaviour, slip: Array, traction: Array, reach: 
     return max(worst, float(outside), float(stuck), float(aligned))
 
 
+def no_slip_residual(_: Behaviour, slip: Array, traction: Array, reach: Array) -> float:
+    """Signorini; no sliding where closed at the start of the instant, no shear elsewhere."""
+    pressure, room = -traction[:, 0], reach + slip[:, 0]
+    worst = max(0.0, float(-pressure.min()), float(-room.min()), float(np.abs(pressure * room).max()))
+    wrong = np.where((reach == 0)[:, None], slip[:, 1:], traction[:, 1:])
+    return max(worst, float(np.abs(wrong).max()))
+
+
 PARAMETERS: Mapping[str, tuple[Mapping[str, float], ...]] = MappingProxyType(
     {
         "perfect": (MappingProxyType({}),),
+        "no_slip": (MappingProxyType({}),),
         "contact": tuple(
             MappingProxyType({"friction_coefficient": mu}) for mu in (0.0, 1e-6, 0.2, 1.0, 10.0, 1e6)
         ),
     }
 )
 RELATIONS: Mapping[str, Residual] = MappingProxyType(
-    {"perfect": perfect_residual, "contact": contact_residual}
+    {"perfect": perfect_residual, "contact": contact_residual, "no_slip": no_slip_residual}
 )
 CASES = [(name, parameters) for name in BEHAVIOURS for parameters in PARAMETERS.get(name, ())]
 

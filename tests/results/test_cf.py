@@ -9,6 +9,7 @@ import json
 import os
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -17,7 +18,10 @@ import xarray as xr
 from latin_fmu.results.netcdf import write_netcdf
 from latin_fmu.results.solution import Solution
 
-CHECKER = os.environ.get("COMPLIANCE_CHECKER") or shutil.which("compliance-checker")
+_BESIDE = str(Path(sys.executable).parent)
+CHECKER = os.environ.get("COMPLIANCE_CHECKER") or shutil.which(
+    "compliance-checker", path=os.pathsep.join([_BESIDE, os.environ.get("PATH", "")])
+)
 VERSION = "cf:1.11"
 
 NEEDS_CHECKER = pytest.mark.skipif(

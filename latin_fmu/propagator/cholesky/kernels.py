@@ -7,7 +7,7 @@ them, so that the compiled code can be kept on disk from one process to the next
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, TypeVar, cast
+from typing import Any, Final, TypeVar, cast
 
 import numpy as np
 from llvmlite import ir  # type: ignore[import-untyped]
@@ -22,7 +22,7 @@ LEFT, RIGHT, UPPER = np.uint8(ord("L")), np.uint8(ord("R")), np.uint8(ord("U"))
 PLAIN, TRANSPOSED = np.uint8(ord("N")), np.uint8(ord("T"))
 
 # Sums may be taken in another (fixed) order: without that they are not vectorised.
-_FAST = {"reassoc", "contract", "nsz"}
+_FAST: Final = {"reassoc", "contract", "nsz"}
 
 
 def kernel(function: Function) -> Function:

@@ -1,0 +1,54 @@
+"""Unilateral contact without slip: the limit of Coulomb's law for mu -> infinity that stays solvable.
+
+Normal law as in ``contact``: P = max(0, -(w + reach)) / (z_n + z_n'). Tangentially a point that is in touch at the
+start of the instant (reach = 0) does not slide in it, pressed or not; one that arrives within the instant slides
+freely until it has arrived:
+
+    F_hat_t = (s' - s)_t / (z_t + z_t')   where reach = 0,   else 0
+
+The closure of Coulomb's cone for mu -> infinity is the half space P >= 0: shear without pressure belongs to it, so
+that touch alone may hold a point. Stick then depends on the past only, the instant is a convex problem and the
+iteration converges, where a huge friction coefficient (stick from the first trace of pressure) may not.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from .behaviour import SEPARATION, STICK, Array, Status
+
+
+@dataclass(frozen=True)
+class NoSlip:
+    """Contact of surfaces that never slide on each other."""
+
+    name: ClassVar[str] = "no_slip"
+    opens: ClassVar[bool] = True
+
+    @property
+    def n_component(self) -> int:
+        """Normal and tangential."""
+        return 3
+
+    def point_parameters(self, n_point: int) -> Array:
+        """None."""
+        return np.zeros((n_point, 0))
+
+    @staticmethod
+    def local(jump: Array, z: Array, reach: Array, rate: float, parameters: Array) -> Array:
+        """Explicit solution per point (module docstring)."""
+        traction = np.zeros_like(jump)
+        closing = np.maximum(0.0, -(jump[:, 0] + reach))
+        traction[:, 0] = -np.divide(closing, z[:, 0], out=np.zeros_like(closing), where=z[:, 0] > 0)
+        held = (reach <= 0) & (z[:, 1] > 0)
+        traction[held, 1:] = jump[held, 1:] / z[held, 1:]
+        return traction
+
+    @staticmethod
+    def status(traction: Array, parameters: Array) -> Status:
+        """Stick where there is any traction."""
+        loaded = (traction[..., 0] < 0) | (traction[..., 1:] != 0).any(axis=-1)
+        return np.where(loaded, STICK, SEPARATION).astype(np.int8)

@@ -1,0 +1,21 @@
+"""Runs an FMU with ecospy: python with_ecospy.py X.fmu STEP N INPUT VALUE OUTPUT."""
+
+from __future__ import annotations
+
+import json
+import sys
+
+from ecospy import EcosSimulation, EcosSimulationStructure
+
+path, step, n, given, value, wanted = sys.argv[1:]
+with EcosSimulationStructure() as structure:
+    structure.add_model("one", path)
+    with EcosSimulation(float(step), structure=structure) as simulation:
+        simulation.init()
+        simulation.set_real(f"one::{given}", float(value))
+        rows = []
+        for _ in range(int(n)):
+            simulation.step(1)
+            rows.append(simulation.get_real(f"one::{wanted}"))
+        simulation.terminate()
+print(json.dumps(rows))

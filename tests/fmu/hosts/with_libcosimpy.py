@@ -1,0 +1,25 @@
+"""Runs an FMU with libcosimpy (FMI 2): python with_libcosimpy.py X.fmu STEP N INPUT VALUE OUTPUT."""
+
+from __future__ import annotations
+
+import json
+import sys
+
+from libcosimpy.CosimExecution import CosimExecution
+from libcosimpy.CosimManipulator import CosimManipulator
+from libcosimpy.CosimObserver import CosimObserver
+from libcosimpy.CosimSlave import CosimLocalSlave
+
+path, step, n, given, value, wanted = sys.argv[1:]
+execution = CosimExecution.from_step_size(round(float(step) * 1e9))  # nanoseconds
+slave = execution.add_local_slave(CosimLocalSlave(path, "one"))
+manipulator, observer = CosimManipulator.create_override(), CosimObserver.create_last_value()
+execution.add_manipulator(manipulator)
+execution.add_observer(observer)
+references = {v.name.decode(): v.reference for v in execution.slave_variables(slave)}
+manipulator.slave_real_values(slave, [references[given]], [float(value)])
+rows = []
+for _ in range(int(n)):
+    assert execution.step()
+    rows.append(observer.last_real_values(slave, [references[wanted]])[0])
+print(json.dumps(rows))

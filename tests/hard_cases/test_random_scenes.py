@@ -1,0 +1,50 @@
+"""Property: a random small scene converges with all laws kept, or says cleanly that it does not. No third outcome.
+
+500 scenes and more: ``pytest -m slow tests/hard_cases/test_random_scenes.py`` (see CONTRIBUTING).
+"""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from .random_scenes import outcome
+
+# Seeds that once had a third outcome or still need the last fall-back; kept for good.
+FOUND = {
+    4: "undamped scheme, windows of 4: penetration drifts with the tolerance",
+    13: "step of 1e5 transits: round-off of the elastic energy",
+    44: "mu 10, unaccelerated: stalls with the impedance",
+    47: "penetration grows slowly under the tolerance",
+    87: "step of 7e4 transits: does not converge, says so",
+    148: "round-off of the energy balance at a step of 5e3 transits",
+}
+
+
+@settings(max_examples=40, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@given(st.integers(0, 2**32 - 1))
+def test_two_outcomes(seed):
+    assert outcome(seed) in ("converged", "not converged")
+
+
+@pytest.mark.parametrize("seed", sorted(FOUND))
+def test_found_seeds(seed):
+    assert outcome(seed) in ("converged", "not converged")
+
+
+def test_most_converge():
+    """Of the first 30 seeds (steps from 1e-1 to 1e5 transits, k off by ten, mu to 10) nine in ten converge."""
+    found = [outcome(seed) for seed in range(30)]
+    assert found.count("converged") >= 27
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("block", range(20))
+def test_many(block):
+    """Another 600 scenes, thirty a test; the message names the seed."""
+    for seed in range(1000 + 30 * block, 1000 + 30 * (block + 1)):
+        try:
+            outcome(seed)
+        except Exception as error:  # any exception at all is the finding
+            raise AssertionError(f"seed {seed}: {type(error).__name__}: {error}") from error
