@@ -126,4 +126,5 @@ def check(scene: Scene) -> list[str]:
         f"  interface {u.name}: {u.behaviour.name}, {u.geometry.n_point} points, area {u.geometry.areas.sum():.6g} m2"
         for u in assembly.interfaces
     ]
-    return lines + [f"warning: {w}" for w in built.warnings]
+    lines += [f"warning: {w}" for w in built.warnings]
+    return [*lines, "the scene can be solved" + (", mind the warnings" if built.warnings else "")]
