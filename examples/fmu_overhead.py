@@ -53,7 +53,9 @@ def main() -> dict[str, float]:
                 run.restore(blob)
                 core.append(seconds(lambda: run.advance(h, N_INSTANT, loads)))
                 peer.restore(state)
-                layered.append(seconds(lambda: (peer.set_load("press", 0.8), peer.step(0.0, h), peer.read(peer.outputs))))
+                layered.append(
+                    seconds(lambda: (peer.set_load("press", 0.8), peer.step(0.0, h), peer.read(peer.outputs)))
+                )
             thousand = [peer.outputs[i % len(peer.outputs)] for i in range(1000)]
             references = [peer.reference(name) for name in thousand]
             reading = statistics.median(seconds(lambda: peer.read_references(references)) for _ in range(20))

@@ -1,24 +1,29 @@
-"""Compilation of kernels with numba, cached on disk; plain Python where numba is switched off.
+"""Compilation of kernels with numba, cached on disk; their NumPy twins where numba is switched off.
 
-``LATIN_FMU_COMPILE=0`` in the environment switches compilation off (debugging, comparison of twins).
+``LATIN_FMU_COMPILE=0`` in the environment switches compilation off (debugging, hosts without a compiler cache).
 """
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from typing import Any, TypeVar, cast
+from typing import Any, Final, TypeVar, cast
 
 Function = TypeVar("Function", bound=Callable[..., Any])
+COMPILES: Final = os.environ.get("LATIN_FMU_COMPILE", "1") != "0"
 
 
-def compiled(function: Function) -> Function:
-    """``numba.njit(cache=True)`` of the function, or the function itself when compilation is off."""
-    if os.environ.get("LATIN_FMU_COMPILE", "1") == "0":
-        return function
-    from numba import njit
+def compiled(twin: Function) -> Callable[[Function], Function]:
+    """Decorator: ``numba.njit(cache=True)`` of the function, or its NumPy ``twin`` when compilation is off."""
 
-    try:
-        return cast(Function, njit(cache=True)(function))
-    except RuntimeError:  # no folder to cache in: compile afresh in this process
-        return cast(Function, njit(function))
+    def choose(function: Function) -> Function:
+        if not COMPILES:
+            return twin
+        from numba import njit
+
+        try:
+            return cast(Function, njit(cache=True)(function))
+        except RuntimeError:  # no folder to cache in: compile afresh in this process
+            return cast(Function, njit(function))
+
+    return choose

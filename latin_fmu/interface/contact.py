@@ -76,7 +76,7 @@ def contact_numpy(jump: Array, z: Array, reach: Array, parameters: Array) -> Arr
     return traction
 
 
-@compiled
+@compiled(contact_numpy)
 def _kernel(jump: Array, z: Array, reach: Array, parameters: Array) -> Array:
     traction = np.zeros_like(jump)
     n_component = jump.shape[1]

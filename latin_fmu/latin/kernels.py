@@ -1,6 +1,6 @@
 """Compiled passes over the flat channel vectors: what one iteration does besides the products with Y.
 
-Each has the NumPy expression it stands for in its docstring; tests compare them.
+Each follows its NumPy twin, which says what it computes and serves where compilation is off; tests compare them.
 """
 
 from __future__ import annotations
@@ -11,9 +11,56 @@ from ..compiled import compiled
 from .layout import Array, Index
 
 
-@compiled
+def respond_numpy(response: Array, w_0: Array, channels: Index, q: Array, w: Array) -> None:
+    """Answer of one class at its channels (n_channel, n_member); q, w (n_flat,)."""
+    w[channels] = w_0 + response @ q[channels]
+
+
+def outgoing_numpy(q: Array, w: Array, k: Array, z: Array, f: Array, s: Array) -> None:
+    """Traction F = q - k W and outgoing quantity s = W - z F; q, w, f, s (n, n_flat), k, z (n_flat,)."""
+    np.subtract(q, k * w, out=f)
+    np.subtract(w, z * f, out=s)
+
+
+def close_numpy(
+    q: Array, k: Array, f_hat: Array, w_hat: Array, f: Array, w: Array, weights: Array, residual: Array
+) -> tuple[float, float]:
+    """Residual of q and the two sums of the indicator; fields (n, n_flat), ``weights`` (3, n_flat) of the residual,
+    of tractions and of velocities."""
+    np.subtract(f_hat + k * w_hat, q, out=residual)
+    difference = float(np.vdot(weights[0] * residual, residual))
+    size = float(np.vdot(weights[1] * f, f) + np.vdot(weights[1] * f_hat, f_hat))
+    size += float(np.vdot(weights[2] * w, w) + np.vdot(weights[2] * w_hat, w_hat))
+    return difference, size
+
+
+def anderson_numpy(
+    weight: Array, q: Array, residual: Array, last_q: Array, last_r: Array, dq: Array, dr: Array, gram: Array,
+    count: int, relaxation: float, rank: float, out: Array,
+) -> None:  # fmt: skip
+    """One step of Anderson acceleration on fields (n, n_flat); see ``acceleration``.
+
+    dq, dr : (depth, n, n_flat) ring of differences, gram : (depth, depth) their weighted products, brought up to
+    date with the difference number ``count``; weight : (n_flat,) squared weights; directions whose eigenvalue is
+    below ``rank`` times the largest are dropped. The result goes to ``out``.
+    """
+    row, kept = count % len(dq), min(count + 1, len(dq))
+    np.subtract(q, last_q, out=dq[row])
+    np.subtract(residual, last_r, out=dr[row])
+    known = dr[:kept].reshape(kept, -1)
+    gram[row, :kept] = gram[:kept, row] = known @ (weight * dr[row]).ravel()
+    size = np.sqrt(np.maximum(np.diag(gram)[:kept], 1e-300))
+    right = (known @ (weight * residual).ravel()) / size
+    values, vectors = np.linalg.eigh(gram[:kept, :kept] / np.outer(size, size))
+    used = values > rank * values[-1]
+    basis = vectors[:, used]
+    gamma = (basis @ ((basis.T @ right) / values[used])) / size
+    out[...] = q + relaxation * residual - np.einsum("a,aij->ij", gamma, dq[:kept] + relaxation * dr[:kept])
+
+
+@compiled(respond_numpy)
 def respond(response: Array, w_0: Array, channels: Index, q: Array, w: Array) -> None:
-    """``w[channels] = w_0 + response @ q[channels]`` for one class, channels (n_channel, n_member)."""
+    """See ``respond_numpy``."""
     n, members = channels.shape
     incoming = np.empty((n, members))
     for i in range(n):
@@ -25,9 +72,9 @@ def respond(response: Array, w_0: Array, channels: Index, q: Array, w: Array) ->
             w[channels[i, j]] = w_0[i, j] + answer[i, j]
 
 
-@compiled
+@compiled(outgoing_numpy)
 def outgoing(q: Array, w: Array, k: Array, z: Array, f: Array, s: Array) -> None:
-    """``f = q - k * w; s = w - z * f`` for q, w (n, n_flat)."""
+    """See ``outgoing_numpy``."""
     for i in range(q.shape[0]):
         for j in range(q.shape[1]):
             traction = q[i, j] - k[j] * w[i, j]
@@ -35,14 +82,11 @@ def outgoing(q: Array, w: Array, k: Array, z: Array, f: Array, s: Array) -> None
             s[i, j] = w[i, j] - z[j] * traction
 
 
-@compiled
+@compiled(close_numpy)
 def close(
     q: Array, k: Array, f_hat: Array, w_hat: Array, f: Array, w: Array, weights: Array, residual: Array
 ) -> tuple[float, float]:
-    """``residual = f_hat + k * w_hat - q`` and the two sums of the indicator, all (n, n_flat):
-
-    sum of r_weight residual^2, and of f_weight (f^2 + f_hat^2) + w_weight (w^2 + w_hat^2), ``weights`` their rows.
-    """
+    """See ``close_numpy``."""
     difference, size = 0.0, 0.0
     for i in range(q.shape[0]):
         for j in range(q.shape[1]):
@@ -54,16 +98,12 @@ def close(
     return difference, size
 
 
-@compiled
+@compiled(anderson_numpy)
 def anderson(
     weight: Array, q: Array, residual: Array, last_q: Array, last_r: Array, dq: Array, dr: Array, gram: Array,
     count: int, relaxation: float, rank: float, out: Array,
 ) -> None:  # fmt: skip
-    """One step of Anderson acceleration on vectors of (n, n_flat); see ``acceleration``.
-
-    dq, dr : (depth, n, n_flat) ring of differences, gram : (depth, depth) their weighted products, brought up to
-    date with the difference number ``count``; weight : (n_flat,) squared weights. The result goes to ``out``.
-    """
+    """See ``anderson_numpy``."""
     depth = dq.shape[0]
     row = count % depth
     n, n_flat = q.shape

@@ -50,12 +50,28 @@ def expected(opened) -> list[float]:
 
 
 @pytest.mark.parametrize(
-    ("host", "version"), [("libcosimpy", "2"), ("ecospy", "2"), ("ecospy", "3"), ("pathsim", "2"), ("pathsim", "3")]
+    ("host", "version"),
+    [("libcosimpy", "2"), ("ecospy", "2"), ("ecospy", "3"), ("pathsim", "2"), ("pathsim", "3")],
 )
 def test_host(host, version, fmus, expected, tmp_path):
     script = SCRIPTS / f"with_{host}.py"
-    command = [tool(host, "python"), str(script), str(fmus[version]), str(STEP), str(N), INPUT, str(VALUE), OUTPUT]
-    rows = json.loads(next(line for line in ran(command, tmp_path).splitlines() if line.startswith("[-") or line.startswith("[0")))
+    command = [
+        tool(host, "python"),
+        str(script),
+        str(fmus[version]),
+        str(STEP),
+        str(N),
+        INPUT,
+        str(VALUE),
+        OUTPUT,
+    ]
+    rows = json.loads(
+        next(
+            line
+            for line in ran(command, tmp_path).splitlines()
+            if line.startswith("[-") or line.startswith("[0")
+        )
+    )
     first = 1 if host == "pathsim" else 0  # pathsim reads after the step that begins at its time point
     assert rows[: N - first] == pytest.approx(expected[first:], rel=1e-9, abs=1e-6)
 

@@ -18,4 +18,4 @@ with EcosSimulationStructure() as structure:
             simulation.step(1)
             rows.append(simulation.get_real(f"one::{wanted}"))
         simulation.terminate()
-print(json.dumps(rows))
+sys.stdout.write(json.dumps(rows) + "\n")

@@ -22,4 +22,4 @@ rows = []
 for _ in range(int(n)):
     assert execution.step()
     rows.append(observer.last_real_values(slave, [references[wanted]])[0])
-print(json.dumps(rows))
+sys.stdout.write(json.dumps(rows) + "\n")

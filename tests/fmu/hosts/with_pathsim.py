@@ -17,4 +17,4 @@ rows = []
 for i in range(int(n)):
     simulation.run((1 if i else 1 - 1e-6) * h, reset=False)  # the step of the FMU falls due at its start
     rows.append(float(block.outputs[wanted]))
-print(json.dumps(rows))
+sys.stdout.write(json.dumps(rows) + "\n")

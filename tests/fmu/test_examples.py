@@ -1,0 +1,63 @@
+"""The examples with FMUs run, and their numbers are right."""
+
+from __future__ import annotations
+
+import importlib
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+@pytest.fixture
+def example(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """The module named by the test's parameter."""
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+    return importlib.import_module(request.param)
+
+
+def test_every_example_is_tested_here():
+    names = {path.stem for path in EXAMPLES.glob("fmu_*.py")}
+    assert names == {"fmu_first", "fmu_sweep", "fmu_neighbour", "fmu_netcdf", "fmu_cut_bar", "fmu_overhead"}
+
+
+@pytest.mark.parametrize("example", ["fmu_first"], indirect=True)
+def test_first(example):
+    numbers = example.main()
+    assert numbers["force"] == pytest.approx(23.7e3, rel=0.02)
+    assert 0.0 < numbers["slipping"] <= 1.0
+
+
+@pytest.mark.parametrize("example", ["fmu_sweep"], indirect=True)
+def test_sweep(example):
+    """No gap opens and the friction is the same share: the response is in proportion to the load."""
+    assert example.main()["ratio"] == pytest.approx(2.0, rel=1e-2)
+
+
+@pytest.mark.parametrize("example", ["fmu_neighbour"], indirect=True)
+def test_neighbour(example):
+    numbers = example.main()
+    assert -8.0 < numbers["rebound"] < 0.0
+    assert numbers["error"] < 2e-3
+
+
+@pytest.mark.parametrize("example", ["fmu_netcdf"], indirect=True)
+def test_netcdf(example):
+    assert example.main() == {"steps": 8, "fields": 17}
+
+
+@pytest.mark.parametrize("example", ["fmu_cut_bar"], indirect=True)
+def test_a_bar_cut_into_two_fmus_is_the_whole_bar(example):
+    numbers = example.main()
+    assert numbers["error"] < 1e-7
+    assert numbers["iterations"] < 4
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("example", ["fmu_overhead"], indirect=True)
+def test_overhead(example):
+    numbers = example.main()
+    assert numbers["overhead"] < 0.05
+    assert numbers["reading"] < 2e-3
