@@ -1,4 +1,4 @@
-"""A system of two FMUs as one .ssp: the crushing, and the same at half scale driven by its slip."""
+"""A system of two FMUs as one .ssp: the crushing twice, the second loaded as the first slips."""
 
 from __future__ import annotations
 
@@ -20,7 +20,9 @@ def main() -> dict[str, float]:
     with tempfile.TemporaryDirectory() as folder:
         fmu = build_fmu(scene, Path(folder) / "crushing.fmu")
         line = ("first", "interface.crush.slipping", "second", "load.press.value")
-        package = write_ssp(Path(folder) / "pair.ssp", "pair", {"first": fmu, "second": fmu}, [line], scene.time.end)
+        package = write_ssp(
+            Path(folder) / "pair.ssp", "pair", {"first": fmu, "second": fmu}, [line], scene.time.end
+        )
         described = read_ssd(str(package))
     system = described.system
     print(f"{system.name}: {[e.name for e in system.elements]}, {len(system.connections)} connection(s)")

@@ -47,7 +47,8 @@ def documentation(facts: Facts, scene_text: str, version: str) -> str:
     )
     return (
         f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(facts.model)}</title>\n'
-        f"<style>{_STYLE}</style></head><body>\n<h1>{escape(facts.model)}</h1>\n<p>{escape(facts.description)}</p>\n"
+        f"<style>{_STYLE}</style></head><body>\n<h1>{escape(facts.model)}</h1>\n"
+        f"<p>{escape(facts.description)}</p>\n"
         f"<p>FMI {version} for co-simulation, made by latin_fmu {facts.version}. Impact of elastic bodies with "
         f"frictional contact by the LATIN method. SI units.</p>\n{_USE}<h2>Variables</h2>\n<p>Components are counted "
         "from 1, along x, y, z. A load is its amplitude here: it multiplies the pressure or traction of the scene.</p>\n"

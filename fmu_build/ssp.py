@@ -15,11 +15,18 @@ from .xml_text import xml_bytes
 Connection = tuple[str, str, str, str]
 """Component and variable it comes from, component and variable it goes to."""
 
-_SSD, _SSC = "http://ssp-standard.org/SSP1/SystemStructureDescription", "http://ssp-standard.org/SSP1/SystemStructureCommon"
+_SSD, _SSC = (
+    "http://ssp-standard.org/SSP1/SystemStructureDescription",
+    "http://ssp-standard.org/SSP1/SystemStructureCommon",
+)
 
 
 def write_ssp(
-    target: str | Path, name: str, components: Mapping[str, str | Path], connections: Sequence[Connection], stop: float
+    target: str | Path,
+    name: str,
+    components: Mapping[str, str | Path],
+    connections: Sequence[Connection],
+    stop: float,
 ) -> Path:
     """Write the package. ``components``: FMUs by name; ``stop``: end of the default experiment, s.
 
@@ -27,7 +34,10 @@ def write_ssp(
 
     Raises ResultsError where the file cannot be written, KeyError for a variable no FMU has.
     """
-    root = Element("ssd:SystemStructureDescription", {"xmlns:ssd": _SSD, "xmlns:ssc": _SSC, "version": "1.0", "name": name})
+    root = Element(
+        "ssd:SystemStructureDescription",
+        {"xmlns:ssd": _SSD, "xmlns:ssc": _SSC, "version": "1.0", "name": name},
+    )
     system = SubElement(root, "ssd:System", {"name": name})
     elements = SubElement(system, "ssd:Elements")
     files: dict[str, bytes] = {}
@@ -35,7 +45,9 @@ def write_ssp(
         source = f"resources/{component}.fmu"
         files[source] = Path(path).read_bytes()
         element = SubElement(
-            elements, "ssd:Component", {"name": component, "type": "application/x-fmu-sharedlibrary", "source": source}
+            elements,
+            "ssd:Component",
+            {"name": component, "type": "application/x-fmu-sharedlibrary", "source": source},
         )
         connectors = SubElement(element, "ssd:Connectors")
         kinds = _causalities(Path(path))

@@ -29,7 +29,7 @@ def status(
         sentence += (
             f"; stopped there, results end at t = {assembly.time[windows[-1].first_instant - 1]:.6g} s"
         )
-    return False, sentence + f". {_remedy(settings, failed)}"
+    return False, sentence + f". {_remedy(assembly, settings, failed)}"
 
 
 def _unfinished(window: WindowRecord) -> bool:
@@ -70,11 +70,13 @@ def _used(failed: list[WindowRecord]) -> str:
     return f" and the fall-backs {', '.join(used)}" if used else ""
 
 
-def _remedy(settings: Settings, failed: list[WindowRecord]) -> str:
+def _remedy(assembly: Assembly, settings: Settings, failed: list[WindowRecord]) -> str:
     if any(not np.isfinite(w.final_error) for w in failed):
         return "The search direction or the data are out of range: check units, and leave search_direction automatic"
     if any(w.iterations >= settings.max_iterations for w in failed):
         return "Raise solver.max_iterations, shorten solver.window, or use acceleration anderson"
+    if any(getattr(u.behaviour, "friction_coefficient", 0.0) > 10 for u in assembly.interfaces):
+        return 'Surfaces that never slide converge with behaviour = "no_slip"; or use a smaller time step'
     if settings.window != 1:
         return "Use solver.window = 1, or a smaller time step"
     return "Check that no point is pressed from both sides without a way out; use a smaller time step or a finer mesh"

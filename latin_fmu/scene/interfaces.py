@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated
+from collections.abc import Mapping
+from typing import Annotated, Final
 
 from pydantic import AfterValidator, BeforeValidator
 
@@ -12,7 +13,11 @@ from .fields import GROUND, Direction, Real, Side, Table, Text, _as_list, about,
 from .laws import ConstantLaw, Law
 from .wording import did_you_mean
 
-CONTACT_ONLY = ("friction_coefficient", "gap", "preload")
+# What a behaviour has no use for, and how to say so.
+MEANINGLESS: Final[Mapping[str, tuple[str, ...]]] = {
+    "perfect": ("friction_coefficient", "gap", "preload"),
+    "no_slip": ("friction_coefficient",),
+}
 
 
 def _check_behaviour(name: str) -> str:
@@ -54,10 +59,12 @@ class Interface(Table):
     friction_coefficient: Annotated[Real, about("Coulomb's coefficient mu (contact only)", "1", ge=0)] = 0.0
     gap: Annotated[
         Real | None,
-        about("initial distance along N (contact only); measured on the meshes where left out", "m", ge=0),
+        about(
+            "initial distance along N (not where bonded); measured on the meshes where left out", "m", ge=0
+        ),
     ] = None
     preload: Annotated[
-        Real, about("contact pressure already there at t = 0, in equilibrium (contact only)", "Pa", ge=0)
+        Real, about("contact pressure already there at t = 0, in equilibrium (not where bonded)", "Pa", ge=0)
     ] = 0.0
     ground_velocity: Annotated[
         GroundVelocity | None, about("motion of the ground; at rest where left out")

@@ -14,7 +14,7 @@ from ..errors import Problem
 from .boundary_relations import boundary_problems
 from .face_relations import face_problems, unknown_name
 from .fields import GROUND
-from .interfaces import CONTACT_ONLY
+from .interfaces import MEANINGLESS
 from .raw_scene import RawTable, given, named_tables, number, single_table, text_list
 from .time_settings import MAX_INSTANTS
 from .wording import shown
@@ -80,16 +80,19 @@ def _interface_problems(raw: Any) -> Iterator[Problem]:
             yield from face_problems(raw, f"{where}.sides[{index}]", side)
         if len(sides) == 2:
             yield from _pair_problems(where, table, sides)
-        if table.get("behaviour") == "perfect":
-            for key in CONTACT_ONLY:
+        behaviour = table.get("behaviour")
+        if isinstance(behaviour, str):
+            kind = "a perfect connection" if behaviour == "perfect" else f'behaviour = "{behaviour}"'
+            for key in MEANINGLESS.get(behaviour, ()):
                 if given(table, key):
                     yield Problem(
                         f"{where}.{key}",
-                        f"{key!r} means nothing on a perfect connection",
+                        f"{key!r} means nothing on {kind}",
                         shown(table[key]),
                         None,
                         'remove it, or choose behaviour = "contact"',
                     )
+        if behaviour == "perfect":
             continue
         gap, preload = number(table, "gap"), number(table, "preload")
         if gap is not None and preload is not None and gap > 0.0 and preload > 0.0:

@@ -17,7 +17,7 @@ from pydantic import (
 from ..errors import Problem, SceneError
 from .boundaries import Boundary
 from .fields import BodyName, Name, Table, Text, about
-from .interfaces import CONTACT_ONLY, Interface
+from .interfaces import MEANINGLESS, Interface
 from .law_file import base_dir_of
 from .loads import Load
 from .materials import Material
@@ -85,7 +85,6 @@ class Scene(Table):
         """The effective scene as TOML, defaults written out; reading it back gives an equal scene."""
         data = self.model_dump(exclude_none=True)
         for interface in data["interface"].values():
-            if interface["behaviour"] == "perfect":
-                for key in CONTACT_ONLY:
-                    interface.pop(key, None)
+            for key in MEANINGLESS.get(interface["behaviour"], ()):
+                interface.pop(key, None)
         return toml_text(data)

@@ -81,3 +81,13 @@ def test_no_trace_of_the_building_machine(fmus, fmi):
                 text = archive.read(name)
                 assert str(Path(__file__).parents[2]).encode() not in text, name
                 assert str(Path.home()).encode() + b"/" not in text, name
+
+
+def test_cross_check_files(fmus, tmp_path):
+    from fmu_build.cross_check import write_cross_check
+
+    written = write_cross_check(fmus["2"], tmp_path, {"time": [0.0, 6e-6], "load.press.value": [0.0, 1.0]})
+    assert sorted(p.name for p in written) == ["blocks2_in.csv", "blocks2_ref.csv", "blocks2_ref.opt"]
+    rows = (tmp_path / "blocks2_ref.csv").read_text().splitlines()
+    assert len(rows) == 32
+    assert "StopTime, 6e-06" in (tmp_path / "blocks2_ref.opt").read_text()

@@ -20,7 +20,15 @@ def example(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> 
 
 def test_every_example_is_tested_here():
     names = {path.stem for path in EXAMPLES.glob("fmu_*.py")}
-    assert names == {"fmu_first", "fmu_sweep", "fmu_neighbour", "fmu_netcdf", "fmu_cut_bar", "fmu_overhead"}
+    assert names == {
+        "fmu_first",
+        "fmu_sweep",
+        "fmu_neighbour",
+        "fmu_netcdf",
+        "fmu_cut_bar",
+        "fmu_overhead",
+        "fmu_package",
+    }
 
 
 @pytest.mark.parametrize("example", ["fmu_first"], indirect=True)
@@ -53,6 +61,11 @@ def test_a_bar_cut_into_two_fmus_is_the_whole_bar(example):
     numbers = example.main()
     assert numbers["error"] < 1e-7
     assert numbers["iterations"] < 4
+
+
+@pytest.mark.parametrize("example", ["fmu_package"], indirect=True)
+def test_package(example):
+    assert example.main() == {"components": 2, "connections": 1}
 
 
 @pytest.mark.slow
