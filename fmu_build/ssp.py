@@ -15,10 +15,8 @@ from .xml_text import xml_bytes
 Connection = tuple[str, str, str, str]
 """Component and variable it comes from, component and variable it goes to."""
 
-_SSD, _SSC = (
-    "http://ssp-standard.org/SSP1/SystemStructureDescription",
-    "http://ssp-standard.org/SSP1/SystemStructureCommon",
-)
+_SSP = "http://ssp-standard.org/SSP1"
+_SSD, _SSC = f"{_SSP}/SystemStructureDescription", f"{_SSP}/SystemStructureCommon"
 
 
 def write_ssp(
@@ -34,10 +32,8 @@ def write_ssp(
 
     Raises ResultsError where the file cannot be written, KeyError for a variable no FMU has.
     """
-    root = Element(
-        "ssd:SystemStructureDescription",
-        {"xmlns:ssd": _SSD, "xmlns:ssc": _SSC, "version": "1.0", "name": name},
-    )
+    names = {"xmlns:ssd": _SSD, "xmlns:ssc": _SSC, "version": "1.0", "name": name}
+    root = Element("ssd:SystemStructureDescription", names)
     system = SubElement(root, "ssd:System", {"name": name})
     elements = SubElement(system, "ssd:Elements")
     files: dict[str, bytes] = {}

@@ -7,6 +7,7 @@ from typing import Protocol
 
 from threadpoolctl import threadpool_limits
 
+from .latin.drift import drift_remarks
 from .latin.record import Outcome, Timings
 from .latin.recorder import Recorder
 from .latin.solver import IterationEvent
@@ -91,7 +92,7 @@ def run(
         passes=state.marched / (assembly.n_substructure * assembly.n_instant),
         energy=recorder.assembly_energy(assembly),
         timings=timings,
-        warnings=built.warnings,
+        warnings=(*built.warnings, *drift_remarks(assembly)),
         settings=march.choices(),
     )
     # the stages are timed with the wall clock, which costs nothing to read, and share the CPU time in proportion

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from functools import partial
 from math import inf, nan
+from typing import Final
 
 from ..errors import SceneError
 from .case import Bench, Case, Description, Measure
@@ -49,7 +50,7 @@ def _facing_away(scene: Description) -> None:
     scene["interface"]["meet"]["sides"] = ["low.zmin", "up.zmin"]
 
 
-DAMAGES: dict[str, tuple[Damage, str]] = {
+DAMAGES: Final[dict[str, tuple[Damage, str]]] = {
     "load that is not a number": (_nan_load, "load.press.pressure"),
     "infinite load": (_infinite_load, "load.press.pressure"),
     "table with a value that is not a number": (_nan_law, "load.press.law"),

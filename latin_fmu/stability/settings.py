@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import partial
-from typing import Any
+from typing import Any, Final
 
 from .case import Bench, Case, Description, Measure
 from .measures import distance, laws, penetration_bound
 from .scenes import ALUMINIUM, STEEL, Box, Stuff, two_boxes
 
 # (mass, length, time) units: how many of them make one kg, m, s
-UNITS = {
+UNITS: Final = {
     "mm-t-s": (1e-3, 1e3, 1.0), "km": (1.0, 1e-3, 1.0), "nano (ug, nm, ns)": (1e9, 1e9, 1e9),
     "g-mm-us": (1e3, 1e3, 1e6), "E 1e-9 of SI": (1e-9, 1.0, 1.0), "E 1e15 of SI": (1e3, 1e-6, 1e-3),
 }  # fmt: skip
