@@ -83,8 +83,9 @@ class LocalStage:
                     continue
                 block = group.block(w_hat[i])
                 new = block[1, :, 0] - block[0, :, 0]
-                rate = scheme.invert_velocity(acceleration[g], new - velocity[g], dt)
-                free, _ = scheme.predict(gap[g], velocity[g], acceleration[g], dt)
-                gap[g], velocity[g], acceleration[g] = free + scheme.displacement_gain(dt) * rate, new, rate
+                gap[g], acceleration[g] = scheme.advance_opening(
+                    gap[g], velocity[g], acceleration[g], new, dt
+                )
+                velocity[g] = new
                 followed[g][i] = gap[g]
         return f_hat, w_hat, followed

@@ -43,6 +43,9 @@ class State:
     residual: Array
 
 
+_HEAVY = 1e30
+
+
 class DirectPropagator:
     """March of a class of identical substructures (module docstring).
 
@@ -137,9 +140,12 @@ class DirectPropagator:
 
     def mass_factor(self) -> spla.SuperLU:
         """Factor of M: needed once, where the start is not balanced."""
-        return spla.splu(
-            sp.csc_matrix(self.operators.mass), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}
-        )
+        mass = self.operators.mass
+        if self.operators.massless.size:  # they start without acceleration
+            heavy = np.zeros(self.n_dof)
+            heavy[self.operators.massless] = _HEAVY * mass.diagonal().max()
+            mass = mass + sp.diags_array(heavy)
+        return spla.splu(sp.csc_matrix(mass), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
 
     def initial_channels(self, factor: spla.SuperLU, unbalance: Array) -> tuple[Array, Array]:
         """Channel accelerations (n_channel, n_member) at t = 0, and T M^-1 T^T (n_channel, n_channel)."""
@@ -191,7 +197,9 @@ class DirectPropagator:
         y, c = ops.factor.forward(force)
         free_a = ops.factor.schur_inverse @ c
         self._free = (u, v, y, free_a)
-        velocity: Array = self._trace @ (v[ops.dofs] + scheme.velocity_gain(dt) * free_a)
+        at = ops.dofs
+        reached = scheme.interface_velocity(state.u[at], u[at], v[at], dt)
+        velocity: Array = self._trace @ (reached + scheme.interface_gain(dt) * free_a)
         imposed = self.forcing.channel_velocity(state.instant + 1)
         if imposed is not None:
             velocity = velocity + imposed
@@ -212,6 +220,9 @@ class DirectPropagator:
         a = ops.factor.backward(y, free_a + ops.factor.schur_inverse @ (scheme.force_weight * nodal))
         v = v + scheme.velocity_gain(dt) * a
         u = u + scheme.displacement_gain(dt) * a
+        if ops.massless.size:  # statics alone moves them: a velocity that means something, and no memory
+            v[ops.massless] = (u - state.u)[ops.massless] / dt
+            a[ops.massless] = 0.0
         residual = ops.mass @ a
         inertia = self.forcing.inertia(state.instant + 1)
         if inertia is not None:

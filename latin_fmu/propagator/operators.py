@@ -24,6 +24,7 @@ class Operators:
     trace : (n_channel, n_gamma) from interface dofs to channels. area : (n_channel,).
     compliance : (n_channel, n_channel) velocities of the channels at the new instant per unit of nodal force
         on the channels, m s-1 N-1, symmetric: T D T^T.
+    massless : dofs without mass.
     """
 
     mass: sp.csr_array
@@ -34,6 +35,7 @@ class Operators:
     trace: sp.csr_array
     area: Array
     compliance: Array
+    massless: Index
 
     @property
     def admittance(self) -> Array:
@@ -55,10 +57,11 @@ def build_operators(model: SubstructureModel, scheme: TimeScheme, dt: float) -> 
     rank = None if model.ordering is None else reduced_rank(p, model.ordering)
     factor = interface_factor(sp.csr_array(a), dofs, rank)
     local = sp.csr_array(trace[:, dofs])
-    gain = scheme.velocity_gain(dt) * scheme.force_weight
+    gain = scheme.interface_gain(dt) * scheme.force_weight
     compliance = gain * (local @ (local @ factor.schur_inverse).T)
     return Operators(
-        mass, damping, stiffness, factor, dofs, local, model.channel_area, 0.5 * (compliance + compliance.T)
+        mass, damping, stiffness, factor, dofs, local, model.channel_area, 0.5 * (compliance + compliance.T),
+        np.flatnonzero(mass.diagonal() <= 0.0),
     )
 
 

@@ -7,6 +7,8 @@ import hashlib
 import numpy as np
 import scipy.sparse as sp
 
+from ..errors import Problem, SceneError
+from ..fem.massless import without_contact_mass
 from ..latin.layout import Array, Index, InterfaceUnit, Layout
 from ..propagator import DirectPropagator, LoadTerm, SubstructureModel
 from ..time_scheme import TimeScheme
@@ -23,7 +25,7 @@ def build_propagators(
     """One propagator per class of identical substructures, and the flat indices of its channels."""
     classes: dict[bytes, list[tuple[SubstructureModel, Index]]] = {}
     for name, body in bodies.items():
-        model, channels = _model(scene, name, body, conditions[name], units, layout)
+        model, channels = _model(scene, name, body, conditions[name], units, layout, scheme.massless_contact)
         classes.setdefault(_signature(model, body), []).append((model, channels))
     propagators, flat = [], []
     for members in classes.values():
@@ -40,6 +42,7 @@ def _model(
     held: Conditions,
     units: list[InterfaceUnit],
     layout: Layout,
+    massless: bool,
 ) -> tuple[SubstructureModel, Index]:
     traces, areas, preloads, channels = [], [], [], []
     for i, unit in enumerate(units):
@@ -63,6 +66,8 @@ def _model(
         balance = np.asarray(-(trace.T @ (area * np.concatenate(preloads))))
         loads.append(LoadTerm("", balance))
     mass, stiffness = body.shape.matrices
+    if massless:
+        mass = _without_contact_mass(name, body, units)
     description = body.description
     model = SubstructureModel(
         name=name, mass=mass, damping=_damping(body, held), stiffness=stiffness, expansion=held.expansion,
@@ -73,6 +78,28 @@ def _model(
         ordering=body.shape.rank,
     )  # fmt: skip
     return model, np.concatenate(channels) if channels else np.zeros(0, dtype=np.int64)
+
+
+def _without_contact_mass(name: str, body: Body, units: list[InterfaceUnit]) -> sp.csr_array:
+    try:
+        return without_contact_mass(body.shape.matrices[0], body.mesh, _contact_nodes(name, body, units))
+    except ValueError as error:
+        raise SceneError(
+            [Problem("time.scheme", f"massless_contact, substructure {name}: {error}",
+                     remedy="give it two elements between its contacts, or choose another scheme")],
+            "the scene cannot be built",
+        ) from error  # fmt: skip
+
+
+def _contact_nodes(name: str, body: Body, units: list[InterfaceUnit]) -> Index:
+    """Nodes of the faces of a substructure that may open."""
+    faces = [
+        body.face(split_face(side)[1]).nodes
+        for unit in units
+        for side in unit.sides
+        if unit.behaviour.opens and side != GROUND and split_face(side)[0] == name
+    ]
+    return np.unique(np.concatenate(faces)) if faces else np.zeros(0, dtype=np.int64)
 
 
 def _damping(body: Body, held: Conditions) -> sp.csr_array | None:

@@ -28,9 +28,21 @@ class Newmark(Table):
     gamma: Annotated[Real, about("weight of the new acceleration in the velocity", "1", ge=0.5, le=1)] = 0.5
 
 
+class MasslessContact(Table):
+    """Undamped, with massless contact nodes: keeps the energy of bouncing bodies; Courant number at most 0.8."""
+
+    type: Literal["massless_contact"] = "massless_contact"
+
+
 Scheme = Annotated[
-    Annotated[HHT | Newmark, Field(discriminator="type")],
-    BeforeValidator(tagged_or("hht"), json_schema_input_type=Literal["hht", "newmark"] | HHT | Newmark),
+    Annotated[HHT | Newmark | MasslessContact, Field(discriminator="type")],
+    BeforeValidator(
+        tagged_or("hht"),
+        json_schema_input_type=Literal["hht", "newmark", "massless_contact"]
+        | HHT
+        | Newmark
+        | MasslessContact,
+    ),
 ]
 
 

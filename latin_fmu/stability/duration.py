@@ -25,6 +25,10 @@ def cases() -> Iterator[Case]:
     for name, scheme in schemes.items():
         yield Case(f"20 bounces, {name}", "duration", "energy never above its start, period kept",
                    partial(_bounces, 20, 50, scheme), quick=False)  # fmt: skip
+    for elements in (25, 50):
+        yield Case(f"20 bounces, massless contact nodes, {elements} elements", "duration",
+                   "at least 95 % of the energy kept at Courant number 0.6", partial(_keeps, elements),
+                   quick=elements < 50)  # fmt: skip
     yield Case("5 bounces, hht", "duration", "energy never above its start, period kept",
                partial(_bounces, 5, 25, {"type": "hht"}))  # fmt: skip
     yield Case("energy after 3 bounces, hht", "duration", "loss falls by 1.5 per refinement", _refinement)
@@ -60,10 +64,25 @@ def _bounces(bounces: int, elements: int, scheme: dict[str, Any], bench: Bench) 
     solution = bench.converged(bouncing(bounces, elements, scheme))
     start = closings(pressure_force(solution, "wall"), solution.time)[:3]
     exact = 1 + PERIOD * np.arange(len(start))
+    damped = scheme["type"] != "hht"  # takes a quarter of the energy per three bounces, and so of the flight
     return [
-        Measure("first three contacts off by", float(np.abs(start / exact - 1).max()), 1e-2),
+        Measure(
+            "first three contacts off by", float(np.abs(start / exact - 1).max()), 5e-2 if damped else 1e-2
+        ),
         Measure("energy lost per bounce", (1 - kept(solution)) / bounces, 0.06),
         *energy_laws(solution),
+    ]
+
+
+def _keeps(elements: int, bench: Bench) -> list[Measure]:
+    """Nearly conserving, not dissipative: a thousandth may be gained; the start is not at rest at the foot (1e-5)."""
+    solution = bench.converged(bouncing(20, elements, {"type": "massless_contact"}))
+    start = closings(pressure_force(solution, "wall"), solution.time)[:3]
+    exact = 1 + PERIOD * np.arange(len(start))
+    return [
+        Measure("first three contacts off by", float(np.abs(start / exact - 1).max()), 1e-2),
+        Measure("energy lost", 1 - kept(solution), 0.05),
+        *energy_laws(solution, round_off=1e-5),
     ]
 
 

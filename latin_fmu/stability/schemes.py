@@ -18,6 +18,7 @@ SCHEMES: Mapping[str, Mapping[str, Any]] = MappingProxyType(
     {
         "hht, alpha -0.1 (default)": {"type": "hht", "alpha": -0.1},
         "hht, alpha -0.3": {"type": "hht", "alpha": -0.3},
+        "massless_contact": {"type": "massless_contact"},
         "newmark, undamped": {"type": "newmark", "beta": 0.25, "gamma": 0.5},
         "newmark, gamma 0.6": {"type": "newmark", "beta": 0.3025, "gamma": 0.6},
         "newmark, gamma 0.7": {"type": "newmark", "beta": 0.36, "gamma": 0.7},

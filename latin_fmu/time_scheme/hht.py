@@ -70,6 +70,25 @@ class Newmark:
         """a_{n+1} = ((v_{n+1} - v_n)/dt - (1 - gamma) a_n)/gamma."""
         return (jump / dt - (1 - self.gamma) * a_old) / self.gamma
 
+    @property
+    def massless_contact(self) -> bool:
+        """Contact nodes carry their mass."""
+        return False
+
+    def interface_gain(self, dt: float) -> float:
+        """That of the velocity."""
+        return self.velocity_gain(dt)
+
+    def interface_velocity(self, u_old: Array, u: Array, v: Array, dt: float) -> Array:  # noqa: ARG002
+        """The velocity of the instant."""
+        return v
+
+    def advance_opening(self, gap: Array, v: Array, a: Array, new: Array, dt: float) -> tuple[Array, Array]:
+        """The displacement recursion applied to the opening."""
+        rate = self.invert_velocity(a, new - v, dt)
+        free, _ = self.predict(gap, v, a, dt)
+        return free + self.displacement_gain(dt) * rate, rate
+
     def energy_weights(self) -> tuple[tuple[float, float, float], tuple[float, float]]:
         """See the module docstring."""
         new, old = self.gamma, 1 - self.gamma

@@ -6,9 +6,12 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
 from .hht import HHT, Newmark
+from .massless import MasslessContact
 from .scheme import TimeScheme
 
-SCHEMES: Mapping[str, Callable[..., TimeScheme]] = MappingProxyType({"hht": HHT, "newmark": Newmark})
+SCHEMES: Mapping[str, Callable[..., TimeScheme]] = MappingProxyType(
+    {"hht": HHT, "newmark": Newmark, "massless_contact": MasslessContact}
+)
 
 
 def make_scheme(name: str, parameters: Mapping[str, float]) -> TimeScheme:

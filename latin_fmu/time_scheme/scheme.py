@@ -53,6 +53,19 @@ class TimeScheme(Protocol):
     def invert_velocity(self, a_old: Array, jump: Array, dt: float) -> Array:
         """Acceleration of the new instant from the velocity increment ``jump``."""
 
+    @property
+    def massless_contact(self) -> bool:
+        """Whether the nodes of contact interfaces carry no mass."""
+
+    def interface_gain(self, dt: float) -> float:
+        """dW/da of the velocity that interfaces work with, s."""
+
+    def interface_velocity(self, u_old: Array, u: Array, v: Array, dt: float) -> Array:
+        """That velocity from the displacement of the old instant and the displacement and velocity of the new."""
+
+    def advance_opening(self, gap: Array, v: Array, a: Array, new: Array, dt: float) -> tuple[Array, Array]:
+        """Opening and its acceleration at the new instant from those of the old and the ``new`` opening velocity."""
+
     def energy_weights(self) -> tuple[tuple[float, float, float], tuple[float, float]]:
         """Weights of forces at (n-1, n, n+1) and of accelerations at (n, n+1) in the work over one step."""
 

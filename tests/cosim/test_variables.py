@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import re
 
+import pytest
+
 from latin_fmu.cosim.table_file import table_from, table_text
 from latin_fmu.cosim.units import UNITS
 from latin_fmu.cosim.variables import table_of
+from latin_fmu.errors import SceneError
 
 from .scenes import bar, blocks
 
@@ -42,3 +45,8 @@ def test_only_loads_with_the_law_input_are_inputs():
 def test_the_table_survives_its_file():
     table = table_of(blocks(), {"crush": 9})
     assert table_from(table_text(table)) == table
+
+
+def test_a_sensor_on_a_substructure_that_is_not_there_is_refused():
+    with pytest.raises(SceneError, match="did you mean 'upper'"):
+        blocks(sensor={"head": {"substructure": "uper", "point": [0.0, 0.0, 0.0]}})

@@ -27,6 +27,7 @@ PARAMETERS: Mapping[str, tuple[Mapping[str, float], ...]] = MappingProxyType(
             MappingProxyType({"beta": 0.3025, "gamma": 0.6}),
             MappingProxyType({"beta": 0.5, "gamma": 0.5}),
         ),
+        "massless_contact": (MappingProxyType({}),),
     }
 )
 CASES = [(name, parameters) for name in SCHEMES for parameters in PARAMETERS.get(name, ())]
