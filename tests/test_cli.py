@@ -13,6 +13,8 @@ from latin_fmu.results.solution import Solution
 
 from .results import synthetic
 
+MODELS = Path(__file__).parents[1] / "models"
+
 SCENE = """\
 name = "two_bars"
 [material.steel]
@@ -199,3 +201,25 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
 
     assert main(["--version"]) == 0
     assert capsys.readouterr().out == f"latin-fmu {latin_fmu.__version__}\n"
+
+
+@pytest.mark.parametrize(
+    "setting",
+    [
+        "solver.max_iterations=1",
+        'solver.search_direction={type="uniform", normal=1e-12, tangential=1e-12}',
+    ],
+)
+@pytest.mark.parametrize("window", ["1", "'whole'"])
+def test_a_run_that_stops_early_is_written_and_can_be_plotted(tmp_path, capsys, setting, window):
+    """Exit code 1, the sentence says where it stopped, the file holds what was accepted."""
+    scene = str(MODELS / "two_specimen_crushing" / "scene.toml")
+    out = tmp_path / "out.nc"
+    code = main(
+        ["run", scene, "-o", str(out), "--set", setting, "--set", f"solver.window={window}",
+         "--set", "solver.max_iterations=1", "--set", "solver.start=zero", "--set", "time.end=6e-6"]
+    )  # fmt: skip
+    assert code == 1
+    assert "stopped there, results end at t =" in capsys.readouterr().out
+    assert main(["plot", str(out), "-o", str(tmp_path / "out.png")]) == 0
+    assert (tmp_path / "out.png").stat().st_size > 10_000

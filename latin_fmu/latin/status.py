@@ -8,7 +8,6 @@ from .assembly import Assembly
 from .layout import Array
 from .record import WindowRecord
 from .settings import Settings
-from .windows import HOPELESS
 
 
 def status(
@@ -19,22 +18,15 @@ def status(
     if not failed:
         return True, _converged(settings, windows)
     first, worst = failed[0], max(failed, key=lambda w: w.final_error)
-    stopped = windows[-1].last_instant < assembly.n_instant or _unfinished(windows[-1])
+    reached = assembly.propagators[0].state.instant
     sentence = (
         f"not converged in {len(failed)} of {len(windows)} window(s), first at t = "
         f"{assembly.time[first.first_instant]:.6g} s (instant {first.first_instant}): {_reached(settings, worst)} "
         f"after {max(w.iterations for w in failed)} iterations{_used(failed)}{_where(assembly, interface_indicator)}"
     )
-    if stopped:
-        sentence += (
-            f"; stopped there, results end at t = {assembly.time[windows[-1].first_instant - 1]:.6g} s"
-        )
+    if reached < assembly.n_instant:
+        sentence += f"; stopped there, results end at t = {assembly.time[reached]:.6g} s"
     return False, sentence + f". {_remedy(assembly, settings, failed)}"
-
-
-def _unfinished(window: WindowRecord) -> bool:
-    """Whether the run stopped in this window."""
-    return not window.converged and not window.final_error <= HOPELESS
 
 
 def _reached(settings: Settings, window: WindowRecord) -> str:

@@ -162,7 +162,7 @@ def convergence_dataset(windows: list[WindowRecord], time: Array, passes: float)
     columns["converged"] = ("window", np.array([window.converged for window in windows], dtype=np.int8))
     columns["first_instant"] = ("window", np.array([w.first_instant for w in windows], dtype=np.int32))
     columns["last_instant"] = ("window", last)
-    columns["end_time"] = ("window", time[last])
+    columns["end_time"] = ("window", time[np.minimum(last, len(time) - 1)])
     if any(window.fallbacks for window in windows):
         columns["fallbacks"] = ("window", np.array(["; ".join(w.fallbacks) for w in windows], dtype=object))
     counts = {"window": np.arange(1, len(windows) + 1), "iteration": np.arange(1, width + 1)}
