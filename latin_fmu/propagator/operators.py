@@ -60,7 +60,14 @@ def build_operators(model: SubstructureModel, scheme: TimeScheme, dt: float) -> 
     gain = scheme.interface_gain(dt) * scheme.force_weight
     compliance = gain * (local @ (local @ factor.schur_inverse).T)
     return Operators(
-        mass, damping, stiffness, factor, dofs, local, model.channel_area, 0.5 * (compliance + compliance.T),
+        mass,
+        damping,
+        stiffness,
+        factor,
+        dofs,
+        local,
+        model.channel_area,
+        0.5 * (compliance + compliance.T),
         np.flatnonzero(mass.diagonal() <= 0.0),
     )
 

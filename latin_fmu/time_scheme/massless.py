@@ -7,6 +7,10 @@ stops no mass at once, and the interface works with the velocity
 
 for which gap_{n+1} = gap_n + dt d_{n+1} exactly: no penetration, and next to no energy lost at impacts (Khenous,
 Laborde, Renard 2008). Undamped elsewhere; keep the Courant number at most about 0.8.
+
+When to choose it: long runs with many impacts (it keeps 97 to 100 % of a bouncing bar's energy over twenty impacts,
+where HHT -0.1 keeps 15 %). Price: a less accurate contact force on coarse faces (crushing of two specimens at 4
+elements per edge: 1.6 % against 1.3 % in L2), and an energy that may rise by up to 1 % in corners.
 """
 
 from __future__ import annotations
