@@ -69,24 +69,30 @@ Observer = Callable[[IterationEvent], None]
 
 
 class _Merits:
-    """How far each iterate is from both tolerances (1: met); the mismatch, known near the end only, is taken in
-    proportion to the indicator before."""
+    """How far each iterate is from both tolerances (1: met); where the mismatch is not known it is taken in
+    proportion to the indicator, with the ratio of the last iterate that knows it."""
 
     def __init__(self, settings: Settings) -> None:
         self._settings, self._ratio = settings, 1.0
-        self.values: list[float] = []
+        self._errors: list[float] = []
+        self._known: list[float] = []
+
+    @property
+    def values(self) -> list[float]:
+        """Merit of every iterate so far."""
+        pairs = zip(self._errors, self._known, strict=True)
+        return [known if np.isfinite(known) else self._ratio * error for error, known in pairs]
 
     def add(self, error: float, mismatch: float) -> bool:
         """Add an iterate; True where it is the best so far."""
-        if not np.isfinite(error):
-            self.values.append(np.inf)
-            return False
-        merit = error / self._settings.tolerance
-        if np.isfinite(mismatch) and merit > 0:
-            self._ratio = max(1.0, mismatch / self._settings.force_tolerance / merit)
-        merit = merit * self._ratio if merit > 0 else mismatch / self._settings.force_tolerance
-        self.values.append(merit)
-        return merit <= min(self.values)
+        merit = error / self._settings.tolerance if np.isfinite(error) else np.inf
+        known = max(merit, mismatch / self._settings.force_tolerance) if np.isfinite(mismatch) else np.nan
+        if np.isfinite(known) and merit > 0:
+            self._ratio = known / merit
+        self._errors.append(merit)
+        self._known.append(known)
+        values = self.values
+        return bool(np.isfinite(merit) and values[-1] <= min(values))
 
 
 class Direction:
