@@ -26,7 +26,9 @@ def _figures(folder: Path) -> set[str]:
 
 
 def test_every_example_is_tested_here() -> None:
-    names = {path.stem for path in EXAMPLES.glob("*.py") if not path.stem.startswith("fmu_")} - {"example_tools"}
+    names = {path.stem for path in EXAMPLES.glob("*.py") if not path.stem.startswith("fmu_")} - {
+        "example_tools"
+    }
     assert names == {"waves_in_bars", "crushing_friction", "convergence_friction"}
 
 
