@@ -157,7 +157,7 @@ class Outcome:
     substructure-instants marched or solved through a condensed operator, divided by substructures x instants.
     ``energy`` is the assembly's: keys of ``SubstructureHistory.energy`` summed, plus ``friction_dissipation``,
     ``contact_dissipation`` (impacts), ``ground_work`` where the ground moves,
-    and ``balance``; None unless asked for. ``sampling`` lists remarks on time laws and other warnings.
+    and ``balance``; None unless asked for. ``warnings`` lists remarks on the scene and the run.
     """
 
     time: Array

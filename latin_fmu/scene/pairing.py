@@ -9,7 +9,7 @@ from ..errors import Problem
 from ..fem.faces import Face
 from ..fem.mesh import Array, Index
 from ..fem.nearest import nearest
-from ..interface import InterfaceGeometry, make_behaviour
+from ..interface import Behaviour, InterfaceGeometry, make_behaviour
 from ..interface.geometry import local_frames
 from ..latin.layout import InterfaceUnit
 from .body import Body
@@ -48,7 +48,7 @@ def build_interface(
     return InterfaceUnit(name, interface.sides, behaviour, geometry, interface.preload)
 
 
-def _behaviour(interface: Interface):  # type: ignore[no-untyped-def]
+def _behaviour(interface: Interface) -> Behaviour:
     parameters = (
         {"friction_coefficient": interface.friction_coefficient} if interface.behaviour == "contact" else {}
     )

@@ -184,3 +184,16 @@ def test_drift_of_a_bond_is_told():
     assert any("drifted apart" in w for w in solve(scene).warnings)
     scene["solver"] = {"tolerance": 1e-6}
     assert not solve(scene).warnings
+
+
+def test_work_of_moving_ground():
+    """Ground that drives a block at rest: what it gives is what the block holds and loses."""
+    scene = stack(1, "contact")
+    scene["load"], scene["boundary"] = {}, {}
+    ground = {"direction": [0, 0, 1], "amplitude": 3.0, "law": {"type": "constant"}}
+    scene["interface"]["floor"] = {"sides": ["b1.zmin", "ground"], "gap": 0.0, "ground_velocity": ground}
+    energy = solve(scene).energy
+    gained = (energy["kinetic"] + energy["elastic"])[-1]
+    lost = energy["contact_dissipation"][-1] + energy["scheme_dissipation"][-1]
+    assert gained > 0
+    assert energy["ground_work"][-1] == pytest.approx(gained + lost, rel=1e-6)
