@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
@@ -78,3 +79,12 @@ class SubstructureModel:
     def n_full(self) -> int:
         """Number of full dofs."""
         return int(self.expansion.shape[0])
+
+    @cached_property
+    def reduced(self) -> tuple[sp.csr_array, sp.csr_array | None, sp.csr_array]:
+        """Mass, damping and stiffness of the reduced dofs (n, n): P^T A P, P the expansion."""
+        mass, stiffness = self._reduce(self.mass), self._reduce(self.stiffness)
+        return mass, None if self.damping is None else self._reduce(self.damping), stiffness
+
+    def _reduce(self, matrix: sp.csr_array) -> sp.csr_array:
+        return sp.csr_array(self.expansion.T @ matrix @ self.expansion)

@@ -44,10 +44,9 @@ class Operators:
 
 
 def build_operators(model: SubstructureModel, scheme: TimeScheme, dt: float) -> Operators:
-    """Reduce, factorise and condense (once per class and time step)."""
+    """Factorise and condense (once per class and time step)."""
     p = model.expansion
-    mass, stiffness = _reduce(p, model.mass), _reduce(p, model.stiffness)
-    damping = None if model.damping is None else _reduce(p, model.damping)
+    mass, damping, stiffness = model.reduced
     c_mass, c_damping, c_stiffness = scheme.operator(dt)
     a = c_mass * mass + c_stiffness * stiffness
     if damping is not None:
@@ -78,8 +77,3 @@ def reduced_rank(expansion: sp.csr_array, rank: Array) -> Array:
     reduced = np.zeros(expansion.shape[1])
     np.maximum.at(reduced, coo.coords[1], rank[coo.coords[0]])
     return reduced
-
-
-def _reduce(expansion: sp.csr_array, matrix: sp.csr_array) -> sp.csr_array:
-    """P^T A P."""
-    return sp.csr_array(expansion.T @ matrix @ expansion)

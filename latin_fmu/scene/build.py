@@ -8,12 +8,13 @@ import numpy as np
 
 from ..errors import Problem, SceneError
 from ..latin.assembly import Assembly
-from ..latin.layout import Layout
+from ..latin.layout import Array, InterfaceUnit, Layout
 from ..latin.recorder import SubstructureInfo, Wanted
 from ..latin.search_direction import SearchDirection, unresolved_sides
 from ..latin.settings import Settings
-from ..time_scheme import make_scheme
-from .body import build_bodies, locking_remarks
+from ..propagator import DirectPropagator
+from ..time_scheme import TimeScheme, make_scheme
+from .body import Body, build_bodies, locking_remarks
 from .boundaries import Periodic
 from .checks import (
     boundaries_of,
@@ -23,9 +24,9 @@ from .checks import (
     redundancy_remarks,
     sampling_remarks,
 )
-from .conditions import build_conditions
+from .conditions import Conditions, build_conditions
 from .fields import split_face
-from .models import build_propagators, side_impedance
+from .models import ModelClass, model_classes, side_impedance
 from .pairing import build_interface
 from .schema import Scene
 from .solver_settings import WHOLE, Anderson, Uniform
@@ -47,6 +48,60 @@ class Built:
     timeline: Timeline
 
 
+@dataclass(frozen=True)
+class Prepared:
+    """Meshes, matrices and interfaces of a scene; nothing is factorised yet."""
+
+    scene: Scene
+    bodies: dict[str, Body]
+    conditions: dict[str, Conditions]
+    units: list[InterfaceUnit]
+    layout: Layout
+    classes: list[ModelClass]
+    scheme: TimeScheme
+    time: Array
+    remarks: tuple[str, ...]
+
+    @property
+    def dt(self) -> float:
+        """Step, s."""
+        return float(self.time[1] - self.time[0])
+
+    @property
+    def info(self) -> dict[str, SubstructureInfo]:
+        """Meshes for the recorder."""
+        stress = self.scene.output.stress
+        return {
+            n: SubstructureInfo(
+                b.mesh.nodes, b.mesh.cells, b.mesh.cell_type, b.shape.stress if stress else None
+            )
+            for n, b in self.bodies.items()
+        }
+
+    @property
+    def timeline(self) -> Timeline:
+        """What drives the substructures."""
+        return Timeline(self.scene, self.conditions)
+
+    def build(self) -> Built:
+        """Factorise and condense the substructures and tie them together."""
+        scene, scheme, layout, units = self.scene, self.scheme, self.layout, self.units
+        propagators = [
+            DirectPropagator(c.members, scheme, self.dt, scene.output.energy) for c in self.classes
+        ]
+        assembly = Assembly(
+            propagators, [c.channels for c in self.classes], units, layout,
+            side_impedance(self.bodies, units, layout), characteristic_traction(scene, self.bodies, self.time),
+            scheme,
+        )  # fmt: skip
+        timeline = self.timeline
+        timeline.begin(assembly, self.time, {}, assembly.ground_start)
+        output = scene.output
+        wanted = Wanted(output.fields, output.stress, output.energy, output.every)
+        warnings = (*self.remarks, *unresolved_sides(assembly))
+        return Built(assembly, settings_of(scene), wanted, self.info, warnings, timeline)
+
+
 def build(scene: Scene) -> Built:
     """Meshes, matrices, interfaces and factors of a scene.
 
@@ -54,6 +109,11 @@ def build(scene: Scene) -> Built:
     ------
     SceneError : meshes that cannot be read, unknown faces, faces that do not fit; all at once.
     """
+    return prepare(scene).build()
+
+
+def prepare(scene: Scene) -> Prepared:
+    """All of ``build`` but the factors (same errors)."""
     problems: list[Problem] = []
     bodies = build_bodies(scene, problems)
     check_faces(scene, bodies, problems)
@@ -73,31 +133,12 @@ def build(scene: Scene) -> Built:
     layout = Layout(units)
     scheme = make_scheme(scene.time.scheme.type, scene.time.scheme.model_dump(exclude={"type"}))
     time = np.linspace(0.0, scene.time.end, scene.time.n_step + 1)
-    dt = float(time[1] - time[0])
-    propagators, channels = build_propagators(scene, bodies, conditions, units, layout, scheme, dt)
-    assembly = Assembly(
-        propagators, channels, units, layout, side_impedance(bodies, units, layout),
-        characteristic_traction(scene, bodies, time), scheme,
-    )  # fmt: skip
-    timeline = Timeline(scene, conditions)
-    timeline.begin(assembly, time, {}, assembly.ground_start)
+    classes = model_classes(scene, bodies, conditions, units, layout, scheme.massless_contact)
+    unbending = {split_face(b.faces[0])[0] for b in scene.boundary.values() if isinstance(b, Periodic)}
     remarks += [
-        *redundancy_remarks(scene),
-        *locking_remarks(
-            bodies, {split_face(b.faces[0])[0] for b in scene.boundary.values() if isinstance(b, Periodic)}
-        ),
-        *sampling_remarks(scene, time),
-        *unresolved_sides(assembly),
-    ]
-    output = scene.output
-    info = {
-        n: SubstructureInfo(
-            b.mesh.nodes, b.mesh.cells, b.mesh.cell_type, b.shape.stress if output.stress else None
-        )
-        for n, b in bodies.items()
-    }
-    wanted = Wanted(output.fields, output.stress, output.energy, output.every)
-    return Built(assembly, settings_of(scene), wanted, info, tuple(remarks), timeline)
+        *redundancy_remarks(scene), *locking_remarks(bodies, unbending), *sampling_remarks(scene, time),
+    ]  # fmt: skip
+    return Prepared(scene, bodies, conditions, units, layout, classes, scheme, time, tuple(remarks))
 
 
 def settings_of(scene: Scene) -> Settings:

@@ -6,6 +6,9 @@ interfaces only reduces to.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
 import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
@@ -13,10 +16,32 @@ from scipy.sparse.csgraph import connected_components
 from ..fem.mesh import Array, Mesh
 from ..fem.ordering import nested_dissection
 from ..latin.assembly import Assembly
+from ..latin.layout import InterfaceUnit
 from ..latin.recorder import SubstructureInfo
 from ..propagator import DirectPropagator, Histories, LoadTerm, SubstructureModel
 from .fields import split_face
 from .timeline import Timeline
+
+
+@dataclass(frozen=True)
+class Merged:
+    """Substructures bonded to one body.
+
+    Attributes
+    ----------
+    model : the merged body. members : the models it is made of.
+    where : where the full dofs of each stand among those of the merged body.
+    """
+
+    model: SubstructureModel
+    members: list[SubstructureModel]
+    where: dict[str, slice]
+
+    def histories(self, timeline: Timeline, time: Array) -> Histories:
+        """What drives the merged body at the instants ``time``, s."""
+        parts = [timeline.histories(m, time) for m in self.members]
+        amplitudes = [a for part in parts for a in part.amplitudes]
+        return Histories(time, amplitudes, np.concatenate([p.imposed_velocity for p in parts], axis=1))
 
 
 def bonded(
@@ -28,17 +53,29 @@ def bonded(
     -------
     The propagator of the merged body, and where the full dofs of each substructure stand among its full dofs.
     """
-    models = {m.name: m for p in assembly.propagators for m in p.members}
+    merged = merge([m for p in assembly.propagators for m in p.members], assembly.interfaces, info)
+    propagator = DirectPropagator([merged.model], assembly.scheme, assembly.dt, energy)
+    propagator.begin([merged.histories(timeline, assembly.time)], assembly.dt)
+    return propagator, merged.where
+
+
+def merge(
+    members: Sequence[SubstructureModel],
+    interfaces: Sequence[InterfaceUnit],
+    info: Mapping[str, SubstructureInfo],
+) -> Merged:
+    """Matrices of substructures with every interface between them bonded; ``info`` holds their meshes."""
+    models = {m.name: m for m in members}
     names = list(models)
     ends = np.cumsum([models[n].n_full for n in names])
     where = {n: slice(int(e) - models[n].n_full, int(e)) for n, e in zip(names, ends, strict=True)}
-    same = _same_dofs(assembly, where, int(ends[-1]))
+    same = _same_dofs(interfaces, where, int(ends[-1]))
     expansion = _merged_expansion(models, where, same)
     imposed: Array = sp.block_diag([models[n].imposed_pattern for n in names]).toarray()
     # a tied dof that is driven in one body is driven in all
     driven = np.zeros((same.max() + 1, imposed.shape[1]))
     np.maximum.at(driven, same, imposed)
-    merged = SubstructureModel(
+    model = SubstructureModel(
         name="bonded",
         mass=_blocks([models[n].mass for n in names]),
         damping=_damping([models[n] for n in names]),
@@ -57,18 +94,13 @@ def bonded(
         imposed_start=np.concatenate([models[n].imposed_start for n in names]),
         ordering=_rank(names, info, same),
     )
-    propagator = DirectPropagator([merged], assembly.scheme, assembly.dt, energy)
-    parts = [timeline.histories(models[n], assembly.time) for n in names]
-    amplitudes = [a for part in parts for a in part.amplitudes]
-    motions = np.concatenate([part.imposed_velocity for part in parts], axis=1)
-    propagator.begin([Histories(assembly.time, amplitudes, motions)], assembly.dt)
-    return propagator, where
+    return Merged(model, list(members), where)
 
 
-def _same_dofs(assembly: Assembly, where: dict[str, slice], n: int) -> np.ndarray:
+def _same_dofs(interfaces: Sequence[InterfaceUnit], where: dict[str, slice], n: int) -> np.ndarray:
     """Number of the merged dof of every full dof."""
     firsts, seconds = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
-    for unit in assembly.interfaces:
+    for unit in interfaces:
         first, second = unit.geometry.traces
         if second is None:
             continue
@@ -118,7 +150,7 @@ def _placed(pattern: Array, where: slice, n: int) -> Array:
     return placed
 
 
-def _rank(names: list[str], info: dict[str, SubstructureInfo], same: np.ndarray) -> Array | None:
+def _rank(names: list[str], info: Mapping[str, SubstructureInfo], same: np.ndarray) -> Array | None:
     """Elimination rank of the merged mesh; None where cell types differ."""
     if len({info[n].cell_type for n in names}) > 1:
         return None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
@@ -10,29 +11,42 @@ import scipy.sparse as sp
 from ..errors import Problem, SceneError
 from ..fem.massless import without_contact_mass
 from ..latin.layout import Array, Index, InterfaceUnit, Layout
-from ..propagator import DirectPropagator, LoadTerm, SubstructureModel
-from ..time_scheme import TimeScheme
+from ..propagator import LoadTerm, SubstructureModel
 from .body import Body
 from .conditions import Conditions
 from .fields import GROUND, split_face
 from .schema import Scene
 
 
-def build_propagators(
+@dataclass(frozen=True)
+class ModelClass:
+    """Substructures that share their operators.
+
+    Attributes
+    ----------
+    members : models with equal matrices and traces. channels : flat indices of theirs (n_channel, n_member).
+    """
+
+    members: list[SubstructureModel]
+    channels: Index
+
+
+def model_classes(
     scene: Scene, bodies: dict[str, Body], conditions: dict[str, Conditions], units: list[InterfaceUnit],
-    layout: Layout, scheme: TimeScheme, dt: float,
-) -> tuple[list[DirectPropagator], list[Index]]:  # fmt: skip
-    """One propagator per class of identical substructures, and the flat indices of its channels."""
+    layout: Layout, massless: bool,
+) -> list[ModelClass]:  # fmt: skip
+    """Matrices of every substructure, grouped into classes of identical ones (of one each where the scene asks)."""
     classes: dict[bytes, list[tuple[SubstructureModel, Index]]] = {}
     for name, body in bodies.items():
-        model, channels = _model(scene, name, body, conditions[name], units, layout, scheme.massless_contact)
-        classes.setdefault(_signature(model, body), []).append((model, channels))
-    propagators, flat = [], []
+        model, channels = _model(scene, name, body, conditions[name], units, layout, massless)
+        key = _signature(model, body) if scene.solver.share_identical else name.encode()
+        classes.setdefault(key, []).append((model, channels))
+    found = []
     for members in classes.values():
         models = [m for m, _ in members]
-        propagators.append(DirectPropagator(models, scheme, dt, scene.output.energy))
-        flat.append(np.stack([c for _, c in members], axis=1))
-    return propagators, flat
+        _ = models[0].reduced  # with the matrices: no part of the factorisation
+        found.append(ModelClass(models, np.stack([c for _, c in members], axis=1)))
+    return found
 
 
 def _model(

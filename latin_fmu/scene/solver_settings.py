@@ -118,6 +118,13 @@ class Solver(Table):
         about('first guess with window = "whole" (no effect elsewhere): one-step windows, or zero fields'),
     ] = "sequential"
 
+    share_identical: Annotated[
+        bool,
+        about(
+            "identical substructures share one factorisation and are marched together: faster, same answer"
+        ),
+    ] = True
+
     @property
     def force_mismatch_tolerance(self) -> float:
         """`force_tolerance`, or its default 10 * tolerance."""

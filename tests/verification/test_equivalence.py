@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu.scene.build import build
+from latin_fmu.scene.build import build, prepare
 from latin_fmu.scene.merge import bonded
 
 from .blocks import apart, solve, stack
@@ -121,3 +121,16 @@ def test_merged_body_is_the_monolithic_march(friction):
         there = matching_nodes(built.info[name].nodes, solid.nodes)
         nodes = slice(rows.start // 3, rows.stop // 3)
         assert np.abs(moved[:, nodes] - expected[:, there]).max() <= 1e-10 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.3])
+def test_identical_blocks_may_have_a_factor_each(friction):
+    """Shared or not: the same answer to the accuracy of the iteration, only classes differ."""
+    forces, classes = [], []
+    for share in (True, False):
+        scene = stack(5, "contact", friction, share_identical=share, tolerance=1e-9, force_tolerance=1e-9)
+        prepared = prepare(latin_fmu.scene_from_dict(scene))
+        classes.append([len(c.members) for c in prepared.classes])
+        forces.append(resultants(solve(scene)))
+    assert classes == [[1, 2, 1, 1], [1, 1, 1, 1, 1]]
+    assert np.abs(forces[0] - forces[1]).max() < 1e-8 * np.abs(forces[0]).max()
