@@ -26,10 +26,10 @@ def _figures(folder: Path) -> set[str]:
 
 
 def test_every_example_is_tested_here() -> None:
-    names = {path.stem for path in EXAMPLES.glob("*.py") if not path.stem.startswith("fmu_")} - {
-        "example_tools"
-    }
-    assert names == {"waves_in_bars", "crushing_friction", "convergence_friction"}
+    names = {
+        path.stem for path in EXAMPLES.glob("*.py") if not path.stem.startswith(("fmu_", "benchmark_"))
+    } - {"example_tools"}
+    assert names == {"waves_in_bars", "crushing_friction", "convergence_friction", "price_of_friction"}
 
 
 @pytest.mark.parametrize("example", ["waves_in_bars"], indirect=True)

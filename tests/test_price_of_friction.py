@@ -1,0 +1,86 @@
+"""The benchmark runs, says what it should, and its floor is the linear transient."""
+
+from __future__ import annotations
+
+import importlib
+import json
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
+KEYS = ("case", "n_blocks", "mu", "propagator", "ratio", "floor_seconds", "seconds", "iterations", "error")
+
+
+@pytest.fixture
+def module(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+    return importlib.import_module(request.param)
+
+
+def _rows(
+    module: ModuleType, arguments: list[str], capsys: pytest.CaptureFixture[str]
+) -> list[dict[str, object]]:
+    module.main([*arguments, "--json"])
+    rows = json.loads(capsys.readouterr().out)
+    for row in rows:
+        assert tuple(row) == KEYS
+        assert row["ratio"] == pytest.approx(row["seconds"] / row["floor_seconds"])
+        assert 0.0 < row["error"] < 0.02
+        assert 1.0 < row["iterations"] < 12.0
+    return rows
+
+
+@pytest.mark.parametrize("module", ["price_of_friction"], indirect=True)
+def test_json_is_one_list(module: ModuleType, capsys: pytest.CaptureFixture[str]) -> None:
+    rows = _rows(module, ["--quick", "--only", "P2", "--rounds", "1"], capsys)
+    assert {(r["case"], r["n_blocks"], r["mu"]) for r in rows} == {("P2 n=4", 2, 0.1), ("P2 n=4", 2, 10.0)}
+    assert "direct" in {r["propagator"] for r in rows}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("module", ["price_of_friction"], indirect=True)
+def test_quick_cases(module: ModuleType, capsys: pytest.CaptureFixture[str]) -> None:
+    rows = _rows(module, ["--quick"], capsys)
+    found = {(r["case"], r["n_blocks"], r["mu"], r["propagator"]) for r in rows}
+    assert found >= {
+        ("P1 1x1x50", 2, 0.0, "direct"),
+        ("P2 n=4", 2, 0.1, "direct"),
+        ("P2 n=4", 2, 10.0, "direct"),
+        ("P3 n=4", 2, 0.3, "direct"),
+        ("P3 n=4", 16, 0.3, "direct"),
+        ("P3 n=4", 16, 0.3, "direct_batched"),
+    }
+
+
+@pytest.mark.parametrize("module", ["benchmark_timing"], indirect=True)
+def test_floors_are_the_same_linear_transient(module: ModuleType) -> None:
+    problems = importlib.import_module("benchmark_problems")
+    floor = module.Floor(module.prepared(problems.tower(3, 2), {"share_identical": False}))
+    ends = {name: march() for name, march in floor.marches.items()}
+    package = ends.pop("package march").state.u[:, 0]
+    for name, end in ends.items():
+        assert np.abs(end - package).max() < 1e-12 * np.abs(package).max(), name
+
+
+@pytest.mark.parametrize("module", ["benchmark_figure"], indirect=True)
+def test_figure_shows_every_row(module: ModuleType, tmp_path: Path) -> None:
+    rows = [
+        dict(zip(KEYS, (case, blocks, mu, kind, 1.2, 0.1, 0.12, 4.0, 1e-3), strict=True))
+        for case, blocks, mu in (
+            ("P1 1x1x50", 2, 0.0),
+            ("P2 n=4", 2, 0.1),
+            ("P3 n=4", 2, 0.3),
+            ("P3 n=4", 16, 0.3),
+        )
+        for kind in ("direct", "direct_batched")
+    ]
+    drawing = module.figure(rows)
+    drawing.savefig(tmp_path / "figure.png")
+    points = sum(
+        len(line.get_xdata()) for axis in drawing.axes for line in axis.lines if line.get_marker() != "None"
+    )
+    bars = sum(len(axis.patches) for axis in drawing.axes)
+    assert points + bars == len(rows)
