@@ -1,0 +1,148 @@
+"""Reduced substructures: frequencies of bars, static answers, and the identities of Ritz vectors."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+from latin_fmu.fem.elasticity import element_basis, mass, stiffness
+from latin_fmu.fem.faces import face
+from latin_fmu.fem.mesh import box_mesh
+from latin_fmu.propagator import LoadTerm, SubstructureModel, reduction
+from latin_fmu.propagator.reduction import reduce_model
+
+from .conftest import make_model
+
+LENGTH, YOUNG, RHO = 2.0, 8.0, 0.5
+SPEED = np.sqrt(YOUNG / RHO)
+
+
+def bar(held: bool, n: int = 24) -> SubstructureModel:
+    """A bar along z (no Poisson effect) with a normal interface at its upper end and an end load at the lower one."""
+    mesh = box_mesh(np.zeros(3), np.array([0.3, 0.2, LENGTH]), (1, 1, n))
+    basis = element_basis(mesh)
+    top, bottom = face(mesh, "zmax"), face(mesh, "zmin")
+    dofs = np.arange(3 * mesh.n_node)
+    free = np.setdiff1d(dofs, 3 * bottom.nodes + 2) if held else dofs
+    count = len(top.nodes)
+    pick = sp.csr_array((np.ones(count), (np.arange(count), 3 * top.nodes + 2)), shape=(count, len(dofs)))
+    push = np.zeros(len(dofs))
+    push[3 * bottom.nodes + 2] = bottom.areas
+    velocity = np.zeros(len(dofs))
+    velocity[2::3] = 0.0 if held else 1.5
+    return SubstructureModel(
+        name="bar", mass=mass(basis, RHO), damping=None, stiffness=stiffness(basis, YOUNG, 0.0),
+        expansion=sp.csr_array(sp.eye_array(len(dofs), format="csr")[:, free]), trace=pick,
+        channel_area=top.areas, loads=[LoadTerm("push", push)], displacement=np.zeros(len(dofs)),
+        velocity=velocity, imposed_pattern=np.zeros((len(dofs), 0)), imposed_start=np.zeros(0),
+    )  # fmt: skip
+
+
+def linear_element_eigenvalues(numbers: np.ndarray, n: int) -> np.ndarray:
+    """Waves of wave number k on a row of linear elements with consistent mass: exact eigenvalues of that row."""
+    h = LENGTH / n
+    return 6.0 * (SPEED / h) ** 2 * (1.0 - np.cos(numbers * h)) / (2.0 + np.cos(numbers * h))
+
+
+@pytest.mark.parametrize("held", [False, True])
+def test_frequencies_of_a_bar(held):
+    """Free: k L = j pi; one end held: k L = (j - 1/2) pi. Bending and torsion cannot be excited and are left out."""
+    n, n_mode = 24, 5
+    found = reduce_model(bar(held, n), n_mode, np.ones((4, 1)))
+    j = np.arange(1, n_mode + 1)
+    numbers = (j - 0.5 * held) * np.pi / LENGTH
+    elastic = found.eigenvalues[found.n_rigid :]
+    assert found.n_rigid == (0 if held else 1)
+    np.testing.assert_allclose(elastic[:n_mode], linear_element_eigenvalues(numbers, n), rtol=1e-9)
+    np.testing.assert_allclose(np.sqrt(elastic[:2]), SPEED * numbers[:2], rtol=3e-3)
+    assert n_mode < len(elastic) <= n_mode + 2  # and what the static answers of two ends add
+
+
+def test_static_answer_of_a_held_bar_is_exact():
+    """Uniform traction t on the end: u = t L / E there, whatever the number of modes."""
+    for n_mode in (0, 3):
+        found = reduce_model(bar(held=True), n_mode, np.ones((4, 1)))
+        force = found.trace.T @ (found.area * 0.7)
+        moved = found.trace @ (force / found.eigenvalues)
+        np.testing.assert_allclose(moved, 0.7 * LENGTH / YOUNG, rtol=1e-10)
+
+
+def test_static_answer_of_a_free_bar_is_exact():
+    """Pulled at both ends by equal forces: the stretch is t L / E."""
+    found = reduce_model(bar(held=False), 2, np.ones((4, 1)))
+    area = found.area.sum()
+    force = found.trace.T @ (found.area * 0.7) - 0.7 * found.loads[:, 0]
+    assert force[0] == pytest.approx(0.0, abs=1e-10 * area)
+    q = force[1:] / found.eigenvalues[1:]
+    ends = found.trace[:, 1:] @ q, found.loads[1:, 0] @ q / area
+    np.testing.assert_allclose(ends[0] - ends[1], 0.7 * LENGTH / YOUNG, rtol=1e-9)
+
+
+def test_rigid_start_is_kept():
+    found = reduce_model(bar(held=False), 4, np.ones((4, 1)))
+    np.testing.assert_allclose(found.basis @ found.velocity, bar(held=False).velocity, atol=1e-10)
+    np.testing.assert_allclose(found.velocity[1:], 0.0, atol=1e-10)
+    assert not found.displacement.any()
+
+
+@pytest.mark.parametrize("kind", ["free", "held", "damped", "driven", "periodic", "everything"])
+def test_ritz_identities(kind):
+    """B^T M B = 1, B^T K B = diag(eigenvalues), and every channel's static answer is inside."""
+    model = make_model(kind).model
+    found = reduce_model(model, 6)
+    b = found.basis
+    np.testing.assert_allclose(b.T @ (model.mass @ b), np.eye(b.shape[1]), atol=1e-9)
+    scale = found.eigenvalues.max()
+    np.testing.assert_allclose(
+        b.T @ (model.stiffness @ b) / scale, np.diag(found.eigenvalues) / scale, atol=1e-9
+    )
+    if not found.n_rigid:
+        e = model.expansion
+        k = (e.T @ model.stiffness @ e).toarray()
+        force = model.trace.T @ (model.channel_area * np.cos(np.arange(model.channel_area.size)))
+        full = model.trace @ (e @ np.linalg.solve(k, e.T @ force))
+        np.testing.assert_allclose(
+            found.trace @ (b.T @ force / found.eigenvalues), full, atol=1e-8 * abs(full).max()
+        )
+
+
+def test_all_modes_are_the_whole_substructure():
+    """With every mode, eigenvalues are those of the full problem and the initial state is exact."""
+    model = make_model("held").model
+    e = model.expansion
+    found = reduce_model(model, 10_000)
+    assert found.basis.shape[1] == e.shape[1]
+    np.testing.assert_allclose(found.basis @ found.displacement, e @ (e.T @ model.displacement), atol=1e-9)
+    np.testing.assert_allclose(
+        found.trace @ found.velocity, model.trace @ (e @ (e.T @ model.velocity)), atol=1e-9
+    )
+
+
+def test_sparse_eigenvalues_are_the_dense_ones(monkeypatch):
+    dense = reduce_model(bar(held=False), 4, np.ones((4, 1)))
+    monkeypatch.setattr(reduction, "_DENSE", 10)
+    sparse = reduce_model(bar(held=False), 4, np.ones((4, 1)))
+    np.testing.assert_allclose(sparse.eigenvalues, dense.eigenvalues, rtol=1e-7)
+    np.testing.assert_allclose(np.abs(sparse.loads), np.abs(dense.loads), rtol=1e-6, atol=1e-9)
+
+
+def test_damping_and_loads_are_projected():
+    model = make_model("damped").model
+    found = reduce_model(model, 5)
+    assert found.damping is not None
+    np.testing.assert_allclose(found.damping, 0.3 * np.eye(len(found.eigenvalues)) + 0.02 * np.diag(found.eigenvalues),
+                               atol=1e-8 * found.eigenvalues.max())  # fmt: skip
+    assert found.loads.shape == (len(found.eigenvalues), 3)
+
+
+def test_what_cannot_be_reduced_is_said():
+    model = bar(held=True)
+    with pytest.raises(ValueError, match="number of modes"):
+        reduce_model(model, -1)
+    with pytest.raises(ValueError, match="shapes must be"):
+        reduce_model(model, 1, np.ones((3, 1)))
+    with pytest.raises(ValueError, match="no mass"):
+        reduce_model(replace(model, mass=sp.csr_array(0.0 * model.mass)), 1)
