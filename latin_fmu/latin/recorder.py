@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.sparse as sp
 
 from ..interface.behaviour import SEPARATION
 from ..propagator.energy import TERMS
@@ -14,6 +15,7 @@ from .interface_energy import ground_work, impact_losses
 from .layout import Array, InterfaceUnit
 from .local_stage import read_gaps
 from .record import InterfaceHistory, SubstructureHistory
+from .slide_probes import SlideProbes
 
 _NO_CONTACT = 1e-6
 
@@ -47,9 +49,9 @@ class Recorder:
     ) -> None:
         self._wanted, self._info = wanted, substructures
         n_time, layout = len(assembly.time), assembly.layout
-        self._f_hat = np.zeros((n_time, layout.n_flat))
-        self._w_hat = np.zeros((n_time, layout.n_flat))
-        self._gap = [np.zeros((n_time, g.n_point)) if g.behaviour.opens else None for g in layout.groups]
+        self.f_hat = np.zeros((n_time, layout.n_flat))
+        self.w_hat = np.zeros((n_time, layout.n_flat))
+        self.gaps = [np.zeros((n_time, g.n_point)) if g.behaviour.opens else None for g in layout.groups]
         # Frictionless interfaces carry no tangential unknowns: their tangential velocities come from the sides.
         self._slide = {
             i: np.zeros((n_time, 2, u.geometry.n_point, 3))
@@ -74,21 +76,52 @@ class Recorder:
 
     def _store(self, assembly: Assembly, f_hat: Array, w_hat: Array) -> list[Array] | None:
         i = self._instant
-        self._f_hat[i], self._w_hat[i] = f_hat, w_hat
-        gaps = read_gaps(assembly) if any(g is not None for g in self._gap) else None
+        self.f_hat[i], self.w_hat[i] = f_hat, w_hat
+        gaps = read_gaps(assembly) if any(g is not None for g in self.gaps) else None
         if gaps is not None:
-            for gap, now in zip(self._gap, gaps, strict=True):
+            for gap, now in zip(self.gaps, gaps, strict=True):
                 if gap is not None:
                     gap[i] = now
         for index, history in self._slide.items():
             self._side_velocities(assembly, index, history[i], i)
+        self._store_wanted(assembly, i)
+        return gaps
+
+    def _store_wanted(self, assembly: Assembly, i: int) -> None:
+        """Energies and fields of the instant i, where the substructures stand."""
         if self._wanted.energy:
             for name, (propagator, member) in self._where.items():
                 assert propagator.meter is not None
                 self._energy[name].append(np.array([propagator.meter.totals[t][member] for t in TERMS]))
         if (self._wanted.fields or self._wanted.stress) and i % self._wanted.every == 0:
             self._store_fields(float(assembly.time[i]))
-        return gaps
+
+    # -- the compiled road: histories are written by the kernels ------------------------------------------------
+    @property
+    def wants_energy(self) -> bool:
+        """Whether energies are kept (at every instant)."""
+        return self._wanted.energy
+
+    def instants_unseen(self) -> int:
+        """Instants that may pass before the recorder has to see the substructures again."""
+        if self._wanted.energy:
+            return 1
+        if self._wanted.fields or self._wanted.stress:
+            return self._wanted.every - self._instant % self._wanted.every
+        return len(self.f_hat)
+
+    def probes(self, assembly: Assembly) -> list[sp.csr_array | None]:
+        """Per class the rows (n_probe, n) that give the velocities of the nodes without tangential unknowns."""
+        self._slides = SlideProbes(assembly, sorted(self._slide))
+        return self._slides.rows
+
+    def kept(self, assembly: Assembly, steps: int, probed: Sequence[Array]) -> None:
+        """Instants whose fields and gaps the kernels have written; ``probed`` (n_time, n_probe, n_member) per class."""
+        instants = slice(self._instant + 1, self._instant + steps + 1)
+        if self._slide:
+            self._slides.read(assembly, instants, probed, self._slide)
+        self._instant += steps
+        self._store_wanted(assembly, self._instant)
 
     def _side_velocities(self, assembly: Assembly, index: int, out: Array, instant: int) -> None:
         unit = assembly.interfaces[index]
@@ -126,8 +159,8 @@ class Recorder:
         n = self._instant + 1
         group = assembly.layout.group(index)
         points = group.members[index]
-        f_hat = group.block(self._f_hat[:n])[:, 0, points]
-        w_hat = group.block(self._w_hat[:n])[:, :, points]
+        f_hat = group.block(self.f_hat[:n])[:, 0, points]
+        w_hat = group.block(self.w_hat[:n])[:, :, points]
         return interface_history(
             unit,
             f_hat,
@@ -140,7 +173,7 @@ class Recorder:
 
     def _gap_of(self, assembly: Assembly, index: int, n: int) -> Array | None:
         group = assembly.layout.group(index)
-        gap = self._gap[assembly.layout.groups.index(group)]
+        gap = self.gaps[assembly.layout.groups.index(group)]
         return None if gap is None else gap[:n, group.members[index]]
 
     def substructures(self) -> dict[str, SubstructureHistory]:

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from .assembly import Assembly
+from .compiled_run import CompiledRun, marches
 from .error_indicator import Scales
 from .global_stage import GlobalStage
 from .layout import Array
@@ -66,6 +67,7 @@ class Run:
         self._directions: dict[bool, Direction] = {}
         self._bound: Direction | None = None
         self._operators = [p.operators for p in assembly.propagators]
+        self._compiled: CompiledRun | None = None
         traction, velocity = start(assembly)
         self.state = RunState(traction, velocity, self.direction(1).indicator.floor())
         self._gaps: list[Array] | None = recorder.start(assembly, traction, velocity)
@@ -86,10 +88,12 @@ class Run:
         operators = [p.operators for p in self.assembly.propagators]
         if any(a is not b for a, b in zip(operators, self._operators, strict=True)):
             self._directions.clear()
-            self._bound, self._operators = None, operators
+            self._bound, self._operators, self._compiled = None, operators, None
         self.state.windows, self.state.interface_indicator, self.stopped = [], None, False
         self.recorder = recorder
         self._gaps = recorder.start(self.assembly, self.state.f_hat, self.state.w_hat)
+        if self._compiled is not None:
+            self._compiled.begin(recorder)
 
     def choices(self) -> dict[str, str]:
         """What was chosen automatically."""
@@ -101,10 +105,38 @@ class Run:
         total = self.assembly.n_instant
         length = self.settings.window or total
         count = -(-total // length)
-        for number in range(count):
-            self.advance(min(length, total - number * length), number, count)
-            if self.stopped:
-                return
+        compiled = self._compiled_road() if length == 1 else None
+        number = 0
+        while number < count and not self.stopped:
+            done = 0 if compiled is None else compiled.advance(count - number)
+            number += done
+            if done and self._progress is not None:
+                last = self.state.windows[-1]
+                self._progress(number - 1, count, last.iterations, last.final_error)
+            if number < count and (compiled is None or compiled.refused):
+                self.advance(min(length, total - number * length), number, count)
+                number += 1
+
+    def _compiled_road(self) -> CompiledRun | None:
+        """The compiled march, where nothing asks for the long road."""
+        if self._observer is not None or not self.assembly.interfaces or not marches(self.assembly):
+            return None
+        self._bind(self.direction(1))
+        if self._compiled is None:
+            self._compiled = CompiledRun(self)
+        return self._compiled
+
+    def gaps(self) -> list[Array]:
+        """Gaps (n_point,) of each group at the present instant."""
+        return read_gaps(self.assembly) if self._gaps is None else self._gaps
+
+    def take_gaps(self, gaps: list[Array]) -> None:
+        """Gaps that the compiled march has reached."""
+        self._gaps = gaps
+
+    def count(self, solved: int) -> None:
+        """Add substructure-instants marched or solved through the condensed operator."""
+        self.state.marched += solved
 
     def advance(self, n: int, number: int, count: int) -> WindowRecord:
         """Solve the next window of n instants."""
@@ -143,7 +175,7 @@ class Run:
         """Opening at the start of a window; one instant needs the gaps alone, known from the last one kept."""
         if n > 1:
             return read_opening(self.assembly)
-        return Opening(read_gaps(self.assembly) if self._gaps is None else self._gaps, [], [])
+        return Opening(self.gaps(), [], [])
 
     def _warm_start(self, direction: Direction, n: int) -> Array:
         """First guess of q (n, n_flat): the last value.

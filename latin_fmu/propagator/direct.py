@@ -235,6 +235,13 @@ class DirectPropagator:
         if self.meter is not None and account:
             self.meter.advance(self.state, self._nodal(traction))
 
+    def take(self, state: State, traction: Array | None) -> None:
+        """Take up the state of a later instant, marched elsewhere; its energy is accounted for where ``traction``
+        (n_channel, n_member), Pa, of that one step is given."""
+        self.state, self._free = state, None
+        if self.meter is not None and traction is not None:
+            self.meter.advance(state, self._nodal(traction))
+
     def _nodal(self, traction: Array) -> Array:
         """Reduced nodal forces (n_dof, n_member) of channel tractions."""
         force = np.zeros((self.n_dof, traction.shape[1]))
