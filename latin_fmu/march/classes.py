@@ -31,12 +31,13 @@ CLASS = record(
         "n_panels", "order", "schur_inverse", "dofs", "area", "massless", "k", "response", "compliance", "channels",
         "below", "rest", "constant", "probed",
         *_STATE, *_SCRATCH,
-        *(f"{m}_{part}" for m in _MATRICES for part in ("n", "starts", "columns", "values")),
+        *(f"{m}_{part}" for m in _MATRICES for part in ("n", "diagonal", "starts", "columns", "values")),
         *(f"{t}_{part}" for t in _TERMS for part in ("n", "starts", "rows", "values", "amplitudes")),
     ]
 )  # fmt: skip
 """One row per class. ``n`` dofs, ``m`` members, ``n_inner`` interface dofs; arrays per dof are (n, m). Matrices are
-compressed rows (``starts``, ``columns``, ``values``), terms (see ``Terms``) likewise. ``single``: factor in float32.
+compressed rows (``starts``, ``columns``, ``values``; mass, stiffness, damping: diagonal and strict lower triangle),
+terms (see ``Terms``) likewise. ``single``: factor in float32.
 ``rest`` counts 1 while the class has not moved; before the instant ``awake_from`` it is not marched."""
 
 
@@ -96,7 +97,7 @@ class ClassTable:
             return
         self.rows[c][f"{name}_n"] = matrix.shape[0]
         self._point(c, f"{name}_starts", matrix.indptr.astype(np.int64))
-        self._point(c, f"{name}_columns", np.ascontiguousarray(matrix.indices, dtype=np.int32))
+        self._point(c, f"{name}_columns", matrix.indices.astype(np.uint32))
         self._point(c, f"{name}_values", np.ascontiguousarray(matrix.data, dtype=float))
 
     def _fixed(self, c: int, propagator: DirectPropagator, flat: Index, probe: sp.csr_array | None) -> None:
@@ -120,9 +121,10 @@ class ClassTable:
             ("compliance", np.ascontiguousarray(ops.compliance)), ("channels", np.ascontiguousarray(flat)),
         ):  # fmt: skip
             self._point(c, name, array)
-        self._matrix(c, "mass", ops.mass)
-        self._matrix(c, "stiffness", ops.stiffness)
-        self._matrix(c, "damping", ops.damping)
+        for name, matrix in (("mass", ops.mass), ("stiffness", ops.stiffness), ("damping", ops.damping)):
+            if matrix is not None:
+                self._point(c, f"{name}_diagonal", matrix.diagonal())
+                self._matrix(c, name, sp.csr_array(sp.tril(matrix, -1)))
         self._matrix(c, "trace", ops.trace)
         self._matrix(c, "spread", sp.csr_array(ops.trace.T))
         self._matrix(c, "probe", probe)

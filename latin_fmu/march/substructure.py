@@ -11,29 +11,51 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .sweeps import backward, forward
-from .views import columns, floats, integers, kernel, table_of_floats
+from .views import floats, indices, integers, kernel, table_of_floats
 
 Array = NDArray[np.float64]
 
 
 @kernel
-def add_matrix(n: int, starts_at: int, columns_at: int, values_at: int, factor: float, m: int, x: Array, out: Array) -> None:
-    """out += factor A x for A (n, ...) in compressed rows given by addresses; x, out flat, m members."""
-    starts = integers(starts_at, n + 1)
-    column, value = columns(columns_at, starts[n]), floats(values_at, starts[n])
+def add_symmetric(n: int, diagonal_at: int, starts_at: int, columns_at: int, values_at: int, factor: float, m: int, x: Array, out: Array) -> None:
+    """out += factor A x for symmetric A: its diagonal and its strict lower triangle in compressed rows, by address."""
+    diagonal, starts = floats(diagonal_at, n), integers(starts_at, n + 1)
+    columns, values = indices(columns_at, starts[n]), floats(values_at, starts[n])
     if m == 1:
         for i in range(n):
-            total = 0.0
-            for e in range(starts[i], starts[i + 1]):
+            column, value = columns[starts[i] : starts[i + 1]], values[starts[i] : starts[i + 1]]
+            own = factor * x[i]
+            total = diagonal[i] * x[i]
+            for e in range(len(column)):
                 total += value[e] * x[column[e]]
+                out[column[e]] += value[e] * own
             out[i] += factor * total
         return
     for i in range(n):
-        line = out[i * m : i * m + m]
-        for e in range(starts[i], starts[i + 1]):
-            now, at = factor * value[e], column[e] * m
+        column, value = columns[starts[i] : starts[i + 1]], values[starts[i] : starts[i + 1]]
+        own, line = x[i * m : i * m + m], out[i * m : i * m + m]
+        for j in range(m):
+            line[j] += factor * diagonal[i] * own[j]
+        for e in range(len(column)):
+            now, at = factor * value[e], np.int64(column[e]) * m
+            other, into = x[at : at + m], out[at : at + m]
             for j in range(m):
-                line[j] += now * x[at + j]
+                line[j] += now * other[j]
+                into[j] += now * own[j]
+
+
+@kernel
+def add_matrix(n: int, starts_at: int, columns_at: int, values_at: int, m: int, x: Array, out: Array) -> None:
+    """out += A x for A (n, ...) in compressed rows given by addresses; x, out flat, m members."""
+    starts = integers(starts_at, n + 1)
+    columns, values = indices(columns_at, starts[n]), floats(values_at, starts[n])
+    for i in range(n):
+        column, value = columns[starts[i] : starts[i + 1]], values[starts[i] : starts[i + 1]]
+        line = out[i * m : i * m + m]
+        for e in range(len(column)):
+            at = np.int64(column[e]) * m
+            for j in range(m):
+                line[j] += value[e] * x[at + j]
 
 
 @kernel
@@ -104,9 +126,11 @@ def predict(row: Any, scheme: Any, instant: int) -> None:
         v_free[i] = v[i] + scheme.v_a * a[i]
         load[i] = constant[i]
     add_terms(row.force_n, row.force_starts, row.force_rows, row.force_values, row.force_amplitudes, instant, 1.0, load)
-    add_matrix(row.n, row.stiffness_starts, row.stiffness_columns, row.stiffness_values, -1.0, m, u_free, load)
+    add_symmetric(
+        row.n, row.stiffness_diagonal, row.stiffness_starts, row.stiffness_columns, row.stiffness_values, -1.0, m, u_free, load)
     if row.damping_n > 0:
-        add_matrix(row.n, row.damping_starts, row.damping_columns, row.damping_values, -1.0, m, v_free, load)
+        add_symmetric(
+        row.n, row.damping_diagonal, row.damping_starts, row.damping_columns, row.damping_values, -1.0, m, v_free, load)
     for i in range(size):
         load[i] = scheme.force_weight * load[i] - scheme.memory_weight * residual[i]
     add_terms(
@@ -126,7 +150,7 @@ def predict(row: Any, scheme: Any, instant: int) -> None:
                 + scheme.interface_gain * free_a[i * m + j]
             )  # fmt: skip
     w_free[:] = 0.0
-    add_matrix(n_channel, row.trace_starts, row.trace_columns, row.trace_values, 1.0, m, reached, w_free)
+    add_matrix(n_channel, row.trace_starts, row.trace_columns, row.trace_values, m, reached, w_free)
     add_terms(
         row.velocity_n, row.velocity_starts, row.velocity_rows, row.velocity_values, row.velocity_amplitudes,
         instant, 1.0, w_free,
@@ -171,10 +195,10 @@ def commit(row: Any, scheme: Any, instant: int, traction: Array) -> int:
     free_a, inner = floats(row.free_a, n_inner * m), floats(row.inner, n_inner * m)
     last = floats(row.inner_answer, n_inner * m)
     if n_inner > 0:
+        for i in range(n_channel * m):
+            nodal[i] *= scheme.force_weight
         inner[:] = 0.0
-        add_matrix(
-            n_inner, row.spread_starts, row.spread_columns, row.spread_values, scheme.force_weight, m, nodal, inner
-        )
+        add_matrix(n_inner, row.spread_starts, row.spread_columns, row.spread_values, m, nodal, inner)
         dense(n_inner, row.schur_inverse, m, inner, last)
         for i in range(n_inner * m):
             last[i] += free_a[i]
@@ -193,7 +217,8 @@ def commit(row: Any, scheme: Any, instant: int, traction: Array) -> int:
             a[at] = 0.0
     for i in range(size):
         residual[i] = scheme.memory_weight * residual[i]
-    add_matrix(n, row.mass_starts, row.mass_columns, row.mass_values, 1.0, m, a, residual)
+    add_symmetric(
+        n, row.mass_diagonal, row.mass_starts, row.mass_columns, row.mass_values, 1.0, m, a, residual)
     add_terms(
         row.inertia_n, row.inertia_starts, row.inertia_rows, row.inertia_values, row.inertia_amplitudes,
         instant, 1.0, residual,
@@ -213,7 +238,7 @@ def read_displacement(row: Any, instant: int, out: Array) -> None:
         for j in range(m):
             inner[i * m + j] = u[dofs[i] * m + j]
     answer[:] = 0.0
-    add_matrix(n_channel, row.trace_starts, row.trace_columns, row.trace_values, 1.0, m, inner, answer)
+    add_matrix(n_channel, row.trace_starts, row.trace_columns, row.trace_values, m, inner, answer)
     add_terms(
         row.displacement_n, row.displacement_starts, row.displacement_rows, row.displacement_values,
         row.displacement_amplitudes, instant, 1.0, answer,
@@ -229,4 +254,4 @@ def probe(row: Any, instant: int) -> None:
     if size > 0:
         out = floats(row.probed + 8 * size * instant, size)
         out[:] = 0.0
-        add_matrix(row.n_probe, row.probe_starts, row.probe_columns, row.probe_values, 1.0, row.m, floats(row.v, row.n * row.m), out)
+        add_matrix(row.n_probe, row.probe_starts, row.probe_columns, row.probe_values, row.m, floats(row.v, row.n * row.m), out)

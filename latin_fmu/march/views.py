@@ -40,7 +40,7 @@ def _pointer_to(item: Any) -> Any:
 
 
 _float64, _float32 = _pointer_to(types.float64), _pointer_to(types.float32)
-_int64, _int32 = _pointer_to(types.int64), _pointer_to(types.int32)
+_int64, _uint32 = _pointer_to(types.int64), _pointer_to(types.uint32)
 
 
 @kernel
@@ -74,9 +74,9 @@ def integers(address: int, n: int) -> Any:
 
 
 @kernel
-def columns(address: int, n: int) -> Any:
-    """The (n,) int32 array at an address."""
-    return carray(_int32(address), (n,))
+def indices(address: int, n: int) -> Any:
+    """The (n,) uint32 array at an address (unsigned: no test for negative indices in the inner loops)."""
+    return carray(_uint32(address), (n,))
 
 
 def address(array: NDArray[Any]) -> int:
