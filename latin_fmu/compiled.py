@@ -1,4 +1,4 @@
-"""Compilation of kernels with numba, cached on disk; their NumPy twins where numba is switched off.
+"""Compilation of kernels with numba, kept on disk; their NumPy twins where numba is switched off.
 
 ``LATIN_FMU_COMPILE=0`` in the environment switches compilation off (debugging, hosts without a compiler cache).
 """
@@ -7,8 +7,12 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
+from pathlib import Path
 from typing import Any, Final, TypeVar, cast
+
+from .kernel_store import keep, store_of
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 COMPILES: Final = os.environ.get("LATIN_FMU_COMPILE", "1") != "0"
@@ -16,22 +20,35 @@ if COMPILES:
     from numba import carray
 else:
     carray = None
+TRAVELS: Final = "." in __name__.removesuffix(".compiled")  # below another package: inside an FMU
 
 
 def compiled(twin: Function) -> Callable[[Function], Function]:
-    """Decorator: ``numba.njit(cache=True)`` of the function, or its NumPy ``twin`` when compilation is off."""
+    """Decorator: ``numba.njit`` of the function, kept on disk, or its NumPy ``twin`` when compilation is off."""
 
     def choose(function: Function) -> Function:
-        if not COMPILES:
-            return twin
-        from numba import njit
-
-        try:
-            return cast(Function, njit(cache=True)(function))
-        except RuntimeError:  # no folder to cache in: compile afresh in this process
-            return cast(Function, njit(function))
+        return jitted(function) if COMPILES else twin
 
     return choose
+
+
+def jitted(function: Function, nogil: bool = False, fastmath: bool | set[str] = False) -> Function:
+    """``numba.njit`` of a function: compiled once, then read from disk.
+
+    The code is kept where numba keeps it; inside an FMU, whose path is new at every extraction, in the folder of
+    ``kernel_store``.
+    """
+    from numba import njit
+
+    store = store_of(Path(__file__).parent) if TRAVELS else None
+    if store is not None:
+        made = njit(nogil=nogil, fastmath=fastmath)(function)
+        if keep(made, store):
+            return cast(Function, made)
+    try:
+        return cast(Function, njit(cache=True, nogil=nogil, fastmath=fastmath)(function))
+    except RuntimeError:  # no folder to keep it in: compile afresh in this process
+        return cast(Function, njit(nogil=nogil, fastmath=fastmath)(function))
 
 
 def native(n_integer: int, n_float: int) -> Callable[[Callable[..., None]], Callable[[], int]]:
@@ -43,14 +60,17 @@ def native(n_integer: int, n_float: int) -> Callable[[Callable[..., None]], Call
     def declare(function: Callable[..., None]) -> Callable[[], int]:
         @cache
         def made() -> Any:
-            from numba import cfunc, types
+            from numba import types
+            from numba.core.ccallback import CFunc
 
             pointers = [types.CPointer(types.int32)] * n_integer + [types.CPointer(types.float64)] * n_float
-            signature = types.void(*pointers)
-            try:
-                return cfunc(signature, cache=True)(function)
-            except RuntimeError:  # no folder to cache in
-                return cfunc(signature)(function)
+            found = CFunc(function, (tuple(pointers), types.void), locals={}, options={})
+            store = store_of(Path(__file__).parent) if TRAVELS else None
+            if store is None or not keep(found, store):
+                with suppress(RuntimeError):  # no folder to keep it in
+                    found.enable_caching()
+            found.compile()
+            return found
 
         return lambda: int(made().address) if COMPILES else 0
 

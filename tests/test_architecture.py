@@ -17,6 +17,7 @@ MODULES = tuple(sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py
 
 # Each layer may import those before it, never its own neighbours or those after it.
 LAYERS: tuple[tuple[str, ...], ...] = (
+    ("kernel_store",),
     ("errors", "compiled", "memory"),
     ("fem", "interface", "time_scheme"),
     ("propagator",),

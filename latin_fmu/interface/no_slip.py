@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -76,6 +76,8 @@ def _kernel(jump: Array, z: Array, reach: Array) -> Array:
 
 
 @native(3, 6)
-def _native(n_point, n_component, n_parameter, rate, jump, z, reach, parameters, traction):  # type: ignore[no-untyped-def]
+def _native(
+    n_point: Any, n_component: Any, _n_parameter: Any, _rate: Any, jump: Any, z: Any, reach: Any, _parameters: Any, traction: Any
+) -> None:
     n, shape = n_point[0], (n_point[0], n_component[0])
     carray(traction, shape)[...] = _kernel(carray(jump, shape), carray(z, (n, 2)), carray(reach, (n,)))

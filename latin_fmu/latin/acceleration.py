@@ -17,7 +17,6 @@ from .layout import Array
 from .stopping import RANK
 
 
-
 class Relaxation:
     """q + relaxation * r."""
 

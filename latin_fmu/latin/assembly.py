@@ -27,7 +27,8 @@ class Assembly:
     propagators : one per class of identical substructures.
     channels : for each propagator the flat indices (n_channel, n_member).
     interfaces, layout : see there.
-    impedance : (n_flat,) material impedance of the side, rho c_p or rho c_s; 0 for ground. Pa s m-1
+    impedance : (n_flat,) material impedance of the side, rho c_p or rho c_s, Pa s m-1; 0 for ground;
+        of a rigid body the resistance of its face within one step.
     characteristic_traction : size of the tractions the loads can bring, Pa (scale of negligible ones).
     scheme : time scheme.
     """
@@ -143,7 +144,11 @@ class Assembly:
             moved = self.ground_start[i].displacement + self._travel[i]
             velocity.append(np.einsum("pci,ti->tpc", frames, self.ground[i]).reshape(n_time, -1))
             displacement.append(np.einsum("pci,ti->tpc", frames, moved).reshape(n_time, -1))
-        return np.concatenate(channels), np.concatenate(velocity, axis=1), np.concatenate(displacement, axis=1)
+        return (
+            np.concatenate(channels),
+            np.concatenate(velocity, axis=1),
+            np.concatenate(displacement, axis=1),
+        )
 
     def ground_end(self, instant: int) -> dict[int, GroundState]:
         """State of the ground at an instant, for the next segment."""

@@ -15,7 +15,6 @@ from ..compiled import COMPILES
 from ..propagator import DirectPropagator
 from .assembly import Assembly
 from .error_indicator import Scales
-from .layout import Array
 from .record import WindowRecord
 from .recorder import Recorder
 from .settings import Settings
@@ -36,7 +35,8 @@ def marches(assembly: Assembly) -> bool:
     from ..propagator.cholesky.factor import CholeskyFactor
 
     return all(
-        type(p) is DirectPropagator and isinstance(p.operators.factor, CholeskyFactor) for p in assembly.propagators
+        type(p) is DirectPropagator and isinstance(p.operators.factor, CholeskyFactor)
+        for p in assembly.propagators
     ) and all(native_address(g.behaviour) for g in assembly.layout.groups)
 
 
@@ -94,9 +94,7 @@ class CompiledRun:
             direction.k, direction.local.z, layout.area, direction.indicator.weights, direction.weight**2,
             layout.interface, layout.normal.astype(np.int64), ground, velocity, displacement,
         )  # fmt: skip
-        self._history = History(
-            recorder.f_hat, recorder.w_hat, self._errors, self._mismatches, self._counts
-        )
+        self._history = History(recorder.f_hat, recorder.w_hat, self._errors, self._mismatches, self._counts)
 
     def advance(self, n: int) -> int:
         """Solve up to n windows of one instant; how many converged (fewer: the next one needs the long road)."""

@@ -56,6 +56,13 @@ def channel_k(assembly: Assembly, wanted: SearchDirection, window: int) -> tuple
     return k, choice
 
 
+def inertial_impedance(assembly: Assembly) -> None:
+    """Give the sides without a material impedance (rigid bodies) the resistance of their faces within one step."""
+    row = _row(assembly)
+    missing = assembly.impedance <= 0
+    assembly.impedance[missing] = row[missing]
+
+
 def unresolved_sides(assembly: Assembly) -> list[str]:
     """Sentences on sides whose wave front the mesh and step do not resolve (converged is not accurate there)."""
     row = _row(assembly)

@@ -22,7 +22,18 @@ _MATRICES = ("mass", "stiffness", "damping", "trace", "spread", "probe")
 _TERMS = ("force", "inertia", "velocity", "displacement")
 _STATE = ("u", "v", "a", "residual")
 # scratch: name -> rows (per member)
-_SCRATCH = ("u_free", "v_free", "load", "sweep", "inner", "inner_answer", "free_a", "w_free", "channel", "answer")
+_SCRATCH = (
+    "u_free",
+    "v_free",
+    "load",
+    "sweep",
+    "inner",
+    "inner_answer",
+    "free_a",
+    "w_free",
+    "channel",
+    "answer",
+)
 
 CLASS = record(
     [

@@ -102,7 +102,11 @@ def read_gaps(groups: Any, start: Any, displacement: Array, instant: int) -> Non
         gap = floats(row.gap, n_point)
         second = row.start + n_point * n_component
         for p in range(n_point):
-            gap[p] = start[at + p] + displacement[second + p * n_component] - displacement[row.start + p * n_component]
+            gap[p] = (
+                start[at + p]
+                + displacement[second + p * n_component]
+                - displacement[row.start + p * n_component]
+            )
         if row.opens == 1:
             history = floats(row.history + 8 * n_point * instant, n_point)
             for p in range(n_point):

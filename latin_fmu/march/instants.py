@@ -32,7 +32,15 @@ def march_instants(
         for c in range(len(classes)):
             predict(classes[c], scheme, instant)
         used = iterate(
-            classes, groups, flat, work, limits, 1 / scheme.dt, instant, history.errors[step], history.mismatches[step]
+            classes,
+            groups,
+            flat,
+            work,
+            limits,
+            1 / scheme.dt,
+            instant,
+            history.errors[step],
+            history.mismatches[step],
         )
         history.iterations[step] = used
         if used <= 0:
@@ -65,7 +73,9 @@ def accept(flat: Any, work: Any) -> None:
 
 
 @kernel
-def sweep_window(classes: Any, flat: Any, scheme: Any, first: int, q: Array, w: Array, traction: Array) -> None:
+def sweep_window(
+    classes: Any, flat: Any, scheme: Any, first: int, q: Array, w: Array, traction: Array
+) -> None:
     """One linear stage over a long window: W (n, n_flat) for q (n, n_flat); ``traction`` (n_flat,) is scratch."""
     for step in range(len(q)):
         instant = first + step

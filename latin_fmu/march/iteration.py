@@ -156,10 +156,10 @@ def iterate(
             if merit > 0.0:
                 ratio = known / merit
         work.known[iteration] = known
-        if error <= limits.tolerance and forces <= limits.force_tolerance:
-            if iteration > 0 or error <= limits.at_rest * limits.tolerance:
-                work.scales[:] = reached
-                return iteration + 1
+        met = error <= limits.tolerance and forces <= limits.force_tolerance
+        if met and (iteration > 0 or error <= limits.at_rest * limits.tolerance):
+            work.scales[:] = reached
+            return iteration + 1
         if not np.isfinite(error) or stalled(errors, work.known, ratio, iteration + 1, limits):
             return -(iteration + 1)
         next_iterate(flat, work, limits, count)

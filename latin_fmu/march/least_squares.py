@@ -19,7 +19,9 @@ def least_squares_numpy(gram: Array, right: Array, n: int, rank: float) -> Array
         line = np.linalg.solve(factor, scaled[used, a])
         pivot = scaled[a, a] - line @ line
         if pivot > rank:
-            factor = np.block([[factor, np.zeros((len(used), 1))], [line[None], np.array([[np.sqrt(pivot)]])]])
+            factor = np.block(
+                [[factor, np.zeros((len(used), 1))], [line[None], np.array([[np.sqrt(pivot)]])]]
+            )
             used = np.append(used, a)
     x = np.zeros(n)
     x[used] = np.linalg.solve(factor.T, np.linalg.solve(factor, right[used] / size[used])) / size[used]

@@ -17,7 +17,17 @@ Array = NDArray[np.float64]
 
 
 @kernel
-def add_symmetric(n: int, diagonal_at: int, starts_at: int, columns_at: int, values_at: int, factor: float, m: int, x: Array, out: Array) -> None:
+def add_symmetric(
+    n: int,
+    diagonal_at: int,
+    starts_at: int,
+    columns_at: int,
+    values_at: int,
+    factor: float,
+    m: int,
+    x: Array,
+    out: Array,
+) -> None:
     """out += factor A x for symmetric A: its diagonal and its strict lower triangle in compressed rows, by address."""
     diagonal, starts = floats(diagonal_at, n), integers(starts_at, n + 1)
     columns, values = indices(columns_at, starts[n]), floats(values_at, starts[n])
@@ -59,7 +69,16 @@ def add_matrix(n: int, starts_at: int, columns_at: int, values_at: int, m: int, 
 
 
 @kernel
-def add_terms(n: int, starts_at: int, rows_at: int, values_at: int, amplitudes_at: int, instant: int, factor: float, out: Array) -> None:
+def add_terms(
+    n: int,
+    starts_at: int,
+    rows_at: int,
+    values_at: int,
+    amplitudes_at: int,
+    instant: int,
+    factor: float,
+    out: Array,
+) -> None:
     """out += factor x the terms (see ``Terms``) at an instant."""
     if n == 0:
         return
@@ -125,12 +144,39 @@ def predict(row: Any, scheme: Any, instant: int) -> None:
         u_free[i] = u[i] + scheme.u_v * v[i] + scheme.u_a * a[i]
         v_free[i] = v[i] + scheme.v_a * a[i]
         load[i] = constant[i]
-    add_terms(row.force_n, row.force_starts, row.force_rows, row.force_values, row.force_amplitudes, instant, 1.0, load)
+    add_terms(
+        row.force_n,
+        row.force_starts,
+        row.force_rows,
+        row.force_values,
+        row.force_amplitudes,
+        instant,
+        1.0,
+        load,
+    )
     add_symmetric(
-        row.n, row.stiffness_diagonal, row.stiffness_starts, row.stiffness_columns, row.stiffness_values, -1.0, m, u_free, load)
+        row.n,
+        row.stiffness_diagonal,
+        row.stiffness_starts,
+        row.stiffness_columns,
+        row.stiffness_values,
+        -1.0,
+        m,
+        u_free,
+        load,
+    )
     if row.damping_n > 0:
         add_symmetric(
-        row.n, row.damping_diagonal, row.damping_starts, row.damping_columns, row.damping_values, -1.0, m, v_free, load)
+            row.n,
+            row.damping_diagonal,
+            row.damping_starts,
+            row.damping_columns,
+            row.damping_values,
+            -1.0,
+            m,
+            v_free,
+            load,
+        )
     for i in range(size):
         load[i] = scheme.force_weight * load[i] - scheme.memory_weight * residual[i]
     add_terms(
@@ -210,7 +256,9 @@ def commit(row: Any, scheme: Any, instant: int, traction: Array) -> int:
     for i in range(size):
         u[i] = u_free[i] + scheme.displacement_gain * a[i]
         v[i] = v_free[i] + scheme.velocity_gain * a[i]
-    for e in range(row.n_massless):  # statics alone moves them: a velocity that means something, and no memory
+    for e in range(
+        row.n_massless
+    ):  # statics alone moves them: a velocity that means something, and no memory
         for j in range(m):
             at = massless[e] * m + j
             v[at] = (u[at] - before[at]) / scheme.dt
@@ -218,7 +266,8 @@ def commit(row: Any, scheme: Any, instant: int, traction: Array) -> int:
     for i in range(size):
         residual[i] = scheme.memory_weight * residual[i]
     add_symmetric(
-        n, row.mass_diagonal, row.mass_starts, row.mass_columns, row.mass_values, 1.0, m, a, residual)
+        n, row.mass_diagonal, row.mass_starts, row.mass_columns, row.mass_values, 1.0, m, a, residual
+    )
     add_terms(
         row.inertia_n, row.inertia_starts, row.inertia_rows, row.inertia_values, row.inertia_amplitudes,
         instant, 1.0, residual,
@@ -233,7 +282,11 @@ def read_displacement(row: Any, instant: int, out: Array) -> None:
     """Displacements of the channels into ``out`` (n_flat,)."""
     m, n_channel, n_inner = row.m, row.n_channel, row.n_inner
     channels, dofs = integers(row.channels, n_channel * m), integers(row.dofs, n_inner)
-    u, inner, answer = floats(row.u, row.n * m), floats(row.inner, n_inner * m), floats(row.answer, n_channel * m)
+    u, inner, answer = (
+        floats(row.u, row.n * m),
+        floats(row.inner, n_inner * m),
+        floats(row.answer, n_channel * m),
+    )
     for i in range(n_inner):
         for j in range(m):
             inner[i * m + j] = u[dofs[i] * m + j]
@@ -254,4 +307,12 @@ def probe(row: Any, instant: int) -> None:
     if size > 0:
         out = floats(row.probed + 8 * size * instant, size)
         out[:] = 0.0
-        add_matrix(row.n_probe, row.probe_starts, row.probe_columns, row.probe_values, row.m, floats(row.v, row.n * row.m), out)
+        add_matrix(
+            row.n_probe,
+            row.probe_starts,
+            row.probe_columns,
+            row.probe_values,
+            row.m,
+            floats(row.v, row.n * row.m),
+            out,
+        )

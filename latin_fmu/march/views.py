@@ -9,9 +9,11 @@ from collections.abc import Callable
 from typing import Any, Final, TypeVar, cast
 
 import numpy as np
-from numba import carray, njit, types
+from numba import carray, types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
+
+from ..compiled import jitted
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -20,11 +22,8 @@ _FAST: Final = {"reassoc", "contract", "nsz"}
 
 
 def kernel(function: Function) -> Function:
-    """Compile for loops over floating-point numbers: cached, sums vectorised, without the interpreter lock."""
-    try:
-        return cast(Function, njit(cache=True, nogil=True, fastmath=_FAST)(function))
-    except RuntimeError:  # no folder to cache in: compile afresh in this process
-        return cast(Function, njit(nogil=True, fastmath=_FAST)(function))
+    """Compile for loops over floating-point numbers: kept, sums vectorised, without the interpreter lock."""
+    return jitted(function, nogil=True, fastmath=_FAST)
 
 
 def _pointer_to(item: Any) -> Any:

@@ -15,7 +15,7 @@ from .model import Array, Histories, SubstructureModel
 
 @dataclass
 class Sum:
-    """Sum of patterns times histories: rows (row x members + member) and values of each, and its amplitude (n_time,)."""
+    """Sum of patterns times histories: rows (row x members + member), values, and amplitude (n_time,) of each."""
 
     patterns: list[tuple[Index, Array]] = field(default_factory=list)
     amplitudes: list[Array] = field(default_factory=list)

@@ -46,7 +46,8 @@ class SubstructureModel:
     """Matrices and histories of one substructure.
 
     Full dofs are 3 * node + component. Reduced dofs are what is left after fixed directions are removed and
-    tied ones merged: ``u_full = expansion @ u + imposed``.
+    tied ones merged: ``u_full = expansion @ u + imposed``. A rigid body has its free and its prescribed motions for
+    full dofs (``nodal``).
 
     Attributes
     ----------
@@ -74,6 +75,8 @@ class SubstructureModel:
     imposed_start: Array
     ordering: Array | None = field(default=None)
     """(n_full,) elimination rank of each full dof (nested dissection of the mesh), or None."""
+    nodal: Array | None = field(default=None)
+    """(3 n_node, n_full) displacements of the nodes per full dof, None where the full dofs are those of the nodes."""
 
     @property
     def n_full(self) -> int:
@@ -88,3 +91,8 @@ class SubstructureModel:
 
     def _reduce(self, matrix: sp.csr_array) -> sp.csr_array:
         return sp.csr_array(self.expansion.T @ matrix @ self.expansion)
+
+    def node_values(self, full: Array) -> Array:
+        """Vectors at the nodes (n_node, 3) of full dofs (n_full,)."""
+        values = full if self.nodal is None else self.nodal @ full
+        return values.reshape(-1, 3)

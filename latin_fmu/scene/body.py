@@ -14,6 +14,7 @@ from ..fem.faces import Face, face
 from ..fem.mesh import Array, Mesh, box_mesh
 from ..fem.mesh_file import read_mesh
 from ..fem.ordering import nested_dissection
+from ..fem.rigid import rigid_body
 from ..fem.stress import MeanStress
 from .materials import Material
 from .schema import Scene
@@ -72,8 +73,22 @@ class Body:
         """Nodal integrals of a face."""
         return face(self.mesh, name)
 
+    @property
+    def rigid(self) -> bool:
+        """Whether the substructure is undeformable."""
+        return self.description.rigid
+
+    def initial_velocity(self) -> Array:
+        """Velocity of the nodes at t = 0, (3 n_node,), m s-1."""
+        description = self.description
+        velocity = np.tile(np.asarray(description.initial_velocity, dtype=float), (self.mesh.n_node, 1))
+        if any(description.initial_spin):
+            arm = self.mesh.nodes - rigid_body(self.mesh, self.shape.material.density).centre
+            velocity += np.cross(np.asarray(description.initial_spin), arm)
+        return velocity.ravel()
+
     def full_size(self) -> int:
-        """Number of full dofs."""
+        """Number of dofs of the nodes."""
         return 3 * self.mesh.n_node
 
 
@@ -110,6 +125,8 @@ def locking_remarks(bodies: dict[str, Body], unbending: set[str]) -> list[str]:
     """Warnings where plain 8-node hexahedra are known to lock; ``unbending`` names bodies that cannot bend."""
     remarks = []
     for name, body in bodies.items():
+        if body.rigid:
+            continue
         nu = body.shape.material.poisson_ratio
         if nu > LOCKING_POISSON:
             remarks.append(

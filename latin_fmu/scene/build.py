@@ -10,12 +10,12 @@ from ..errors import Problem, SceneError
 from ..latin.assembly import Assembly
 from ..latin.layout import Array, InterfaceUnit, Layout
 from ..latin.recorder import SubstructureInfo, Wanted
-from ..latin.search_direction import SearchDirection, unresolved_sides
+from ..latin.search_direction import SearchDirection, inertial_impedance, unresolved_sides
 from ..latin.settings import Settings
 from ..propagator import DirectPropagator
 from ..time_scheme import TimeScheme, make_scheme
 from .body import Body, build_bodies, locking_remarks
-from .boundaries import Periodic
+from .boundaries import Boundary, Periodic
 from .checks import (
     boundaries_of,
     characteristic_traction,
@@ -28,6 +28,7 @@ from .conditions import Conditions, build_conditions
 from .fields import split_face
 from .models import ModelClass, model_classes, side_impedance
 from .pairing import build_interface
+from .rigid import rigid_conditions
 from .schema import Scene
 from .solver_settings import WHOLE, Anderson, Uniform
 from .timeline import Timeline
@@ -73,7 +74,10 @@ class Prepared:
         stress = self.scene.output.stress
         return {
             n: SubstructureInfo(
-                b.mesh.nodes, b.mesh.cells, b.mesh.cell_type, b.shape.stress if stress else None
+                b.mesh.nodes,
+                b.mesh.cells,
+                b.mesh.cell_type,
+                b.shape.stress if stress and not b.rigid else None,
             )
             for n, b in self.bodies.items()
         }
@@ -96,6 +100,8 @@ class Prepared:
         )  # fmt: skip
         timeline = self.timeline
         timeline.begin(assembly, self.time, {}, assembly.ground_start)
+        if any(body.rigid for body in self.bodies.values()):
+            inertial_impedance(assembly)
         output = scene.output
         wanted = Wanted(output.fields, output.stress, output.energy, output.every)
         warnings = (*self.remarks, *unresolved_sides(assembly))
@@ -120,7 +126,7 @@ def prepare(scene: Scene) -> Prepared:
     if problems:
         raise SceneError(problems, "the scene cannot be built")
     conditions = {
-        name: build_conditions(body, boundaries_of(scene, name), problems) for name, body in bodies.items()
+        name: _conditions(body, boundaries_of(scene, name), problems) for name, body in bodies.items()
     }
     found = [build_interface(n, i, bodies, problems) for n, i in scene.interface.items()]
     if problems:
@@ -139,6 +145,11 @@ def prepare(scene: Scene) -> Prepared:
         *redundancy_remarks(scene), *locking_remarks(bodies, unbending), *sampling_remarks(scene, time),
     ]  # fmt: skip
     return Prepared(scene, bodies, conditions, units, layout, classes, scheme, time, tuple(remarks))
+
+
+def _conditions(body: Body, boundaries: dict[str, Boundary], problems: list[Problem]) -> Conditions:
+    held = build_conditions(body, boundaries, problems)
+    return rigid_conditions(body, held, boundaries, problems) if body.rigid else held
 
 
 def settings_of(scene: Scene) -> Settings:

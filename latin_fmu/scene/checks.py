@@ -68,9 +68,11 @@ def characteristic_traction(scene: Scene, bodies: dict[str, Body], time: Array) 
             abs(load.pressure) if load.pressure is not None else float(np.linalg.norm(load.traction or 0.0))
         )
         sizes.append(size * amplitude)
+    impedances = _impact_impedances(bodies, float(time[1] - time[0]))
     for name, body in bodies.items():
-        z_p = body.shape.impedances[0]
-        sizes.append(z_p * float(np.linalg.norm(body.description.initial_velocity)))
+        z_p = impedances[name]
+        spin = float(np.linalg.norm(body.description.initial_spin)) * float(body.mesh.extent().max())
+        sizes.append(z_p * (float(np.linalg.norm(body.description.initial_velocity)) + spin))
         sizes.append(float(np.linalg.norm(body.description.body_force)) * float(body.mesh.extent().max()))
         for boundary in boundaries_of(scene, name).values():
             if isinstance(boundary, PrescribedVelocity | PrescribedDisplacement):
@@ -78,7 +80,7 @@ def characteristic_traction(scene: Scene, bodies: dict[str, Body], time: Array) 
                 for value in boundary.value:
                     speed = np.abs(Motion(boundary.law, value, moving).velocity(time)).max()
                     sizes.append(z_p * float(speed))
-    stiffest = max(body.shape.impedances[0] for body in bodies.values())
+    stiffest = max(impedances.values())
     for interface in scene.interface.values():
         sizes.append(interface.preload)
         if interface.ground_velocity is not None:
@@ -86,6 +88,17 @@ def characteristic_traction(scene: Scene, bodies: dict[str, Body], time: Array) 
             speed = float(np.linalg.norm(ground.vector) * np.abs(ground.law.sample(time)).max())
             sizes.append(stiffest * speed)
     return max(sizes)
+
+
+def _impact_impedances(bodies: dict[str, Body], dt: float) -> dict[str, float]:
+    """Traction per velocity that a body can bring, Pa s m-1: rho c_p; of a rigid body, its momentum lost in one step,
+    or what the stiffest elastic body can take where there is one."""
+    elastic = [body.shape.impedances[0] for body in bodies.values() if not body.rigid]
+    found = {}
+    for name, body in bodies.items():
+        stop = body.shape.material.density * float(body.mesh.extent().max()) / dt
+        found[name] = min(stop, max(elastic, default=stop)) if body.rigid else body.shape.impedances[0]
+    return found
 
 
 def redundancy_remarks(scene: Scene) -> list[str]:

@@ -64,8 +64,15 @@ def merge(
     interfaces: Sequence[InterfaceUnit],
     info: Mapping[str, SubstructureInfo],
 ) -> Merged:
-    """Matrices of substructures with every interface between them bonded; ``info`` holds their meshes."""
+    """Matrices of substructures with every interface between them bonded; ``info`` holds their meshes.
+
+    Raises
+    ------
+    ValueError : a substructure is rigid (its dofs are not those of its nodes).
+    """
     models = {m.name: m for m in members}
+    if any(m.nodal is not None for m in members):
+        raise ValueError("an assembly with rigid substructures cannot be merged")
     names = list(models)
     ends = np.cumsum([models[n].n_full for n in names])
     where = {n: slice(int(e) - models[n].n_full, int(e)) for n, e in zip(names, ends, strict=True)}

@@ -15,6 +15,7 @@ from ..propagator import LoadTerm, SubstructureModel
 from .body import Body
 from .conditions import Conditions
 from .fields import GROUND, split_face
+from .rigid import RigidConditions, rigid_model
 from .schema import Scene
 
 
@@ -79,19 +80,21 @@ def _model(
     if any(p.any() for p in preloads):  # the initial stress is in equilibrium: it holds the preload
         balance = np.asarray(-(trace.T @ (area * np.concatenate(preloads))))
         loads.append(LoadTerm("", balance))
+    flat = np.concatenate(channels) if channels else np.zeros(0, dtype=np.int64)
+    if isinstance(held, RigidConditions):
+        return rigid_model(body, held, trace, area, loads), flat
     mass, stiffness = body.shape.matrices
     if massless:
         mass = _without_contact_mass(name, body, units)
-    description = body.description
     model = SubstructureModel(
         name=name, mass=mass, damping=_damping(body, held), stiffness=stiffness, expansion=held.expansion,
         trace=trace, channel_area=area, loads=loads,
-        displacement=np.tile(description.initial_displacement, body.mesh.n_node),
-        velocity=np.tile(description.initial_velocity, body.mesh.n_node),
+        displacement=np.tile(body.description.initial_displacement, body.mesh.n_node),
+        velocity=body.initial_velocity(),
         imposed_pattern=held.pattern, imposed_start=held.start(),
         ordering=body.shape.rank,
     )  # fmt: skip
-    return model, np.concatenate(channels) if channels else np.zeros(0, dtype=np.int64)
+    return model, flat
 
 
 def _without_contact_mass(name: str, body: Body, units: list[InterfaceUnit]) -> sp.csr_array:
@@ -166,15 +169,17 @@ def _signature(model: SubstructureModel, body: Body) -> bytes:
         )
         digest.update(model.damping.indices.astype(np.int64).tobytes())
     digest.update(model.imposed_pattern.tobytes())
+    if model.nodal is not None:
+        digest.update((np.round(model.nodal, 9) + 0.0).tobytes())
     return digest.digest()
 
 
 def side_impedance(bodies: dict[str, Body], units: list[InterfaceUnit], layout: Layout) -> Array:
-    """Material impedance of every channel, (n_flat,), Pa s m-1; 0 on the ground."""
+    """Material impedance of every channel, (n_flat,), Pa s m-1; 0 on the ground and on rigid bodies."""
     impedance = np.zeros(layout.n_flat)
     for i, unit in enumerate(units):
         for side, face in enumerate(unit.sides):
-            if face == GROUND:
+            if face == GROUND or bodies[split_face(face)[0]].rigid:
                 continue
             z_p, z_s = bodies[split_face(face)[0]].shape.impedances
             channels = layout.channels(i, side)

@@ -24,6 +24,9 @@ Gap            Distance of paired points along N, open > 0. Measured on the mesh
                given, 0 without one.
 Preload        Contact pressure already there at t = 0, in equilibrium with initial stresses nobody needs to
                describe: displacements, velocities and stresses are counted from that state.
+Rigid          A rigid substructure keeps its mass and its mesh, which says where its faces and their points are.
+               Held and prescribed directions are taken out of its six motions; conditions that no rigid
+               motion satisfies are refused. Its rotations are small ones.
 Signs          Pressure is positive in compression: traction -p n, n the outward normal. Tractions, body
                forces and prescribed motions are along the global axes x, y, z.
 Laws           A law a(t) has no dimension and multiplies the load or the prescribed motion. Before its

@@ -53,6 +53,14 @@ def _substructure_problems(raw: Any, base_dir: Path) -> Iterator[Problem]:
         material = table.get("material")
         if materials and isinstance(material, str) and material not in materials:
             yield unknown_name(f"{where}.material", "material", material, materials)
+        if table.get("rigid") is True and _scheme_name(raw) == "massless_contact":
+            yield Problem(
+                f"{where}.rigid",
+                "a rigid body has no contact nodes of its own to take the mass from",
+                'time.scheme = "massless_contact"',
+                "hht or newmark",
+                "choose another scheme, or leave the body elastic",
+            )
         mesh = table.get("mesh")
         file = mesh.get("file") if isinstance(mesh, dict) else None
         if isinstance(file, str) and not _is_file(base_dir, file):
@@ -63,6 +71,11 @@ def _substructure_problems(raw: Any, base_dir: Path) -> Iterator[Problem]:
                 None,
                 "file names are relative to the scene file",
             )
+
+
+def _scheme_name(raw: Any) -> object:
+    scheme = single_table(raw, "time").get("scheme")
+    return scheme.get("type") if isinstance(scheme, dict) else scheme
 
 
 def _is_file(base_dir: Path, name: str) -> bool:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from pydantic import AfterValidator, BeforeValidator
 
-from .fields import Name, Positive, PositiveCount, Real, Table, Text, Vector, _as_list, about, refusal
+from .fields import Flag, Name, Positive, PositiveCount, Real, Table, Text, Vector, _as_list, about, refusal
 
 BOX_FACES = ("xmin", "xmax", "ymin", "ymax", "zmin", "zmax")
 MAX_ELEMENTS = 20_000_000
@@ -46,11 +46,17 @@ class MeshFile(Table):
 
 
 class Substructure(Table):
-    """An elastic body. It has exactly one of `box` and `mesh`."""
+    """An elastic body, or a rigid one. It has exactly one of `box` and `mesh`."""
 
     material: Annotated[Name, about("name of a [material.NAME] table")]
     box: Annotated[Box | None, about("a box meshed by the program")] = None
     mesh: Annotated[MeshFile | None, about("a mesh read from a file")] = None
+    rigid: Annotated[
+        Flag, about("undeformable: six unknowns (small rotations about the mass centre), no stiffness")
+    ] = False
     initial_velocity: Annotated[Vector, about("uniform velocity at t = 0", "m s-1")] = (0.0, 0.0, 0.0)
+    initial_spin: Annotated[
+        Vector, about("angular velocity at t = 0, about the mass centre (small rotations)", "rad s-1")
+    ] = (0.0, 0.0, 0.0)
     initial_displacement: Annotated[Vector, about("uniform displacement at t = 0", "m")] = (0.0, 0.0, 0.0)
     body_force: Annotated[Vector, about("force per unit volume, constant in time", "N m-3")] = (0.0, 0.0, 0.0)

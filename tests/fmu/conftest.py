@@ -17,6 +17,15 @@ from .host import Host
 from .scenes import blocks
 
 
+@pytest.fixture(scope="session", autouse=True)
+def store(tmp_path_factory) -> Iterator[Path]:
+    """Compiled kernels of the FMUs: for these tests only, hosts in other processes included."""
+    folder = tmp_path_factory.mktemp("kernels")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("LATIN_FMU_CACHE", str(folder))
+        yield folder
+
+
 @pytest.fixture(scope="session")
 def fmus(tmp_path_factory) -> dict[str, Path]:
     """FMU of the two blocks, by version of the FMI."""

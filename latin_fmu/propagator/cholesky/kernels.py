@@ -11,10 +11,12 @@ from typing import Any, Final, TypeVar, cast
 
 import numpy as np
 from llvmlite import ir
-from numba import njit, types
+from numba import types
 from numba.core import cgutils
 from numba.extending import get_cython_function_address, intrinsic
 from numpy.typing import NDArray
+
+from ...compiled import jitted
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -27,10 +29,7 @@ _FAST: Final = {"reassoc", "contract", "nsz"}
 
 def kernel(function: Function) -> Function:
     """Compile for loops over floating-point numbers: cached, sums vectorised, without the interpreter lock."""
-    try:
-        return cast(Function, njit(cache=True, nogil=True, fastmath=_FAST)(function))
-    except RuntimeError:  # no folder to cache in: compile afresh in this process
-        return cast(Function, njit(nogil=True, fastmath=_FAST)(function))
+    return jitted(function, nogil=True, fastmath=_FAST)
 
 
 def routines(dtype: np.dtype[Any]) -> NDArray[np.int64]:
