@@ -9,6 +9,7 @@ import os
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
+from importlib import import_module
 from pathlib import Path
 from typing import Any, Final, TypeVar, cast
 
@@ -16,10 +17,7 @@ from .kernel_store import keep, store_of
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 COMPILES: Final = os.environ.get("LATIN_FMU_COMPILE", "1") != "0"
-if COMPILES:
-    from numba import carray
-else:
-    carray = None
+carray: Any = getattr(import_module("numba"), "carray", None) if COMPILES else None
 TRAVELS: Final = "." in __name__.removesuffix(".compiled")  # below another package: inside an FMU
 
 
@@ -60,9 +58,9 @@ def native(n_integer: int, n_float: int) -> Callable[[Callable[..., None]], Call
     def declare(function: Callable[..., None]) -> Callable[[], int]:
         @cache
         def made() -> Any:
-            from numba import types
             from numba.core.ccallback import CFunc
 
+            types: Any = import_module("numba.types")
             pointers = [types.CPointer(types.int32)] * n_integer + [types.CPointer(types.float64)] * n_float
             found = CFunc(function, (tuple(pointers), types.void), locals={}, options={})
             store = store_of(Path(__file__).parent) if TRAVELS else None

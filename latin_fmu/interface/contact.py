@@ -99,7 +99,15 @@ def _kernel(jump: Array, z: Array, reach: Array, parameters: Array) -> Array:
 
 @native(3, 6)
 def _native(
-    n_point: Any, n_component: Any, n_parameter: Any, _rate: Any, jump: Any, z: Any, reach: Any, parameters: Any, traction: Any
+    n_point: Any,
+    n_component: Any,
+    n_parameter: Any,
+    _rate: Any,
+    jump: Any,
+    z: Any,
+    reach: Any,
+    parameters: Any,
+    traction: Any,
 ) -> None:
     n, shape = n_point[0], (n_point[0], n_component[0])
     carray(traction, shape)[...] = _kernel(

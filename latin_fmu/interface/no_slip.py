@@ -77,7 +77,15 @@ def _kernel(jump: Array, z: Array, reach: Array) -> Array:
 
 @native(3, 6)
 def _native(
-    n_point: Any, n_component: Any, _n_parameter: Any, _rate: Any, jump: Any, z: Any, reach: Any, _parameters: Any, traction: Any
+    n_point: Any,
+    n_component: Any,
+    _n_parameter: Any,
+    _rate: Any,
+    jump: Any,
+    z: Any,
+    reach: Any,
+    _parameters: Any,
+    traction: Any,
 ) -> None:
     n, shape = n_point[0], (n_point[0], n_component[0])
     carray(traction, shape)[...] = _kernel(carray(jump, shape), carray(z, (n, 2)), carray(reach, (n,)))

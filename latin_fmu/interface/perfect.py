@@ -62,7 +62,15 @@ def _kernel(jump: Array, z: Array) -> Array:
 
 @native(3, 6)
 def _native(
-    n_point: Any, n_component: Any, _n_parameter: Any, _rate: Any, jump: Any, z: Any, _reach: Any, _parameters: Any, traction: Any
+    n_point: Any,
+    n_component: Any,
+    _n_parameter: Any,
+    _rate: Any,
+    jump: Any,
+    z: Any,
+    _reach: Any,
+    _parameters: Any,
+    traction: Any,
 ) -> None:
     shape = (n_point[0], n_component[0])
     carray(traction, shape)[...] = _kernel(carray(jump, shape), carray(z, (n_point[0], 2)))

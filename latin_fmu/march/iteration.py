@@ -120,7 +120,7 @@ def stalled(errors: Array, known: Array, ratio: float, n: int, limits: Any) -> b
             before = min(before, merit)
         else:
             recent = min(recent, merit)
-    return recent > limits.stall * before
+    return bool(recent > limits.stall * before)
 
 
 @kernel

@@ -6,16 +6,18 @@ Whoever fills a table keeps the arrays alive and contiguous; the kernels never w
 from __future__ import annotations
 
 from collections.abc import Callable
+from importlib import import_module
 from typing import Any, Final, TypeVar, cast
 
 import numpy as np
-from numba import carray, types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from ..compiled import jitted
+from ..compiled import carray, jitted
 
 Function = TypeVar("Function", bound=Callable[..., Any])
+
+types: Any = import_module("numba.types")
 
 # Sums may be taken in another (fixed) order: without that they are not vectorised.
 _FAST: Final = {"reassoc", "contract", "nsz"}

@@ -35,10 +35,11 @@ def coefficients(scheme: TimeScheme, dt: float) -> Coefficients:
     zero, one = np.zeros(1), np.ones(1)
     u_v, _ = scheme.predict(zero, one, zero, dt)
     u_a, v_a = scheme.predict(zero, zero, one, dt)
-    reached = [scheme.interface_velocity(*parts, dt) for parts in np.eye(3)[:, :, None]]
+    reached = [scheme.interface_velocity(u_old, u, v, dt) for u_old, u, v in np.eye(3)[:, :, None]]
     return Coefficients(
         dt, float(u_v[0]), float(u_a[0]), float(v_a[0]), scheme.velocity_gain(dt), scheme.displacement_gain(dt),
-        scheme.interface_gain(dt), scheme.force_weight, scheme.memory_weight, *(float(r[0]) for r in reached),
+        scheme.interface_gain(dt), scheme.force_weight, scheme.memory_weight,
+        float(reached[0][0]), float(reached[1][0]), float(reached[2][0]),
     )  # fmt: skip
 
 
@@ -108,8 +109,9 @@ class Work(NamedTuple):
 
 def make_work(n_flat: int, n_interface: int, depth: int, max_iterations: int) -> Work:
     """Zeroed scratch."""
-    flat = [np.zeros(n_flat) for _ in range(10)]
     return Work(
-        *flat, np.zeros(max_iterations), np.zeros((depth, 1, n_flat)), np.zeros((depth, 1, n_flat)),
-        np.zeros((depth, depth)), np.zeros(3), np.zeros(n_interface), np.zeros(2, dtype=np.int64),
+        np.zeros(n_flat), np.zeros(n_flat), np.zeros(n_flat), np.zeros(n_flat), np.zeros(n_flat), np.zeros(n_flat),
+        np.zeros(n_flat), np.zeros(n_flat), np.zeros(n_flat), np.zeros(n_flat), np.zeros(max_iterations),
+        np.zeros((depth, 1, n_flat)), np.zeros((depth, 1, n_flat)), np.zeros((depth, depth)), np.zeros(3),
+        np.zeros(n_interface), np.zeros(2, dtype=np.int64),
     )  # fmt: skip
