@@ -11,16 +11,21 @@ from .layout import Array
 from .record import InterfaceHistory
 
 
-def impact_losses(history: InterfaceHistory, weights: tuple[float, float, float]) -> Array:
+def impact_losses(history: InterfaceHistory, weights: tuple[float, float, float], lead: float) -> Array:
     """Energy (n_time,) lost to the normal contact law since the start, J: - sum of pressure x change of gap.
 
     A closed point that stays closed loses nothing; a closing one loses what the end-of-instant law takes out: the
-    kinetic energy of the layer of elements that meets the other side, which goes to zero under refinement.
+    kinetic energy of the layer of elements that meets the other side, which goes to zero under refinement. ``lead``:
+    how far ahead of the instants the gaps are, s.
     """
     if history.gap is None:
         return np.zeros(len(history.traction))
     pressure = -np.einsum("tpc,pc->tp", history.traction, history.normals)
-    power = -_weighted(pressure, weights) * np.diff(history.gap, axis=0)
+    gap = history.gap
+    if lead:
+        opening = history.velocity[:, 1] - history.velocity[:, 0]
+        gap = gap - lead * np.einsum("tpc,pc->tp", opening, history.normals)
+    power = -_weighted(pressure, weights) * np.diff(gap, axis=0)
     return _running(power @ history.areas)
 
 

@@ -180,8 +180,8 @@ class Recorder:
         for history in histories:
             if history.friction_power is not None:
                 total["friction_dissipation"][1:] += np.cumsum(history.friction_power[1:]) * assembly.dt
-        weights = assembly.scheme.energy_weights()[0]
-        total["contact_dissipation"] = sum((impact_losses(h, weights) for h in histories), np.zeros(n))
+        weights, lead = assembly.scheme.energy_weights()[0], assembly.scheme.gap_lead(assembly.dt)
+        total["contact_dissipation"] = sum((impact_losses(h, weights, lead) for h in histories), np.zeros(n))
         if any(g.any() for g in assembly.ground.values()):
             works = [ground_work(histories[i], assembly.ground_path(i)[:n], weights) for i in assembly.ground]
             total["ground_work"] = sum(works, np.zeros(n))

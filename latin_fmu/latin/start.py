@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse.linalg as spla
 
+from ..propagator.protocol import MassFactor
 from .assembly import Assembly
 from .layout import Array
 
@@ -40,7 +41,7 @@ def start(assembly: Assembly) -> tuple[Array, Array]:
     return traction, velocity
 
 
-def _bonded_tractions(assembly: Assembly, unbalance: list[Array], factors: list[spla.SuperLU]) -> Array:
+def _bonded_tractions(assembly: Assembly, unbalance: list[Array], factors: list[MassFactor]) -> Array:
     """Tractions on perfect interfaces that make accelerations continuous, 0 elsewhere; flat.
 
     Conjugate gradients on the jump of accelerations: consistent even where bonds are redundant.

@@ -71,6 +71,11 @@ class Newmark:
         return (jump / dt - (1 - self.gamma) * a_old) / self.gamma
 
     @property
+    def explicit(self) -> bool:
+        """Implicit."""
+        return False
+
+    @property
     def massless_contact(self) -> bool:
         """Contact nodes carry their mass."""
         return False
@@ -82,6 +87,10 @@ class Newmark:
     def interface_velocity(self, u_old: Array, u: Array, v: Array, dt: float) -> Array:  # noqa: ARG002
         """The velocity of the instant."""
         return v
+
+    def gap_lead(self, dt: float) -> float:  # noqa: ARG002
+        """0."""
+        return 0.0
 
     def advance_opening(self, gap: Array, v: Array, a: Array, new: Array, dt: float) -> tuple[Array, Array]:
         """The displacement recursion applied to the opening."""
