@@ -31,10 +31,12 @@ class ExplicitOperators:
 
     Attributes
     ----------
-    inverse : (M + dt/2 C_d)^-1, (n,) where it is diagonal, else (n, n). dofs, trace, area, compliance : see ``Operators``.
+    inverse : (M + dt/2 C_d)^-1, (n, n). diagonal : its diagonal (n,), None where there is more to it.
+    dofs, trace, area, compliance : see ``Operators``.
     """
 
-    inverse: Array | sp.csr_array
+    inverse: sp.csr_array
+    diagonal: Array | None
     dofs: Index
     trace: sp.csr_array
     area: Array
@@ -47,8 +49,8 @@ class ExplicitOperators:
 
     def accelerate(self, force: Array) -> Array:
         """(M + dt/2 C_d)^-1 f for f (n, m)."""
-        if isinstance(self.inverse, np.ndarray):
-            return self.inverse[:, None] * force
+        if self.diagonal is not None:
+            return self.diagonal[:, None] * force
         solved: Array = self.inverse @ force
         return solved
 
@@ -115,21 +117,20 @@ class ExplicitPropagator(March[ExplicitOperators]):
     def _build(self, dt: float) -> ExplicitOperators:
         model = self.members[0]
         p = model.expansion
-        inverse: Array | sp.csr_array = 1.0 / self._mass
+        held = sp.csr_array(sp.diags_array(self._mass))
         if self._dashpots is not None:
-            held = sp.csr_array(sp.diags_array(self._mass) + 0.5 * dt * (p.T @ self._dashpots @ p))
+            held = sp.csr_array(held + 0.5 * dt * (p.T @ self._dashpots @ p))
             held.eliminate_zeros()
-            diagonal = held.nnz == np.count_nonzero(held.diagonal())
-            inverse = 1.0 / held.diagonal() if diagonal else sp.csr_array(spla.inv(sp.csc_matrix(held)))
+        diagonal = 1.0 / held.diagonal() if held.nnz == len(self._mass) else None
+        inverse = sp.csr_array(
+            sp.diags_array(diagonal) if diagonal is not None else spla.inv(sp.csc_matrix(held))
+        )
         trace = sp.csc_array(model.trace @ p)
         dofs = np.flatnonzero(np.diff(trace.indptr)).astype(np.int64)
         local = sp.csr_array(trace[:, dofs])
-        if isinstance(inverse, np.ndarray):
-            block = sp.diags_array(inverse[dofs])
-        else:
-            block = inverse[dofs][:, dofs]
-        compliance = dt * (local @ block @ local.T).toarray()
-        return ExplicitOperators(inverse, dofs, local, model.channel_area, 0.5 * (compliance + compliance.T))
+        compliance = dt * (local @ inverse[dofs][:, dofs] @ local.T).toarray()
+        symmetric = 0.5 * (compliance + compliance.T)
+        return ExplicitOperators(inverse, diagonal, dofs, local, model.channel_area, symmetric)
 
     # -- start ------------------------------------------------------------------------------------------------
     def initial_unbalance(self, traction: Array) -> Array:
@@ -175,6 +176,7 @@ class ExplicitPropagator(March[ExplicitOperators]):
         force: Array = model.stiffness @ (p @ x + forcing.imposed_u(i) + 0.5 * self.dt * v_old)
         if model.damping is not None:
             force += model.damping @ (p @ self.state.v + v_old)
+        if self._dashpots is not None:
             force += self._dashpots @ (0.5 * (forcing.imposed_v(i + 1) - v_old))
         reduced: Array = p.T @ force
         return reduced
@@ -184,9 +186,9 @@ class ExplicitPropagator(March[ExplicitOperators]):
         assert self._free is not None, "commit without predict"
         ops, state = self.operators, self.state
         x, v = self._free
-        if isinstance(ops.inverse, np.ndarray):
+        if ops.diagonal is not None:
             v = v.copy()
-            v[ops.dofs] += (self.dt * ops.inverse[ops.dofs])[:, None] * self._interface_force(traction)
+            v[ops.dofs] += (self.dt * ops.diagonal[ops.dofs])[:, None] * self._interface_force(traction)
         else:
             v = v + self.dt * ops.accelerate(self._nodal(traction))
         self.state = Motion(

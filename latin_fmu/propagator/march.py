@@ -91,6 +91,8 @@ class March(ABC, Generic[Ops]):
     """
 
     state: Motion
+    dt: float
+    operators: Ops
 
     def __init__(
         self, members: Sequence[SubstructureModel], scheme: TimeScheme, dt: float, meter: Meter | None

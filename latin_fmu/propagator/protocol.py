@@ -145,12 +145,12 @@ class Propagator(Protocol):
         """Solver with M."""
         ...
 
-    def initial_channels(self, factor: MassFactor, unbalance: Array) -> tuple[Array, Array]:
-        """Channel accelerations, and T M^-1 T^T (n_channel, n_channel)."""
+    def initial_channels(self, factor: Any, unbalance: Array) -> tuple[Array, Array]:
+        """With the factor of M: channel accelerations, and T M^-1 T^T (n_channel, n_channel)."""
         ...
 
-    def start(self, traction: Array, factor: MassFactor | None) -> None:
-        """Consistent state at t = 0; ``factor`` None for a start at rest in equilibrium."""
+    def start(self, traction: Array, factor: Any) -> None:
+        """Consistent state at t = 0; ``factor`` of M, None for a start at rest in equilibrium."""
         ...
 
     # -- one instant

@@ -16,13 +16,13 @@ Maker = Callable[[Sequence[SubstructureModel], TimeScheme, float, bool, Propagat
 
 
 def _direct(
-    members: Sequence[SubstructureModel], scheme: TimeScheme, dt: float, energy: bool, settings: PropagatorSettings
+    members: Sequence[SubstructureModel], scheme: TimeScheme, dt: float, energy: bool, _: PropagatorSettings
 ) -> Propagator:  # fmt: skip
     return DirectPropagator(members, scheme, dt, energy)
 
 
 def _explicit(
-    members: Sequence[SubstructureModel], scheme: TimeScheme, dt: float, energy: bool, settings: PropagatorSettings
+    members: Sequence[SubstructureModel], scheme: TimeScheme, dt: float, energy: bool, _: PropagatorSettings
 ) -> Propagator:  # fmt: skip
     return ExplicitPropagator(members, scheme, dt, energy)
 

@@ -37,7 +37,8 @@ def stable_step(mass: Array, stiffness: sp.csr_array, lagged: sp.csr_array | Non
 
 
 def largest_eigenvalue(matrix: sp.csr_array, mass: Array) -> float:
-    """Upper estimate of the largest eigenvalue of M^-1 A, A symmetric: Ritz value + residual (Lanczos)."""
+    """Upper estimate of the largest eigenvalue of M^-1 A, A symmetric: Ritz value + residual (Lanczos), or the bound
+    of Gershgorin where that does not converge."""
     n = len(mass)
     if n == 0:
         return 0.0
@@ -45,8 +46,15 @@ def largest_eigenvalue(matrix: sp.csr_array, mass: Array) -> float:
     scaled = sp.csr_array(root @ matrix @ root)
     if n <= _DENSE:
         return float(la.eigvalsh(scaled.toarray())[-1])
-    # a start that is the same in every run and close to no symmetric mode
+    bound = float(abs(scaled).sum(axis=1).max())
+    if bound == 0.0:
+        return 0.0
+    # shifted, it is far from zero whatever the sign; a start that is the same in every run and close to no mode
     start = np.cos(1.0 + np.arange(n) * np.sqrt(2.0))
-    values, vectors = spla.eigsh(scaled, 1, which="LA", v0=start, tol=_PRECISION)
+    shifted = sp.csr_array(scaled + bound * sp.eye_array(n))
+    try:
+        values, vectors = spla.eigsh(shifted, 1, which="LA", v0=start, tol=_PRECISION)
+    except spla.ArpackError:
+        return bound
     x = vectors[:, 0]
-    return float(values[0] + np.linalg.norm(scaled @ x - values[0] * x))
+    return float(min(values[0] - bound + np.linalg.norm(shifted @ x - values[0] * x), bound))

@@ -15,6 +15,7 @@ from .boundary_relations import boundary_problems
 from .face_relations import face_problems, unknown_name
 from .fields import GROUND
 from .interfaces import MEANINGLESS
+from .propagator_relations import propagator_problems
 from .raw_scene import RawTable, given, named_tables, number, single_table, text_list
 from .time_settings import MAX_INSTANTS
 from .wording import shown
@@ -31,6 +32,7 @@ def relation_problems(raw: Any, base_dir: Path) -> list[Problem]:
         *_load_problems(raw),
         *_sensor_problems(raw),
         *_time_problems(single_table(raw, "time")),
+        *propagator_problems(raw),
     ]
 
 
