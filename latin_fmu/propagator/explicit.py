@@ -20,6 +20,7 @@ from .condensed import Index
 from .explicit_energy import ExplicitMeter
 from .march import March, Motion
 from .model import Array, Histories, SubstructureModel
+from .protocol import MassFactor
 from .stable_step import stable_step
 
 _ROUND_OFF = 1e-9
@@ -55,17 +56,6 @@ class ExplicitOperators:
         return solved
 
 
-class _Lumped:
-    """Solver with a diagonal mass."""
-
-    def __init__(self, mass: Array) -> None:
-        self._mass = mass[:, None]
-
-    def solve(self, b: Array) -> Array:
-        """M^-1 b."""
-        return b / self._mass
-
-
 class ExplicitPropagator(March[ExplicitOperators]):
     """March of a class of identical substructures by central differences (module docstring).
 
@@ -82,18 +72,19 @@ class ExplicitPropagator(March[ExplicitOperators]):
     def __init__(
         self, members: Sequence[SubstructureModel], scheme: TimeScheme, dt: float, energy: bool
     ) -> None:
-        members = [replace(m, mass=lumped(m.mass, nodal=False)) for m in members]
-        model = members[0]
-        p = model.expansion
-        self._mass: Array = np.asarray((p.T @ model.mass @ p).diagonal())
-        self._stiffness = sp.csr_array(p.T @ model.stiffness @ p)
-        self._damping: sp.csr_array | None = None
-        self._dashpots = None if model.damping is None else lumped(model.damping, nodal=True)
+        rigid = members[0].nodal is not None  # a few unknowns, no stiffness: taken as they are
+        if not rigid:
+            members = [replace(m, mass=lumped(m.mass, nodal=False)) for m in members]
+        model, p = members[0], members[0].expansion
+        self._mass, self._damping, self._stiffness = model.reduced
+        self._dashpots: sp.csr_array | None = None
         lagged: sp.csr_array | None = None
-        if model.damping is not None and self._dashpots is not None:
-            self._damping = sp.csr_array(p.T @ model.damping @ p)
+        if model.damping is not None and self._damping is not None:
+            self._dashpots = model.damping if rigid else lumped(model.damping, nodal=True)
             lagged = sp.csr_array(self._damping - p.T @ self._dashpots @ p)
-        self.stable_step = stable_step(self._mass, self._stiffness, lagged)
+        self.stable_step = (
+            float("inf") if rigid else stable_step(self._mass.diagonal(), self._stiffness, lagged)
+        )
         super().__init__(members, scheme, dt, None)
         if energy:
             self.meter = ExplicitMeter(self.members, self.forcing, self._dashpots)
@@ -117,11 +108,11 @@ class ExplicitPropagator(March[ExplicitOperators]):
     def _build(self, dt: float) -> ExplicitOperators:
         model = self.members[0]
         p = model.expansion
-        held = sp.csr_array(sp.diags_array(self._mass))
+        held = self._mass
         if self._dashpots is not None:
             held = sp.csr_array(held + 0.5 * dt * (p.T @ self._dashpots @ p))
-            held.eliminate_zeros()
-        diagonal = 1.0 / held.diagonal() if held.nnz == len(self._mass) else None
+        held.eliminate_zeros()
+        diagonal = 1.0 / held.diagonal() if held.nnz == held.shape[0] else None
         inverse = sp.csr_array(
             sp.diags_array(diagonal) if diagonal is not None else spla.inv(sp.csc_matrix(held))
         )
@@ -140,14 +131,16 @@ class ExplicitPropagator(March[ExplicitOperators]):
             unbalance -= self._damping @ self.state.v
         return unbalance
 
-    def mass_factor(self) -> _Lumped:
+    def mass_factor(self) -> MassFactor:
         """Solver with M."""
-        return _Lumped(self._mass)
+        return spla.splu(sp.csc_matrix(self._mass))
 
-    def initial_channels(self, factor: _Lumped, unbalance: Array) -> tuple[Array, Array]:
+    def initial_channels(self, factor: MassFactor, unbalance: Array) -> tuple[Array, Array]:
         """Channel accelerations at t = 0, and T M^-1 T^T."""
         ops = self.operators
-        compliance = (ops.trace @ sp.diags_array(1.0 / self._mass[ops.dofs]) @ ops.trace.T).toarray()
+        spread = np.zeros((self.n_dof, self.n_channel))
+        spread[ops.dofs] = ops.trace.T.toarray()
+        compliance: Array = ops.trace @ factor.solve(spread)[ops.dofs]
         free = self._at(ops.dofs, factor.solve(unbalance), self.forcing.channel_acceleration(0))
         return free, compliance
 

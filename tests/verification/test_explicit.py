@@ -180,3 +180,14 @@ def test_scheme_and_propagator_go_together():
     wrong["time"]["scheme"] = {"type": "central_difference"}
     with pytest.raises(SceneError, match="explicit propagator only"):
         latin_fmu.scene_from_dict(wrong)
+
+
+def test_a_rigid_body_among_elastic_ones():
+    """A rigid upper block: its face moves as one, D is no longer diagonal; the answer is the implicit one."""
+    scenes = [stack(2, "contact", 0.3, **solver) for solver in ({}, {"propagator": "explicit"})]
+    for scene in scenes:
+        scene["substructure"]["b2"]["rigid"] = True
+    implicit, explicit = (solve(s) for s in scenes)
+    closes(explicit.energy)
+    forces = [s.interfaces["i1"].normal_resultant() for s in (implicit, explicit)]
+    assert np.linalg.norm(forces[1] - forces[0]) <= 0.08 * np.linalg.norm(forces[0])
