@@ -33,6 +33,8 @@ class Contact:
     friction_coefficient: float = 0.0
     name: ClassVar[str] = "contact"
     opens: ClassVar[bool] = True
+    compliant: ClassVar[bool] = False
+    elastic: ClassVar[bool] = False
 
     @property
     def n_component(self) -> int:

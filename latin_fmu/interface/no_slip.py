@@ -27,6 +27,8 @@ class NoSlip:
 
     name: ClassVar[str] = "no_slip"
     opens: ClassVar[bool] = True
+    compliant: ClassVar[bool] = False
+    elastic: ClassVar[bool] = False
 
     @property
     def n_component(self) -> int:

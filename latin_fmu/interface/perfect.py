@@ -16,6 +16,8 @@ class Perfect:
 
     name: ClassVar[str] = "perfect"
     opens: ClassVar[bool] = False
+    compliant: ClassVar[bool] = False
+    elastic: ClassVar[bool] = False
 
     @property
     def n_component(self) -> int:

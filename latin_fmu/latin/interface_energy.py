@@ -5,6 +5,8 @@ Works over a step use the time scheme's weights of the instants n-1, n, n+1, as 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from .layout import Array
@@ -18,7 +20,7 @@ def impact_losses(history: InterfaceHistory, weights: tuple[float, float, float]
     kinetic energy of the layer of elements that meets the other side, which goes to zero under refinement. ``lead``:
     how far ahead of the instants the gaps are, s.
     """
-    if history.gap is None:
+    if history.gap is None or history.layer_energy is not None:
         return np.zeros(len(history.traction))
     pressure = -np.einsum("tpc,pc->tp", history.traction, history.normals)
     gap = history.gap
@@ -27,6 +29,19 @@ def impact_losses(history: InterfaceHistory, weights: tuple[float, float, float]
         gap = gap - lead * np.einsum("tpc,pc->tp", opening, history.normals)
     power = -_weighted(pressure, weights) * np.diff(gap, axis=0)
     return _running(power @ history.areas)
+
+
+def yielding_terms(histories: Sequence[InterfaceHistory], dt: float) -> dict[str, Array]:
+    """Energy of elastic layers and dissipation of viscous joints, (n_time,) each, J; only what there is."""
+    terms = {}
+    layers = [h.layer_energy for h in histories if h.layer_energy is not None]
+    joints = [h.joint_power for h in histories if h.joint_power is not None]
+    if layers:
+        terms["layer_energy"] = np.sum(layers, axis=0)
+    if joints:
+        power = np.sum(joints, axis=0)
+        terms["joint_dissipation"] = _running(0.5 * dt * (power[1:] + power[:-1]))
+    return terms
 
 
 def ground_work(history: InterfaceHistory, path: Array, weights: tuple[float, float, float]) -> Array:

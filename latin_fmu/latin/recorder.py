@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..interface.behaviour import SEPARATION
+from ..interface.behaviour import SEPARATION, as_layer
 from ..propagator.energy import TERMS
 from .assembly import Assembly
-from .interface_energy import ground_work, impact_losses
+from .interface_energy import ground_work, impact_losses, yielding_terms
 from .layout import Array, InterfaceUnit
 from .local_stage import read_gaps
 from .record import InterfaceHistory, SubstructureHistory
@@ -165,8 +165,9 @@ class Recorder:
         """Sums over the substructures, what the interfaces dissipate, balance; None unless wanted.
 
         balance = change of (kinetic + elastic) + damping + scheme - work of loads - interface work. The interface
-        work is - friction - contact dissipation + ground work, but for the iteration tolerance and the different
-        weights of the instants in the friction dissipation (end of each instant, so that it never decreases).
+        work is - friction - contact dissipation + ground work - joint dissipation - change of layer energy, but for
+        the iteration tolerance and the different weights of the instants in these terms (friction takes the end of
+        each instant, so that it never decreases).
         """
         if not self._wanted.energy:
             return None
@@ -182,6 +183,7 @@ class Recorder:
                 total["friction_dissipation"][1:] += np.cumsum(history.friction_power[1:]) * assembly.dt
         weights, lead = assembly.scheme.energy_weights()[0], assembly.scheme.gap_lead(assembly.dt)
         total["contact_dissipation"] = sum((impact_losses(h, weights, lead) for h in histories), np.zeros(n))
+        total.update(yielding_terms(histories, assembly.dt))
         if any(g.any() for g in assembly.ground.values()):
             works = [ground_work(histories[i], assembly.ground_path(i)[:n], weights) for i in assembly.ground]
             total["ground_work"] = sum(works, np.zeros(n))
@@ -224,6 +226,10 @@ def interface_history(
     if unit.behaviour.opens and n_component > 1:
         slip = w_hat[:, 1, :, 1:] - w_hat[:, 0, :, 1:]
         power = np.einsum("p,tpc,tpc->t", geometry.areas, f_hat[..., 1:], slip)
+    layer, joint_power = as_layer(unit.behaviour), None
+    layer_energy = None if layer is None else layer.stored_energy(f_hat, parameters) @ geometry.areas
+    if unit.behaviour.compliant and layer is None:
+        joint_power = np.einsum("p,tpc,tpc->t", geometry.areas, f_hat, w_hat[:, 1] - w_hat[:, 0])
     opens = unit.behaviour.opens
     status = None
     if opens:
@@ -234,5 +240,5 @@ def interface_history(
         areas=geometry.areas, normals=geometry.frames[:, 0], initial_gap=geometry.gap,
         friction_coefficient=getattr(unit.behaviour, "friction_coefficient", None),
         traction=traction, velocity=velocity, gap=gap,
-        contact_status=status, friction_power=power,
+        contact_status=status, friction_power=power, layer_energy=layer_energy, joint_power=joint_power,
     )  # fmt: skip

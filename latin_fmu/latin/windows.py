@@ -17,7 +17,7 @@ from .assembly import Assembly
 from .error_indicator import Scales
 from .global_stage import GlobalStage
 from .layout import Array
-from .local_stage import Opening, read_gaps, read_opening
+from .local_stage import Opening, left, read_gaps, read_opening
 from .record import Timings, WindowRecord
 from .recorder import Recorder
 from .settings import Settings
@@ -143,7 +143,8 @@ class Run:
         """Opening at the start of a window; one instant needs the gaps alone, known from the last one kept."""
         if n > 1:
             return read_opening(self.assembly)
-        return Opening(read_gaps(self.assembly) if self._gaps is None else self._gaps, [], [])
+        gaps = read_gaps(self.assembly) if self._gaps is None else self._gaps
+        return Opening(left(self.assembly, gaps), [], [])
 
     def _warm_start(self, direction: Direction, n: int) -> Array:
         """First guess of q (n, n_flat): the last value.

@@ -17,7 +17,8 @@ from pydantic import (
 from ..errors import Problem, SceneError
 from .boundaries import Boundary
 from .fields import BodyName, Name, Table, Text, about
-from .interfaces import MEANINGLESS, Interface
+from .interface_keys import MEANINGLESS
+from .interfaces import Interface
 from .law_file import base_dir_of
 from .loads import Load
 from .materials import Material

@@ -22,6 +22,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from .scheme import Array
 
 
@@ -97,6 +99,12 @@ class Newmark:
         rate = self.invert_velocity(a, new - v, dt)
         free, _ = self.predict(gap, v, a, dt)
         return free + self.displacement_gain(dt) * rate, rate
+
+    def layer_jump(self, gap: Array, v: Array, a: Array, dt: float) -> tuple[Array, float]:
+        """The displacement of the new instant: springs of a layer are those of a mesh."""
+        zero, one = np.zeros(1), np.ones(1)
+        rest, _ = self.advance_opening(gap, v, a, np.zeros_like(v), dt)
+        return rest, float(self.advance_opening(zero, zero, zero, one, dt)[0][0])
 
     def energy_weights(self) -> tuple[tuple[float, float, float], tuple[float, float]]:
         """See the module docstring."""

@@ -73,6 +73,10 @@ class TimeScheme(Protocol):
     def advance_opening(self, gap: Array, v: Array, a: Array, new: Array, dt: float) -> tuple[Array, Array]:
         """Opening and its acceleration at the new instant from those of the old and the ``new`` opening velocity."""
 
+    def layer_jump(self, gap: Array, v: Array, a: Array, dt: float) -> tuple[Array, float]:
+        """Displacement that the elastic forces of an interface follow in the step, from the opening of the old instant
+        (as ``advance_opening``): ``(rest, span)``, displacement = rest + span * new opening velocity; m and s."""
+
     def energy_weights(self) -> tuple[tuple[float, float, float], tuple[float, float]]:
         """Weights of forces at (n-1, n, n+1) and of accelerations at (n, n+1) in the work over one step."""
 
