@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import uuid
 from pathlib import Path
 from typing import Literal
@@ -18,7 +17,7 @@ from latin_fmu.scene.schema import Scene
 from .archive import archive
 from .contents import Exporter, Files, content_hash, external_dependencies, package_files, scene_files
 from .documentation import documentation
-from .facts import Facts
+from .facts import Facts, identifier_of, suggested_step
 from .fmi2_description import fmi2_description
 from .fmi3_description import fmi3_description
 from .terminals import terminals
@@ -41,12 +40,13 @@ class {identifier}(Fmi{fmi}Adapter, Fmi{fmi}Slave):
 '''
 
 
-def build_fmu(scene: Scene, target: str | Path, fmi: Fmi = "2") -> Path:
+def build_fmu(scene: Scene, target: str | Path, fmi: Fmi = "2", extra: Files | None = None) -> Path:
     """Write the FMU of a scene; it is complete or not there. Building twice gives the same bytes.
 
     Parameters
     ----------
     scene : loads with the law ``input`` become inputs. target : file to write. fmi : "2" (2.0) or "3" (3.0).
+    extra : more files, by path inside the archive (the cross-check).
 
     Raises
     ------
@@ -54,7 +54,7 @@ def build_fmu(scene: Scene, target: str | Path, fmi: Fmi = "2") -> Path:
     ResultsError : the file cannot be written.
     """
     path = Path(target)
-    content = archive(fmu_files(scene, fmi))
+    content = archive({**fmu_files(scene, fmi), **(extra or {})})
     with written_whole(path) as draft:
         Path(draft).write_bytes(content)
     return path
@@ -75,11 +75,11 @@ def fmu_files(scene: Scene, fmi: Fmi) -> Files:
     name = f"latin_fmu_{content_hash(package)[:12]}"
     variables = table_text(table).encode()
     token = content_hash(package, inside, {"variables": variables, "fmi": fmi.encode()})
-    identifier = re.sub(r"\W", "_", scene.name)
+    identifier = identifier_of(scene)
     facts = Facts(
         model=scene.name, identifier=identifier, token=_token(token, fmi), table=table, version=latin_fmu.__version__,
         description=scene.description or f"Impact with frictional contact: {scene.name}",
-        stop_time=scene.time.end, step_size=_step_size(scene), tolerance=scene.solver.tolerance,
+        stop_time=scene.time.end, step_size=suggested_step(scene), tolerance=scene.solver.tolerance,
     )  # fmt: skip
     script = _SCRIPT.format(package=name, fmi=fmi, exporter=exporter.name, identifier=identifier)
     slave = f"slave_{token[:16]}"
@@ -99,13 +99,6 @@ def fmu_files(scene: Scene, fmi: Fmi) -> Files:
 def _token(digest: str, fmi: Fmi) -> str:
     made = uuid.uuid5(_SPACE, digest)
     return f"{{{made}}}" if fmi == "2" else str(made)
-
-
-def _step_size(scene: Scene) -> float:
-    """Suggested communication step: about a fiftieth of the interval, a whole number of time steps."""
-    n = scene.time.n_step
-    parts = next((p for p in range(min(50, n), 0, -1) if n % p == 0), 1)
-    return scene.time.end / parts
 
 
 def _binaries(exporter: Exporter, identifier: str) -> Files:

@@ -1,47 +1,115 @@
-"""Cross-check files of an FMU: X_in.csv (inputs), X_ref.csv (outputs), X_ref.opt (start, stop, step, tolerance)."""
+"""Cross-check files of an FMU: X_in.csv (inputs), X_ref.csv (outputs), X_ref.opt (start, stop, step, tolerance).
+
+The reference is computed by a session, without the FMI: a host that reads it compares the FMU with the solver.
+"""
 
 from __future__ import annotations
 
-import csv
+import io
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import closing
-from pathlib import Path
+from dataclasses import dataclass
 
-from latin_fmu.results.files import written_whole
+import numpy as np
 
-from .drive import Drive
+from latin_fmu.cosim.session import Session
+from latin_fmu.cosim.settings import Settings
+from latin_fmu.cosim.variables import input_loads
+from latin_fmu.errors import InputError, Problem, SolverError
+from latin_fmu.scene.laws import InputLaw, TimeLaw
+from latin_fmu.scene.schema import Scene
+
+from .contents import Files
+from .facts import identifier_of, suggested_step
+
+FOLDER = "documentation/cross_check"  # inside the FMU
+_MACHINE = "solver."  # outputs that round-off decides (iterations): no part of the reference
 
 
-def write_cross_check(
-    fmu: str | Path, folder: str | Path, inputs: Mapping[str, Sequence[float]] | None = None
-) -> list[Path]:
-    """Run the FMU over its default experiment and write the three files beside each other.
+@dataclass(frozen=True)
+class Inputs:
+    """A scene whose chosen loads are inputs, and the laws they had: the histories of the cross-check."""
 
-    inputs : columns over ``time``, by variable; none for an FMU without inputs.
+    scene: Scene
+    laws: Mapping[str, TimeLaw]
+
+
+def with_inputs(scene: Scene, names: Sequence[str]) -> Inputs:
+    """Make inputs of loads.
+
+    names : loads, or ``all``. A load that is an input already keeps its start value as history.
+
+    Raises InputError for a load that is not there.
     """
-    name, place = Path(fmu).stem, Path(folder)
-    with closing(Drive(fmu, None, inputs)) as drive:
-        rows = list(drive.run(drive.step_size, drive.stop_time))
-        header = ["time", *drive.outputs]
-        experiment = drive.description.defaultExperiment
-        options = {
-            "StartTime": "0.0",
-            "StopTime": repr(drive.stop_time),
-            "StepSize": repr(drive.step_size),
-            "RelTol": experiment.tolerance,
-        }
-    written = [place / f"{name}_ref.csv", place / f"{name}_ref.opt"]
-    _table(written[0], header, rows)
-    with written_whole(written[1]) as draft:
-        draft.write_text("".join(f"{key}, {value}\n" for key, value in options.items()))
-    if inputs:
-        written.append(place / f"{name}_in.csv")
-        _table(written[-1], list(inputs), zip(*inputs.values(), strict=True))
-    return written
+    wanted = list(scene.load) if list(names) == ["all"] else list(names)
+    unknown = [name for name in wanted if name not in scene.load]
+    if unknown:
+        known = ", ".join(scene.load) or "none"
+        raise InputError([Problem(f"load {name}", "no such load", None, known) for name in unknown])
+    laws: dict[str, TimeLaw] = {name: scene.load[name].law for name in {*wanted, *input_loads(scene)}}
+    loads = dict(scene.load)
+    for name in wanted:
+        start = float(laws[name].sample(np.zeros(1))[0])
+        loads[name] = loads[name].model_copy(update={"law": InputLaw(start_value=start)})
+    return Inputs(scene.model_copy(update={"load": loads}), laws)
 
 
-def _table(path: Path, header: Sequence[str], rows: Iterable[Sequence[float]]) -> None:
-    with written_whole(path) as draft, draft.open("w", newline="", encoding="utf-8") as file:
-        table = csv.writer(file)
-        table.writerow(header)
-        table.writerows([[repr(float(value)) for value in row] for row in rows])
+def cross_check_files(inputs: Inputs) -> Files:
+    """The three files (no X_in.csv without inputs), named after the scene.
+
+    Raises
+    ------
+    SolverError : a step of the default experiment does not converge.
+    """
+    scene = inputs.scene
+    session = Session(scene, Settings(keep=False))
+    names = [name for name in session.outputs if not name.startswith(_MACHINE)]
+    stem, stop = identifier_of(scene), scene.time.end
+    n = max(1, round(stop / suggested_step(scene)))
+    times = [stop * i / n for i in range(n + 1)]
+    histories = {name: _history(inputs.laws[name], times) for name in session.loads}
+    rows = []
+    for i, t in enumerate(times):
+        if i == 0:
+            _set(session, histories, 0)
+            session.initialize()
+        else:
+            _set(session, histories, i - 1)
+            report = session.step(times[i - 1], t - times[i - 1])
+            if not report:
+                raise SolverError(f"no cross-check: {report.message}")
+        rows.append([t, *session.values(names)])
+    options = {
+        "StartTime": 0.0,
+        "StopTime": stop,
+        "StepSize": suggested_step(scene),
+        "RelTol": scene.solver.tolerance,
+    }
+    files = {
+        f"{stem}_ref.csv": _table(["time", *names], rows),
+        f"{stem}_ref.opt": "".join(f"{key}, {value!r}\n" for key, value in options.items()).encode(),
+    }
+    if histories:
+        columns = {f"load.{name}.{what}": column for name, pair in histories.items()
+                   for what, column in zip(("value", "rate"), pair, strict=True)}  # fmt: skip
+        files[f"{stem}_in.csv"] = _table(["time", *columns], zip(times, *columns.values(), strict=True))
+    return files
+
+
+def _history(law: TimeLaw, times: Sequence[float]) -> tuple[list[float], list[float]]:
+    """Values at the communication points, and the rates that join them; the last rate is 0."""
+    values = law.sample(np.array(times))
+    rates = np.append(np.diff(values) / np.diff(times), 0.0)
+    return values.tolist(), rates.tolist()
+
+
+def _set(session: Session, histories: Mapping[str, tuple[list[float], list[float]]], i: int) -> None:
+    for name, (values, rates) in histories.items():
+        session.set_load(name, values[i], rates[i])
+
+
+def _table(header: Sequence[str], rows: Iterable[Sequence[float]]) -> bytes:
+    text = io.StringIO()
+    text.write(",".join(header) + "\n")
+    for row in rows:
+        text.write(",".join(repr(float(value)) for value in row) + "\n")
+    return text.getvalue().encode()

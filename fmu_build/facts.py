@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from latin_fmu.cosim.variable import Variable
+from latin_fmu.scene.schema import Scene
 
 NAME = "latin_fmu"
 AUTHOR = "The latin-fmu developers"
@@ -43,3 +45,15 @@ class Facts:
     def references(self) -> dict[str, int]:
         """Value reference by name."""
         return {variable.name: number for number, variable in enumerate(self.table)}
+
+
+def identifier_of(scene: Scene) -> str:
+    """The name of the scene as one word: of the binaries and the cross-check files."""
+    return re.sub(r"\W", "_", scene.name)
+
+
+def suggested_step(scene: Scene) -> float:
+    """Suggested communication step, s: about a fiftieth of the interval, a whole number of time steps."""
+    n = scene.time.n_step
+    parts = next((p for p in range(min(50, n), 0, -1) if n % p == 0), 1)
+    return scene.time.end / parts

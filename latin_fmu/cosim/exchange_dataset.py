@@ -105,7 +105,15 @@ def joined(segments: Sequence[Segment], timings: Timings, warnings: tuple[str, .
 
 def _joined_interface(parts: Sequence[InterfaceHistory]) -> InterfaceHistory:
     changes: dict[str, Array] = {}
-    for key in ("traction", "velocity", "gap", "contact_status", "friction_power"):
+    for key in (
+        "traction",
+        "velocity",
+        "gap",
+        "contact_status",
+        "friction_power",
+        "layer_energy",
+        "joint_power",
+    ):
         if getattr(parts[0], key) is not None:
             changes[key] = np.concatenate([getattr(p, key)[(i > 0) :] for i, p in enumerate(parts)])
     return replace(parts[0], **changes)  # type: ignore[arg-type]

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Final
 
+from ..interface.registry import opens
 from ..scene.laws import InputLaw
 from ..scene.schema import Scene
 from .variable import Variable, output, parameter, vector
@@ -127,7 +128,7 @@ def _interface(scene: Scene, name: str, depends: tuple[str, ...]) -> Iterator[Va
     yield from vector(f"{where}.velocityEp", "m s-1", f"mean velocity of {second}, weighted by area")
     yield from vector(f"{where}.relativeVelocity", "m s-1", f"mean velocity of {second} relative to {first}")
     yield output(f"{where}.normalForce", "N", "normal resultant, positive in compression", depends=depends)
-    if interface.behaviour == "perfect":
+    if not opens(interface.behaviour):
         return
     yield output(f"{where}.gap", "m", "mean gap, weighted by area; negative where the sides penetrate")
     yield output(f"{where}.smallestGap", "m", "smallest gap of all points")
@@ -227,7 +228,7 @@ def _interface_arrays(
         "velocity of both sides at the points",
         dimensions=(2, n_point, 3),
     )
-    if scene.interface[name].behaviour == "perfect":
+    if not opens(scene.interface[name].behaviour):
         return
     yield output(f"{where}.window.gap", "m", f"mean gap {note}", dimensions=instants)
     for key in ("closed", "sticking", "slipping"):

@@ -107,7 +107,7 @@ class Windowed:
         self.segment = None
 
 
-_FIELDS = ("traction", "velocity", "gap", "contact_status", "friction_power")
+_FIELDS = ("traction", "velocity", "gap", "contact_status", "friction_power", "layer_energy", "joint_power")
 
 
 def _fields(history: InterfaceHistory) -> dict[str, Any]:

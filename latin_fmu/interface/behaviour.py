@@ -12,15 +12,24 @@ Rules
 
 1. Pure and vectorised over points: no mesh, no matrix, no time step, inputs unchanged.
 2. ``local`` satisfies the relation and E+ to round-off; F_hat_E' = -F_hat_E is the solver's.
-3. History enters as ``reach``: the jump of displacement (gap along N) at the start of the instant, as the
-   velocity that would close it within the instant. The time scheme supplies it.
-4. A layer of stiffness k_l acts as an added compliance ``rate / k_l`` (``rate`` = 1/dt, from the scheme).
+3. History enters as ``reach``. For unilateral contact it is the open gap at the start of the instant over dt, the
+   velocity that would close it within the instant; ``rate`` is then 1/dt. An ``elastic`` behaviour sees the jump of
+   displacement itself: with d = W_hat' - W_hat the time scheme makes the jump of the new instant
+
+       [u] = (reach + d) / rate,   reach : (n_point, n_component), signed, the initial gap along N included.
+
+4. A layer of stiffness k_l therefore acts as an added compliance ``rate / k_l``.
 5. Parameters travel per point, (n_point, n_parameter), so that interfaces of one kind are solved together.
+6. A ``compliant`` behaviour has a definite traction also where both sides are held (z = 0): it follows from the jumps
+   alone, at the start of a run too. The others give no traction there.
+7. A behaviour may offer ``native``, which returns the address of ``local`` for the compiled march (see
+   ``compiled.native``): pointers to the integers n_point, n_component, n_parameter and to rate, jump, z, reach,
+   parameters, traction. Without it the march goes instant by instant through ``local``.
 """
 
 from __future__ import annotations
 
-from typing import ClassVar, Protocol
+from typing import ClassVar, Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +45,8 @@ class Behaviour(Protocol):
 
     name: ClassVar[str]
     opens: ClassVar[bool]  # has a gap and a contact status
+    compliant: ClassVar[bool]  # traction known from the jumps of displacement and velocity (rule 6)
+    elastic: ClassVar[bool]  # depends on the jump of displacement (rule 3)
 
     @property
     def n_component(self) -> int:
@@ -52,8 +63,8 @@ class Behaviour(Protocol):
         ----------
         jump : (n_point, n_component) relative free velocity s' - s, m s-1.
         z : (n_point, 2) sum of 1/k of both sides, normal and tangential, m3 N-1 s-1.
-        reach : (n_point,) open gap at the start of the instant / dt, m s-1.
-        rate : 1/dt, s-1. parameters : (n_point, n_parameter).
+        reach : (n_point,) open gap at the start of the instant / dt, m s-1; (n_point, n_component) where ``elastic``.
+        rate : s-1, see rule 3. parameters : (n_point, n_parameter).
 
         Returns
         -------
@@ -63,3 +74,21 @@ class Behaviour(Protocol):
     @staticmethod
     def status(traction: Array, parameters: Array) -> Status:
         """Separation 0, stick 1, slip 2 from F_hat; leading axes free, last one the components."""
+
+
+class Layer(Behaviour, Protocol):
+    """A behaviour that stores energy."""
+
+    @staticmethod
+    def stored_energy(traction: Array, parameters: Array) -> Array:
+        """Elastic energy per area, J m-2, from F_hat; leading axes free, last one the components."""
+
+
+def bonds(behaviour: Behaviour) -> bool:
+    """Whether the sides keep one velocity."""
+    return not (behaviour.opens or behaviour.compliant)
+
+
+def as_layer(behaviour: Behaviour) -> Layer | None:
+    """The behaviour where it stores energy, else None."""
+    return cast(Layer, behaviour) if behaviour.elastic else None

@@ -35,6 +35,8 @@ class Contact:
     name: ClassVar[str] = "contact"
     native: ClassVar[Callable[[], int]] = staticmethod(lambda: _native())
     opens: ClassVar[bool] = True
+    compliant: ClassVar[bool] = False
+    elastic: ClassVar[bool] = False
 
     @property
     def n_component(self) -> int:

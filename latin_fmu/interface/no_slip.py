@@ -30,6 +30,8 @@ class NoSlip:
     name: ClassVar[str] = "no_slip"
     native: ClassVar[Callable[[], int]] = staticmethod(lambda: _native())
     opens: ClassVar[bool] = True
+    compliant: ClassVar[bool] = False
+    elastic: ClassVar[bool] = False
 
     @property
     def n_component(self) -> int:

@@ -19,6 +19,8 @@ class Perfect:
     name: ClassVar[str] = "perfect"
     native: ClassVar[Callable[[], int]] = staticmethod(lambda: _native())
     opens: ClassVar[bool] = False
+    compliant: ClassVar[bool] = False
+    elastic: ClassVar[bool] = False
 
     @property
     def n_component(self) -> int:

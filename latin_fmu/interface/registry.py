@@ -7,12 +7,28 @@ from types import MappingProxyType
 
 from .behaviour import Behaviour
 from .contact import Contact
+from .elastic_layer import ElasticLayer
 from .no_slip import NoSlip
 from .perfect import Perfect
+from .soft_contact import SoftContact
+from .viscous_joint import ViscousJoint
 
 BEHAVIOURS: Mapping[str, Callable[..., Behaviour]] = MappingProxyType(
-    {"perfect": Perfect, "contact": Contact, "no_slip": NoSlip}
+    {
+        "perfect": Perfect,
+        "contact": Contact,
+        "no_slip": NoSlip,
+        "elastic_layer": ElasticLayer,
+        "soft_contact": SoftContact,
+        "viscous_joint": ViscousJoint,
+    }
 )
+
+
+def opens(name: str) -> bool:
+    """Whether interfaces of this behaviour may open (they have a gap and a contact status)."""
+    found: bool = getattr(BEHAVIOURS[name], "opens")  # noqa: B009, a class variable of every entry
+    return found
 
 
 def make_behaviour(name: str, parameters: Mapping[str, float]) -> Behaviour:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..propagator import DirectPropagator
+from ..propagator import Propagator
 from ..time_scheme import TimeScheme
 from .layout import Array, Index, InterfaceUnit, Layout
 
@@ -35,7 +35,7 @@ class Assembly:
 
     def __init__(
         self,
-        propagators: Sequence[DirectPropagator],
+        propagators: Sequence[Propagator],
         channels: Sequence[Index],
         interfaces: Sequence[InterfaceUnit],
         layout: Layout,
@@ -158,9 +158,15 @@ class Assembly:
         }
 
     def displacement(self) -> Array:
-        """Displacement of every channel in the present state of the propagators."""
+        """Displacement of every channel in the present state of the propagators, as gaps are read from."""
         u = self.gather([p.channel_displacement() for p in self.propagators])
-        self.ground_displacement(u, self.propagators[0].state.instant)
+        instant = self.propagators[0].state.instant
+        self.ground_displacement(u, instant)
+        lead = self.scheme.gap_lead(self.dt)
+        if lead and self._ground_frames:  # the propagators' displacements are that far ahead
+            ahead = np.zeros_like(u)
+            self.ground_velocity(ahead, instant)
+            u += lead * ahead
         return u
 
     def rates(self) -> tuple[Array, Array]:
@@ -179,4 +185,4 @@ class Assembly:
     def restore(self, snapshot: Sequence[object]) -> None:
         """Back to a snapshot."""
         for propagator, state in zip(self.propagators, snapshot, strict=True):
-            propagator.restore(state)  # type: ignore[arg-type]
+            propagator.restore(state)

@@ -18,6 +18,7 @@ from .error_indicator import Scales
 from .record import WindowRecord
 from .recorder import Recorder
 from .settings import Settings
+from .slide_probes import SlideProbes
 from .stopping import AT_REST, PATIENCE, RANK, RECENT, STALL_ACCELERATED, STALL_PLAIN, TANGENTIAL_FLOOR
 
 if TYPE_CHECKING:
@@ -61,8 +62,12 @@ class CompiledRun:
         assembly, direction = run.assembly, run.direction(1)
         self._direction = direction
         layout, settings = assembly.layout, run.settings
+        propagators = [
+            p for p in assembly.propagators if isinstance(p, DirectPropagator)
+        ]  # all, see ``marches``
+        self._probes = SlideProbes(assembly, propagators, run.recorder.sliding)
         self._classes = classes.ClassTable(
-            assembly.propagators, assembly.channels, run.recorder.probes(assembly), assembly.awake_from
+            propagators, assembly.channels, self._probes.rows, assembly.awake_from
         )
         self._groups = groups.GroupTable(
             layout.groups, [native_address(g.behaviour) for g in layout.groups], direction.local.z_sums
@@ -119,7 +124,7 @@ class CompiledRun:
             state.scales = Scales(float(work.scales[0]), (float(work.scales[1]), float(work.scales[2])))
             state.interface_indicator = work.interface_indicator.copy()
             run.take_gaps([gap.copy() for gap in self._groups.gaps])
-            recorder.kept(assembly, done, self._classes.probed)
+            recorder.kept(assembly, done, self._probes, self._classes.probed)
             self._tell(first, done)
         run.count(int(work.marched.sum()))
         self.refused = done < n
@@ -134,7 +139,7 @@ class CompiledRun:
         if len(self._states) != len(propagators) or any(
             p.state is not known for p, known in zip(propagators, self._states, strict=True)
         ):
-            self._classes.load()
+            self._classes.take_up()
         work.f_hat[:], work.w_hat[:] = state.f_hat, state.w_hat
         work.scales[:] = (state.scales.field, *state.scales.force)
         work.interface_indicator[:] = 0.0 if state.interface_indicator is None else state.interface_indicator

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..interface.behaviour import bonds
 from .assembly import Assembly
 
 _WORTH_TELLING = 1e-2
@@ -17,7 +18,7 @@ def drift_remarks(assembly: Assembly) -> list[str]:
     largest = float(np.abs(u).max())
     remarks = []
     for i, unit in enumerate(assembly.interfaces):
-        if unit.behaviour.opens:
+        if not bonds(unit.behaviour):
             continue
         first, second = (assembly.layout.channels(i, side) for side in (0, 1))
         apart = float(np.linalg.norm(u[second] - u[first], axis=1).max())

@@ -23,7 +23,8 @@ from .layout import Array
 
 @dataclass
 class Opening:
-    """Opening of the points of each group with its velocity and acceleration; (n_point,) arrays per group."""
+    """Opening of the points of each group with its velocity and acceleration; (n_point,) arrays per group, or jumps
+    (n_point, n_component) for elastic behaviours. For one instant ``gap`` alone is there, as ``left`` gives it."""
 
     gap: list[Array]
     velocity: list[Array]
@@ -32,19 +33,43 @@ class Opening:
 
 def read_gaps(assembly: Assembly) -> list[Array]:
     """Gap (n_point,) of each group in the present state of the substructures (no drift: from displacements)."""
-    jumps = _normal_jumps(assembly, assembly.displacement())
-    return [group.gap + jump for group, jump in zip(assembly.layout.groups, jumps, strict=True)]
+    u = assembly.displacement()
+    jumps = [group.block(u) for group in assembly.layout.groups]
+    return [g.gap + j[1, :, 0] - j[0, :, 0] for g, j in zip(assembly.layout.groups, jumps, strict=True)]
 
 
 def read_opening(assembly: Assembly) -> Opening:
     """Opening in the present state of the substructures."""
     v, a = assembly.rates()
-    return Opening(read_gaps(assembly), _normal_jumps(assembly, v), _normal_jumps(assembly, a))
+    gap = _jumps(assembly, assembly.displacement())
+    for group, jump in zip(assembly.layout.groups, gap, strict=True):
+        normal = jump[:, 0] if group.behaviour.elastic else jump
+        normal += group.gap
+    return Opening(gap, _jumps(assembly, v), _jumps(assembly, a))
 
 
-def _normal_jumps(assembly: Assembly, flat: Array) -> list[Array]:
-    blocks = [group.block(flat) for group in assembly.layout.groups]
-    return [block[1, :, 0] - block[0, :, 0] for block in blocks]
+def _jumps(assembly: Assembly, flat: Array) -> list[Array]:
+    """Jumps of each group: along N, or all components for elastic behaviours."""
+    pairs = [(group.behaviour.elastic, group.block(flat)) for group in assembly.layout.groups]
+    return [block[1] - block[0] if elastic else block[1, :, 0] - block[0, :, 0] for elastic, block in pairs]
+
+
+def left(assembly: Assembly, gaps: list[Array]) -> list[Array]:
+    """What the next instant starts from (``Group.reach``): the gaps, and for elastic behaviours the jumps to come."""
+    elastic = [g for g, group in enumerate(assembly.layout.groups) if group.behaviour.elastic]
+    if not elastic:
+        return gaps
+    opening, found = read_opening(assembly), list(gaps)
+    for g in elastic:
+        moving = opening.gap[g], opening.velocity[g], opening.acceleration[g]
+        found[g] = assembly.scheme.layer_jump(*moving, assembly.dt)[0]
+    return found
+
+
+def span(assembly: Assembly) -> float:
+    """Displacement that elastic behaviours see per jump of velocity at the new instant, s."""
+    nothing = np.zeros(0)
+    return assembly.scheme.layer_jump(nothing, nothing, nothing, assembly.dt)[1]
 
 
 class LocalStage:
@@ -53,19 +78,19 @@ class LocalStage:
     def __init__(self, assembly: Assembly, k: Array) -> None:
         self.assembly, self.k = assembly, k
         self.z = np.divide(1.0, k, out=np.zeros_like(k), where=k > 0)
-        self._rate = 1 / assembly.dt
+        self.span = span(assembly)
         self.z_sums = []
         for group in assembly.layout.groups:
             both = group.block(self.z).sum(axis=0)
             self.z_sums.append(np.ascontiguousarray(both[:, [0, min(1, group.n_component - 1)]]))
 
     def instant(self, s: Array, gaps: list[Array]) -> tuple[Array, Array]:
-        """F_hat and W_hat (n_flat,) at one instant; ``gaps`` per group, (n_point,) at its start."""
+        """F_hat and W_hat (n_flat,) at one instant; ``gaps`` per group, see ``left``."""
         f_hat = np.empty_like(s)
         for group, z, gap in zip(self.assembly.layout.groups, self.z_sums, gaps, strict=True):
             block, out = group.block(s), group.block(f_hat)
-            reach = np.maximum(gap, 0.0) * self._rate
-            traction = group.behaviour.local(block[1] - block[0], z, reach, self._rate, group.parameters)
+            reach, rate = group.reach(gap, self.assembly.dt, self.span)
+            traction = group.behaviour.local(block[1] - block[0], z, reach, rate, group.parameters)
             out[0] = traction
             np.negative(traction, out=out[1])
         return f_hat, s + self.z * f_hat
@@ -76,16 +101,20 @@ class LocalStage:
         f_hat, w_hat = np.empty_like(s), np.empty_like(s)
         gap, velocity, acceleration = list(opening.gap), list(opening.velocity), list(opening.acceleration)
         followed = [np.empty((len(s), len(g))) for g in gap]
+        groups = self.assembly.layout.groups
+        elastic = [g for g, group in enumerate(groups) if group.behaviour.elastic]
         for i in range(len(s)):
-            f_hat[i], w_hat[i] = self.instant(s[i], gap)
-            for g, group in enumerate(self.assembly.layout.groups):
-                if not group.behaviour.opens:
+            start = list(gap)
+            for g in elastic:
+                start[g] = scheme.layer_jump(gap[g], velocity[g], acceleration[g], dt)[0]
+            f_hat[i], w_hat[i] = self.instant(s[i], start)
+            moved = _jumps(self.assembly, w_hat[i])
+            for g, group in enumerate(groups):
+                if not (group.behaviour.opens or group.behaviour.elastic):
                     continue
-                block = group.block(w_hat[i])
-                new = block[1, :, 0] - block[0, :, 0]
                 gap[g], acceleration[g] = scheme.advance_opening(
-                    gap[g], velocity[g], acceleration[g], new, dt
+                    gap[g], velocity[g], acceleration[g], moved[g], dt
                 )
-                velocity[g] = new
-                followed[g][i] = gap[g]
+                velocity[g] = moved[g]
+                followed[g][i] = gap[g][:, 0] if group.behaviour.elastic else gap[g]
         return f_hat, w_hat, followed

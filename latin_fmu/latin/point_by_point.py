@@ -19,6 +19,7 @@ import numpy as np
 
 from .assembly import Assembly
 from .layout import Array, Group, Index
+from .local_stage import span
 
 _SWEEPS, _WORK = 300, 100_000  # sweeps, and sweeps x points, at most
 _ENOUGH = 1e-7  # relative change of the tractions in one sweep
@@ -85,25 +86,25 @@ class PointByPoint:
         return free
 
     def solve(self, free: Array, f_hat: Array, gaps: list[Array]) -> tuple[Array, Array]:
-        """Tractions and velocities (n_flat,) from a first guess of the tractions; ``gaps`` per group, m."""
-        f, v, rate = f_hat.copy(), free.copy(), 1 / self.assembly.dt
+        """Tractions and velocities (n_flat,) from a first guess of the tractions; ``gaps`` as for the local stage."""
+        f, v, times = f_hat.copy(), free.copy(), (self.assembly.dt, span(self.assembly))
         for propagator, channels in zip(self.assembly.propagators, self.assembly.channels, strict=True):
             v[channels] += propagator.operators.admittance @ f[channels]
         for _ in range(min(_SWEEPS, _WORK // max(len(self._points), 1) + 1)):
             before = f.copy()
             for point in self._points:
-                self._settle(point, f, v, gaps, rate)
+                self._settle(point, f, v, gaps, times)
             if np.linalg.norm(f - before) <= _ENOUGH * np.linalg.norm(f):
                 break
         return f, v
 
     @staticmethod
-    def _settle(point: _Point, f: Array, v: Array, gaps: list[Array], rate: float) -> None:
+    def _settle(point: _Point, f: Array, v: Array, gaps: list[Array], times: tuple[float, float]) -> None:
         """One point, everything else held: f and v are brought up to date."""
         first, second = (side.channels for side in point.sides)
         group, old = point.group, f[first]
         z = np.where(np.arange(len(old)) == 0, point.z[0, 0], point.z[0, 1])
-        reach = np.maximum(gaps[point.group_index][point.index : point.index + 1], 0.0) * rate
+        reach, rate = group.reach(gaps[point.group_index][point.index : point.index + 1], *times)
         new = group.behaviour.local(
             (v[second] - v[first] + z * old)[None], point.z, reach, rate,
             group.parameters[point.index : point.index + 1],

@@ -20,7 +20,7 @@ class InterfaceHistory:
 
     Attributes
     ----------
-    name, behaviour : as in the scene; behaviour is the registry key ("perfect", "contact").
+    name, behaviour : as in the scene; behaviour is the registry key ("perfect", "contact", ...).
     sides : the two faces, e.g. ("bar1.zmax", "bar2.zmin"); the second may be "ground".
     points : (n_point, 3) reference coordinates on side E, m.
     areas : (n_point,) area carried by each point, m2.
@@ -33,6 +33,8 @@ class InterfaceHistory:
         an interface that cannot open.
     contact_status : (n_time, n_point) int8, separation 0, stick 1, slip 2; None as for ``gap``.
     friction_power : (n_time,) power dissipated by friction, W (>= 0); None without friction.
+    layer_energy : (n_time,) elastic energy of the layer, J; None where there is none.
+    joint_power : (n_time,) power dissipated by a viscous joint, W (>= 0); None elsewhere.
     """
 
     name: str
@@ -48,6 +50,8 @@ class InterfaceHistory:
     gap: Array | None
     contact_status: NDArray[np.int8] | None
     friction_power: Array | None
+    layer_energy: Array | None = None
+    joint_power: Array | None = None
 
     def force(self) -> Array:
         """Resultant force on side E, (n_time, 3), N."""
@@ -66,8 +70,10 @@ class InterfaceHistory:
         return -pull
 
     def penetration(self) -> float:
-        """Largest penetration met, m (0 when none, or when the interface cannot open)."""
-        return 0.0 if self.gap is None or not self.gap.size else float(max(0.0, -self.gap.min()))
+        """Largest penetration met, m (0 when none, or when the interface cannot open or is a layer that yields)."""
+        if self.gap is None or not self.gap.size or self.layer_energy is not None:
+            return 0.0
+        return float(max(0.0, -self.gap.min()))
 
 
 @dataclass(frozen=True)
@@ -156,7 +162,8 @@ class Outcome:
     sqrt(eta) restricted to one interface, the largest over windows at the last iteration. ``passes`` counts
     substructure-instants marched or solved through a condensed operator, divided by substructures x instants.
     ``energy`` is the assembly's: keys of ``SubstructureHistory.energy`` summed, plus ``friction_dissipation``,
-    ``contact_dissipation`` (impacts), ``ground_work`` where the ground moves,
+    ``contact_dissipation`` (impacts), ``ground_work`` where the ground moves, ``layer_energy`` and
+    ``joint_dissipation`` where there are elastic layers and viscous joints,
     and ``balance``; None unless asked for. ``warnings`` lists remarks on the scene and the run.
     """
 

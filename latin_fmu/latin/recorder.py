@@ -6,12 +6,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.sparse as sp
 
-from ..interface.behaviour import SEPARATION
+from ..interface.behaviour import SEPARATION, as_layer
 from ..propagator.energy import TERMS
 from .assembly import Assembly
-from .interface_energy import ground_work, impact_losses
+from .interface_energy import ground_work, impact_losses, yielding_terms
 from .layout import Array, InterfaceUnit
 from .local_stage import read_gaps
 from .record import InterfaceHistory, SubstructureHistory
@@ -110,16 +109,14 @@ class Recorder:
             return self._wanted.every - self._instant % self._wanted.every
         return len(self.f_hat)
 
-    def probes(self, assembly: Assembly) -> list[sp.csr_array | None]:
-        """Per class the rows (n_probe, n) that give the velocities of the nodes without tangential unknowns."""
-        self._slides = SlideProbes(assembly, sorted(self._slide))
-        return self._slides.rows
+    @property
+    def sliding(self) -> list[int]:
+        """Interfaces whose tangential velocities come from the substructures."""
+        return sorted(self._slide)
 
-    def kept(self, assembly: Assembly, steps: int, probed: Sequence[Array]) -> None:
+    def kept(self, assembly: Assembly, steps: int, probes: SlideProbes, probed: Sequence[Array]) -> None:
         """Instants whose fields and gaps the kernels have written; ``probed`` (n_time, n_probe, n_member) per class."""
-        instants = slice(self._instant + 1, self._instant + steps + 1)
-        if self._slide:
-            self._slides.read(assembly, instants, probed, self._slide)
+        probes.read(assembly, slice(self._instant + 1, self._instant + steps + 1), probed, self._slide)
         self._instant += steps
         self._store_wanted(assembly, self._instant)
 
@@ -198,8 +195,9 @@ class Recorder:
         """Sums over the substructures, what the interfaces dissipate, balance; None unless wanted.
 
         balance = change of (kinetic + elastic) + damping + scheme - work of loads - interface work. The interface
-        work is - friction - contact dissipation + ground work, but for the iteration tolerance and the different
-        weights of the instants in the friction dissipation (end of each instant, so that it never decreases).
+        work is - friction - contact dissipation + ground work - joint dissipation - change of layer energy, but for
+        the iteration tolerance and the different weights of the instants in these terms (friction takes the end of
+        each instant, so that it never decreases).
         """
         if not self._wanted.energy:
             return None
@@ -213,8 +211,9 @@ class Recorder:
         for history in histories:
             if history.friction_power is not None:
                 total["friction_dissipation"][1:] += np.cumsum(history.friction_power[1:]) * assembly.dt
-        weights = assembly.scheme.energy_weights()[0]
-        total["contact_dissipation"] = sum((impact_losses(h, weights) for h in histories), np.zeros(n))
+        weights, lead = assembly.scheme.energy_weights()[0], assembly.scheme.gap_lead(assembly.dt)
+        total["contact_dissipation"] = sum((impact_losses(h, weights, lead) for h in histories), np.zeros(n))
+        total.update(yielding_terms(histories, assembly.dt))
         if any(g.any() for g in assembly.ground.values()):
             works = [ground_work(histories[i], assembly.ground_path(i)[:n], weights) for i in assembly.ground]
             total["ground_work"] = sum(works, np.zeros(n))
@@ -247,8 +246,7 @@ def interface_history(
     """
     geometry, n_component = unit.geometry, unit.behaviour.n_component
     frames = geometry.frames[:, :n_component]
-    traction = np.einsum("tpc,pci->tpi", f_hat, frames)
-    velocity = np.einsum("tspc,pci->tspi", w_hat, frames)
+    traction, velocity = _in_global_axes(f_hat, frames), _in_global_axes(w_hat, frames)
     if slide is not None:
         normal = geometry.frames[:, 0]
         kept = slide[: len(f_hat)]
@@ -256,7 +254,11 @@ def interface_history(
     power = None
     if unit.behaviour.opens and n_component > 1:
         slip = w_hat[:, 1, :, 1:] - w_hat[:, 0, :, 1:]
-        power = np.einsum("p,tpc,tpc->t", geometry.areas, f_hat[..., 1:], slip)
+        power = (f_hat[..., 1:] * slip).sum(axis=-1) @ geometry.areas
+    layer, joint_power = as_layer(unit.behaviour), None
+    layer_energy = None if layer is None else layer.stored_energy(f_hat, parameters) @ geometry.areas
+    if unit.behaviour.compliant and layer is None:
+        joint_power = (f_hat * (w_hat[:, 1] - w_hat[:, 0])).sum(axis=-1) @ geometry.areas
     opens = unit.behaviour.opens
     status = None
     if opens:
@@ -267,5 +269,14 @@ def interface_history(
         areas=geometry.areas, normals=geometry.frames[:, 0], initial_gap=geometry.gap,
         friction_coefficient=getattr(unit.behaviour, "friction_coefficient", None),
         traction=traction, velocity=velocity, gap=gap,
-        contact_status=status, friction_power=power,
+        contact_status=status, friction_power=power, layer_energy=layer_energy, joint_power=joint_power,
     )  # fmt: skip
+
+
+def _in_global_axes(values: Array, frames: Array) -> Array:
+    """Vectors (..., n_point, n_component) in the axes of their points, frames (n_point, n_component, 3), turned."""
+    if len(frames) and (frames == frames[0]).all():
+        planar: Array = values @ frames[0]
+        return planar
+    turned: Array = np.einsum("...pc,pci->...pi", values, frames)
+    return turned

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import scipy.sparse as sp
 
+from ..propagator import DirectPropagator
 from .assembly import Assembly
 from .layout import Array
 
@@ -19,7 +20,7 @@ class SlideProbes:
 
     Parameters
     ----------
-    interfaces : numbers of the interfaces without tangential unknowns.
+    propagators : those of the assembly. interfaces : numbers of the interfaces without tangential unknowns.
 
     Attributes
     ----------
@@ -27,13 +28,16 @@ class SlideProbes:
         where a class has none.
     """
 
-    def __init__(self, assembly: Assembly, interfaces: Sequence[int]) -> None:
+    def __init__(
+        self, assembly: Assembly, propagators: Sequence[DirectPropagator], interfaces: Sequence[int]
+    ) -> None:
+        self._propagators = propagators
         self._ground: list[int] = []
         self._places: list[tuple[int, int, slice, int, int]] = []  # class, member, rows, interface, side
-        faces: list[list[sp.csr_array]] = [[] for _ in assembly.propagators]
-        ends = [0] * len(assembly.propagators)
+        faces: list[list[sp.csr_array]] = [[] for _ in propagators]
+        ends = [0] * len(propagators)
         self._traces: list[sp.csr_array | None] = []
-        for c, propagator in enumerate(assembly.propagators):
+        for c, propagator in enumerate(propagators):
             for member, name in enumerate(propagator.names):
                 at = 0
                 for i in interfaces:
@@ -48,10 +52,11 @@ class SlideProbes:
                         at += trace.shape[0]
                 ends[c] = max(ends[c], at)
             full = sp.csr_array(sp.vstack(faces[c])) if faces[c] else None
-            self._traces.append(full)
+            nodal = propagator.members[0].nodal
+            self._traces.append(full if full is None or nodal is None else sp.csr_array(full @ nodal))
         self.rows = [
             None if full is None else sp.csr_array(full @ propagator.members[0].expansion)
-            for full, propagator in zip(self._traces, assembly.propagators, strict=True)
+            for full, propagator in zip(self._traces, propagators, strict=True)
         ]
         self._ground = [i for i in interfaces if assembly.interfaces[i].against_ground]
 
@@ -61,7 +66,7 @@ class SlideProbes:
         """Write the instants into ``slide``, (n_time, 2, n_point, 3) per interface."""
         for c, member, rows, i, side in self._places:
             values = probed[c][instants, rows, member]
-            forcing, trace = assembly.propagators[c].forcing, self._traces[c]
+            forcing, trace = self._propagators[c].forcing, self._traces[c]
             if forcing.moves and trace is not None:
                 part = sp.csr_array(trace[rows])
                 moved = [part @ forcing.imposed_v(t)[:, member] for t in range(instants.start, instants.stop)]

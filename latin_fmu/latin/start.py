@@ -9,6 +9,8 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse.linalg as spla
 
+from ..interface.behaviour import bonds
+from ..propagator.protocol import MassFactor
 from .assembly import Assembly
 from .layout import Array
 
@@ -19,9 +21,7 @@ def start(assembly: Assembly) -> tuple[Array, Array]:
     """Start every propagator; tractions and velocities (n_flat,) of the channels at t = 0."""
     propagators = assembly.propagators
     traction = np.zeros(assembly.layout.n_flat)
-    for group in assembly.layout.groups:
-        normal = group.block(traction)[..., 0]
-        normal[0], normal[1] = -group.preload, group.preload
+    _known_tractions(assembly, traction)
     unbalance = [
         p.initial_unbalance(traction[c]) for p, c in zip(propagators, assembly.channels, strict=True)
     ]
@@ -40,12 +40,33 @@ def start(assembly: Assembly) -> tuple[Array, Array]:
     return traction, velocity
 
 
-def _bonded_tractions(assembly: Assembly, unbalance: list[Array], factors: list[spla.SuperLU]) -> Array:
+def _known_tractions(assembly: Assembly, traction: Array) -> None:
+    """Write what is known beforehand: preloads, and the tractions that compliant interfaces have in this state."""
+    for group in assembly.layout.groups:
+        block = group.block(traction)
+        block[0, :, 0], block[1, :, 0] = -group.preload, group.preload
+    groups = [g for g in assembly.layout.groups if g.behaviour.compliant]
+    if not groups:
+        return
+    u, v = assembly.displacement(), assembly.gather([p.channel_velocity() for p in assembly.propagators])
+    assembly.ground_velocity(v, 0)
+    u -= assembly.scheme.gap_lead(assembly.dt) * v
+    for group in groups:
+        moved, sliding = (block[1] - block[0] for block in (group.block(u), group.block(v)))
+        moved[:, 0] += group.gap
+        held = np.zeros((group.n_point, 2))
+        jump = np.zeros_like(moved) if group.behaviour.elastic else sliding
+        block = group.block(traction)
+        block[0] = group.behaviour.local(jump, held, moved, 1.0, group.parameters)
+        block[1] = -block[0]
+
+
+def _bonded_tractions(assembly: Assembly, unbalance: list[Array], factors: list[MassFactor]) -> Array:
     """Tractions on perfect interfaces that make accelerations continuous, 0 elsewhere; flat.
 
     Conjugate gradients on the jump of accelerations: consistent even where bonds are redundant.
     """
-    bonded = [i for i, unit in enumerate(assembly.interfaces) if not unit.behaviour.opens]
+    bonded = [i for i, unit in enumerate(assembly.interfaces) if bonds(unit.behaviour)]
     flat = np.zeros(assembly.layout.n_flat)
     if not bonded:
         return flat

@@ -18,7 +18,7 @@ from .compiled_run import CompiledRun, marches
 from .error_indicator import Scales
 from .global_stage import GlobalStage
 from .layout import Array
-from .local_stage import Opening, read_gaps, read_opening
+from .local_stage import Opening, left, read_gaps, read_opening
 from .record import Timings, WindowRecord
 from .recorder import Recorder
 from .settings import Settings
@@ -175,7 +175,7 @@ class Run:
         """Opening at the start of a window; one instant needs the gaps alone, known from the last one kept."""
         if n > 1:
             return read_opening(self.assembly)
-        return Opening(self.gaps(), [], [])
+        return Opening(left(self.assembly, self.gaps()), [], [])
 
     def _warm_start(self, direction: Direction, n: int) -> Array:
         """First guess of q (n, n_flat): the last value.

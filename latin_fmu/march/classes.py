@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..propagator.cholesky.factor import CholeskyFactor
 from ..propagator.cholesky.kernels import routines
 from ..propagator.direct import DirectPropagator, State
-from .views import address, record
+from .views import address, kernel, record
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -72,6 +72,30 @@ class Terms:
         return cls(starts, rows, values, np.ascontiguousarray(table, dtype=float))
 
 
+@kernel
+def lower_half(
+    starts: Index, columns: Index, values: Array
+) -> tuple[Array, Index, NDArray[np.uint32], Array]:
+    """Diagonal and strict lower triangle (compressed rows) of a symmetric matrix in compressed rows."""
+    n = len(starts) - 1
+    count = 0
+    for i in range(n):
+        for e in range(starts[i], starts[i + 1]):
+            count += columns[e] < i
+    diagonal, first = np.zeros(n), np.zeros(n + 1, dtype=np.int64)
+    column, value = np.empty(count, dtype=np.uint32), np.empty(count)
+    count = 0
+    for i in range(n):
+        for e in range(starts[i], starts[i + 1]):
+            if columns[e] < i:
+                column[count], value[count] = columns[e], values[e]
+                count += 1
+            elif columns[e] == i:
+                diagonal[i] += values[e]
+        first[i + 1] = count
+    return diagonal, first, column, value
+
+
 class ClassTable:
     """Rows of the propagators of an assembly and the arrays behind them.
 
@@ -111,6 +135,20 @@ class ClassTable:
         self._point(c, f"{name}_columns", matrix.indices.astype(np.uint32))
         self._point(c, f"{name}_values", np.ascontiguousarray(matrix.data, dtype=float))
 
+    def _symmetric(self, c: int, name: str, matrix: sp.csr_array | None, whole: bool) -> None:
+        """A symmetric matrix: half of it, or ``whole`` rows (see ``substructure.add_symmetric``)."""
+        if matrix is None or whole:
+            self._matrix(c, name, matrix)
+            self._point(c, f"{name}_diagonal", np.zeros(0))
+            return
+        pattern = matrix.indptr.astype(np.int64), matrix.indices.astype(np.int64)
+        half = zip(
+            ("diagonal", "starts", "columns", "values"), lower_half(*pattern, matrix.data), strict=True
+        )
+        self.rows[c][f"{name}_n"] = matrix.shape[0]
+        for part, array in half:
+            self._point(c, f"{name}_{part}", array)
+
     def _fixed(self, c: int, propagator: DirectPropagator, flat: Index, probe: sp.csr_array | None) -> None:
         """All that stays as long as step and search direction do."""
         row, ops = self.rows[c], propagator.operators
@@ -133,9 +171,7 @@ class ClassTable:
         ):  # fmt: skip
             self._point(c, name, array)
         for name, matrix in (("mass", ops.mass), ("stiffness", ops.stiffness), ("damping", ops.damping)):
-            if matrix is not None:
-                self._point(c, f"{name}_diagonal", matrix.diagonal())
-                self._matrix(c, name, sp.csr_array(sp.tril(matrix, -1)))
+            self._symmetric(c, name, matrix, whole=m > 1)
         self._matrix(c, "trace", ops.trace)
         self._matrix(c, "spread", sp.csr_array(ops.trace.T))
         self._matrix(c, "probe", probe)
@@ -170,7 +206,7 @@ class ClassTable:
             self.probed[c] = np.zeros((n_time, int(self.rows[c]["n_probe"]), int(self.rows[c]["m"])))
             self._point(c, "probed", self.probed[c])
 
-    def load(self) -> None:
+    def take_up(self) -> None:
         """Copy the states of the propagators in."""
         for propagator, own, rest in zip(self._propagators, self._state, self._rest, strict=True):
             for name, array in own.items():

@@ -25,13 +25,20 @@ class GroupLike(Protocol):
     """The part of a group of interfaces that the table reads."""
 
     @property
-    def start(self) -> int: ...
+    def start(self) -> int:
+        """Offset in the flat vector."""
+
     @property
-    def n_point(self) -> int: ...
+    def n_point(self) -> int:
+        """Points."""
+
     @property
-    def n_component(self) -> int: ...
+    def n_component(self) -> int:
+        """Unknowns per point."""
+
     @property
-    def parameters(self) -> Array: ...
+    def parameters(self) -> Array:
+        """(n_point, n_parameter)."""
 
 
 class GroupTable:

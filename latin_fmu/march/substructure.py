@@ -28,7 +28,8 @@ def add_symmetric(
     x: Array,
     out: Array,
 ) -> None:
-    """out += factor A x for symmetric A: its diagonal and its strict lower triangle in compressed rows, by address."""
+    """out += factor A x for symmetric A by addresses: for one member its diagonal and its strict lower triangle in
+    compressed rows, for several whole rows."""
     diagonal, starts = floats(diagonal_at, n), integers(starts_at, n + 1)
     columns, values = indices(columns_at, starts[n]), floats(values_at, starts[n])
     if m == 1:
@@ -41,17 +42,29 @@ def add_symmetric(
                 out[column[e]] += value[e] * own
             out[i] += factor * total
         return
-    for i in range(n):
+    for i in range(n):  # all rows whole: reading the matrix is shared by the members, sums stay in registers
         column, value = columns[starts[i] : starts[i + 1]], values[starts[i] : starts[i + 1]]
-        own, line = x[i * m : i * m + m], out[i * m : i * m + m]
-        for j in range(m):
-            line[j] += factor * diagonal[i] * own[j]
-        for e in range(len(column)):
-            now, at = factor * value[e], np.int64(column[e]) * m
-            other, into = x[at : at + m], out[at : at + m]
-            for j in range(m):
-                line[j] += now * other[j]
-                into[j] += now * own[j]
+        line = out[i * m : i * m + m]
+        j = 0
+        while j + 4 <= m:
+            t0 = t1 = t2 = t3 = 0.0
+            for e in range(len(column)):
+                other = x[np.int64(column[e]) * m + j :][:4]
+                t0 += value[e] * other[0]
+                t1 += value[e] * other[1]
+                t2 += value[e] * other[2]
+                t3 += value[e] * other[3]
+            line[j] += factor * t0
+            line[j + 1] += factor * t1
+            line[j + 2] += factor * t2
+            line[j + 3] += factor * t3
+            j += 4
+        while j < m:
+            total = 0.0
+            for e in range(len(column)):
+                total += value[e] * x[np.int64(column[e]) * m + j]
+            line[j] += factor * total
+            j += 1
 
 
 @kernel
@@ -184,9 +197,8 @@ def predict(row: Any, scheme: Any, instant: int) -> None:
         instant, -1.0, load,
     )  # fmt: skip
     forward(row, load)
-    if n_inner == 0:
-        return
-    dense(n_inner, row.schur_inverse, m, floats(row.inner, n_inner * m), free_a)
+    if n_inner > 0:
+        dense(n_inner, row.schur_inverse, m, floats(row.inner, n_inner * m), free_a)
     reached, dofs = floats(row.inner, n_inner * m), integers(row.dofs, n_inner)
     for i in range(n_inner):
         for j in range(m):

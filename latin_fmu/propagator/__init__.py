@@ -2,5 +2,17 @@
 
 from .direct import DirectPropagator
 from .model import Histories, LoadTerm, SubstructureModel
+from .protocol import Propagator
+from .registry import PROPAGATORS, make_propagator
+from .settings import PropagatorSettings
 
-__all__ = ["DirectPropagator", "Histories", "LoadTerm", "SubstructureModel"]
+__all__ = [
+    "PROPAGATORS",
+    "DirectPropagator",
+    "Histories",
+    "LoadTerm",
+    "Propagator",
+    "PropagatorSettings",
+    "SubstructureModel",
+    "make_propagator",
+]

@@ -73,14 +73,19 @@ class Forcing:
             if motion is not None:
                 motion.start = start
 
+    def loads(self, instant: int) -> Array:
+        """Reduced loads (n, n_member) at an instant, prescribed motions not included, N (a fresh array)."""
+        force = self._constant.copy()
+        for column, nodes, values, history in self._terms:
+            force[nodes, column] += history[instant] * values
+        return force
+
     def at(self, instant: int) -> Array:
         """Reduced external forces (n, n_member) at an instant, N (a fresh array).
 
         Prescribed motions act through C and K here; their inertia (``inertia``) is not a force of the scheme.
         """
-        force = self._constant.copy()
-        for column, nodes, values, history in self._terms:
-            force[nodes, column] += history[instant] * values
+        force = self.loads(instant)
         for column, motion in enumerate(self._motion):
             if motion is not None:
                 force[:, column] -= motion.reduced_force(instant)

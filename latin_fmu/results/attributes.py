@@ -58,6 +58,8 @@ INTERFACE: Final[Mapping[str, Meaning]] = {
     "force": Meaning("N", "resultant force exerted by the interface on side E"),
     "impulse": Meaning("N s", "force integrated over time since the start of the run"),
     "friction_power": Meaning("W", "power dissipated by friction"),
+    "layer_energy": Meaning("J", "elastic energy of the layer"),
+    "joint_power": Meaning("W", "power dissipated by the viscous joint"),
     "error_indicator": Meaning(
         "1",
         "error indicator sqrt(eta) of this interface",
@@ -84,6 +86,8 @@ ENERGY: Final[Mapping[str, Meaning]] = {
     "contact_dissipation": Meaning(
         "J", "energy lost to the normal contact law (impacts) since the start of the run"
     ),
+    "layer_energy": Meaning("J", "elastic energy of the layers"),
+    "joint_dissipation": Meaning("J", "energy dissipated by viscous joints since the start of the run"),
     "ground_work": Meaning("J", "work of moving ground since the start of the run"),
     "damping_dissipation": Meaning("J", "energy dissipated by material damping since the start of the run"),
     "scheme_dissipation": Meaning("J", "energy dissipated by the time scheme since the start of the run"),

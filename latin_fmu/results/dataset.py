@@ -5,7 +5,7 @@
     /                      provenance and status, as attributes
     /interfaces/<name>     force, impulse (time, component); traction (time, point, component);
                            velocity (time, side, point, component); gap, contact_status (time, point);
-                           friction_power (time); x, y, z, area, initial_gap (point);
+                           friction_power, layer_energy, joint_power (time); x, y, z, area, initial_gap (point);
                            normal (point, component)
     /substructures/<name>  only what the scene asked for: displacement, velocity (time, node, component);
                            stress (time, cell, stress_component); and with any of them the mesh
@@ -79,8 +79,9 @@ def interface_dataset(history: InterfaceHistory, time: Array, indicator: float |
         columns["gap"] = (("time", "point"), history.gap)
     if history.contact_status is not None:
         columns["contact_status"] = (("time", "point"), history.contact_status)
-    if history.friction_power is not None:
-        columns["friction_power"] = ("time", history.friction_power)
+    for key in ("friction_power", "layer_energy", "joint_power"):
+        if (values := getattr(history, key)) is not None:
+            columns[key] = ("time", values)
     if indicator is not None:
         columns["error_indicator"] = ((), indicator)
     positions = {axis: ("point", history.points[:, i]) for i, axis in enumerate(AXES)}

@@ -12,7 +12,9 @@ from ..latin.layout import Array, InterfaceUnit, Layout
 from ..latin.recorder import SubstructureInfo, Wanted
 from ..latin.search_direction import SearchDirection, inertial_impedance, unresolved_sides
 from ..latin.settings import Settings
-from ..propagator import DirectPropagator
+from ..propagator import Propagator, make_propagator
+from ..propagator.explicit import ExplicitPropagator
+from ..propagator.settings import PropagatorSettings
 from ..time_scheme import TimeScheme, make_scheme
 from .body import Body, build_bodies, locking_remarks
 from .boundaries import Boundary, Periodic
@@ -28,6 +30,7 @@ from .conditions import Conditions, build_conditions
 from .fields import split_face
 from .models import ModelClass, model_classes, side_impedance
 from .pairing import build_interface
+from .propagator_relations import CENTRAL
 from .rigid import rigid_conditions
 from .schema import Scene
 from .solver_settings import WHOLE, Anderson, Uniform
@@ -90,9 +93,12 @@ class Prepared:
     def build(self) -> Built:
         """Factorise and condense the substructures and tie them together."""
         scene, scheme, layout, units = self.scene, self.scheme, self.layout, self.units
+        settings = propagator_settings(scene)
         propagators = [
-            DirectPropagator(c.members, scheme, self.dt, scene.output.energy) for c in self.classes
+            make_propagator(c.members, scheme, self.dt, scene.output.energy, settings) for c in self.classes
         ]
+        if problems := _unstable(propagators, scene, self.dt):
+            raise SceneError(problems, "the scene cannot be built")
         assembly = Assembly(
             propagators, [c.channels for c in self.classes], units, layout,
             side_impedance(self.bodies, units, layout), characteristic_traction(scene, self.bodies, self.time),
@@ -150,6 +156,31 @@ def prepare(scene: Scene) -> Prepared:
 def _conditions(body: Body, boundaries: dict[str, Boundary], problems: list[Problem]) -> Conditions:
     held = build_conditions(body, boundaries, problems)
     return rigid_conditions(body, held, boundaries, problems) if body.rigid else held
+
+
+def propagator_settings(scene: Scene) -> PropagatorSettings:
+    """Settings of the propagators."""
+    asked = scene.solver.propagator.type
+    if asked == "automatic":
+        asked = "explicit" if scene.time.scheme.type == CENTRAL else "direct"
+    return PropagatorSettings(asked)
+
+
+def _unstable(propagators: list[Propagator], scene: Scene, dt: float) -> list[Problem]:
+    """The explicit march with a step that is too long."""
+    explicit = [p for p in propagators if isinstance(p, ExplicitPropagator)]
+    shortest = min(explicit, key=lambda p: p.stable_step, default=None)
+    if shortest is None or dt <= shortest.stable_step:
+        return []
+    return [
+        Problem(
+            "time.step" if scene.time.step is not None else "time.instants",
+            f"the step is longer than the stable one of the explicit propagator (substructure {shortest.names[0]})",
+            f"a step of {dt:.6g} s", f"at most {shortest.stable_step:.6g} s",
+            f"give [time] instants = {int(np.ceil(scene.time.end / shortest.stable_step))} or more, "
+            "or choose an implicit propagator",
+        )
+    ]  # fmt: skip
 
 
 def settings_of(scene: Scene) -> Settings:

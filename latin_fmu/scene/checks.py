@@ -82,7 +82,8 @@ def characteristic_traction(scene: Scene, bodies: dict[str, Body], time: Array) 
                     sizes.append(z_p * float(speed))
     stiffest = max(impedances.values())
     for interface in scene.interface.values():
-        sizes.append(interface.preload)
+        substructure, face = split_face(interface.sides[0])
+        sizes.append(interface.initial_pressure(float(bodies[substructure].face(face).areas.sum())))
         if interface.ground_velocity is not None:
             ground = interface.ground_velocity
             speed = float(np.linalg.norm(ground.vector) * np.abs(ground.law.sample(time)).max())
@@ -155,6 +156,8 @@ def initial_problems(
             zero if second is None else second.initial_displacement, first.initial_displacement
         )
         where = f"interface.{unit.name}"
+        if unit.behaviour.compliant:
+            continue
         if not unit.behaviour.opens:
             if jump.any():
                 problems.append(

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Annotated, Final
+from typing import Annotated
 
 from pydantic import AfterValidator, BeforeValidator
 
@@ -12,12 +11,6 @@ from .behaviours import BEHAVIOUR_NAMES
 from .fields import GROUND, Direction, Real, Side, Table, Text, _as_list, about, refusal
 from .laws import ConstantLaw, Law
 from .wording import did_you_mean
-
-# What a behaviour has no use for, and how to say so.
-MEANINGLESS: Final[Mapping[str, tuple[str, ...]]] = {
-    "perfect": ("friction_coefficient", "gap", "preload"),
-    "no_slip": ("friction_coefficient",),
-}
 
 
 def _check_behaviour(name: str) -> str:
@@ -56,16 +49,36 @@ class Interface(Table):
 
     sides: Annotated[Sides, about('two faces "substructure.face"; the second may be "ground" (rigid)')]
     behaviour: Annotated[Behaviour, about(f"what happens there: {', '.join(BEHAVIOUR_NAMES)}")] = "contact"
-    friction_coefficient: Annotated[Real, about("Coulomb's coefficient mu (contact only)", "1", ge=0)] = 0.0
+    friction_coefficient: Annotated[
+        Real, about("Coulomb's coefficient mu (contact, soft_contact)", "1", ge=0)
+    ] = 0.0
     gap: Annotated[
         Real | None,
         about(
-            "initial distance along N (not where bonded); measured on the meshes where left out", "m", ge=0
+            "initial distance along N (where it may open); measured on the meshes where left out", "m", ge=0
         ),
     ] = None
     preload: Annotated[
-        Real, about("contact pressure already there at t = 0, in equilibrium (not where bonded)", "Pa", ge=0)
+        Real, about("pressure already there at t = 0, in equilibrium (contacts, elastic_layer)", "Pa", ge=0)
     ] = 0.0
+    preload_force: Annotated[
+        Real, about("the same as a normal force, spread evenly over the face (a tightened bolt)", "N", ge=0)
+    ] = 0.0
+    interference: Annotated[
+        Real, about("the same as a compression of the layer (soft_contact)", "m", ge=0)
+    ] = 0.0
+    normal_stiffness: Annotated[
+        Real | None, about("stiffness per area along N (elastic_layer, soft_contact)", "N m-3", ge=0)
+    ] = None
+    tangential_stiffness: Annotated[
+        Real | None, about("stiffness per area across N (elastic_layer)", "N m-3", ge=0)
+    ] = None
+    normal_viscosity: Annotated[
+        Real | None, about("viscosity per area along N (viscous_joint)", "N s m-3", ge=0)
+    ] = None
+    tangential_viscosity: Annotated[
+        Real | None, about("viscosity per area across N (viscous_joint)", "N s m-3", ge=0)
+    ] = None
     ground_velocity: Annotated[
         GroundVelocity | None, about("motion of the ground; at rest where left out")
     ] = None
@@ -74,3 +87,8 @@ class Interface(Table):
     def against_ground(self) -> bool:
         """True where the second side is the rigid ground."""
         return self.sides[1] == GROUND
+
+    def initial_pressure(self, area: float) -> float:
+        """Pressure at t = 0 on a face of the given area, m2; Pa."""
+        squeezed = self.interference * (self.normal_stiffness or 0.0)
+        return self.preload + self.preload_force / area + squeezed

@@ -114,7 +114,10 @@ def _contact_nodes(name: str, body: Body, units: list[InterfaceUnit]) -> Index:
         body.face(split_face(side)[1]).nodes
         for unit in units
         for side in unit.sides
-        if unit.behaviour.opens and side != GROUND and split_face(side)[0] == name
+        if unit.behaviour.opens
+        and not unit.behaviour.compliant
+        and side != GROUND
+        and split_face(side)[0] == name
     ]
     return np.unique(np.concatenate(faces)) if faces else np.zeros(0, dtype=np.int64)
 

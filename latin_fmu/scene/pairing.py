@@ -14,6 +14,7 @@ from ..interface.geometry import local_frames
 from ..latin.layout import InterfaceUnit
 from .body import Body
 from .fields import split_face
+from .interface_keys import PARAMETERS, TAKES
 from .interfaces import Interface
 
 _MATCHING = 1e-3  # lateral distance of paired points over the spacing of points
@@ -39,19 +40,22 @@ def build_interface(
         partner, gap = paired
         other = _selection(partner, _side(bodies, interface.sides[1])[0])
     behaviour = _behaviour(interface)
+    pressure = interface.initial_pressure(float(face.areas.sum()))
+    if behaviour.elastic and pressure > 0 and interface.normal_stiffness:
+        gap = gap - pressure / interface.normal_stiffness
     geometry = InterfaceGeometry(points, face.areas, frames, gap, (trace, other))
-    if interface.preload > 0 and gap.max() > 0:
+    if pressure > 0 and gap.max() > 0:
         problems.append(
             Problem(f"interface.{name}.preload", "a preloaded interface cannot be open", f"gap up to {gap.max():g} m",
                     remedy="close the gap of the meshes, or leave the preload out")
         )  # fmt: skip
-    return InterfaceUnit(name, interface.sides, behaviour, geometry, interface.preload)
+    return InterfaceUnit(name, interface.sides, behaviour, geometry, pressure)
 
 
 def _behaviour(interface: Interface) -> Behaviour:
-    parameters = (
-        {"friction_coefficient": interface.friction_coefficient} if interface.behaviour == "contact" else {}
-    )
+    parameters: dict[str, float] = {
+        key: getattr(interface, key) or 0.0 for key in PARAMETERS if key in TAKES[interface.behaviour]
+    }
     return make_behaviour(interface.behaviour, parameters)
 
 
@@ -130,6 +134,8 @@ def _gap(
                     remedy="move one of the meshes apart")
         )  # fmt: skip
         return None
+    if "gap" not in TAKES[interface.behaviour]:  # a layer fills the distance of its faces
+        return np.zeros(len(distance))
     distance = np.where(distance < negligible, 0.0, distance)
     if interface.gap is None:
         return distance

@@ -24,6 +24,13 @@ Gap            Distance of paired points along N, open > 0. Measured on the mesh
                given, 0 without one.
 Preload        Contact pressure already there at t = 0, in equilibrium with initial stresses nobody needs to
                describe: displacements, velocities and stresses are counted from that state.
+               preload_force is the same as a force on the whole face (a tightened bolt), interference the same as
+               a compression of the layer of a soft_contact.
+Behaviours     perfect: one velocity. contact: unilateral, Coulomb friction. no_slip: unilateral, never slides.
+               elastic_layer: bonded, tractions proportional to the jump of displacement. soft_contact: unilateral,
+               pressure proportional to the compression of a layer, Coulomb friction. viscous_joint: bonded,
+               tractions proportional to the jump of velocity. A layer or joint has no thickness and no mass; the
+               distance of its faces does not count.
 Rigid          A rigid substructure keeps its mass and its mesh, which says where its faces and their points are.
                Held and prescribed directions are taken out of its six motions; conditions that no rigid
                motion satisfies are refused. Its rotations are small ones.

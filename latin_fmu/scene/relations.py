@@ -14,7 +14,8 @@ from ..errors import Problem
 from .boundary_relations import boundary_problems
 from .face_relations import face_problems, unknown_name
 from .fields import GROUND
-from .interfaces import MEANINGLESS
+from .interface_keys import key_problems
+from .propagator_relations import propagator_problems
 from .raw_scene import RawTable, given, named_tables, number, single_table, text_list
 from .time_settings import MAX_INSTANTS
 from .wording import shown
@@ -31,6 +32,7 @@ def relation_problems(raw: Any, base_dir: Path) -> list[Problem]:
         *_load_problems(raw),
         *_sensor_problems(raw),
         *_time_problems(single_table(raw, "time")),
+        *propagator_problems(raw),
     ]
 
 
@@ -95,27 +97,9 @@ def _interface_problems(raw: Any) -> Iterator[Problem]:
             yield from _pair_problems(where, table, sides)
         behaviour = table.get("behaviour")
         if isinstance(behaviour, str):
-            kind = "a perfect connection" if behaviour == "perfect" else f'behaviour = "{behaviour}"'
-            for key in MEANINGLESS.get(behaviour, ()):
-                if given(table, key):
-                    yield Problem(
-                        f"{where}.{key}",
-                        f"{key!r} means nothing on {kind}",
-                        shown(table[key]),
-                        None,
-                        'remove it, or choose behaviour = "contact"',
-                    )
-        if behaviour == "perfect":
-            continue
-        gap, preload = number(table, "gap"), number(table, "preload")
-        if gap is not None and preload is not None and gap > 0.0 and preload > 0.0:
-            yield Problem(
-                f"{where}.preload",
-                "an open interface carries no preload",
-                f"{preload:g} with gap = {gap:g}",
-                "preload > 0 only where gap = 0",
-                "set gap = 0 or remove the preload",
-            )
+            yield from key_problems(where, table, behaviour)
+        else:
+            yield from key_problems(where, table, "contact")
 
 
 def _pair_problems(where: str, table: RawTable, sides: list[str]) -> Iterator[Problem]:

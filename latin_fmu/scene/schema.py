@@ -17,12 +17,14 @@ from pydantic import (
 from ..errors import Problem, SceneError
 from .boundaries import Boundary
 from .fields import BodyName, Name, Table, Text, about
-from .interfaces import MEANINGLESS, Interface
+from .interface_keys import MEANINGLESS
+from .interfaces import Interface
 from .law_file import base_dir_of
 from .loads import Load
 from .materials import Material
 from .output_settings import Output
 from .problems import field_problems, path_text
+from .propagator_relations import with_its_scheme
 from .raw_scene import endless_numbers, plain
 from .relations import relation_problems
 from .sensors import Sensor
@@ -67,7 +69,8 @@ class Scene(Table):
             raise SceneError(endless, _HEADING)
         base_dir = data.base_dir if isinstance(data, Scene) else base_dir_of(info.context)
         try:
-            scene = handler(data)
+            completed = with_its_scheme(raw)
+            scene = handler(data if completed is raw else completed)
         except ValidationError as error:
             problems = field_problems(cls, error, raw) + relation_problems(raw, base_dir)
             raise SceneError(problems, _HEADING) from None

@@ -22,7 +22,7 @@ from .build import build
 from .schema import Scene
 
 _SAME_STEP, _STEPS_KEPT = 1e-9, 8
-_RUNNING = ("friction_dissipation", "contact_dissipation", "ground_work")
+_RUNNING = ("friction_dissipation", "contact_dissipation", "ground_work", "joint_dissipation")
 
 
 @dataclass(frozen=True)

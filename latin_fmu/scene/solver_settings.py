@@ -1,4 +1,4 @@
-"""Table [solver]: how the LATIN iteration works. None of it may change the converged answer."""
+"""Table [solver]: how the LATIN iteration works, which may not change the converged answer, and the propagators."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pydantic import BeforeValidator, Field, PlainValidator
 
 from .fields import Count, Real, Table, about, refusal, tagged_or
+from .propagator_settings import AutomaticPropagator, Propagator
 from .wording import did_you_mean
 
 WHOLE: Literal["whole"] = "whole"
@@ -118,6 +119,7 @@ class Solver(Table):
         about('first guess with window = "whole" (no effect elsewhere): one-step windows, or zero fields'),
     ] = "sequential"
 
+    propagator: Annotated[Propagator, about("how substructures are marched")] = AutomaticPropagator()
     share_identical: Annotated[
         bool,
         about(

@@ -34,14 +34,21 @@ class MasslessContact(Table):
     type: Literal["massless_contact"] = "massless_contact"
 
 
+class CentralDifference(Table):
+    """Explicit, with a lumped mass: the scheme of the explicit propagator; only small steps are stable."""
+
+    type: Literal["central_difference"] = "central_difference"
+
+
 Scheme = Annotated[
-    Annotated[HHT | Newmark | MasslessContact, Field(discriminator="type")],
+    Annotated[HHT | Newmark | MasslessContact | CentralDifference, Field(discriminator="type")],
     BeforeValidator(
         tagged_or("hht"),
-        json_schema_input_type=Literal["hht", "newmark", "massless_contact"]
+        json_schema_input_type=Literal["hht", "newmark", "massless_contact", "central_difference"]
         | HHT
         | Newmark
-        | MasslessContact,
+        | MasslessContact
+        | CentralDifference,
     ),
 ]
 
@@ -54,7 +61,9 @@ class Time(Table):
         Real | None, about("time step; `end` must be a whole number of steps (to 1e-6 step)", "s", gt=0)
     ] = None
     instants: Annotated[Count | None, about("number of steps", "1", ge=1, le=MAX_INSTANTS)] = None
-    scheme: Annotated[Scheme, about("time scheme")] = HHT()
+    scheme: Annotated[Scheme, about("time scheme; that of the explicit propagator where it is chosen")] = (
+        HHT()
+    )
 
     @property
     def n_step(self) -> int:

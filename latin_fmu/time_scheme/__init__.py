@@ -1,7 +1,8 @@
-"""Time schemes: constant operators of an implicit one-step march, Eqs. (9)-(11)."""
+"""Time schemes: constant operators of a one-step march, Eqs. (9)-(11)."""
 
+from .central_difference import CentralDifference
 from .hht import HHT, Newmark
 from .registry import SCHEMES, make_scheme
 from .scheme import TimeScheme
 
-__all__ = ["HHT", "SCHEMES", "Newmark", "TimeScheme", "make_scheme"]
+__all__ = ["HHT", "SCHEMES", "CentralDifference", "Newmark", "TimeScheme", "make_scheme"]

@@ -22,6 +22,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from .scheme import Array
 
 
@@ -71,6 +73,11 @@ class Newmark:
         return (jump / dt - (1 - self.gamma) * a_old) / self.gamma
 
     @property
+    def explicit(self) -> bool:
+        """Implicit."""
+        return False
+
+    @property
     def massless_contact(self) -> bool:
         """Contact nodes carry their mass."""
         return False
@@ -83,11 +90,21 @@ class Newmark:
         """The velocity of the instant."""
         return v
 
+    def gap_lead(self, dt: float) -> float:  # noqa: ARG002
+        """0."""
+        return 0.0
+
     def advance_opening(self, gap: Array, v: Array, a: Array, new: Array, dt: float) -> tuple[Array, Array]:
         """The displacement recursion applied to the opening."""
         rate = self.invert_velocity(a, new - v, dt)
         free, _ = self.predict(gap, v, a, dt)
         return free + self.displacement_gain(dt) * rate, rate
+
+    def layer_jump(self, gap: Array, v: Array, a: Array, dt: float) -> tuple[Array, float]:
+        """The displacement of the new instant: springs of a layer are those of a mesh."""
+        zero, one = np.zeros(1), np.ones(1)
+        rest, _ = self.advance_opening(gap, v, a, np.zeros_like(v), dt)
+        return rest, float(self.advance_opening(zero, zero, zero, one, dt)[0][0])
 
     def energy_weights(self) -> tuple[tuple[float, float, float], tuple[float, float]]:
         """See the module docstring."""

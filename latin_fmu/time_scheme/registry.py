@@ -5,12 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
+from .central_difference import CentralDifference
 from .hht import HHT, Newmark
 from .massless import MasslessContact
 from .scheme import TimeScheme
 
 SCHEMES: Mapping[str, Callable[..., TimeScheme]] = MappingProxyType(
-    {"hht": HHT, "newmark": Newmark, "massless_contact": MasslessContact}
+    {
+        "hht": HHT,
+        "newmark": Newmark,
+        "massless_contact": MasslessContact,
+        "central_difference": CentralDifference,
+    }
 )
 
 

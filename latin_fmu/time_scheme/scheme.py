@@ -30,6 +30,10 @@ class TimeScheme(Protocol):
     def declared_order(self) -> int:
         """Order of accuracy in dt."""
 
+    @property
+    def explicit(self) -> bool:
+        """Whether the march is explicit: a diagonal operator, a stable step, displacements between the instants."""
+
     def operator(self, dt: float) -> tuple[float, float, float]:
         """Factors (mass, damping, stiffness) of M, C, K in A; units 1, s, s2."""
 
@@ -63,8 +67,15 @@ class TimeScheme(Protocol):
     def interface_velocity(self, u_old: Array, u: Array, v: Array, dt: float) -> Array:
         """That velocity from the displacement of the old instant and the displacement and velocity of the new."""
 
+    def gap_lead(self, dt: float) -> float:
+        """How far ahead of an instant the displacements are that its gaps are read from, s."""
+
     def advance_opening(self, gap: Array, v: Array, a: Array, new: Array, dt: float) -> tuple[Array, Array]:
         """Opening and its acceleration at the new instant from those of the old and the ``new`` opening velocity."""
+
+    def layer_jump(self, gap: Array, v: Array, a: Array, dt: float) -> tuple[Array, float]:
+        """Displacement that the elastic forces of an interface follow in the step, from the opening of the old instant
+        (as ``advance_opening``): ``(rest, span)``, displacement = rest + span * new opening velocity; m and s."""
 
     def energy_weights(self) -> tuple[tuple[float, float, float], tuple[float, float]]:
         """Weights of forces at (n-1, n, n+1) and of accelerations at (n, n+1) in the work over one step."""

@@ -6,8 +6,6 @@ import re
 import zipfile
 from pathlib import Path
 
-import pytest
-
 import latin_fmu
 from fmu_build.build import build_fmu
 from fmu_build.validate import validate
@@ -15,16 +13,6 @@ from fmu_build.validate import validate
 from .scenes import blocks
 
 MODELS = Path(__file__).parents[2] / "models"
-SCENES = sorted(MODELS.glob("*/*.toml"))
-
-
-@pytest.mark.parametrize("path", SCENES, ids=lambda p: f"{p.parent.name}/{p.stem}")
-def test_every_model_gives_valid_fmus(path, fmi, tmp_path):
-    scene = latin_fmu.load_scene(path)
-    if scene.substructure and sum(b.box.elements[0] for b in scene.substructure.values() if b.box) > 100:
-        pytest.skip("many substructures: the same code, more time")
-    fmu = build_fmu(scene, tmp_path / "model.fmu", fmi)
-    assert validate(fmu) == []
 
 
 def test_with_inputs_and_sensors_too(fmus, fmi):
@@ -81,13 +69,3 @@ def test_no_trace_of_the_building_machine(fmus, fmi):
                 text = archive.read(name)
                 assert str(Path(__file__).parents[2]).encode() not in text, name
                 assert str(Path.home()).encode() + b"/" not in text, name
-
-
-def test_cross_check_files(fmus, tmp_path):
-    from fmu_build.cross_check import write_cross_check
-
-    written = write_cross_check(fmus["2"], tmp_path, {"time": [0.0, 6e-6], "load.press.value": [0.0, 1.0]})
-    assert sorted(p.name for p in written) == ["blocks2_in.csv", "blocks2_ref.csv", "blocks2_ref.opt"]
-    rows = (tmp_path / "blocks2_ref.csv").read_text().splitlines()
-    assert len(rows) == 32
-    assert "StopTime, 6e-06" in (tmp_path / "blocks2_ref.opt").read_text()

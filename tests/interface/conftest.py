@@ -6,7 +6,7 @@ A new behaviour inherits every test of this folder once it has an entry in ``PAR
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 Residual = Callable[[Behaviour, Array, Array, Array], float]  # behaviour, W' - W, F_hat on E, reach
 
 N_POINT = 400
+RATE = 0.8  # of the behaviours that see the jump of displacement
 SEED = 45
 
 
@@ -51,17 +52,67 @@ def no_slip_residual(_: Behaviour, slip: Array, traction: Array, reach: Array) -
     return max(worst, float(np.abs(wrong).max()))
 
 
+def layer_residual(behaviour: Behaviour, slip: Array, traction: Array, reach: Array) -> float:
+    """F = k [u] with [u] = (reach + d) / rate."""
+    stiffness = np.array([behaviour.normal_stiffness, *[behaviour.tangential_stiffness] * 2])[: slip.shape[1]]
+    return float(np.abs(traction - stiffness * (reach + slip) / RATE).max() / max(1.0, stiffness.max()))
+
+
+def soft_residual(behaviour: Behaviour, slip: Array, traction: Array, reach: Array) -> float:
+    """P = k max(0, -[u].N); friction as for contact."""
+    gap = (reach[:, 0] + slip[:, 0]) / RATE
+    pressure = behaviour.normal_stiffness * np.maximum(0.0, -gap)
+    normal = float(np.abs(-traction[:, 0] - pressure).max()) / max(1.0, behaviour.normal_stiffness)
+    closed = pressure > 0  # friction: the points in touch, seen as contact with no room left
+    room = np.where(closed, -slip[:, 0], 1.0 - slip[:, 0])
+    seen = traction * np.where(closed, 1.0, 0.0)[:, None]
+    return max(normal, contact_residual(behaviour, slip, seen, np.maximum(room, -slip[:, 0])))
+
+
+def joint_residual(behaviour: Behaviour, slip: Array, traction: Array, _: Array) -> float:
+    """F = c d."""
+    viscosity = np.array([behaviour.normal_viscosity, *[behaviour.tangential_viscosity] * 2])[: slip.shape[1]]
+    return float(np.abs(traction - viscosity * slip).max() / max(1.0, viscosity.max()))
+
+
+def _sets(*values: dict[str, float]) -> tuple[Mapping[str, float], ...]:
+    return tuple(MappingProxyType(v) for v in values)
+
+
 PARAMETERS: Mapping[str, tuple[Mapping[str, float], ...]] = MappingProxyType(
     {
         "perfect": (MappingProxyType({}),),
         "no_slip": (MappingProxyType({}),),
+        "elastic_layer": _sets(
+            {"normal_stiffness": 2.0, "tangential_stiffness": 0.7},
+            {"normal_stiffness": 1e6, "tangential_stiffness": 1e-6},
+            {"normal_stiffness": 3.0, "tangential_stiffness": 0.0},
+            {"normal_stiffness": 0.0, "tangential_stiffness": 5.0},
+        ),
+        "soft_contact": _sets(
+            {"normal_stiffness": 2.0, "friction_coefficient": 0.0},
+            {"normal_stiffness": 0.5, "friction_coefficient": 0.3},
+            {"normal_stiffness": 1e6, "friction_coefficient": 10.0},
+        ),
+        "viscous_joint": _sets(
+            {"normal_viscosity": 2.0, "tangential_viscosity": 0.7},
+            {"normal_viscosity": 1e6, "tangential_viscosity": 1e-6},
+            {"normal_viscosity": 1.0, "tangential_viscosity": 0.0},
+        ),
         "contact": tuple(
             MappingProxyType({"friction_coefficient": mu}) for mu in (0.0, 1e-6, 0.2, 1.0, 10.0, 1e6)
         ),
     }
 )
 RELATIONS: Mapping[str, Residual] = MappingProxyType(
-    {"perfect": perfect_residual, "contact": contact_residual, "no_slip": no_slip_residual}
+    {
+        "perfect": perfect_residual,
+        "contact": contact_residual,
+        "no_slip": no_slip_residual,
+        "elastic_layer": layer_residual,
+        "soft_contact": soft_residual,
+        "viscous_joint": joint_residual,
+    }
 )
 CASES = [(name, parameters) for name in BEHAVIOURS for parameters in PARAMETERS.get(name, ())]
 
@@ -70,7 +121,8 @@ CASES = [(name, parameters) for name in BEHAVIOURS for parameters in PARAMETERS.
 class Points:
     """Linear-stage fields of both sides at random points, of order 1.
 
-    w, f, k : (2, n_point, n_component) velocity, traction and search direction of E and E'. reach : (n_point,).
+    w, f, k : (2, n_point, n_component) velocity, traction and search direction of E and E'.
+    reach : (n_point,), or (n_point, n_component) for elastic behaviours.
     """
 
     w: Array
@@ -95,8 +147,10 @@ class Points:
         return self.free[1] - self.free[0]
 
 
-def random_points(n_component: int, seed: int = SEED, ground: bool = False) -> Points:
-    """Random fields; one tangential k per point; half of the points closed; ``ground``: rigid side E'."""
+def random_points(behaviour: Behaviour | int, seed: int = SEED, ground: bool = False) -> Points:
+    """Random fields for a behaviour (or for contact with so many components); one tangential k per point; half of the
+    points closed; ``ground``: rigid side E'."""
+    n_component = behaviour if isinstance(behaviour, int) else behaviour.n_component
     rng = np.random.default_rng(seed)
     shape = (2, N_POINT, n_component)
     k = np.exp(rng.uniform(-2.0, 2.0, shape))
@@ -104,6 +158,8 @@ def random_points(n_component: int, seed: int = SEED, ground: bool = False) -> P
     if ground:
         k[1] = np.inf
     reach = np.where(rng.random(N_POINT) < 0.5, 0.0, rng.exponential(1.0, N_POINT))
+    if not isinstance(behaviour, int) and behaviour.elastic:
+        reach = rng.normal(size=shape[1:])
     return Points(rng.normal(size=shape), rng.normal(size=shape), k, reach)
 
 
@@ -126,9 +182,26 @@ def solve(behaviour: Behaviour) -> Callable[[Points], Array]:
 
     def local(points: Points) -> Array:
         parameters = behaviour.point_parameters(len(points.reach))
-        return behaviour.local(points.jump, points.z, points.reach, 1.0, parameters)
+        return behaviour.local(points.jump, points.z, points.reach, RATE, parameters)
 
     return local
+
+
+@pytest.fixture
+def scaled(behaviour: Behaviour) -> Callable[[float], Callable[[Points], Array]]:
+    """F_hat with stiffness and viscosity multiplied by a number."""
+    factors = {f.name for f in fields(behaviour) if f.name != "friction_coefficient"}
+
+    def times(c: float) -> Callable[[Points], Array]:
+        other = replace(behaviour, **{name: c * getattr(behaviour, name) for name in factors})
+
+        def local(points: Points) -> Array:
+            parameters = other.point_parameters(len(points.reach))
+            return other.local(points.jump, points.z, points.reach, RATE, parameters)
+
+        return local
+
+    return times
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ from ...errors import SolverError
 from .kernels import routines
 from .numeric import OUTSIDE_PATTERN, factorise
 from .sweeps import backward_many, backward_one, forward_many, forward_one
-from .symbolic import Array, Index, Symbolic, analyse
+from .symbolic import Array, Index, Pattern, Symbolic, shared_analysis
 
 # Panels beyond this many bytes do not stay in the cache from one sweep to the next (see ``sweeps``).
 _CACHE = 16_000_000
@@ -51,7 +51,7 @@ class CholeskyFactor:
         dtype: Any = np.float64,
         symbolic: Symbolic | None = None,
     ) -> None:
-        self.symbolic = shape = analyse(matrix, last, rank) if symbolic is None else symbolic
+        self.symbolic = shape = shared_analysis(Pattern(matrix, last, rank)) if symbolic is None else symbolic
         self.dtype: np.dtype[Any] = np.dtype(dtype)
         if self.dtype not in (np.float64, np.float32):
             raise ValueError(f"dtype of the factor: {self.dtype}; allowed: float64, float32")

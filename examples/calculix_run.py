@@ -1,0 +1,130 @@
+"""Run CalculiX on a deck and read what it prints: displacements and total contact forces."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+MISSING = (
+    "CalculiX (ccx) is not installed: Debian and Ubuntu have it as calculix-ccx; nothing is compared with it"
+)
+_TIME = re.compile(r"time\s+([-+.\dEe]+)\s*$")
+_PAIR = re.compile(r"slave set (\w+), master set (\w+) and time")
+
+
+@dataclass(frozen=True)
+class Printed:
+    """What a run left in its .dat file.
+
+    Attributes
+    ----------
+    time : instants printed, s. displacement : (n_time, n_node, 3) by number of the node from 1, m, or None.
+    force : total force on the slave surface (n_time, 3), N, by (slave, master).
+    """
+
+    time: Array
+    displacement: Array | None
+    force: dict[tuple[str, str], Array]
+
+
+@dataclass(frozen=True)
+class Finished:
+    """A run of ccx: CPU seconds, increments and iterations, and what it printed; ``complete``: reached the end."""
+
+    seconds: float
+    increments: int
+    iterations: int
+    complete: bool
+    printed: Printed
+
+
+def installed() -> bool:
+    """Whether there is a ccx to run."""
+    return shutil.which("ccx") is not None
+
+
+def run(deck: str, end: float, limit: float = 600.0) -> Finished:
+    """Run ccx on one thread, at most ``limit`` seconds of wall clock; ``end`` is the last instant, s."""
+    with TemporaryDirectory() as folder:
+        place = Path(folder)
+        (place / "deck.inp").write_text(deck)
+        one = {
+            **os.environ,
+            "OMP_NUM_THREADS": "1",
+            "CCX_NPROC_RESULTS": "1",
+            "CCX_NPROC_EQUATION_SOLVER": "1",
+        }
+        before = os.times()
+        with (place / "log").open("w") as log, suppress(subprocess.TimeoutExpired):
+            subprocess.run(["ccx", "-i", "deck"], cwd=place, env=one, stdout=log, stderr=log, timeout=limit)
+        after = os.times()
+        seconds = after.children_user + after.children_system - before.children_user - before.children_system
+        data = place / "deck.dat"
+        printed = read(data.read_text()) if data.exists() else Printed(np.zeros(0), None, {})
+        counts = _steps(place / "deck.sta")
+    complete = bool(len(printed.time)) and printed.time[-1] >= end * (1.0 - 1e-6)
+    return Finished(seconds, len(counts), sum(counts), complete, printed)
+
+
+def _steps(path: Path) -> list[int]:
+    """Iterations of every increment that was accepted."""
+    if not path.exists():
+        return []
+    rows = [line.split() for line in path.read_text().splitlines()]
+    return [int(r[3]) for r in rows if len(r) == 7 and r[0].isdigit()]
+
+
+def read(text: str) -> Printed:
+    """Contents of a .dat file."""
+    moved: dict[float, Array] = {}
+    forces: dict[tuple[str, str], dict[float, Array]] = {}
+    for title, body in _blocks(text):
+        found = _TIME.search(title)
+        if found is None:
+            continue
+        time = float(found.group(1))
+        pair = _PAIR.search(title)
+        if title.lstrip().startswith("displacements"):
+            rows = np.array([[float(x) for x in line.split()] for line in body])
+            field = np.zeros((int(rows[:, 0].max()), 3))
+            field[rows[:, 0].astype(int) - 1] = rows[:, 1:]
+            moved[time] = field
+        elif pair is not None:
+            numbers = next(line for line in body if not line.lstrip().startswith("total"))
+            forces.setdefault((pair[1], pair[2]), {})[time] = np.array(
+                [float(x) for x in numbers.split()[:3]]
+            )
+    times = sorted(moved or next(iter(forces.values()), {}))
+    return Printed(
+        np.array(times),
+        np.stack([moved[t] for t in times]) if moved else None,
+        {pair: np.stack([found[t] for t in times]) for pair, found in forces.items()},
+    )
+
+
+def _blocks(text: str) -> Iterator[tuple[str, list[str]]]:
+    """Title and lines of every block; the title is the line with the time."""
+    title, body = "", []
+    for line in text.splitlines():
+        if not line.strip():
+            continue
+        if _TIME.search(line):
+            if title:
+                yield title, body
+            title, body = line, []
+        else:
+            body.append(line)
+    if title:
+        yield title, body

@@ -1,0 +1,79 @@
+"""Elastic layer: a thin bonded joint whose traction follows the jump of displacement.
+
+    F_hat.N = k_n [u].N,   F_hat_t = k_t [u]_t,   [u] = u' - u, on side E (a layer that is pulled open pulls E along N)
+
+With the jump of the new instant [u] = (reach + d) / rate and the opening velocity d = (s' - s) - z F_hat,
+
+    F_hat = k (s' - s + reach) / (rate + k z)
+
+for each direction: the layer adds the compliance rate / k to those of the sides, and for k -> infinity it is the
+perfect connection. Massless, without thickness; a preload enters as an initial jump -p / k_n.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from ..compiled import compiled
+from .behaviour import STICK, Array, Status
+
+
+@dataclass(frozen=True)
+class ElasticLayer:
+    """Bonded elastic layer; stiffness per area in N m-3 (E / thickness, G / thickness of an adhesive)."""
+
+    normal_stiffness: float = 0.0
+    tangential_stiffness: float = 0.0
+    name: ClassVar[str] = "elastic_layer"
+    opens: ClassVar[bool] = False
+    compliant: ClassVar[bool] = True
+    elastic: ClassVar[bool] = True
+
+    @property
+    def n_component(self) -> int:
+        """A layer that shears freely has no tangential unknowns."""
+        return 3 if self.tangential_stiffness > 0 else 1
+
+    def point_parameters(self, n_point: int) -> Array:
+        """Columns: normal and tangential stiffness."""
+        return np.tile([self.normal_stiffness, self.tangential_stiffness], (n_point, 1))
+
+    @staticmethod
+    def local(jump: Array, z: Array, reach: Array, rate: float, parameters: Array) -> Array:
+        """Explicit solution per point (module docstring); compiled when numba is there."""
+        return _kernel(jump, z, reach, rate, parameters)
+
+    @staticmethod
+    def status(traction: Array, parameters: Array) -> Status:
+        """Always stuck."""
+        return np.full(traction.shape[:-1], STICK, dtype=np.int8)
+
+    @staticmethod
+    def stored_energy(traction: Array, parameters: Array) -> Array:
+        """F.[u] / 2 per area, J m-2."""
+        stiffness = parameters[:, [0, *[1] * (traction.shape[-1] - 1)]]
+        flexibility = np.divide(1.0, stiffness, out=np.zeros_like(stiffness), where=stiffness > 0)
+        energy: Array = 0.5 * (flexibility * traction**2).sum(axis=-1)
+        return energy
+
+
+def layer_numpy(jump: Array, z: Array, reach: Array, rate: float, parameters: Array) -> Array:
+    """NumPy twin of the compiled kernel, same arguments as ``ElasticLayer.local``."""
+    columns = [0, *[1] * (jump.shape[1] - 1)]
+    stiffness, both = parameters[:, columns], z[:, columns]
+    traction: Array = stiffness * (jump + reach) / (rate + stiffness * both)
+    return traction
+
+
+@compiled(layer_numpy)
+def _kernel(jump: Array, z: Array, reach: Array, rate: float, parameters: Array) -> Array:
+    traction = np.empty_like(jump)
+    for p in range(jump.shape[0]):
+        for c in range(jump.shape[1]):
+            kind = min(c, 1)
+            stiffness = parameters[p, kind]
+            traction[p, c] = stiffness * (jump[p, c] + reach[p, c]) / (rate + stiffness * z[p, kind])
+    return traction

@@ -1,0 +1,47 @@
+"""Propagators by name: a new one is one file and one line here."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
+
+from ..time_scheme import TimeScheme
+from .direct import DirectPropagator
+from .explicit import ExplicitPropagator
+from .model import SubstructureModel
+from .protocol import Propagator
+from .settings import PropagatorSettings
+
+Maker = Callable[[Sequence[SubstructureModel], TimeScheme, float, bool, PropagatorSettings], Propagator]
+
+
+def _direct(
+    members: Sequence[SubstructureModel], scheme: TimeScheme, dt: float, energy: bool, _: PropagatorSettings
+) -> Propagator:  # fmt: skip
+    return DirectPropagator(members, scheme, dt, energy)
+
+
+def _explicit(
+    members: Sequence[SubstructureModel], scheme: TimeScheme, dt: float, energy: bool, _: PropagatorSettings
+) -> Propagator:  # fmt: skip
+    return ExplicitPropagator(members, scheme, dt, energy)
+
+
+PROPAGATORS: Mapping[str, Maker] = MappingProxyType({"direct": _direct, "explicit": _explicit})
+
+
+def make_propagator(
+    members: Sequence[SubstructureModel], scheme: TimeScheme, dt: float, energy: bool, settings: PropagatorSettings
+) -> Propagator:  # fmt: skip
+    """Propagator of a class of identical substructures.
+
+    Parameters
+    ----------
+    members : models with equal matrices and traces. scheme, dt : time scheme and step, s. energy : whether to account
+        for energies. settings : which propagator, and how.
+
+    Raises
+    ------
+    KeyError : unknown name (the scene reader checks names first).
+    """
+    return PROPAGATORS[settings.kind](members, scheme, dt, energy, settings)

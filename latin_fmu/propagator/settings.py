@@ -1,0 +1,20 @@
+"""What a scene asks of its propagators."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+Kind = Literal["direct", "explicit"]
+
+
+@dataclass(frozen=True)
+class PropagatorSettings:
+    """Settings of the propagators of a run.
+
+    Attributes
+    ----------
+    kind : registry key.
+    """
+
+    kind: Kind = "direct"

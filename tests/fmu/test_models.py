@@ -1,0 +1,128 @@
+"""Every shipped model as an FMU: validators find nothing, and its cross-check files are what a host gets."""
+
+from __future__ import annotations
+
+import csv
+import io
+import shutil
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import latin_fmu
+from fmu_build.build import build_fmu
+from fmu_build.cross_check import FOLDER, cross_check_files, with_inputs
+from fmu_build.drive import Drive
+from fmu_build.validate import fmutool_report, validate
+from latin_fmu.errors import InputError
+
+MODELS = Path(__file__).parents[2] / "models"
+SCENES = sorted(MODELS.glob("*/*.toml"))
+
+
+def names(path: Path) -> str:
+    return f"{path.parent.name}/{path.stem}"
+
+
+def pair(path: Path, fmi: str):
+    """A test of a model and a version of the FMI; the quick tests leave out what takes seconds more."""
+    quick = {
+        "2": [p for p in SCENES if p.stem in ("n16", "scene")],
+        "3": [
+            p
+            for p in SCENES
+            if p.parent.name in ("impact_bar", "shear_interface") or p.stem in ("n02", "ground")
+        ],
+    }
+    marks = [] if path in quick[fmi] else [pytest.mark.slow]
+    return pytest.param(path, fmi, id=f"{names(path)}-{fmi}", marks=marks)
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory):
+    """FMU of a model as it is, built once."""
+    folder = tmp_path_factory.mktemp("models")
+
+    def build(path: Path, fmi: str) -> Path:
+        target = folder / f"{path.parent.name}_{path.stem}_{fmi}.fmu"
+        return target if target.exists() else build_fmu(latin_fmu.load_scene(path), target, fmi)
+
+    return build
+
+
+@pytest.mark.parametrize("path", SCENES, ids=names)
+def test_valid(path, fmi, plain):
+    """fmpy and the schemas of the standard."""
+    assert validate(plain(path, fmi)) == []
+
+
+def columns(content: bytes) -> dict[str, list[float]]:
+    rows = list(csv.reader(io.StringIO(content.decode())))
+    return {name: [float(row[i]) for row in rows[1:]] for i, name in enumerate(rows[0])}
+
+
+@pytest.fixture(scope="module")
+def prepared():
+    """Scene with every load an input, and its cross-check files, by model; solved once."""
+    made: dict[Path, tuple[latin_fmu.Scene, dict[str, bytes]]] = {}
+
+    def prepare(path: Path) -> tuple[latin_fmu.Scene, dict[str, bytes]]:
+        if path not in made:
+            inputs = with_inputs(latin_fmu.load_scene(path), ["all"])
+            made[path] = inputs.scene, cross_check_files(inputs)
+        return made[path]
+
+    return prepare
+
+
+@pytest.mark.parametrize(("path", "fmi"), [pair(path, fmi) for path in SCENES for fmi in ("2", "3")])
+def test_equal_to_the_reference(path, fmi, prepared, tmp_path):
+    """The reference comes from a session; the FMU, driven with X_in.csv over X_ref.opt, gives it to the last digit."""
+    scene, files = prepared(path)
+    assert sorted(name.rpartition("_")[2] for name in files) == (["in.csv"] if scene.load else []) + [
+        "ref.csv",
+        "ref.opt",
+    ]
+    extra = {f"{FOLDER}/{name}": content for name, content in files.items()}
+    fmu = build_fmu(scene, tmp_path / "model.fmu", fmi, extra)
+    reference = columns(files[f"{scene.name}_ref.csv"])
+    given = columns(files[f"{scene.name}_in.csv"]) if scene.load else None
+    options = dict(line.split(", ") for line in files[f"{scene.name}_ref.opt"].decode().splitlines())
+    with closing(Drive(fmu, None, given)) as drive:
+        rows = list(drive.run(float(options["StepSize"]), float(options["StopTime"])))
+        found = {name: [row[i] for row in rows] for i, name in enumerate(["time", *drive.outputs])}
+    assert drive.complaint == ""
+    assert {name.split(".")[0] for name in set(found) - set(reference)} <= {"solver", "window"}
+    for name, column in reference.items():
+        assert found[name] == column, name
+
+
+@pytest.mark.parametrize("path", SCENES, ids=names)
+def test_fmutool_finds_nothing(path, fmi, plain):
+    if shutil.which("fmutool") is None:
+        pytest.skip("no fmutool on the path: pip install fmu-manipulation-toolbox")
+    said = fmutool_report(plain(path, fmi))
+    assert said is not None
+    assert "seems to be compliant" in said
+    assert "No semantic error" in said
+    assert "ERROR" not in said
+
+
+def test_the_reference_follows_the_law_of_the_scene(prepared):
+    """Driven by the samples of its own load at 51 points, the crushing gives the impulse of the plain run."""
+    path = MODELS / "two_specimen_crushing" / "scene.toml"
+    _, files = prepared(path)
+    reference = columns(files["two_specimen_crushing_ref.csv"])
+    history = latin_fmu.solve(latin_fmu.load_scene(path)).interfaces["crush"]
+    impulse = history.impulse(np.linspace(0.0, reference["time"][-1], len(history.force())))[-1, 2]
+    assert reference["interface.crush.impulse[3]"][-1] == pytest.approx(impulse, rel=2e-3)
+
+
+def test_inputs_by_name():
+    scene = latin_fmu.load_scene(MODELS / "two_specimen_crushing" / "scene.toml")
+    assert with_inputs(scene, []).scene == scene
+    assert with_inputs(scene, ["press"]).scene.load["press"].law.type == "input"
+    with pytest.raises(InputError, match="no such load"):
+        with_inputs(scene, ["pres"])

@@ -1,0 +1,82 @@
+"""Elastic layers, soft contact and viscous joints: compiled kernels, limits, parameters."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from latin_fmu.interface import Behaviour, make_behaviour
+from latin_fmu.interface.elastic_layer import layer_numpy
+from latin_fmu.interface.soft_contact import soft_numpy
+from latin_fmu.interface.viscous_joint import joint_numpy
+
+LAYER = {"normal_stiffness": 2.0, "tangential_stiffness": 0.7}
+SOFT = {"normal_stiffness": 0.5, "friction_coefficient": 0.3}
+JOINT = {"normal_viscosity": 2.0, "tangential_viscosity": 0.7}
+
+
+def solved(behaviour: Behaviour, p: Any, rate: float = 0.8) -> np.ndarray:
+    return behaviour.local(p.jump, p.z, p.reach, rate, behaviour.point_parameters(len(p.reach)))
+
+
+def test_numpy_twins_equal_the_kernels(points: Any) -> None:
+    for name, parameters in (("elastic_layer", LAYER), ("soft_contact", SOFT), ("viscous_joint", JOINT)):
+        behaviour = make_behaviour(name, parameters)
+        p = points(behaviour)
+        row = behaviour.point_parameters(len(p.reach))
+        twin = (
+            joint_numpy(p.jump, p.z, row)
+            if name == "viscous_joint"
+            else {"elastic_layer": layer_numpy, "soft_contact": soft_numpy}[name](
+                p.jump, p.z, p.reach, 0.8, row
+            )
+        )
+        np.testing.assert_allclose(solved(behaviour, p), twin, rtol=1e-13, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("name", "keys"),
+    [("elastic_layer", list(LAYER)), ("viscous_joint", list(JOINT))],
+)
+def test_a_stiff_joint_is_a_perfect_connection(points: Any, name: str, keys: list[str]) -> None:
+    stiff = make_behaviour(name, dict.fromkeys(keys, 1e14))
+    p = points(stiff)
+    if stiff.elastic:
+        p.reach[:] = 0.0
+    perfect = make_behaviour("perfect", {})
+    np.testing.assert_allclose(solved(stiff, p), solved(perfect, p), rtol=1e-10)
+
+
+def test_a_stiff_soft_contact_is_contact(points: Any) -> None:
+    stiff = make_behaviour("soft_contact", {"normal_stiffness": 1e14, "friction_coefficient": 0.4})
+    hard = make_behaviour("contact", {"friction_coefficient": 0.4})
+    p = points(stiff)
+    p.reach[:, 0] = np.abs(p.reach[:, 0])  # contact knows no compression at the start
+    row = hard.point_parameters(len(p.reach))
+    expected = hard.local(p.jump, p.z, np.ascontiguousarray(p.reach[:, 0]), 0.8, row)
+    np.testing.assert_allclose(solved(stiff, p), expected, rtol=1e-9, atol=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("name", "parameters"),
+    [
+        ("elastic_layer", {"normal_stiffness": 2.0, "tangential_stiffness": 0.0}),
+        ("soft_contact", {"normal_stiffness": 2.0}),
+        ("viscous_joint", {"normal_viscosity": 2.0, "tangential_viscosity": 0.0}),
+    ],
+)
+def test_what_slides_freely_has_no_tangential_unknowns(name: str, parameters: dict[str, float]) -> None:
+    assert make_behaviour(name, parameters).n_component == 1
+
+
+def test_stored_energy_is_that_of_the_springs() -> None:
+    layer = make_behaviour("elastic_layer", LAYER)
+    u = np.array([[0.1, -0.2, 0.3]])
+    k = np.array([2.0, 0.7, 0.7])
+    assert layer.stored_energy(k * u, layer.point_parameters(1))[0] == pytest.approx(0.5 * (k * u**2).sum())
+    soft = make_behaviour("soft_contact", SOFT)
+    assert soft.stored_energy(np.array([[-0.5 * 0.2, 9.0, 9.0]]), soft.point_parameters(1))[
+        0
+    ] == pytest.approx(0.5 * 0.5 * 0.2**2)

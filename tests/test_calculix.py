@@ -1,0 +1,162 @@
+"""Decks for CalculiX: what they hold, what is read back, and the same displacements where ccx is installed."""
+
+from __future__ import annotations
+
+import copy
+import importlib
+import re
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+
+import latin_fmu
+from latin_fmu.scene.build import Prepared, build, prepare
+from latin_fmu.scene.merge import bonded
+
+EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
+
+
+@pytest.fixture
+def modules(monkeypatch: pytest.MonkeyPatch) -> dict[str, ModuleType]:
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+    names = ("benchmark_problems", "calculix_cards", "calculix_deck", "calculix_run")
+    return {name: importlib.import_module(name) for name in names}
+
+
+def _crushing(modules: dict[str, ModuleType], n: int, mu: float = 0.3, **time: Any) -> Prepared:
+    scene = copy.deepcopy(modules["benchmark_problems"].crushing(n, mu).description)
+    scene["time"] |= time
+    return prepare(latin_fmu.scene_from_dict(scene))
+
+
+def _deck(modules: dict[str, ModuleType], ready: Prepared, **choices: Any) -> str:
+    deck = modules["calculix_deck"]
+    return deck.Deck(ready, deck.Choices(**choices)).text()
+
+
+def _cards(text: str) -> dict[str, list[str]]:
+    """Lines below every card."""
+    cards: dict[str, list[str]] = {}
+    for line in text.splitlines():
+        if line.startswith("*"):
+            below = cards.setdefault(line, [])
+        else:
+            below.append(line)
+    return cards
+
+
+def test_deck_holds_the_scene(modules: dict[str, ModuleType]) -> None:
+    cards = _cards(_deck(modules, _crushing(modules, 2)))
+    assert len(cards["*NODE, NSET=NALL"]) == 2 * 27
+    assert len(cards["*ELEMENT, TYPE=C3D8, ELSET=B1"]) == len(cards["*ELEMENT, TYPE=C3D8, ELSET=B2"]) == 8
+    # a block is made of elements 1 to 8, then 9 to 16; the upper four of each touch its upper face, number 2
+    assert cards["*SURFACE, NAME=B1_ZMAX, TYPE=ELEMENT"] == [f"{e}, S2" for e in (5, 6, 7, 8)]
+    assert cards["*SURFACE, NAME=B2_ZMIN, TYPE=ELEMENT"] == [f"{e}, S1" for e in (9, 10, 11, 12)]
+    assert cards["*DLOAD, AMPLITUDE=A_PRESS"] == [f"{e}, P2, 2.000000000e+08" for e in (13, 14, 15, 16)]
+    assert cards["*CONTACT PAIR, INTERACTION=I1, TYPE=SURFACE TO SURFACE"] == ["B2_ZMIN, B1_ZMAX"]
+    # penalty 10 E/h of the softer side, h = 5 mm; a tenth of it before slip
+    assert [float(x) for x in cards["*FRICTION"][0].split(",")] == pytest.approx([0.3, 70e9 / 0.005])
+    assert cards["*BOUNDARY"] == ["N_B1_ZMIN, 3, 3"] + [
+        f"N_B{b}_{a}MIN, {k}, {k}" for b in (1, 2) for k, a in ((1, "X"), (2, "Y"))
+    ]
+    assert cards["*DYNAMIC, ALPHA=-0.1"][0].split(", ")[:2] == ["1.500000000e-07", "3.000000000e-05"]
+    law = np.array([float(x) for line in cards["*AMPLITUDE, NAME=A_PRESS"] for x in line.split(",")]).reshape(
+        -1, 2
+    )
+    assert len(law) == 201
+    assert law[:67, 1] == pytest.approx(np.sin(np.pi * law[:67, 0] / 10e-6), abs=1e-8)
+    assert (law[67:, 1] == 0.0).all()
+
+
+def test_no_friction_card_without_friction(modules: dict[str, ModuleType]) -> None:
+    assert "*FRICTION" not in _deck(modules, _crushing(modules, 1, 0.0))
+
+
+def test_faces_have_the_area_of_the_block(modules: dict[str, ModuleType]) -> None:
+    cards, ready = modules["calculix_cards"], _crushing(modules, 3)
+    mesh = ready.bodies["b2"].mesh
+    for axis, pair in enumerate((("xmin", "xmax"), ("ymin", "ymax"), ("zmin", "zmax"))):
+        for side in pair:
+            corners = [
+                mesh.nodes[[mesh.cells[e][k] for k in cards.FACES[n - 1]]]
+                for e, n in cards.facets(mesh, side)
+            ]
+            area = sum(np.linalg.norm(np.cross(c[2] - c[0], c[3] - c[1])) / 2 for c in corners)
+            assert area == pytest.approx(1e-4)
+            assert np.ptp(np.concatenate(corners)[:, axis]) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_bonded_deck_shares_the_nodes_of_the_interface(modules: dict[str, ModuleType]) -> None:
+    text = _deck(modules, _crushing(modules, 2), bonded=True, fixed=True)
+    assert len(_cards(text)["*NODE, NSET=NALL"]) == 27 + 18
+    assert "CONTACT" not in text
+    assert "*DYNAMIC, ALPHA=-0.1, DIRECT" in text
+
+
+def test_static_deck(modules: dict[str, ModuleType]) -> None:
+    case = modules["benchmark_problems"].plates(3, (2, 2, 1))
+    cards = _cards(_deck(modules, prepare(latin_fmu.scene_from_dict(case.description)), procedure="static"))
+    assert cards["*STATIC"][0].split(", ")[:2] == ["5.000000000e-02", "1.000000000e+00"]
+    assert cards["*BOUNDARY"] == [f"N_B1_ZMIN, {k}, {k}" for k in (1, 2, 3)]
+    shear = [line.split(", ") for line in cards["*CLOAD, AMPLITUDE=A_SHEAR"]]
+    assert {row[1] for row in shear} == {"1"}
+    assert sum(float(row[2]) for row in shear) == pytest.approx(5e6 * 0.04**2)
+
+
+def test_unknown_condition_is_refused(modules: dict[str, ModuleType]) -> None:
+    scene = copy.deepcopy(modules["benchmark_problems"].crushing(1, 0.0).description)
+    scene["boundary"]["base"] = {"type": "absorbing", "face": "b1.zmin"}
+    with pytest.raises(ValueError, match="absorbing"):
+        _deck(modules, prepare(latin_fmu.scene_from_dict(scene)))
+
+
+PRINTED = """
+ displacements (vx,vy,vz) for set NALL and time  0.1500000E-06
+
+         1  1.000000E+00  0.000000E+00 -2.500000E-03
+         3  0.000000E+00  3.000000E+00  0.000000E+00
+
+ statistics for slave set B2_ZMIN, master set B1_ZMAX and time  0.1500000E-06
+
+   total surface force (fx,fy,fz) and moment about the origin (mx,my,mz)
+
+    1.000000E+00  0.000000E+00  7.500000E+01  0.000000E+00  0.000000E+00  0.000000E+00
+
+   center of gravity and mean normal
+
+             NaN           NaN           NaN           NaN           NaN           NaN
+"""
+
+
+def test_printed_numbers_are_read(modules: dict[str, ModuleType]) -> None:
+    found = modules["calculix_run"].read(PRINTED + re.sub("0.15", "0.30", PRINTED).replace("7.5", "8.5"))
+    assert found.time == pytest.approx([1.5e-7, 3.0e-7])
+    assert found.displacement.shape == (2, 3, 3)
+    assert found.displacement[1, 2].tolist() == [0.0, 3.0, 0.0]
+    assert found.force["B2_ZMIN", "B1_ZMAX"].tolist() == [[1.0, 0.0, 75.0], [1.0, 0.0, 85.0]]
+
+
+def test_bonded_march_is_that_of_calculix(modules: dict[str, ModuleType]) -> None:
+    """Mesh, matrices, loads, conditions and time scheme against another code, to the digits it prints."""
+    deck, run = modules["calculix_deck"], modules["calculix_run"]
+    if not run.installed():
+        pytest.skip(run.MISSING)
+    ready = _crushing(modules, 2, end=40 * 0.15e-6, instants=40)
+    made = deck.Deck(ready, deck.Choices(bonded=True, fixed=True, displacements=True))
+    there = run.run(made.text(), float(ready.time[-1]), limit=60.0)
+    assert there.complete
+    built = build(ready.scene)
+    body, where = bonded(built.assembly, built.info, built.timeline)
+    nothing = np.zeros((0, 1))
+    body.start(nothing, None)
+    scale = float(np.abs(there.printed.displacement).max())
+    for found in there.printed.displacement:
+        body.predict()
+        body.commit(nothing)
+        moved = body.full_displacement(0)
+        for name, dofs in where.items():
+            here = moved[dofs.start // 3 : dofs.stop // 3]
+            assert np.abs(found[made.node[name] - 1] - here).max() < 1e-6 * scale
