@@ -56,7 +56,7 @@ def test_a_plain_scene_has_four_effects_and_every_effect_is_told() -> None:
     assert {e.name for e in explanation.effects} == NAMES
     assert len(EFFECTS) == len(NAMES)
     for effect in explanation.effects:
-        assert effect.reason and effect.switch and effect.why
+        assert all((effect.reason, effect.switch, effect.why))
         if not effect.on:
             assert (effect.unknowns, effect.kernels, effect.memory, effect.cost) == (0, (), 0, 0.0)
 
@@ -101,7 +101,11 @@ def test_behaviours_are_told_apart() -> None:
     scene = tables()
     scene["interface"]["meet"]["behaviour"] = "perfect"
     assert on(told(scene)) == BASE - {"unilateral contact"} | {"perfect bond"}
-    scene["interface"]["meet"] |= {"behaviour": "elastic_layer", "normal_stiffness": 1e12, "tangential_stiffness": 0.0}
+    scene["interface"]["meet"] |= {
+        "behaviour": "elastic_layer",
+        "normal_stiffness": 1e12,
+        "tangential_stiffness": 0.0,
+    }
     assert on(told(scene)) == BASE - {"unilateral contact"} | {"layers and joints"}
     del scene["interface"]
     assert on(told(scene)) == BASE - {"unilateral contact"}
@@ -196,7 +200,9 @@ def test_every_model_is_explained_for_a_reader(path: Path, capsys: pytest.Captur
 def test_json_keeps_its_keys(capsys: pytest.CaptureFixture[str]) -> None:
     path = MODELS / "two_specimen_crushing" / "scene.toml"
     assert main(["explain", str(path), "--json", "--set", "interface.crush.friction_coefficient=0"]) == 0
-    report = json.loads(capsys.readouterr().out, parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))
+    report = json.loads(
+        capsys.readouterr().out, parse_constant=lambda name: pytest.fail(f"{name} is not JSON")
+    )
     assert report["schema_version"] == "1.0"
     assert set(report) == {
         "schema_version", "scene", "effects", "choices", "prediction", "suggestions", "warnings",
