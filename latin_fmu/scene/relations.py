@@ -33,6 +33,7 @@ def relation_problems(raw: Any, base_dir: Path) -> list[Problem]:
         *_sensor_problems(raw),
         *_time_problems(single_table(raw, "time")),
         *propagator_problems(raw),
+        *_accuracy_problems(raw),
     ]
 
 
@@ -132,6 +133,16 @@ def _sensor_problems(raw: Any) -> Iterator[Problem]:
         body = table.get("substructure")
         if substructures and isinstance(body, str) and body not in substructures:
             yield unknown_name(f"sensor.{name}.substructure", "substructure", body, substructures)
+
+
+def _accuracy_problems(raw: Any) -> Iterator[Problem]:
+    """The owner of the quantity aimed at must exist."""
+    quantity = single_table(raw, "accuracy").get("quantity")
+    owner, _, key = quantity.rpartition(".") if isinstance(quantity, str) else ("", "", "")
+    kind = "sensor" if key == "displacement" else "interface"
+    owners = named_tables(raw, kind)
+    if owner and owner not in owners:
+        yield unknown_name("accuracy.quantity", kind, owner, owners)
 
 
 def _time_problems(time: RawTable) -> Iterator[Problem]:
