@@ -17,6 +17,7 @@ from .fields import GROUND
 from .interface_keys import key_problems
 from .propagator_relations import propagator_problems
 from .raw_scene import RawTable, given, named_tables, number, single_table, text_list
+from .static_relations import static_problems
 from .time_settings import MAX_INSTANTS
 from .wording import shown
 
@@ -34,6 +35,7 @@ def relation_problems(raw: Any, base_dir: Path) -> list[Problem]:
         *_time_problems(single_table(raw, "time")),
         *propagator_problems(raw),
         *_accuracy_problems(raw),
+        *static_problems(raw),
     ]
 
 
