@@ -33,22 +33,26 @@ class GlobalStage:
         self._start = assembly.snapshot()
         self._w_0: list[Array] | None = None
 
-    def __call__(self, q: Array) -> tuple[Array, Array]:
+    def __call__(self, q: Array) -> Array:
+        """W (n, n_flat) at the channels for q (n, n_flat)."""
+        return self.balanced(q)[1]
+
+    def balanced(self, q: Array) -> tuple[Array, Array]:
         """q as it acts (a coarse problem changes it) and W at the channels for q; all (n, n_flat)."""
         self.marched += self.n * self.assembly.n_substructure
         if self.n > 1:
             return q, self._march(q, None)
-        return (q, self._condensed(q)) if self._coarse is None else self._balanced(q, self._coarse)
+        w = self._condensed(q)
+        if self._coarse is None:
+            return q, w
+        q = q.copy()
+        self._coarse.balance(q[0], w[0])
+        return q, w
 
     def free(self) -> Array:
         """W_0 (n_flat,), the answer to q = 0 at the first instant."""
         w: Array = self._condensed(np.zeros((1, len(self.k))))[0]
         return w
-
-    def _balanced(self, q: Array, coarse: Coarse) -> tuple[Array, Array]:
-        q, w = q.copy(), self._condensed(q)
-        coarse.balance(q[0], w[0])
-        return q, w
 
     def _condensed(self, q: Array) -> Array:
         assembly = self.assembly

@@ -139,7 +139,7 @@ class WindowSolver:
     ) -> None:
         self._direction, self._settings, self._timings = direction, settings, timings
         self._observer, self._progress = observer, progress
-        self._static = direction.assembly.quasi_static
+        self._static = settings.quasi_static
 
     def solve(
         self,
@@ -222,7 +222,7 @@ class WindowSolver:
         """One global and one local stage from q, measured."""
         direction, timings, settings = self._direction, self._timings, self._settings
         clock = time.perf_counter()
-        q, w = stage(q)
+        q, w = stage.balanced(q)
         after_global = time.perf_counter()
         timings.global_stage += after_global - clock
         f, s = np.empty_like(q), np.empty_like(q)

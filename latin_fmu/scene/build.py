@@ -210,5 +210,6 @@ def settings_of(scene: Scene) -> Settings:
         anderson_depth=solver.acceleration.depth if isinstance(solver.acceleration, Anderson) else 0,
         relaxation=solver.relaxation,
         window=0 if solver.window == WHOLE else min(int(solver.window), scene.time.n_step),
+        quasi_static=scene.time.quasi_static,
         sequential_start=solver.window == WHOLE and solver.start == "sequential",
     )
