@@ -10,11 +10,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 Row = Mapping[str, Any]
-COLOURS = {"direct": BLUE, "direct_batched": GREEN, "explicit": ORANGE, "reduced": VERMILION}
+COLOURS = {
+    "direct": BLUE, "direct_batched": GREEN, "explicit": ORANGE, "explicit_batched": PURPLE, "reduced": VERMILION,
+}  # fmt: skip
 LABELS = {
     "direct": "every block its own factor",
     "direct_batched": "identical blocks share one",
     "explicit": "explicit",
+    "explicit_batched": "explicit, identical blocks together",
     "reduced": "reduced, set-up apart",
 }
 LINES = ("-", "--", ":")

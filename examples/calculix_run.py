@@ -21,6 +21,7 @@ MISSING = (
     "CalculiX (ccx) is not installed: Debian and Ubuntu have it as calculix-ccx; nothing is compared with it"
 )
 _TIME = re.compile(r"time\s+([-+.\dEe]+)\s*$")
+_LONG = re.compile(r"(\.\d+)([+-]\d{3})\b")  # an exponent of three digits pushes its E out
 _PAIR = re.compile(r"slave set (\w+), master set (\w+) and time")
 
 
@@ -97,7 +98,7 @@ def read(text: str) -> Printed:
         time = float(found.group(1))
         pair = _PAIR.search(title)
         if title.lstrip().startswith("displacements"):
-            rows = np.array([[float(x) for x in line.split()] for line in body])
+            rows = np.array([_numbers(line) for line in body])
             field = np.zeros((int(rows[:, 0].max()), 3))
             field[rows[:, 0].astype(int) - 1] = rows[:, 1:]
             moved[time] = field
@@ -112,6 +113,10 @@ def read(text: str) -> Printed:
         np.stack([moved[t] for t in times]) if moved else None,
         {pair: np.stack([found[t] for t in times]) for pair, found in forces.items()},
     )
+
+
+def _numbers(line: str) -> list[float]:
+    return [float(x) for x in _LONG.sub(r"\1E\2", line).split()]
 
 
 def _blocks(text: str) -> Iterator[tuple[str, list[str]]]:

@@ -11,8 +11,9 @@ floor, the linear transient of the bonded mesh, and prints the ratio of the CPU 
   error     relative L2 distance of the resultant force histories of all interfaces to a run of the same
             discretisation with both tolerances 1000 times tighter
   iterations  mean number of times that a substructure is marched over an instant
-  propagator  direct: every block has a factor of its own, identical or not;
-            direct_batched: identical blocks share a factor and are solved together
+  propagator  direct: every block has a factor of its own, identical or not; explicit: central differences, lumped
+            mass, with as many steps as the others, or the fewest that are stable; with _batched identical blocks
+            share a factor and are marched together
 
 Writes price_of_friction.png, or with --json one list of objects to standard output and no figure.
 """
@@ -28,12 +29,15 @@ from typing import Any
 
 from benchmark_figure import figure
 from benchmark_problems import Case, all_cases, quick_cases
-from benchmark_timing import Floor, contact_run, cpu, force_error, in_turn, prepared, rounds_for
+from benchmark_timing import Floor, contact_run, cpu, force_error, in_turn, prepared, rounds_for, stable
 from example_tools import save
 
+OWN = {"propagator": "direct", "share_identical": False}
 VARIANTS: dict[str, dict[str, Any]] = {
-    "direct": {"share_identical": False},
-    "direct_batched": {"share_identical": True},
+    "direct": OWN,
+    "direct_batched": {"propagator": "direct"},
+    "explicit": {"propagator": "explicit", "share_identical": False},
+    "explicit_batched": {"propagator": "explicit"},
 }
 TIGHT = {"tolerance": 1e-6, "force_tolerance": 1e-5}
 
@@ -55,14 +59,11 @@ class Row:
 
 def measure(case: Case, rounds: int | None = None) -> tuple[list[Row], dict[str, float]]:
     """Every variant of one case, and the CPU seconds of the floors."""
-    own = prepared(case, VARIANTS["direct"])
-    runs = {"direct": own}
-    for name, solver in VARIANTS.items():
-        ready = prepared(case, solver)
-        if name not in runs and len(ready.classes) < len(own.classes):
-            runs[name] = ready
+    own = prepared(case, OWN)
+    runs = {name: stable(case, solver) for name, solver in VARIANTS.items()}
+    runs = {n: r for n, r in runs.items() if "batched" not in n or len(r.classes) < len(own.classes)}
     outcomes = {name: contact_run(ready) for name, ready in runs.items()}
-    reference = contact_run(prepared(case, VARIANTS["direct"] | TIGHT))
+    reference = contact_run(prepared(case, OWN | TIGHT))
     marches = Floor(own).marches
     works: dict[str, Callable[[], object]] = dict(marches)
     first = [cpu(work) for work in works.values()]  # compiles what is not yet compiled

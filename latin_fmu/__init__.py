@@ -27,6 +27,7 @@ A run: ``solve(load_scene("scene.toml"))`` gives a ``Solution`` whose ``to_datat
 and netCDF.
 """
 
+from .accuracy.estimate import estimate_error
 from .api import check, solve
 from .errors import InputError, LatinError, MeshError, ResultsError, SceneError, SolverError
 from .observe import Iteration
@@ -48,6 +49,7 @@ __all__ = [
     "Solution",
     "SolverError",
     "check",
+    "estimate_error",
     "load_scene",
     "open_results",
     "scene_from_dict",

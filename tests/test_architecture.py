@@ -26,7 +26,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("scene", "results"),
     ("observe", "progress"),
     ("api",),
-    ("cosim", "accuracy", "stability"),
+    ("cosim", "accuracy", "stability", "effects"),
     ("commands",),
     ("cli",),
     ("__init__", "__main__"),

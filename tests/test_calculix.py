@@ -117,7 +117,7 @@ PRINTED = """
  displacements (vx,vy,vz) for set NALL and time  0.1500000E-06
 
          1  1.000000E+00  0.000000E+00 -2.500000E-03
-         3  0.000000E+00  3.000000E+00  0.000000E+00
+         3  0.000000E+00  3.000000E+00 -6.299236-122
 
  statistics for slave set B2_ZMIN, master set B1_ZMAX and time  0.1500000E-06
 
@@ -135,7 +135,7 @@ def test_printed_numbers_are_read(modules: dict[str, ModuleType]) -> None:
     found = modules["calculix_run"].read(PRINTED + re.sub("0.15", "0.30", PRINTED).replace("7.5", "8.5"))
     assert found.time == pytest.approx([1.5e-7, 3.0e-7])
     assert found.displacement.shape == (2, 3, 3)
-    assert found.displacement[1, 2].tolist() == [0.0, 3.0, 0.0]
+    assert found.displacement[1, 2].tolist() == [0.0, 3.0, -6.299236e-122]
     assert found.force["B2_ZMIN", "B1_ZMAX"].tolist() == [[1.0, 0.0, 75.0], [1.0, 0.0, 85.0]]
 
 
@@ -160,3 +160,56 @@ def test_bonded_march_is_that_of_calculix(modules: dict[str, ModuleType]) -> Non
         for name, dofs in where.items():
             here = moved[dofs.start // 3 : dofs.stop // 3]
             assert np.abs(found[made.node[name] - 1] - here).max() < 1e-6 * scale
+
+
+@pytest.mark.slow
+def test_contact_force_is_that_of_calculix(modules: dict[str, ModuleType]) -> None:
+    """Unilateral contact with friction against another code: crushing, coarse, within the penalty's penetration."""
+    answers = importlib.import_module("benchmark_answers")
+    if not modules["calculix_run"].installed():
+        pytest.skip(modules["calculix_run"].MISSING)
+    case = modules["benchmark_problems"].crushing(3, 0.3)
+    case.description["time"] = {"end": 120 * 0.15e-6, "instants": 120}
+    choices = modules["calculix_deck"].Choices(stiffness=50.0, alpha=-0.3)
+    there = answers.of_calculix(case, "contact", choices, 200.0)
+    here = answers.of_package(case, "here")
+    assert there.complete
+    assert here.distance(there) < 0.02
+    assert here.separation == pytest.approx(there.separation, abs=2 * 0.15e-6)
+
+
+def test_exact_contact_stress_of_the_bars(modules: dict[str, ModuleType]) -> None:
+    """Levels and instants in closed form: gap over 2 p/(rho c) after the front, whole transits after that."""
+    exact = importlib.import_module("benchmark_exact")
+    bar = modules["benchmark_problems"].BAR
+    transit = 0.1 * np.sqrt(bar["density"] / bar["young_modulus"])
+    first = transit + 1e-5 / (2 * 100e6 / np.sqrt(bar["density"] * bar["young_modulus"]))
+    assert first == pytest.approx(21.30e-6, abs=5e-9)
+    times = [first - 5e-8, first + 5e-8, 3 * transit - 5e-8, 3 * transit + 5e-8, first + 2 * transit + 1e-6]
+    assert exact.contact_stress(np.array(times)) == pytest.approx([0.0, 100e6, 100e6, 200e6, 200e6])
+
+
+def test_says_when_there_is_no_calculix(
+    modules: dict[str, ModuleType], monkeypatch: pytest.MonkeyPatch, tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    example = importlib.import_module("against_calculix")
+    monkeypatch.setattr(example, "installed", lambda: False)
+    assert example.main(["-o", str(tmp_path / "none")]) == 0
+    assert capsys.readouterr().out.strip() == modules["calculix_run"].MISSING
+    assert not (tmp_path / "none").exists()
+
+
+@pytest.mark.usefixtures("modules")
+def test_figure_has_a_column_for_each_case(tmp_path: Path) -> None:
+    answer = importlib.import_module("benchmark_answers").Answer
+    time = np.linspace(0.0, 1e-5, 20)
+    made = [
+        answer(name, 0.1 * (k + 1), time, np.sin(3e5 * time)) for k, name in enumerate(("own", "other, soft"))
+    ]
+    drawing = importlib.import_module("calculix_figure").figure(
+        {"P1": (made[0], made), "P2": (made[0], made)}
+    )
+    drawing.savefig(tmp_path / "figure.png")
+    assert len(drawing.axes) == 4
+    assert sum(len(axis.patches) for axis in drawing.axes) == 4

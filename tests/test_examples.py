@@ -31,7 +31,13 @@ def test_every_example_is_tested_here() -> None:
         for path in EXAMPLES.glob("*.py")
         if not path.stem.startswith(("fmu_", "benchmark_", "calculix_"))
     } - {"example_tools"}
-    assert names == {"waves_in_bars", "crushing_friction", "convergence_friction", "price_of_friction"}
+    assert names == {
+        "waves_in_bars",
+        "crushing_friction",
+        "convergence_friction",
+        "price_of_friction",
+        "against_calculix",
+    }
 
 
 @pytest.mark.parametrize("example", ["waves_in_bars"], indirect=True)

@@ -28,7 +28,7 @@ def _rows(
     for row in rows:
         assert tuple(row) == KEYS
         assert row["ratio"] == pytest.approx(row["seconds"] / row["floor_seconds"])
-        assert 0.0 < row["error"] < 0.02
+        assert 0.0 < row["error"] < (0.02 if "direct" in row["propagator"] else 0.3)
         assert 1.0 < row["iterations"] < 12.0
     return rows
 

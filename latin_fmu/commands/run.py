@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -49,6 +50,9 @@ def register(add: AddParser) -> None:
     parser.add_argument(
         "--vtk", metavar="FOLDER", type=Path, help="also write files for ParaView to this folder"
     )
+    parser.add_argument(
+        "--no-estimate", action="store_true", help="no estimate of the error (accuracy.estimate = false)"
+    )
     parser.set_defaults(command=_run)
 
 
@@ -61,7 +65,7 @@ def _run(arguments: argparse.Namespace) -> int:
     check_target(target)  # before the long part
     if arguments.vtk is not None:
         check_export_folder(arguments.vtk)
-    solution = _solve(scene, arguments.quiet)
+    solution = _estimated(scene, _solve(scene, arguments.quiet), arguments)
     written = []
     try:
         solution.save(target)
@@ -84,6 +88,15 @@ def _solve(scene: Scene, quiet: bool) -> Solution:
         return api.solve(scene, progress=progress)
     finally:
         progress.close()
+
+
+def _estimated(scene: Scene, solution: Solution, arguments: argparse.Namespace) -> Solution:
+    """The solution with its estimated error, where wanted and where there is a run to judge."""
+    if arguments.no_estimate or not scene.accuracy.estimate or not solution.converged:
+        return solution
+    from ..accuracy.estimate import estimate_error
+
+    return replace(solution, estimate=estimate_error(scene, solution))
 
 
 def _show(solution: Solution, arguments: argparse.Namespace, written: list[str]) -> None:

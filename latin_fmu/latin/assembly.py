@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..propagator import Propagator
-from ..time_scheme import TimeScheme
+from ..time_scheme import QuasiStatic, TimeScheme
 from .layout import Array, Index, InterfaceUnit, Layout
 
 
@@ -28,7 +28,8 @@ class Assembly:
     channels : for each propagator the flat indices (n_channel, n_member).
     interfaces, layout : see there.
     impedance : (n_flat,) material impedance of the side, rho c_p or rho c_s, Pa s m-1; 0 for ground;
-        of a rigid body the resistance of its face within one step.
+        of a rigid body the resistance of its face within one step; without inertia the stiffness per area of the
+        side, Pa m-1.
     characteristic_traction : size of the tractions the loads can bring, Pa (scale of negligible ones).
     scheme : time scheme.
     """
@@ -45,7 +46,7 @@ class Assembly:
     ) -> None:
         self.propagators, self.channels = list(propagators), list(channels)
         self.interfaces, self.layout, self.scheme = list(interfaces), layout, scheme
-        self.impedance = impedance
+        self._impedance = impedance
         self.characteristic_traction = characteristic_traction
         self._ground_frames = {
             i: (layout.channels(i, 1), unit.geometry.frames[:, : unit.behaviour.n_component])
@@ -55,6 +56,17 @@ class Assembly:
         self.ground_start = {i: GroundState(np.zeros(3), None) for i in self._ground_frames}
         self.rigid = self._rigid_channels()
         self.awake_from = [0] * len(self.propagators)  # first instant at which each class is marched
+
+    @property
+    def quasi_static(self) -> bool:
+        """Whether there is no inertia."""
+        return isinstance(self.scheme, QuasiStatic)
+
+    @property
+    def impedance(self) -> Array:
+        """Impedance of the side of every channel (n_flat,), Pa s m-1: of its material, without inertia of its stiffness
+        over an increment."""
+        return self._impedance * self.dt if self.quasi_static else self._impedance
 
     def begin(
         self, time: Array, dt: float, ground: Mapping[int, Array], start: Mapping[int, GroundState]
@@ -70,10 +82,14 @@ class Assembly:
         self.time, self.dt = time, dt
         self.ground = dict(ground)
         self._travel = {
-            i: np.concatenate([np.zeros((1, 3)), np.cumsum(0.5 * dt * (v[1:] + v[:-1]), axis=0)])
+            i: np.concatenate([np.zeros((1, 3)), np.cumsum(dt * self._mean(v), axis=0)])
             for i, v in ground.items()
         }
         self.ground_start = dict(start)
+
+    def _mean(self, velocity: Array) -> Array:
+        """Velocity over each step: mean of both ends, without inertia that of the increment."""
+        return velocity[1:] if self.quasi_static else 0.5 * (velocity[1:] + velocity[:-1])
 
     def _rigid_channels(self) -> Index:
         """Channels of points where a side cannot move at all (ground, or every direction held)."""

@@ -3,7 +3,8 @@
     eta = ||s - s_hat||^2 / (||s||^2 + ||s_hat||^2),  ||s||^2 = sum of int F Z^-1 F + int W Z W
 
 over interfaces, sides and time, Z the material impedance of the side whatever k is used. ``error_indicator``
-is sqrt(eta). By E+, F_hat - F = r/2 and W_hat - W = r/(2k) with the residual r = (F_hat + k W_hat) - q.
+is sqrt(eta). Without inertia the denominator leaves out the velocities: a body may travel far under next to no force.
+By E+, F_hat - F = r/2 and W_hat - W = r/(2k) with the residual r = (F_hat + k W_hat) - q.
 
 The indicator is blind to shear and to soft sides of a contrast. The run stops on both it and the force mismatch:
 nodal forces f of F - F_hat in the norm sqrt(f . C f) of the admittance C of one instant (the velocity error the
@@ -53,7 +54,8 @@ class Indicator:
         impedance = np.where(assembly.impedance > 0, assembly.impedance, 1.0)
         f_weight, w_weight = area / impedance, area * impedance
         self._k = k
-        self.weights = np.stack([0.25 * (f_weight + w_weight * z * z), f_weight, w_weight])
+        moving = 0.0 if assembly.quasi_static else 1.0
+        self.weights = np.stack([0.25 * (f_weight + w_weight * z * z), f_weight, moving * w_weight])
         self._half_area = 0.5 * layout.area
         self._parts = [layout.normal] if layout.normal.all() else [layout.normal, ~layout.normal]
 

@@ -10,7 +10,9 @@ from collections.abc import Callable
 
 import numpy as np
 
+from ..propagator import StaticPropagator
 from .assembly import Assembly
+from .coarse import Coarse
 from .kernels import respond
 from .layout import Array
 
@@ -21,10 +23,11 @@ class GlobalStage:
     Parameters
     ----------
     assembly : with the search direction bound to its propagators. k : (n_flat,). n : instants of the window.
+    coarse : coarse problem bound to k, None where there is none.
     """
 
-    def __init__(self, assembly: Assembly, k: Array, n: int) -> None:
-        self.assembly, self.k, self.n = assembly, k, n
+    def __init__(self, assembly: Assembly, k: Array, n: int, coarse: Coarse | None = None) -> None:
+        self.assembly, self.k, self.n, self._coarse = assembly, k, n, coarse
         self.first = assembly.propagators[0].state.instant + 1
         self.marched = 0  # substructure-instants marched or solved through the condensed operator
         self._start = assembly.snapshot()
@@ -32,8 +35,24 @@ class GlobalStage:
 
     def __call__(self, q: Array) -> Array:
         """W (n, n_flat) at the channels for q (n, n_flat)."""
+        return self.balanced(q)[1]
+
+    def balanced(self, q: Array) -> tuple[Array, Array]:
+        """q as it acts (a coarse problem changes it) and W at the channels for q; all (n, n_flat)."""
         self.marched += self.n * self.assembly.n_substructure
-        return self._condensed(q) if self.n == 1 else self._march(q, None)
+        if self.n > 1:
+            return q, self._march(q, None)
+        w = self._condensed(q)
+        if self._coarse is None:
+            return q, w
+        q = q.copy()
+        self._coarse.balance(q[0], w[0])
+        return q, w
+
+    def free(self) -> Array:
+        """W_0 (n_flat,), the answer to q = 0 at the first instant."""
+        w: Array = self._condensed(np.zeros((1, len(self.k))))[0]
+        return w
 
     def _condensed(self, q: Array) -> Array:
         assembly = self.assembly
@@ -75,7 +94,10 @@ class GlobalStage:
             for propagator in assembly.propagators:
                 propagator.predict()
         for propagator, channels in zip(assembly.propagators, assembly.channels, strict=True):
-            propagator.commit(f_hat[0, channels])
+            if isinstance(propagator, StaticPropagator):
+                propagator.settle(q[0, channels])
+            else:
+                propagator.commit(f_hat[0, channels])
         after(0)
 
     def trial(self, q: Array, f_hat: Array, after: Callable[[int], None]) -> None:

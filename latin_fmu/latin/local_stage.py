@@ -79,6 +79,8 @@ class LocalStage:
         self.assembly, self.k = assembly, k
         self.z = np.divide(1.0, k, out=np.zeros_like(k), where=k > 0)
         self.span = span(assembly)
+        # without inertia there is no energy to add: a penetration the tolerance has left is pushed out
+        self._deepest = -np.inf if assembly.quasi_static else 0.0
         self.z_sums = []
         for group in assembly.layout.groups:
             both = group.block(self.z).sum(axis=0)
@@ -89,7 +91,7 @@ class LocalStage:
         f_hat = np.empty_like(s)
         for group, z, gap in zip(self.assembly.layout.groups, self.z_sums, gaps, strict=True):
             block, out = group.block(s), group.block(f_hat)
-            reach, rate = group.reach(gap, self.assembly.dt, self.span)
+            reach, rate = group.reach(gap, self.assembly.dt, self.span, self._deepest)
             traction = group.behaviour.local(block[1] - block[0], z, reach, rate, group.parameters)
             out[0] = traction
             np.negative(traction, out=out[1])

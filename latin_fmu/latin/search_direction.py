@@ -6,8 +6,9 @@ impedance   rho c_p and rho c_s of the side's own material: exact where the step
 uniform     the same numbers everywhere (the paper's k = G T_c / L_c is rho c_s for T_c = L_c / c_s)
 diagonal    1 / D_ii of the discrete admittance of one instant
 row         resistance of the face to a uniform velocity, spread by area
-automatic   diagonal for windows of one instant; for longer windows the impedance where the step resolves the
-            wave on both sides (row k over impedance within 0.3 ... 3), else half the row value
+static      without inertia only: 1.5 x the geometric mean of the stiffness of a body as a whole and at one point
+automatic   the static one without inertia; diagonal for windows of one instant; for longer windows the impedance
+            where the step resolves the wave on both sides (row k over impedance within 0.3 ... 3), else half the row
 """
 
 from __future__ import annotations
@@ -17,9 +18,11 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg as la
 
+from ..propagator.static import StaticPropagator
 from .assembly import Assembly
 from .layout import Array
 
+_STATIC = 1.5
 RESOLVED = (0.3, 3.0)
 WARNED = (0.2, 5.0)
 
@@ -38,6 +41,8 @@ class SearchDirection:
 def channel_k(assembly: Assembly, wanted: SearchDirection, window: int) -> tuple[Array, str]:
     """k of every channel (n_flat,), Pa s m-1 (0 where a side is rigid), and a word on the choice made."""
     kind = wanted.kind
+    if kind == "automatic" and assembly.quasi_static:
+        kind = "static"
     if kind == "automatic":
         kind = "diagonal" if window == 1 else "resolved"
     if kind == "impedance":
@@ -47,6 +52,8 @@ def channel_k(assembly: Assembly, wanted: SearchDirection, window: int) -> tuple
         choice = "uniform"
     elif kind == "diagonal":
         k, choice = _diagonal(assembly), "diagonal"
+    elif kind == "static":
+        k, choice = _static(assembly), "stiffness"
     elif kind == "row":
         k, choice = _row(assembly), "row"
     else:
@@ -104,6 +111,17 @@ def _diagonal(assembly: Assembly) -> Array:
         ]
     )
     return _inverse(_one_tangent(assembly, admittance))
+
+
+def _static(assembly: Assembly) -> Array:
+    """1.5 sqrt(k_0 S_ii) over an increment: k_0 the stiffness of the body as a whole (soft, for loads that cross it),
+    S_ii that of one point among others held (stiff, for what stays near the face); one tangential value."""
+    stiffness = np.zeros(assembly.layout.n_flat)
+    for propagator, channels in zip(assembly.propagators, assembly.channels, strict=True):
+        assert isinstance(propagator, StaticPropagator)
+        own = _without_round_off(propagator.operators.diagonal)
+        stiffness[channels] = (_STATIC * np.sqrt(propagator.operators.springs * own))[:, None]
+    return assembly.dt * _one_tangent(assembly, stiffness)
 
 
 def _without_round_off(values: Array) -> Array:

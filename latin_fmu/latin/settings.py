@@ -18,6 +18,7 @@ class Settings:
     search_direction : see ``search_direction``.
     anderson_depth : 0 for no acceleration. relaxation : in (0, 1].
     window : instants per window, 0 for the whole interval.
+    quasi_static : no inertia.
     sequential_start : a window of several instants starts from a sequential pass (else from its initial values).
     """
 
@@ -29,3 +30,4 @@ class Settings:
     relaxation: float = 1.0
     window: int = 1
     sequential_start: bool = True
+    quasi_static: bool = False

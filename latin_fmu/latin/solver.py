@@ -14,8 +14,9 @@ from functools import cached_property
 
 import numpy as np
 
-from .acceleration import Anderson, Relaxation
+from .acceleration import Anderson, Relaxation, Slide
 from .assembly import Assembly
+from .coarse import Coarse
 from .error_indicator import Indicator, Scales
 from .global_stage import GlobalStage
 from .kernels import outgoing
@@ -28,6 +29,7 @@ from .settings import Settings
 from .stopping import AT_REST, PATIENCE, RECENT, STALL_ACCELERATED, STALL_PLAIN
 
 RELAXED, POINT_BY_POINT = "relaxation 1/2", "points one after the other"
+_LONGEST_STATIC = 20.0  # step of the acceleration without inertia, in lengths of the residual
 _LAST_WORD = 20  # iterations after the last fall-back
 
 
@@ -99,6 +101,7 @@ class Direction:
         self.local = LocalStage(assembly, self.k)
         self.indicator = Indicator(assembly, self.k)
         self.weight = np.sqrt(assembly.layout.area * self.local.z)
+        self.coarse: Coarse | None = None  # without inertia, from ``bind``
 
     @cached_property
     def points(self) -> PointByPoint:
@@ -109,6 +112,8 @@ class Direction:
         """Condense the propagators on this direction."""
         for propagator, channels in zip(self.assembly.propagators, self.assembly.channels, strict=True):
             propagator.bind(self.k[channels[:, 0]])
+        if self.assembly.quasi_static:
+            self.coarse = Coarse(self.assembly, self.k)
 
     def incoming(self, f_hat: Array, w_hat: Array) -> Array:
         """q = F_hat + k W_hat."""
@@ -129,6 +134,7 @@ class WindowSolver:
     ) -> None:
         self._direction, self._settings, self._timings = direction, settings, timings
         self._observer, self._progress = observer, progress
+        self._static = settings.quasi_static
 
     def solve(
         self,
@@ -142,7 +148,8 @@ class WindowSolver:
         """Iterate from q (n, n_flat); fills ``record`` and returns the accepted (else the best) iterate."""
         settings = self._settings
         best: Iterate | None = None
-        phase_start, limit = 0, settings.max_iterations
+        phase_start, before = 0, len(record.fallbacks)
+        limit = record.iterations + settings.max_iterations
         merits = _Merits(settings)
         accelerator = self._accelerator(settings.anderson_depth)
         while True:
@@ -161,42 +168,48 @@ class WindowSolver:
                 return best
             exhausted = record.iterations >= limit
             progress = merits.values[phase_start:]
-            if not exhausted and not self._stalled(progress, isinstance(accelerator, Anderson)):
+            accelerated = isinstance(accelerator, Anderson)
+            # without inertia a body may take many equal steps back to where it sticks
+            patient = self._static and not accelerated
+            if not exhausted and (patient or not self._stalled(progress, accelerated)):
                 q = accelerator.next(now.q, now.residual)
                 continue
-            fallback = self._fallback(stage, record, exhausted)
+            fallback = self._fallback(stage, record.fallbacks[before:], exhausted)
             if fallback is None:
                 return best
             record.fallbacks.append(fallback)
             phase_start = record.iterations
             if fallback == RELAXED:
-                accelerator = Relaxation(0.5)
+                accelerator = Slide(self._direction.weight) if self._static else Relaxation(0.5)
                 q = accelerator.next(best.q, best.residual)
             else:
                 limit = record.iterations + _LAST_WORD
                 accelerator = self._accelerator(settings.anderson_depth)
                 q = self._point_by_point(stage, best, opening)
 
-    def _fallback(self, stage: GlobalStage, record: WindowRecord, exhausted: bool) -> str | None:
+    def _fallback(self, stage: GlobalStage, used: list[str], exhausted: bool) -> str | None:
         """The next fall-back, None when there is none left."""
-        if RELAXED not in record.fallbacks and not exhausted:
+        if RELAXED not in used and not exhausted:
             return RELAXED
         wanted = self._settings.max_iterations >= PATIENCE  # fewer: a look at the iteration, not an answer
-        return POINT_BY_POINT if stage.n == 1 and wanted and POINT_BY_POINT not in record.fallbacks else None
+        # without inertia a floating body has no admittance to go from point to point with
+        wanted = wanted and stage.n == 1 and not self._static
+        return POINT_BY_POINT if wanted and POINT_BY_POINT not in used else None
 
     def _point_by_point(self, stage: GlobalStage, best: Iterate, opening: Opening) -> Array:
         """q (1, n_flat) of the solution point by point."""
         clock = time.perf_counter()
         points, k = self._direction.points, self._direction.k
-        free = points.free_velocity(stage(np.zeros_like(best.q))[0], k)
+        free = points.free_velocity(stage.free(), k)
         f_hat, w_hat = points.solve(free, best.f_hat[0], opening.gap)
         self._timings.local_stage += time.perf_counter() - clock
         return self._direction.incoming(f_hat, w_hat)[None]
 
-    def _accelerator(self, depth: int) -> Anderson | Relaxation:
+    def _accelerator(self, depth: int) -> Anderson | Relaxation | Slide:
         if depth == 0:
             return Relaxation(self._settings.relaxation)
-        return Anderson(self._direction.weight, depth, self._settings.relaxation)
+        longest = _LONGEST_STATIC if self._static else np.inf
+        return Anderson(self._direction.weight, depth, self._settings.relaxation, longest)
 
     def _evaluate(
         self, stage: GlobalStage, q: Array, opening: Opening, scales: Scales
@@ -204,7 +217,7 @@ class WindowSolver:
         """One global and one local stage from q, measured."""
         direction, timings, settings = self._direction, self._timings, self._settings
         clock = time.perf_counter()
-        w = stage(q)
+        q, w = stage.balanced(q)
         after_global = time.perf_counter()
         timings.global_stage += after_global - clock
         f, s = np.empty_like(q), np.empty_like(q)

@@ -20,6 +20,8 @@ _ROUND_OFF = 1e-12
 def start(assembly: Assembly) -> tuple[Array, Array]:
     """Start every propagator; tractions and velocities (n_flat,) of the channels at t = 0."""
     propagators = assembly.propagators
+    if assembly.quasi_static:
+        return _at_rest(assembly)
     traction = np.zeros(assembly.layout.n_flat)
     _known_tractions(assembly, traction)
     unbalance = [
@@ -38,6 +40,15 @@ def start(assembly: Assembly) -> tuple[Array, Array]:
     velocity = assembly.gather([p.channel_velocity() for p in propagators])
     assembly.ground_velocity(velocity, 0)
     return traction, velocity
+
+
+def _at_rest(assembly: Assembly) -> tuple[Array, Array]:
+    """Without inertia nothing acts at t = 0 but a preload and its balance; the loads come with the first increment."""
+    traction = np.zeros(assembly.layout.n_flat)
+    _known_tractions(assembly, traction)
+    for propagator, channels in zip(assembly.propagators, assembly.channels, strict=True):
+        propagator.start(traction[channels], None)
+    return traction, np.zeros(assembly.layout.n_flat)
 
 
 def _known_tractions(assembly: Assembly, traction: Array) -> None:

@@ -63,6 +63,11 @@ def _used(failed: list[WindowRecord]) -> str:
 
 
 def _remedy(assembly: Assembly, settings: Settings, failed: list[WindowRecord]) -> str:
+    if assembly.quasi_static:
+        return (
+            "There may be no equilibrium: check that contact and friction can hold the loads of this instant (nothing "
+            "slides away, topples or is pulled off); where they can, raise solver.max_iterations or take smaller steps"
+        )
     if any(not np.isfinite(w.final_error) for w in failed):
         return "The search direction or the data are out of range: check units, and leave search_direction automatic"
     if any(w.iterations >= settings.max_iterations for w in failed):

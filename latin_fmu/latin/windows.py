@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from .approach import APPROACH, approach, softening
 from .assembly import Assembly
 from .compiled_run import CompiledRun, marches
 from .error_indicator import Scales
@@ -148,7 +149,7 @@ class Run:
         guess = self._sequential_guess(n) if n > 1 and self.settings.sequential_start else None
         direction = self.direction(n)
         self._bind(direction)
-        stage = GlobalStage(assembly, direction.k, n)
+        stage = GlobalStage(assembly, direction.k, n, direction.coarse)
         q = direction.incoming(*guess) if guess is not None else self._warm_start(direction, n)
 
         def report(iteration: int, error: float) -> None:
@@ -156,20 +157,42 @@ class Run:
                 self._progress(number, count, iteration, error)
 
         solver = WindowSolver(direction, self.settings, self.timings, self._observer, report)
-        accepted = solver.solve(stage, q, self._opening(n), state.scales, record, number)
+        opening = self._opening(n)
+        accepted = solver.solve(stage, q, opening, state.scales, record, number)
+        if assembly.quasi_static and not record.converged:
+            accepted = solver.solve(
+                stage, self._again(stage, opening, record), opening, state.scales, record, number
+            )
         if not record.converged and n > 1:
             stage.rewind()
             self._count(stage)
             return self._one_by_one(record, n, number, count)
         if not record.converged:
             accepted.scales = state.scales  # a failed iterate must not loosen the windows that follow
-            self.stopped = not accepted.error <= HOPELESS  # NaN included
+            # NaN included; without inertia a state that is no equilibrium leads nowhere
+            self.stopped = assembly.quasi_static or not accepted.error <= HOPELESS
             if self.stopped:
                 stage.rewind()
                 state.windows.append(record)
                 return record
         self._commit(stage, accepted, record)
         return record
+
+    def _again(self, stage: GlobalStage, opening: Opening, record: WindowRecord) -> Array:
+        """Another first guess of q (1, n_flat): from rest, or on soft springs where bodies travel far."""
+        direction = self.direction(1)
+        factor = softening(self.assembly, direction.k, opening)
+        if factor is None:
+            record.fallbacks.append("from rest")
+            return self.state.f_hat[None].copy()
+        record.fallbacks.append(APPROACH)
+        stage.rewind()
+        f_hat, w_hat = approach(
+            self.assembly, self.settings, factor, np.zeros((1, len(direction.k))), opening, self.state.scales,
+            self.timings,
+        )  # fmt: skip
+        direction.bind()
+        return direction.incoming(f_hat, w_hat)
 
     def _opening(self, n: int) -> Opening:
         """Opening at the start of a window; one instant needs the gaps alone, known from the last one kept."""
@@ -182,7 +205,10 @@ class Run:
 
         No extrapolation: accepted within the tolerance as it is, it would feed its own error and gain energy.
         """
-        return np.repeat(direction.incoming(self.state.f_hat, self.state.w_hat)[None], n, axis=0)
+        w_hat = self.state.w_hat
+        if self.state.windows and APPROACH in self.state.windows[-1].fallbacks:
+            w_hat = np.zeros_like(w_hat)  # bodies that have travelled far have arrived
+        return np.repeat(direction.incoming(self.state.f_hat, w_hat)[None], n, axis=0)
 
     def _commit(self, stage: GlobalStage, accepted: Iterate, record: WindowRecord) -> None:
         state, recorder = self.state, self.recorder

@@ -142,12 +142,12 @@ class ClassTable:
             self._point(c, f"{name}_diagonal", np.zeros(0))
             return
         pattern = matrix.indptr.astype(np.int64), matrix.indices.astype(np.int64)
-        half = zip(
-            ("diagonal", "starts", "columns", "values"), lower_half(*pattern, matrix.data), strict=True
-        )
+        diagonal, starts, columns, values = lower_half(*pattern, matrix.data)
         self.rows[c][f"{name}_n"] = matrix.shape[0]
-        for part, array in half:
-            self._point(c, f"{name}_{part}", array)
+        self._point(c, f"{name}_diagonal", diagonal)
+        self._point(c, f"{name}_starts", starts)
+        self._point(c, f"{name}_columns", columns)
+        self._point(c, f"{name}_values", values)
 
     def _fixed(self, c: int, propagator: DirectPropagator, flat: Index, probe: sp.csr_array | None) -> None:
         """All that stays as long as step and search direction do."""

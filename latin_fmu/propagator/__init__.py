@@ -5,6 +5,7 @@ from .model import Histories, LoadTerm, SubstructureModel
 from .protocol import Propagator
 from .registry import PROPAGATORS, make_propagator
 from .settings import PropagatorSettings
+from .static import StaticPropagator
 
 __all__ = [
     "PROPAGATORS",
@@ -13,6 +14,7 @@ __all__ = [
     "LoadTerm",
     "Propagator",
     "PropagatorSettings",
+    "StaticPropagator",
     "SubstructureModel",
     "make_propagator",
 ]

@@ -69,7 +69,7 @@ class EnergyMeter:
         """Energies at t = 0; ``interface`` (n, n_member) reduced nodal forces of the interfaces, N."""
         u, v, a = self._expand(state)
         now = self._forces(u, v, state.instant, interface)
-        mass_v, mass_a = self._model.mass @ v, self._model.mass @ a
+        mass_v, mass_a = self._model.inertia @ v, self._model.inertia @ a
         self._last = (u, a, mass_a, now, now)
         zero = np.zeros(u.shape[1])
         totals = dict.fromkeys(TERMS, zero)
@@ -82,7 +82,7 @@ class EnergyMeter:
         u_old, a_old, mass_a_old, old, before = self._last
         u, v, a = self._expand(state)
         new = self._forces(u, v, state.instant, interface)
-        mass_v, mass_a = self._model.mass @ v, self._model.mass @ a
+        mass_v, mass_a = self._model.inertia @ v, self._model.inertia @ a
         step = u - u_old
 
         def weighted(b: Array, o: Array, n: Array) -> Array:

@@ -74,7 +74,7 @@ class ExplicitPropagator(March[ExplicitOperators]):
     ) -> None:
         rigid = members[0].nodal is not None  # a few unknowns, no stiffness: taken as they are
         if not rigid:
-            members = [replace(m, mass=lumped(m.mass, nodal=False)) for m in members]
+            members = [replace(m, mass=lumped(m.inertia, nodal=False)) for m in members]
         model, p = members[0], members[0].expansion
         self._mass, self._damping, self._stiffness = model.reduced
         self._dashpots: sp.csr_array | None = None

@@ -47,7 +47,10 @@ class ExplicitMeter:
         model = self._model
         self.totals = dict.fromkeys(TERMS, np.zeros(u.shape[1]))
         elastic, kv = model.stiffness @ u, model.stiffness @ v
-        self.totals["kinetic"], self.totals["elastic"] = 0.5 * _dot(v, model.mass @ v), 0.5 * _dot(u, elastic)
+        self.totals["kinetic"], self.totals["elastic"] = (
+            0.5 * _dot(v, model.inertia @ v),
+            0.5 * _dot(u, elastic),
+        )
         self._last = (u, v, kv, self._forcing.full_external(state.instant))
 
     def advance(self, state: Motion, interface: Array) -> None:
@@ -64,7 +67,7 @@ class ExplicitMeter:
         totals["scheme_dissipation"] = totals["scheme_dissipation"] - dt * dt / 8 * (
             _dot(v, kv) - _dot(v_old, kv_old)
         )
-        force = model.mass @ ((v - v_old) / dt) + internal - loads - tractions
+        force = model.inertia @ ((v - v_old) / dt) + internal - loads - tractions
         if model.damping is not None:
             damping = model.damping @ v_old
             if self._dashpots is not None:
@@ -74,7 +77,7 @@ class ExplicitMeter:
         held = np.where(self._free[:, None], 0.0, force)  # reactions work where the motion is prescribed
         totals["work_of_loads"] = totals["work_of_loads"] + _dot(step, loads) + _dot(step, held)
         totals["interface_work"] = totals["interface_work"] + _dot(step, tractions)
-        totals["kinetic"], totals["elastic"] = 0.5 * _dot(v, model.mass @ v), 0.5 * _dot(u, elastic)
+        totals["kinetic"], totals["elastic"] = 0.5 * _dot(v, model.inertia @ v), 0.5 * _dot(u, elastic)
         self.totals = totals
         self._last = (u, v, kv, f)
 

@@ -167,7 +167,7 @@ class _Motion:
         self.start: tuple[Array, Array] | None = None
         self._initial = member.imposed_start
         reduce = member.expansion.T
-        self._mass = reduce @ (member.mass @ self.pattern)
+        self._mass = None if member.mass is None else reduce @ (member.mass @ self.pattern)
         self._stiffness = reduce @ (member.stiffness @ self.pattern)
         self._damping = None if member.damping is None else reduce @ (member.damping @ self.pattern)
 
@@ -184,6 +184,7 @@ class _Motion:
         return self.histories[0][instant], self.histories[2][instant]
 
     def reduced_inertia(self, instant: int) -> Array:
+        assert self._mass is not None, "a motion without inertia"
         force: Array = self._mass @ self.histories[2][instant]
         return force
 
@@ -201,7 +202,8 @@ class _Motion:
             sums["force"].add(-self._stiffness[:, k], column, members, u[:, k])
             if self._damping is not None:
                 sums["force"].add(-self._damping[:, k], column, members, v[:, k])
-            sums["inertia"].add(self._mass[:, k], column, members, a[:, k])
+            if self._mass is not None:
+                sums["inertia"].add(self._mass[:, k], column, members, a[:, k])
             sums["velocity"].add(at_channels[:, k], column, members, v[:, k])
             sums["displacement"].add(at_channels[:, k], column, members, u[:, k])
 

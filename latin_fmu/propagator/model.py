@@ -52,7 +52,8 @@ class SubstructureModel:
     Attributes
     ----------
     name : name in the scene.
-    mass, damping, stiffness : (n_full, n_full); damping None where there is none. kg, N s m-1, N m-1.
+    mass, damping, stiffness : (n_full, n_full), kg, N s m-1, N m-1; mass None without inertia, damping None where
+        there is none.
     expansion : (n_full, n) selection matrix.
     trace : (n_channel, n_full) from full velocities to interface channels (local frames, all interfaces).
     channel_area : (n_channel,) area carried by each channel, m2.
@@ -62,7 +63,7 @@ class SubstructureModel:
     """
 
     name: str
-    mass: sp.csr_array
+    mass: sp.csr_array | None
     damping: sp.csr_array | None
     stiffness: sp.csr_array
     expansion: sp.csr_array
@@ -86,8 +87,19 @@ class SubstructureModel:
     @cached_property
     def reduced(self) -> tuple[sp.csr_array, sp.csr_array | None, sp.csr_array]:
         """Mass, damping and stiffness of the reduced dofs (n, n): P^T A P, P the expansion."""
-        mass, stiffness = self._reduce(self.mass), self._reduce(self.stiffness)
-        return mass, None if self.damping is None else self._reduce(self.damping), stiffness
+        damping = None if self.damping is None else self._reduce(self.damping)
+        return self._reduce(self.inertia), damping, self.reduced_stiffness
+
+    @cached_property
+    def reduced_stiffness(self) -> sp.csr_array:
+        """P^T K P alone, (n, n)."""
+        return self._reduce(self.stiffness)
+
+    @property
+    def inertia(self) -> sp.csr_array:
+        """The mass matrix, of a model that has one."""
+        assert self.mass is not None, "a model without inertia has no mass"
+        return self.mass
 
     def _reduce(self, matrix: sp.csr_array) -> sp.csr_array:
         return sp.csr_array(self.expansion.T @ matrix @ self.expansion)

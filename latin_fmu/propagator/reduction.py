@@ -80,7 +80,7 @@ def reduce_model(model: SubstructureModel, n_mode: int, shapes: Array | None = N
     if shapes is not None and (shapes.ndim != 2 or shapes.shape[0] != model.channel_area.size):
         raise ValueError(f"shapes must be ({model.channel_area.size}, n_shape), not {shapes.shape}")
     e = model.expansion
-    mass, stiffness = (sp.csr_array(e.T @ m @ e) for m in (model.mass, model.stiffness))
+    mass, stiffness = (sp.csr_array(e.T @ m @ e) for m in (model.inertia, model.stiffness))
     if (mass.diagonal() <= 0.0).any():
         raise ValueError("some free directions carry no mass")
     once = 1.0 / np.maximum(np.asarray(e.sum(axis=0)).ravel(), 1.0)
@@ -111,7 +111,7 @@ def _forces(model: SubstructureModel, shapes: Array | None) -> Array:
     """Forces on the free dofs whose static answers are wanted, (n, n_force)."""
     given = np.eye(model.channel_area.size) if shapes is None else shapes
     columns = model.trace.T @ (model.channel_area[:, None] * given)
-    moved = [matrix @ model.imposed_pattern for matrix in (model.stiffness, model.mass)]
+    moved = [matrix @ model.imposed_pattern for matrix in (model.stiffness, model.inertia)]
     found: Array = model.expansion.T @ np.column_stack([columns, *moved, *(t.pattern for t in model.loads)])
     return _unit(found)
 

@@ -13,6 +13,7 @@
     /convergence           error_indicator, force_mismatch (window, iteration), padded with NaN;
                            iterations, converged, first_instant, last_instant, end_time (window); passes
     /energy                terms of the assembly (time), when asked for
+    /accuracy              estimated relative error, observed and expected order (quantity), when estimated
 
 Every group has its own ``time``: the fields of a substructure may be stored at fewer instants than the run
 has. What a run does not have (the gap of a perfect connection, fields nobody asked for) is absent.

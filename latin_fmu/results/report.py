@@ -16,7 +16,8 @@ def report(outcome: Outcome) -> dict[str, Any]:
     (the amplitude sqrt(eta), largest over windows), ``cpu_seconds`` by part, ``peak_memory_bytes``,
     ``penetration`` (m), ``warnings``, and ``interfaces``: per name ``impulse`` (vector, N s), ``peak_force``
     (N, of the normal resultant), ``first_contact_time`` and ``separation_time`` (s; first and last instant at
-    which the normal resultant exceeds 1 % of its peak, None if never) and ``error_indicator``.
+    which the normal resultant exceeds 1 % of its peak, None if never) and ``error_indicator``. A solution with an
+    error estimate adds ``error_estimate``, see ``results.estimates``.
     """
     return {
         "status": outcome.status,

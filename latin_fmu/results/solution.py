@@ -11,6 +11,7 @@ import xarray as xr
 
 from ..latin.record import Array, InterfaceHistory, Outcome, SubstructureHistory, Timings, WindowRecord
 from .dataset import datatree
+from .estimates import ErrorEstimate
 from .netcdf import write_netcdf
 from .provenance import provenance
 from .report import report
@@ -27,12 +28,14 @@ class Solution:
     scene_text : text of the effective scene, kept in results files.
     scene_name : name of the scene.
     provenance : versions and time of creation, root attributes of results files.
+    estimate : estimated error of each quantity; None where it was not asked for.
     """
 
     outcome: Outcome
     scene_text: str
     scene_name: str
     provenance: dict[str, str] = field(default_factory=provenance)
+    estimate: ErrorEstimate | None = None
 
     @property
     def status(self) -> str:
@@ -91,7 +94,10 @@ class Solution:
 
     def to_datatree(self) -> xr.DataTree:
         """Everything as an xarray DataTree; the layout is in the docstring of ``results.dataset``."""
-        return datatree(self.outcome, self.scene_name, self.scene_text, self.provenance)
+        tree = datatree(self.outcome, self.scene_name, self.scene_text, self.provenance)
+        if self.estimate is not None and self.estimate.quantities:
+            tree["accuracy"] = xr.DataTree(self.estimate.dataset())
+        return tree
 
     def save(self, path: str | Path) -> None:
         """Write a netCDF-4 file, complete or not at all; its CPU time is added to ``timings.output``.
@@ -105,9 +111,11 @@ class Solution:
         self.timings.output += clock.process_time() - start
 
     def summary(self) -> str:
-        """Text for people: status, cost, accuracy and a table of the interfaces."""
-        return summary(self.outcome, self.scene_name)
+        """Text for people: status, cost, a table of the interfaces, estimated errors."""
+        text = summary(self.outcome, self.scene_name)
+        return text if self.estimate is None else "\n".join([text, "", *self.estimate.lines()])
 
     def report(self) -> dict[str, Any]:
         """Plain data for programs, fit for strict JSON; its keys are in ``results.report``."""
-        return report(self.outcome)
+        estimate = {} if self.estimate is None else {"error_estimate": self.estimate.report()}
+        return report(self.outcome) | estimate

@@ -31,11 +31,15 @@ class Shape:
         self.mesh, self.material = mesh, material
 
     @cached_property
-    def matrices(self) -> tuple[sp.csr_array, sp.csr_array]:
-        """Mass and stiffness (3 n_node, 3 n_node)."""
-        basis = element_basis(self.mesh)
+    def mass(self) -> sp.csr_array:
+        """Mass (3 n_node, 3 n_node), assembled where it is asked for."""
+        return mass(element_basis(self.mesh), self.material.density)
+
+    @cached_property
+    def stiffness(self) -> sp.csr_array:
+        """Stiffness (3 n_node, 3 n_node)."""
         m = self.material
-        return mass(basis, m.density), stiffness(basis, m.young_modulus, m.poisson_ratio)
+        return stiffness(element_basis(self.mesh), m.young_modulus, m.poisson_ratio)
 
     @cached_property
     def rank(self) -> Array:

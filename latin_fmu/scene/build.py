@@ -12,10 +12,10 @@ from ..latin.layout import Array, InterfaceUnit, Layout
 from ..latin.recorder import SubstructureInfo, Wanted
 from ..latin.search_direction import SearchDirection, inertial_impedance, unresolved_sides
 from ..latin.settings import Settings
-from ..propagator import Propagator, make_propagator
+from ..propagator import Propagator, StaticPropagator, make_propagator
 from ..propagator.explicit import ExplicitPropagator
 from ..propagator.settings import PropagatorSettings
-from ..time_scheme import TimeScheme, make_scheme
+from ..time_scheme import QuasiStatic, TimeScheme, make_scheme
 from .body import Body, build_bodies, locking_remarks
 from .boundaries import Boundary, Periodic
 from .checks import (
@@ -34,6 +34,7 @@ from .propagator_relations import CENTRAL
 from .rigid import rigid_conditions
 from .schema import Scene
 from .solver_settings import WHOLE, Anderson, Uniform
+from .statics import side_stiffness, static_traction, unheld
 from .timeline import Timeline
 
 
@@ -94,23 +95,27 @@ class Prepared:
         """Factorise and condense the substructures and tie them together."""
         scene, scheme, layout, units = self.scene, self.scheme, self.layout, self.units
         settings = propagator_settings(scene)
+        static = isinstance(scheme, QuasiStatic)
+        impedance = (side_stiffness if static else side_impedance)(self.bodies, units, layout)
         propagators = [
-            make_propagator(c.members, scheme, self.dt, scene.output.energy, settings) for c in self.classes
+            StaticPropagator(c.members, self.dt, scene.output.energy, impedance[c.channels[:, 0]])
+            if static
+            else make_propagator(c.members, scheme, self.dt, scene.output.energy, settings)
+            for c in self.classes
         ]
         if problems := _unstable(propagators, scene, self.dt):
             raise SceneError(problems, "the scene cannot be built")
         assembly = Assembly(
-            propagators, [c.channels for c in self.classes], units, layout,
-            side_impedance(self.bodies, units, layout), characteristic_traction(scene, self.bodies, self.time),
-            scheme,
+            propagators, [c.channels for c in self.classes], units, layout, impedance,
+            (static_traction if static else characteristic_traction)(scene, self.bodies, self.time), scheme,
         )  # fmt: skip
         timeline = self.timeline
         timeline.begin(assembly, self.time, {}, assembly.ground_start)
-        if any(body.rigid for body in self.bodies.values()):
+        if not static and any(body.rigid for body in self.bodies.values()):
             inertial_impedance(assembly)
         output = scene.output
         wanted = Wanted(output.fields, output.stress, output.energy, output.every)
-        warnings = (*self.remarks, *unresolved_sides(assembly))
+        warnings = (*self.remarks, *([] if static else unresolved_sides(assembly)))
         return Built(assembly, settings_of(scene), wanted, self.info, warnings, timeline)
 
 
@@ -140,12 +145,14 @@ def prepare(scene: Scene) -> Prepared:
     units = [unit for unit in found if unit is not None]
     remarks: list[str] = []
     initial_problems(scene, units, problems, remarks)
+    if scene.time.quasi_static and not problems:
+        problems += unheld(bodies, conditions, units)
     if problems:
         raise SceneError(problems, "the scene cannot be built")
     layout = Layout(units)
-    scheme = make_scheme(scene.time.scheme.type, scene.time.scheme.model_dump(exclude={"type"}))
+    scheme = scheme_of(scene)
     time = np.linspace(0.0, scene.time.end, scene.time.n_step + 1)
-    classes = model_classes(scene, bodies, conditions, units, layout, scheme.massless_contact)
+    classes = model_classes(scene, bodies, conditions, units, layout, scheme)
     unbending = {split_face(b.faces[0])[0] for b in scene.boundary.values() if isinstance(b, Periodic)}
     remarks += [
         *redundancy_remarks(scene), *locking_remarks(bodies, unbending), *sampling_remarks(scene, time),
@@ -183,6 +190,13 @@ def _unstable(propagators: list[Propagator], scene: Scene, dt: float) -> list[Pr
     ]  # fmt: skip
 
 
+def scheme_of(scene: Scene) -> TimeScheme:
+    """Time scheme of a scene."""
+    if scene.time.quasi_static:
+        return QuasiStatic()
+    return make_scheme(scene.time.scheme.type, scene.time.scheme.model_dump(exclude={"type"}))
+
+
 def settings_of(scene: Scene) -> Settings:
     """Settings of the iteration."""
     solver = scene.solver
@@ -196,5 +210,6 @@ def settings_of(scene: Scene) -> Settings:
         anderson_depth=solver.acceleration.depth if isinstance(solver.acceleration, Anderson) else 0,
         relaxation=solver.relaxation,
         window=0 if solver.window == WHOLE else min(int(solver.window), scene.time.n_step),
+        quasi_static=scene.time.quasi_static,
         sequential_start=solver.window == WHOLE and solver.start == "sequential",
     )

@@ -63,7 +63,7 @@ def characteristic_traction(scene: Scene, bodies: dict[str, Body], time: Array) 
     """Largest traction that loads, initial values and prescribed motions can bring, Pa."""
     sizes = [0.0]
     for load in scene.load.values():
-        amplitude = _amplitude(load.law, time)
+        amplitude = largest_amplitude(load.law, time)
         size = (
             abs(load.pressure) if load.pressure is not None else float(np.linalg.norm(load.traction or 0.0))
         )
@@ -116,7 +116,7 @@ def redundancy_remarks(scene: Scene) -> list[str]:
     return remarks
 
 
-def _amplitude(law: TimeLaw, time: Array) -> float:
+def largest_amplitude(law: TimeLaw, time: Array) -> float:
     """Largest amplitude of a law; an input, known only later, counts as 1 at least."""
     largest = float(np.abs(law.sample(time)).max())
     return max(largest, 1.0) if isinstance(law, InputLaw) else largest

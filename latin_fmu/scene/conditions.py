@@ -45,6 +45,14 @@ class Motion:
         difference: Array = (self.law.sample(after) - self.law.sample(before)) / (after - before)
         return self.value * difference
 
+    def step_velocity(self, time: Array) -> Array:
+        """Mean velocity over each step that ends at the instants (that of the first is the one at the start)."""
+        if self.is_displacement:
+            place = self.value * self.law.sample(time)
+            return np.concatenate([[0.0], np.diff(place) / np.diff(time)])
+        at = self.velocity(time)
+        return np.concatenate([at[:1], 0.5 * (at[1:] + at[:-1])])
+
     def start(self) -> float:
         """Displacement at t = 0, m."""
         return self.value * float(self.law.sample(np.zeros(1))[0]) if self.is_displacement else 0.0
@@ -63,9 +71,10 @@ class Conditions:
     motions: tuple[Motion, ...]
     dashpots: sp.csr_array | None
 
-    def velocity(self, time: Array) -> Array:
-        """Velocities of the prescribed motions, (n_time, n_motion), m s-1."""
-        columns = [m.velocity(time) for m in self.motions]
+    def velocity(self, time: Array, over_steps: bool = False) -> Array:
+        """Velocities of the prescribed motions, (n_time, n_motion), m s-1: at the instants, or over the steps that end
+        there."""
+        columns = [m.step_velocity(time) if over_steps else m.velocity(time) for m in self.motions]
         return np.stack(columns, axis=1) if columns else np.zeros((len(time), 0))
 
     def start(self) -> Array:

@@ -84,7 +84,7 @@ def merge(
     np.maximum.at(driven, same, imposed)
     model = SubstructureModel(
         name="bonded",
-        mass=_blocks([models[n].mass for n in names]),
+        mass=_blocks([models[n].inertia for n in names]),
         damping=_damping([models[n] for n in names]),
         stiffness=_blocks([models[n].stiffness for n in names]),
         expansion=expansion,
@@ -148,7 +148,7 @@ def _blocks(matrices: list[sp.csr_array]) -> sp.csr_array:
 def _damping(models: list[SubstructureModel]) -> sp.csr_array | None:
     if all(m.damping is None for m in models):
         return None
-    return _blocks([sp.csr_array(m.mass.shape) if m.damping is None else m.damping for m in models])
+    return _blocks([sp.csr_array(m.stiffness.shape) if m.damping is None else m.damping for m in models])
 
 
 def _placed(pattern: Array, where: slice, n: int) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
@@ -12,6 +12,7 @@ from ..errors import Problem, SceneError
 from ..fem.massless import without_contact_mass
 from ..latin.layout import Array, Index, InterfaceUnit, Layout
 from ..propagator import LoadTerm, SubstructureModel
+from ..time_scheme import QuasiStatic, TimeScheme
 from .body import Body
 from .conditions import Conditions
 from .fields import GROUND, split_face
@@ -34,18 +35,19 @@ class ModelClass:
 
 def model_classes(
     scene: Scene, bodies: dict[str, Body], conditions: dict[str, Conditions], units: list[InterfaceUnit],
-    layout: Layout, massless: bool,
+    layout: Layout, scheme: TimeScheme,
 ) -> list[ModelClass]:  # fmt: skip
     """Matrices of every substructure, grouped into classes of identical ones (of one each where the scene asks)."""
     classes: dict[bytes, list[tuple[SubstructureModel, Index]]] = {}
     for name, body in bodies.items():
-        model, channels = _model(scene, name, body, conditions[name], units, layout, massless)
+        model, channels = _model(scene, name, body, conditions[name], units, layout, scheme)
         key = _signature(model, body) if scene.solver.share_identical else name.encode()
         classes.setdefault(key, []).append((model, channels))
     found = []
     for members in classes.values():
         models = [m for m, _ in members]
-        _ = models[0].reduced  # with the matrices: no part of the factorisation
+        # with the matrices: no part of the factorisation
+        _ = models[0].reduced_stiffness if models[0].mass is None else models[0].reduced
         found.append(ModelClass(models, np.stack([c for _, c in members], axis=1)))
     return found
 
@@ -57,7 +59,7 @@ def _model(
     held: Conditions,
     units: list[InterfaceUnit],
     layout: Layout,
-    massless: bool,
+    scheme: TimeScheme,
 ) -> tuple[SubstructureModel, Index]:
     traces, areas, preloads, channels = [], [], [], []
     for i, unit in enumerate(units):
@@ -82,12 +84,11 @@ def _model(
         loads.append(LoadTerm("", balance))
     flat = np.concatenate(channels) if channels else np.zeros(0, dtype=np.int64)
     if isinstance(held, RigidConditions):
-        return rigid_model(body, held, trace, area, loads), flat
-    mass, stiffness = body.shape.matrices
-    if massless:
-        mass = _without_contact_mass(name, body, units)
+        rigid = rigid_model(body, held, trace, area, loads)
+        return (replace(rigid, mass=None) if isinstance(scheme, QuasiStatic) else rigid), flat
+    mass = _without_contact_mass(name, body, units) if scheme.massless_contact else _mass(body, scheme)
     model = SubstructureModel(
-        name=name, mass=mass, damping=_damping(body, held), stiffness=stiffness, expansion=held.expansion,
+        name=name, mass=mass, damping=_damping(body, held), stiffness=body.shape.stiffness, expansion=held.expansion,
         trace=trace, channel_area=area, loads=loads,
         displacement=np.tile(body.description.initial_displacement, body.mesh.n_node),
         velocity=body.initial_velocity(),
@@ -97,9 +98,13 @@ def _model(
     return model, flat
 
 
+def _mass(body: Body, scheme: TimeScheme) -> sp.csr_array | None:
+    return None if isinstance(scheme, QuasiStatic) else body.shape.mass
+
+
 def _without_contact_mass(name: str, body: Body, units: list[InterfaceUnit]) -> sp.csr_array:
     try:
-        return without_contact_mass(body.shape.matrices[0], body.mesh, _contact_nodes(name, body, units))
+        return without_contact_mass(body.shape.mass, body.mesh, _contact_nodes(name, body, units))
     except ValueError as error:
         raise SceneError(
             [Problem("time.scheme", f"massless_contact, substructure {name}: {error}",
@@ -124,10 +129,11 @@ def _contact_nodes(name: str, body: Body, units: list[InterfaceUnit]) -> Index:
 
 def _damping(body: Body, held: Conditions) -> sp.csr_array | None:
     material = body.shape.material
-    mass, stiffness = body.shape.matrices
     damping: sp.csr_array | None = None
     if material.rayleigh_mass or material.rayleigh_stiffness:
-        damping = sp.csr_array(material.rayleigh_mass * mass + material.rayleigh_stiffness * stiffness)
+        damping = sp.csr_array(
+            material.rayleigh_mass * body.shape.mass + material.rayleigh_stiffness * body.shape.stiffness
+        )
     if held.dashpots is not None:
         damping = held.dashpots if damping is None else sp.csr_array(damping + held.dashpots)
     return damping

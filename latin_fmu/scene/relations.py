@@ -17,6 +17,7 @@ from .fields import GROUND
 from .interface_keys import key_problems
 from .propagator_relations import propagator_problems
 from .raw_scene import RawTable, given, named_tables, number, single_table, text_list
+from .static_relations import static_problems
 from .time_settings import MAX_INSTANTS
 from .wording import shown
 
@@ -33,6 +34,8 @@ def relation_problems(raw: Any, base_dir: Path) -> list[Problem]:
         *_sensor_problems(raw),
         *_time_problems(single_table(raw, "time")),
         *propagator_problems(raw),
+        *_accuracy_problems(raw),
+        *static_problems(raw),
     ]
 
 
@@ -132,6 +135,16 @@ def _sensor_problems(raw: Any) -> Iterator[Problem]:
         body = table.get("substructure")
         if substructures and isinstance(body, str) and body not in substructures:
             yield unknown_name(f"sensor.{name}.substructure", "substructure", body, substructures)
+
+
+def _accuracy_problems(raw: Any) -> Iterator[Problem]:
+    """The owner of the quantity aimed at must exist."""
+    quantity = single_table(raw, "accuracy").get("quantity")
+    owner, _, key = quantity.rpartition(".") if isinstance(quantity, str) else ("", "", "")
+    kind = "sensor" if key == "displacement" else "interface"
+    owners = named_tables(raw, kind)
+    if owner and owner not in owners:
+        yield unknown_name("accuracy.quantity", kind, owner, owners)
 
 
 def _time_problems(time: RawTable) -> Iterator[Problem]:

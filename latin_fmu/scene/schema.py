@@ -15,6 +15,7 @@ from pydantic import (
 )
 
 from ..errors import Problem, SceneError
+from .accuracy_settings import Accuracy
 from .boundaries import Boundary
 from .fields import BodyName, Name, Table, Text, about
 from .interface_keys import MEANINGLESS
@@ -55,6 +56,7 @@ class Scene(Table):
     time: Annotated[Time, about("interval, instants, time scheme")]
     solver: Annotated[Solver, about("settings of the iteration")] = Solver()
     output: Annotated[Output, about("what the results keep")] = Output()
+    accuracy: Annotated[Accuracy, about("error estimate of a run, accuracy wanted")] = Accuracy()
 
     _base_dir: Path = PrivateAttr(default=Path())
 

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field
 
-from .fields import Count, Real, Table, about, tagged_or
+from .fields import Count, Flag, Real, Table, about, tagged_or
 
 MAX_INSTANTS = 10_000_000
 
@@ -64,6 +64,14 @@ class Time(Table):
     scheme: Annotated[Scheme, about("time scheme; that of the explicit propagator where it is chosen")] = (
         HHT()
     )
+
+    quasi_static: Annotated[
+        Flag,
+        about(
+            "no inertia: every step is an equilibrium under the loads of its end. For loads that are slow against the "
+            "waves; the time then only orders the increments of load"
+        ),
+    ] = False
 
     @property
     def n_step(self) -> int:

@@ -44,7 +44,8 @@ class Timeline:
     ) -> Histories:
         """What drives one substructure at the instants; ``given`` as for ``begin``."""
         amplitudes = [self._amplitude(load.name, time, given or {}) for load in model.loads]
-        return Histories(time, amplitudes, self._conditions[model.name].velocity(time))
+        motion = self._conditions[model.name].velocity(time, over_steps=self._scene.time.quasi_static)
+        return Histories(time, amplitudes, motion)
 
     def _amplitude(self, name: str, time: Array, given: Mapping[str, Array]) -> Array:
         if not name:
@@ -60,4 +61,6 @@ class Timeline:
             ground[i] = np.zeros((len(time), 3))
             if moving is not None:
                 ground[i] = moving.law.sample(time)[:, None] * np.asarray(moving.vector)
+            if self._scene.time.quasi_static:  # over the step that ends at each instant
+                ground[i][1:] = 0.5 * (ground[i][1:] + ground[i][:-1])
         return ground

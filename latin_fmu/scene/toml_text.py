@@ -20,7 +20,7 @@ def toml_text(data: Mapping[str, Any]) -> str:
     return "\n\n".join(blocks) + "\n"
 
 
-_SINGLE = ("time", "solver", "output")
+_SINGLE = ("time", "solver", "output", "accuracy")
 
 
 def _block(header: str, table: Mapping[str, Any]) -> str:

@@ -2,7 +2,8 @@
 
 from .central_difference import CentralDifference
 from .hht import HHT, Newmark
+from .quasi_static import QuasiStatic
 from .registry import SCHEMES, make_scheme
 from .scheme import TimeScheme
 
-__all__ = ["HHT", "SCHEMES", "CentralDifference", "Newmark", "TimeScheme", "make_scheme"]
+__all__ = ["HHT", "SCHEMES", "CentralDifference", "Newmark", "QuasiStatic", "TimeScheme", "make_scheme"]

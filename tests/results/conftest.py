@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 import pytest
 
+from latin_fmu.results.estimates import ErrorEstimate, QuantityEstimate
 from latin_fmu.results.solution import Solution
 
 from . import synthetic
@@ -31,3 +35,11 @@ def stalled() -> Solution:
 def stack() -> Solution:
     """Sixteen contacts."""
     return Solution(synthetic.stack(16), 'name = "stack"', "stack")
+
+
+@pytest.fixture
+def estimated(bars: Solution) -> Solution:
+    """The bars with an estimated error: one quantity of known order, one without."""
+    known = QuantityEstimate("contact.impulse", 2.7, "N s", 0.012, 1.1, 1.0, False, 0.01, 0.02)
+    unknown = QuantityEstimate("contact.peak_force", 4e4, "N", 0.3, math.nan, 1.0, True, math.nan, 0.2)
+    return replace(bars, estimate=ErrorEstimate((known, unknown), ("a remark",), 0.1, 1e-3))

@@ -67,7 +67,7 @@ def findings(file: Path) -> list[str]:
 
 
 @NEEDS_CHECKER
-@pytest.mark.parametrize("kind", ["crushing", "stalled"])
+@pytest.mark.parametrize("kind", ["crushing", "stalled", "estimated"])
 def test_every_group_follows_cf(kind: str, tmp_path: Path, request: pytest.FixtureRequest) -> None:
     tree = request.getfixturevalue(kind).to_datatree()
     found = {}

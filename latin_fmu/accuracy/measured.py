@@ -1,0 +1,166 @@
+"""Quantities of one run, in numbers that converge: contact instants fall between the instants of the run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..latin.record import Array, InterfaceHistory
+from ..results.measures import CONTACT_SHARE, ROUND_OFF
+from . import kinds
+from .force import Force
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Quantities of a run (or of an exact solution).
+
+    Attributes
+    ----------
+    values : by name ``owner.key``; the value of a force history is its L2 norm. scales : what errors are divided by.
+    forces : normal resultants by interface. vectors : displacement (3,) of sensors at the end, m.
+    ringing : by interface, how far the peak stands above that of the force averaged over a few steps, relative.
+    step : time step, s.
+    """
+
+    values: dict[str, float] = field(default_factory=dict)
+    scales: dict[str, float] = field(default_factory=dict)
+    forces: dict[str, Force] = field(default_factory=dict)
+    vectors: dict[str, Array] = field(default_factory=dict)
+    ringing: dict[str, float] = field(default_factory=dict)
+    step: float = 0.0
+
+    def distance(self, quantity: str, other: Measured) -> float:
+        """How far a quantity is from that of another run, in its unit."""
+        owner, _, key = quantity.rpartition(".")
+        if key == kinds.FORCE_HISTORY.key:
+            return self.forces[owner].distance(other.forces[owner])
+        if key == kinds.DISPLACEMENT.key and owner in self.vectors and owner in other.vectors:
+            return float(np.linalg.norm(self.vectors[owner] - other.vectors[owner]))
+        return abs(self.values[quantity] - other.values[quantity])
+
+    def error(self, quantity: str, reference: Measured) -> float:
+        """Relative error of a quantity against a reference."""
+        scale = reference.scales[quantity]
+        apart = self.distance(quantity, reference)
+        return apart / scale if scale > 0.0 else (0.0 if apart == 0.0 else np.inf)
+
+
+def measure(
+    time: Array,
+    interfaces: Mapping[str, InterfaceHistory],
+    end: float,
+    sensors: Mapping[str, tuple[Array, Array]] | None = None,
+) -> Measured:
+    """Quantities of the interfaces that may open (of all where none may) and of sensors, on [0, end].
+
+    Parameters
+    ----------
+    time : (n_time,), s. end : s; what happens later is cut off. sensors : times (n,) and displacements (n, 3).
+    """
+    chosen = [h for h in interfaces.values() if h.contact_status is not None] or list(interfaces.values())
+    found = Measured(step=float(time[1] - time[0]))
+    for history in chosen:
+        _add_interface(found, time, history, end)
+    for name, (instants, displacement) in (sensors or {}).items():
+        last = np.array([np.interp(end, instants, displacement[:, i]) for i in range(3)])
+        quantity = f"{name}.{kinds.DISPLACEMENT.key}"
+        found.vectors[name] = last
+        found.values[quantity] = float(np.linalg.norm(last))
+        found.scales[quantity] = float(np.linalg.norm(displacement, axis=1).max())
+    return found
+
+
+def _add_interface(found: Measured, time: Array, history: InterfaceHistory, end: float) -> None:
+    """Impulse, instants, peak, friction work and force history of one interface."""
+    force = _until(time, history.normal_resultant(), end)
+    found.forces[history.name] = force
+    pulls = float(
+        np.einsum("p,tp->t", history.areas, np.linalg.norm(history.traction, axis=2)).max(initial=0.0)
+    )
+    entries = of_force(force, end, history.contact_status is not None, ROUND_OFF * pulls)
+    if (met := _closing(time, history, entries)) is not None:
+        entries[kinds.FIRST_CONTACT.key] = (met, max(met, 1e-2 * end))
+    if history.friction_power is not None and history.friction_coefficient:
+        work = _until(
+            time, np.concatenate([[0.0], np.cumsum(history.friction_power[1:]) * found.step]), end
+        ).value[-1]
+        least = 1e-3 * entries[kinds.IMPULSE.key][1] * float(np.abs(history.velocity).max(initial=0.0))
+        entries[kinds.FRICTION_WORK.key] = (float(work), max(float(work), least))
+    for key, (value, scale) in entries.items():
+        found.values[f"{history.name}.{key}"] = value
+        found.scales[f"{history.name}.{key}"] = scale
+    peak = entries[kinds.PEAK_FORCE.key][0]
+    smooth = np.convolve(force.value, np.full(_SMOOTH, 1.0 / _SMOOTH), mode="same")
+    found.ringing[history.name] = 0.0 if peak <= 0.0 else float(np.abs(peak - np.abs(smooth).max())) / peak
+
+
+def _closing(time: Array, history: InterfaceHistory, entries: dict[str, tuple[float, float]]) -> float | None:
+    """Instant at which sides that come from apart meet, read from gap and velocity before: finer than a step.
+
+    None where they touch already, where nothing happens, or where the force tells it better.
+    """
+    if history.gap is None:
+        return None
+    force = np.abs(history.normal_resultant())
+    i = int(np.argmax(force > CONTACT_SHARE * entries[kinds.PEAK_FORCE.key][0]))
+    if i == 0:
+        return None
+    pressed = np.einsum("pc,pc->p", history.traction[i], history.normals) < 0.0
+    gap = history.gap[i - 1][pressed]
+    if not gap.size or gap.min() <= 0.0:
+        return None
+    jump = history.velocity[i - 1, 1] - history.velocity[i - 1, 0]
+    closing = -np.einsum("pc,pc->p", jump, history.normals)[pressed]
+    with np.errstate(divide="ignore"):
+        wait = float(np.min(np.where(closing > 0.0, gap / closing, np.inf)))
+    return float(min(time[i - 1] + wait, time[i]))
+
+
+_SMOOTH = (
+    7  # steps; a front rings at a wavelength of a few elements, and a step is about an element's transit
+)
+
+
+def of_force(force: Force, end: float, opens: bool, nothing: float = 0.0) -> dict[str, tuple[float, float]]:
+    """Value and scale of the quantities that a force history gives, by key.
+
+    A contact whose force never exceeds ``nothing`` (N) is first met, and left, at the ``end``.
+    """
+    size = np.abs(force.value)
+    peak = float(size.max(initial=0.0))
+    steps = np.diff(force.time)
+    impulse = float(np.sum(steps * 0.5 * (force.value[1:] + force.value[:-1])))
+    whole = float(np.sum(steps * 0.5 * (size[1:] + size[:-1])))
+    entries = {kinds.IMPULSE.key: (impulse, whole)}
+    if opens:
+        level = CONTACT_SHARE * peak
+        never = peak <= nothing
+        first = end if never else _first_above(force.time, size, level)
+        last = (
+            end
+            if never
+            else float(force.time[-1]) - _first_above(force.time[-1] - force.time[::-1], size[::-1], level)
+        )
+        entries[kinds.FIRST_CONTACT.key] = (first, max(first, 1e-2 * end))
+        entries[kinds.SEPARATION.key] = (last, max(last, 1e-2 * end))
+    entries[kinds.PEAK_FORCE.key] = (peak, peak)
+    entries[kinds.FORCE_HISTORY.key] = (force.norm(), force.norm())
+    return entries
+
+
+def _first_above(time: Array, size: Array, level: float) -> float:
+    i = int(np.argmax(size > level))
+    if i == 0:
+        return float(time[0])
+    share = (level - size[i - 1]) / (size[i] - size[i - 1])
+    return float(time[i - 1] + share * (time[i] - time[i - 1]))
+
+
+def _until(time: Array, values: Array, end: float) -> Force:
+    """A history cut at ``end``."""
+    inside = time < end * (1.0 - 1e-12)
+    last = np.interp(end, time, values)
+    return Force(np.append(time[inside], end), np.append(values[inside], last))

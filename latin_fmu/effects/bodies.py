@@ -1,0 +1,141 @@
+"""Effects inside substructures: inertia, elasticity, damping, what drives and holds them."""
+
+from __future__ import annotations
+
+from ..scene.boundaries import Absorbing, PrescribedDisplacement, PrescribedVelocity
+from .effect import Effect
+from .sizes import SPARSE, Sizes
+
+
+def inertia(sizes: Sizes) -> Effect:
+    """Mass times acceleration."""
+    off = bool(getattr(sizes.scene.time, "quasi_static", False))
+    entries = sum(c.n_member * c.mass for c in sizes.classes)
+    if off:
+        return Effect("inertia", False, ("time.quasi_static",), "a sequence of equilibria is asked for",
+                      "time.quasi_static = false")  # fmt: skip
+    return Effect(
+        "inertia", True, ("time.scheme",), f"motion is integrated by the scheme {sizes.scene.time.scheme.type}",
+        "time.quasi_static = true (loads slow against the waves)", kernels=("mass product",), memory=12 * entries,
+        cost=SPARSE * entries,
+    )  # fmt: skip
+
+
+def elasticity(sizes: Sizes) -> Effect:
+    """Deformable substructures."""
+    elastic = [n for n, b in sizes.prepared.bodies.items() if not b.rigid]
+    classes = [c for c in sizes.classes if not c.rigid]
+    if not elastic:
+        return Effect("elastic bodies", False, ("substructure.*.rigid",), "every substructure is rigid",
+                      "rigid = false on a substructure")  # fmt: skip
+    reason = f"{len(elastic)} deformable substructure(s) in {len(classes)} class(es) of identical ones"
+    return Effect(
+        "elastic bodies", True, tuple(f"substructure.{n}" for n in elastic), reason,
+        "rigid = true on bodies that only move",
+        unknowns=sum(c.n_member * c.n_dof for c in classes),
+        kernels=("factorisation", "half solves", "stiffness product"),
+        memory=sum(8 * c.factor + 12 * c.stiffness for c in classes),
+        cost=sum(c.march - c.n_member * SPARSE * c.mass for c in classes),
+    )  # fmt: skip
+
+
+def rigidity(sizes: Sizes) -> Effect:
+    """Undeformable substructures."""
+    rigid = [n for n, b in sizes.prepared.bodies.items() if b.rigid]
+    classes = [c for c in sizes.classes if c.rigid]
+    if not rigid:
+        return Effect("rigid bodies", False, ("substructure.*.rigid",), "no substructure is rigid",
+                      "rigid = true on a substructure")  # fmt: skip
+    return Effect(
+        "rigid bodies", True, tuple(f"substructure.{n}.rigid" for n in rigid),
+        f"{len(rigid)} substructure(s) of six unknowns at most", "rigid = false",
+        unknowns=sum(c.n_member * c.n_dof for c in classes), kernels=("rigid march",),
+        cost=sum(c.march for c in classes),
+    )  # fmt: skip
+
+
+def damping(sizes: Sizes) -> Effect:
+    """Rayleigh damping."""
+    materials = {b.description.material for b in sizes.prepared.bodies.values()}
+    keys = tuple(
+        f"material.{n}.{key}"
+        for n, m in sizes.scene.material.items()
+        if n in materials
+        for key in ("rayleigh_mass", "rayleigh_stiffness")
+        if getattr(m, key) > 0
+    )
+    entries = sum(c.n_member * c.damping for c in sizes.classes)
+    if not keys:
+        return Effect("damping", False, ("material.*.rayleigh_mass", "material.*.rayleigh_stiffness"),
+                      "no material has any", "rayleigh_mass or rayleigh_stiffness > 0")  # fmt: skip
+    return Effect("damping", True, keys, f"{len(keys)} Rayleigh coefficient(s)", "set them to 0",
+                  kernels=("damping product",), memory=12 * entries, cost=2 * SPARSE * entries)  # fmt: skip
+
+
+def absorbing_ends(sizes: Sizes) -> Effect:
+    """Dashpots that let waves out."""
+    found = [n for n, b in sizes.scene.boundary.items() if isinstance(b, Absorbing)]
+    if not found:
+        return Effect("absorbing ends", False, ("boundary.*.type",), "no boundary absorbs",
+                      'a boundary with type = "absorbing"')  # fmt: skip
+    nodes = sum(
+        len(sizes.prepared.bodies[f.split(".")[0]].face(f.split(".", 1)[1]).nodes)
+        for n in found
+        if isinstance(b := sizes.scene.boundary[n], Absorbing) and (f := b.face)
+    )
+    return Effect("absorbing ends", True, tuple(f"boundary.{n}" for n in found), f"dashpots on {nodes} nodes",
+                  "remove the boundary", kernels=("damping product",), memory=12 * 9 * nodes,
+                  cost=2 * SPARSE * 9 * nodes)  # fmt: skip
+
+
+def body_force(sizes: Sizes) -> Effect:
+    """Force per volume."""
+    keys = tuple(
+        f"substructure.{n}.body_force" for n, s in sizes.scene.substructure.items() if any(s.body_force)
+    )
+    return _driven(
+        sizes, "body force", keys, "substructure.*.body_force", "a constant nodal force", "a body_force"
+    )
+
+
+def loads(sizes: Sizes) -> Effect:
+    """Surface loads."""
+    keys = tuple(f"load.{n}" for n in sizes.scene.load)
+    return _driven(sizes, "surface loads", keys, "load", "nodal forces times their laws", "a [load.NAME]")
+
+
+def initial_motion(sizes: Sizes) -> Effect:
+    """Initial velocities, spins and displacements."""
+    keys = tuple(
+        f"substructure.{n}.{key}"
+        for n, s in sizes.scene.substructure.items()
+        for key in ("initial_velocity", "initial_spin", "initial_displacement")
+        if any(getattr(s, key))
+    )
+    if not keys:
+        return Effect("initial motion", False, ("substructure.*.initial_velocity",), "everything starts at rest",
+                      "initial_velocity, initial_spin or initial_displacement")  # fmt: skip
+    return Effect("initial motion", True, keys, "initial values that are not zero", "set them to zero")
+
+
+def prescribed_motion(sizes: Sizes) -> Effect:
+    """Faces moved from outside."""
+    driven = tuple(
+        f"boundary.{n}"
+        for n, b in sizes.scene.boundary.items()
+        if isinstance(b, PrescribedVelocity | PrescribedDisplacement)
+    )
+    ground = tuple(
+        f"interface.{n}.ground_velocity" for n, i in sizes.scene.interface.items() if i.ground_velocity
+    )
+    return _driven(
+        sizes, "prescribed motion", (*driven, *ground), "boundary.*.type",
+        "motions that follow the recursion of the time scheme", 'type = "velocity" or "displacement", ground_velocity',
+    )  # fmt: skip
+
+
+def _driven(sizes: Sizes, name: str, keys: tuple[str, ...], none: str, what: str, on: str) -> Effect:
+    if not keys:
+        return Effect(name, False, (none,), "the scene has none", on)
+    return Effect(name, True, keys, what, "remove it", kernels=("forcing",), memory=8 * sizes.n_dof,
+                  cost=1e-9 * sizes.n_dof)  # fmt: skip

@@ -1,0 +1,46 @@
+"""Effects on what a run keeps: fields, stress, energies."""
+
+from __future__ import annotations
+
+from .effect import Effect
+from .sizes import SPARSE, Sizes
+
+_PER_CELL = 6e-7  # seconds of the mean stress of an element
+
+
+def fields(sizes: Sizes) -> Effect:
+    """Displacement and velocity histories of the nodes."""
+    nodes = sum(c.n_member * c.nodes for c in sizes.classes)
+    if not sizes.scene.output.fields:
+        return Effect("interior history", False, ("output.fields",), "not asked for", "output.fields = true")
+    return Effect(
+        "interior history", True, ("output.fields", "output.every"),
+        f"displacements and velocities of {nodes} nodes at {sizes.n_stored} instants", "output.fields = false",
+        kernels=("field storage",), memory=48 * nodes * sizes.n_stored,
+        cost=1e-8 * nodes / sizes.scene.output.every,
+    )  # fmt: skip
+
+
+def stress(sizes: Sizes) -> Effect:
+    """Mean stress of the elements."""
+    cells = sum(c.n_member * c.cells for c in sizes.classes if not c.rigid)
+    if not sizes.scene.output.stress:
+        return Effect("stress", False, ("output.stress",), "not asked for", "output.stress = true")
+    return Effect(
+        "stress", True, ("output.stress", "output.every"), f"{cells} elements at {sizes.n_stored} instants",
+        "output.stress = false", kernels=("stress recovery",), memory=48 * cells * sizes.n_stored,
+        cost=_PER_CELL * cells / sizes.scene.output.every,
+    )  # fmt: skip
+
+
+def energy(sizes: Sizes) -> Effect:
+    """Energy balance."""
+    if not sizes.scene.output.energy:
+        return Effect("energy balance", False, ("output.energy",), "not asked for", "output.energy = true")
+    entries = sum(c.n_member * (2 * c.mass + c.stiffness + c.damping) for c in sizes.classes)
+    return Effect(
+        "energy balance", True, ("output.energy",), "every term from the fields of every instant",
+        "output.energy = false", kernels=("energy meter",),
+        memory=8 * (sizes.n_instant + 1) * 7 * (1 + sum(c.n_member for c in sizes.classes)),
+        cost=SPARSE * entries + 1e-8 * sizes.n_dof,
+    )  # fmt: skip

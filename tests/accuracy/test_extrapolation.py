@@ -1,0 +1,60 @@
+"""Orders and estimates from made-up sequences whose error is known."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from latin_fmu.accuracy.extrapolation import Differences, judge, observed_order
+from latin_fmu.accuracy.kinds import FORCE_HISTORY, IMPULSE
+
+
+def series(order: float, ratios: tuple[float, float], error: float = 0.01) -> tuple[float, float]:
+    """Differences of the sequence q* + error h^order at h = 1 and the ratios."""
+    first, second = (error * r**order for r in ratios)
+    return first - error, second - first
+
+
+@pytest.mark.parametrize("order", [0.25, 0.5, 1.0, 1.7, 2.0])
+@pytest.mark.parametrize("ratios", [(2.0, 4.0), (5 / 3, 5.0), (1.9, 3.6)])
+def test_order_of_a_power(order: float, ratios: tuple[float, float]) -> None:
+    assert observed_order(*series(order, ratios), ratios) == pytest.approx(order, abs=1e-6)
+
+
+def test_no_order_without_differences() -> None:
+    assert math.isnan(observed_order(0.0, 1.0, (2.0, 4.0)))
+    assert math.isnan(observed_order(1.0, math.nan, (2.0, 4.0)))
+
+
+@pytest.mark.parametrize("order", [0.75, 1.0, 1.25])
+@pytest.mark.parametrize("ratios", [(2.0, 4.0), (5 / 3, 5.0)])
+def test_a_regular_sequence_gives_an_estimate_within_five_times(
+    order: float, ratios: tuple[float, float]
+) -> None:
+    half, quarter = series(order, ratios)
+    judged = judge(IMPULSE, Differences(half, quarter, steps=half, ratios=ratios))
+    assert not judged.bound_only
+    assert 0.01 <= judged.error <= 0.05
+
+
+def test_an_irregular_sequence_gives_a_bound_and_says_so() -> None:
+    """Two resolutions that agree by chance: what the time step alone changes counts."""
+    judged = judge(IMPULSE, Differences(half=1e-5, quarter=0.02, steps=0.01))
+    assert judged.bound_only
+    assert judged.error >= 0.01
+    assert judge(IMPULSE, Differences(*series(1.0, (2.0, 4.0)), same_way=False)).bound_only
+
+
+def test_sampling_and_iteration_count() -> None:
+    half, quarter = series(1.0, (2.0, 4.0))
+    plain = judge(IMPULSE, Differences(half, quarter))
+    assert judge(IMPULSE, Differences(half, quarter, iteration=0.1)).error == pytest.approx(plain.error + 0.1)
+    sampled = judge(IMPULSE, Differences(half, quarter, sampling=0.1))
+    assert sampled.error >= 0.1
+    assert sampled.bound_only
+
+
+def test_a_front_in_the_force_history_is_regular_at_one_half() -> None:
+    half, quarter = series(0.5, (2.0, 4.0))
+    assert not judge(FORCE_HISTORY, Differences(half, quarter)).bound_only

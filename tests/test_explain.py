@@ -1,0 +1,227 @@
+"""``explain``: every effect told on or off with its reason, sizes as built, suggestions that hold, stable JSON."""
+
+from __future__ import annotations
+
+import copy
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from latin_fmu.cli import main
+from latin_fmu.effects import Explanation, explain
+from latin_fmu.effects.registry import EFFECTS
+from latin_fmu.scene.build import build
+from latin_fmu.scene.lines import key_lines, line_of
+from latin_fmu.scene.reader import scene_from_dict
+
+MODELS = Path(__file__).parents[1] / "models"
+NAMES = {
+    "inertia", "elastic bodies", "rigid bodies", "damping", "absorbing ends", "body force", "surface loads",
+    "initial motion", "prescribed motion", "unilateral contact", "friction", "initial gap", "perfect bond",
+    "layers and joints", "preload", "interior history", "stress", "energy balance",
+}  # fmt: skip
+
+
+def tables() -> dict[str, Any]:
+    """Two blocks in frictionless contact, one pushed: as few effects as a scene can have."""
+    box = {"size": [0.01, 0.01, 0.02], "elements": [2, 2, 4]}
+    return {
+        "name": "two", "material": {"steel": {"young_modulus": 210e9, "poisson_ratio": 0.3, "density": 7800.0}},
+        "substructure": {
+            "a": {"material": "steel", "box": box},
+            "b": {"material": "steel", "box": {**box, "origin": [0.0, 0.0, 0.02]}},
+        },
+        "interface": {"meet": {"sides": ["a.zmax", "b.zmin"]}},
+        "load": {"push": {"face": "a.zmin", "pressure": 1e6, "law": "step"}},
+        "time": {"end": 1e-5, "instants": 20},
+    }  # fmt: skip
+
+
+def told(scene: dict[str, Any]) -> Explanation:
+    return explain(scene_from_dict(copy.deepcopy(scene)))
+
+
+def on(explanation: Explanation) -> set[str]:
+    return {e.name for e in explanation.effects if e.on}
+
+
+BASE = {"inertia", "elastic bodies", "surface loads", "unilateral contact"}
+
+
+def test_a_plain_scene_has_four_effects_and_every_effect_is_told() -> None:
+    explanation = told(tables())
+    assert on(explanation) == BASE
+    assert {e.name for e in explanation.effects} == NAMES
+    assert len(EFFECTS) == len(NAMES)
+    for effect in explanation.effects:
+        assert all((effect.reason, effect.switch, effect.why))
+        if not effect.on:
+            assert (effect.unknowns, effect.kernels, effect.memory, effect.cost) == (0, (), 0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "effect"),
+    [
+        ("material.steel.rayleigh_stiffness", 1e-9, "damping"),
+        ("substructure.a.body_force", [0.0, 0.0, 1.0], "body force"),
+        ("substructure.a.initial_velocity", [0.0, 0.0, 1.0], "initial motion"),
+        ("substructure.a.initial_spin", [0.0, 0.0, 1.0], "initial motion"),
+        ("substructure.b.rigid", True, "rigid bodies"),
+        ("interface.meet.friction_coefficient", 0.2, "friction"),
+        ("interface.meet.gap", 1e-6, "initial gap"),
+        ("interface.meet.preload", 1e5, "preload"),
+        ("interface.meet.preload_force", 10.0, "preload"),
+        ("boundary.out", {"type": "absorbing", "face": "b.zmax"}, "absorbing ends"),
+        (
+            "boundary.tool",
+            {"type": "velocity", "face": "b.zmax", "components": ["z"], "value": [1.0]},
+            "prescribed motion",
+        ),
+        ("output.fields", True, "interior history"),
+        ("output.stress", True, "stress"),
+        ("output.energy", True, "energy balance"),
+    ],
+)
+def test_one_key_switches_one_effect(path: str, value: Any, effect: str) -> None:
+    scene = tables()
+    *holders, key = path.split(".")
+    table = scene
+    for holder in holders:
+        table = table.setdefault(holder, {})
+    table[key] = value
+    explanation = told(scene)
+    assert on(explanation) == BASE | {effect}
+    found = next(e for e in explanation.effects if e.name == effect)
+    assert any(path.startswith(why) or why.startswith(path) for why in found.why)
+
+
+def test_behaviours_are_told_apart() -> None:
+    scene = tables()
+    scene["interface"]["meet"]["behaviour"] = "perfect"
+    assert on(told(scene)) == BASE - {"unilateral contact"} | {"perfect bond"}
+    scene["interface"]["meet"] |= {
+        "behaviour": "elastic_layer",
+        "normal_stiffness": 1e12,
+        "tangential_stiffness": 0.0,
+    }
+    assert on(told(scene)) == BASE - {"unilateral contact"} | {"layers and joints"}
+    del scene["interface"]
+    assert on(told(scene)) == BASE - {"unilateral contact"}
+    assert "no interface" in told(scene).choices["window"]
+
+
+@pytest.mark.parametrize("model", ["two_specimen_crushing", "beam_in_traction", "shear_interface"])
+def test_sizes_are_those_of_the_built_scene(model: str) -> None:
+    from latin_fmu import load_scene
+
+    scene = load_scene(MODELS / model / "scene.toml")
+    explanation, assembly = explain(scene), build(scene).assembly
+    assert explanation.prediction["unknowns"] == sum(p.n_dof * len(p.names) for p in assembly.propagators)
+    assert explanation.prediction["interface_unknowns"] == assembly.layout.n_flat
+    unknowns = {e.name: e.unknowns for e in explanation.effects}
+    parts = ("unilateral contact", "friction", "perfect bond", "layers and joints")
+    assert sum(unknowns[p] for p in parts) == assembly.layout.n_flat
+    held = sum(p.operators.factor.nbytes for p in assembly.propagators)
+    elastic = next(e for e in explanation.effects if e.name == "elastic bodies")
+    assert 0.5 * held < elastic.memory < 2.5 * held
+
+
+def test_friction_counts_two_thirds_of_the_unknowns() -> None:
+    scene = tables()
+    scene["interface"]["meet"]["friction_coefficient"] = 0.2
+    with_friction = {e.name: e for e in told(scene).effects}
+    without = {e.name: e for e in told(tables()).effects}
+    assert with_friction["friction"].unknowns == 2 * with_friction["unilateral contact"].unknowns
+    assert without["unilateral contact"].unknowns == with_friction["unilateral contact"].unknowns
+    assert without["friction"].unknowns == 0
+
+
+# -- suggestions --------------------------------------------------------------------------------------------------
+def suggested(scene: dict[str, Any], word: str) -> bool:
+    return any(word in s.what for s in told(scene).suggestions)
+
+
+def test_tiny_friction_is_noticed() -> None:
+    scene = tables()
+    scene["interface"]["meet"]["friction_coefficient"] = 1e-4
+    assert suggested(scene, "friction with mu")
+    scene["interface"]["meet"]["friction_coefficient"] = 0.1
+    assert not suggested(scene, "friction with mu")
+
+
+def test_a_gap_that_cannot_close_is_noticed() -> None:
+    scene = tables()
+    scene["interface"]["meet"]["gap"] = 1.0
+    assert suggested(scene, "cannot close")
+    scene["interface"]["meet"]["gap"] = 1e-8
+    assert not suggested(scene, "cannot close")
+    scene["interface"]["meet"]["gap"] = 1.0
+    scene["substructure"]["a"]["body_force"] = [0.0, 0.0, 1.0]
+    assert not suggested(scene, "cannot close")
+
+
+def test_what_could_be_rigid_is_noticed() -> None:
+    scene = tables()
+    assert not suggested(scene, "as a rigid body")
+    scene["material"]["rubber"] = {"young_modulus": 1e3, "poisson_ratio": 0.3, "density": 1000.0}
+    scene["substructure"]["b"]["material"] = "rubber"
+    assert suggested(scene, "substructure a: its wave impedance")
+    assert not suggested(scene, "substructure b")
+
+
+def test_costly_output_is_noticed() -> None:
+    scene = tables()
+    scene["output"] = {"energy": True}
+    assert suggested(scene, "energy balance takes")
+
+
+# -- words --------------------------------------------------------------------------------------------------------
+def test_lines_of_keys() -> None:
+    lines = key_lines('name = "x"\n\n[a.b]  # here\nc = 1\nd.e = {f = 2}\n["q"]\n')
+    assert lines == {"name": 1, "a.b": 3, "a.b.c": 4, "a.b.d.e": 5, "q": 6}
+    assert line_of(lines, "a.b.c") == 4
+    assert line_of(lines, "a.b.d.e.f") == 5
+    assert line_of(lines, "a.b.missing") is None
+    assert line_of(lines, "nothing") is None
+
+
+@pytest.mark.parametrize("path", sorted(MODELS.glob("*/scene.toml")), ids=lambda p: p.parent.name)
+def test_every_model_is_explained_for_a_reader(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["explain", str(path)]) == 0
+    out = capsys.readouterr().out
+    assert max(map(len, out.splitlines())) <= 140
+    for part in ("On:", "Off (not allocated", "Chosen:", "Suggestions", "predicted", "(line "):
+        assert part in out
+    assert all(name in out for name in NAMES)
+
+
+def test_json_keeps_its_keys(capsys: pytest.CaptureFixture[str]) -> None:
+    path = MODELS / "two_specimen_crushing" / "scene.toml"
+    assert main(["explain", str(path), "--json", "--set", "interface.crush.friction_coefficient=0"]) == 0
+    report = json.loads(
+        capsys.readouterr().out, parse_constant=lambda name: pytest.fail(f"{name} is not JSON")
+    )
+    assert report["schema_version"] == "1.0"
+    assert set(report) == {
+        "schema_version", "scene", "effects", "choices", "prediction", "suggestions", "warnings",
+    }  # fmt: skip
+    assert set(report["effects"][0]) == {
+        "name", "on", "why", "lines", "reason", "switch", "unknowns", "kernels", "memory_bytes", "share_of_time",
+    }  # fmt: skip
+    assert set(report["prediction"]) == {
+        "cpu_seconds_set_up", "cpu_seconds_instants", "cpu_seconds_instant", "memory_bytes", "unknowns",
+        "interface_unknowns", "instants", "iterations_per_instant",
+    }  # fmt: skip
+    assert set(report["choices"]) == {"window", "search direction", "acceleration", "propagator"}
+    friction = next(e for e in report["effects"] if e["name"] == "friction")
+    assert not friction["on"]
+    assert all(set(s) == {"what", "settings", "cost_factor"} for s in report["suggestions"])
+
+
+def test_a_wrong_scene_is_told_as_everywhere(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    wrong = tmp_path / "scene.toml"
+    wrong.write_text('name = "x"\n')
+    assert main(["explain", str(wrong)]) == 2
+    assert "material" in capsys.readouterr().err

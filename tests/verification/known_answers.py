@@ -1,0 +1,206 @@
+"""Scenes whose quantities are known in closed form (travelling waves), for the study of error estimates."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import latin_fmu
+from latin_fmu.accuracy.force import Force
+from latin_fmu.accuracy.measured import Measured, of_force
+from latin_fmu.accuracy.refinement import in_short_windows
+from latin_fmu.scene.schema import Scene
+from latin_fmu.stability.scenes import Stuff, bar, two_boxes
+
+from .oracles import cases
+from .oracles.bars import Bar, Waves
+from .oracles.cases import Solved
+from .oracles.connections import Contact, Joint, PrescribedStress
+from .oracles.piecewise import PiecewiseLinear
+
+MODELS = Path(__file__).parents[2] / "models"
+
+
+@dataclass(frozen=True)
+class Known:
+    """A scene, the exact values of its quantities, and quantities left out (trivially exact)."""
+
+    name: str
+    scene: Scene
+    exact: Measured
+    trivial: frozenset[str] = field(default_factory=frozenset)
+
+    @property
+    def quantities(self) -> list[str]:
+        """What is judged."""
+        return [q for q in self.exact.values if q not in self.trivial]
+
+
+def exact_of(
+    interface: str,
+    solved: Solved,
+    area: float,
+    end: float,
+    sensors: dict[str, tuple[int, int]] | None = None,
+) -> Measured:
+    """Exact quantities of one contact; ``sensors``: connection and side of bar ends by name."""
+    found = Measured()
+    knots: list[float] = []
+    values: list[float] = []
+    for start, stop, first, last in solved.pressure.pieces(0.0, end):
+        knots += [start, stop]
+        values += [area * first, area * last]
+    force = Force(np.array(knots), np.array(values))
+    found.forces[interface] = force
+    for key, (value, scale) in of_force(force, end, opens=True).items():
+        found.values[f"{interface}.{key}"], found.scales[f"{interface}.{key}"] = value, scale
+    for name, (connection, side) in (sensors or {}).items():
+        velocity = solved.waves.velocity[connection][side]
+        path = np.array([velocity.integral(0.0, t) for t in np.linspace(0.0, end, 2001)])
+        found.vectors[name] = np.array([0.0, 0.0, path[-1]])
+        found.values[f"{name}.displacement"] = abs(path[-1])
+        found.scales[f"{name}.displacement"] = float(np.abs(path).max())
+    return found
+
+
+def _with_sensors(scene: Scene, **places: tuple[str, float]) -> Scene:
+    """The scene with sensors on its axis: substructure and height by name."""
+    data = tomllib.loads(scene.text())
+    data["sensor"] = {n: {"substructure": b, "point": [0.0, 0.0, z]} for n, (b, z) in places.items()}
+    return latin_fmu.scene_from_dict(data, scene.base_dir)
+
+
+def shipped(model: str) -> Scene:
+    """A shipped scene."""
+    return latin_fmu.load_scene(MODELS / model / "scene.toml")
+
+
+def beam_in_traction() -> Known:
+    scene = in_short_windows(_with_sensors(shipped("beam_in_traction"), far=("bar2", 1.5001428571428571)))
+    exact = exact_of("contact", cases.beam_in_traction(), 4e-4, scene.time.end, {"far": (3, 0)})
+    return Known("beam_in_traction", scene, exact)
+
+
+def impact_bar() -> Known:
+    scene = _with_sensors(shipped("impact_bar"), top=("bar", 15.0))
+    return Known("impact_bar", scene, exact_of("wall", cases.impact_bar(), 1.0, 2.0, {"top": (1, 0)}))
+
+
+def bouncing_bar() -> Known:
+    scene = _with_sensors(shipped("bouncing_bar"), foot=("bar", 5.0))
+    return Known("bouncing_bar", scene, exact_of("wall", cases.bouncing_bar(5.5), 1.0, 5.5, {"foot": (0, 1)}))
+
+
+def shear_interface() -> Known:
+    """Dissipation mu sigma0 per unit slip, slip rate 2 (tau_i - mu sigma0) / (rho c_s) while tau_i > mu sigma0."""
+    strength, area, duration, impedance = 3e6, 4e-6, 3.0472470011002204e-05, 7800 * np.sqrt(84e9 / 7800)
+    slip = 2 * strength / impedance * duration / np.pi * (2 * np.sqrt(3) - 2 * np.pi / 3)
+    exact = Measured(
+        {"fault.friction_work": area * strength * slip}, {"fault.friction_work": area * strength * slip}
+    )
+    return Known("shear_interface", shipped("shear_interface"), exact)
+
+
+def two_bars_on_a_wall() -> Known:
+    """Steel bars, gap 10 um, constant pressure; pressed to the end of the run."""
+    steel = Stuff(210e9, 7800.0)
+    scene = two_boxes(_thin(steel, 0.1), _thin(steel, 0.1), 0.4e-6, 250, gap=1e-5)
+    scene["load"] = {"push": {"face": "low.zmin", "pressure": 100e6, "law": "step"}}
+    scene["boundary"] = {"wall": {"type": "fixed", "face": "up.zmax", "components": ["z"]}}
+    exact = exact_of("meet", cases.two_bars_on_a_wall(), 1e-4, 100e-6)
+    return Known(
+        "two_bars_on_a_wall", latin_fmu.scene_from_dict(scene), exact, frozenset({"meet.separation"})
+    )
+
+
+def _thin(stuff: Stuff, length: float) -> Any:
+    from latin_fmu.stability.scenes import Box
+
+    return Box(stuff, (0.01, 0.01, length), (1, 1, 50))
+
+
+SOFT, HARD = Stuff(1.0, 1.0), Stuff(4.0, 2.25)  # speeds 1 and 4/3, impedances 1 and 3
+
+
+def colliding_bars() -> Known:
+    """Unequal bars thrown at each other; the gap closes between two instants."""
+    scene = two_boxes(bar(SOFT, 1.0, 40, 1.0), bar(HARD, 1.5, 45, -0.5), 0.02, 300, gap=0.31)
+    exact = cases.colliding_bars(Bar(1, 1, 1, velocity=1.0), Bar(1.5, 4, 2.25, velocity=-0.5), 0.31, 6.0)
+    sensors = {"tail": (0, 1)}
+    made = _with_sensors(latin_fmu.scene_from_dict(scene), tail=("low", 0.0))
+    return Known("colliding_bars", made, exact_of("meet", exact, 1.0, 6.0, sensors))
+
+
+def smooth_pulse(gap: float) -> Known:
+    """Half-sine pulse through a contact of unequal bars that touch, or are ``gap`` apart."""
+    scene = two_boxes(bar(SOFT, 1.0, 40), bar(HARD, 1.5, 45), 0.02, 300, gap=gap)
+    scene["load"] = {
+        "push": {"face": "low.zmin", "pressure": 0.1, "law": {"type": "half_sine", "duration": 2.0}}
+    }
+    free = PrescribedStress(PiecewiseLinear.constant(0.0, 0.0, 6.0))
+    rows = [PrescribedStress(_half_sine(2.0, 6.0)), Contact(gap), free]
+    solved = Solved(Waves([Bar(1, 1, 1), Bar(1.5, 4, 2.25)], rows, 6.0), 1, gap)
+    made = _with_sensors(latin_fmu.scene_from_dict(scene), head=("up", 2.5 + gap), foot=("low", 0.0))
+    exact = exact_of("meet", solved, 1.0, 6.0, {"head": (2, 0), "foot": (0, 1)})
+    return Known(f"smooth_pulse_gap_{gap:g}", made, exact)
+
+
+def contrast() -> Known:
+    """A triangular pulse from a bar ten times faster and stiffer in impedance into a slow one on a wall."""
+    scene = two_boxes(bar(Stuff(100.0, 1.0), 1.0, 20), bar(Stuff(), 1.0, 40), 0.01, 600)
+    law = {"type": "table", "times": [0.0, 0.5, 1.0], "values": [0.0, 1.0, 0.0]}
+    scene["load"] = {"push": {"face": "low.zmin", "pressure": 0.1, "law": law}}
+    scene["boundary"] = {"wall": {"type": "fixed", "face": "up.zmax", "components": ["z"]}}
+    pulse = PiecewiseLinear.through([0.0, 0.5, 1.0, 6.0], [0.0, -0.1, 0.0, 0.0])
+    rows = [PrescribedStress(pulse), Contact(0.0), Joint()]
+    solved = Solved(Waves([Bar(1, 100, 1), Bar(1, 1, 1)], rows, 6.0), 1)
+    return Known("contrast", latin_fmu.scene_from_dict(scene), exact_of("meet", solved, 1.0, 6.0))
+
+
+def squeeze() -> Known:
+    """Two equal bars on a wall squeezed slowly: half-sine of five transits."""
+    scene = two_boxes(bar(Stuff(), 1.0, 32), bar(Stuff(), 1.0, 32), 0.025, 320)
+    scene["load"] = {
+        "push": {"face": "up.zmax", "pressure": 0.1, "law": {"type": "half_sine", "duration": 5.0}}
+    }
+    scene["boundary"] = {"wall": {"type": "fixed", "face": "low.zmin", "components": ["z"]}}
+    rows = [Joint(), Contact(0.0), PrescribedStress(_half_sine(5.0, 8.0))]
+    solved = Solved(Waves([Bar(1, 1, 1), Bar(1, 1, 1)], rows, 8.0), 1)
+    made = _with_sensors(latin_fmu.scene_from_dict(scene), head=("up", 2.0))
+    return Known("squeeze", made, exact_of("meet", solved, 1.0, 8.0, {"head": (2, 0)}))
+
+
+def _half_sine(duration: float, end: float) -> PiecewiseLinear:
+    times = [*np.linspace(0.0, duration, 401), end]
+    return PiecewiseLinear.through(times, [-0.1 * np.sin(np.pi * min(t / duration, 1.0)) for t in times])
+
+
+MAKERS: tuple[Callable[[], Known], ...] = (
+    beam_in_traction,
+    impact_bar,
+    bouncing_bar,
+    shear_interface,
+    two_bars_on_a_wall,
+    colliding_bars,
+    lambda: smooth_pulse(0.0),
+    lambda: smooth_pulse(0.05),
+    contrast,
+    squeeze,
+)
+
+
+@cache
+def known() -> tuple[Known, ...]:
+    """All of them."""
+    return tuple(make() for make in MAKERS)
+
+
+def named(*names: str) -> Iterator[Known]:
+    """Some of them."""
+    return (case for case in known() if case.name in names)

@@ -1,0 +1,77 @@
+"""Quasi-static scenes written in Python: stacks of blocks, a bar gripped between two rough planes."""
+
+from __future__ import annotations
+
+import copy
+from typing import Any
+
+import latin_fmu
+
+STEEL = {"young_modulus": 210e9, "poisson_ratio": 0.3, "density": 7800.0}
+
+
+def ramp(*points: tuple[float, float]) -> dict[str, Any]:
+    """Table law through (time, value) points."""
+    return {"type": "table", "times": [t for t, _ in points], "values": [v for _, v in points]}
+
+
+def scene(steps: int, end: float = 1.0, **solver: Any) -> dict[str, Any]:
+    """An empty quasi-static scene."""
+    return {
+        "name": "static",
+        "material": {"steel": dict(STEEL)},
+        "substructure": {},
+        "interface": {},
+        "boundary": {},
+        "load": {},
+        "time": {"end": end, "instants": steps, "quasi_static": True},
+        "solver": solver,
+        "output": {"fields": True, "energy": True},
+    }
+
+
+def add_block(
+    into: dict[str, Any],
+    name: str,
+    origin: tuple[float, ...],
+    size: tuple[float, ...],
+    elements: tuple[int, ...],
+) -> None:
+    """A steel block."""
+    into["substructure"][name] = {
+        "material": "steel",
+        "box": {"origin": list(origin), "size": list(size), "elements": list(elements)},
+    }
+
+
+def plates(
+    n: int, size: tuple[float, float, float] = (0.1, 0.05, 0.006), elements: tuple[int, int, int] = (10, 5, 2),
+    friction: float = 0.3, pressure: float = 100e6, shear: float = 20e6, steps: int = 20, **solver: Any,
+) -> dict[str, Any]:  # fmt: skip
+    """``n`` plates on a fixed base, pressed in the first half of the interval and sheared in the second."""
+    made = scene(steps, **solver)
+    made["boundary"]["base"] = {"type": "fixed", "face": "b1.zmin"}
+    made["load"]["press"] = {
+        "face": f"b{n}.zmax",
+        "pressure": pressure,
+        "law": ramp((0, 0), (0.5, 1), (1, 1)),
+    }
+    made["load"]["shear"] = {
+        "face": f"b{n}.zmax", "traction": [shear, 0.0, 0.0], "law": ramp((0, 0), (0.5, 0), (1, 1)),
+    }  # fmt: skip
+    for i in range(1, n + 1):
+        add_block(made, f"b{i}", (0.0, 0.0, (i - 1) * size[2]), size, elements)
+        made["boundary"][f"y{i}"] = {"type": "symmetry", "face": f"b{i}.ymin"}
+        if i > 1:
+            made["interface"][f"i{i - 1}"] = {
+                "sides": [f"b{i - 1}.zmax", f"b{i}.zmin"],
+                "friction_coefficient": friction,
+            }
+    return made
+
+
+def solve(description: dict[str, Any], converged: bool = True) -> latin_fmu.Solution:
+    """Solve a description; ``converged`` : whether it must."""
+    solution = latin_fmu.solve(latin_fmu.scene_from_dict(copy.deepcopy(description)))
+    assert solution.converged is converged, solution.status
+    return solution
