@@ -18,7 +18,6 @@ from .kernel_store import keep, store_of
 Function = TypeVar("Function", bound=Callable[..., Any])
 COMPILES: Final = os.environ.get("LATIN_FMU_COMPILE", "1") != "0"
 carray: Any = getattr(import_module("numba"), "carray", None) if COMPILES else None
-TRAVELS: Final = "." in __name__.removesuffix(".compiled")  # below another package: inside an FMU
 
 
 def compiled(twin: Function) -> Callable[[Function], Function]:
@@ -33,12 +32,12 @@ def compiled(twin: Function) -> Callable[[Function], Function]:
 def jitted(function: Function, nogil: bool = False, fastmath: bool | set[str] = False) -> Function:
     """``numba.njit`` of a function: compiled once, then read from disk.
 
-    The code is kept where numba keeps it; inside an FMU, whose path is new at every extraction, in the folder of
-    ``kernel_store``.
+    The code is kept in the folder of ``kernel_store``: where numba keeps it a kernel would not notice that another one
+    which it calls has changed, and inside an FMU the path is new at every extraction.
     """
     from numba import njit
 
-    store = store_of(Path(__file__).parent) if TRAVELS else None
+    store = store_of(Path(__file__).parent)
     if store is not None:
         made = njit(nogil=nogil, fastmath=fastmath)(function)
         if keep(made, store):
@@ -63,7 +62,7 @@ def native(n_integer: int, n_float: int) -> Callable[[Callable[..., None]], Call
             types: Any = import_module("numba.types")
             pointers = [types.CPointer(types.int32)] * n_integer + [types.CPointer(types.float64)] * n_float
             found = CFunc(function, (tuple(pointers), types.void), locals={}, options={})
-            store = store_of(Path(__file__).parent) if TRAVELS else None
+            store = store_of(Path(__file__).parent)
             if store is None or not keep(found, store):
                 with suppress(RuntimeError):  # no folder to keep it in
                     found.enable_caching()
