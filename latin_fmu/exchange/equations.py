@@ -84,9 +84,14 @@ class Equations:
     def use(self, regularisation: Regularisation) -> None:
         """Set the regularisation."""
         self.regularisation = regularisation
-        self._k = regularisation.stiffness * self.system.contacts.stiffness
+        self._k: Array = regularisation.stiffness * self.system.contacts.stiffness
         self._d = regularisation.damping / self.system.speed
         self.gap_margin = _GAP_MARGIN * self.system.traction / self._k
+
+    @property
+    def spring_stiffness(self) -> Array:
+        """(n_patch,) of the contacts, Pa m-1."""
+        return self._k
 
     @property
     def n_state(self) -> int:

@@ -1,0 +1,150 @@
+"""Names and units of a reduced model: those of co-simulation where both have them, then its states.
+
+The place in the table is the value reference: what co-simulation has too comes first, then locals: states, their
+derivatives, event indicators.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+from ..cosim.variable import Variable, output, parameter
+from ..cosim.variables import ENERGIES, scalar_table
+from ..scene.schema import Scene
+from .system import ReducedSystem
+
+STIFFNESS, DAMPING, SLIDING = "contactStiffness", "contactDamping", "slidingVelocity"
+WORKS: Final = (
+    "work_of_loads",
+    "interface_work",
+    "friction_dissipation",
+    "contact_dissipation",
+    "damping_dissipation",
+)
+"""Energies that are states, in the order of the states."""
+EVENTS = "model.events"
+
+
+@dataclass(frozen=True)
+class Local:
+    """A state, the derivative of one, or an event indicator.
+
+    start : of a state. derivative_of : reference of the state. indicator : whether it is an event indicator.
+    """
+
+    name: str
+    unit: str
+    description: str
+    start: float | None = None
+    nominal: float | None = None
+    derivative_of: int | None = None
+    indicator: bool = False
+
+
+@dataclass(frozen=True)
+class Names:
+    """All variables. ``states`` are references in the order of the states, ``derivatives`` likewise."""
+
+    table: tuple[Variable, ...]
+    locals: tuple[Local, ...]
+    states: tuple[int, ...]
+    derivatives: tuple[int, ...]
+    indicators: tuple[int, ...]
+
+
+def names_of(
+    scene: Scene, system: ReducedSystem, sliding: float, starts: Sequence[float], nominals: Sequence[float]
+) -> Names:
+    """Variables of the reduced model of a scene.
+
+    sliding : velocity of regularisation, m s-1. starts, nominals : of all states, in their order.
+    """
+    table = tuple(_table(scene, sliding))
+    place = {v.name: i for i, v in enumerate(table)}
+    read = [f"interface.{name}.impulse[{axis}]" for name in system.interfaces for axis in (1, 2, 3)]
+    read += [f"energy.{name}" for name in WORKS] if scene.output.energy else []
+    rows = list(_coordinates(system, starts, nominals))
+    states = [*range(len(table), len(table) + len(rows)), *(place[name] for name in read)]
+    named = [*((v.name, v.unit) for v in rows), *((name, table[place[name]].unit or "1") for name in read)]
+    first = len(table) + len(rows)
+    for reference, (name, unit) in zip(states, named, strict=True):
+        rate = {"m": "m s-1", "m s-1": "m s-2", "N s": "N", "J": "W"}[unit]
+        rows.append(Local(f"der({name})", rate, f"time derivative of {name}", derivative_of=reference))
+    second = len(table) + len(rows)
+    rows += _indicators(system)
+    return Names(
+        table, tuple(rows), tuple(states), tuple(range(first, second)), tuple(range(second, len(table) + len(rows)))
+    )
+
+
+def _table(scene: Scene, sliding: float) -> Iterator[Variable]:
+    rows = scalar_table(scene)
+    yield rows[0]
+    yield parameter(
+        STIFFNESS, "real", 20.0, "stiffness of the contact over the static stiffness of the two bodies under uniform "
+        "pressure: they penetrate by that fraction of their static shortening", unit="1", minimum=0.0,
+    )  # fmt: skip
+    yield parameter(
+        DAMPING, "real", 0.5, "damping of the contact: part of the pressure taken off where the bodies leave each "
+        "other at their characteristic velocity", unit="1", minimum=0.0,
+    )  # fmt: skip
+    yield parameter(
+        SLIDING, "real", sliding, "sliding velocity below which a patch sticks: it creeps instead of resting",
+        unit="m s-1", minimum=0.0,
+    )  # fmt: skip
+    yield from (row for row in rows if row.causality == "input")
+    for row in rows:
+        if row.causality == "output" and row.name.startswith(("interface.", "sensor.")):
+            shares = row.name.endswith((".closed", ".sticking", ".slipping"))
+            discrete = replace(row, variability="discrete") if shares else row
+            yield replace(discrete, initial_dependencies=())
+    if scene.output.energy:
+        yield from (output(f"energy.{name}", "J", text) for name, text in _energies().items())
+    yield replace(
+        output(EVENTS, "1", "changes of contact states since the start", minimum=0.0), variability="discrete"
+    )
+
+
+def _energies() -> dict[str, str]:
+    texts = {name: text for name, text in ENERGIES.items() if name != "scheme_dissipation"}
+    texts["contact"] = "energy stored in the springs of the contacts"
+    texts["contact_dissipation"] = "energy dissipated by the damping of the contacts since the start"
+    return texts
+
+
+def energy_names() -> tuple[str, ...]:
+    """Energies in the order of the table."""
+    return tuple(_energies())
+
+
+def _coordinates(
+    system: ReducedSystem, starts: Sequence[float], nominals: Sequence[float]
+) -> Iterator[Local]:
+    number = 0
+    for kind, unit in (("displacement", "m"), ("velocity", "m s-1")):
+        for body, size in zip(system.bodies, system.sizes, strict=True):
+            for i in range(1, size + 1):
+                text = f"{kind} of Ritz vector {i} of {body}, scaled by the root of its mass"
+                yield Local(
+                    f"modes.{body}.{kind}[{i}]", unit, text, float(starts[number]), float(nominals[number])
+                )
+                number += 1
+
+
+def _indicators(system: ReducedSystem) -> Iterator[Local]:
+    owners = [system.interfaces[int(i)] for i in system.contacts.owner]
+    count: dict[str, int] = {}
+    numbers = [count.setdefault(o, 0) or 0 for o in owners]
+    for i, o in enumerate(owners):
+        count[o] += 1
+        numbers[i] = count[o]
+    for key, unit, text in (
+        ("gapIndicator", "m", "distance of the gap of patch {} of {} from where it opens or closes"),
+        ("slidingIndicator", "m s-1", "distance of the sliding velocity of patch {} of {} from stick or slip"),
+    ):
+        for owner, number in zip(owners, numbers, strict=True):
+            yield Local(
+                f"interface.{owner}.{key}[{number}]", unit, text.format(number, owner), indicator=True
+            )
