@@ -13,7 +13,7 @@ system           the numbers of a reduced model, as bytes and back
 amplitudes       loads and ground motions between the jumps of their laws
 equations        right-hand side, regularised contact, event indicators
 readings         outputs
-variables        names, units, value references
-exchange_model   all of it behind numbered variables, for an adapter; nothing else is needed inside an FMU
+variables        names, units, value references; ``names`` reads them inside an FMU
+exchange_model   all of it behind numbered variables, for an adapter
 ===============  ======================================================================================
 """

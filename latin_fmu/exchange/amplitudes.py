@@ -13,10 +13,9 @@ from math import isfinite, nextafter
 import numpy as np
 from pydantic import TypeAdapter
 
-from ..latin.layout import Array
 from ..scene.laws import HalfSineLaw, InputLaw, Law, RectangularPulseLaw, StepLaw, TimeLaw
 from ..scene.point_laws import CsvLaw, TableLaw
-from .system import ReducedSystem
+from .system import Array, ReducedSystem
 
 _AFTER = 4e-9  # of the instant: laws count instants closer to a jump than 1e-9 as before it
 _MOST_KNOTS = 100  # of one law: more points are met by the step control of the integrator

@@ -19,14 +19,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..latin.layout import Array
 from .amplitudes import Amplitudes
-from .system import ReducedSystem
+from .system import WORKS, Array, ReducedSystem
 
 Flags = NDArray[np.bool_]
 _GAP_MARGIN = 1e-6  # of the penetration under the characteristic pressure
 _SLIDING_MARGIN = 1e-3  # of the velocity of regularisation
-N_WORK = 5  # work of loads, work of interfaces, dissipation of friction, of contact, of damping
+N_WORK = len(WORKS)
 
 
 @dataclass(frozen=True)

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..latin.layout import Array
 from .equations import N_WORK, Equations, Evaluation, Modes
-from .variables import WORKS, energy_names
+from .system import ENERGY_NAMES, WORKS, Array
 
 
 class Readings:
@@ -31,7 +30,9 @@ class Readings:
         for i in range(len(s.interfaces)):
             first, second = velocities[i]
             parts += [forces[i], impulses[i], first, second, second - first]
-            parts.append(self._contact(i, modes, now) if i not in self._bonds else [-forces[i] @ self._bonds[i]])
+            parts.append(
+                self._contact(i, modes, now) if i not in self._bonds else [-forces[i] @ self._bonds[i]]
+            )
         for place in s.places:
             parts += [place @ x, place @ v]
         if self._equations.energy:
@@ -46,10 +47,8 @@ class Readings:
         share = area / area.sum()
         closed, sticking = modes.closed[here], modes.sticking[here] & (contacts.friction[here] > 0.0)
         gap = now.gap[here]
-        shares = (closed, closed & sticking, closed & ~sticking)
-        return [
-            float(area @ now.pressure[here]) + 0.0, float(share @ gap), float(gap.min()), *(float(share @ f) for f in shares)
-        ]  # fmt: skip
+        shares = [float(share @ flags) for flags in (closed, closed & sticking, closed & ~sticking)]
+        return [float(area @ now.pressure[here]) + 0.0, float(share @ gap), float(gap.min()), *shares]
 
     def _energies(self, x: Array, v: Array, works: Array, now: Evaluation) -> list[float]:
         s, equations = self._system, self._equations
@@ -63,4 +62,4 @@ class Readings:
             found["kinetic"] + found["elastic"] - start + found["damping_dissipation"] - found["work_of_loads"]
             - found["interface_work"]
         )  # fmt: skip
-        return [found[name] for name in energy_names()]
+        return [found[name] for name in ENERGY_NAMES]

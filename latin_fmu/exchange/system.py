@@ -3,11 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ..latin.blob import decode, encode
-from ..latin.layout import Array
 
+Array = NDArray[np.float64]
+STIFFNESS, DAMPING, SLIDING = "contactStiffness", "contactDamping", "slidingVelocity"
+EVENTS = "model.events"
+WORKS: Final = (
+    "work_of_loads",
+    "interface_work",
+    "friction_dissipation",
+    "contact_dissipation",
+    "damping_dissipation",
+)
+"""Energies that are states, in the order of the states."""
+ENERGY_NAMES: Final = ("kinetic", "elastic", "contact", *WORKS, "balance")
 _KIND = "reduced system 1"
 
 

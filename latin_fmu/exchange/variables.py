@@ -7,51 +7,13 @@ derivatives, event indicators.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from typing import Final
+from dataclasses import replace
 
 from ..cosim.variable import Variable, output, parameter
 from ..cosim.variables import ENERGIES, scalar_table
 from ..scene.schema import Scene
-from .system import ReducedSystem
-
-STIFFNESS, DAMPING, SLIDING = "contactStiffness", "contactDamping", "slidingVelocity"
-WORKS: Final = (
-    "work_of_loads",
-    "interface_work",
-    "friction_dissipation",
-    "contact_dissipation",
-    "damping_dissipation",
-)
-"""Energies that are states, in the order of the states."""
-EVENTS = "model.events"
-
-
-@dataclass(frozen=True)
-class Local:
-    """A state, the derivative of one, or an event indicator.
-
-    start : of a state. derivative_of : reference of the state. indicator : whether it is an event indicator.
-    """
-
-    name: str
-    unit: str
-    description: str
-    start: float | None = None
-    nominal: float | None = None
-    derivative_of: int | None = None
-    indicator: bool = False
-
-
-@dataclass(frozen=True)
-class Names:
-    """All variables. ``states`` are references in the order of the states, ``derivatives`` likewise."""
-
-    table: tuple[Variable, ...]
-    locals: tuple[Local, ...]
-    states: tuple[int, ...]
-    derivatives: tuple[int, ...]
-    indicators: tuple[int, ...]
+from .names import Local, Names
+from .system import DAMPING, ENERGY_NAMES, EVENTS, SLIDING, STIFFNESS, WORKS, ReducedSystem
 
 
 def names_of(
@@ -74,9 +36,7 @@ def names_of(
         rows.append(Local(f"der({name})", rate, f"time derivative of {name}", derivative_of=reference))
     second = len(table) + len(rows)
     rows += _indicators(system)
-    return Names(
-        table, tuple(rows), tuple(states), tuple(range(first, second)), tuple(range(second, len(table) + len(rows)))
-    )
+    return Names(table, tuple(rows), tuple(states), first, second)
 
 
 def _table(scene: Scene, sliding: float) -> Iterator[Variable]:
@@ -108,15 +68,12 @@ def _table(scene: Scene, sliding: float) -> Iterator[Variable]:
 
 
 def _energies() -> dict[str, str]:
-    texts = {name: text for name, text in ENERGIES.items() if name != "scheme_dissipation"}
-    texts["contact"] = "energy stored in the springs of the contacts"
-    texts["contact_dissipation"] = "energy dissipated by the damping of the contacts since the start"
-    return texts
-
-
-def energy_names() -> tuple[str, ...]:
-    """Energies in the order of the table."""
-    return tuple(_energies())
+    texts = {
+        **ENERGIES,
+        "contact": "energy stored in the springs of the contacts",
+        "contact_dissipation": "energy dissipated by the damping of the contacts since the start",
+    }
+    return {name: texts[name] for name in ENERGY_NAMES}
 
 
 def _coordinates(
@@ -135,16 +92,14 @@ def _coordinates(
 
 def _indicators(system: ReducedSystem) -> Iterator[Local]:
     owners = [system.interfaces[int(i)] for i in system.contacts.owner]
-    count: dict[str, int] = {}
-    numbers = [count.setdefault(o, 0) or 0 for o in owners]
-    for i, o in enumerate(owners):
-        count[o] += 1
-        numbers[i] = count[o]
+    numbers = [owners[: i + 1].count(o) for i, o in enumerate(owners)]
     for key, unit, text in (
         ("gapIndicator", "m", "distance of the gap of patch {} of {} from where it opens or closes"),
-        ("slidingIndicator", "m s-1", "distance of the sliding velocity of patch {} of {} from stick or slip"),
+        (
+            "slidingIndicator",
+            "m s-1",
+            "distance of the sliding velocity of patch {} of {} from stick or slip",
+        ),
     ):
         for owner, number in zip(owners, numbers, strict=True):
-            yield Local(
-                f"interface.{owner}.{key}[{number}]", unit, text.format(number, owner), indicator=True
-            )
+            yield Local(f"interface.{owner}.{key}[{number}]", unit, text.format(number, owner))
