@@ -110,5 +110,4 @@ def model_exchange_files(scene: Scene, n_mode: int, n_patch: int) -> Files:
 
 def _names(scene: Scene, system: ReducedSystem) -> Names:
     equations = Equations(system, scene.output.energy)
-    sliding = equations.regularisation.sliding
-    return names_of(scene, system, sliding, equations.start().tolist(), equations.nominals().tolist())
+    return names_of(scene, system, equations.start().tolist(), equations.nominals().tolist())

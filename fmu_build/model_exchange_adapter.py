@@ -19,10 +19,10 @@ class DiscreteStates:
     """What the library reads after an event, under the names it looks for (the exporter's own class has others)."""
 
     terminateSimulation: bool  # noqa: N815
-    valuesOfContinuousStatesChanged: bool  # noqa: N815
     nextEventTimeDefined: bool  # noqa: N815
     nextEventTime: float  # noqa: N815
     discreteStatesNeedUpdate: bool = False  # noqa: N815
+    valuesOfContinuousStatesChanged: bool = True  # noqa: N815  they have not, but some hosts restart only then
     nominalContinuousStatesChanged: bool = False  # noqa: N815
 
 
@@ -102,7 +102,7 @@ class ModelExchangeAdapter(Adapter):
         """Contact states and time laws after an event."""
         update = self.participant.update()
         knot = update.next_event
-        return DiscreteStates(update.terminate, update.values_changed, knot is not None, knot or 0.0)
+        return DiscreteStates(update.terminate, knot is not None, knot or 0.0)
 
     # -- states of the FMU ------------------------------------------------------------------------------------------
     @staticmethod

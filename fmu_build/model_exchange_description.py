@@ -65,7 +65,7 @@ def _add_structure(root: Element, facts: Facts, names: Names) -> None:
     structure = SubElement(root, "ModelStructure")
     outputs = [i for i, variable in enumerate(facts.table) if variable.causality == "output"]
     derivatives = range(names.derivatives, names.derivatives + len(names.states))
-    indicators = range(names.indicators, len(names.table) + len(names.locals))
+    indicators = range(names.indicators, names.count)
     calculated = [i for i in outputs if i not in names.states]
     for tag, references in (
         ("Output", outputs), ("ContinuousStateDerivative", derivatives),

@@ -7,13 +7,16 @@ solver, so that agreement of the two says something.
 ===============  ======================================================================================
 patches          faces cut into patches
 bodies           bonded substructures as one body
-contacts, bonds  interfaces seen from the reduced coordinates
+reduced_body     a body in its Ritz coordinates
+contacts, bonds  interfaces seen from the bodies
 reduce           scene -> ``ReducedSystem``
 system           the numbers of a reduced model, as bytes and back
 amplitudes       loads and ground motions between the jumps of their laws
-equations        right-hand side, regularised contact, event indicators
+contact_law      regularised contact and friction, event indicators
+equations        right-hand side
 readings         outputs
 variables        names, units, value references; ``names`` reads them inside an FMU
+board, guard     inputs, parameters, last outputs; no exception leaves
 exchange_model   all of it behind numbered variables, for an adapter
 ===============  ======================================================================================
 """

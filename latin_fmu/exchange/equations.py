@@ -1,67 +1,24 @@
-"""Right-hand side of a reduced model, with regularised contact and friction.
-
-Contact of a patch (P pressure, g gap, s sliding velocity of E' over E; k, d, v_r the regularisation):
-
-    elastic part   p = preload - k g           while closed, 0 while open
-    pressure       P = p (1 - d g')            d > 0 takes out what the missing modes would carry away
-    friction       tau = mu P s / v_r          while sticking: creep at less than v_r instead of no motion
-                   tau = mu P s / |s|          while slipping
-
-Closed or open, sticking or slipping are discrete states that change at events only; between events the right-hand side
-is smooth. A state is left a little beyond its bound (hysteresis), so that an event never calls for the next one.
-"""
+"""Right-hand side of a reduced model."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .amplitudes import Amplitudes
+from .contact_law import ContactLaw, Modes, Motion, Regularisation, Traction
 from .system import WORKS, Array, ReducedSystem
 
-Flags = NDArray[np.bool_]
-_GAP_MARGIN = 1e-6  # of the penetration under the characteristic pressure
-_SLIDING_MARGIN = 1e-3  # of the velocity of regularisation
 N_WORK = len(WORKS)
 
 
-@dataclass(frozen=True)
-class Regularisation:
-    """What replaces the laws of contact and friction.
-
-    Attributes
-    ----------
-    stiffness : contact stiffness over the static stiffness of the two bodies. damping : d in units of 1 / the
-        characteristic velocity. sliding : v_r, m s-1.
-    """
-
-    stiffness: float
-    damping: float
-    sliding: float
-
-
-@dataclass
-class Modes:
-    """Discrete states: which patches are closed, which of them stick, and the segment of the time laws."""
-
-    closed: Flags
-    sticking: Flags
-    segment: int
-
-
 class Evaluation(NamedTuple):
-    """Everything at one instant: patches (n_patch,), shear and sliding (2, n_patch), derivative (n_state,)."""
+    """At one instant: derivative (n_state,), patches, velocity of the ground (n_interface, 3)."""
 
     derivative: Array
-    amplitudes: Array
-    gap: Array
-    pressure: Array
-    elastic: Array
-    sliding: Array
-    shear: Array
+    motion: Motion
+    traction: Traction
     ground: Array
 
 
@@ -78,19 +35,11 @@ class Equations:
         self._gather[self._owner, np.arange(len(self._owner))] = 1.0
         self._slides = bool((contacts.friction > 0.0).any())
         self._flat_sliding = contacts.sliding.reshape(-1, system.n)
-        self.use(Regularisation(20.0, 0.5, 1e-3 * system.speed))
+        self.law = ContactLaw(system, Regularisation.of(system))
 
     def use(self, regularisation: Regularisation) -> None:
         """Set the regularisation."""
-        self.regularisation = regularisation
-        self._k: Array = regularisation.stiffness * self.system.contacts.stiffness
-        self._d = regularisation.damping / self.system.speed
-        self.gap_margin = _GAP_MARGIN * self.system.traction / self._k
-
-    @property
-    def spring_stiffness(self) -> Array:
-        """(n_patch,) of the contacts, Pa m-1."""
-        return self._k
+        self.law = ContactLaw(self.system, regularisation)
 
     @property
     def n_state(self) -> int:
@@ -114,53 +63,35 @@ class Equations:
         ])  # fmt: skip
 
     # -- patches --------------------------------------------------------------------------------------------------
-    def patches(self, t: float, y: Array, modes: Modes) -> tuple[Array, Array, Array, Array]:
-        """Gap, its rate, sliding velocity (2, n_patch), velocity of the ground (n_interface, 3)."""
+    def motion(self, t: float, y: Array, segment: int) -> tuple[Motion, Array]:
+        """Motion of the patches, and velocity of the ground (n_interface, 3)."""
         s, n = self.system, self.system.n
         x, v = y[:n], y[n : 2 * n]
         gap = s.contacts.gap + s.contacts.opening @ x
         rate = s.contacts.opening @ v
         sliding = (self._flat_sliding @ v).reshape(2, -1)
-        moved, velocity = self.amplitudes.ground(t, modes.segment)
+        moved, velocity = self.amplitudes.ground(t, segment)
         if self.amplitudes.moves:
             gap = gap + np.einsum("pi,pi->p", self._normal, moved[self._owner])
             rate = rate + np.einsum("pi,pi->p", self._normal, velocity[self._owner])
             slides = s.contacts.friction > 0.0
             sliding = sliding + slides * np.einsum("cpi,pi->cp", self._tangent, velocity[self._owner])
-        return gap, rate, sliding, velocity
+        return Motion(gap, rate, sliding), velocity
 
     def indicators(self, t: float, y: Array, modes: Modes) -> Array:
         """(2 n_patch,) positive while the discrete state holds: gaps (m), then sliding velocities (m s-1)."""
-        gap, _, sliding, _ = self.patches(t, y, modes)
-        g = gap - self.system.contacts.preload / self._k
-        normal = np.where(modes.closed, self.gap_margin - g, self.gap_margin + g)
-        speed, bound = np.hypot(sliding[0], sliding[1]), self.regularisation.sliding
-        margin = _SLIDING_MARGIN * bound
-        tangential = np.where(modes.sticking, bound + margin - speed, speed - bound + margin)
-        watched = modes.closed & (self.system.contacts.friction > 0.0)
-        return np.concatenate([normal, np.where(watched, tangential, bound)])
+        return np.concatenate(self.law.indicators(self.motion(t, y, modes.segment)[0], modes))
 
     def switch(self, t: float, y: Array, modes: Modes) -> tuple[Modes, int]:
         """Discrete states after an event, and how many of them changed."""
         segment = max(self.amplitudes.segment(t), modes.segment)
         here = Modes(modes.closed, modes.sticking, segment)
-        n = len(modes.closed)
-        due = self.indicators(t, y, here)[:n] <= 0.1 * self.gap_margin
-        closed = modes.closed ^ due
-        here = Modes(closed, modes.sticking, segment)
-        slack = 0.1 * _SLIDING_MARGIN * self.regularisation.sliding
-        turned = self.indicators(t, y, here)[n:] <= slack
-        sticking = np.where(closed, modes.sticking ^ turned, True)
-        return Modes(closed, sticking, segment), int(due.sum() + turned.sum())
+        return self.law.switched(self.motion(t, y, segment)[0], here)
 
     def modes_at(self, t: float, y: Array) -> Modes:
         """Discrete states that the states alone call for."""
-        n = len(self._owner)
-        here = Modes(np.zeros(n, dtype=bool), np.ones(n, dtype=bool), self.amplitudes.segment(t))
-        gap, _, sliding, _ = self.patches(t, y, here)
-        here.closed = self.system.contacts.preload - self._k * gap > 0.0
-        here.sticking = ~here.closed | (np.hypot(sliding[0], sliding[1]) <= self.regularisation.sliding)
-        return here
+        segment = self.amplitudes.segment(t)
+        return self.law.called_for(self.motion(t, y, segment)[0], segment)
 
     # -- right-hand side --------------------------------------------------------------------------------------------
     def evaluate(
@@ -168,28 +99,22 @@ class Equations:
     ) -> Evaluation:
         """Derivative and everything outputs need; ``given`` as in ``Amplitudes.at``."""
         s, n = self.system, self.system.n
-        c = s.contacts
-        x, v = y[:n], y[n : 2 * n]
-        gap, rate, sliding, ground = self.patches(t, y, modes)
-        elastic = np.where(modes.closed, c.preload - self._k * gap, 0.0)
-        pressure = elastic * np.maximum(0.0, 1.0 - self._d * rate)
-        speed, bound = np.hypot(sliding[0], sliding[1]), self.regularisation.sliding
-        reach = np.where(modes.sticking, bound, np.maximum(speed, 0.5 * bound))
-        shear = c.friction * np.maximum(pressure, 0.0) * sliding / reach
+        x, v, area = y[:n], y[n : 2 * n], s.contacts.area
+        motion, ground = self.motion(t, y, modes.segment)
+        traction = self.law.traction(motion, modes)
         amplitudes = self.amplitudes.at(t, modes.segment, given)
-        pushed, rubbed = c.area * pressure, c.area * shear
-        interface = c.opening.T @ pushed
+        pushed, rubbed = area * traction.pressure, area * traction.shear
+        interface = s.contacts.opening.T @ pushed
         if self._slides:
             interface -= self._flat_sliding.T @ rubbed.ravel()
         load = s.loads @ amplitudes
         damped = np.zeros(n) if s.damping is None else s.damping @ v
         acceleration = (load + interface - damped - s.stiffness * x) / s.inertia
         force = self.forces(x, v, acceleration, amplitudes, pushed, rubbed)
-        works = [
-            v @ load, v @ interface, np.sum(rubbed * sliding), self._d * np.sum(c.area * elastic * rate**2), v @ damped,
-        ]  # fmt: skip
+        lost = self.law.damping * np.sum(area * traction.elastic * motion.rate**2)
+        works = [v @ load, v @ interface, np.sum(rubbed * motion.sliding), lost, v @ damped]
         derivative = np.concatenate([v, acceleration, force.ravel(), works[: N_WORK * self.energy]])
-        return Evaluation(derivative, amplitudes, gap, pressure, elastic, sliding, shear, ground)
+        return Evaluation(derivative, motion, traction, ground)
 
     def forces(
         self, x: Array, v: Array, acceleration: Array, amplitudes: Array, pushed: Array, rubbed: Array

@@ -37,6 +37,11 @@ class Names:
     derivatives: int
     indicators: int
 
+    @property
+    def count(self) -> int:
+        """Number of variables."""
+        return len(self.table) + len(self.locals)
+
     def to_text(self) -> str:
         """As JSON."""
         rest = [asdict(local) for local in self.locals]

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from .equations import N_WORK, Equations, Evaluation, Modes
+from .contact_law import Modes
+from .equations import N_WORK, Equations, Evaluation
 from .system import ENERGY_NAMES, WORKS, Array
 
 
@@ -46,17 +47,22 @@ class Readings:
         area = contacts.area[here]
         share = area / area.sum()
         closed, sticking = modes.closed[here], modes.sticking[here] & (contacts.friction[here] > 0.0)
-        gap = now.gap[here]
+        gap = now.motion.gap[here]
         shares = [float(share @ flags) for flags in (closed, closed & sticking, closed & ~sticking)]
-        return [float(area @ now.pressure[here]) + 0.0, float(share @ gap), float(gap.min()), *shares]
+        return [
+            float(area @ now.traction.pressure[here]) + 0.0,
+            float(share @ gap),
+            float(gap.min()),
+            *shares,
+        ]
 
     def _energies(self, x: Array, v: Array, works: Array, now: Evaluation) -> list[float]:
         s, equations = self._system, self._equations
         found = dict(zip(WORKS, works.tolist(), strict=True))
         found["kinetic"] = 0.5 * float(s.inertia @ v**2)
         found["elastic"] = 0.5 * float(s.stiffness @ x**2)
-        spring = equations.spring_stiffness
-        found["contact"] = 0.5 * float(np.sum(s.contacts.area * now.elastic**2 / spring))
+        spring = equations.law.stiffness
+        found["contact"] = 0.5 * float(np.sum(s.contacts.area * now.traction.elastic**2 / spring))
         start = 0.5 * float(s.inertia @ s.velocity**2 + s.stiffness @ s.displacement**2)
         found["balance"] = (
             found["kinetic"] + found["elastic"] - start + found["damping_dissipation"] - found["work_of_loads"]

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.sparse as sp
 
 from ..errors import Problem, SceneError
 from ..fem.nearest import nearest
 from ..latin.layout import Array, InterfaceUnit
-from ..propagator.reduction import ReducedModel, reduce_model
 from ..scene.boundaries import PrescribedDisplacement, PrescribedVelocity
 from ..scene.build import Prepared, prepare
 from ..scene.checks import characteristic_traction
@@ -19,12 +16,14 @@ from ..scene.fields import GROUND
 from ..scene.models import side_impedance
 from ..scene.schema import Scene
 from ..scene.time_settings import HHT
-from .bodies import BondedBody, bonded_bodies, is_bond
+from .bodies import bonded_bodies, is_bond
 from .bonds import bond_of
-from .contacts import Cut, body_trace, face_means
+from .contacts import Cut, face_means
+from .reduced_body import ReducedBody, damping_of, loads_of
 from .system import Contacts, ReducedSystem
 
 MAX_STATES = 600  # an integrator fills a Jacobian of this size squared by differences
+MAX_PATCHES = 64  # of an interface
 _HEADING = "the scene has no reduced model"
 
 
@@ -45,7 +44,7 @@ def reduced_system(scene: Scene, n_mode: int = 12, n_patch: int = 4) -> ReducedS
     # the mass of the time scheme is not asked for: contact nodes keep theirs
     prepared = prepare(scene.model_copy(update={"time": scene.time.model_copy(update={"scheme": HHT()})}))
     cuts = [Cut.of(i, u, n_patch) for i, u in enumerate(prepared.units) if not is_bond(u)]
-    bodies = [_Reduced.of(body, cuts, n_mode) for body in bonded_bodies(prepared)]
+    bodies = [ReducedBody.of(body, cuts, n_mode) for body in bonded_bodies(prepared)]
     n_state = 2 * sum(b.size for b in bodies) + 3 * len(prepared.units)
     if n_state > MAX_STATES:
         problem = Problem(
@@ -57,9 +56,12 @@ def reduced_system(scene: Scene, n_mode: int = 12, n_patch: int = 4) -> ReducedS
 
 
 def _unknown(scene: Scene, n_mode: int, n_patch: int) -> Iterator[Problem]:
-    for what, value, least in (("modes", n_mode, 0), ("patches", n_patch, 1)):
-        if value < least:
-            yield Problem(what, "too few", str(value), f"at least {least}")
+    for what, value, least, most in (
+        ("modes", n_mode, 0, MAX_STATES // 2),
+        ("patches", n_patch, 1, MAX_PATCHES),
+    ):
+        if not least <= value <= most:
+            yield Problem(what, "not a possible number", str(value), f"{least} to {most}")
     for name, interface in scene.interface.items():
         if interface.behaviour not in ("contact", "perfect"):
             yield Problem(
@@ -73,6 +75,9 @@ def _unknown(scene: Scene, n_mode: int, n_patch: int) -> Iterator[Problem]:
                 f"interface.{name}.sides", "a bond with the ground", ", ".join(interface.sides),
                 remedy='hold the face by a boundary of type "fixed"',
             )  # fmt: skip
+    for name, body in scene.substructure.items():
+        if body.rigid:
+            yield Problem(f"substructure.{name}.rigid", "a rigid body has no modes", remedy="make it elastic")
     for name, boundary in scene.boundary.items():
         if isinstance(boundary, PrescribedVelocity | PrescribedDisplacement):
             yield Problem(
@@ -81,62 +86,20 @@ def _unknown(scene: Scene, n_mode: int, n_patch: int) -> Iterator[Problem]:
             )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class _Reduced:
-    """A body, its reduced model, and the motion of the patches from its full dofs."""
-
-    body: BondedBody
-    model: ReducedModel
-    trace: sp.csr_array
-    mass: float
-
-    @classmethod
-    def of(cls, body: BondedBody, cuts: Sequence[Cut], n_mode: int) -> _Reduced:
-        trace, area = body_trace(body, cuts)
-        needed = np.flatnonzero(_transmits(cuts) & (np.diff(trace.indptr) > 0))
-        here = replace(body.model, trace=sp.csr_array(trace[needed]), channel_area=area[needed])
-        reduced = reduce_model(here, n_mode, exciting=_uniform(cuts)[needed])
-        return cls(body, reduced, trace, float(body.model.mass.sum()) / 3.0)
-
-    @property
-    def size(self) -> int:
-        """Number of coordinates."""
-        return len(self.model.eigenvalues)
-
-    @property
-    def basis(self) -> Array:
-        """(n_full, size), coordinates of the size of a displacement."""
-        scaled: Array = self.model.basis * np.sqrt(self.mass)
-        return scaled
-
-
-def _transmits(cuts: Sequence[Cut]) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    """Rows of a trace of patches that carry traction: no tangential ones where there is no friction."""
-    rows = [np.tile(np.arange(3) < c.unit.behaviour.n_component, len(c.members)) for c in cuts]
-    return np.concatenate([np.zeros(0, dtype=bool), *rows])
-
-
-def _uniform(cuts: Sequence[Cut]) -> Array:
-    """Uniform tractions on every interface, one a column, (3 n_patch of all, 3 n_cut)."""
-    blocks = [np.tile(np.eye(3), (len(c.members), 1)) for c in cuts]
-    columns: Array = sp.block_diag([*blocks, np.zeros((0, 0))]).toarray()
-    return columns
-
-
-def _assembled(prepared: Prepared, cuts: Sequence[Cut], bodies: Sequence[_Reduced]) -> ReducedSystem:
+def _assembled(prepared: Prepared, cuts: Sequence[Cut], bodies: Sequence[ReducedBody]) -> ReducedSystem:
     scene, units = prepared.scene, prepared.units
     m = np.concatenate([np.full(b.size, b.mass) for b in bodies])
     root = np.sqrt(m)
     stiffness = m * np.concatenate([b.model.eigenvalues for b in bodies])
     motion = np.hstack([b.trace @ b.basis for b in bodies]).reshape(-1, 3, len(m))
-    names, loads = _loads(bodies, root)
+    names, loads = loads_of(bodies, root)
     traction = characteristic_traction(scene, prepared.bodies, prepared.time) or 1.0
     impedance = side_impedance(prepared.bodies, units, prepared.layout)
     speed = traction * float(np.mean(1.0 / impedance[impedance > 0.0])) if (impedance > 0.0).any() else 1.0
     places, sensors = _sensors(prepared, bodies)
     return ReducedSystem(
         bodies=[b.body.name for b in bodies], sizes=[b.size for b in bodies], interfaces=[u.name for u in units],
-        inertia=m, stiffness=stiffness, damping=_damping(bodies), loads=loads, load_names=names,
+        inertia=m, stiffness=stiffness, damping=damping_of(bodies), loads=loads, load_names=names,
         laws={n: scene.load[n].law.model_dump() for n in dict.fromkeys(names) if n},
         displacement=np.concatenate([b.model.displacement for b in bodies]) / root,
         velocity=np.concatenate([b.model.velocity for b in bodies]) / root,
@@ -147,28 +110,6 @@ def _assembled(prepared: Prepared, cuts: Sequence[Cut], bodies: Sequence[_Reduce
         ground=_ground(scene, units), sensors=sensors, places=places,
         traction=traction, speed=speed, end=scene.time.end,
     )  # fmt: skip
-
-
-def _loads(bodies: Sequence[_Reduced], root: Array) -> tuple[list[str], Array]:
-    """Names of the load terms, each once, and their forces on the coordinates (n, n_load)."""
-    names = list(dict.fromkeys(load.name for b in bodies for load in b.body.model.loads))
-    table = np.zeros((len(root), len(names)))
-    start = 0
-    for b in bodies:
-        for load, column in zip(b.body.model.loads, b.model.loads.T, strict=True):
-            table[start : start + b.size, names.index(load.name)] += column
-        start += b.size
-    return names, table * root[:, None]
-
-
-def _damping(bodies: Sequence[_Reduced]) -> Array | None:
-    if all(b.model.damping is None for b in bodies):
-        return None
-    parts = [
-        np.zeros((b.size, b.size)) if b.model.damping is None else b.mass * b.model.damping for b in bodies
-    ]
-    blocks: Array = sp.block_diag(parts).toarray()
-    return blocks
 
 
 def _contacts(cuts: Sequence[Cut], motion: Array, stiffness: Array) -> Contacts:
@@ -200,19 +141,11 @@ def _ground(scene: Scene, units: Sequence[InterfaceUnit]) -> list[tuple[int, Arr
     return [(i, np.array(g.vector), g.law.model_dump()) for i, g in moving if g is not None]
 
 
-def _sensors(prepared: Prepared, bodies: Sequence[_Reduced]) -> tuple[Array, list[str]]:
+def _sensors(prepared: Prepared, bodies: Sequence[ReducedBody]) -> tuple[Array, list[str]]:
     """(n_sensor, 3, n) displacement of the sensors from the coordinates, and their names."""
     blocks = [np.zeros((0, 3, sum(b.size for b in bodies)))]
     for sensor in prepared.scene.sensor.values():
         _, node = nearest(np.asarray([sensor.point]), prepared.info[sensor.substructure].nodes)
-        row = [_rows(b, sensor.substructure, int(node[0])) for b in bodies]
+        row = [b.rows(sensor.substructure, int(node[0])) for b in bodies]
         blocks.append(np.hstack(row)[None])
     return np.concatenate(blocks), list(prepared.scene.sensor)
-
-
-def _rows(b: _Reduced, substructure: str, node: int) -> Array:
-    if substructure not in b.body.where:
-        return np.zeros((3, b.size))
-    first = b.body.where[substructure].start + 3 * node
-    rows: Array = b.basis[first : first + 3]
-    return rows

@@ -12,18 +12,19 @@ from dataclasses import replace
 from ..cosim.variable import Variable, output, parameter
 from ..cosim.variables import ENERGIES, scalar_table
 from ..scene.schema import Scene
+from .contact_law import Regularisation
 from .names import Local, Names
 from .system import DAMPING, ENERGY_NAMES, EVENTS, SLIDING, STIFFNESS, WORKS, ReducedSystem
 
 
 def names_of(
-    scene: Scene, system: ReducedSystem, sliding: float, starts: Sequence[float], nominals: Sequence[float]
+    scene: Scene, system: ReducedSystem, starts: Sequence[float], nominals: Sequence[float]
 ) -> Names:
     """Variables of the reduced model of a scene.
 
-    sliding : velocity of regularisation, m s-1. starts, nominals : of all states, in their order.
+    starts, nominals : of all states, in their order.
     """
-    table = tuple(_table(scene, sliding))
+    table = tuple(_table(scene, Regularisation.of(system)))
     place = {v.name: i for i, v in enumerate(table)}
     read = [f"interface.{name}.impulse[{axis}]" for name in system.interfaces for axis in (1, 2, 3)]
     read += [f"energy.{name}" for name in WORKS] if scene.output.energy else []
@@ -39,19 +40,21 @@ def names_of(
     return Names(table, tuple(rows), tuple(states), first, second)
 
 
-def _table(scene: Scene, sliding: float) -> Iterator[Variable]:
+def _table(scene: Scene, default: Regularisation) -> Iterator[Variable]:
     rows = scalar_table(scene)
     yield rows[0]
     yield parameter(
-        STIFFNESS, "real", 20.0, "stiffness of the contact over the static stiffness of the two bodies under uniform "
-        "pressure: they penetrate by that fraction of their static shortening", unit="1", minimum=0.0,
+        STIFFNESS, "real", default.stiffness, unit="1", minimum=0.0,
+        description="stiffness of the contact over the static stiffness of the two bodies under uniform pressure: they "
+        "penetrate by 1 / this of their static shortening",
     )  # fmt: skip
     yield parameter(
-        DAMPING, "real", 0.5, "damping of the contact: part of the pressure taken off where the bodies leave each "
-        "other at their characteristic velocity", unit="1", minimum=0.0,
+        DAMPING, "real", default.damping, unit="1", minimum=0.0,
+        description="damping of the contact: part of the pressure taken off where the bodies leave each other at their "
+        "characteristic velocity",
     )  # fmt: skip
     yield parameter(
-        SLIDING, "real", sliding, "sliding velocity below which a patch sticks: it creeps instead of resting",
+        SLIDING, "real", default.sliding, "sliding velocity below which a patch sticks: it creeps instead of resting",
         unit="m s-1", minimum=0.0,
     )  # fmt: skip
     yield from (row for row in rows if row.causality == "input")
