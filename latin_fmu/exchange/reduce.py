@@ -62,6 +62,8 @@ def _unknown(scene: Scene, n_mode: int, n_patch: int) -> Iterator[Problem]:
     ):
         if not least <= value <= most:
             yield Problem(what, "not a possible number", str(value), f"{least} to {most}")
+    if scene.time.quasi_static:
+        yield Problem("time.quasi_static", "a reduced model moves", "true", "false", "leave it out")
     for name, interface in scene.interface.items():
         if interface.behaviour not in ("contact", "perfect"):
             yield Problem(

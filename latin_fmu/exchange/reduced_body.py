@@ -35,7 +35,7 @@ class ReducedBody:
         needed = np.flatnonzero(_transmits(cuts) & (np.diff(trace.indptr) > 0))
         here = replace(body.model, trace=sp.csr_array(trace[needed]), channel_area=area[needed])
         reduced = reduce_model(here, n_mode, exciting=_uniform(cuts)[needed])
-        return cls(body, reduced, trace, float(body.model.mass.sum()) / 3.0)
+        return cls(body, reduced, trace, float(body.model.inertia.sum()) / 3.0)
 
     @property
     def size(self) -> int:

@@ -100,13 +100,15 @@ def test_what_has_no_reduced_model_is_said_at_once():
             "lift": {"type": "velocity", "face": "upper.zmax", "components": ["z"], "value": [1.0]},
         },
         load={},
+        time={"end": 6e-6, "step": 0.2e-6, "quasi_static": True},
     )
     with pytest.raises(SceneError) as error:
         reduced_system(scene, -1, 0)
-    where = {problem.where for problem in error.value.problems}
-    assert where == {
-        "modes", "patches", "interface.meet.behaviour", "interface.stick.sides", "boundary.lift.type",
-    }  # fmt: skip
+    where = [problem.where for problem in error.value.problems]
+    assert where == [
+        "modes", "patches", "time.quasi_static", "interface.meet.behaviour", "interface.stick.sides",
+        "boundary.lift.type",
+    ]  # fmt: skip
 
 
 def test_too_many_states():
@@ -129,3 +131,13 @@ def test_scheme_and_solver_do_not_count():
     base = reduced_system(pair(), 3, 1)
     other = pair(time={"end": 6e-6, "step": 0.2e-6, "scheme": "massless_contact"}, solver={"window": 5})
     np.testing.assert_array_equal(reduced_system(other, 3, 1).stiffness, base.stiffness)
+
+
+def test_rigid_bodies_have_no_modes():
+    rigid = {"material": "steel", "rigid": True, "box": {"size": [0.01, 0.01, 0.01], "elements": [2, 2, 2]}}
+    upper = {
+        "material": "steel",
+        "box": {"origin": [0.0, 0.0, SIZE], "size": [SIZE] * 3, "elements": [2, 2, 2]},
+    }
+    with pytest.raises(SceneError, match=r"substructure\.lower\.rigid"):
+        reduced_system(pair(substructure={"lower": rigid, "upper": upper}))
