@@ -74,8 +74,8 @@ class MarchOperators(InterfaceOperators, Protocol):
     """Operators with the trace from interface dofs to channels."""
 
     @property
-    def trace(self) -> sp.csr_array:
-        """(n_channel, n_gamma)."""
+    def trace(self) -> Any:
+        """(n_channel, n_gamma), sparse or dense."""
         ...
 
 
