@@ -246,6 +246,10 @@ class March(ABC, Generic[Ops]):
         model = self.members[member]
         return model.node_values(model.expansion @ field[:, member] + imposed[:, member])
 
+    def remarks(self) -> list[str]:
+        """What a reader of the results should know of this propagator's accuracy."""
+        return []
+
     # -- windows and segments -----------------------------------------------------------------------------------
     def snapshot(self) -> tuple[Motion, object]:
         """All that determines the next instants."""

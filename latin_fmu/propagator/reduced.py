@@ -4,6 +4,11 @@ In Ritz coordinates the mass is the unit matrix and the stiffness diagonal, so t
 the dense trace and a few operations on vectors; the time scheme is that of the scene. Prescribed motions are
 coordinates of their own: the reduced substructure is a ``SubstructureModel`` with the Ritz vectors for ``nodal``
 values, and loads, energies and histories work on it as on any other.
+
+The error stated: the Ritz vectors beyond the modes answer statics exactly and stand, each with a frequency of its own,
+for all modes left out. Their share in the interface velocity (root mean square over the run) is what the mesh would
+spread over many modes; measured on crushed blocks it is 1.4 to 6 times the error of that velocity, and 9 to 100 times
+that of the contact force.
 """
 
 from __future__ import annotations
@@ -21,6 +26,8 @@ from .energy import EnergyMeter
 from .march import March, Motion
 from .model import Array, LoadTerm, SubstructureModel
 from .reduction import reduce_model
+
+_SAMPLED = 4  # every so many instants the error is looked at
 
 
 @dataclass(frozen=True)
@@ -79,6 +86,7 @@ class ReducedPropagator(March[ReducedOperators]):
         if energy:
             self.meter = EnergyMeter(self.members, self.forcing, scheme)
         self._free: tuple[Array, Array, Array] | None = None
+        self._beyond = self._all = 0.0  # squares of interface velocities, summed over instants
 
     def _build(self, dt: float) -> ReducedOperators:
         model, scheme = self.members[0], self.scheme
@@ -155,6 +163,26 @@ class ReducedPropagator(March[ReducedOperators]):
         if self.meter is not None and account:
             self.meter.advance(self.state, force)
 
+        if account and self.state.instant % _SAMPLED == 0:
+            self._measure()
+
+    def _measure(self) -> None:
+        """Add the share of what is not a mode in the interface velocity (see the module docstring)."""
+        ops, v = self.operators, self.state.v
+        first = int((ops.stiffness == 0.0).sum()) + self.n_mode
+        self._beyond += float(np.square(ops.trace[:, first:] @ v[first:]).sum())
+        self._all += float(np.square(ops.trace @ v).sum())
+
+    def remarks(self) -> list[str]:
+        """The error that the reduction brings."""
+        if self._all == 0.0:
+            return []
+        share = float(np.sqrt(self._beyond / self._all))
+        return [
+            f"reduced to {self.n_mode} modes, {', '.join(self.names)}: estimated error of the interface velocities "
+            f"{100 * share:.2g} % (root mean square over the run); that of contact forces is smaller"
+        ]
+
     def restore(self, snapshot: tuple[Motion, object]) -> None:
         """Back to a snapshot."""
         super().restore(snapshot)
@@ -169,7 +197,8 @@ def reduced_members(members: Sequence[SubstructureModel], n_mode: int) -> list[S
     ValueError : a mass that is not positive definite.
     """
     model = members[0]
-    basis = reduce_model(_together(members), n_mode).basis
+    reduction = reduce_model(_together(members), n_mode)
+    basis = reduction.basis
     shapes = np.column_stack([basis, model.imposed_pattern])
     m, n_motion = basis.shape[1], model.imposed_pattern.shape[1]
 
@@ -179,7 +208,7 @@ def reduced_members(members: Sequence[SubstructureModel], n_mode: int) -> list[S
 
     mass, stiffness = projected(model.mass), projected(model.stiffness)
     mass[:m, :m] = np.eye(m)  # but for round-off
-    stiffness[:m, :m] = np.diag(np.maximum(stiffness.diagonal()[:m], 0.0))
+    stiffness[:m, :m] = np.diag(reduction.eigenvalues)
     damping = None if model.damping is None else sp.csr_array(projected(model.damping))
     common = replace(
         model, mass=sp.csr_array(mass), damping=damping, stiffness=sp.csr_array(stiffness),

@@ -36,7 +36,9 @@ def _reduced(
     return ReducedPropagator(members, scheme, dt, energy, settings.modes)
 
 
-PROPAGATORS: Mapping[str, Maker] = MappingProxyType({"direct": _direct, "explicit": _explicit, "reduced": _reduced})
+PROPAGATORS: Mapping[str, Maker] = MappingProxyType(
+    {"direct": _direct, "explicit": _explicit, "reduced": _reduced}
+)
 
 
 def make_propagator(

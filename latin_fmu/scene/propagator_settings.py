@@ -31,8 +31,8 @@ class ExplicitPropagator(Table):
 
 
 class ReducedPropagator(Table):
-    """A few vibration modes of each substructure and the exact static answer to every interface traction and load: small
-    dense operators. The modes cost more than one linear run, so that they pay for repeated substructures, studies,
+    """A few vibration modes of each substructure and the exact static answer to every interface traction and load: dense
+    and small. The modes cost more than one linear run, so that they pay for repeated substructures, studies,
     long runs and FMUs. What the mesh resolves beyond the modes is lost: the run says how much is felt."""
 
     type: Literal["reduced"] = "reduced"
@@ -40,7 +40,10 @@ class ReducedPropagator(Table):
 
 
 Propagator = Annotated[
-    Annotated[AutomaticPropagator | DirectPropagator | ExplicitPropagator | ReducedPropagator, Field(discriminator="type")],
+    Annotated[
+        AutomaticPropagator | DirectPropagator | ExplicitPropagator | ReducedPropagator,
+        Field(discriminator="type"),
+    ],
     BeforeValidator(
         tagged_or("automatic"),
         json_schema_input_type=Literal["automatic", "direct", "explicit", "reduced"]
