@@ -206,7 +206,7 @@ def reduced_members(members: Sequence[SubstructureModel], n_mode: int) -> list[S
         found: Array = shapes.T @ (matrix @ shapes)
         return 0.5 * (found + found.T)
 
-    mass, stiffness = projected(model.mass), projected(model.stiffness)
+    mass, stiffness = projected(model.inertia), projected(model.stiffness)
     mass[:m, :m] = np.eye(m)  # but for round-off
     stiffness[:m, :m] = np.diag(reduction.eigenvalues)
     damping = None if model.damping is None else sp.csr_array(projected(model.damping))
@@ -215,7 +215,7 @@ def reduced_members(members: Sequence[SubstructureModel], n_mode: int) -> list[S
         expansion=sp.csr_array(np.eye(m + n_motion)[:, :m]), trace=sp.csr_array(model.trace @ shapes),
         imposed_pattern=np.eye(m + n_motion)[:, m:], ordering=None, nodal=shapes,
     )  # fmt: skip
-    weighted = model.mass @ basis
+    weighted = model.inertia @ basis
 
     def own(member: SubstructureModel) -> SubstructureModel:
         free = np.asarray(model.expansion.sum(axis=1)).ravel() > 0

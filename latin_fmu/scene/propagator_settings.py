@@ -31,7 +31,7 @@ class ExplicitPropagator(Table):
 
 
 class ReducedPropagator(Table):
-    """A few vibration modes of each substructure and the exact static answer to every interface traction and load: dense
+    """A few vibration modes of each substructure and the exact static answers to interface tractions and loads: dense
     and small. The modes cost more than one linear run, so that they pay for repeated substructures, studies,
     long runs and FMUs. What the mesh resolves beyond the modes is lost: the run says how much is felt."""
 
