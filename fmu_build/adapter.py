@@ -27,6 +27,7 @@ class Adapter:
     """
 
     package = ""
+    needed: ClassVar[tuple[str, ...]] = NEEDED
     held: ClassVar[list[dict[str, Any]]] = []
 
     def __init__(self, **kwargs: Any) -> None:
@@ -35,7 +36,7 @@ class Adapter:
         pin_library(self.resources)  # type: ignore[attr-defined]
         relocate(self.package, self.resources)  # type: ignore[attr-defined]
         missing = [
-            name for name in NEEDED if name not in sys.modules and importlib.util.find_spec(name) is None
+            name for name in self.needed if name not in sys.modules and importlib.util.find_spec(name) is None
         ]
         if missing:
             raise ImportError(

@@ -77,7 +77,7 @@ def fmu_files(scene: Scene, fmi: Fmi) -> Files:
     token = content_hash(package, inside, {"variables": variables, "fmi": fmi.encode()})
     identifier = identifier_of(scene)
     facts = Facts(
-        model=scene.name, identifier=identifier, token=_token(token, fmi), table=table, version=latin_fmu.__version__,
+        model=scene.name, identifier=identifier, token=token_of(token, fmi), table=table, version=latin_fmu.__version__,
         description=scene.description or f"Impact with frictional contact: {scene.name}",
         stop_time=scene.time.end, step_size=suggested_step(scene), tolerance=scene.solver.tolerance,
     )  # fmt: skip
@@ -91,17 +91,19 @@ def fmu_files(scene: Scene, fmi: Fmi) -> Files:
         "resources/variables.json": variables,
         **{f"resources/{name}/{path}": content for path, content in package.items()},
         **{f"resources/scene/{path}": content for path, content in inside.items()},
-        **_binaries(exporter, identifier),
+        **binaries(exporter, identifier),
         **_documents(facts, inside["scene.toml"].decode(), exporter, fmi),
     }
 
 
-def _token(digest: str, fmi: Fmi) -> str:
+def token_of(digest: str, fmi: Fmi) -> str:
+    """A token from a digest of the content, as the FMI writes it."""
     made = uuid.uuid5(_SPACE, digest)
     return f"{{{made}}}" if fmi == "2" else str(made)
 
 
-def _binaries(exporter: Exporter, identifier: str) -> Files:
+def binaries(exporter: Exporter, identifier: str) -> Files:
+    """The libraries of the exporter under the name of the model."""
     return {
         f"binaries/{Path(path).parent.as_posix()}/{identifier}{Path(path).suffix}": content
         for path, content in exporter.libraries.items()
@@ -115,7 +117,7 @@ def _documents(facts: Facts, scene_text: str, exporter: Exporter, fmi: Fmi) -> F
     documents: Files = {
         "documentation/index.html": page,
         "documentation/externalDependencies.txt": external_dependencies().encode(),
-        "documentation/licenses/license.txt": _licence().encode(),
+        "documentation/licenses/license.txt": licence().encode(),
         **exporter.licences(),
     }
     if fmi == "2":
@@ -127,5 +129,6 @@ def _documents(facts: Facts, scene_text: str, exporter: Exporter, fmi: Fmi) -> F
     }
 
 
-def _licence() -> str:
+def licence() -> str:
+    """Licence of the package."""
     return (Path(__file__).parent / "license.txt").read_text(encoding="utf-8")

@@ -6,7 +6,7 @@ from html import escape
 
 from .facts import Facts
 
-_STYLE = (
+STYLE = (
     "body{font-family:sans-serif;max-width:70em;margin:2em auto;line-height:1.4}"
     "table{border-collapse:collapse}"
     "td,th{border:1px solid #bbb;padding:.2em .5em;text-align:left;vertical-align:top}code{background:#eee}"
@@ -51,7 +51,7 @@ def documentation(facts: Facts, scene_text: str, version: str) -> str:
     )
     return (
         f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(facts.model)}</title>\n'
-        f"<style>{_STYLE}</style></head><body>\n<h1>{escape(facts.model)}</h1>\n"
+        f"<style>{STYLE}</style></head><body>\n<h1>{escape(facts.model)}</h1>\n"
         f"<p>{escape(facts.description)}</p>\n"
         f"<p>FMI {version} for co-simulation, made by latin_fmu {facts.version}. Impact of elastic bodies with "
         f"frictional contact by the LATIN method. SI units.</p>\n{_USE}<h2>Variables</h2>\n<p>Components are counted "

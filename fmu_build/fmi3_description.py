@@ -29,7 +29,7 @@ def fmi3_description(facts: Facts) -> Element:
     references = facts.references()
     variables = SubElement(root, "ModelVariables")
     for variable in facts.table:
-        _add_variable(variables, references, variable)
+        add_variable(variables, references, variable)
     structure = SubElement(root, "ModelStructure")
     outputs = [variable for variable in facts.table if variable.causality == "output"]
     for variable in outputs:
@@ -46,7 +46,7 @@ def fmi3_description(facts: Facts) -> Element:
     return root
 
 
-def _add_variable(parent: Element, references: dict[str, int], variable: Variable) -> None:
+def add_variable(parent: Element, references: dict[str, int], variable: Variable) -> None:
     attributes = {
         "name": variable.name,
         "valueReference": str(references[variable.name]),

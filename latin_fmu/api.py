@@ -15,6 +15,7 @@ from .latin.status import status
 from .latin.windows import Run
 from .memory import peak_memory
 from .observe import Iteration, Observer
+from .propagator.remarks import accuracy_remarks
 from .results.solution import Solution
 from .scene.build import Built, build
 from .scene.schema import Scene
@@ -92,7 +93,7 @@ def run(
         passes=state.marched / (assembly.n_substructure * assembly.n_instant),
         energy=recorder.assembly_energy(assembly),
         timings=timings,
-        warnings=(*built.warnings, *drift_remarks(assembly)),
+        warnings=(*built.warnings, *drift_remarks(assembly), *accuracy_remarks(assembly.propagators)),
         settings=march.choices(),
     )
     # the stages are timed with the wall clock, which costs nothing to read, and share the CPU time in proportion

@@ -27,6 +27,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("observe", "progress"),
     ("api",),
     ("cosim", "accuracy", "stability", "effects"),
+    ("exchange",),
     ("commands",),
     ("cli",),
     ("__init__", "__main__"),

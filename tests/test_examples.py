@@ -29,7 +29,7 @@ def test_every_example_is_tested_here() -> None:
     names = {
         path.stem
         for path in EXAMPLES.glob("*.py")
-        if not path.stem.startswith(("fmu_", "benchmark_", "calculix_"))
+        if not path.stem.startswith(("fmu_", "benchmark_", "calculix_", "siconos_"))
     } - {"example_tools"}
     assert names == {
         "waves_in_bars",
@@ -37,6 +37,7 @@ def test_every_example_is_tested_here() -> None:
         "convergence_friction",
         "price_of_friction",
         "against_calculix",
+        "against_siconos",
     }
 
 

@@ -21,6 +21,8 @@ UNITS: Final[Mapping[str, Unit]] = {
     "s": Unit("s", {"s": 1}),
     "m": Unit("m", {"m": 1}),
     "m s-1": Unit("m/s", {"m": 1, "s": -1}),
+    "m s-2": Unit("m/s2", {"m": 1, "s": -2}),
+    "W": Unit("W", {"kg": 1, "m": 2, "s": -3}),
     "N": Unit("N", {"kg": 1, "m": 1, "s": -2}),
     "N s": Unit("N.s", {"kg": 1, "m": 1, "s": -1}),
     "J": Unit("J", {"kg": 1, "m": 2, "s": -2}),

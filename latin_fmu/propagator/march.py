@@ -74,8 +74,8 @@ class MarchOperators(InterfaceOperators, Protocol):
     """Operators with the trace from interface dofs to channels."""
 
     @property
-    def trace(self) -> sp.csr_array:
-        """(n_channel, n_gamma)."""
+    def trace(self) -> Any:
+        """(n_channel, n_gamma), sparse or dense."""
         ...
 
 
@@ -245,6 +245,10 @@ class March(ABC, Generic[Ops]):
     def _full(self, field: Array, imposed: Array, member: int) -> Array:
         model = self.members[member]
         return model.node_values(model.expansion @ field[:, member] + imposed[:, member])
+
+    def remarks(self) -> list[str]:
+        """What a reader of the results should know of this propagator's accuracy."""
+        return []
 
     # -- windows and segments -----------------------------------------------------------------------------------
     def snapshot(self) -> tuple[Motion, object]:

@@ -21,11 +21,8 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 
 from .model import Array, SubstructureModel
+from .modes import SILENT, lowest_modes, strongest_modes
 
-_DENSE = 1500  # dofs up to which every mode is computed
-_SHIFT = 1e-7  # of trace(K) / trace(M): far below the first elastic eigenvalue, far above round-off
-_RIGID = 1e-3  # of the shift: eigenvalues below are rigid motions
-_SILENT = 1e-9  # cosine between a mode and what excites it: below, the mode is left out
 _DEPENDENT = 1e-9  # squared norm of what a static answer adds to the basis, against its own
 
 
@@ -61,7 +58,9 @@ class ReducedModel:
         return int((self.eigenvalues == 0.0).sum())
 
 
-def reduce_model(model: SubstructureModel, n_mode: int, shapes: Array | None = None) -> ReducedModel:
+def reduce_model(
+    model: SubstructureModel, n_mode: int, shapes: Array | None = None, exciting: Array | None = None
+) -> ReducedModel:
     """Reduced model of a substructure.
 
     Parameters
@@ -70,6 +69,9 @@ def reduce_model(model: SubstructureModel, n_mode: int, shapes: Array | None = N
     n_mode : number of elastic modes; fewer where the mesh has fewer. >= 0.
     shapes : (n_channel, n_shape) tractions on the channels, Pa, whose static answers are exact; None: one shape per
         channel, all of them.
+    exciting : (n_channel, n_shape) tractions, Pa; given, the modes are those of the low ones that these and the loads
+        excite most, None: the lowest that can be excited at all. A slender bar hit at its end has many bending modes
+        below the axial ones that matter.
 
     Raises
     ------
@@ -77,8 +79,9 @@ def reduce_model(model: SubstructureModel, n_mode: int, shapes: Array | None = N
     """
     if n_mode < 0:
         raise ValueError(f"the number of modes must be >= 0, not {n_mode}")
-    if shapes is not None and (shapes.ndim != 2 or shapes.shape[0] != model.channel_area.size):
-        raise ValueError(f"shapes must be ({model.channel_area.size}, n_shape), not {shapes.shape}")
+    for given in (shapes, exciting):
+        if given is not None and (given.ndim != 2 or given.shape[0] != model.channel_area.size):
+            raise ValueError(f"shapes must be ({model.channel_area.size}, n_shape), not {given.shape}")
     e = model.expansion
     mass, stiffness = (sp.csr_array(e.T @ m @ e) for m in (model.inertia, model.stiffness))
     if (mass.diagonal() <= 0.0).any():
@@ -87,7 +90,10 @@ def reduce_model(model: SubstructureModel, n_mode: int, shapes: Array | None = N
     start = [once * (e.T @ model.displacement), once * (e.T @ model.velocity)]
     forces = _forces(model, shapes)
     excited = _unit(np.column_stack([forces, mass @ np.column_stack(start)]))
-    rigid, modes = _modes(stiffness, mass, n_mode, excited)
+    if exciting is None:
+        rigid, modes = lowest_modes(stiffness, mass, n_mode, excited)
+    else:
+        rigid, modes = strongest_modes(stiffness, mass, n_mode, _forces(model, exciting))
     kept = np.column_stack([rigid, modes])
     static = _static(stiffness, mass, rigid, forces)
     elastic = np.column_stack([modes, _added(static, kept, mass)])
@@ -123,41 +129,12 @@ def _unit(columns: Array) -> Array:
     return kept
 
 
-def _modes(stiffness: sp.csr_array, mass: sp.csr_array, n_mode: int, excited: Array) -> tuple[Array, Array]:
-    """Rigid motions and the lowest elastic modes that can be excited, mass-orthonormal."""
-    n = stiffness.shape[0]
-    shift = _SHIFT * stiffness.trace() / mass.trace()
-    wanted = n_mode + 6
-    while True:
-        if n <= max(_DENSE, 2 * wanted):
-            wanted = n
-            values, vectors = la.eigh(stiffness.toarray(), mass.toarray())
-        else:
-            values, vectors = spla.eigsh(
-                stiffness, min(wanted, n - 1), mass, sigma=-shift, v0=np.cos(np.arange(n))
-            )
-            order = np.argsort(values)
-            values, vectors = values[order], vectors[:, order]
-        free = values < _RIGID * shift
-        elastic = vectors[:, ~free]
-        heard = _heard(elastic, excited)
-        if heard.sum() >= n_mode or wanted == n:
-            return vectors[:, free], elastic[:, heard][:, :n_mode]
-        wanted *= 2
-
-
-def _heard(modes: Array, excited: Array) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    """Which modes something of length 1 can excite."""
-    share = np.abs(modes.T @ excited) / np.linalg.norm(modes, axis=0)[:, None]
-    return np.asarray(share.max(axis=1, initial=0.0) > _SILENT)
-
-
 def _leaning(rigid: Array, excited: Array) -> Array:
     """Rigid motions that can be excited: a mass-orthonormal basis of theirs."""
     if not rigid.shape[1] or not excited.shape[1]:
         return rigid[:, :0]
     turned, strength, _ = la.svd(rigid.T @ excited, full_matrices=False)
-    leaning: Array = rigid @ turned[:, strength > _SILENT * np.linalg.norm(rigid, axis=0).max()]
+    leaning: Array = rigid @ turned[:, strength > SILENT * np.linalg.norm(rigid, axis=0).max()]
     return leaning
 
 

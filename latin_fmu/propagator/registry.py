@@ -10,6 +10,7 @@ from .direct import DirectPropagator
 from .explicit import ExplicitPropagator
 from .model import SubstructureModel
 from .protocol import Propagator
+from .reduced import ReducedPropagator
 from .settings import PropagatorSettings
 
 Maker = Callable[[Sequence[SubstructureModel], TimeScheme, float, bool, PropagatorSettings], Propagator]
@@ -27,7 +28,17 @@ def _explicit(
     return ExplicitPropagator(members, scheme, dt, energy)
 
 
-PROPAGATORS: Mapping[str, Maker] = MappingProxyType({"direct": _direct, "explicit": _explicit})
+def _reduced(
+    members: Sequence[SubstructureModel], scheme: TimeScheme, dt: float, energy: bool, settings: PropagatorSettings
+) -> Propagator:  # fmt: skip
+    if members[0].nodal is not None:  # a rigid body has nothing to reduce
+        return DirectPropagator(members, scheme, dt, energy)
+    return ReducedPropagator(members, scheme, dt, energy, settings.modes)
+
+
+PROPAGATORS: Mapping[str, Maker] = MappingProxyType(
+    {"direct": _direct, "explicit": _explicit, "reduced": _reduced}
+)
 
 
 def make_propagator(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-Kind = Literal["direct", "explicit"]
+Kind = Literal["direct", "explicit", "reduced"]
 
 
 @dataclass(frozen=True)
@@ -14,7 +14,8 @@ class PropagatorSettings:
 
     Attributes
     ----------
-    kind : registry key.
+    kind : registry key. modes : elastic modes of each reduced substructure.
     """
 
     kind: Kind = "direct"
+    modes: int = 50

@@ -31,6 +31,7 @@ from .fields import split_face
 from .models import ModelClass, model_classes, side_impedance
 from .pairing import build_interface
 from .propagator_relations import CENTRAL
+from .propagator_settings import AutomaticPropagator, ReducedPropagator
 from .rigid import rigid_conditions
 from .schema import Scene
 from .solver_settings import WHOLE, Anderson, Uniform
@@ -167,10 +168,12 @@ def _conditions(body: Body, boundaries: dict[str, Boundary], problems: list[Prob
 
 def propagator_settings(scene: Scene) -> PropagatorSettings:
     """Settings of the propagators."""
-    asked = scene.solver.propagator.type
-    if asked == "automatic":
-        asked = "explicit" if scene.time.scheme.type == CENTRAL else "direct"
-    return PropagatorSettings(asked)
+    asked = scene.solver.propagator
+    if isinstance(asked, AutomaticPropagator):
+        return PropagatorSettings("explicit" if scene.time.scheme.type == CENTRAL else "direct")
+    if isinstance(asked, ReducedPropagator):
+        return PropagatorSettings("reduced", modes=asked.modes)
+    return PropagatorSettings(asked.type)
 
 
 def _unstable(propagators: list[Propagator], scene: Scene, dt: float) -> list[Problem]:

@@ -9,7 +9,8 @@ from ..errors import Problem
 from .raw_scene import RawTable, given, single_table
 from .wording import shown
 
-EXPLICIT, CENTRAL = "explicit", "central_difference"
+EXPLICIT, REDUCED, CENTRAL = "explicit", "reduced", "central_difference"
+REDUCIBLE = ("hht", "newmark")
 
 
 def with_its_scheme(raw: Any) -> Any:
@@ -28,6 +29,11 @@ def propagator_problems(raw: Any) -> Iterator[Problem]:
         yield Problem(
             "solver.propagator", "the explicit propagator has a time scheme of its own", shown(scheme),
             f'time.scheme = "{CENTRAL}", or none', "leave out time.scheme, or choose another propagator",
+        )  # fmt: skip
+    if kind == REDUCED and scheme not in (None, CENTRAL, *REDUCIBLE):
+        yield Problem(
+            "solver.propagator", "vibration modes need a scheme in which every node has its mass", shown(scheme),
+            " or ".join(f'time.scheme = "{name}"' for name in REDUCIBLE), "choose another time scheme or propagator",
         )  # fmt: skip
     if scheme == CENTRAL and kind not in (None, "automatic", EXPLICIT):
         yield Problem(

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field
 
-from .fields import Table, tagged_or
+from .fields import Count, Table, about, tagged_or
 
 
 class AutomaticPropagator(Table):
@@ -30,13 +30,26 @@ class ExplicitPropagator(Table):
     type: Literal["explicit"] = "explicit"
 
 
+class ReducedPropagator(Table):
+    """A few vibration modes of each substructure and the exact static answers to interface tractions and loads: dense
+    and small. The modes cost more than one linear run, so that they pay for repeated substructures, studies,
+    long runs and FMUs. What the mesh resolves beyond the modes is lost: the run says how much is felt."""
+
+    type: Literal["reduced"] = "reduced"
+    modes: Annotated[Count, about("elastic modes of each substructure", "1", ge=0, le=10_000)] = 50
+
+
 Propagator = Annotated[
-    Annotated[AutomaticPropagator | DirectPropagator | ExplicitPropagator, Field(discriminator="type")],
+    Annotated[
+        AutomaticPropagator | DirectPropagator | ExplicitPropagator | ReducedPropagator,
+        Field(discriminator="type"),
+    ],
     BeforeValidator(
         tagged_or("automatic"),
-        json_schema_input_type=Literal["automatic", "direct", "explicit"]
+        json_schema_input_type=Literal["automatic", "direct", "explicit", "reduced"]
         | AutomaticPropagator
         | DirectPropagator
-        | ExplicitPropagator,
+        | ExplicitPropagator
+        | ReducedPropagator,
     ),
 ]

@@ -1,0 +1,37 @@
+"""No exception may reach the exporter of an FMU: it would free the instance the host still holds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import wraps
+from typing import Any, Protocol, TypeVar, cast
+
+import numpy as np
+
+from ..errors import LatinError
+from .board import ERROR
+
+Method = TypeVar("Method", bound=Callable[..., Any])
+
+
+class Speaker(Protocol):
+    """Has a log."""
+
+    log: Callable[[int, str], None]
+
+
+def guarded(method: Method) -> Method:
+    """Log what a method raises and return None."""
+
+    @wraps(method)
+    def call(self: Speaker, *args: Any) -> Any:
+        try:
+            with np.errstate(all="ignore"):  # an integrator may try states without sense
+                return method(self, *args)
+        except LatinError as error:
+            self.log(ERROR, str(error))
+        except Exception as error:  # the host must survive whatever happens here
+            self.log(ERROR, f"unexpected {type(error).__name__} in {method.__name__}: {error}")
+        return None
+
+    return cast(Method, call)

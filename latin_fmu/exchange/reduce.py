@@ -1,0 +1,153 @@
+"""Scene -> reduced model: bodies, their Ritz vectors, and every interface in their coordinates."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from ..errors import Problem, SceneError
+from ..fem.nearest import nearest
+from ..latin.layout import Array, InterfaceUnit
+from ..scene.boundaries import PrescribedDisplacement, PrescribedVelocity
+from ..scene.build import Prepared, prepare
+from ..scene.checks import characteristic_traction
+from ..scene.fields import GROUND
+from ..scene.models import side_impedance
+from ..scene.schema import Scene
+from ..scene.time_settings import HHT
+from .bodies import bonded_bodies, is_bond
+from .bonds import bond_of
+from .contacts import Cut, face_means
+from .reduced_body import ReducedBody, damping_of, loads_of
+from .system import Contacts, ReducedSystem
+
+MAX_STATES = 600  # an integrator fills a Jacobian of this size squared by differences
+MAX_PATCHES = 64  # of an interface
+_HEADING = "the scene has no reduced model"
+
+
+def reduced_system(scene: Scene, n_mode: int = 12, n_patch: int = 4) -> ReducedSystem:
+    """Reduced model of a scene.
+
+    Parameters
+    ----------
+    n_mode : elastic modes per body. n_patch : patches per interface that may open.
+
+    Raises
+    ------
+    SceneError : the scene cannot be built, holds what this model does not know, or gives too many states.
+    """
+    problems = list(_unknown(scene, n_mode, n_patch))
+    if problems:
+        raise SceneError(problems, _HEADING)
+    # the mass of the time scheme is not asked for: contact nodes keep theirs
+    prepared = prepare(scene.model_copy(update={"time": scene.time.model_copy(update={"scheme": HHT()})}))
+    cuts = [Cut.of(i, u, n_patch) for i, u in enumerate(prepared.units) if not is_bond(u)]
+    bodies = [ReducedBody.of(body, cuts, n_mode) for body in bonded_bodies(prepared)]
+    n_state = 2 * sum(b.size for b in bodies) + 3 * len(prepared.units)
+    if n_state > MAX_STATES:
+        problem = Problem(
+            "modes, patches", f"give {n_state} states", f"{n_mode}, {n_patch}", f"at most {MAX_STATES} states",
+            "take fewer modes, or fewer patches",
+        )  # fmt: skip
+        raise SceneError([problem], _HEADING)
+    return _assembled(prepared, cuts, bodies)
+
+
+def _unknown(scene: Scene, n_mode: int, n_patch: int) -> Iterator[Problem]:
+    for what, value, least, most in (
+        ("modes", n_mode, 0, MAX_STATES // 2),
+        ("patches", n_patch, 1, MAX_PATCHES),
+    ):
+        if not least <= value <= most:
+            yield Problem(what, "not a possible number", str(value), f"{least} to {most}")
+    if scene.time.quasi_static:
+        yield Problem("time.quasi_static", "a reduced model moves", "true", "false", "leave it out")
+    for name, interface in scene.interface.items():
+        if interface.behaviour not in ("contact", "perfect"):
+            yield Problem(
+                f"interface.{name}.behaviour",
+                "has no regularised law",
+                interface.behaviour,
+                "contact, perfect",
+            )
+        elif interface.behaviour == "perfect" and GROUND in interface.sides:
+            yield Problem(
+                f"interface.{name}.sides", "a bond with the ground", ", ".join(interface.sides),
+                remedy='hold the face by a boundary of type "fixed"',
+            )  # fmt: skip
+    for name, body in scene.substructure.items():
+        if body.rigid:
+            yield Problem(f"substructure.{name}.rigid", "a rigid body has no modes", remedy="make it elastic")
+    for name, boundary in scene.boundary.items():
+        if isinstance(boundary, PrescribedVelocity | PrescribedDisplacement):
+            yield Problem(
+                f"boundary.{name}.type", "motions are not prescribed to a reduced model", boundary.type,
+                remedy="move the ground of a contact, or use a load",
+            )  # fmt: skip
+
+
+def _assembled(prepared: Prepared, cuts: Sequence[Cut], bodies: Sequence[ReducedBody]) -> ReducedSystem:
+    scene, units = prepared.scene, prepared.units
+    m = np.concatenate([np.full(b.size, b.mass) for b in bodies])
+    root = np.sqrt(m)
+    stiffness = m * np.concatenate([b.model.eigenvalues for b in bodies])
+    motion = np.hstack([b.trace @ b.basis for b in bodies]).reshape(-1, 3, len(m))
+    names, loads = loads_of(bodies, root)
+    traction = characteristic_traction(scene, prepared.bodies, prepared.time) or 1.0
+    impedance = side_impedance(prepared.bodies, units, prepared.layout)
+    speed = traction * float(np.mean(1.0 / impedance[impedance > 0.0])) if (impedance > 0.0).any() else 1.0
+    places, sensors = _sensors(prepared, bodies)
+    return ReducedSystem(
+        bodies=[b.body.name for b in bodies], sizes=[b.size for b in bodies], interfaces=[u.name for u in units],
+        inertia=m, stiffness=stiffness, damping=damping_of(bodies), loads=loads, load_names=names,
+        laws={n: scene.load[n].law.model_dump() for n in dict.fromkeys(names) if n},
+        displacement=np.concatenate([b.model.displacement for b in bodies]) / root,
+        velocity=np.concatenate([b.model.velocity for b in bodies]) / root,
+        contacts=_contacts(cuts, motion, stiffness),
+        bonds=[bond_of(i, u, [(b.body, b.basis, b.trace) for b in bodies], names)
+               for i, u in enumerate(units) if is_bond(u)],
+        sides=np.concatenate([face_means(b.body, units) @ b.basis for b in bodies], axis=-1),
+        ground=_ground(scene, units), sensors=sensors, places=places,
+        traction=traction, speed=speed, end=scene.time.end,
+    )  # fmt: skip
+
+
+def _contacts(cuts: Sequence[Cut], motion: Array, stiffness: Array) -> Contacts:
+    """``motion`` : (n_patch, 3, n) of E' relative to E."""
+    owner, softness = [], []
+    elastic = stiffness > 0.0
+    at = 0
+    for cut in cuts:
+        rows = motion[at : at + len(cut.members), 0]
+        push = cut.areas @ rows
+        compliance = float(np.sum(push[elastic] ** 2 / stiffness[elastic]) / cut.areas.sum())
+        owner += [cut.number] * len(rows)
+        softness += [compliance] * len(rows)
+        at += len(rows)
+    friction = [getattr(c.unit.behaviour, "friction_coefficient", 0.0) for c in cuts for _ in c.members]
+    sliding = motion[:, 1:].transpose(1, 0, 2) * (np.array(friction).reshape(-1) > 0.0)[None, :, None]
+    return Contacts(
+        owner=np.array(owner, dtype=float), area=np.concatenate([np.zeros(0), *(c.areas for c in cuts)]),
+        opening=motion[:, 0], sliding=sliding,
+        frames=np.concatenate([np.zeros((0, 3, 3)), *(c.mean(c.unit.geometry.frames) for c in cuts)]),
+        gap=np.concatenate([np.zeros(0), *(c.mean(c.unit.geometry.gap) for c in cuts)]),
+        preload=np.array([c.unit.preload for c in cuts for _ in c.members]),
+        friction=np.array(friction), stiffness=1.0 / np.array(softness),
+    )  # fmt: skip
+
+
+def _ground(scene: Scene, units: Sequence[InterfaceUnit]) -> list[tuple[int, Array, dict[str, object]]]:
+    moving = [(i, scene.interface[u.name].ground_velocity) for i, u in enumerate(units)]
+    return [(i, np.array(g.vector), g.law.model_dump()) for i, g in moving if g is not None]
+
+
+def _sensors(prepared: Prepared, bodies: Sequence[ReducedBody]) -> tuple[Array, list[str]]:
+    """(n_sensor, 3, n) displacement of the sensors from the coordinates, and their names."""
+    blocks = [np.zeros((0, 3, sum(b.size for b in bodies)))]
+    for sensor in prepared.scene.sensor.values():
+        _, node = nearest(np.asarray([sensor.point]), prepared.info[sensor.substructure].nodes)
+        row = [b.rows(sensor.substructure, int(node[0])) for b in bodies]
+        blocks.append(np.hstack(row)[None])
+    return np.concatenate(blocks), list(prepared.scene.sensor)

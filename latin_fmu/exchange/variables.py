@@ -1,0 +1,108 @@
+"""Names and units of a reduced model: those of co-simulation where both have them, then its states.
+
+The place in the table is the value reference: what co-simulation has too comes first, then locals: states, their
+derivatives, event indicators.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+from ..cosim.variable import Variable, output, parameter
+from ..cosim.variables import ENERGIES, scalar_table
+from ..scene.schema import Scene
+from .contact_law import Regularisation
+from .names import Local, Names
+from .system import DAMPING, ENERGY_NAMES, EVENTS, SLIDING, STIFFNESS, WORKS, ReducedSystem
+
+
+def names_of(
+    scene: Scene, system: ReducedSystem, starts: Sequence[float], nominals: Sequence[float]
+) -> Names:
+    """Variables of the reduced model of a scene.
+
+    starts, nominals : of all states, in their order.
+    """
+    table = tuple(_table(scene, Regularisation.of(system)))
+    place = {v.name: i for i, v in enumerate(table)}
+    read = [f"interface.{name}.impulse[{axis}]" for name in system.interfaces for axis in (1, 2, 3)]
+    read += [f"energy.{name}" for name in WORKS] if scene.output.energy else []
+    rows = list(_coordinates(system, starts, nominals))
+    states = [*range(len(table), len(table) + len(rows)), *(place[name] for name in read)]
+    named = [*((v.name, v.unit) for v in rows), *((name, table[place[name]].unit or "1") for name in read)]
+    first = len(table) + len(rows)
+    for reference, (name, unit) in zip(states, named, strict=True):
+        rate = {"m": "m s-1", "m s-1": "m s-2", "N s": "N", "J": "W"}[unit]
+        rows.append(Local(f"der({name})", rate, f"time derivative of {name}", derivative_of=reference))
+    second = len(table) + len(rows)
+    rows += _indicators(system)
+    return Names(table, tuple(rows), tuple(states), first, second)
+
+
+def _table(scene: Scene, default: Regularisation) -> Iterator[Variable]:
+    rows = scalar_table(scene)
+    yield rows[0]
+    yield parameter(
+        STIFFNESS, "real", default.stiffness, unit="1", minimum=0.0,
+        description="stiffness of the contact over the static stiffness of the two bodies under uniform pressure: they "
+        "penetrate by 1 / this of their static shortening",
+    )  # fmt: skip
+    yield parameter(
+        DAMPING, "real", default.damping, unit="1", minimum=0.0,
+        description="damping of the contact: part of the pressure taken off where the bodies leave each other at their "
+        "characteristic velocity",
+    )  # fmt: skip
+    yield parameter(
+        SLIDING, "real", default.sliding, "sliding velocity below which a patch sticks: it creeps instead of resting",
+        unit="m s-1", minimum=0.0,
+    )  # fmt: skip
+    yield from (row for row in rows if row.causality == "input")
+    for row in rows:
+        if row.causality == "output" and row.name.startswith(("interface.", "sensor.")):
+            shares = row.name.endswith((".closed", ".sticking", ".slipping"))
+            discrete = replace(row, variability="discrete") if shares else row
+            yield replace(discrete, initial_dependencies=())
+    if scene.output.energy:
+        yield from (output(f"energy.{name}", "J", text) for name, text in _energies().items())
+    yield replace(
+        output(EVENTS, "1", "changes of contact states since the start", minimum=0.0), variability="discrete"
+    )
+
+
+def _energies() -> dict[str, str]:
+    texts = {
+        **ENERGIES,
+        "contact": "energy stored in the springs of the contacts",
+        "contact_dissipation": "energy dissipated by the damping of the contacts since the start",
+    }
+    return {name: texts[name] for name in ENERGY_NAMES}
+
+
+def _coordinates(
+    system: ReducedSystem, starts: Sequence[float], nominals: Sequence[float]
+) -> Iterator[Local]:
+    number = 0
+    for kind, unit in (("displacement", "m"), ("velocity", "m s-1")):
+        for body, size in zip(system.bodies, system.sizes, strict=True):
+            for i in range(1, size + 1):
+                text = f"{kind} of Ritz vector {i} of {body}, scaled by the root of its mass"
+                yield Local(
+                    f"modes.{body}.{kind}[{i}]", unit, text, float(starts[number]), float(nominals[number])
+                )
+                number += 1
+
+
+def _indicators(system: ReducedSystem) -> Iterator[Local]:
+    owners = [system.interfaces[int(i)] for i in system.contacts.owner]
+    numbers = [owners[: i + 1].count(o) for i, o in enumerate(owners)]
+    for key, unit, text in (
+        ("gapIndicator", "m", "distance of the gap of patch {} of {} from where it opens or closes"),
+        (
+            "slidingIndicator",
+            "m s-1",
+            "distance of the sliding velocity of patch {} of {} from stick or slip",
+        ),
+    ):
+        for owner, number in zip(owners, numbers, strict=True):
+            yield Local(f"interface.{owner}.{key}[{number}]", unit, text.format(number, owner))

@@ -1,0 +1,241 @@
+"""Reduced propagator: a few vibration modes and exact static answers instead of the mesh (``reduction``).
+
+In Ritz coordinates the mass is the unit matrix and the stiffness diagonal, so that one instant is two products with
+the dense trace and a few operations on vectors; the time scheme is that of the scene. Prescribed motions are
+coordinates of their own: the reduced substructure is a ``SubstructureModel`` with the Ritz vectors for ``nodal``
+values, and loads, energies and histories work on it as on any other.
+
+The error stated: the Ritz vectors beyond the modes answer statics exactly and stand, each with a frequency of its own,
+for all modes left out. Their share in the interface velocity (root mean square over the run) is what the mesh would
+spread over many modes; measured on crushed blocks it is 1.4 to 6 times the error of that velocity, and 9 to 100 times
+that of the contact force.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.linalg as la
+import scipy.sparse as sp
+
+from ..time_scheme import TimeScheme
+from .condensed import Index
+from .energy import EnergyMeter
+from .march import March, Motion
+from .model import Array, LoadTerm, SubstructureModel
+from .reduction import reduce_model
+
+_SAMPLED = 4  # every so many instants the error is looked at
+
+
+@dataclass(frozen=True)
+class ReducedOperators:
+    """Operators of one class at one time step, dense; the mass is the unit matrix.
+
+    Attributes
+    ----------
+    stiffness : (m,) diagonal. damping : (m, m) or None. inverse : A^-1, (m,) where A is diagonal, else (m, m).
+    dofs : all. trace : (n_channel, m). area, compliance : see ``Operators``.
+    """
+
+    stiffness: Array
+    damping: Array | None
+    inverse: Array
+    dofs: Index
+    trace: Array
+    area: Array
+    compliance: Array
+
+    @property
+    def admittance(self) -> Array:
+        """T D T^T diag(area)."""
+        return self.compliance * self.area
+
+    def accelerate(self, force: Array) -> Array:
+        """A^-1 f for f (m, n_member)."""
+        if self.inverse.ndim == 1:
+            return self.inverse[:, None] * force
+        solved: Array = self.inverse @ force
+        return solved
+
+
+class _Unit:
+    """Solver with the unit matrix."""
+
+    def solve(self, b: Array) -> Array:
+        """b."""
+        return b
+
+
+class ReducedPropagator(March[ReducedOperators]):
+    """March of a class of identical substructures in Ritz coordinates (module docstring).
+
+    Parameters
+    ----------
+    members : models with equal matrices and traces. scheme, dt : time scheme and step, s. energy : whether to account
+        for energies. n_mode : elastic modes of the basis.
+    """
+
+    def __init__(
+        self, members: Sequence[SubstructureModel], scheme: TimeScheme, dt: float, energy: bool, n_mode: int
+    ) -> None:
+        self.n_mode = n_mode
+        super().__init__(reduced_members(members, n_mode), scheme, dt, None)
+        if energy:
+            self.meter = EnergyMeter(self.members, self.forcing, scheme)
+        self._free: tuple[Array, Array, Array] | None = None
+        self._beyond = self._all = 0.0  # squares of interface velocities, summed over instants
+
+    def _build(self, dt: float) -> ReducedOperators:
+        model, scheme = self.members[0], self.scheme
+        _, damping, stiffness = model.reduced
+        diagonal = stiffness.diagonal()
+        c_mass, c_damping, c_stiffness = scheme.operator(dt)
+        a = c_mass + c_stiffness * diagonal
+        damp = None if damping is None else damping.toarray()
+        inverse: Array = 1.0 / a if damp is None else la.inv(np.diag(a) + c_damping * damp)
+        trace: Array = (model.trace @ model.expansion).toarray()
+        scaled = inverse[:, None] * trace.T if damp is None else inverse @ trace.T
+        compliance = scheme.interface_gain(dt) * scheme.force_weight * (trace @ scaled)
+        dofs = np.arange(len(diagonal))
+        symmetric = 0.5 * (compliance + compliance.T)
+        return ReducedOperators(diagonal, damp, inverse, dofs, trace, model.channel_area, symmetric)
+
+    # -- start ------------------------------------------------------------------------------------------------
+    def initial_unbalance(self, traction: Array) -> Array:
+        """M a at t = 0."""
+        ops, state = self.operators, self.state
+        unbalance: Array = self.forcing.at(0) - ops.stiffness[:, None] * state.u + self._nodal(traction)
+        if ops.damping is not None:
+            unbalance -= ops.damping @ state.v
+        inertia = self.forcing.inertia(0)
+        return unbalance if inertia is None else unbalance - inertia
+
+    def mass_factor(self) -> _Unit:
+        """Solver with M."""
+        return _Unit()
+
+    def initial_channels(self, factor: _Unit, unbalance: Array) -> tuple[Array, Array]:
+        """Channel accelerations at t = 0, and T M^-1 T^T."""
+        trace = self.operators.trace
+        free = self._at(self.operators.dofs, factor.solve(unbalance), self.forcing.channel_acceleration(0))
+        return free, trace @ trace.T
+
+    # -- one instant ------------------------------------------------------------------------------------------
+    def predict(self) -> Array:
+        """Free response of the next instant; W_0 (n_channel, n_member), m s-1."""
+        ops, scheme, dt, state = self.operators, self.scheme, self.dt, self.state
+        u, v = scheme.predict(state.u, state.v, state.a, dt)
+        force = self.forcing.at(state.instant + 1)
+        force -= ops.stiffness[:, None] * u
+        if ops.damping is not None:
+            force -= ops.damping @ v
+        force *= scheme.force_weight
+        if scheme.memory_weight:
+            force -= scheme.memory_weight * state.residual
+        inertia = self.forcing.inertia(state.instant + 1)
+        if inertia is not None:
+            force -= inertia
+        a = ops.accelerate(force)
+        self._free = (u, v, a)
+        reached = scheme.interface_velocity(state.u, u, v, dt) + scheme.interface_gain(dt) * a
+        velocity: Array = ops.trace @ reached
+        imposed = self.forcing.channel_velocity(state.instant + 1)
+        return self._with_dashpots(velocity if imposed is None else velocity + imposed)
+
+    def commit(self, traction: Array, account: bool = True) -> None:
+        """End the instant with channel tractions (n_channel, n_member), Pa; ``account``: count its energy."""
+        assert self._free is not None, "commit without predict"
+        ops, scheme, dt, state = self.operators, self.scheme, self.dt, self.state
+        u, v, a = self._free
+        force = self._interface_force(traction)
+        a = a + ops.accelerate(scheme.force_weight * force)
+        v = v + scheme.velocity_gain(dt) * a
+        u = u + scheme.displacement_gain(dt) * a
+        inertia = self.forcing.inertia(state.instant + 1)
+        residual = a if inertia is None else a + inertia
+        if scheme.memory_weight:
+            residual = residual + scheme.memory_weight * state.residual
+        self.state = Motion(state.instant + 1, u, v, a, residual / scheme.force_weight)
+        self._free = None
+        if self.meter is not None and account:
+            self.meter.advance(self.state, force)
+
+        if account and self.state.instant % _SAMPLED == 0:
+            self._measure()
+
+    def _measure(self) -> None:
+        """Add the share of what is not a mode in the interface velocity (see the module docstring)."""
+        ops, v = self.operators, self.state.v
+        first = int((ops.stiffness == 0.0).sum()) + self.n_mode
+        self._beyond += float(np.square(ops.trace[:, first:] @ v[first:]).sum())
+        self._all += float(np.square(ops.trace @ v).sum())
+
+    def remarks(self) -> list[str]:
+        """The error that the reduction brings."""
+        if self._all == 0.0:
+            return []
+        share = float(np.sqrt(self._beyond / self._all))
+        return [
+            f"reduced to {self.n_mode} modes, {', '.join(self.names)}: estimated error of the interface velocities "
+            f"{100 * share:.2g} % (root mean square over the run); that of contact forces is smaller"
+        ]
+
+    def restore(self, snapshot: tuple[Motion, object]) -> None:
+        """Back to a snapshot."""
+        super().restore(snapshot)
+        self._free = None
+
+
+def reduced_members(members: Sequence[SubstructureModel], n_mode: int) -> list[SubstructureModel]:
+    """Members of a class in Ritz coordinates (m of them, then one per prescribed motion); one basis for all.
+
+    Raises
+    ------
+    ValueError : a mass that is not positive definite.
+    """
+    model = members[0]
+    reduction = reduce_model(_together(members), n_mode)
+    basis = reduction.basis
+    shapes = np.column_stack([basis, model.imposed_pattern])
+    m, n_motion = basis.shape[1], model.imposed_pattern.shape[1]
+
+    def projected(matrix: sp.csr_array) -> Array:
+        found: Array = shapes.T @ (matrix @ shapes)
+        return 0.5 * (found + found.T)
+
+    mass, stiffness = projected(model.inertia), projected(model.stiffness)
+    mass[:m, :m] = np.eye(m)  # but for round-off
+    stiffness[:m, :m] = np.diag(reduction.eigenvalues)
+    damping = None if model.damping is None else sp.csr_array(projected(model.damping))
+    common = replace(
+        model, mass=sp.csr_array(mass), damping=damping, stiffness=sp.csr_array(stiffness),
+        expansion=sp.csr_array(np.eye(m + n_motion)[:, :m]), trace=sp.csr_array(model.trace @ shapes),
+        imposed_pattern=np.eye(m + n_motion)[:, m:], ordering=None, nodal=shapes,
+    )  # fmt: skip
+    weighted = model.inertia @ basis
+
+    def own(member: SubstructureModel) -> SubstructureModel:
+        free = np.asarray(model.expansion.sum(axis=1)).ravel() > 0
+        start = [weighted.T @ np.where(free, field, 0.0) for field in (member.displacement, member.velocity)]
+        rest = np.zeros(n_motion)
+        return replace(
+            common, name=member.name, loads=[LoadTerm(t.name, shapes.T @ t.pattern) for t in member.loads],
+            displacement=np.concatenate([start[0], rest]), velocity=np.concatenate([start[1], rest]),
+            imposed_start=member.imposed_start,
+        )  # fmt: skip
+
+    return [own(member) for member in members]
+
+
+def _together(members: Sequence[SubstructureModel]) -> SubstructureModel:
+    """One model with the loads of all members, and initial values that excite whatever one of theirs does."""
+    weights = 1.0 + np.arange(len(members)) / np.pi  # such that they do not cancel
+    return replace(
+        members[0],
+        loads=[load for member in members for load in member.loads],
+        displacement=sum((w * m.displacement for w, m in zip(weights, members, strict=True)), np.zeros(1)),
+        velocity=sum((w * m.velocity for w, m in zip(weights, members, strict=True)), np.zeros(1)),
+    )

@@ -1,0 +1,143 @@
+"""From a scene to a reduced system: patches, bodies, bonds, and what is refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from latin_fmu.errors import SceneError
+from latin_fmu.exchange.equations import Equations
+from latin_fmu.exchange.patches import patches
+from latin_fmu.exchange.reduce import reduced_system
+from latin_fmu.exchange.system import ReducedSystem
+
+from .scenes import SIZE, pair, rods, thrown
+
+
+@pytest.mark.parametrize("n", [1, 2, 4, 7, 100])
+def test_patches_share_the_points(n):
+    x, y = np.meshgrid(np.linspace(0, 2, 9), np.linspace(0, 1, 5), indexing="ij")
+    points = np.stack([x.ravel(), y.ravel(), 0 * x.ravel()], axis=1)
+    found = patches(points, np.ones(45), n)
+    assert len(found) == min(n, 45)
+    np.testing.assert_array_equal(np.sort(np.concatenate(found)), np.arange(45))
+
+
+def test_patches_of_a_square_are_its_quarters():
+    x, y = np.meshgrid(np.arange(4.0), np.arange(4.0), indexing="ij")
+    points = np.stack([x.ravel(), y.ravel(), 0 * x.ravel()], axis=1)
+    found = patches(points, np.ones(16), 4)
+    assert [len(members) for members in found] == [4, 4, 4, 4]
+    for members in found:
+        np.testing.assert_array_equal(np.ptp(points[members], axis=0), [1.0, 1.0, 0.0])
+
+
+def test_static_stiffness_of_a_contact():
+    """Two rods of length L, one held: the static shortening under a pressure p is p L / E of each... the free one
+    has inertia relief: a third of that."""
+    system = reduced_system(rods("contact"), 2, 1)
+    np.testing.assert_allclose(1.0 / system.contacts.stiffness, 1.0 / 900.0 * (1.0 + 1.0 / 3.0), rtol=2e-2)
+
+
+def test_bonded_rods_are_one_body():
+    """At rest under the pull: u = t x / E at the top, and the joint carries the pull."""
+    system = reduced_system(rods(), 4)
+    assert system.bodies == ["a_b"]
+    equations = Equations(system, energy=False)
+    y = equations.start()
+    y[: system.n] = system.loads[:, 0] / system.stiffness
+    now = equations.evaluate(0.5, y, equations.modes_at(0.5, y), {})
+    top = system.places[0] @ y[: system.n]
+    np.testing.assert_allclose(top, [0.0, 0.0, 3.0 * 2.0 / 900.0], atol=1e-12)
+    force = now.derivative[2 * system.n :]
+    np.testing.assert_allclose(force, [0.0, 0.0, 3.0 * 0.02], atol=1e-10)  # b pulls a up
+    np.testing.assert_allclose(now.derivative[: 2 * system.n], 0.0, atol=1e-9)
+
+
+def test_force_through_a_bond_is_what_accelerates_the_other_side():
+    """A free pair of bonded blocks under a pressure: the lower one gets half of the force at once (rigid motion)."""
+    scene = pair(interface={"meet": {"sides": ["lower.zmax", "upper.zmin"], "behaviour": "perfect"}})
+    system = reduced_system(scene, 300)
+    equations = Equations(system, energy=False)
+    y = equations.start()
+    y[: system.n] = np.divide(
+        system.loads[:, 0] - (system.inertia * _rigid(system)), system.stiffness,
+        out=np.zeros(system.n), where=system.stiffness > 0,
+    )  # fmt: skip
+    now = equations.evaluate(2e-6, y, equations.modes_at(2e-6, y), {})
+    force = now.derivative[2 * system.n :]
+    np.testing.assert_allclose(force, [0.0, 0.0, -0.5 * 100e6 * SIZE**2], atol=1e-6 * 100e6 * SIZE**2)
+
+
+def _rigid(system: ReducedSystem) -> np.ndarray:
+    return np.where(system.stiffness > 0, 0.0, system.loads[:, 0] / system.inertia)
+
+
+def test_initial_motion_is_kept():
+    system = reduced_system(thrown(), 3)
+    velocity = system.sides[0, 0] @ system.velocity
+    np.testing.assert_allclose(velocity, [0.0, 0.0, -10.0], atol=1e-9)
+    assert 0.5 * system.inertia @ system.velocity**2 == pytest.approx(0.5 * 10.0 * 100.0)
+
+
+def test_bytes_and_back():
+    for scene in (pair(), rods(), thrown()):
+        system = reduced_system(scene, 3, 2)
+        blob = system.to_bytes()
+        again = ReducedSystem.from_bytes(blob)
+        assert again.to_bytes() == blob == reduced_system(scene, 3, 2).to_bytes()
+        assert again.bodies == system.bodies
+        np.testing.assert_array_equal(again.contacts.opening, system.contacts.opening)
+
+
+def test_what_has_no_reduced_model_is_said_at_once():
+    scene = pair(
+        interface={
+            "meet": {"sides": ["lower.zmax", "upper.zmin"], "behaviour": "no_slip"},
+            "stick": {"sides": ["lower.zmin", "ground"], "behaviour": "perfect"},
+        },
+        boundary={
+            "lift": {"type": "velocity", "face": "upper.zmax", "components": ["z"], "value": [1.0]},
+        },
+        load={},
+        time={"end": 6e-6, "step": 0.2e-6, "quasi_static": True},
+    )
+    with pytest.raises(SceneError) as error:
+        reduced_system(scene, -1, 0)
+    where = [problem.where for problem in error.value.problems]
+    assert where == [
+        "modes", "patches", "time.quasi_static", "interface.meet.behaviour", "interface.stick.sides",
+        "boundary.lift.type",
+    ]  # fmt: skip
+
+
+def test_too_many_states():
+    with pytest.raises(SceneError, match="1 to 64"):
+        reduced_system(pair(), 10, 1000)
+    blocks = {
+        name: {
+            "material": "steel",
+            "box": {"origin": [0.02 * i, 0, 0], "size": [0.01] * 3, "elements": [2, 2, 2]},
+        }
+        for i, name in enumerate("abcdefghijklmnopqr")
+    }
+    load = {"traction": [1.0, 2.0, 3.0]}
+    many = pair(substructure=blocks, interface={}, load={n: {**load, "face": f"{n}.zmax"} for n in blocks})
+    with pytest.raises(SceneError, match="at most 600 states"):
+        reduced_system(many, 80, 1)
+
+
+def test_scheme_and_solver_do_not_count():
+    base = reduced_system(pair(), 3, 1)
+    other = pair(time={"end": 6e-6, "step": 0.2e-6, "scheme": "massless_contact"}, solver={"window": 5})
+    np.testing.assert_array_equal(reduced_system(other, 3, 1).stiffness, base.stiffness)
+
+
+def test_rigid_bodies_have_no_modes():
+    rigid = {"material": "steel", "rigid": True, "box": {"size": [0.01, 0.01, 0.01], "elements": [2, 2, 2]}}
+    upper = {
+        "material": "steel",
+        "box": {"origin": [0.0, 0.0, SIZE], "size": [SIZE] * 3, "elements": [2, 2, 2]},
+    }
+    with pytest.raises(SceneError, match=r"substructure\.lower\.rigid"):
+        reduced_system(pair(substructure={"lower": rigid, "upper": upper}))

@@ -1,0 +1,168 @@
+"""The reduced propagator: equal to the direct one with every mode, its own equations and energies with few."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from latin_fmu.propagator.energy import TERMS
+from latin_fmu.propagator.reduced import ReducedPropagator, reduced_members
+
+from .conftest import DT
+
+Array = np.ndarray
+Make = Callable[..., Any]
+ALL = 10_000
+
+
+def started(members: list[Any], scheme: Any, modes: int, traction: Array | None = None) -> ReducedPropagator:
+    """Reduced propagator with energies at t = 0."""
+    propagator = ReducedPropagator([d.model for d in members], scheme, DT, energy=True, n_mode=modes)
+    propagator.begin([d.histories for d in members], DT)
+    zero = np.zeros((propagator.n_channel, len(members)))
+    propagator.start(zero if traction is None else traction, propagator.mass_factor())
+    return propagator
+
+
+def test_every_mode_is_the_direct_march(
+    hht: Any, kind: str, model: Make, begin: Make, tractions: Make
+) -> None:
+    _same_march(hht, kind, model, begin, tractions)
+
+
+def test_every_scheme_is_marched(scheme: Any, model: Make, begin: Make, tractions: Make) -> None:
+    _same_march(scheme, "everything", model, begin, tractions)
+
+
+def _same_march(scheme: Any, kind: str, model: Make, begin: Make, tractions: Make) -> None:
+    """All fields of two members at all instants."""
+    members = [model(kind, seed) for seed in range(2)]
+    given = tractions(len(members[0].model.channel_area), 2)
+    direct, reduced = begin(members, scheme, given[0]), started(members, scheme, ALL, given[0])
+    for i in range(len(given)):
+        if i:
+            for propagator in (direct, reduced):
+                propagator.predict()
+                propagator.commit(given[i])
+        for j in range(2):
+            for name in ("full_displacement", "full_velocity"):
+                expected = getattr(direct, name)(j)
+                scale = np.abs(expected).max()
+                np.testing.assert_allclose(getattr(reduced, name)(j), expected, rtol=0, atol=1e-8 * scale)
+        for term in TERMS:
+            expected = direct.meter.totals[term]
+            np.testing.assert_allclose(reduced.meter.totals[term], expected, rtol=1e-7, atol=1e-7)  # type: ignore[union-attr]
+
+
+def test_the_admittance_with_every_mode_is_that_of_the_mesh(
+    hht: Any, kind: str, model: Make, begin: Make
+) -> None:
+    m = model(kind)
+    direct, reduced = begin([m], hht), started([m], hht, ALL)
+    expected = direct.operators.compliance
+    np.testing.assert_allclose(reduced.operators.compliance, expected, atol=1e-9 * np.abs(expected).max())
+
+
+def test_energy_identity_with_few_modes(hht: Any, kind: str, model: Make, tractions: Make) -> None:
+    _closes(hht, kind, 5, model, tractions)
+
+
+def test_energy_identity_of_every_scheme(scheme: Any, model: Make, tractions: Make) -> None:
+    _closes(scheme, "everything", 0, model, tractions)
+
+
+def _closes(scheme: Any, kind: str, modes: int, model: Make, tractions: Make) -> None:
+    members = [model(kind, seed) for seed in range(2)]
+    given = tractions(len(members[0].model.channel_area), 2)
+    propagator = started(members, scheme, modes, given[0])
+    assert propagator.meter is not None
+    start = dict(propagator.meter.totals)
+    for traction in given[1:]:
+        propagator.predict()
+        propagator.commit(traction)
+        now = propagator.meter.totals
+        change = {t: now[t] - start[t] for t in TERMS}
+        balance = (
+            change["kinetic"] + change["elastic"] + change["damping_dissipation"] + change["scheme_dissipation"]
+            - change["work_of_loads"] - change["interface_work"]
+        )  # fmt: skip
+        assert (np.abs(balance) <= 1e-10 * np.max([np.abs(now[t]) for t in TERMS], axis=0)).all()
+
+
+def test_admittance_is_the_velocity_of_one_instant(hht: Any, kind: str, model: Make) -> None:
+    propagator = started([model(kind)], hht, 5)
+    n = propagator.n_channel
+    columns = []
+    for j in (None, 0, 4, n - 1):
+        traction = np.zeros((n, 1))
+        if j is not None:
+            traction[j] = 1.0
+        snapshot = propagator.snapshot()
+        propagator.predict()
+        propagator.commit(traction)
+        columns.append(propagator.channel_velocity()[:, 0])
+        propagator.restore(snapshot)
+    for column, j in zip(columns[1:], (0, 4, n - 1), strict=True):
+        expected = propagator.operators.admittance[:, j]
+        np.testing.assert_allclose(column - columns[0], expected, atol=1e-10 * np.abs(expected).max())
+
+
+def test_respond_is_a_march_with_dashpots(hht: Any, kind: str, model: Make, tractions: Make) -> None:
+    propagator = started([model(kind)], hht, 5)
+    k = np.random.default_rng(3).uniform(0.0, 4.0, propagator.n_channel)
+    propagator.bind(k)
+    q = tractions(propagator.n_channel)
+    for i in range(1, 6):
+        w = propagator.respond(propagator.predict(), q[i])
+        propagator.commit(q[i] - propagator.k * w)
+        np.testing.assert_allclose(propagator.channel_velocity(), w, atol=1e-10 * np.abs(w).max())
+
+
+@pytest.mark.parametrize("kind", ["free", "everything"])
+def test_a_march_taken_up_again_is_the_same_to_the_last_bit(
+    kind: str, hht: Any, model: Make, tractions: Make
+) -> None:
+    m = model(kind)
+    given = tractions(len(m.model.channel_area))
+
+    def on(propagator: ReducedPropagator) -> Array:
+        for traction in given[5:9]:
+            propagator.predict()
+            propagator.commit(traction)
+        return np.concatenate([propagator.full_displacement(0).ravel(), propagator.full_velocity(0).ravel()])
+
+    propagator = started([m], hht, 5)
+    for traction in given[1:5]:
+        propagator.predict()
+        propagator.commit(traction)
+    kept, tree = propagator.snapshot(), propagator.tree()
+    whole = on(propagator)
+    propagator.restore(kept)
+    np.testing.assert_array_equal(on(propagator), whole)
+    other = started([m], hht, 5)
+    other.resume(tree)
+    rest = type(m.histories)(
+        m.histories.time[4:], [a[4:] for a in m.histories.amplitudes], m.histories.imposed_velocity[4:]
+    )
+    other.begin([rest], DT)
+    np.testing.assert_array_equal(on(other), whole)
+
+
+def test_static_answers_to_the_loads_of_every_member_are_exact(model: Make) -> None:
+    """Without any mode: p - K x is what accelerates the rigid motions, M R R^T p, for the loads of both members."""
+    members = [model("held", seed) for seed in range(2)]
+    reduced = reduced_members([d.model for d in members], 0)
+    mass, _, stiffness = members[0].model.reduced
+    expansion = members[0].model.expansion
+    for small, driven in zip(reduced, members, strict=True):
+        assert small.nodal is not None
+        shapes, values = expansion.T @ small.nodal, small.stiffness.diagonal()
+        rigid, elastic = shapes[:, values == 0.0], shapes[:, values > 0.0]
+        for load in driven.model.loads:
+            p = expansion.T @ load.pattern
+            x = elastic @ ((elastic.T @ p) / values[values > 0.0])
+            rest = p - stiffness @ x - mass @ (rigid @ (rigid.T @ p))
+            assert np.linalg.norm(rest) <= 1e-8 * np.linalg.norm(p)
