@@ -120,6 +120,12 @@ class Solver(Table):
     ] = "sequential"
 
     propagator: Annotated[Propagator, about("how substructures are marched")] = AutomaticPropagator()
+    precision: Annotated[
+        Literal["float64", "float32"],
+        about(
+            "of the factors of the direct propagator; float32 halves their memory and moves results by 1e-8 to 1e-6"
+        ),
+    ] = "float64"
     share_identical: Annotated[
         bool,
         about(
