@@ -114,6 +114,12 @@ class Solver(Table):
         Window,
         about('instants solved together: a whole number >= 1, or "whole" for the interval in one piece', "1"),
     ] = 1
+    bonds: Annotated[
+        Literal["direct", "iterate"],
+        about(
+            "where all interfaces are perfect and window = 1: one linear solve per instant, or the iteration"
+        ),
+    ] = "direct"
     start: Annotated[
         Literal["sequential", "zero"],
         about('first guess with window = "whole" (no effect elsewhere): one-step windows, or zero fields'),
