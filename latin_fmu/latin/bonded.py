@@ -26,7 +26,11 @@ LARGEST = 200_000_000
 
 def all_bonded(assembly: Assembly) -> bool:
     """Whether every interface is perfect (and there is one), and S is not out of proportion."""
-    if not assembly.interfaces or not all(bonds(u.behaviour) for u in assembly.interfaces):
+    if (
+        assembly.quasi_static
+        or not assembly.interfaces
+        or not all(bonds(u.behaviour) for u in assembly.interfaces)
+    ):
         return False
     return sum(c.shape[0] ** 2 * c.shape[1] for c in assembly.channels) <= LARGEST
 
@@ -36,8 +40,10 @@ class Bonds:
 
     def __init__(self, assembly: Assembly) -> None:
         self.assembly = assembly
-        blocks = [group.block(np.arange(assembly.layout.n_flat)) for group in assembly.layout.groups]
-        self._first, self._second = (np.concatenate([b[side].ravel() for b in blocks]) for side in (0, 1))
+        every = range(len(assembly.interfaces))
+        self._first, self._second = (
+            np.concatenate([assembly.layout.channels(i, side).ravel() for i in every]) for side in (0, 1)
+        )
         self._area = assembly.layout.area[self._first]
         self._matrix = self._assemble()
         diagonal = self._matrix.diagonal()

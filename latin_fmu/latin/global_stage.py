@@ -56,7 +56,7 @@ class GlobalStage:
 
     def free_velocity(self) -> Array:
         """Velocities (1, n_flat) of the channels without any traction; windows of one instant only."""
-        free = self(np.zeros((1, self.assembly.layout.n_flat)))
+        free = self.free()[None]
         for propagator, channels in zip(self.assembly.propagators, self.assembly.channels, strict=True):
             free[0, channels] += propagator.operators.admittance @ (self.k[channels] * free[0, channels])
         return free

@@ -31,7 +31,9 @@ def scene(**interface: Any) -> Tables:
             "b": {"material": "steel", "box": {**box, "origin": [0.0, 0.0, 0.02]}},
         },
         "interface": {"meet": {"sides": ["a.zmax", "b.zmin"], **interface}},
-        "load": {"push": {"face": "a.zmin", "traction": [1e6, 0.0, 5e6], "law": {"type": "half_sine", "duration": 8e-6}}},
+        "load": {
+            "push": {"face": "a.zmin", "traction": [1e6, 0.0, 5e6], "law": {"type": "half_sine", "duration": 8e-6}}
+        },
         "time": {"end": 2e-5, "instants": 60}, "output": {"fields": True},
     }  # fmt: skip
 
@@ -195,7 +197,9 @@ def test_bonds_to_moving_ground_and_a_change_of_step() -> None:
 def test_no_damping_no_damping_matrix(key: str) -> None:
     none, idle = scene(), scene()
     idle["material"]["steel"][key] = 1e-25
-    matrices = [build(latin_fmu.scene_from_dict(t)).assembly.propagators[0].members[0].damping for t in (none, idle)]
+    matrices = [
+        build(latin_fmu.scene_from_dict(t)).assembly.propagators[0].members[0].damping for t in (none, idle)
+    ]
     assert matrices[0] is None
     assert matrices[1] is not None
     same(solved(none), solved(idle), 1e-9)
@@ -206,7 +210,9 @@ def test_an_absorbing_end_does_nothing_before_a_wave_arrives() -> None:
     idle["boundary"] = {"out": {"type": "absorbing", "face": "b.zmax"}}
     for tables in (none, idle):
         tables["time"] = {"end": 4e-6, "instants": 12}  # the wave is in the first block still
-    matrices = [build(latin_fmu.scene_from_dict(t)).assembly.propagators[-1].members[0].damping for t in (none, idle)]
+    matrices = [
+        build(latin_fmu.scene_from_dict(t)).assembly.propagators[-1].members[0].damping for t in (none, idle)
+    ]
     assert matrices[0] is None
     same(solved(none), solved(idle), 1e-3)
 
