@@ -32,7 +32,7 @@ def all_bonded(assembly: Assembly) -> bool:
         or not all(bonds(u.behaviour) for u in assembly.interfaces)
     ):
         return False
-    return sum(c.shape[0] ** 2 * c.shape[1] for c in assembly.channels) <= LARGEST
+    return sum(int(c.shape[0]) ** 2 * int(c.shape[1]) for c in assembly.channels) <= LARGEST
 
 
 class Bonds:
