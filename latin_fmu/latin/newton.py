@@ -16,6 +16,7 @@ from collections.abc import Callable
 
 import numpy as np
 import scipy.sparse.linalg as spla
+from numpy.typing import NDArray
 
 from .layout import Array
 
@@ -73,7 +74,7 @@ def newton(evaluate: Evaluate, q: Array, weight: Array, tolerance: float, budget
     return q
 
 
-def _linear(at: Evaluate, q: Array, r: Array, weight: Array, free: Array) -> Array:
+def _linear(at: Evaluate, q: Array, r: Array, weight: Array, free: NDArray[np.bool_]) -> Array:
     """Newton's step on the free unknowns."""
     scale, image = weight[free], q + r
     reference = float(np.linalg.norm(weight * q))

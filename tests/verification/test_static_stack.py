@@ -1,4 +1,4 @@
-"""Quasi-static stacks of plates: one merged mesh as reference, iterations that do not grow, no influence of k and dt."""
+"""Quasi-static stacks of plates: one merged mesh as reference, flat iterations, no influence of k and dt."""
 
 from __future__ import annotations
 
