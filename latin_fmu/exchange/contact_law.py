@@ -22,11 +22,9 @@ from numpy.typing import NDArray
 from .system import Array, ReducedSystem
 
 Flags = NDArray[np.bool_]
-_GAP_MARGIN = 1e-6  # of the penetration under the characteristic pressure
-_SLIDING_MARGIN = 1e-3  # of the velocity of regularisation
-_DUE = (
-    0.1  # of the margin: an indicator this small has its event now, whatever side of the root a host stops at
-)
+GAP_MARGIN = 1e-6  # of the penetration under the characteristic pressure
+SLIDING_MARGIN = 1e-3  # of the velocity of regularisation
+_DUE = 0.1  # of the margin: an event is due here, whatever side of the root a host stops at
 
 
 @dataclass(frozen=True)
@@ -83,7 +81,7 @@ class ContactLaw:
         self.stiffness: Array = regularisation.stiffness * contacts.stiffness
         self.damping = regularisation.damping / system.speed
         self._friction, self._preload = contacts.friction, contacts.preload
-        self._margin = _GAP_MARGIN * system.traction / self.stiffness
+        self.penetration: Array = system.traction / self.stiffness  # under the characteristic pressure
 
     def traction(self, motion: Motion, modes: Modes) -> Traction:
         """Tractions while the discrete states hold."""
@@ -96,20 +94,22 @@ class ContactLaw:
         )
 
     def indicators(self, motion: Motion, modes: Modes) -> tuple[Array, Array]:
-        """Positive while the discrete states hold: (n_patch,) for the gaps, m, and for stick and slip, m s-1."""
-        beyond = motion.gap - self._preload / self.stiffness
-        normal = self._margin + np.where(modes.closed, -beyond, beyond)
-        speed, bound = np.hypot(*motion.sliding), self.regularisation.sliding
-        tangential = _SLIDING_MARGIN * bound + np.where(modes.sticking, bound - speed, speed - bound)
-        return normal, np.where(modes.closed & (self._friction > 0.0), tangential, bound)
+        """Positive while the discrete states hold, (n_patch,) each, of the size 1 whatever the scene.
+
+        For the gaps, in penetrations under the characteristic pressure, and for stick and slip, in v_r.
+        """
+        beyond = (motion.gap - self._preload / self.stiffness) / self.penetration
+        normal = GAP_MARGIN + np.where(modes.closed, -beyond, beyond)
+        beyond = np.hypot(*motion.sliding) / self.regularisation.sliding - 1.0
+        tangential = SLIDING_MARGIN + np.where(modes.sticking, -beyond, beyond)
+        return normal, np.where(modes.closed & (self._friction > 0.0), tangential, 1.0)
 
     def switched(self, motion: Motion, modes: Modes) -> tuple[Modes, int]:
         """Discrete states after an event, and how many of them changed."""
-        opens = self.indicators(motion, modes)[0] <= _DUE * self._margin
+        opens = self.indicators(motion, modes)[0] <= _DUE * GAP_MARGIN
         closed = modes.closed ^ opens
         here = Modes(closed, modes.sticking, modes.segment)
-        slack = _DUE * _SLIDING_MARGIN * self.regularisation.sliding
-        turns = self.indicators(motion, here)[1] <= slack
+        turns = self.indicators(motion, here)[1] <= _DUE * SLIDING_MARGIN
         sticking = np.where(closed, modes.sticking ^ turns, True)
         return Modes(closed, sticking, modes.segment), int(opens.sum() + turns.sum())
 

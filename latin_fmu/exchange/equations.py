@@ -79,7 +79,7 @@ class Equations:
         return Motion(gap, rate, sliding), velocity
 
     def indicators(self, t: float, y: Array, modes: Modes) -> Array:
-        """(2 n_patch,) positive while the discrete state holds: gaps (m), then sliding velocities (m s-1)."""
+        """(2 n_patch,) positive while the discrete state holds: of the gaps, then of stick and slip."""
         return np.concatenate(self.law.indicators(self.motion(t, y, modes.segment)[0], modes))
 
     def switch(self, t: float, y: Array, modes: Modes) -> tuple[Modes, int]:

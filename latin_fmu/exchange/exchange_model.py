@@ -37,6 +37,7 @@ class ExchangeModel:
 
     def __init__(self, system: ReducedSystem, names: Names, log: Callable[[int, str], None]) -> None:
         self.log, self._names = log, names
+        self.told: set[str] = set()
         energy = any(v.name.startswith("energy.") for v in names.table)
         self.equations = Equations(system, energy)
         self._readings = Readings(self.equations)

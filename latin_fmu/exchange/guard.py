@@ -15,13 +15,14 @@ Method = TypeVar("Method", bound=Callable[..., Any])
 
 
 class Speaker(Protocol):
-    """Has a log."""
+    """Has a log, and knows what it has told."""
 
     log: Callable[[int, str], None]
+    told: set[str]
 
 
 def guarded(method: Method) -> Method:
-    """Log what a method raises and return None."""
+    """Log what a method raises, each complaint once, and return None."""
 
     @wraps(method)
     def call(self: Speaker, *args: Any) -> Any:
@@ -29,9 +30,12 @@ def guarded(method: Method) -> Method:
             with np.errstate(all="ignore"):  # an integrator may try states without sense
                 return method(self, *args)
         except LatinError as error:
-            self.log(ERROR, str(error))
+            complaint = str(error)
         except Exception as error:  # the host must survive whatever happens here
-            self.log(ERROR, f"unexpected {type(error).__name__} in {method.__name__}: {error}")
+            complaint = f"unexpected {type(error).__name__} in {method.__name__}: {error}"
+        if complaint not in self.told:  # an integrator asks again and again
+            self.told.add(complaint)
+            self.log(ERROR, complaint)
         return None
 
     return cast(Method, call)

@@ -96,13 +96,12 @@ def _coordinates(
 def _indicators(system: ReducedSystem) -> Iterator[Local]:
     owners = [system.interfaces[int(i)] for i in system.contacts.owner]
     numbers = [owners[: i + 1].count(o) for i, o in enumerate(owners)]
-    for key, unit, text in (
-        ("gapIndicator", "m", "distance of the gap of patch {} of {} from where it opens or closes"),
+    for key, text in (
         (
-            "slidingIndicator",
-            "m s-1",
-            "distance of the sliding velocity of patch {} of {} from stick or slip",
+            "gapIndicator",
+            "distance of patch {} of {} from opening or closing, in penetrations under the load",
         ),
+        ("slidingIndicator", "distance of patch {} of {} from stick or slip, in slidingVelocity"),
     ):
         for owner, number in zip(owners, numbers, strict=True):
-            yield Local(f"interface.{owner}.{key}[{number}]", unit, text.format(number, owner))
+            yield Local(f"interface.{owner}.{key}[{number}]", "1", text.format(number, owner))

@@ -54,6 +54,13 @@ class GlobalStage:
         w: Array = self._condensed(np.zeros((1, len(self.k))))[0]
         return w
 
+    def free_velocity(self) -> Array:
+        """Velocities (1, n_flat) of the channels without any traction; windows of one instant only."""
+        free = self.free()[None]
+        for propagator, channels in zip(self.assembly.propagators, self.assembly.channels, strict=True):
+            free[0, channels] += propagator.operators.admittance @ (self.k[channels] * free[0, channels])
+        return free
+
     def _condensed(self, q: Array) -> Array:
         assembly = self.assembly
         if self._w_0 is None:

@@ -19,6 +19,7 @@ class Settings:
     anderson_depth : 0 for no acceleration. relaxation : in (0, 1].
     window : instants per window, 0 for the whole interval.
     quasi_static : no inertia.
+    direct_bonds : windows of one instant with perfect interfaces only are solved without iteration.
     sequential_start : a window of several instants starts from a sequential pass (else from its initial values).
     """
 
@@ -31,3 +32,4 @@ class Settings:
     window: int = 1
     sequential_start: bool = True
     quasi_static: bool = False
+    direct_bonds: bool = True

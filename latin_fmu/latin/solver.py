@@ -22,13 +22,15 @@ from .global_stage import GlobalStage
 from .kernels import outgoing
 from .layout import Array
 from .local_stage import LocalStage, Opening
+from .newton import newton
 from .point_by_point import PointByPoint
 from .record import Timings, WindowRecord
 from .search_direction import channel_k
 from .settings import Settings
 from .stopping import AT_REST, PATIENCE, RECENT, STALL_ACCELERATED, STALL_PLAIN
 
-RELAXED, POINT_BY_POINT = "relaxation 1/2", "points one after the other"
+RELAXED, POINT_BY_POINT, NEWTON = "relaxation 1/2", "points one after the other", "Newton-Krylov"
+_NEWTON = 3  # iterations of the Newton-Krylov fall-back, in max_iterations
 _LONGEST_STATIC = 20.0  # step of the acceleration without inertia, in lengths of the residual
 _LAST_WORD = 20  # iterations after the last fall-back
 
@@ -179,7 +181,11 @@ class WindowSolver:
                 return best
             record.fallbacks.append(fallback)
             phase_start = record.iterations
-            if fallback == RELAXED:
+            if fallback == NEWTON:
+                accelerator = self._accelerator(settings.anderson_depth)
+                q = self._newton(stage, best, opening, scales, record)
+                limit = record.iterations + settings.max_iterations
+            elif fallback == RELAXED:
                 accelerator = Slide(self._direction.weight) if self._static else Relaxation(0.5)
                 q = accelerator.next(best.q, best.residual)
             else:
@@ -189,6 +195,8 @@ class WindowSolver:
 
     def _fallback(self, stage: GlobalStage, used: list[str], exhausted: bool) -> str | None:
         """The next fall-back, None when there is none left."""
+        if self._static and NEWTON not in used and self._settings.max_iterations >= _PATIENCE:
+            return NEWTON
         if RELAXED not in used and not exhausted:
             return RELAXED
         wanted = self._settings.max_iterations >= PATIENCE  # fewer: a look at the iteration, not an answer
@@ -204,6 +212,21 @@ class WindowSolver:
         f_hat, w_hat = points.solve(free, best.f_hat[0], opening.gap)
         self._timings.local_stage += time.perf_counter() - clock
         return self._direction.incoming(f_hat, w_hat)[None]
+
+    def _newton(
+        self, stage: GlobalStage, best: Iterate, opening: Opening, scales: Scales, record: WindowRecord
+    ) -> Array:
+        """q (1, n_flat) where Newton's method has come to; each of its products counts as an iteration."""
+
+        def evaluate(q: Array) -> tuple[Array, Array]:
+            now, mismatch = self._evaluate(stage, q, opening, scales)
+            record.error_indicator.append(now.error)
+            record.force_mismatch.append(mismatch)
+            return now.q, now.residual
+
+        settings = self._settings
+        weight = np.where(self._direction.k > 0, self._direction.weight, 0.0)
+        return newton(evaluate, best.q, weight, settings.tolerance, _NEWTON * settings.max_iterations)
 
     def _accelerator(self, depth: int) -> Anderson | Relaxation | Slide:
         if depth == 0:

@@ -15,6 +15,7 @@ import numpy as np
 
 from .approach import APPROACH, approach, softening
 from .assembly import Assembly
+from .bonded import Bonds, all_bonded
 from .compiled_run import CompiledRun, marches
 from .error_indicator import Scales
 from .global_stage import GlobalStage
@@ -67,6 +68,7 @@ class Run:
         self.stopped = False
         self._directions: dict[bool, Direction] = {}
         self._bound: Direction | None = None
+        self._bonds: Bonds | None = None
         self._operators = [p.operators for p in assembly.propagators]
         self._compiled: CompiledRun | None = None
         traction, velocity = start(assembly)
@@ -89,7 +91,7 @@ class Run:
         operators = [p.operators for p in self.assembly.propagators]
         if any(a is not b for a, b in zip(operators, self._operators, strict=True)):
             self._directions.clear()
-            self._bound, self._operators, self._compiled = None, operators, None
+            self._bound, self._bonds, self._compiled, self._operators = None, None, None, operators
         self.state.windows, self.state.interface_indicator, self.stopped = [], None, False
         self.recorder = recorder
         self._gaps = recorder.start(self.assembly, self.state.f_hat, self.state.w_hat)
@@ -99,6 +101,8 @@ class Run:
     def choices(self) -> dict[str, str]:
         """What was chosen automatically."""
         kinds = {True: "windows of one instant", False: "longer windows"}
+        if self._bonds is not None:
+            return {"bonds": "one linear solve per instant"}
         return {f"search direction, {kinds[one]}": d.choice for one, d in self._directions.items()}
 
     def all(self) -> None:
@@ -120,7 +124,10 @@ class Run:
 
     def _compiled_road(self) -> CompiledRun | None:
         """The compiled march, where nothing asks for the long road."""
-        if self._observer is not None or not self.assembly.interfaces or not marches(self.assembly):
+        assembly = self.assembly
+        if self._observer is not None or not assembly.interfaces or not marches(assembly):
+            return None
+        if self._bonds_directly():
             return None
         self._bind(self.direction(1))
         if self._compiled is None:
@@ -143,6 +150,8 @@ class Run:
         """Solve the next window of n instants."""
         if not self.assembly.interfaces:
             return self._free(n)
+        if n == 1 and self._bonds_directly() and (solved := self._bonded()) is not None:
+            return solved
         assembly, state = self.assembly, self.state
         first = assembly.propagators[0].state.instant + 1
         record = WindowRecord(first, first + n - 1)
@@ -150,7 +159,7 @@ class Run:
         direction = self.direction(n)
         self._bind(direction)
         stage = GlobalStage(assembly, direction.k, n, direction.coarse)
-        q = direction.incoming(*guess) if guess is not None else self._warm_start(direction, n)
+        q = direction.incoming(*guess) if guess is not None else self._warm_start(direction, stage)
 
         def report(iteration: int, error: float) -> None:
             if self._progress is not None:
@@ -200,15 +209,18 @@ class Run:
             return read_opening(self.assembly)
         return Opening(left(self.assembly, self.gaps()), [], [])
 
-    def _warm_start(self, direction: Direction, n: int) -> Array:
-        """First guess of q (n, n_flat): the last value.
+    def _warm_start(self, direction: Direction, stage: GlobalStage) -> Array:
+        """First guess of q (n, n_flat): the last value; where nothing touched, the free motion, which is the answer as
+        long as nothing does (an instant of open contacts costs one check).
 
         No extrapolation: accepted within the tolerance as it is, it would feed its own error and gain energy.
         """
-        w_hat = self.state.w_hat
-        if self.state.windows and APPROACH in self.state.windows[-1].fallbacks:
+        state, w_hat = self.state, self.state.w_hat
+        if state.windows and APPROACH in state.windows[-1].fallbacks:
             w_hat = np.zeros_like(w_hat)  # bodies that have travelled far have arrived
-        return np.repeat(direction.incoming(self.state.f_hat, w_hat)[None], n, axis=0)
+        elif stage.n == 1 and not state.f_hat.any() and not self.assembly.quasi_static:
+            return direction.incoming(state.f_hat, stage.free_velocity())
+        return np.repeat(direction.incoming(state.f_hat, w_hat)[None], stage.n, axis=0)
 
     def _commit(self, stage: GlobalStage, accepted: Iterate, record: WindowRecord) -> None:
         state, recorder = self.state, self.recorder
@@ -275,6 +287,29 @@ class Run:
             self.stopped = False
             return None
         return np.stack(tape.f_hat), np.stack(tape.w_hat)
+
+    def _bonds_directly(self) -> bool:
+        """Whether an instant is one linear solve: all interfaces perfect, nobody watches an iteration."""
+        return self.settings.direct_bonds and self._observer is None and all_bonded(self.assembly)
+
+    def _bonded(self) -> WindowRecord | None:
+        """One instant of an assembly whose interfaces are all perfect; None where it has to be iterated."""
+        state, before = self.state, clock.perf_counter()
+        if self._bonds is None:
+            self._bonds = Bonds(self.assembly)
+        self._bonds.bind()
+        self._bound = None
+        solved = self._bonds.instant()
+        if solved is None:
+            return None
+        state.f_hat, state.w_hat, left = solved
+        self._gaps = self.recorder.keep(self.assembly, state.f_hat, state.w_hat)
+        last = self.assembly.propagators[0].state.instant
+        record = WindowRecord(last, last, [left], [left], converged=True)
+        state.windows.append(record)
+        state.marched += self.assembly.n_substructure
+        self.timings.global_stage += clock.perf_counter() - before
+        return record
 
     def _free(self, n: int) -> WindowRecord:
         """No interface at all: march."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from .groups import read_gaps
 from .iteration import iterate
 from .substructure import commit, predict, probe, read_displacement, respond
-from .views import kernel
+from .views import floats, integers, kernel
 
 Array = NDArray[np.float64]
 
@@ -27,10 +27,9 @@ def march_instants(
     n_flat = len(work.q)
     for step in range(n):
         instant = first + step
-        for j in range(n_flat):
-            work.q[j] = work.f_hat[j] + flat.k[j] * work.w_hat[j]
         for c in range(len(classes)):
             predict(classes[c], scheme, instant)
+        first_guess(classes, flat, work, instant)
         used = iterate(
             classes,
             groups,
@@ -60,6 +59,25 @@ def march_instants(
         history.w_hat[instant] = work.w_hat
         accept(flat, work)
     return n
+
+
+@kernel
+def first_guess(classes: Any, flat: Any, work: Any, instant: int) -> None:
+    """q of the last fields; where nothing touched, of the free motion: the answer as long as nothing does."""
+    touched = False
+    for j in range(len(work.q)):
+        work.q[j] = work.f_hat[j] + flat.k[j] * work.w_hat[j]
+        touched = touched or work.f_hat[j] != 0.0
+    if touched:
+        return
+    for c in range(len(classes)):
+        row = classes[c]
+        size = row.n_channel * row.m
+        channels, w_free = integers(row.channels, size), floats(row.w_free, size)
+        for at in range(size):
+            work.q[channels[at]] = flat.k[channels[at]] * w_free[at]
+    for g in range(len(flat.ground)):
+        work.q[flat.ground[g]] = flat.k[flat.ground[g]] * flat.ground_velocity[instant, g]
 
 
 @kernel

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+FactorKind = Literal["float64", "float32", "cg"]
 
 
 @dataclass(frozen=True)
@@ -76,6 +78,8 @@ class SubstructureModel:
     imposed_start: Array
     ordering: Array | None = field(default=None)
     """(n_full,) elimination rank of each full dof (nested dissection of the mesh), or None."""
+    factor: FactorKind = "float64"
+    """How the operator of the march is factorised: Cholesky stored in that precision, or not ("cg")."""
     nodal: Array | None = field(default=None)
     """(3 n_node, n_full) displacements of the nodes per full dof, None where the full dofs are those of the nodes."""
 
@@ -103,6 +107,14 @@ class SubstructureModel:
 
     def _reduce(self, matrix: sp.csr_array) -> sp.csr_array:
         return sp.csr_array(self.expansion.T @ matrix @ self.expansion)
+
+    def with_factor(self, kind: FactorKind) -> SubstructureModel:
+        """The same model, factorised in another way; what was reduced already is kept."""
+        other = replace(self, factor=kind)
+        for key in ("reduced", "reduced_stiffness"):
+            if key in self.__dict__:
+                other.__dict__[key] = self.__dict__[key]
+        return other
 
     def node_values(self, full: Array) -> Array:
         """Vectors at the nodes (n_node, 3) of full dofs (n_full,)."""

@@ -10,6 +10,7 @@ import scipy.sparse as sp
 from ..time_scheme import TimeScheme
 from .cholesky import InterfaceFactor, interface_factor
 from .condensed import Index
+from .conjugate_gradients import IterativeFactor
 from .model import Array, SubstructureModel
 
 
@@ -54,7 +55,12 @@ def build_operators(model: SubstructureModel, scheme: TimeScheme, dt: float) -> 
     trace = sp.csc_array(model.trace @ p)
     dofs = np.flatnonzero(np.diff(trace.indptr)).astype(np.int64)
     rank = None if model.ordering is None else reduced_rank(p, model.ordering)
-    factor = interface_factor(sp.csr_array(a), dofs, rank)
+    matrix = sp.csr_array(a)
+    factor: InterfaceFactor
+    if model.factor == "cg":
+        factor = IterativeFactor(matrix, dofs)
+    else:
+        factor = interface_factor(matrix, dofs, rank, np.dtype(model.factor))
     local = sp.csr_array(trace[:, dofs])
     gain = scheme.interface_gain(dt) * scheme.force_weight
     compliance = gain * (local @ (local @ factor.schur_inverse).T)

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 
 from ..time_scheme import TimeScheme
+from .cg import CgPropagator
 from .direct import DirectPropagator
 from .explicit import ExplicitPropagator
 from .model import SubstructureModel
@@ -17,8 +18,10 @@ Maker = Callable[[Sequence[SubstructureModel], TimeScheme, float, bool, Propagat
 
 
 def _direct(
-    members: Sequence[SubstructureModel], scheme: TimeScheme, dt: float, energy: bool, _: PropagatorSettings
+    members: Sequence[SubstructureModel], scheme: TimeScheme, dt: float, energy: bool, settings: PropagatorSettings
 ) -> Propagator:  # fmt: skip
+    if settings.precision != "float64":
+        members = [m.with_factor(settings.precision) for m in members]
     return DirectPropagator(members, scheme, dt, energy)
 
 
@@ -36,8 +39,14 @@ def _reduced(
     return ReducedPropagator(members, scheme, dt, energy, settings.modes)
 
 
+def _cg(
+    members: Sequence[SubstructureModel], scheme: TimeScheme, dt: float, energy: bool, _: PropagatorSettings
+) -> Propagator:  # fmt: skip
+    return CgPropagator(members, scheme, dt, energy)
+
+
 PROPAGATORS: Mapping[str, Maker] = MappingProxyType(
-    {"direct": _direct, "explicit": _explicit, "reduced": _reduced}
+    {"direct": _direct, "explicit": _explicit, "reduced": _reduced, "cg": _cg}
 )
 
 

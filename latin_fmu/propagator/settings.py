@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-Kind = Literal["direct", "explicit", "reduced"]
+Kind = Literal["direct", "explicit", "reduced", "cg"]
 
 
 @dataclass(frozen=True)
@@ -14,8 +14,9 @@ class PropagatorSettings:
 
     Attributes
     ----------
-    kind : registry key. modes : elastic modes of each reduced substructure.
+    kind : registry key. modes : elastic modes of each reduced substructure. precision : of the direct factors.
     """
 
     kind: Kind = "direct"
     modes: int = 50
+    precision: Literal["float64", "float32"] = "float64"

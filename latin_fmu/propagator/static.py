@@ -191,8 +191,8 @@ class StaticPropagator:
         return self._full(self.state.v, self.forcing.imposed_v(self.state.instant), member)
 
     def _full(self, field: Array, imposed: Array, member: int) -> Array:
-        full = self.members[member].expansion @ field[:, member] + imposed[:, member]
-        return full.reshape(-1, 3)
+        model = self.members[member]
+        return model.node_values(model.expansion @ field[:, member] + imposed[:, member])
 
     # -- windows ------------------------------------------------------------------------------------------------
     def snapshot(self) -> tuple[StaticState, object]:

@@ -14,7 +14,7 @@ from ..latin.search_direction import SearchDirection, inertial_impedance, unreso
 from ..latin.settings import Settings
 from ..propagator import Propagator, StaticPropagator, make_propagator
 from ..propagator.explicit import ExplicitPropagator
-from ..propagator.settings import PropagatorSettings
+from ..propagator.settings import Kind, PropagatorSettings
 from ..time_scheme import QuasiStatic, TimeScheme, make_scheme
 from .body import Body, build_bodies, locking_remarks
 from .boundaries import Boundary, Periodic
@@ -170,10 +170,11 @@ def propagator_settings(scene: Scene) -> PropagatorSettings:
     """Settings of the propagators."""
     asked = scene.solver.propagator
     if isinstance(asked, AutomaticPropagator):
-        return PropagatorSettings("explicit" if scene.time.scheme.type == CENTRAL else "direct")
+        kind: Kind = "explicit" if scene.time.scheme.type == CENTRAL else "direct"
+        return PropagatorSettings(kind, precision=scene.solver.precision)
     if isinstance(asked, ReducedPropagator):
         return PropagatorSettings("reduced", modes=asked.modes)
-    return PropagatorSettings(asked.type)
+    return PropagatorSettings(asked.type, precision=scene.solver.precision)
 
 
 def _unstable(propagators: list[Propagator], scene: Scene, dt: float) -> list[Problem]:
@@ -214,5 +215,6 @@ def settings_of(scene: Scene) -> Settings:
         relaxation=solver.relaxation,
         window=0 if solver.window == WHOLE else min(int(solver.window), scene.time.n_step),
         quasi_static=scene.time.quasi_static,
+        direct_bonds=solver.bonds == "direct",
         sequential_start=solver.window == WHOLE and solver.start == "sequential",
     )

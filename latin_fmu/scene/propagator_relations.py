@@ -35,6 +35,12 @@ def propagator_problems(raw: Any) -> Iterator[Problem]:
             "solver.propagator", "vibration modes need a scheme in which every node has its mass", shown(scheme),
             " or ".join(f'time.scheme = "{name}"' for name in REDUCIBLE), "choose another time scheme or propagator",
         )  # fmt: skip
+    precision = single_table(raw, "solver").get("precision")
+    if precision == "float32" and (scheme == CENTRAL or kind in (EXPLICIT, REDUCED, "cg")):
+        yield Problem(
+            "solver.precision", "only the direct propagator has factors", shown(precision),
+            'solver.propagator = "direct" or "automatic"', "leave out solver.precision",
+        )  # fmt: skip
     if scheme == CENTRAL and kind not in (None, "automatic", EXPLICIT):
         yield Problem(
             "time.scheme", "central differences are marched by the explicit propagator only", shown(kind),

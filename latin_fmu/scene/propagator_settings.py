@@ -39,17 +39,17 @@ class ReducedPropagator(Table):
     modes: Annotated[Count, about("elastic modes of each substructure", "1", ge=0, le=10_000)] = 50
 
 
+class CgPropagator(Table):
+    """The direct march without a factor: conjugate gradients, for what does not fit in memory. Same answer; slower."""
+
+    type: Literal["cg"] = "cg"
+
+
+_Choice = AutomaticPropagator | DirectPropagator | ExplicitPropagator | ReducedPropagator | CgPropagator
 Propagator = Annotated[
-    Annotated[
-        AutomaticPropagator | DirectPropagator | ExplicitPropagator | ReducedPropagator,
-        Field(discriminator="type"),
-    ],
+    Annotated[_Choice, Field(discriminator="type")],
     BeforeValidator(
         tagged_or("automatic"),
-        json_schema_input_type=Literal["automatic", "direct", "explicit", "reduced"]
-        | AutomaticPropagator
-        | DirectPropagator
-        | ExplicitPropagator
-        | ReducedPropagator,
+        json_schema_input_type=Literal["automatic", "direct", "explicit", "reduced", "cg"] | _Choice,
     ),
 ]

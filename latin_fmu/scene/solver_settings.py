@@ -114,12 +114,24 @@ class Solver(Table):
         Window,
         about('instants solved together: a whole number >= 1, or "whole" for the interval in one piece', "1"),
     ] = 1
+    bonds: Annotated[
+        Literal["direct", "iterate"],
+        about(
+            "where all interfaces are perfect and window = 1: one linear solve per instant, or the iteration"
+        ),
+    ] = "direct"
     start: Annotated[
         Literal["sequential", "zero"],
         about('first guess with window = "whole" (no effect elsewhere): one-step windows, or zero fields'),
     ] = "sequential"
 
     propagator: Annotated[Propagator, about("how substructures are marched")] = AutomaticPropagator()
+    precision: Annotated[
+        Literal["float64", "float32"],
+        about(
+            "of the factors of the direct propagator; float32 halves their memory and moves results by 1e-8 to 1e-6"
+        ),
+    ] = "float64"
     share_identical: Annotated[
         bool,
         about(

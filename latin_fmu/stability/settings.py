@@ -76,9 +76,9 @@ def _units(units: tuple[float, float, float], bench: Bench) -> list[Measure]:
 
 
 def _step(transits: float, bench: Bench) -> list[Measure]:
-    """Round-off of the elastic energy grows with the square of the rigid travel: 1e-12 of it is allowed."""
+    """Round-off of the elastic energy grows with the square of the rigid travel: 3e-12 of it is allowed."""
     solution = bench.converged(_scene(step=transits))
-    round_off = 1e-9 + 1e-12 * transits**2
+    round_off = 1e-9 + 3e-12 * transits**2
     return [
         Measure("penetration over its bound", penetration_bound(solution), 1.0),
         *laws(solution, round_off),

@@ -262,3 +262,19 @@ def test_initial_outputs_hold_initial_velocity():
     assert session.value("interface.wall.velocityE[3]") == pytest.approx(-10.0)
     assert session.value("interface.wall.gap") == pytest.approx(0.5)
     assert session.value("interface.wall.closed") == 0.0
+
+
+def test_quasi_static_session_equals_a_run_with_the_same_load():
+    """Increments of load in place of time steps: the same variables, the same path."""
+    time = {"end": 6e-6, "step": 0.2e-6, "quasi_static": True}
+    session = Session(blocks(time=time))
+    session.initialize()
+    rows = ramped(session, 6)
+    whole = latin_fmu.solve(latin_fmu.scene_from_dict(
+        table_scene(H * np.arange(7), 0.2 + 0.1 * np.arange(7)).model_dump(exclude={"interface"})
+        | {"time": time, "interface": {"crush": {"sides": ["lower.zmax", "upper.zmin"], "friction_coefficient": 0.2}}}
+    ))  # fmt: skip
+    force = whole.interfaces["crush"].force()[5::5]
+    index = [session.outputs.index(name) for name in FORCE]
+    assert np.abs(rows[:, index] - force).max() <= 1e-6 * np.abs(force).max()
+    assert rows[-1, session.outputs.index("energy.kinetic")] == 0.0

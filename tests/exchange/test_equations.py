@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from latin_fmu.exchange.amplitudes import Amplitudes
-from latin_fmu.exchange.contact_law import ContactLaw, Modes, Motion, Regularisation
+from latin_fmu.exchange.contact_law import GAP_MARGIN, ContactLaw, Modes, Motion, Regularisation
 from latin_fmu.exchange.equations import N_WORK, Equations
 from latin_fmu.exchange.reduce import reduced_system
 
@@ -91,7 +91,7 @@ def test_an_event_does_not_call_for_the_next_one(equations, seed):
 def test_at_the_bound_a_state_is_kept_and_left_beyond_it(equations):
     law, n = equations.law, len(equations.system.contacts.area)
     for gap, after in ((0.5, True), (2.0, False)):
-        motion = Motion(gap * law._margin, np.zeros(n), np.zeros((2, n)))
+        motion = Motion(gap * GAP_MARGIN * law.penetration, np.zeros(n), np.zeros((2, n)))
         modes, _ = law.switched(motion, Modes(np.ones(n, bool), np.ones(n, bool), 0))
         np.testing.assert_array_equal(modes.closed, after)
         modes, changed = law.switched(motion, modes)

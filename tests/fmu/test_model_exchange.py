@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import zipfile
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from latin_fmu import cli
 
 from .exchange_host import ExchangeHost, integrate
 from .scenes import bar, blocks
+from .test_hosts import SCRIPTS, ran, tool
 
 MODELS = Path(__file__).parents[2] / "models"
 SMALL = ["substructure.lower.box.elements=[3,3,3]", "substructure.upper.box.elements=[3,3,3]"]
@@ -115,6 +117,19 @@ def test_thrown_bar_gives_back_its_momentum(tmp_path):
     assert touching[0] == pytest.approx(0.05, abs=0.01)
     assert touching[-1] - touching[0] == pytest.approx(2.0 * 10.0 / 30.0, rel=0.03)
     assert result["interface.wall.velocityE[3]"][0] == pytest.approx(-10.0)
+
+
+@pytest.mark.slow
+def test_another_host_with_another_integrator(tmp_path):
+    """pathsim-fmi with an explicit Runge-Kutta scheme finds the impulse and the events of fmpy with CVode."""
+    fmu = build_model_exchange(bar(time={"end": 1.2, "instants": 60}), tmp_path / "bar.fmu", 8)
+    name = "interface.wall.impulse[3]"
+    script = str(SCRIPTS / "with_pathsim_exchange.py")
+    command = [tool("pathsim", "python"), script, str(fmu), "1.2", name]
+    found, events = json.loads(ran(command, tmp_path).splitlines()[-1])
+    result, _ = integrate(fmu)
+    assert found == pytest.approx(result[name][-1], rel=1e-3)
+    assert events == result["model.events"][-1]
 
 
 def test_energies(pressed):

@@ -22,11 +22,13 @@ SCHEMES = {
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)
-@pytest.mark.parametrize("window", [1, 7, "whole"])
-def test_perfect_interfaces_are_the_merged_mesh(scheme, window):
-    """All interfaces perfect, iterated to round-off: monolithic integration of the merged mesh to 1e-8."""
+@pytest.mark.parametrize(
+    ("window", "bonds"), [(1, "direct"), (1, "iterate"), (7, "iterate"), ("whole", "iterate")]
+)
+def test_perfect_interfaces_are_the_merged_mesh(scheme, window, bonds):
+    """All interfaces perfect, solved at once or iterated to round-off: the merged mesh to 1e-8."""
     described, reference = SCHEMES[scheme]
-    scene = stack(3, "perfect", tolerance=1e-11, window=window, max_iterations=400)
+    scene = stack(3, "perfect", tolerance=1e-11, window=window, max_iterations=400, bonds=bonds)
     scene["time"]["scheme"] = described
     solution = solve(scene)
     solid, system, loads = bonded_reference(3, reference)

@@ -101,10 +101,58 @@ def test_sheared_stack_slips_at_the_cone():
     assert (history.contact_status[-1] == 2).all()
     slip = travel - tau * n * SIZE[2] / SHEAR
     area = SIZE[0] * SIZE[1]
-    assert solution.energy["friction_dissipation"][-1] == pytest.approx(tau * area * slip, rel=1e-7)
+    energy = {term: values[-1] for term, values in solution.energy.items()}
+    assert energy["friction_dissipation"] == pytest.approx(tau * area * slip, rel=1e-7)
+    way = travel * np.maximum(2 * solution.time - 1, 0.0)
+    drawn = float(np.trapezoid(area * np.minimum(SHEAR * way / (n * SIZE[2]), tau), way))
+    pressed = 0.5 * PRESSURE**2 * area * n * SIZE[2] * (1 + NU) * (1 - 2 * NU) / (E * (1 - NU))
+    assert energy["work_of_loads"] == pytest.approx(drawn + pressed, rel=1e-7)
+    assert energy["elastic"] == pytest.approx(0.5 * tau**2 / SHEAR * area * n * SIZE[2] + pressed, rel=1e-7)
     top = solution.substructures["b2"]
     foot = top.displacement[-1][top.nodes[:, 2] < 1.001 * SIZE[2], 0]
     assert foot == pytest.approx(travel - tau * SIZE[2] / SHEAR, rel=1e-7)
+
+
+@pytest.mark.parametrize("behaviour", ["perfect", "no_slip"])
+def test_stretched_by_driven_faces(behaviour: str):
+    """Bonded layers whose ends are drawn apart: u = d (x, -nu y, -nu z) / L, nodes of the interface driven as well."""
+    made, stretch = column(2, 0.0), 1e-5
+    made["interface"]["i1"] = {"sides": ["b1.zmax", "b2.zmin"], "behaviour": behaviour}
+    made["load"]["press"]["pressure"] = 1e-3 * PRESSURE  # keeps the faces of no_slip together
+    for name in ("b1", "b2"):
+        made["boundary"][f"{name}_draw"] = {
+            "type": "displacement", "face": f"{name}.xmax", "components": ["x"], "value": [stretch],
+            "law": ramp((0, 0), (1, 1)),
+        }  # fmt: skip
+    solution = solve(made)
+    pressed = 1e-3 * PRESSURE
+    along = E * stretch / SIZE[0] - NU * pressed  # sigma_x
+    strain = np.array([along + NU * pressed, -NU * (along - pressed), -pressed - NU * along]) / E
+    for body in solution.substructures.values():
+        exact = body.nodes * strain
+        assert body.displacement[-1] == pytest.approx(exact, abs=1e-6 * stretch)
+
+
+def test_ground_drags_a_layer():
+    """Ground that speeds up drags a layer held at its top: tau = G travel / h, travel = v t / 2, then mu p."""
+    friction, travel = 0.3, 2.5e-6
+    made = layers(1, friction)
+    made["boundary"] |= {"base": {"type": "fixed", "face": "b1.zmax", "components": ["x", "y"]}}
+    made["interface"]["table"] = {
+        "sides": ["b1.zmin", "ground"], "friction_coefficient": friction,
+        "ground_velocity": {"direction": [1.0, 0.0, 0.0], "amplitude": 8 * travel,
+                            "law": ramp((0, 0), (0.5, 0), (1, 1))},
+    }  # fmt: skip
+    solution = solve(made)
+    moved = (
+        8 * travel * np.maximum(solution.time - 0.5, 0.0) ** 2
+    )  # integral of the law: v (t - 1/2)^2 / (2 * 1/2)
+    tau = np.minimum(SHEAR * moved / SIZE[2], friction * PRESSURE)
+    assert 0 < tau[-2] < tau[-1]
+    history = solution.interfaces["table"]
+    assert history.traction[:, :, 0] == pytest.approx(
+        np.tile(tau[:, None], (1, len(history.areas))), abs=1e-7 * friction * PRESSURE
+    )
 
 
 @pytest.mark.parametrize(("slope", "holds"), [(0.99, True), (1.05, False)])
