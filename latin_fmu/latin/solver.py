@@ -195,7 +195,7 @@ class WindowSolver:
 
     def _fallback(self, stage: GlobalStage, used: list[str], exhausted: bool) -> str | None:
         """The next fall-back, None when there is none left."""
-        if self._static and NEWTON not in used and self._settings.max_iterations >= _PATIENCE:
+        if self._static and NEWTON not in used and self._settings.max_iterations >= PATIENCE:
             return NEWTON
         if RELAXED not in used and not exhausted:
             return RELAXED
