@@ -33,12 +33,16 @@ def marches(assembly: Assembly) -> bool:
     """Whether the kernels know the propagators and the behaviours of an assembly."""
     if not COMPILES:
         return False
+    return all(
+        type(p) is DirectPropagator and _in_double(p.operators.factor) for p in assembly.propagators
+    ) and all(native_address(g.behaviour) for g in assembly.layout.groups)
+
+
+def _in_double(factor: object) -> bool:
+    """Whether it is the package's own factor, in double precision."""
     from ..propagator.cholesky.factor import CholeskyFactor
 
-    return all(
-        type(p) is DirectPropagator and isinstance(p.operators.factor, CholeskyFactor)
-        for p in assembly.propagators
-    ) and all(native_address(g.behaviour) for g in assembly.layout.groups)
+    return isinstance(factor, CholeskyFactor) and factor.dtype == np.float64
 
 
 def native_address(behaviour: object) -> int:

@@ -37,19 +37,19 @@ _SCRATCH = (
 
 CLASS = record(
     [
-        "n", "m", "n_inner", "n_channel", "n_interior", "n_super", "n_massless", "n_probe", "tallest", "single",
+        "n", "m", "n_inner", "n_channel", "n_live", "n_interior", "n_super", "n_massless", "n_probe", "tallest",
         "grouped", "awake_from", "routines", "first", "row_start", "rows", "panel_start", "panels", "n_rows",
-        "n_panels", "order", "schur_inverse", "dofs", "area", "massless", "k", "response", "compliance", "channels",
-        "below", "rest", "constant", "probed",
-        *_STATE, *_SCRATCH,
+        "n_panels", "order", "schur_inverse", "dofs", "area", "live", "massless", "k", "response", "compliance",
+        "channels", "below", "rest", "constant", "probed",
+        *_STATE, *_SCRATCH, "vectors", "answers",
         *(f"{m}_{part}" for m in _MATRICES for part in ("n", "diagonal", "starts", "columns", "values")),
         *(f"{t}_{part}" for t in _TERMS for part in ("n", "starts", "rows", "values", "amplitudes")),
     ]
 )  # fmt: skip
-"""One row per class. ``n`` dofs, ``m`` members, ``n_inner`` interface dofs; arrays per dof are (n, m). Matrices are
-compressed rows (``starts``, ``columns``, ``values``; mass, stiffness, damping: diagonal and strict lower triangle),
-terms (see ``Terms``) likewise. ``single``: factor in float32.
-``rest`` counts 1 while the class has not moved; before the instant ``awake_from`` it is not marched."""
+"""One row per class. ``n`` dofs, ``m`` members, ``n_inner`` interface dofs, ``n_live`` channels that can move; arrays per
+dof are (n, m). Matrices are compressed rows (``starts``, ``columns``, ``values``; mass, stiffness, damping: see
+``substructure.add_symmetric``; dense ones: see ``substructure.dense``), terms likewise (see ``Terms``). ``rest`` counts 1
+while the class has not moved; before the instant ``awake_from`` it is not marched."""
 
 
 @dataclass(frozen=True)
@@ -94,6 +94,25 @@ def lower_half(
                 diagonal[i] += values[e]
         first[i + 1] = count
     return diagonal, first, column, value
+
+
+def packed_rows(matrix: Array, m: int) -> Array:
+    """A symmetric matrix as ``substructure.dense`` wants it for m members: its lower triangle row by row, or whole."""
+    if m > 1:
+        return np.ascontiguousarray(matrix)
+    return packed(matrix)
+
+
+@kernel
+def packed(matrix: Array) -> Array:
+    """Lower triangle, row by row."""
+    n = len(matrix)
+    out, at = np.empty(n * (n + 1) // 2), 0
+    for i in range(n):
+        for j in range(i + 1):
+            out[at + j] = matrix[i, j]
+        at += i + 1
+    return out
 
 
 class ClassTable:
@@ -157,17 +176,20 @@ class ClassTable:
         shape, m = factor.symbolic, flat.shape[1]
         row["n"], row["m"], row["n_inner"], row["n_channel"] = propagator.n_dof, m, len(ops.dofs), len(flat)
         row["n_interior"], row["n_super"] = shape.n_interior, len(shape.first) - 1
+        live = np.flatnonzero(ops.compliance.any(axis=1)).astype(np.int64)  # the others cannot move
+        response = propagator.response[np.ix_(live, live)] / ops.area[live]
+        row["n_live"] = len(live)
         row["n_massless"], row["tallest"] = len(ops.massless), factor.tallest
-        row["single"], row["grouped"] = factor.dtype == np.float32, factor.grouped
+        row["grouped"] = factor.grouped
         row["n_rows"], row["n_panels"] = len(shape.rows), factor.panels.size
         for name, array in (
             ("routines", routines(factor.dtype)), ("first", shape.first), ("row_start", shape.row_start),
             ("rows", shape.rows), ("panel_start", shape.panel_start), ("panels", factor.panels),
-            ("order", shape.order), ("schur_inverse", np.ascontiguousarray(factor.schur_inverse)),
+            ("order", shape.order), ("schur_inverse", packed_rows(factor.schur_inverse, m)),
             ("dofs", ops.dofs), ("area", ops.area), ("massless", ops.massless.astype(np.int64)),
             ("k", np.ascontiguousarray(propagator.k[:, 0])),
-            ("response", np.ascontiguousarray(propagator.response)),
-            ("compliance", np.ascontiguousarray(ops.compliance)), ("channels", np.ascontiguousarray(flat)),
+            ("response", packed_rows(response, m)), ("compliance", packed_rows(ops.compliance[np.ix_(live, live)], m)),
+            ("live", live), ("channels", np.ascontiguousarray(flat)),
         ):  # fmt: skip
             self._point(c, name, array)
         for name, matrix in (("mass", ops.mass), ("stiffness", ops.stiffness), ("damping", ops.damping)):
@@ -176,13 +198,14 @@ class ClassTable:
         self._matrix(c, "spread", sp.csr_array(ops.trace.T))
         self._matrix(c, "probe", probe)
         row["n_probe"] = 0 if probe is None else probe.shape[0]
-        kind = np.float32 if factor.dtype == np.float32 else np.float64
-        self._point(c, "below", np.zeros((factor.tallest + 1, m), dtype=kind))
+        self._point(c, "below", np.zeros((factor.tallest + 1, m)))
         for name in _SCRATCH:
             size = {"inner": row["n_inner"], "inner_answer": row["n_inner"], "free_a": row["n_inner"]}.get(
                 name, row["n_channel"] if name in ("w_free", "channel", "answer") else row["n"]
             )
             self._point(c, name, np.zeros((int(size), m)))
+        for name in ("vectors", "answers"):
+            self._point(c, name, np.zeros((4 * m, len(live))))
         self._state.append({name: np.zeros((int(row["n"]), m)) for name in _STATE})
         self._rest.append(np.zeros(1, dtype=np.int64))
         for name in _STATE:

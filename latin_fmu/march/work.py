@@ -103,6 +103,8 @@ class Work(NamedTuple):
     dr: Array
     gram: Array  # (depth, depth)
     scales: Array  # field, normal force, tangential force
+    norms: Array  # (4,)
+    shares: Array  # (n_interface,)
     interface_indicator: Array  # (n_interface,)
     marched: Index  # (2,) substructure-instants marched, and solved through the condensed operator
 
@@ -113,5 +115,5 @@ def make_work(n_flat: int, n_interface: int, depth: int, max_iterations: int) ->
         np.zeros(n_flat), np.zeros(n_flat), np.zeros(n_flat), np.zeros(n_flat), np.zeros(n_flat), np.zeros(n_flat),
         np.zeros(n_flat), np.zeros(n_flat), np.zeros(n_flat), np.zeros(n_flat), np.zeros(max_iterations),
         np.zeros((depth, 1, n_flat)), np.zeros((depth, 1, n_flat)), np.zeros((depth, depth)), np.zeros(3),
-        np.zeros(n_interface), np.zeros(2, dtype=np.int64),
+        np.zeros(4), np.zeros(n_interface), np.zeros(n_interface), np.zeros(2, dtype=np.int64),
     )  # fmt: skip
