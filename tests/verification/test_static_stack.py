@@ -13,6 +13,7 @@ import latin_fmu
 from latin_fmu.latin.coarse import Coarse
 
 from .oracles.hexahedra import Block, merged
+from .scenes import solved
 from .static_scenes import STEEL, plates, solve
 
 SIZE, ELEMENTS = (0.06, 0.03, 0.01), (6, 3, 2)
@@ -120,6 +121,16 @@ def test_forces_balance_on_every_plate():
     for history in solution.interfaces.values():
         force = history.force()[-1]
         assert force[[0, 2]] == pytest.approx(load[[0, 2]], abs=1e-6 * abs(load[2]))
+
+
+def test_shipped_plates():
+    """models/pressed_plates: what its README says."""
+    solution = solved("pressed_plates/scene")
+    for history in solution.interfaces.values():
+        assert history.force()[-1] == pytest.approx([19.2e3, 0.0, -80e3], abs=1e-3 * 80e3)
+    energy = solution.energy
+    assert energy["work_of_loads"][-1] == pytest.approx(0.620, rel=0.01)
+    assert energy["friction_dissipation"][-1] == pytest.approx(0.093, rel=0.02)
 
 
 def test_penetration_does_not_add_up():
