@@ -156,3 +156,20 @@ def test_loads_are_followed_back():
     )
     assert (np.diff(energy["friction_dissipation"]) >= -1e-9 * energy["elastic"].max()).all()
     assert np.abs(energy["balance"]).max() < 1e-12 * energy["elastic"].max()
+
+
+def test_an_observer_sees_the_iterates_and_changes_nothing():
+    """The trial displacement of the last iterate of an increment is what the run keeps."""
+    made = latin_fmu.scene_from_dict(
+        plates(2, SIZE, ELEMENTS, pressure=PRESSURE, shear=0.1 * PRESSURE, steps=4)
+    )
+    seen: dict[int, np.ndarray] = {}
+
+    def watch(iteration: latin_fmu.Iteration) -> None:
+        seen[iteration.window] = iteration.displacement("b2")[0]
+
+    watched, plain = latin_fmu.solve(made, observer=watch), latin_fmu.solve(made)
+    kept = plain.substructures["b2"].displacement
+    assert (watched.substructures["b2"].displacement == kept).all()
+    for window, u in seen.items():
+        assert u == pytest.approx(kept[window + 1], abs=1e-12 * np.abs(kept).max())
