@@ -29,7 +29,8 @@ later step is discarded.</li>
 the FMI 3 exporter does not hand it on: use the parameter).</li>
 <li>With <code>resultsFile</code> a netCDF file is written at termination; it holds accepted steps only.</li>
 <li>The scene's own time laws count from the start of the simulation.</li>
-<li>Extract the FMU to a path in plain ASCII: the exporter's library cannot open another one. Spaces are fine.</li>
+<li>FMI 2: extract the FMU to a path in plain ASCII, the exporter's library cannot open another one. Spaces are fine.
+FMI 3: any path.</li>
 </ul>
 <h2>What it needs</h2>
 <p>A Python on the importer's side with the packages of <code>externalDependencies.txt</code>; the solver itself is
