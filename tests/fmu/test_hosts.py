@@ -77,7 +77,7 @@ def test_host(host, version, fmus, expected, tmp_path):
     script = SCRIPTS / f"with_{host}.py"
     given = [str(fmus[version]), str(STEP), str(N), INPUT, str(VALUE), OUTPUT]
     said = ran([python_of(host), str(script), *given], tmp_path).splitlines()
-    rows = json.loads(next(line for line in said if re.match(r"\[[-\d]", line)))
+    rows = json.loads(next(line for line in said if re.fullmatch(r"\[[-+\d.e, ]+\]", line)))
     first = 1 if host == "pathsim" else 0  # pathsim reads after the step that begins at its time point
     assert rows[: N - first] == pytest.approx(expected[first:], rel=1e-9, abs=1e-6)
 
