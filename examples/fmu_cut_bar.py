@@ -8,6 +8,7 @@ have the same velocity; its search direction is the impedance rho c of the bars.
 from __future__ import annotations
 
 import tempfile
+import tomllib
 from contextlib import ExitStack, closing
 from pathlib import Path
 
@@ -26,7 +27,7 @@ N_STEP = 100  # of the 250: the wave is through the cut, and half of it through 
 
 def half(whole: latin_fmu.Scene, name: str) -> latin_fmu.Scene:
     """One half of the scene, with a unit traction (Pa) on the cut to be set from outside, and a sensor."""
-    data = whole.model_dump(exclude_none=True)
+    data = tomllib.loads(whole.text())
     bodies = HALVES[name]
     keep = {
         "substructure": {n: b for n, b in data["substructure"].items() if n in bodies},
