@@ -47,7 +47,10 @@ def solve(scene: Scene, observer: Observer | None = None, progress: ProgressSink
     with threadpool_limits(1):
         built = build(scene)
     timings.setup = clock.process_time() - start
-    return Solution(run(built, timings, observer, progress, wall), scene.text(), scene.name)
+    outcome = run(built, timings, observer, progress, wall)
+    if outcome.converged and (prediction := built.predict()) is not None:
+        timings.predicted = prediction.march
+    return Solution(outcome, scene.text(), scene.name)
 
 
 def run(

@@ -16,6 +16,7 @@ from .commands import (
     INTERRUPTED,
     SOLVER_FAILED,
     check,
+    cost,
     explain,
     fmu,
     plot,
@@ -26,12 +27,13 @@ from .commands import (
 )
 from .errors import InputError, LatinError
 
-COMMANDS = (run, check, explain, plot, fmu, simulate, stress, reference)
+COMMANDS = (run, check, explain, cost, plot, fmu, simulate, stress, reference)
 
 _EXAMPLES = """\
 examples:
   latin-fmu check models/two_specimen_crushing/scene.toml
   latin-fmu explain models/two_specimen_crushing/scene.toml
+  latin-fmu cost models/two_specimen_crushing/scene.toml -o study
   latin-fmu run models/beam_in_traction/scene.toml -o beam.nc
   latin-fmu run models/two_specimen_crushing/scene.toml --set interface.crush.friction_coefficient=0.3
   latin-fmu plot beam.nc -o beam.png

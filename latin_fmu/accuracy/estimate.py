@@ -9,6 +9,7 @@ from ..errors import LatinError
 from ..results.estimates import ErrorEstimate
 from ..results.solution import Solution
 from ..scene.schema import Scene
+from .bench import told
 from .companions import Companions, companions_of
 from .differences import judged
 from .kinds import FLOOR
@@ -57,7 +58,7 @@ def _coarser_runs(
         try:
             run = run_at(lean, resolution)
         except LatinError as error:
-            remarks.append(f"no coarser run ({text}): {str(error).splitlines()[-1].strip()}")
+            remarks.append(f"no coarser run ({text}): {told(error)}")
             continue
         if run.converged:
             found[name] = run.measured

@@ -24,7 +24,7 @@ class Run:
     ----------
     resolution : relative to the scene. measured : its quantities. cpu : CPU seconds of the process, set-up included.
     timings : by part. iterations : per window, mean and largest. converged, status : as of the solution.
-    unknowns : (n_dof of a substructure x substructures) summed. steps : time steps.
+    steps : time steps.
     """
 
     resolution: Resolution
@@ -35,6 +35,7 @@ class Run:
     converged: bool
     status: str
     steps: int
+    passes: float
 
 
 def run_at(scene: Scene, resolution: Resolution, progress: api.ProgressSink | None = None) -> Run:
@@ -61,6 +62,7 @@ def as_run(scene: Scene, solution: Solution, resolution: Resolution, cpu: float)
         converged=solution.converged,
         status=solution.status,
         steps=len(solution.time) - 1,
+        passes=solution.passes,
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..scene.build import propagator_settings
+from ..scene.propagator_choice import chosen_propagators
 from ..scene.solver_settings import WHOLE, Anderson
 from .effect import Effect
 from .sizes import Sizes
@@ -39,11 +39,15 @@ def choices(sizes: Sizes) -> dict[str, str]:
     )
     if not sizes.prepared.units:
         window, kind, accelerated = "no interface: one linear march", "none", "none"
+    predicted = sizes.prepared.prediction()
+    cheaper = [] if predicted is None else predicted.suggestions()
+    marched = chosen_propagators(sizes.scene, sizes.prepared.classes)[0]
     return {
         "window": window,
         "search direction": kind + (f", times {direction.factor:g}" if direction.factor != 1 else ""),
         "acceleration": accelerated,
-        "propagator": f"{propagator_settings(sizes.scene).kind}, scheme {sizes.scene.time.scheme.type}",
+        "propagator": f"{marched.kind}, scheme {sizes.scene.time.scheme.type}",
+        **({"cheaper, with another answer": "; ".join(cheaper)} if cheaper else {}),
     }
 
 

@@ -138,7 +138,10 @@ class WindowRecord:
 
 @dataclass
 class Timings:
-    """CPU seconds of the process by part, and the peak memory in bytes."""
+    """CPU seconds of the process by part, and the peak memory in bytes.
+
+    ``predicted`` : what the cost model says of the march (global and local stages and what is around them); 0: nothing.
+    """
 
     setup: float = 0.0
     global_stage: float = 0.0
@@ -147,6 +150,7 @@ class Timings:
     output: float = 0.0
     wall: float = 0.0
     peak_memory: int = 0
+    predicted: float = 0.0
 
     @property
     def total(self) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,9 +13,7 @@ from ..latin.layout import Array, InterfaceUnit, Layout
 from ..latin.recorder import SubstructureInfo, Wanted
 from ..latin.search_direction import SearchDirection, inertial_impedance, unresolved_sides
 from ..latin.settings import Settings
-from ..propagator import Propagator, StaticPropagator, make_propagator
-from ..propagator.explicit import ExplicitPropagator
-from ..propagator.settings import Kind, PropagatorSettings
+from ..propagator import StaticPropagator, make_propagator
 from ..time_scheme import QuasiStatic, TimeScheme, make_scheme
 from .body import Body, build_bodies, locking_remarks
 from .boundaries import Boundary, Periodic
@@ -27,11 +26,11 @@ from .checks import (
     sampling_remarks,
 )
 from .conditions import Conditions, build_conditions
+from .cost import Prediction, predict
 from .fields import split_face
 from .models import ModelClass, model_classes, side_impedance
 from .pairing import build_interface
-from .propagator_relations import CENTRAL
-from .propagator_settings import AutomaticPropagator, ReducedPropagator
+from .propagator_choice import chosen_propagators, unstable_steps
 from .rigid import rigid_conditions
 from .schema import Scene
 from .solver_settings import WHOLE, Anderson, Uniform
@@ -43,7 +42,8 @@ from .timeline import Timeline
 class Built:
     """A scene turned into operators, ready to run.
 
-    The assembly stands at t = 0 with the instants of the scene; ``timeline`` can give it others.
+    The assembly stands at t = 0 with the instants of the scene; ``timeline`` can give it others. ``predict`` tells
+    what the run should cost.
     """
 
     assembly: Assembly
@@ -52,6 +52,7 @@ class Built:
     info: dict[str, SubstructureInfo]
     warnings: tuple[str, ...]
     timeline: Timeline
+    predict: Callable[[], Prediction | None] = lambda: None
 
 
 @dataclass(frozen=True)
@@ -95,7 +96,7 @@ class Prepared:
     def build(self) -> Built:
         """Factorise and condense the substructures and tie them together."""
         scene, scheme, layout, units = self.scene, self.scheme, self.layout, self.units
-        settings = propagator_settings(scene)
+        settings, without_factor = chosen_propagators(scene, self.classes)
         static = isinstance(scheme, QuasiStatic)
         impedance = (side_stiffness if static else side_impedance)(self.bodies, units, layout)
         propagators = [
@@ -104,7 +105,7 @@ class Prepared:
             else make_propagator(c.members, scheme, self.dt, scene.output.energy, settings)
             for c in self.classes
         ]
-        if problems := _unstable(propagators, scene, self.dt):
+        if problems := unstable_steps(propagators, scene, self.dt):
             raise SceneError(problems, "the scene cannot be built")
         assembly = Assembly(
             propagators, [c.channels for c in self.classes], units, layout, impedance,
@@ -116,8 +117,14 @@ class Prepared:
             inertial_impedance(assembly)
         output = scene.output
         wanted = Wanted(output.fields, output.stress, output.energy, output.every)
-        warnings = (*self.remarks, *([] if static else unresolved_sides(assembly)))
-        return Built(assembly, settings_of(scene), wanted, self.info, warnings, timeline)
+        warnings = (*self.remarks, *without_factor, *([] if static else unresolved_sides(assembly)))
+        return Built(assembly, settings_of(scene), wanted, self.info, warnings, timeline, self.prediction)
+
+    def prediction(self) -> Prediction | None:
+        """Predicted cost of the run; None where no model is made for it (quasi-static scenes)."""
+        if isinstance(self.scheme, QuasiStatic):
+            return None
+        return predict(self.classes, chosen_propagators(self.scene, self.classes)[0], len(self.time) - 1)
 
 
 def build(scene: Scene) -> Built:
@@ -156,7 +163,8 @@ def prepare(scene: Scene) -> Prepared:
     classes = model_classes(scene, bodies, conditions, units, layout, scheme)
     unbending = {split_face(b.faces[0])[0] for b in scene.boundary.values() if isinstance(b, Periodic)}
     remarks += [
-        *redundancy_remarks(scene), *locking_remarks(bodies, unbending), *sampling_remarks(scene, time),
+        *redundancy_remarks(scene), *locking_remarks(bodies, unbending),
+        *([] if scene.time.quasi_static else sampling_remarks(scene, time)),
     ]  # fmt: skip
     return Prepared(scene, bodies, conditions, units, layout, classes, scheme, time, tuple(remarks))
 
@@ -164,34 +172,6 @@ def prepare(scene: Scene) -> Prepared:
 def _conditions(body: Body, boundaries: dict[str, Boundary], problems: list[Problem]) -> Conditions:
     held = build_conditions(body, boundaries, problems)
     return rigid_conditions(body, held, boundaries, problems) if body.rigid else held
-
-
-def propagator_settings(scene: Scene) -> PropagatorSettings:
-    """Settings of the propagators."""
-    asked = scene.solver.propagator
-    if isinstance(asked, AutomaticPropagator):
-        kind: Kind = "explicit" if scene.time.scheme.type == CENTRAL else "direct"
-        return PropagatorSettings(kind, precision=scene.solver.precision)
-    if isinstance(asked, ReducedPropagator):
-        return PropagatorSettings("reduced", modes=asked.modes)
-    return PropagatorSettings(asked.type, precision=scene.solver.precision)
-
-
-def _unstable(propagators: list[Propagator], scene: Scene, dt: float) -> list[Problem]:
-    """The explicit march with a step that is too long."""
-    explicit = [p for p in propagators if isinstance(p, ExplicitPropagator)]
-    shortest = min(explicit, key=lambda p: p.stable_step, default=None)
-    if shortest is None or dt <= shortest.stable_step:
-        return []
-    return [
-        Problem(
-            "time.step" if scene.time.step is not None else "time.instants",
-            f"the step is longer than the stable one of the explicit propagator (substructure {shortest.names[0]})",
-            f"a step of {dt:.6g} s", f"at most {shortest.stable_step:.6g} s",
-            f"give [time] instants = {int(np.ceil(scene.time.end / shortest.stable_step))} or more, "
-            "or choose an implicit propagator",
-        )
-    ]  # fmt: skip
 
 
 def scheme_of(scene: Scene) -> TimeScheme:

@@ -28,6 +28,7 @@ def test_every_example_is_tested_here():
         "fmu_cut_bar",
         "fmu_overhead",
         "fmu_package",
+        "fmu_model_exchange",
     }
 
 
@@ -74,3 +75,15 @@ def test_overhead(example):
     numbers = example.main()
     assert numbers["overhead"] < 0.05
     assert numbers["reading"] < 2e-3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("example", ["fmu_model_exchange"], indirect=True)
+def test_model_exchange(example, tmp_path):
+    """The impulse of each contact agrees to 2 %, in a reduced model of about a hundred states."""
+    numbers = example.main(["--quick", "-o", str(tmp_path)])
+    for model in example.CASES:
+        assert abs(numbers[f"{model}: difference [%]"]) < 2.0
+        assert numbers[f"{model}: states"] < 120
+        assert 4 <= numbers[f"{model}: events"] < 150
+    assert (tmp_path / "fmu_model_exchange.png").stat().st_size > 10_000

@@ -1,0 +1,172 @@
+"""The figure of a study: work-precision panels, tolerance against mesh, iterations, where the time goes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from .analysis import useful_tolerances
+from .kinds import FLOOR, FORCE_HISTORY, KINDS, kind_of
+from .report import percent
+from .study import TIGHT, TOGETHER, TOLERANCE, Study
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_MARKS: Final = "osD^vP*X"
+_PARTS: Final = (("setup", "set-up"), ("global_stage", "global stage"), ("local_stage", "local stage"),
+                 ("other", "other"), ("output", "output"))  # fmt: skip
+
+
+def cost_figure(study: Study) -> Figure:
+    """Panels: error against CPU seconds per quantity, map of the tolerance, iterations, split of the cost."""
+    from matplotlib.figure import Figure
+
+    shown = quantities_shown(study)
+    rows = -(-(len(shown) + 3) // 3)
+    figure = Figure(figsize=(13, 3.7 * rows), layout="constrained")
+    panels = list(figure.subplots(rows, 3, squeeze=False).ravel())
+    for quantity in shown:
+        work_precision(panels.pop(0), study, quantity)
+    if shown:
+        tolerance_map(panels.pop(0), study, shown[0])
+    iterations(panels.pop(0), study)
+    cost_split(panels.pop(0), study)
+    for axes in panels:
+        axes.set_axis_off()
+    figure.suptitle(
+        f"{study.scene.name}: what accuracy costs. Reference: {study.reference.text}", fontsize=10
+    )
+    return figure
+
+
+def quantities_shown(study: Study) -> list[str]:
+    """One of each kind: of the interface (or sensor) the scene aims at, else the first."""
+    aimed = study.scene.accuracy.quantity.rpartition(".")[0]
+    found = []
+    for kind in KINDS:
+        of_kind = [q for q in study.quantities if kind_of(q) is kind]
+        if of_kind:
+            found.append(next((q for q in of_kind if q.startswith(f"{aimed}.")), of_kind[0]))
+    return found
+
+
+def work_precision(axes: Axes, study: Study, quantity: str) -> None:
+    """Error against CPU seconds, log-log, one curve per scheme or propagator."""
+    names = dict.fromkeys(r.variant for r in study.rows if r.series == TOGETHER)
+    for mark, name in zip(_MARKS * 3, names, strict=False):
+        rows = [r for r in study.of(TOGETHER, name) if np.isfinite(study.error(r, quantity))]
+        cost = [r.run.cpu for r in rows if r.run is not None]
+        errors = np.maximum([study.error(r, quantity) for r in rows], 1e-5)
+        axes.plot(cost, 100 * errors, marker=mark, markersize=4, linewidth=1.2, label=name)
+    own = study.reference.own_error
+    if own is not None and quantity in study.reference.measured.values:
+        axes.axhspan(0, 100 * own[quantity].error, color="0.92", zorder=0, label="error of the reference")
+    axes.axhline(100 * FLOOR, color="0.6", linewidth=0.8, linestyle=":")
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.set_xlabel("CPU time (s)", fontsize=8)
+    axes.set_ylabel("relative error (%)", fontsize=8)
+    axes.set_title(quantity + (" (L2)" if kind_of(quantity) is FORCE_HISTORY else ""), fontsize=9)
+    axes.grid(color="0.92", which="both")
+    axes.tick_params(labelsize=7)
+    axes.legend(fontsize=6)
+
+
+def tolerance_map(axes: Axes, study: Study, quantity: str) -> None:
+    """Error over tolerance and mesh; the line beyond which a smaller sqrt(eta) buys nothing."""
+    rows = [r for r in study.of(TOLERANCE) if r.tolerance != TIGHT]
+    useful = useful_tolerances(study, quantity)
+    meshes = sorted(useful)
+    tolerances = sorted({r.tolerance for r in rows}, reverse=True)
+    table = np.full((len(meshes), len(tolerances)), np.nan)
+    for r in rows:
+        factor = r.resolution.mesh if r.resolution.mesh != 1.0 else r.resolution.time
+        if factor in meshes:
+            table[meshes.index(factor), tolerances.index(r.tolerance)] = study.error(r, quantity)
+    if table.size and np.isfinite(table).any():
+        image = axes.imshow(
+            np.log10(np.maximum(table, 1e-5)), aspect="auto", cmap="viridis_r", origin="lower"
+        )
+        axes.figure.colorbar(image, ax=axes, label="log10 relative error").ax.tick_params(labelsize=7)
+        for i, j in np.ndindex(*table.shape):
+            axes.text(j, i, percent(float(table[i, j])), ha="center", va="center", fontsize=7, color="white",
+                      bbox={"facecolor": "black", "alpha": 0.35, "pad": 1, "linewidth": 0})  # fmt: skip
+        _line(axes, [useful[m] for m in meshes], tolerances)
+    axes.set_xticks(range(len(tolerances)), [f"{t:g}" for t in tolerances], fontsize=7)
+    axes.set_yticks(range(len(meshes)), [f"x {m:.2g}" for m in meshes], fontsize=7)
+    axes.set_xlabel("tolerance on sqrt(eta)", fontsize=8)
+    axes.set_ylabel("mesh and steps", fontsize=8)
+    axes.set_title(f"{quantity}: right of the line a smaller\nsqrt(eta) buys nothing", fontsize=8)
+
+
+def _line(axes: Axes, useful: Sequence[float], tolerances: Sequence[float]) -> None:
+    """A staircase left of the largest useful tolerance of each mesh (beyond the right edge where there is none)."""
+    places = [tolerances.index(t) - 0.5 if t in tolerances else len(tolerances) - 0.5 for t in useful]
+    xs = [x for x in places for _ in range(2)]
+    ys = [y for i in range(len(places)) for y in (i - 0.5, i + 0.5)]
+    axes.plot(xs, ys, color="#c1121f", linewidth=2.5)
+
+
+def iterations(axes: Axes, study: Study) -> None:
+    """Passes against window length, one curve per search direction."""
+    lengths = list(dict.fromkeys(length for length, _ in study.windows))
+    directions = list(dict.fromkeys(direction for _, direction in study.windows))
+    for mark, direction in zip(_MARKS, directions, strict=False):
+        passes = [study.windows.get((n, direction), (np.nan, np.nan))[1] for n in lengths]
+        axes.plot(range(len(lengths)), passes, marker=mark, markersize=4, linewidth=1.2, label=direction)
+    axes.set_xticks(range(len(lengths)), lengths, fontsize=7)
+    axes.set_ylim(bottom=0)
+    axes.set_xlabel("instants in a window", fontsize=8)
+    axes.set_ylabel("passes", fontsize=8)
+    axes.set_title("iterations, counted as marches of all substructures", fontsize=9)
+    axes.grid(color="0.92")
+    axes.tick_params(labelsize=7)
+    if directions:
+        axes.legend(fontsize=6)
+
+
+def cost_split(axes: Axes, study: Study) -> None:
+    """Shares of the CPU time along the refinement of the scene's own scheme."""
+    rows = [r for r in study.of(TOGETHER) if r.run is not None]
+    labels = [
+        f"x {r.resolution.mesh:.2g}" if r.resolution.mesh != 1.0 else f"x {r.resolution.time:.2g}"
+        for r in rows
+    ]
+    table = np.array(
+        [[getattr(r.run.timings, part) for part, _ in _PARTS] for r in rows if r.run is not None]
+    )
+    table = table.reshape(len(rows), len(_PARTS))
+    shares = 100 * table / np.maximum(table.sum(axis=1, keepdims=True), 1e-12)
+    bottom = np.zeros(len(rows))
+    for i, (_, name) in enumerate(_PARTS):
+        axes.bar(range(len(rows)), shares[:, i], bottom=bottom, label=name, width=0.7)
+        bottom += shares[:, i]
+    axes.set_xticks(range(len(rows)), labels, fontsize=7)
+    axes.set_xlabel("mesh and steps", fontsize=8)
+    axes.set_ylabel("share of CPU time (%)", fontsize=8)
+    axes.set_title("where the time goes", fontsize=9)
+    axes.tick_params(labelsize=7)
+    axes.set_ylim(0, 118)
+    axes.legend(fontsize=6, loc="upper center", ncols=5)
+
+
+def comparison_figure(studies: Sequence[Study]) -> Figure:
+    """One row a scene: impulse, first contact and force history against CPU seconds, and the map of the tolerance."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(14, 3.3 * len(studies)), layout="constrained")
+    for panels, study in zip(figure.subplots(len(studies), 4, squeeze=False), studies, strict=True):
+        shown = {kind_of(q).key: q for q in quantities_shown(study)}
+        chosen = [shown[key] for key in ("impulse", "first_contact", "force_history") if key in shown]
+        for axes, quantity in zip(panels, chosen, strict=False):
+            work_precision(axes, study, quantity)
+            axes.set_title(f"{study.scene.name}: {quantity}", fontsize=8)
+        if chosen:
+            tolerance_map(panels[3], study, chosen[0])
+        for axes in panels[len(chosen) : 3]:
+            axes.set_axis_off()
+    return figure

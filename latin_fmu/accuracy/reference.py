@@ -1,0 +1,93 @@
+"""The reference of a study: exact quantities declared with a model, or the finest run that can be paid."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from ..errors import Problem, SceneError
+from ..results.estimates import ErrorEstimate
+from ..scene.schema import Scene
+from .force import Force
+from .measured import Measured, of_force
+from .refinement import Resolution
+
+FILE: Final = "reference.toml"
+"""Name of the file with exact quantities, beside the scene file."""
+
+_PHYSICS: Final = ("material", "substructure", "interface", "boundary", "load", "sensor")
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What errors are measured against.
+
+    Attributes
+    ----------
+    measured : its quantities. exact : closed form, else a run. text : where it comes from.
+    own_error : estimated error of a run taken as reference, resolution : its resolution; None for an exact one.
+    """
+
+    measured: Measured
+    exact: bool
+    text: str
+    own_error: ErrorEstimate | None = None
+    resolution: Resolution | None = None
+
+
+def physics_of(scene: Scene) -> str:
+    """Hash of what an exact solution depends on: everything but meshes, time steps, schemes and solver settings.
+
+    Settings left at their defaults do not count, so that a new key of the scene file changes no hash.
+    """
+    data = scene.model_dump(exclude_defaults=True, mode="json")
+    kept: dict[str, Any] = {key: data.get(key, {}) for key in _PHYSICS}
+    for body in kept["substructure"].values():
+        body.get("box", {}).pop("elements", None)
+    kept["end"] = scene.time.end
+    return hashlib.sha256(json.dumps(kept, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def declared(scene: Scene) -> Reference | None:
+    """The exact quantities declared beside a scene; None where there are none for this physics.
+
+    The file has ``scene`` (name), ``source`` (text), ``holds_for`` (see ``physics_of``), ``[values]`` (quantities by
+    name) and ``[force.INTERFACE]`` with ``time`` and ``value`` (N): linear pieces, a time met twice is a jump.
+
+    Raises
+    ------
+    SceneError : a file for this scene that cannot be read or lacks something.
+    """
+    file = scene.base_dir / FILE
+    if not file.is_file():
+        return None
+    try:
+        data = tomllib.loads(file.read_text(encoding="utf-8"))
+        if data["scene"] != scene.name or data["holds_for"] != physics_of(scene):
+            return None
+        return Reference(_measured(data, scene.time.end), True, f"exact: {data['source']}")
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise SceneError([_unusable(file, error)], "the reference cannot be used") from error
+
+
+def _measured(data: dict[str, Any], end: float) -> Measured:
+    found = Measured()
+    for interface, table in data.get("force", {}).items():
+        force = Force(np.asarray(table["time"], dtype=float), np.asarray(table["value"], dtype=float))
+        found.forces[interface] = force
+        for key, (value, scale) in of_force(force, end, opens=True).items():
+            found.values[f"{interface}.{key}"], found.scales[f"{interface}.{key}"] = value, scale
+    for quantity, value in data.get("values", {}).items():
+        found.values[quantity] = found.scales[quantity] = float(value)
+    return found
+
+
+def _unusable(file: Path, error: Exception) -> Problem:
+    return Problem(str(file), f"not a usable reference: {type(error).__name__}: {error}",
+                   allowed='TOML with scene, source, holds_for, [values], [force.NAME] time and value')  # fmt: skip

@@ -1,0 +1,114 @@
+"""``latin-fmu cost``: what accuracy costs in time on a scene."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..errors import InputError, Problem
+from . import CONVERGED
+from .scene_arguments import AddParser
+
+if TYPE_CHECKING:
+    from ..accuracy.study import Study
+
+_EXAMPLES = """\
+examples:
+  latin-fmu cost models/impact_bar/scene.toml --quick
+  latin-fmu cost models/beam_in_traction/scene.toml models/two_specimen_crushing/scene.toml -o study
+
+Mesh, time step and tolerance are refined in turn and together, for every time scheme and propagator; errors are
+measured against the exact solution declared with the model (reference.toml beside the scene) or against a refined
+run whose own error is told. Methods that fail are listed.
+"""
+_BUDGET, _QUICK = 120.0, 20.0
+
+
+def register(add: AddParser) -> None:
+    """Declare the subcommand."""
+    text = "tell what accuracy costs in time: work-precision study of a scene"
+    parser = add(
+        "cost", help=text, description=text.capitalize() + ".", epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )  # fmt: skip
+    parser.add_argument("scenes", metavar="SCENE", type=Path, nargs="+", help="scene file (TOML)")
+    parser.add_argument(
+        "--set", metavar="a.b.c=value", action="append", default=[], dest="overrides",
+        help="change one setting of every scene; may be repeated",
+    )  # fmt: skip
+    parser.add_argument(
+        "-o", "--output", metavar="FOLDER", type=Path,
+        help="write NAME_cost.md, .png and .nc per scene here, and work_precision.png for several",
+    )  # fmt: skip
+    parser.add_argument(
+        "--budget", metavar="SECONDS", type=float, default=None,
+        help=f"CPU seconds per scene, about (default {_BUDGET:g}, {_QUICK:g} with --quick)",
+    )  # fmt: skip
+    parser.add_argument("--quick", action="store_true", help="a small budget")
+    parser.add_argument(
+        "--json", action="store_true", help="print JSON (a list), and nothing else, on stdout"
+    )
+    parser.add_argument("--quiet", action="store_true", help="no progress")
+    parser.set_defaults(command=_cost)
+
+
+def _cost(arguments: argparse.Namespace) -> int:
+    from ..accuracy.report import as_json, as_text
+    from ..accuracy.study import study
+    from ..scene.reader import load_scene
+
+    scenes = [load_scene(path, arguments.overrides) for path in arguments.scenes]  # all before the long part
+    budget = (_QUICK if arguments.quick else _BUDGET) if arguments.budget is None else arguments.budget
+    if not 0.0 < budget < 1e6:
+        raise InputError([Problem("--budget", "not a time", f"{budget:g}", "seconds > 0")], "bad argument")
+    if arguments.output is not None:
+        _make_folder(arguments.output)
+    tell = (lambda _: None) if arguments.quiet else _tell
+    studies = []
+    for scene in scenes:
+        studies.append(study(scene, budget, tell))
+        if not arguments.json:
+            print(as_text(studies[-1]), flush=True)
+    if arguments.output is not None:
+        _write(studies, arguments.output)
+    if arguments.json:
+        print("[\n" + ",\n".join(as_json(found) for found in studies) + "\n]")
+    return CONVERGED
+
+
+def _make_folder(folder: Path) -> None:
+    """The folder, made where only it is missing."""
+    from ..results.files import check_folder
+
+    if not folder.exists():
+        check_folder(folder.parent)
+        folder.mkdir()
+    check_folder(folder)
+
+
+def _tell(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)
+
+
+def _write(studies: list[Study], folder: Path) -> None:
+    """Page, figure and netCDF of each study, each complete or not at all."""
+    from ..accuracy.dataset import datatree
+    from ..accuracy.figure import comparison_figure, cost_figure
+    from ..accuracy.report import as_markdown
+    from ..results.files import written_whole
+    from ..results.netcdf import write_netcdf
+
+    for found in studies:
+        stem = folder / f"{found.scene.name}_cost"
+        picture = stem.with_suffix(".png")
+        with written_whole(picture) as draft:
+            cost_figure(found).savefig(draft, dpi=130)
+        with written_whole(stem.with_suffix(".md")) as draft:
+            draft.write_text(as_markdown(found, picture.name), encoding="utf-8")
+        write_netcdf(datatree(found), stem.with_suffix(".nc"))
+        print(f"study: {stem}.md, .png, .nc", file=sys.stderr)
+    if len(studies) > 1:
+        with written_whole(folder / "work_precision.png") as draft:
+            comparison_figure(studies).savefig(draft, dpi=110)

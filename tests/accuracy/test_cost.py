@@ -1,0 +1,176 @@
+"""The command ``latin-fmu cost``: what it writes, what it says, and that what fails is not hidden."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from latin_fmu.accuracy import study as study_module
+from latin_fmu.accuracy.analysis import price, sources, useful_tolerances
+from latin_fmu.accuracy.bench import Bench, CostModel, Row
+from latin_fmu.accuracy.measured import Measured
+from latin_fmu.accuracy.reference import Reference
+from latin_fmu.accuracy.refinement import Resolution
+from latin_fmu.accuracy.runs import Run
+from latin_fmu.accuracy.study import SPACE, TIGHT, TIME, TOGETHER, TOLERANCE, Study
+from latin_fmu.accuracy.variants import variants_of
+from latin_fmu.cli import main
+from latin_fmu.latin.record import Timings
+from latin_fmu.scene.time_settings import MasslessContact
+from latin_fmu.time_scheme.registry import SCHEMES
+
+from ..verification.known_answers import MODELS, shipped
+
+Q = "meet.impulse"
+
+
+def made_up(mesh: float, steps: float, tolerance: float = 1e-3, cpu: float = 1.0, left: float = 0.0) -> Row:
+    """A run whose impulse is 1 + 0.04 h + 0.01 dt + 0.3 tolerance (+ ``left``)."""
+    value = 1.0 + 0.04 / mesh + 0.01 / steps + 0.3 * tolerance + left
+    at = Resolution(mesh, steps, tolerance)
+    run = Run(at, Measured({Q: value}, {Q: 1.0}), cpu, Timings(), (3.0, 4), True, "", 100, 4.0)
+    return Row("", "own", at, tolerance, run)
+
+
+@pytest.fixture
+def linear() -> Study:
+    """A study with every source of error known, exact reference 1."""
+    rows = []
+    for f in (0.5, 1.0, 2.0, 4.0):
+        rows.append((TOGETHER, made_up(f, f, cpu=f**2)))
+        rows += [(SPACE, made_up(f, 2.0)), (TIME, made_up(1.0, f))]
+        rows += [(TOLERANCE, made_up(f, f, t)) for t in (TIGHT, 1e-1, 1e-2, 1e-3, 1e-4)]
+    for series, row in rows:
+        row.series = series
+    study = Study(shipped("impact_bar"), "own", Reference(Measured({Q: 1.0}, {Q: 1.0}), True, "made up"))
+    study.rows = [row for _, row in rows]
+    return study
+
+
+def test_sources_are_separated(linear: Study) -> None:
+    found = sources(linear, Q)
+    assert found.total == pytest.approx(0.0503)
+    assert found.space == pytest.approx(0.04, rel=0.02)
+    assert found.time == pytest.approx(0.01, rel=0.02)
+    assert found.iteration == pytest.approx(0.3e-3, rel=0.02)
+    assert found.order_together == pytest.approx(1.0, abs=0.01)
+    assert found.order_space == pytest.approx(1.0, abs=0.01)
+    assert found.order_time == pytest.approx(1.0, abs=0.01)
+
+
+def test_the_price_is_that_of_the_cheapest_run_that_keeps_the_target(linear: Study) -> None:
+    """Error 0.05 / f: 3 % from f = 2 on, which costs 4; a lucky coarse run does not count."""
+    lucky = made_up(0.25, 0.25, cpu=0.1, left=-0.2)
+    lucky.series = TOGETHER
+    linear.rows.append(lucky)
+    assert abs(linear.error(lucky, Q)) < 0.03
+    found = price(linear, Q, 0.03)
+    assert found.row is not None
+    assert found.row.run is not None
+    assert found.row.run.cpu == 4.0
+    assert price(linear, Q, 1e-3).row is None
+
+
+def test_where_the_tolerance_stops_to_matter(linear: Study) -> None:
+    """Iteration error 0.3 tol against a tenth of 0.05 / f: 1e-2 for f = 1 (3e-3 < 5e-3), 1e-3 for f = 4."""
+    found = useful_tolerances(linear, Q)
+    assert found == {0.5: 1e-2, 1.0: 1e-2, 2.0: 1e-3, 4.0: 1e-3}
+
+
+def test_a_run_that_fails_is_kept(linear: Study) -> None:
+    linear.rows.append(Row(TOGETHER, "other", Resolution(), 1e-3, None, "no step is stable"))
+    assert math.isnan(linear.error(linear.rows[-1], Q))
+    assert linear.of(TOGETHER, "other") == []
+
+
+def test_every_scheme_of_the_registry_is_tried() -> None:
+    scene = shipped("impact_bar")
+    names = {v.name for v in variants_of(scene)} | {scene.time.scheme.type}
+    assert {name for name in SCHEMES if "static" not in name and "euler" not in name} <= names
+    assert MasslessContact().type in names
+
+
+def test_cost_model_follows_two_runs() -> None:
+    rows = [made_up(f, f, cpu=0.1 + 0.2 * f**2) for f in (1.0, 2.0)]
+    model = CostModel.fitted(shipped("impact_bar"), [r.run for r in rows if r.run is not None])
+    assert model.seconds(4.0, 4.0) == pytest.approx(0.1 + 0.2 * 16)
+
+
+@pytest.fixture
+def small(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Few tolerances and windows: the command in seconds."""
+    monkeypatch.setattr(study_module, "TOLERANCES", (1e-1, 1e-3))
+    monkeypatch.setattr(study_module, "directions_of", lambda _: ["automatic"])
+
+
+@pytest.mark.usefixtures("small")
+def test_the_command_writes_page_figure_and_dataset(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = [
+        "cost",
+        str(MODELS / "impact_bar/scene.toml"),
+        "--budget",
+        "4",
+        "--json",
+        "-o",
+        str(tmp_path),
+    ]
+    settings = ["--set", "substructure.bar.box.elements=[1, 1, 32]", "--set", "time.instants=128"]
+    assert main([*arguments, *settings]) == 0
+    captured = capsys.readouterr()
+    (told,) = json.loads(captured.out, parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))
+    assert told["reference"]["exact"] is True
+    assert told["reference"]["values"]["wall.impulse"] == pytest.approx(200.0)
+    assert {r["series"] for r in told["runs"]} == {"together", "space", "time", "tolerance", "windows"}
+    refused = [r for r in told["runs"] if r["failure"]]
+    assert any(r["scheme"] == "central_difference" for r in refused)  # its step is too long: listed
+    own = [
+        r["errors"]["wall.impulse"]
+        for r in told["runs"]
+        if r["series"] == "together" and r["scheme"] == "hht -0.1"
+    ]
+    assert own[-1] < own[0] < 0.2
+    assert "mesh x" in captured.err  # progress
+    page = (tmp_path / "impact_bar_cost.md").read_text(encoding="utf-8")
+    for part in (
+        "cheapest setting",
+        "sources of error",
+        "buys nothing",
+        "failed or were refused",
+        "impact_bar_cost.png",
+    ):
+        assert part in page
+    assert (tmp_path / "impact_bar_cost.png").read_bytes().startswith(b"\x89PNG")
+    with xr.open_datatree(tmp_path / "impact_bar_cost.nc") as tree:
+        assert tree["runs"].sizes["run"] == len(told["runs"])
+        errors = tree["runs"]["error"].sel(quantity="wall.impulse").values
+        assert np.isfinite(errors).sum() == sum(r["failure"] is None for r in told["runs"])
+
+
+def test_the_target_folder_is_checked_before_the_run(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "taken").write_text("")
+    scene = str(MODELS / "impact_bar/scene.toml")
+    assert main(["cost", scene, "-o", str(tmp_path / "taken")]) == 2
+    assert main(["cost", scene, "-o", str(tmp_path / "no" / "where")]) == 2
+    assert main(["cost", scene, "--budget", "-1"]) == 2
+    assert "latin-fmu:" in capsys.readouterr().err
+
+
+def test_a_scene_without_a_declared_reference_gets_a_refined_run_with_its_own_error() -> None:
+    bench = Bench(3.0, lambda _: None)
+    scene = shipped("impact_bar")
+    main_variant = study_module.main_variant(scene)
+    run = bench.run(TOGETHER, main_variant, Resolution(0.5, 0.5))
+    assert run is not None
+    reference = study_module._finest(scene, bench, main_variant, [run])
+    assert not reference.exact
+    assert reference.own_error is not None
+    assert 0.01 < reference.own_error["wall.impulse"].error < 0.06  # true 1.7 %

@@ -1,0 +1,115 @@
+"""The cost model: orders the propagators, knows the pattern of a factor, chooses what fits; no more is promised."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+
+import latin_fmu
+from latin_fmu.compiled import COMPILES
+from latin_fmu.memory import physical_memory
+from latin_fmu.propagator.cost import cost, factor_bytes, size_of
+from latin_fmu.propagator.settings import PropagatorSettings
+from latin_fmu.results.summary import summary
+from latin_fmu.scene.build import prepare
+from latin_fmu.scene.cost import fitting, predict
+
+
+def scene(elements: int, **solver: Any) -> latin_fmu.Scene:
+    """Two blocks pressed together."""
+    box = {"size": [0.01] * 3, "elements": [elements] * 3}
+    return latin_fmu.scene_from_dict(
+        {
+            "name": "blocks",
+            "material": {"steel": {"young_modulus": 210e9, "poisson_ratio": 0.3, "density": 7800.0}},
+            "substructure": {
+                "low": {"material": "steel", "box": {"origin": [0.0, 0.0, 0.0], **box}},
+                "high": {"material": "steel", "box": {"origin": [0.0, 0.0, 0.01], **box}},
+            },
+            "interface": {"i": {"sides": ["low.zmax", "high.zmin"], "friction_coefficient": 0.3}},
+            "boundary": {"base": {"type": "fixed", "face": "low.zmin"}},
+            "load": {
+                "p": {"face": "high.zmax", "pressure": 1e8, "law": {"type": "half_sine", "duration": 4e-6}}
+            },
+            "time": {"end": 4e-6, "instants": 40},
+            "solver": {"share_identical": False, **solver},
+        }
+    )
+
+
+@pytest.mark.skipif(not COMPILES, reason="the factor of SciPy has another pattern")
+def test_the_factor_is_as_large_as_predicted() -> None:
+    """Entries from the pattern, to the last one; the law of nested dissection within a factor of two."""
+    prepared = prepare(scene(8))
+    built = prepared.build()
+    for part, propagator in zip(prepared.classes, built.assembly.propagators, strict=True):
+        size = size_of(part.members[0], 1)
+        factor: Any = propagator.operators
+        dense = 16 * size.interface**2 + factor.factor.symbolic.rows.nbytes
+        assert 8 * size.factor_entries + dense == factor.factor.nbytes
+        assert 0.5 < factor_bytes(size.unknowns) / (8 * size.factor_entries) < 2.0
+
+
+def test_what_is_larger_costs_more() -> None:
+    sizes = [size_of(prepare(scene(n)).classes[0].members[0], 1) for n in (3, 6, 9)]
+    for kind in ("direct", "explicit", "reduced", "cg"):
+        costs = [cost(kind, size) for size in sizes]
+        for name in ("setup", "instant", "memory"):
+            values = [getattr(c, name) for c in costs]
+            assert values == sorted(values), (kind, name)
+    many = cost("direct", sizes[2].__class__(**{**vars(sizes[2]), "members": 8}))
+    assert cost("direct", sizes[2]).instant < many.instant < 8 * cost("direct", sizes[2]).instant
+    assert cost("direct", sizes[2], precision="float32").memory < cost("direct", sizes[2]).memory
+
+
+def test_predicted_and_real_seconds_are_of_one_size() -> None:
+    """A factor of ten on whatever machine the tests run, for direct and explicit marches of 2 x 2200 unknowns."""
+    for propagator in ("direct", "explicit"):
+        prepared = prepare(scene(8, propagator=propagator))
+        prediction = prepared.prediction()
+        assert prediction is not None
+        assert prediction.kind == propagator
+        latin_fmu.api.run(prepared.build())  # kernels
+        built = prepared.build()
+        start = time.process_time()
+        latin_fmu.api.run(built)
+        real = time.process_time() - start
+        assert 0.1 * real < prediction.march < 10 * real, (propagator, prediction.march, real)
+
+
+def test_explicit_and_reduced_are_suggested_never_chosen() -> None:
+    prediction = prepare(scene(14)).prediction()
+    assert prediction is not None
+    assert prediction.kind == "direct"
+    told = " ".join(prediction.suggestions())
+    assert '"explicit"' in told
+    assert '"reduced"' in told
+    assert "direct propagator" in prediction.text()
+
+
+def test_conjugate_gradients_where_factors_do_not_fit() -> None:
+    classes = prepare(scene(6)).classes
+    direct = PropagatorSettings("direct")
+    needed = predict(classes, direct, 1).memory
+    assert fitting(classes, direct, 2 * needed).kind == "direct"
+    assert fitting(classes, direct, 1.2 * needed).kind == "cg"  # 70 % of it may be taken
+    assert fitting(classes, PropagatorSettings("explicit"), 1.0).kind == "explicit"
+    assert physical_memory() >= 0
+
+
+def test_the_choice_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("latin_fmu.scene.cost.physical_memory", lambda: 1000)
+    automatic, asked = latin_fmu.solve(scene(2)), latin_fmu.solve(scene(2, propagator="direct"))
+    assert any("conjugate gradients" in w for w in automatic.warnings)
+    assert not any("conjugate gradients" in w for w in asked.warnings)
+    force = [s.interfaces["i"].force() for s in (automatic, asked)]
+    np.testing.assert_allclose(force[0], force[1], atol=1e-7 * np.abs(force[1]).max())
+
+
+def test_the_summary_shows_predicted_against_real() -> None:
+    solution = latin_fmu.solve(scene(2))
+    assert solution.timings.predicted > 0
+    assert "predicted" in summary(solution.outcome, "blocks")
