@@ -40,7 +40,8 @@ class RunState:
     w_hat: Array
     scales: Scales
     windows: list[WindowRecord] = field(default_factory=list)
-    marched: int = 0
+    marched: int = 0  # substructure-instants
+    condensed: int = 0
     interface_indicator: Array | None = None
 
 
@@ -212,7 +213,8 @@ class Run:
 
     def _count(self, stage: GlobalStage) -> None:
         self.state.marched += stage.marched
-        stage.marched = 0
+        self.state.condensed += stage.condensed
+        stage.marched = stage.condensed = 0
 
     def _one_by_one(self, record: WindowRecord, n: int, number: int, count: int) -> WindowRecord:
         """Fall-back: the window as windows of one instant."""
@@ -246,7 +248,7 @@ class Run:
                 self.advance(1, 0, 1)
                 if self.stopped:
                     break
-            state.marched = self.state.marched
+            state.marched, state.condensed = self.state.marched, self.state.condensed
         finally:
             self.recorder, self.state, self._gaps = recorder, state, gaps
             self._observer, self._progress = observer, progress
@@ -275,7 +277,8 @@ class Run:
         last = self.assembly.propagators[0].state.instant
         record = WindowRecord(last, last, [left], [left], converged=True)
         state.windows.append(record)
-        state.marched += self.assembly.n_substructure
+        state.marched += self._bonds.marched
+        self._bonds.marched = 0
         self.timings.global_stage += clock.perf_counter() - before
         return record
 
