@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from .approach import APPROACH, approach, continuation, softening
+from .approach import APPROACH, continuation, second_guess
 from .assembly import Assembly
 from .bonded import Bonds, all_bonded
 from .error_indicator import Scales
@@ -154,20 +154,14 @@ class Run:
         return record
 
     def _again(self, stage: GlobalStage, opening: Opening, record: WindowRecord) -> Array:
-        """Another first guess of q (1, n_flat): from rest, or on soft springs where bodies travel far."""
-        direction = self.direction(1)
-        factor = softening(self.assembly, direction.k, opening)
-        if factor is None:
-            record.fallbacks.append("from rest")
-            return self.state.f_hat[None].copy()
-        record.fallbacks.append(APPROACH)
+        """Another first guess of q (1, n_flat) without inertia."""
+        state, direction = self.state, self.direction(1)
         stage.rewind()
-        f_hat, w_hat = approach(
-            self.assembly, self.settings, factor, np.zeros((1, len(direction.k))), opening, self.state.scales,
-            self.timings,
-        )  # fmt: skip
-        direction.bind()
-        return direction.incoming(f_hat, w_hat)
+        name, f_hat, w_hat = second_guess(
+            direction, self.settings, state.f_hat, opening, state.scales, self.timings
+        )
+        record.fallbacks.append(name)
+        return direction.incoming(f_hat, w_hat)[None]
 
     def _opening(self, n: int) -> Opening:
         """Opening at the start of a window; one instant needs the gaps alone, known from the last one kept."""
