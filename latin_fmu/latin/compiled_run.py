@@ -70,9 +70,7 @@ class CompiledRun:
             p for p in assembly.propagators if isinstance(p, DirectPropagator)
         ]  # all, see ``marches``
         self._probes = SlideProbes(assembly, propagators, run.recorder.sliding)
-        self._classes = classes.ClassTable(
-            propagators, assembly.channels, self._probes.rows, assembly.awake_from
-        )
+        self._classes = classes.ClassTable(propagators, assembly.channels, self._probes.rows)
         self._groups = groups.GroupTable(
             layout.groups, [native_address(g.behaviour) for g in layout.groups], direction.local.z_sums
         )
@@ -80,7 +78,7 @@ class CompiledRun:
             layout.n_flat, len(assembly.interfaces), settings.anderson_depth, settings.max_iterations
         )
         self._limits = _limits(settings, not layout.normal.all())
-        self._scheme = work.coefficients(assembly.scheme, assembly.dt)
+        self._scheme = work.coefficients(assembly.scheme, assembly.dt, assembly.rest_traction)
         self._gap_start = np.concatenate([np.zeros(0), *(g.gap for g in layout.groups)])
         self._errors = np.empty((_LONGEST, settings.max_iterations))
         self._mismatches = np.empty((_LONGEST, settings.max_iterations))
@@ -130,7 +128,7 @@ class CompiledRun:
             run.take_gaps([gap.copy() for gap in self._groups.gaps])
             recorder.kept(assembly, done, self._probes, self._classes.probed)
             self._tell(first, done)
-        run.count(int(work.marched.sum()))
+        run.count(int(work.marched[0]), int(work.marched[1]))
         self.refused = done < n
         seconds = clock.perf_counter() - before
         run.timings.global_stage += seconds

@@ -38,7 +38,7 @@ _SCRATCH = (
 CLASS = record(
     [
         "n", "m", "n_inner", "n_channel", "n_live", "n_interior", "n_super", "n_massless", "n_probe", "tallest",
-        "grouped", "awake_from", "routines", "first", "row_start", "rows", "panel_start", "panels", "n_rows",
+        "grouped", "driven", "routines", "first", "row_start", "rows", "panel_start", "panels", "n_rows",
         "n_panels", "order", "schur_inverse", "dofs", "area", "live", "massless", "k", "response", "compliance",
         "channels", "below", "rest", "constant", "probed",
         *_STATE, *_SCRATCH, "vectors", "answers",
@@ -48,8 +48,8 @@ CLASS = record(
 )  # fmt: skip
 """One row per class. ``n`` dofs, ``m`` members, ``n_inner`` interface dofs, ``n_live`` channels that can move; arrays per
 dof are (n, m). Matrices are compressed rows (``starts``, ``columns``, ``values``; mass, stiffness, damping: see
-``substructure.add_symmetric``; dense ones: see ``substructure.dense``), terms likewise (see ``Terms``). ``rest`` counts 1
-while the class has not moved; before the instant ``awake_from`` it is not marched."""
+``substructure.add_symmetric``; dense ones: see ``substructure.dense``), terms likewise (see ``Terms``). ``rest`` is 1
+while the class has not moved, ``driven`` 1 where more than loads that come and go drives it."""
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,6 @@ class ClassTable:
     ----------
     propagators : direct ones, bound to their search direction. channels : (n_channel, m) flat indices per class.
     probes : per class the rows (n_probe, n) whose velocities are kept at each instant, or None.
-    awake_from : per class the first instant at which it is marched (0: from the start).
     """
 
     def __init__(
@@ -130,7 +129,6 @@ class ClassTable:
         propagators: Sequence[DirectPropagator],
         channels: Sequence[Index],
         probes: Sequence[sp.csr_array | None],
-        awake_from: Sequence[int],
     ) -> None:
         self.rows = np.zeros(len(propagators), dtype=CLASS)
         self._propagators = list(propagators)
@@ -140,7 +138,6 @@ class ClassTable:
         self.probed: list[Array] = []
         for c, (propagator, flat, probe) in enumerate(zip(propagators, channels, probes, strict=True)):
             self._fixed(c, propagator, flat, probe)
-            self.rows[c]["awake_from"] = awake_from[c]
 
     def _point(self, c: int, name: str, array: NDArray[Any]) -> None:
         self._alive[c].append(array)
@@ -219,6 +216,7 @@ class ClassTable:
             forcing = propagator.forcing
             constant, terms = forcing.sums(propagator.members[0].trace)
             self._point(c, "constant", constant)
+            self.rows[c]["driven"] = forcing.moves or constant.any()
             for name, sums in terms.items():
                 found = Terms.of(sums.patterns, sums.amplitudes, n_time)
                 self.rows[c][f"{name}_n"] = len(found.starts) - 1

@@ -141,26 +141,14 @@ def packed_product(n: int, a: Array, x: Array, out: Array) -> None:
 
 
 @kernel
-def resting(row: Any, instant: int) -> bool:
-    """Whether the class does not move up to this instant: not loaded so far, or no wave can be there yet."""
-    if instant < row.awake_from:
-        return True
-    if integers(row.rest, 1)[0] == 0:
+def resting(row: Any, scheme: Any, instant: int) -> bool:
+    """Whether the class has not moved, and nothing but its interfaces drives it at this instant."""
+    if row.driven == 1 or scheme.rest_traction < 0.0 or integers(row.rest, 1)[0] == 0:
         return False
-    size = row.n * row.m
-    constant = floats(row.constant, size)
-    for i in range(size):
-        if constant[i] != 0.0:
+    amplitude = floats(row.force_amplitudes + 8 * row.force_n * instant, row.force_n)
+    for t in range(row.force_n):  # noqa: SIM110, kernels have no generators
+        if amplitude[t] != 0.0:
             return False
-    for n, amplitudes_at in (
-        (row.force_n, row.force_amplitudes), (row.inertia_n, row.inertia_amplitudes),
-        (row.velocity_n, row.velocity_amplitudes),
-    ):  # fmt: skip
-        if n > 0:
-            amplitude = floats(amplitudes_at + 8 * n * instant, n)
-            for t in range(n):
-                if amplitude[t] != 0.0:
-                    return False
     return True
 
 
@@ -171,7 +159,7 @@ def predict(row: Any, scheme: Any, instant: int) -> None:
     u, v, a = floats(row.u, size), floats(row.v, size), floats(row.a, size)
     u_free, v_free, load = floats(row.u_free, size), floats(row.v_free, size), floats(row.load, size)
     free_a, w_free = floats(row.free_a, n_inner * m), floats(row.w_free, n_channel * m)
-    if resting(row, instant):
+    if resting(row, scheme, instant):
         u_free[:] = 0.0
         v_free[:] = 0.0
         free_a[:] = 0.0
@@ -271,13 +259,14 @@ def commit(row: Any, scheme: Any, instant: int, traction: Array) -> int:
     n, m, n_inner, n_channel = row.n, row.m, row.n_inner, row.n_channel
     size = n * m
     channels, area = integers(row.channels, n_channel * m), floats(row.area, n_channel)
-    nodal, pushed = floats(row.channel, n_channel * m), False
+    nodal, largest = floats(row.channel, n_channel * m), 0.0
     for i in range(n_channel):
         for j in range(m):
-            nodal[i * m + j] = area[i] * traction[channels[i * m + j]]
-            pushed = pushed or nodal[i * m + j] != 0.0
-    if resting(row, instant):
-        if instant < row.awake_from or not pushed:
+            now = traction[channels[i * m + j]]
+            nodal[i * m + j] = area[i] * now
+            largest = max(largest, abs(now))
+    if resting(row, scheme, instant):
+        if largest <= scheme.rest_traction:
             return 0
         floats(row.sweep, size)[:] = 0.0
     rest = integers(row.rest, 1)

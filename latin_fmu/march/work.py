@@ -28,9 +28,10 @@ class Coefficients(NamedTuple):
     w_u_old: float
     w_u: float
     w_v: float
+    rest_traction: float  # see ``latin.resting``
 
 
-def coefficients(scheme: TimeScheme, dt: float) -> Coefficients:
+def coefficients(scheme: TimeScheme, dt: float, rest_traction: float) -> Coefficients:
     """Read the factors off the scheme's own functions, which are linear."""
     zero, one = np.zeros(1), np.ones(1)
     u_v, _ = scheme.predict(zero, one, zero, dt)
@@ -39,7 +40,7 @@ def coefficients(scheme: TimeScheme, dt: float) -> Coefficients:
     return Coefficients(
         dt, float(u_v[0]), float(u_a[0]), float(v_a[0]), scheme.velocity_gain(dt), scheme.displacement_gain(dt),
         scheme.interface_gain(dt), scheme.force_weight, scheme.memory_weight,
-        float(reached[0][0]), float(reached[1][0]), float(reached[2][0]),
+        float(reached[0][0]), float(reached[1][0]), float(reached[2][0]), rest_traction,
     )  # fmt: skip
 
 
