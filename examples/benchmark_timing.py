@@ -26,7 +26,7 @@ from latin_fmu.api import run
 from latin_fmu.latin.record import Outcome
 from latin_fmu.propagator import DirectPropagator
 from latin_fmu.propagator.cholesky import interface_factor
-from latin_fmu.propagator.operators import reduced_rank
+from latin_fmu.propagator.model import reduced_rank
 from latin_fmu.scene.build import Built, Prepared, prepare
 from latin_fmu.scene.merge import Merged, merge
 

@@ -15,7 +15,7 @@ import scipy.sparse as sp
 
 from ..propagator import SubstructureModel
 from ..propagator.cholesky.symbolic import analyse
-from ..propagator.operators import reduced_rank
+from ..propagator.model import reduced_rank
 from ..scene.build import Prepared
 
 SWEEP, PRODUCT, SPARSE, LOCAL = 5e-10, 3e-10, 1.2e-9, 1.5e-8

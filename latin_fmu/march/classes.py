@@ -46,8 +46,8 @@ CLASS = record(
         *(f"{t}_{part}" for t in _TERMS for part in ("n", "starts", "rows", "values", "amplitudes")),
     ]
 )  # fmt: skip
-"""One row per class. ``n`` dofs, ``m`` members, ``n_inner`` interface dofs, ``n_live`` channels that can move; arrays per
-dof are (n, m). Matrices are compressed rows (``starts``, ``columns``, ``values``; mass, stiffness, damping: see
+"""One row per class. ``n`` dofs, ``m`` members, ``n_inner`` interface dofs, ``n_live`` channels that can move; arrays
+per dof are (n, m). Matrices are compressed rows (``starts``, ``columns``, ``values``; mass, stiffness, damping: see
 ``substructure.add_symmetric``; dense ones: see ``substructure.dense``), terms likewise (see ``Terms``). ``rest`` is 1
 while the class has not moved, ``driven`` 1 where more than loads that come and go drives it."""
 

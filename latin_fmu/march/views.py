@@ -77,7 +77,7 @@ def address(array: NDArray[Any]) -> int:
     """
     if not array.flags.c_contiguous:
         raise ValueError(f"an array of shape {array.shape} is not contiguous; make a contiguous copy first")
-    return int(array.ctypes.data)
+    return int(array.__array_interface__["data"][0])
 
 
 def record(fields: list[str]) -> np.dtype[Any]:

@@ -22,8 +22,7 @@ import scipy.sparse as sp
 
 from .cholesky import InterfaceFactor, interface_factor
 from .condensed import Index
-from .model import Array, SubstructureModel
-from .operators import reduced_rank
+from .model import Array, SubstructureModel, reduced_rank
 
 
 @dataclass(frozen=True)
