@@ -78,7 +78,7 @@ def measure(case: Case, rounds: int | None = None) -> tuple[list[Row], dict[str,
     """Every variant of one case, and the CPU seconds of the floors."""
     own = prepared(case, OWN)
     runs = {name: stable(case, solver) for name, solver in VARIANTS.items()}
-    runs = {n: r for n, r in runs.items() if "batched" not in n or len(r.classes) < len(own.classes)}
+    runs = {n: r for n, r in runs.items() if "batched" not in n or shares(r)}
     outcomes = {name: contact_run(ready) for name, ready in runs.items()}
     reference = contact_run(prepared(case, OWN | TIGHT))
     marches = Floor(own).marches
@@ -97,6 +97,11 @@ def measure(case: Case, rounds: int | None = None) -> tuple[list[Row], dict[str,
         for name, outcome in outcomes.items()
     ]  # fmt: skip
     return rows, floors
+
+
+def shares(ready: Prepared) -> bool:
+    """Whether there are identical blocks."""
+    return any(len(c.members) > 1 or c.twin is not None for c in ready.classes)
 
 
 def work(name: str, ready: Prepared) -> Callable[[], object]:
