@@ -266,6 +266,19 @@ def test_bad_parameters_are_refused(opened, name, value):
     assert host.read(name) == kept
 
 
+def test_start_values_of_states_and_reset(opened):
+    """Another start is taken; a reset forgets it."""
+    host = opened()
+    name = "modes.lower.velocity[1]"
+    host.start(**{name: 3.0})
+    assert 3.0 in host.states()
+    thrown = host.derivatives()
+    host.fmu.reset()
+    host.start()
+    assert host.read(name) == 0.0
+    assert not np.array_equal(host.derivatives(), thrown)
+
+
 def test_what_is_calculated_or_fixed_is_not_set(opened):
     host = opened()
     host.start()
