@@ -1,4 +1,4 @@
-"""Further tables of the benchmark: runs that use set-up again, whole windows, memory."""
+"""Further tables of the benchmark: accuracy, runs that use set-up again, whole windows, memory."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from statistics import median
 from typing import Any
 
 import numpy as np
+from benchmark_accuracy import table
 from benchmark_memory import peak
 from benchmark_problems import Case, crushing, tower
 from benchmark_timing import Floor, contact_run, cpu, in_turn, prepared, second_run
@@ -93,6 +94,7 @@ def memory(counts: Sequence[int], n: int) -> Iterator[str]:
 def tables(quick: bool) -> Iterator[str]:
     """All of them, line by line."""
     found = cases(quick)
+    yield from table()
     yield from again(found)
     yield from whole_windows([crushing(4, 0.1), tower(2, 4), tower(16, 4)])
     yield from memory((4, 16), 4) if quick else memory((2, 4, 8, 16), 6)

@@ -136,7 +136,9 @@ def options(argv: Sequence[str] | None) -> Namespace:
     parser.add_argument("--finest", action="store_true", help="P2 with 20^3 elements in a block too")
     parser.add_argument("--only", default="", metavar="TEXT", help='cases whose name holds TEXT, as "P3 n=4"')
     parser.add_argument("--rounds", type=int, help="repetitions; chosen by the time of the floor if left out")
-    parser.add_argument("--more", action="store_true", help="second runs, whole windows and memory too")
+    parser.add_argument(
+        "--more", action="store_true", help="accuracy, second runs, whole windows and memory too"
+    )
     parser.add_argument("--json", action="store_true", help="one list of objects, nothing else")
     parser.add_argument("-o", "--output", type=Path, default=Path("figures"), help="folder of the figure")
     return parser.parse_args(argv)
