@@ -27,10 +27,10 @@ _STILL = 1e-9  # of the largest velocity, or of the size of the interface
 
 
 def standing_tractions(
-    assembly: Assembly, traction: Array, unbalance: Sequence[Array], factors: Sequence[MassFactor]
-) -> Array:
-    """What contacts with rigid bodies at rest add to the known tractions (n_flat,) at t = 0; zero elsewhere."""
-    points = _standing_points(assembly)
+    assembly: Assembly, points: set[tuple[int, int]], traction: Array, unbalance: Sequence[Array],
+    factors: Sequence[MassFactor],
+) -> Array:  # fmt: skip
+    """What contacts at the standing ``points`` add to the known tractions (n_flat,) at t = 0; zero elsewhere."""
     added = np.zeros_like(traction)
     if not points:
         return added
@@ -60,7 +60,7 @@ def standing_tractions(
     return added
 
 
-def _standing_points(assembly: Assembly) -> set[tuple[int, int]]:
+def standing_points(assembly: Assembly) -> set[tuple[int, int]]:
     """Group and number of the points of closed contacts with a rigid body whose sides do not move along N."""
     rigid = np.zeros(assembly.layout.n_flat, dtype=bool)
     for propagator, channels in zip(assembly.propagators, assembly.channels, strict=True):
