@@ -44,7 +44,15 @@ def reduced_system(scene: Scene, n_mode: int = 12, n_patch: int = 4) -> ReducedS
     # the mass of the time scheme is not asked for: contact nodes keep theirs
     prepared = prepare(scene.model_copy(update={"time": scene.time.model_copy(update={"scheme": HHT()})}))
     cuts = [Cut.of(i, u, n_patch) for i, u in enumerate(prepared.units) if not is_bond(u)]
-    bodies = [ReducedBody.of(body, cuts, n_mode) for body in bonded_bodies(prepared)]
+    whole = bonded_bodies(prepared)
+    problems = [
+        Problem(f"substructure.{next(iter(body.members))}", "nothing of it is free to move",
+                remedy="leave it out and let the others meet the ground")
+        for body in whole if not body.model.expansion.shape[1]
+    ]  # fmt: skip
+    if problems:
+        raise SceneError(problems, _HEADING)
+    bodies = [ReducedBody.of(body, cuts, n_mode) for body in whole]
     n_state = 2 * sum(b.size for b in bodies) + 3 * len(prepared.units)
     if n_state > MAX_STATES:
         problem = Problem(
@@ -123,6 +131,9 @@ def _contacts(cuts: Sequence[Cut], motion: Array, stiffness: Array) -> Contacts:
         rows = motion[at : at + len(cut.members), 0]
         push = cut.areas @ rows
         compliance = float(np.sum(push[elastic] ** 2 / stiffness[elastic]) / cut.areas.sum())
+        if compliance <= 0.0:
+            problem = Problem(f"interface.{cut.unit.name}", "neither side can move along the normal")
+            raise SceneError([problem], _HEADING)
         owner += [cut.number] * len(rows)
         softness += [compliance] * len(rows)
         at += len(rows)

@@ -141,3 +141,19 @@ def test_rigid_bodies_have_no_modes():
     }
     with pytest.raises(SceneError, match=r"substructure\.lower\.rigid"):
         reduced_system(pair(substructure={"lower": rigid, "upper": upper}))
+
+
+def test_what_cannot_move_is_told():
+    held = {"type": "fixed"}
+    faces = ("zmin", "zmax", "xmin", "xmax", "ymin", "ymax")
+    box = {"size": [SIZE] * 3, "elements": [1, 1, 1]}
+    blocks = pair().model_dump()["substructure"]
+    blocks["lower"] = {"material": "steel", "box": box}
+    blocks["upper"] = {"material": "steel", "box": {"origin": [0.0, 0.0, SIZE], **box}}
+    boundary = {f"lower_{face}": {**held, "face": f"lower.{face}"} for face in faces}
+    with pytest.raises(SceneError, match="nothing of it is free to move"):
+        reduced_system(pair(substructure=blocks, boundary=boundary))
+    blocks["lower"]["box"] = {"size": [SIZE] * 3, "elements": [1, 1, 2]}
+    boundary = {n: {**held, "face": f"{n}.{f}"} for n, f in (("lower", "zmax"), ("upper", "zmin"))}
+    with pytest.raises(SceneError, match="neither side can move along the normal"):
+        reduced_system(pair(substructure=blocks, boundary=boundary))

@@ -15,6 +15,7 @@ from fmu_build.build import build_fmu
 from fmu_build.model_exchange import build_model_exchange
 from fmu_build.validate import validate
 from latin_fmu import cli
+from latin_fmu.errors import SceneError
 
 from .exchange_host import ExchangeHost, integrate
 from .scenes import bar, blocks
@@ -49,10 +50,14 @@ def opened(pressed):
 
 
 @pytest.mark.parametrize("name", sorted(path.parent.name for path in MODELS.glob("*/scene.toml")))
-def test_every_model_gives_a_valid_fmu(name, tmp_path):
+def test_every_model_that_moves_gives_a_valid_fmu(name, tmp_path):
     if name == "stacked_blocks":
         pytest.skip("many substructures: the same code, more time")
     scene = latin_fmu.load_scene(MODELS / name / "scene.toml")
+    if scene.time.quasi_static:
+        with pytest.raises(SceneError, match="has no reduced model"):
+            build_model_exchange(scene, tmp_path / "model.fmu", 4, 2)
+        return
     assert validate(build_model_exchange(scene, tmp_path / "model.fmu", 4, 2)) == []
 
 
@@ -264,6 +269,19 @@ def test_bad_parameters_are_refused(opened, name, value):
     host.set(name, value)
     assert host.messages[-1][0] == 3
     assert host.read(name) == kept
+
+
+def test_start_values_of_states_and_reset(opened):
+    """Another start is taken; a reset forgets it."""
+    host = opened()
+    name = "modes.lower.velocity[1]"
+    host.start(**{name: 3.0})
+    assert 3.0 in host.states()
+    thrown = host.derivatives()
+    host.fmu.reset()
+    host.start()
+    assert host.read(name) == 0.0
+    assert not np.array_equal(host.derivatives(), thrown)
 
 
 def test_what_is_calculated_or_fixed_is_not_set(opened):
