@@ -19,9 +19,8 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
-from .model import Array, SubstructureModel
+from .model import Array, SubstructureModel, reduced_rank
 from .modes import SILENT, Vibration, lowest_modes, strongest_modes
-from .operators import reduced_rank
 
 _DEPENDENT = 1e-9  # squared norm of what a static answer adds to the basis, against its own
 
