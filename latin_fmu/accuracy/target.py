@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from ..errors import LatinError
+from ..latin.wanted_accuracy import tolerance_for
 from ..results.estimates import ErrorEstimate, QuantityEstimate
 from ..results.solution import Solution
 from ..scene.schema import Scene
@@ -22,9 +23,6 @@ from .report import percent
 from .runs import Run
 
 Tell = Callable[[str], None]
-
-ITERATION_SHARE = 0.1
-"""The iteration may leave this share of the error."""
 
 _LOOSEST, _TIGHTEST = 1e-2, 1e-9
 _MARGIN = 0.95  # of the target, aimed at
@@ -84,7 +82,7 @@ def choose(scene: Scene, target: float, limit: float, tell: Tell) -> Choice:
     LatinError : the scene itself cannot be built or solved.
     """
     kind = kind_of(scene.accuracy.quantity)
-    tolerance = min(max(ITERATION_SHARE * target / kind.iteration, _TIGHTEST), _LOOSEST)
+    tolerance = min(max(tolerance_for(target, kind.iteration), _TIGHTEST), _LOOSEST)
     lean = in_short_windows(scene).model_copy(
         update={"solver": with_tolerance(in_short_windows(scene), tolerance)}
     )
