@@ -24,6 +24,7 @@ from threadpoolctl import threadpool_limits
 import latin_fmu
 from latin_fmu.api import run
 from latin_fmu.latin.record import Outcome
+from latin_fmu.march.alone import march_bodies
 from latin_fmu.propagator import DirectPropagator
 from latin_fmu.propagator.cholesky import interface_factor
 from latin_fmu.propagator.model import reduced_rank
@@ -75,7 +76,13 @@ class Floor:
     @property
     def marches(self) -> dict[str, Callable[[], object]]:
         """What a linear transient can be marched with here."""
-        return {"package march": self.package, "lean march": self.lean, "SuperLU": self.superlu}
+        return {"compiled march": self.compiled, "lean march": self.lean, "SuperLU": self.superlu}
+
+    def compiled(self) -> DirectPropagator:
+        """The kernels that march the contact runs, with no interface to wait for."""
+        body = self._begun()
+        march_bodies([body], len(self._ready.time))
+        return body
 
     def package(self) -> DirectPropagator:
         """The propagator of the package, with no interface to wait for."""

@@ -60,7 +60,7 @@ def test_floors_are_the_same_linear_transient(module: ModuleType) -> None:
     problems = importlib.import_module("benchmark_problems")
     floor = module.Floor(module.prepared(problems.tower(3, 2), {"share_identical": False}))
     ends = {name: march() for name, march in floor.marches.items()}
-    package = ends.pop("package march").state.u[:, 0]
+    package = ends.pop("compiled march").state.u[:, 0]
     for name, end in ends.items():
         assert np.abs(end - package).max() < 1e-12 * np.abs(package).max(), name
 
