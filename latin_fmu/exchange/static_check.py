@@ -14,7 +14,7 @@ import scipy.sparse as sp
 
 from ..latin.layout import Array
 from ..propagator.cholesky import interface_factor
-from ..propagator.operators import reduced_rank
+from ..propagator.model import reduced_rank
 from ..scene.fields import GROUND, split_face
 from .bodies import BondedBody
 from .contacts import Cut, placed
