@@ -14,7 +14,7 @@ ACTIONS = st.lists(
 )
 
 
-@settings(max_examples=10, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=6, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(actions=ACTIONS)
 def test_any_sequence_of_rollbacks_is_the_straight_run(opened, fmi, actions):
     """Steps of random sizes; between them steps taken back, discarded steps, states that went through bytes."""
