@@ -2,7 +2,7 @@
 
 Error: distance of the displacements of all nodes at the last instant to a run of this package with tolerances
 hundreds of times tighter, relative. What is left of this package's is the tolerance, of CalculiX's the penetration that
-its penalty allows: both are chosen for errors of the same size (ten times stiffer is ten times closer, at no cost here).
+its penalty allows: both are chosen for errors of the same size (ten times stiffer is ten times closer, for free here).
 """
 
 from __future__ import annotations
