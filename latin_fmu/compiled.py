@@ -7,6 +7,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from contextlib import suppress
+from functools import cache
+from importlib import import_module
 from pathlib import Path
 from typing import Any, Final, TypeVar, cast
 
@@ -14,7 +17,7 @@ from .kernel_store import keep, store_of
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 COMPILES: Final = os.environ.get("LATIN_FMU_COMPILE", "1") != "0"
-TRAVELS: Final = "." in __name__.removesuffix(".compiled")  # below another package: inside an FMU
+carray: Any = getattr(import_module("numba"), "carray", None) if COMPILES else None
 
 
 def compiled(twin: Function) -> Callable[[Function], Function]:
@@ -29,12 +32,12 @@ def compiled(twin: Function) -> Callable[[Function], Function]:
 def jitted(function: Function, nogil: bool = False, fastmath: bool | set[str] = False) -> Function:
     """``numba.njit`` of a function: compiled once, then read from disk.
 
-    The code is kept where numba keeps it; inside an FMU, whose path is new at every extraction, in the folder of
-    ``kernel_store``.
+    The code is kept in the folder of ``kernel_store``: where numba keeps it a kernel would not notice that another one
+    which it calls has changed, and inside an FMU the path is new at every extraction.
     """
     from numba import njit
 
-    store = store_of(Path(__file__).parent) if TRAVELS else None
+    store = store_of(Path(__file__).parent)
     if store is not None:
         made = njit(nogil=nogil, fastmath=fastmath)(function)
         if keep(made, store):
@@ -43,3 +46,29 @@ def jitted(function: Function, nogil: bool = False, fastmath: bool | set[str] = 
         return cast(Function, njit(cache=True, nogil=nogil, fastmath=fastmath)(function))
     except RuntimeError:  # no folder to keep it in: compile afresh in this process
         return cast(Function, njit(nogil=nogil, fastmath=fastmath)(function))
+
+
+def native(n_integer: int, n_float: int) -> Callable[[Callable[..., None]], Callable[[], int]]:
+    """Decorator: address of a function of pointers, ``n_integer`` to int32 and then ``n_float`` to float64.
+
+    Compiled (and cached) at the first request; the address is 0 where compilation is off.
+    """
+
+    def declare(function: Callable[..., None]) -> Callable[[], int]:
+        @cache
+        def made() -> Any:
+            from numba.core.ccallback import CFunc
+
+            types: Any = import_module("numba.types")
+            pointers = [types.CPointer(types.int32)] * n_integer + [types.CPointer(types.float64)] * n_float
+            found = CFunc(function, (tuple(pointers), types.void), locals={}, options={})
+            store = store_of(Path(__file__).parent)
+            if store is None or not keep(found, store):
+                with suppress(RuntimeError):  # no folder to keep it in
+                    found.enable_caching()
+            found.compile()
+            return found
+
+        return lambda: int(made().address) if COMPILES else 0
+
+    return declare

@@ -1,9 +1,10 @@
-"""Compiled kernels of a package that travels inside an FMU, kept in a folder of the user.
+"""Compiled kernels, kept in a folder of the user by the contents of their sources.
 
-numba keeps compiled code by the path of the source; an FMU is extracted to a new path every time, so that each
-extraction would compile all kernels anew (seconds). Here the code is kept by the *contents* of the package: the
-folder is named by a digest of every source file and of the versions of what compiles them. One file per compiled
-signature, written whole and checked when it is read, so that processes may share the folder.
+numba keeps compiled code by the path and the time of the one file that holds a function. A kernel whose callee in
+another file has changed would go on with the old one; and an FMU is extracted to a new path every time, so that each
+extraction would compile all kernels anew (half a minute). Here the folder is named by a digest of every source file
+with kernels and of the versions of what compiles them. One file per compiled signature, written whole and checked
+when it is read, so that processes may share the folder.
 
 ``LATIN_FMU_CACHE`` in the environment names another folder; 0 or nothing switches the store off, and the code is
 kept beside the sources.
@@ -25,14 +26,17 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+_MARKS = (b"@kernel", b"@compiled", b"@native", b"jitted(")  # sources that hold kernels
 KEPT = 8  # folders; those not used for longest are removed
 
 
 def keep(dispatcher: Any, folder: Path) -> bool:
-    """Let a function of ``numba.njit`` keep its compiled code in a folder; False where this numba cannot do that."""
+    """Let a function of ``numba.njit`` or ``numba.cfunc`` keep its compiled code in a folder; False where this numba
+    cannot do that."""
     try:
-        kept = _cache_class(folder)(dispatcher.py_func)
-        kept._cache_file = Files(folder, f"{dispatcher.py_func.__module__}.{kept._impl.filename_base}")
+        function = dispatcher.py_func if hasattr(dispatcher, "py_func") else dispatcher._pyfunc
+        kept = _cache_class(folder)(function)
+        kept._cache_file = Files(folder, f"{function.__module__}.{kept._impl.filename_base}")
     except (ImportError, AttributeError, TypeError, RuntimeError):
         return False
     dispatcher._cache = kept
@@ -161,6 +165,8 @@ def _digest(package: Path) -> str:
     digest = hashlib.sha256(repr((package.name, *versions)).encode())
     for path in sorted(package.rglob("*.py")):
         content = path.read_bytes()
+        if not any(mark in content for mark in _MARKS):
+            continue
         digest.update(f"{path.relative_to(package).as_posix()}\0{len(content)}\0".encode())
         digest.update(content)
     return digest.hexdigest()[:32]

@@ -21,6 +21,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("errors", "compiled", "memory"),
     ("fem", "interface", "time_scheme"),
     ("propagator",),
+    ("march",),
     ("latin",),
     ("scene", "results"),
     ("observe", "progress"),
@@ -31,7 +32,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("cli",),
     ("__init__", "__main__"),
 )
-NUMERICAL = ("fem", "interface", "time_scheme", "propagator", "latin")
+NUMERICAL = ("fem", "interface", "time_scheme", "propagator", "march", "latin")
 FOREIGN = {
     "xarray",
     "netCDF4",

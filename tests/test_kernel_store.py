@@ -71,7 +71,10 @@ def test_the_folder_follows_the_contents(package, base, tmp_path):
     again = tmp_path / "extracted again" / "package"
     shutil.copytree(package, again)
     assert store_of(again) == first
-    (again / "kernels.py").write_text("A = 2\n")
+    (again / "notes.py").write_text("nothing compiled here\n")
+    store_of.cache_clear()
+    assert store_of(again) == first
+    (again / "kernels.py").write_text("@kernel\ndef half(x):\n    return x / 2\n")
     store_of.cache_clear()
     assert store_of(again) not in (None, first)
 

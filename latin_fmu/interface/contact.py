@@ -14,12 +14,13 @@ contact indicator C_n = w / 2 of (20), and G is G_n of (21).
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
-from ..compiled import compiled
+from ..compiled import carray, compiled, native
 from .behaviour import SEPARATION, SLIP, STICK, Array, Status
 
 # A stuck point whose traction is this close to the cone counts as slipping.
@@ -32,6 +33,7 @@ class Contact:
 
     friction_coefficient: float = 0.0
     name: ClassVar[str] = "contact"
+    native: ClassVar[Callable[[], int]] = staticmethod(lambda: _native())
     opens: ClassVar[bool] = True
     compliant: ClassVar[bool] = False
     elastic: ClassVar[bool] = False
@@ -95,3 +97,21 @@ def _kernel(jump: Array, z: Array, reach: Array, parameters: Array) -> Array:
             traction[p, 1] = scale * jump[p, 1] / z[p, 1]
             traction[p, 2] = scale * jump[p, 2] / z[p, 1]
     return traction
+
+
+@native(3, 6)
+def _native(
+    n_point: Any,
+    n_component: Any,
+    n_parameter: Any,
+    _rate: Any,
+    jump: Any,
+    z: Any,
+    reach: Any,
+    parameters: Any,
+    traction: Any,
+) -> None:
+    n, shape = n_point[0], (n_point[0], n_component[0])
+    carray(traction, shape)[...] = _kernel(
+        carray(jump, shape), carray(z, (n, 2)), carray(reach, (n,)), carray(parameters, (n, n_parameter[0]))
+    )

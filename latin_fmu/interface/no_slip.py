@@ -13,11 +13,13 @@ iteration converges, where a huge friction coefficient (stick from the first tra
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
+from ..compiled import carray, compiled, native
 from .behaviour import SEPARATION, STICK, Array, Status
 
 
@@ -26,6 +28,7 @@ class NoSlip:
     """Contact of surfaces that never slide on each other."""
 
     name: ClassVar[str] = "no_slip"
+    native: ClassVar[Callable[[], int]] = staticmethod(lambda: _native())
     opens: ClassVar[bool] = True
     compliant: ClassVar[bool] = False
     elastic: ClassVar[bool] = False
@@ -42,15 +45,49 @@ class NoSlip:
     @staticmethod
     def local(jump: Array, z: Array, reach: Array, rate: float, parameters: Array) -> Array:
         """Explicit solution per point (module docstring)."""
-        traction = np.zeros_like(jump)
-        closing = np.maximum(0.0, -(jump[:, 0] + reach))
-        traction[:, 0] = -np.divide(closing, z[:, 0], out=np.zeros_like(closing), where=z[:, 0] > 0)
-        held = (reach <= 0) & (z[:, 1] > 0)
-        traction[held, 1:] = jump[held, 1:] / z[held, 1:]
-        return traction
+        return _kernel(jump, z, reach)
 
     @staticmethod
     def status(traction: Array, parameters: Array) -> Status:
         """Stick where there is any traction."""
         loaded = (traction[..., 0] < 0) | (traction[..., 1:] != 0).any(axis=-1)
         return np.where(loaded, STICK, SEPARATION).astype(np.int8)
+
+
+def no_slip_numpy(jump: Array, z: Array, reach: Array) -> Array:
+    """NumPy twin of the compiled kernel."""
+    traction = np.zeros_like(jump)
+    closing = np.maximum(0.0, -(jump[:, 0] + reach))
+    traction[:, 0] = -np.divide(closing, z[:, 0], out=np.zeros_like(closing), where=z[:, 0] > 0)
+    held = (reach <= 0) & (z[:, 1] > 0)
+    traction[held, 1:] = jump[held, 1:] / z[held, 1:]
+    return traction
+
+
+@compiled(no_slip_numpy)
+def _kernel(jump: Array, z: Array, reach: Array) -> Array:
+    traction = np.zeros_like(jump)
+    for p in range(jump.shape[0]):
+        closing = -(jump[p, 0] + reach[p])
+        if closing > 0.0 and z[p, 0] > 0.0:
+            traction[p, 0] = -closing / z[p, 0]
+        if reach[p] <= 0.0 and z[p, 1] > 0.0:
+            for c in range(1, jump.shape[1]):
+                traction[p, c] = jump[p, c] / z[p, 1]
+    return traction
+
+
+@native(3, 6)
+def _native(
+    n_point: Any,
+    n_component: Any,
+    _n_parameter: Any,
+    _rate: Any,
+    jump: Any,
+    z: Any,
+    reach: Any,
+    _parameters: Any,
+    traction: Any,
+) -> None:
+    n, shape = n_point[0], (n_point[0], n_component[0])
+    carray(traction, shape)[...] = _kernel(carray(jump, shape), carray(z, (n, 2)), carray(reach, (n,)))

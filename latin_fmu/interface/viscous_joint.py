@@ -8,12 +8,13 @@ is the perfect connection, and c = rho c_p on a face against the ground lets nor
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
-from ..compiled import compiled
+from ..compiled import carray, compiled, native
 from .behaviour import STICK, Array, Status
 
 
@@ -27,6 +28,7 @@ class ViscousJoint:
     opens: ClassVar[bool] = False
     compliant: ClassVar[bool] = True
     elastic: ClassVar[bool] = False
+    native: ClassVar[Callable[[], int]] = staticmethod(lambda: _native())
 
     @property
     def n_component(self) -> int:
@@ -65,3 +67,14 @@ def _kernel(jump: Array, z: Array, parameters: Array) -> Array:
             viscosity = parameters[p, kind]
             traction[p, c] = viscosity * jump[p, c] / (1.0 + viscosity * z[p, kind])
     return traction
+
+
+@native(3, 6)
+def _native(
+    n_point: Any, n_component: Any, n_parameter: Any, _rate: Any, jump: Any, z: Any, _reach: Any, parameters: Any,
+    traction: Any,
+) -> None:  # fmt: skip
+    n, shape = n_point[0], (n_point[0], n_component[0])
+    carray(traction, shape)[...] = _kernel(
+        carray(jump, shape), carray(z, (n, 2)), carray(parameters, (n, n_parameter[0]))
+    )

@@ -14,9 +14,8 @@ import numpy as np
 
 from .kernels import anderson
 from .layout import Array
+from .stopping import RANK
 
-# Relative size below which directions of the least-squares problem are dropped.
-_RANK = 1e-12
 # Iterations between run-ups, and relative change of the residual below which nothing has changed.
 _PERIOD, _SAME = 8, 0.05
 
@@ -59,7 +58,7 @@ class Anderson:
         out = np.empty_like(q)
         anderson(
             self._weight, q, residual, *self._last, self._dq, self._dr, self._gram, self._count, self._relaxation,
-            _RANK, out,
+            RANK, out,
         )  # fmt: skip
         self._count += 1
         self._last = (q, residual)

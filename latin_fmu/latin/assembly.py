@@ -55,6 +55,7 @@ class Assembly:
         }
         self.ground_start = {i: GroundState(np.zeros(3), None) for i in self._ground_frames}
         self.rigid = self._rigid_channels()
+        self.awake_from = [0] * len(self.propagators)  # first instant at which each class is marched
 
     @property
     def quasi_static(self) -> bool:
@@ -148,6 +149,22 @@ class Assembly:
         i = max(instant, 1)
         slope: Array = (velocity[i] - velocity[i - 1]) / self.dt
         return slope
+
+    def ground_tables(self) -> tuple[Index, Array, Array]:
+        """Channels of the ground (n,), their velocities and displacements (n_time, n) at all instants."""
+        n_time = len(self.time)
+        channels = [np.zeros(0, dtype=np.int64)]
+        velocity, displacement = [np.zeros((n_time, 0))], [np.zeros((n_time, 0))]
+        for i, (where, frames) in self._ground_frames.items():
+            channels.append(where.ravel())
+            moved = self.ground_start[i].displacement + self._travel[i]
+            velocity.append(np.einsum("pci,ti->tpc", frames, self.ground[i]).reshape(n_time, -1))
+            displacement.append(np.einsum("pci,ti->tpc", frames, moved).reshape(n_time, -1))
+        return (
+            np.concatenate(channels),
+            np.concatenate(velocity, axis=1),
+            np.concatenate(displacement, axis=1),
+        )
 
     def ground_end(self, instant: int) -> dict[int, GroundState]:
         """State of the ground at an instant, for the next segment."""

@@ -20,11 +20,10 @@ import numpy as np
 from .assembly import Assembly
 from .kernels import close
 from .layout import Array
+from .stopping import TANGENTIAL_FLOOR
 
 # Fields below this fraction of the characteristic traction are negligible.
 _FLOOR = 1e-3
-# Tangential mismatch is measured against its own scale, at least this fraction of the normal one.
-_TANGENTIAL_FLOOR = 1e-2
 
 
 @dataclass(frozen=True)
@@ -56,7 +55,7 @@ class Indicator:
         f_weight, w_weight = area / impedance, area * impedance
         self._k = k
         moving = 0.0 if assembly.quasi_static else 1.0
-        self._weights = np.stack([0.25 * (f_weight + w_weight * z * z), f_weight, moving * w_weight])
+        self.weights = np.stack([0.25 * (f_weight + w_weight * z * z), f_weight, moving * w_weight])
         self._half_area = 0.5 * layout.area
         self._parts = [layout.normal] if layout.normal.all() else [layout.normal, ~layout.normal]
 
@@ -65,7 +64,7 @@ class Indicator:
         level = _FLOOR * self.assembly.characteristic_traction
         uniform = np.where(self.assembly.layout.normal, level, 0.0)
         force = float(self._admittance_norms((uniform * self.assembly.layout.area)[:, None])[0])
-        field = level**2 * float(self._weights[1, self.assembly.layout.normal].sum())
+        field = level**2 * float(self.weights[1, self.assembly.layout.normal].sum())
         tiny = np.finfo(float).tiny
         return Scales(max(field, tiny), (max(force, tiny), max(force, tiny)))
 
@@ -76,13 +75,13 @@ class Indicator:
         n = len(q)
         f, w, f_hat, w_hat = fields
         residual = np.empty_like(q)
-        difference, size = close(q, self._k, f_hat, w_hat, f, w, self._weights, residual)
+        difference, size = close(q, self._k, f_hat, w_hat, f, w, self.weights, residual)
         reached = Scales(max(scales.field, size / n), scales.force)
         return residual, Measure(float(np.sqrt(difference / n / reached.field)), reached)
 
     def per_interface(self, residual: Array, scales: Scales) -> Array:
         """sqrt(eta) of each interface alone against the common scale, (n_interface,)."""
-        density = self._weights[0] * np.einsum("ij,ij->j", residual, residual) / len(residual)
+        density = self.weights[0] * np.einsum("ij,ij->j", residual, residual) / len(residual)
         layout = self.assembly.layout
         total = np.bincount(layout.interface, density, minlength=len(self.assembly.interfaces))
         shares: Array = np.sqrt(total / scales.field)
@@ -100,7 +99,7 @@ class Indicator:
             for part in range(len(self._parts)):
                 force[part] = max(force[part], float(norms[2 * part]))
                 error[part] = max(error[part], float(norms[2 * part + 1]))
-        force[1] = max(force[1], _TANGENTIAL_FLOOR * force[0])
+        force[1] = max(force[1], TANGENTIAL_FLOOR * force[0])
         worst = max(e / f for e, f in zip(error, force, strict=True))
         return Measure(worst, Scales(scales.field, (force[0], force[1])))
 

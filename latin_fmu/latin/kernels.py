@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..compiled import compiled
+from ..march.least_squares import least_squares, least_squares_numpy
 from .layout import Array, Index
 
 
@@ -41,20 +42,15 @@ def anderson_numpy(
     """One step of Anderson acceleration on fields (n, n_flat); see ``acceleration``.
 
     dq, dr : (depth, n, n_flat) ring of differences, gram : (depth, depth) their weighted products, brought up to
-    date with the difference number ``count``; weight : (n_flat,) squared weights; directions whose eigenvalue is
-    below ``rank`` times the largest are dropped. The result goes to ``out``.
+    date with the difference number ``count``; weight : (n_flat,) squared weights; differences whose pivot in the
+    Cholesky factor of the Gram matrix (unit diagonal) is below ``rank`` are left out. The result goes to ``out``.
     """
     row, kept = count % len(dq), min(count + 1, len(dq))
     np.subtract(q, last_q, out=dq[row])
     np.subtract(residual, last_r, out=dr[row])
     known = dr[:kept].reshape(kept, -1)
     gram[row, :kept] = gram[:kept, row] = known @ (weight * dr[row]).ravel()
-    size = np.sqrt(np.maximum(np.diag(gram)[:kept], 1e-300))
-    right = (known @ (weight * residual).ravel()) / size
-    values, vectors = np.linalg.eigh(gram[:kept, :kept] / np.outer(size, size))
-    used = values > rank * values[-1]
-    basis = vectors[:, used]
-    gamma = (basis @ ((basis.T @ right) / values[used])) / size
+    gamma = least_squares_numpy(gram, known @ (weight * residual).ravel(), kept, rank)
     out[...] = q + relaxation * residual - np.einsum("a,aij->ij", gamma, dq[:kept] + relaxation * dr[:kept])
 
 
@@ -123,27 +119,10 @@ def anderson(
         gram[row, a] = product
         gram[a, row] = product
         right[a] = projection
-    size = np.empty(kept)
-    for a in range(kept):
-        size[a] = np.sqrt(max(gram[a, a], 1e-300))
-    scaled = np.empty((kept, kept))
-    for a in range(kept):
-        right[a] /= size[a]
-        for b in range(kept):
-            scaled[a, b] = gram[a, b] / (size[a] * size[b])
-    values, vectors = np.linalg.eigh(scaled)
-    gamma = np.zeros(kept)
-    for e in range(kept):
-        if values[e] > rank * values[kept - 1]:
-            share = 0.0
-            for a in range(kept):
-                share += vectors[a, e] * right[a]
-            share /= values[e]
-            for a in range(kept):
-                gamma[a] += vectors[a, e] * share
+    gamma = least_squares(gram, right, kept, rank)
     for i in range(n):
         for j in range(n_flat):
             step = relaxation * residual[i, j]
             for a in range(kept):
-                step -= gamma[a] / size[a] * (dq[a, i, j] + relaxation * dr[a, i, j])
+                step -= gamma[a] * (dq[a, i, j] + relaxation * dr[a, i, j])
             out[i, j] = q[i, j] + step

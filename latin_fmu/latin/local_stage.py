@@ -81,15 +81,15 @@ class LocalStage:
         self.span = span(assembly)
         # without inertia there is no energy to add: a penetration the tolerance has left is pushed out
         self._deepest = -np.inf if assembly.quasi_static else 0.0
-        self._z_sum = []
+        self.z_sums = []
         for group in assembly.layout.groups:
             both = group.block(self.z).sum(axis=0)
-            self._z_sum.append(np.ascontiguousarray(both[:, [0, min(1, group.n_component - 1)]]))
+            self.z_sums.append(np.ascontiguousarray(both[:, [0, min(1, group.n_component - 1)]]))
 
     def instant(self, s: Array, gaps: list[Array]) -> tuple[Array, Array]:
         """F_hat and W_hat (n_flat,) at one instant; ``gaps`` per group, see ``left``."""
         f_hat = np.empty_like(s)
-        for group, z, gap in zip(self.assembly.layout.groups, self._z_sum, gaps, strict=True):
+        for group, z, gap in zip(self.assembly.layout.groups, self.z_sums, gaps, strict=True):
             block, out = group.block(s), group.block(f_hat)
             reach, rate = group.reach(gap, self.assembly.dt, self.span, self._deepest)
             traction = group.behaviour.local(block[1] - block[0], z, reach, rate, group.parameters)

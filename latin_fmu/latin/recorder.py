@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +14,7 @@ from .interface_energy import ground_work, impact_losses, yielding_terms
 from .layout import Array, InterfaceUnit
 from .local_stage import read_gaps
 from .record import InterfaceHistory, SubstructureHistory
+from .slide_probes import SlideProbes
 
 _NO_CONTACT = 1e-6
 
@@ -47,9 +48,9 @@ class Recorder:
     ) -> None:
         self._wanted, self._info = wanted, substructures
         n_time, layout = len(assembly.time), assembly.layout
-        self._f_hat = np.zeros((n_time, layout.n_flat))
-        self._w_hat = np.zeros((n_time, layout.n_flat))
-        self._gap = [np.zeros((n_time, g.n_point)) if g.behaviour.opens else None for g in layout.groups]
+        self.f_hat = np.zeros((n_time, layout.n_flat))
+        self.w_hat = np.zeros((n_time, layout.n_flat))
+        self.gaps = [np.zeros((n_time, g.n_point)) if g.behaviour.opens else None for g in layout.groups]
         # Frictionless interfaces carry no tangential unknowns: their tangential velocities come from the sides.
         self._slide = {
             i: np.zeros((n_time, 2, u.geometry.n_point, 3))
@@ -74,21 +75,50 @@ class Recorder:
 
     def _store(self, assembly: Assembly, f_hat: Array, w_hat: Array) -> list[Array] | None:
         i = self._instant
-        self._f_hat[i], self._w_hat[i] = f_hat, w_hat
-        gaps = read_gaps(assembly) if any(g is not None for g in self._gap) else None
+        self.f_hat[i], self.w_hat[i] = f_hat, w_hat
+        gaps = read_gaps(assembly) if any(g is not None for g in self.gaps) else None
         if gaps is not None:
-            for gap, now in zip(self._gap, gaps, strict=True):
+            for gap, now in zip(self.gaps, gaps, strict=True):
                 if gap is not None:
                     gap[i] = now
         for index, history in self._slide.items():
             self._side_velocities(assembly, index, history[i], i)
+        self._store_wanted(assembly, i)
+        return gaps
+
+    def _store_wanted(self, assembly: Assembly, i: int) -> None:
+        """Energies and fields of the instant i, where the substructures stand."""
         if self._wanted.energy:
             for name, (propagator, member) in self._where.items():
                 assert propagator.meter is not None
                 self._energy[name].append(np.array([propagator.meter.totals[t][member] for t in TERMS]))
         if (self._wanted.fields or self._wanted.stress) and i % self._wanted.every == 0:
             self._store_fields(float(assembly.time[i]))
-        return gaps
+
+    # -- the compiled road: histories are written by the kernels ------------------------------------------------
+    @property
+    def wants_energy(self) -> bool:
+        """Whether energies are kept (at every instant)."""
+        return self._wanted.energy
+
+    def instants_unseen(self) -> int:
+        """Instants that may pass before the recorder has to see the substructures again."""
+        if self._wanted.energy:
+            return 1
+        if self._wanted.fields or self._wanted.stress:
+            return self._wanted.every - self._instant % self._wanted.every
+        return len(self.f_hat)
+
+    @property
+    def sliding(self) -> list[int]:
+        """Interfaces whose tangential velocities come from the substructures."""
+        return sorted(self._slide)
+
+    def kept(self, assembly: Assembly, steps: int, probes: SlideProbes, probed: Sequence[Array]) -> None:
+        """Instants whose fields and gaps the kernels have written; ``probed`` (n_time, n_probe, n_member) per class."""
+        probes.read(assembly, slice(self._instant + 1, self._instant + steps + 1), probed, self._slide)
+        self._instant += steps
+        self._store_wanted(assembly, self._instant)
 
     def _side_velocities(self, assembly: Assembly, index: int, out: Array, instant: int) -> None:
         unit = assembly.interfaces[index]
@@ -126,8 +156,8 @@ class Recorder:
         n = self._instant + 1
         group = assembly.layout.group(index)
         points = group.members[index]
-        f_hat = group.block(self._f_hat[:n])[:, 0, points]
-        w_hat = group.block(self._w_hat[:n])[:, :, points]
+        f_hat = group.block(self.f_hat[:n])[:, 0, points]
+        w_hat = group.block(self.w_hat[:n])[:, :, points]
         return interface_history(
             unit,
             f_hat,
@@ -140,7 +170,7 @@ class Recorder:
 
     def _gap_of(self, assembly: Assembly, index: int, n: int) -> Array | None:
         group = assembly.layout.group(index)
-        gap = self._gap[assembly.layout.groups.index(group)]
+        gap = self.gaps[assembly.layout.groups.index(group)]
         return None if gap is None else gap[:n, group.members[index]]
 
     def substructures(self) -> dict[str, SubstructureHistory]:
@@ -216,8 +246,7 @@ def interface_history(
     """
     geometry, n_component = unit.geometry, unit.behaviour.n_component
     frames = geometry.frames[:, :n_component]
-    traction = np.einsum("tpc,pci->tpi", f_hat, frames)
-    velocity = np.einsum("tspc,pci->tspi", w_hat, frames)
+    traction, velocity = _in_global_axes(f_hat, frames), _in_global_axes(w_hat, frames)
     if slide is not None:
         normal = geometry.frames[:, 0]
         kept = slide[: len(f_hat)]
@@ -225,11 +254,11 @@ def interface_history(
     power = None
     if unit.behaviour.opens and n_component > 1:
         slip = w_hat[:, 1, :, 1:] - w_hat[:, 0, :, 1:]
-        power = np.einsum("p,tpc,tpc->t", geometry.areas, f_hat[..., 1:], slip)
+        power = (f_hat[..., 1:] * slip).sum(axis=-1) @ geometry.areas
     layer, joint_power = as_layer(unit.behaviour), None
     layer_energy = None if layer is None else layer.stored_energy(f_hat, parameters) @ geometry.areas
     if unit.behaviour.compliant and layer is None:
-        joint_power = np.einsum("p,tpc,tpc->t", geometry.areas, f_hat, w_hat[:, 1] - w_hat[:, 0])
+        joint_power = (f_hat * (w_hat[:, 1] - w_hat[:, 0])).sum(axis=-1) @ geometry.areas
     opens = unit.behaviour.opens
     status = None
     if opens:
@@ -242,3 +271,12 @@ def interface_history(
         traction=traction, velocity=velocity, gap=gap,
         contact_status=status, friction_power=power, layer_energy=layer_energy, joint_power=joint_power,
     )  # fmt: skip
+
+
+def _in_global_axes(values: Array, frames: Array) -> Array:
+    """Vectors (..., n_point, n_component) in the axes of their points, frames (n_point, n_component, 3), turned."""
+    if len(frames) and (frames == frames[0]).all():
+        planar: Array = values @ frames[0]
+        return planar
+    turned: Array = np.einsum("...pc,pci->...pi", values, frames)
+    return turned

@@ -72,7 +72,7 @@ def inertial_impedance(assembly: Assembly) -> None:
 
 def unresolved_sides(assembly: Assembly) -> list[str]:
     """Sentences on sides whose wave front the mesh and step do not resolve (converged is not accurate there)."""
-    row = _row(assembly)
+    row = _row(assembly, normal_only=True)
     remarks = []
     for i, unit in enumerate(assembly.interfaces):
         for side in (0, 1):
@@ -137,24 +137,25 @@ def _one_tangent(assembly: Assembly, values: Array) -> Array:
     return values
 
 
-def _row(assembly: Assembly) -> Array:
-    """Total force for a unit uniform velocity of the face, over its area."""
-    k = np.zeros(assembly.layout.n_flat)
+def _row(assembly: Assembly, normal_only: bool = False) -> Array:
+    """Total force for a unit uniform velocity of the face, over its area; ``normal_only``: 0 in the tangents."""
+    layout = assembly.layout
+    k, position = np.zeros(layout.n_flat), np.full(layout.n_flat, -1)
+    sides = [layout.channels(i, side) for i in range(len(assembly.interfaces)) for side in (0, 1)]
     for propagator, channels in zip(assembly.propagators, assembly.channels, strict=True):
         compliance = propagator.operators.compliance
-        position = {int(flat): row for row, flat in enumerate(channels[:, 0])}
+        position[:] = -1
+        position[channels[:, 0]] = np.arange(len(channels))
         per_channel = np.zeros(len(channels))
-        for i in range(len(assembly.interfaces)):
-            for side in (0, 1):
-                flat = assembly.layout.channels(i, side)
-                if int(flat[0, 0]) not in position:
-                    continue
-                rows = np.array([[position[int(f)] for f in line] for line in flat])
-                area = propagator.operators.area[rows[:, 0]].sum()
-                for component in range(flat.shape[1]):
-                    per_channel[rows[:, component]] = _resistance(compliance, rows[:, component]) / area
+        for flat in sides:
+            rows = position[flat]
+            if rows[0, 0] < 0:
+                continue
+            area = propagator.operators.area[rows[:, 0]].sum()
+            for component in range(1 if normal_only else flat.shape[1]):
+                per_channel[rows[:, component]] = _resistance(compliance, rows[:, component]) / area
         k[channels] = per_channel[:, None]
-    return _one_tangent(assembly, k)
+    return k if normal_only else _one_tangent(assembly, k)
 
 
 def _resistance(compliance: Array, rows: Array) -> float:
@@ -163,8 +164,9 @@ def _resistance(compliance: Array, rows: Array) -> float:
     moving = rows[diagonal[rows] > 1e-12 * diagonal.max(initial=0.0)]
     if not len(moving):
         return 0.0
-    block = compliance[np.ix_(moving, moving)]
-    return float(la.lstsq(block, np.ones(len(moving)))[0].sum())
+    block, ones = compliance[np.ix_(moving, moving)], np.ones(len(moving))
+    _, x, failed = la.lapack.dposv(block, ones)
+    return float((la.lstsq(block, ones)[0] if failed else x).sum())
 
 
 def _resolved(assembly: Assembly) -> tuple[Array, str]:

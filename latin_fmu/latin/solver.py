@@ -27,12 +27,7 @@ from .point_by_point import PointByPoint
 from .record import Timings, WindowRecord
 from .search_direction import channel_k
 from .settings import Settings
-
-# Stall: the best of the last _RECENT residuals is above this fraction of the best before, after _PATIENCE.
-_RECENT, _PATIENCE = 6, 12
-_STALL_ACCELERATED, _STALL_PLAIN = 0.7, 0.99
-# Below this fraction of the tolerance nothing happens and the warm start is the answer.
-_AT_REST = 1e-2
+from .stopping import AT_REST, PATIENCE, RECENT, STALL_ACCELERATED, STALL_PLAIN
 
 RELAXED, POINT_BY_POINT, NEWTON = "relaxation 1/2", "points one after the other", "Newton-Krylov"
 _NEWTON = 3  # iterations of the Newton-Krylov fall-back, in max_iterations
@@ -168,7 +163,7 @@ class WindowSolver:
                 best, record.accepted = now, record.iterations - 1
             met = now.error <= settings.tolerance and mismatch <= settings.force_tolerance
             # A warm start within tolerance is not accepted as it is: step after step its lag would add up.
-            if met and (stage.n > 1 or record.iterations > 1 or now.error <= _AT_REST * settings.tolerance):
+            if met and (stage.n > 1 or record.iterations > 1 or now.error <= AT_REST * settings.tolerance):
                 record.converged, record.accepted = True, record.iterations - 1
                 return now
             if not np.isfinite(now.error):
@@ -200,11 +195,11 @@ class WindowSolver:
 
     def _fallback(self, stage: GlobalStage, used: list[str], exhausted: bool) -> str | None:
         """The next fall-back, None when there is none left."""
-        if self._static and NEWTON not in used and self._settings.max_iterations >= _PATIENCE:
+        if self._static and NEWTON not in used and self._settings.max_iterations >= PATIENCE:
             return NEWTON
         if RELAXED not in used and not exhausted:
             return RELAXED
-        wanted = self._settings.max_iterations >= _PATIENCE  # fewer: a look at the iteration, not an answer
+        wanted = self._settings.max_iterations >= PATIENCE  # fewer: a look at the iteration, not an answer
         # without inertia a floating body has no admittance to go from point to point with
         wanted = wanted and stage.n == 1 and not self._static
         return POINT_BY_POINT if wanted and POINT_BY_POINT not in used else None
@@ -265,10 +260,10 @@ class WindowSolver:
 
     @staticmethod
     def _stalled(errors: list[float], accelerated: bool) -> bool:
-        if len(errors) < _PATIENCE:
+        if len(errors) < PATIENCE:
             return False
-        bound = _STALL_ACCELERATED if accelerated else _STALL_PLAIN
-        return min(errors[-_RECENT:]) > bound * min(errors[:-_RECENT])
+        bound = STALL_ACCELERATED if accelerated else STALL_PLAIN
+        return min(errors[-RECENT:]) > bound * min(errors[:-RECENT])
 
     def _tell(self, number: int, record: WindowRecord, now: Iterate, stage: GlobalStage) -> None:
         if self._progress is not None:

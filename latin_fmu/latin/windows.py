@@ -16,6 +16,7 @@ import numpy as np
 from .approach import APPROACH, approach, softening
 from .assembly import Assembly
 from .bonded import Bonds, all_bonded
+from .compiled_run import CompiledRun, marches
 from .error_indicator import Scales
 from .global_stage import GlobalStage
 from .layout import Array
@@ -69,6 +70,7 @@ class Run:
         self._bound: Direction | None = None
         self._bonds: Bonds | None = None
         self._operators = [p.operators for p in assembly.propagators]
+        self._compiled: CompiledRun | None = None
         traction, velocity = start(assembly)
         self.state = RunState(traction, velocity, self.direction(1).indicator.floor())
         self._gaps: list[Array] | None = recorder.start(assembly, traction, velocity)
@@ -89,10 +91,12 @@ class Run:
         operators = [p.operators for p in self.assembly.propagators]
         if any(a is not b for a, b in zip(operators, self._operators, strict=True)):
             self._directions.clear()
-            self._bound, self._bonds, self._operators = None, None, operators
+            self._bound, self._bonds, self._compiled, self._operators = None, None, None, operators
         self.state.windows, self.state.interface_indicator, self.stopped = [], None, False
         self.recorder = recorder
         self._gaps = recorder.start(self.assembly, self.state.f_hat, self.state.w_hat)
+        if self._compiled is not None:
+            self._compiled.begin(recorder)
 
     def choices(self) -> dict[str, str]:
         """What was chosen automatically."""
@@ -106,10 +110,41 @@ class Run:
         total = self.assembly.n_instant
         length = self.settings.window or total
         count = -(-total // length)
-        for number in range(count):
-            self.advance(min(length, total - number * length), number, count)
-            if self.stopped:
-                return
+        compiled = self._compiled_road() if length == 1 else None
+        number = 0
+        while number < count and not self.stopped:
+            done = 0 if compiled is None else compiled.advance(count - number)
+            number += done
+            if done and self._progress is not None:
+                last = self.state.windows[-1]
+                self._progress(number - 1, count, last.iterations, last.final_error)
+            if number < count and (compiled is None or compiled.refused):
+                self.advance(min(length, total - number * length), number, count)
+                number += 1
+
+    def _compiled_road(self) -> CompiledRun | None:
+        """The compiled march, where nothing asks for the long road."""
+        assembly = self.assembly
+        if self._observer is not None or not assembly.interfaces or not marches(assembly):
+            return None
+        if self._bonds_directly():
+            return None
+        self._bind(self.direction(1))
+        if self._compiled is None:
+            self._compiled = CompiledRun(self)
+        return self._compiled
+
+    def gaps(self) -> list[Array]:
+        """Gaps (n_point,) of each group at the present instant."""
+        return read_gaps(self.assembly) if self._gaps is None else self._gaps
+
+    def take_gaps(self, gaps: list[Array]) -> None:
+        """Gaps that the compiled march has reached."""
+        self._gaps = gaps
+
+    def count(self, solved: int) -> None:
+        """Add substructure-instants marched or solved through the condensed operator."""
+        self.state.marched += solved
 
     def advance(self, n: int, number: int, count: int) -> WindowRecord:
         """Solve the next window of n instants."""
@@ -172,8 +207,7 @@ class Run:
         """Opening at the start of a window; one instant needs the gaps alone, known from the last one kept."""
         if n > 1:
             return read_opening(self.assembly)
-        gaps = read_gaps(self.assembly) if self._gaps is None else self._gaps
-        return Opening(left(self.assembly, gaps), [], [])
+        return Opening(left(self.assembly, self.gaps()), [], [])
 
     def _warm_start(self, direction: Direction, stage: GlobalStage) -> Array:
         """First guess of q (n, n_flat): the last value; where nothing touched, the free motion, which is the answer as

@@ -20,6 +20,7 @@ import scipy.linalg as la
 import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 
+from ..errors import SolverError
 from ..time_scheme import TimeScheme
 from .energy import EnergyMeter
 from .forcing import Forcing
@@ -121,6 +122,9 @@ class DirectPropagator:
 
     def _initial_state(self) -> State:
         """Initial values; accelerations come with ``start``."""
+        if not any(m.displacement.any() or m.velocity.any() for m in self.members) and not self.forcing.moves:
+            rest = [np.zeros((self.n_dof, len(self.members))) for _ in range(4)]
+            return State(0, *rest)
         p = self.members[0].expansion
         pick = sp.csr_array(p.T.multiply(1 / np.maximum(p.sum(axis=0), 1)[:, None]))
         imposed_u, imposed_v = self.forcing.imposed_u(0), self.forcing.imposed_v(0)
@@ -172,11 +176,21 @@ class DirectPropagator:
         """Search direction k (n_channel,), Pa s m-1: builds Y once."""
         compliance, area = self.operators.compliance, self.operators.area
         # Y = (1 + C a k)^-1 C a, symmetrised through sqrt(a k): C a = velocity per traction.
+        self.k, self.response = k[:, None], np.zeros((0, 0))
+        if not len(k):
+            return
         root = np.sqrt(area * k)
-        system = np.eye(len(k)) + root[:, None] * compliance * root
-        inner = la.cho_solve(la.cho_factor(system), root[:, None] * compliance)
-        condensed = compliance - (compliance * root) @ inner
-        self.k = k[:, None]
+        scaled = root[:, None] * compliance
+        system = scaled * root
+        system.flat[:: len(k) + 1] += 1.0
+        _, inner, failed = la.lapack.dposv(system, scaled, lower=1, overwrite_a=1)
+        if (
+            failed
+        ):  # the identity plus a positive semidefinite matrix: only numbers that are no numbers get here
+            raise SolverError(
+                "condensation: the admittance of the interfaces is not positive; check the material"
+            )
+        condensed = compliance - scaled.T @ inner
         self.response = 0.5 * (condensed + condensed.T) * area
 
     # -- one instant --------------------------------------------------------------------------------------------
@@ -234,6 +248,13 @@ class DirectPropagator:
         self._free = None
         if self.meter is not None and account:
             self.meter.advance(self.state, self._nodal(traction))
+
+    def take(self, state: State, traction: Array | None) -> None:
+        """Take up the state of a later instant, marched elsewhere; its energy is accounted for where ``traction``
+        (n_channel, n_member), Pa, of that one step is given."""
+        self.state, self._free = state, None
+        if self.meter is not None and traction is not None:
+            self.meter.advance(state, self._nodal(traction))
 
     def _nodal(self, traction: Array) -> Array:
         """Reduced nodal forces (n_dof, n_member) of channel tractions."""

@@ -3,12 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
+import scipy.sparse as sp
 
 from ..time_scheme import TimeScheme
 from .condensed import Index
 from .model import Array, Histories, SubstructureModel
+
+
+@dataclass
+class Sum:
+    """Sum of patterns times histories: rows (row x members + member), values, and amplitude (n_time,) of each."""
+
+    patterns: list[tuple[Index, Array]] = field(default_factory=list)
+    amplitudes: list[Array] = field(default_factory=list)
+
+    def add(self, pattern: Array, column: int, members: int, amplitude: Array) -> None:
+        """Add a pattern (n,) of one member."""
+        rows = np.flatnonzero(pattern)
+        if len(rows) and amplitude.any():
+            self.patterns.append((rows.astype(np.int64) * members + column, pattern[rows]))
+            self.amplitudes.append(amplitude)
 
 
 class Forcing:
@@ -80,6 +97,27 @@ class Forcing:
             return None
         zero = np.zeros(self._constant.shape[0])
         return np.stack([zero if m is None else m.reduced_inertia(instant) for m in self._motion], axis=1)
+
+    def sums(self, trace: sp.csr_array) -> tuple[Array, dict[str, Sum]]:
+        """What ``at``, ``inertia``, ``channel_velocity`` and ``channel_displacement`` compute, in parts.
+
+        Parameters
+        ----------
+        trace : (n_channel, n_full) of the class.
+
+        Returns
+        -------
+        Constant force (n, n_member), and the sums ``force``, ``inertia``, ``velocity``, ``displacement``.
+        """
+        members = len(self.members)
+        sums = {name: Sum() for name in ("force", "inertia", "velocity", "displacement")}
+        for column, dofs, values, amplitude in self._terms:
+            sums["force"].patterns.append((dofs * members + column, values))
+            sums["force"].amplitudes.append(amplitude)
+        for column, motion in enumerate(self._motion):
+            if motion is not None:
+                motion.add_to(sums, trace @ motion.pattern, column, members)
+        return self._constant, sums
 
     def full_external(self, instant: int) -> Array:
         """External forces on the full dofs (n_full, n_member), prescribed motions not included, N."""
@@ -156,6 +194,18 @@ class _Motion:
         if self._damping is not None:
             force += self._damping @ v
         return force
+
+    def add_to(self, sums: dict[str, Sum], at_channels: Array, column: int, members: int) -> None:
+        """Add the parts of this motion; ``at_channels`` (n_channel, n_motion) its shapes at the channels."""
+        u, v, a = self.histories
+        for k in range(self.pattern.shape[1]):
+            sums["force"].add(-self._stiffness[:, k], column, members, u[:, k])
+            if self._damping is not None:
+                sums["force"].add(-self._damping[:, k], column, members, v[:, k])
+            if self._mass is not None:
+                sums["inertia"].add(self._mass[:, k], column, members, a[:, k])
+            sums["velocity"].add(at_channels[:, k], column, members, v[:, k])
+            sums["displacement"].add(at_channels[:, k], column, members, u[:, k])
 
     def full(self, instant: int, kind: int) -> Array:
         moved: Array = self.pattern @ self.histories[kind][instant]

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from latin_fmu.latin import solver as loop
+from latin_fmu.latin import windows
 from latin_fmu.latin.acceleration import Relaxation
 from latin_fmu.latin.error_indicator import Scales
 from latin_fmu.latin.record import Timings, WindowRecord
@@ -129,9 +130,12 @@ def test_real_chain_marks_its_windows(
     blocks_scene: Any, made: Any, begun: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A tolerance below round-off and no patience: relaxation, then the best iterate; the run goes on and says so."""
-    monkeypatch.setattr(loop, "_PATIENCE", 7)
-    monkeypatch.setattr(loop, "_STALL_ACCELERATED", 0.0)
-    monkeypatch.setattr(loop, "_STALL_PLAIN", 0.0)
+    monkeypatch.setattr(loop, "PATIENCE", 7)
+    monkeypatch.setattr(loop, "STALL_ACCELERATED", 0.0)
+    monkeypatch.setattr(loop, "STALL_PLAIN", 0.0)
+    monkeypatch.setattr(
+        windows, "marches", lambda _: False
+    )  # the road with the fall-backs, from the first iteration
     built = made(blocks_scene(solver={"tolerance": 1e-20}))
     run = begun(built)
     run.all()
@@ -153,7 +157,7 @@ def test_a_failed_window_commits_its_best_iterate(
     seen: list[tuple[float, np.ndarray]] = []
     run = begun(made(blocks_scene(solver={"tolerance": 1e-20, "max_iterations": 9})))
     run._observer = lambda event: seen.append((event.error_indicator, event.f_hat.copy()))
-    monkeypatch.setattr(loop, "_PATIENCE", 100)
+    monkeypatch.setattr(loop, "PATIENCE", 100)
     run.advance(1, 0, 12)
     assert len(seen) == 9
     best = min(seen, key=lambda pair: pair[0])

@@ -294,8 +294,8 @@ def test_rows_in_groups_or_one_by_one(monkeypatch: pytest.MonkeyPatch) -> None:
     grouped = CholeskyFactor(matrix, last, rank)
     monkeypatch.setattr("latin_fmu.propagator.cholesky.factor._CACHE", 0)
     single = CholeskyFactor(matrix, last, rank)
-    assert grouped._grouped
-    assert not single._grouped
+    assert grouped.grouped
+    assert not single.grouped
     check(matrix, last, single)
 
 

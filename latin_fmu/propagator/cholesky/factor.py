@@ -13,7 +13,7 @@ from ...errors import SolverError
 from .kernels import routines
 from .numeric import OUTSIDE_PATTERN, factorise
 from .sweeps import backward_many, backward_one, forward_many, forward_one
-from .symbolic import Array, Index, Symbolic, analyse
+from .symbolic import Array, Index, Pattern, Symbolic, shared_analysis
 
 # Panels beyond this many bytes do not stay in the cache from one sweep to the next (see ``sweeps``).
 _CACHE = 16_000_000
@@ -34,6 +34,10 @@ class CholeskyFactor:
         minimum degree. dtype : float64, or float32 to store the factor in half the memory (S stays in float64).
     symbolic : analysis of another matrix with the same pattern and interface, to be used again.
 
+    Attributes
+    ----------
+    panels : the numbers of L. tallest : most rows below one supernode. grouped : how ``sweeps`` walks the panels.
+
     Raises
     ------
     SolverError : the matrix is not symmetric positive definite.
@@ -47,26 +51,26 @@ class CholeskyFactor:
         dtype: Any = np.float64,
         symbolic: Symbolic | None = None,
     ) -> None:
-        self.symbolic = shape = analyse(matrix, last, rank) if symbolic is None else symbolic
+        self.symbolic = shape = shared_analysis(Pattern(matrix, last, rank)) if symbolic is None else symbolic
         self.dtype: np.dtype[Any] = np.dtype(dtype)
         if self.dtype not in (np.float64, np.float32):
             raise ValueError(f"dtype of the factor: {self.dtype}; allowed: float64, float32")
         self.last = np.asarray(last, dtype=np.int64)
         self.interior = shape.order[: shape.n_interior]
-        self._panels: NDArray[Any] = np.empty(shape.panel_start[-1], dtype=self.dtype)
+        self.panels: NDArray[Any] = np.empty(shape.panel_start[-1], dtype=self.dtype)
         self._one = self.dtype.type(1.0)
         self._routines = routines(self.dtype)
         below = np.diff(shape.row_start)
-        self._grouped = self._panels.nbytes <= _CACHE
-        self._tallest = int(below.max(initial=0))
+        self.grouped = self.panels.nbytes <= _CACHE
+        self.tallest = int(below.max(initial=0))
         pattern = (shape.first, shape.row_start, shape.rows, shape.panel_start)
-        self._sweep = (*pattern, self._panels, shape.order)
+        self._sweep = (*pattern, self.panels, shape.order)
         _check_finite(matrix)
         schur = np.ascontiguousarray(matrix[self.last][:, self.last].toarray())
         failed = factorise(
             routines(np.dtype(np.float64)), matrix.indptr.astype(np.int64), matrix.indices.astype(np.int64),
             matrix.data, shape.order, shape.position, *pattern, shape.n_children, shape.is_root, shape.stack_size,
-            self._panels, schur,
+            self.panels, schur,
         )  # fmt: skip
         if failed == OUTSIDE_PATTERN:
             raise SolverError(
@@ -95,7 +99,7 @@ class CholeskyFactor:
         b = np.ascontiguousarray(b)
         if m == 1:
             x = np.empty(n)
-            forward_one(self._grouped, *self._sweep, b.reshape(-1), x)
+            forward_one(self.grouped, *self._sweep, b.reshape(-1), x)
             return x[:n_interior, None], x[n_interior:, None]
         work, scratch = self._workspace(m)
         forward_many(self._routines, self._one, *self._sweep, b, work, scratch)
@@ -110,7 +114,7 @@ class CholeskyFactor:
         out = np.empty((n, m))
         if m == 1:
             x = np.empty(n)
-            backward_one(self._grouped, *self._sweep, y.reshape(-1), x_last.reshape(-1), x, out.reshape(-1))
+            backward_one(self.grouped, *self._sweep, y.reshape(-1), x_last.reshape(-1), x, out.reshape(-1))
             return out
         work, scratch = self._workspace(m)
         backward_many(self._routines, self._one, *self._sweep, y, x_last, work, scratch, out)
@@ -124,7 +128,7 @@ class CholeskyFactor:
 
     def _workspace(self, m: int) -> tuple[NDArray[Any], NDArray[Any]]:
         """Vectors (n, m), and the part of them below one supernode."""
-        return np.empty((len(self.symbolic.order), m), self.dtype), np.empty((self._tallest, m), self.dtype)
+        return np.empty((len(self.symbolic.order), m), self.dtype), np.empty((self.tallest, m), self.dtype)
 
     def solve(self, b: Array) -> Array:
         """A^-1 b for b (n, m)."""
@@ -135,7 +139,7 @@ class CholeskyFactor:
     def nbytes(self) -> int:
         """Memory of the factor and of the dense interface matrices, bytes."""
         return int(
-            self._panels.nbytes + self.symbolic.rows.nbytes + self.schur.nbytes + self.schur_inverse.nbytes
+            self.panels.nbytes + self.symbolic.rows.nbytes + self.schur.nbytes + self.schur_inverse.nbytes
         )
 
 

@@ -5,7 +5,9 @@ Done on the quotient graph, whose vertices are sets of dofs with one pattern (th
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import scipy.sparse as sp
@@ -44,6 +46,36 @@ class Symbolic:
     n_children: Index
     is_root: NDArray[np.bool_]
     stack_size: int
+
+
+class Pattern:
+    """What an analysis depends on; equal patterns share theirs (``shared_analysis``)."""
+
+    def __init__(self, matrix: sp.csr_array, last: Index, rank: Array | None) -> None:
+        digest = hashlib.blake2b(digest_size=16)
+        for array in (matrix.indptr, matrix.indices, last, np.zeros(0) if rank is None else rank):
+            digest.update(f"{array.dtype}{array.shape}".encode())
+            digest.update(np.ascontiguousarray(array).data)
+        self._digest = digest.digest()
+        self._given: tuple[sp.csr_array, Index, Array | None] | None = (matrix, last, rank)
+
+    def analyse(self) -> Symbolic:
+        """The analysis; the matrix is let go."""
+        assert self._given is not None
+        found, self._given = analyse(*self._given), None
+        return found
+
+    def __hash__(self) -> int:
+        return hash(self._digest)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Pattern) and self._digest == other._digest
+
+
+@lru_cache(maxsize=8)
+def shared_analysis(pattern: Pattern) -> Symbolic:
+    """``analyse`` for a pattern; blocks of one mesh and steps of one model need it once."""
+    return pattern.analyse()
 
 
 def analyse(matrix: sp.csr_array, last: Index, rank: Array | None = None) -> Symbolic:

@@ -1,0 +1,165 @@
+"""Windows of one instant marched by compiled kernels, as many at a time as nobody needs to look in between.
+
+What the kernels do not do falls back on ``Run.advance``: an instant that calls for a fall-back, observers,
+propagators and behaviours without compiled counterpart. Both roads give the same answer.
+"""
+
+from __future__ import annotations
+
+import time as clock
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..compiled import COMPILES
+from ..propagator import DirectPropagator
+from .assembly import Assembly
+from .error_indicator import Scales
+from .record import WindowRecord
+from .recorder import Recorder
+from .settings import Settings
+from .slide_probes import SlideProbes
+from .stopping import AT_REST, PATIENCE, RANK, RECENT, STALL_ACCELERATED, STALL_PLAIN, TANGENTIAL_FLOOR
+
+if TYPE_CHECKING:
+    from ..march.work import Limits
+    from .windows import Run
+
+_LONGEST = 64  # instants per call
+_SECONDS = 0.2  # aimed at per call, so that progress is told and an interruption is heard
+
+
+def marches(assembly: Assembly) -> bool:
+    """Whether the kernels know the propagators and the behaviours of an assembly."""
+    if not COMPILES:
+        return False
+    from ..propagator.cholesky.factor import CholeskyFactor
+
+    return all(
+        type(p) is DirectPropagator and isinstance(p.operators.factor, CholeskyFactor)
+        for p in assembly.propagators
+    ) and all(native_address(g.behaviour) for g in assembly.layout.groups)
+
+
+def native_address(behaviour: object) -> int:
+    """Address of a behaviour's native function, 0 where it has none."""
+    found = getattr(behaviour, "native", None)
+    return 0 if found is None else int(found())
+
+
+class CompiledRun:
+    """The compiled road of a run over one segment of time.
+
+    Parameters
+    ----------
+    run : bound to the direction of windows of one instant.
+    """
+
+    def __init__(self, run: Run) -> None:
+        from ..march import classes, groups, instants, work
+
+        self._run, self._march_instants = run, instants.march_instants
+        assembly, direction = run.assembly, run.direction(1)
+        self._direction = direction
+        layout, settings = assembly.layout, run.settings
+        propagators = [
+            p for p in assembly.propagators if isinstance(p, DirectPropagator)
+        ]  # all, see ``marches``
+        self._probes = SlideProbes(assembly, propagators, run.recorder.sliding)
+        self._classes = classes.ClassTable(
+            propagators, assembly.channels, self._probes.rows, assembly.awake_from
+        )
+        self._groups = groups.GroupTable(
+            layout.groups, [native_address(g.behaviour) for g in layout.groups], direction.local.z_sums
+        )
+        self._work = work.make_work(
+            layout.n_flat, len(assembly.interfaces), settings.anderson_depth, settings.max_iterations
+        )
+        self._limits = _limits(settings, not layout.normal.all())
+        self._scheme = work.coefficients(assembly.scheme, assembly.dt)
+        self._gap_start = np.concatenate([np.zeros(0), *(g.gap for g in layout.groups)])
+        self._errors = np.empty((_LONGEST, settings.max_iterations))
+        self._mismatches = np.empty((_LONGEST, settings.max_iterations))
+        self._counts = np.zeros(_LONGEST, dtype=np.int64)
+        self._states: list[object] = []
+        self._per_instant = 0.0
+        self.refused = False  # the instant after the last one needs the long road
+        self.begin(run.recorder)
+
+    def begin(self, recorder: Recorder) -> None:
+        """Take up the next segment of time with the same operators."""
+        from ..march.work import Flat, History
+
+        assembly, direction = self._run.assembly, self._direction
+        layout = assembly.layout
+        self._classes.begin(len(assembly.time))
+        self._groups.begin(recorder.gaps)
+        ground, velocity, displacement = assembly.ground_tables()
+        self._flat = Flat(
+            direction.k, direction.local.z, layout.area, direction.indicator.weights, direction.weight**2,
+            layout.interface, layout.normal.astype(np.int64), ground, velocity, displacement,
+        )  # fmt: skip
+        self._history = History(recorder.f_hat, recorder.w_hat, self._errors, self._mismatches, self._counts)
+
+    def advance(self, n: int) -> int:
+        """Solve up to n windows of one instant; how many converged (fewer: the next one needs the long road)."""
+        run, work, state = self._run, self._work, self._run.state
+        assembly, recorder = run.assembly, run.recorder
+        n = min(n, _LONGEST, recorder.instants_unseen())
+        if self._per_instant > 0:
+            n = min(n, max(1, int(_SECONDS / self._per_instant)))
+        before = clock.perf_counter()
+        self._enter()
+        first = assembly.propagators[0].state.instant + 1
+        done = self._march_instants(
+            self._classes.rows, self._groups.rows, self._flat, work, self._limits, self._scheme, self._history,
+            self._gap_start, first, n,
+        )  # fmt: skip
+        if done:
+            accounted = recorder.wants_energy
+            tractions = [work.f_hat[c] if accounted else None for c in assembly.channels]
+            self._classes.store(done, tractions)
+            self._states = [p.state for p in assembly.propagators]
+            state.f_hat, state.w_hat = work.f_hat.copy(), work.w_hat.copy()
+            state.scales = Scales(float(work.scales[0]), (float(work.scales[1]), float(work.scales[2])))
+            state.interface_indicator = work.interface_indicator.copy()
+            run.take_gaps([gap.copy() for gap in self._groups.gaps])
+            recorder.kept(assembly, done, self._probes, self._classes.probed)
+            self._tell(first, done)
+        run.count(int(work.marched.sum()))
+        self.refused = done < n
+        seconds = clock.perf_counter() - before
+        run.timings.global_stage += seconds
+        self._per_instant = seconds / max(done, 1)
+        return done
+
+    def _enter(self) -> None:
+        """Bring the kernels' copies up to the state of the run."""
+        work, state, propagators = self._work, self._run.state, self._run.assembly.propagators
+        if len(self._states) != len(propagators) or any(
+            p.state is not known for p, known in zip(propagators, self._states, strict=True)
+        ):
+            self._classes.take_up()
+        work.f_hat[:], work.w_hat[:] = state.f_hat, state.w_hat
+        work.scales[:] = (state.scales.field, *state.scales.force)
+        work.interface_indicator[:] = 0.0 if state.interface_indicator is None else state.interface_indicator
+        work.marched[:] = 0
+        for own, gap in zip(self._groups.gaps, self._run.gaps(), strict=True):
+            own[:] = gap
+
+    def _tell(self, first: int, done: int) -> None:
+        windows = self._run.state.windows
+        for step, used in enumerate(self._counts[:done].tolist()):
+            errors, mismatches = self._errors[step, :used].tolist(), self._mismatches[step, :used].tolist()
+            instant = first + step
+            windows.append(WindowRecord(instant, instant, errors, mismatches, [], True, used - 1))
+
+
+def _limits(settings: Settings, tangential: bool) -> Limits:
+    from ..march.work import Limits
+
+    return Limits(
+        settings.tolerance, settings.force_tolerance, AT_REST, settings.max_iterations, PATIENCE, RECENT,
+        STALL_ACCELERATED if settings.anderson_depth else STALL_PLAIN, TANGENTIAL_FLOOR, settings.relaxation, RANK,
+        int(tangential),
+    )  # fmt: skip

@@ -1,0 +1,223 @@
+"""Table of the classes of identical substructures: sizes and addresses of all that a march reads and writes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from ..propagator.cholesky.factor import CholeskyFactor
+from ..propagator.cholesky.kernels import routines
+from ..propagator.direct import DirectPropagator, State
+from .views import address, kernel, record
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+_MATRICES = ("mass", "stiffness", "damping", "trace", "spread", "probe")
+_TERMS = ("force", "inertia", "velocity", "displacement")
+_STATE = ("u", "v", "a", "residual")
+# scratch: name -> rows (per member)
+_SCRATCH = (
+    "u_free",
+    "v_free",
+    "load",
+    "sweep",
+    "inner",
+    "inner_answer",
+    "free_a",
+    "w_free",
+    "channel",
+    "answer",
+)
+
+CLASS = record(
+    [
+        "n", "m", "n_inner", "n_channel", "n_interior", "n_super", "n_massless", "n_probe", "tallest", "single",
+        "grouped", "awake_from", "routines", "first", "row_start", "rows", "panel_start", "panels", "n_rows",
+        "n_panels", "order", "schur_inverse", "dofs", "area", "massless", "k", "response", "compliance", "channels",
+        "below", "rest", "constant", "probed",
+        *_STATE, *_SCRATCH,
+        *(f"{m}_{part}" for m in _MATRICES for part in ("n", "diagonal", "starts", "columns", "values")),
+        *(f"{t}_{part}" for t in _TERMS for part in ("n", "starts", "rows", "values", "amplitudes")),
+    ]
+)  # fmt: skip
+"""One row per class. ``n`` dofs, ``m`` members, ``n_inner`` interface dofs; arrays per dof are (n, m). Matrices are
+compressed rows (``starts``, ``columns``, ``values``; mass, stiffness, damping: diagonal and strict lower triangle),
+terms (see ``Terms``) likewise. ``single``: factor in float32.
+``rest`` counts 1 while the class has not moved; before the instant ``awake_from`` it is not marched."""
+
+
+@dataclass(frozen=True)
+class Terms:
+    """Patterns times histories: sum over t of amplitudes[instant, t] x values on rows (row x members + member)."""
+
+    starts: Index
+    rows: Index
+    values: Array
+    amplitudes: Array
+
+    @classmethod
+    def of(cls, patterns: Sequence[tuple[Index, Array]], amplitudes: Sequence[Array], n_time: int) -> Terms:
+        """From (rows, values) per term and its history (n_time,)."""
+        sizes = [len(rows) for rows, _ in patterns]
+        starts = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
+        rows = np.concatenate([np.zeros(0, dtype=np.int64), *(r for r, _ in patterns)]).astype(np.int64)
+        values = np.concatenate([np.zeros(0), *(v for _, v in patterns)])
+        table = np.stack(amplitudes, axis=1) if amplitudes else np.zeros((n_time, 0))
+        return cls(starts, rows, values, np.ascontiguousarray(table, dtype=float))
+
+
+@kernel
+def lower_half(
+    starts: Index, columns: Index, values: Array
+) -> tuple[Array, Index, NDArray[np.uint32], Array]:
+    """Diagonal and strict lower triangle (compressed rows) of a symmetric matrix in compressed rows."""
+    n = len(starts) - 1
+    count = 0
+    for i in range(n):
+        for e in range(starts[i], starts[i + 1]):
+            count += columns[e] < i
+    diagonal, first = np.zeros(n), np.zeros(n + 1, dtype=np.int64)
+    column, value = np.empty(count, dtype=np.uint32), np.empty(count)
+    count = 0
+    for i in range(n):
+        for e in range(starts[i], starts[i + 1]):
+            if columns[e] < i:
+                column[count], value[count] = columns[e], values[e]
+                count += 1
+            elif columns[e] == i:
+                diagonal[i] += values[e]
+        first[i + 1] = count
+    return diagonal, first, column, value
+
+
+class ClassTable:
+    """Rows of the propagators of an assembly and the arrays behind them.
+
+    Parameters
+    ----------
+    propagators : direct ones, bound to their search direction. channels : (n_channel, m) flat indices per class.
+    probes : per class the rows (n_probe, n) whose velocities are kept at each instant, or None.
+    awake_from : per class the first instant at which it is marched (0: from the start).
+    """
+
+    def __init__(
+        self,
+        propagators: Sequence[DirectPropagator],
+        channels: Sequence[Index],
+        probes: Sequence[sp.csr_array | None],
+        awake_from: Sequence[int],
+    ) -> None:
+        self.rows = np.zeros(len(propagators), dtype=CLASS)
+        self._propagators = list(propagators)
+        self._alive: list[list[Any]] = [[] for _ in propagators]  # what the addresses point to
+        self._state: list[dict[str, Array]] = []
+        self._rest: list[Index] = []
+        self.probed: list[Array] = []
+        for c, (propagator, flat, probe) in enumerate(zip(propagators, channels, probes, strict=True)):
+            self._fixed(c, propagator, flat, probe)
+            self.rows[c]["awake_from"] = awake_from[c]
+
+    def _point(self, c: int, name: str, array: NDArray[Any]) -> None:
+        self._alive[c].append(array)
+        self.rows[c][name] = address(array)
+
+    def _matrix(self, c: int, name: str, matrix: sp.csr_array | None) -> None:
+        if matrix is None:
+            return
+        self.rows[c][f"{name}_n"] = matrix.shape[0]
+        self._point(c, f"{name}_starts", matrix.indptr.astype(np.int64))
+        self._point(c, f"{name}_columns", matrix.indices.astype(np.uint32))
+        self._point(c, f"{name}_values", np.ascontiguousarray(matrix.data, dtype=float))
+
+    def _symmetric(self, c: int, name: str, matrix: sp.csr_array | None, whole: bool) -> None:
+        """A symmetric matrix: half of it, or ``whole`` rows (see ``substructure.add_symmetric``)."""
+        if matrix is None or whole:
+            self._matrix(c, name, matrix)
+            self._point(c, f"{name}_diagonal", np.zeros(0))
+            return
+        pattern = matrix.indptr.astype(np.int64), matrix.indices.astype(np.int64)
+        diagonal, starts, columns, values = lower_half(*pattern, matrix.data)
+        self.rows[c][f"{name}_n"] = matrix.shape[0]
+        self._point(c, f"{name}_diagonal", diagonal)
+        self._point(c, f"{name}_starts", starts)
+        self._point(c, f"{name}_columns", columns)
+        self._point(c, f"{name}_values", values)
+
+    def _fixed(self, c: int, propagator: DirectPropagator, flat: Index, probe: sp.csr_array | None) -> None:
+        """All that stays as long as step and search direction do."""
+        row, ops = self.rows[c], propagator.operators
+        factor = ops.factor
+        assert isinstance(factor, CholeskyFactor)
+        shape, m = factor.symbolic, flat.shape[1]
+        row["n"], row["m"], row["n_inner"], row["n_channel"] = propagator.n_dof, m, len(ops.dofs), len(flat)
+        row["n_interior"], row["n_super"] = shape.n_interior, len(shape.first) - 1
+        row["n_massless"], row["tallest"] = len(ops.massless), factor.tallest
+        row["single"], row["grouped"] = factor.dtype == np.float32, factor.grouped
+        row["n_rows"], row["n_panels"] = len(shape.rows), factor.panels.size
+        for name, array in (
+            ("routines", routines(factor.dtype)), ("first", shape.first), ("row_start", shape.row_start),
+            ("rows", shape.rows), ("panel_start", shape.panel_start), ("panels", factor.panels),
+            ("order", shape.order), ("schur_inverse", np.ascontiguousarray(factor.schur_inverse)),
+            ("dofs", ops.dofs), ("area", ops.area), ("massless", ops.massless.astype(np.int64)),
+            ("k", np.ascontiguousarray(propagator.k[:, 0])),
+            ("response", np.ascontiguousarray(propagator.response)),
+            ("compliance", np.ascontiguousarray(ops.compliance)), ("channels", np.ascontiguousarray(flat)),
+        ):  # fmt: skip
+            self._point(c, name, array)
+        for name, matrix in (("mass", ops.mass), ("stiffness", ops.stiffness), ("damping", ops.damping)):
+            self._symmetric(c, name, matrix, whole=m > 1)
+        self._matrix(c, "trace", ops.trace)
+        self._matrix(c, "spread", sp.csr_array(ops.trace.T))
+        self._matrix(c, "probe", probe)
+        row["n_probe"] = 0 if probe is None else probe.shape[0]
+        kind = np.float32 if factor.dtype == np.float32 else np.float64
+        self._point(c, "below", np.zeros((factor.tallest + 1, m), dtype=kind))
+        for name in _SCRATCH:
+            size = {"inner": row["n_inner"], "inner_answer": row["n_inner"], "free_a": row["n_inner"]}.get(
+                name, row["n_channel"] if name in ("w_free", "channel", "answer") else row["n"]
+            )
+            self._point(c, name, np.zeros((int(size), m)))
+        self._state.append({name: np.zeros((int(row["n"]), m)) for name in _STATE})
+        self._rest.append(np.zeros(1, dtype=np.int64))
+        for name in _STATE:
+            self._point(c, name, self._state[c][name])
+        self._point(c, "rest", self._rest[c])
+        self.probed.append(np.zeros((0, 0, m)))
+
+    def begin(self, n_time: int) -> None:
+        """Take up the histories that the propagators have begun."""
+        for c, propagator in enumerate(self._propagators):
+            forcing = propagator.forcing
+            constant, terms = forcing.sums(propagator.members[0].trace)
+            self._point(c, "constant", constant)
+            for name, sums in terms.items():
+                found = Terms.of(sums.patterns, sums.amplitudes, n_time)
+                self.rows[c][f"{name}_n"] = len(found.starts) - 1
+                self._point(c, f"{name}_starts", found.starts)
+                self._point(c, f"{name}_rows", found.rows)
+                self._point(c, f"{name}_values", found.values)
+                self._point(c, f"{name}_amplitudes", found.amplitudes)
+            self.probed[c] = np.zeros((n_time, int(self.rows[c]["n_probe"]), int(self.rows[c]["m"])))
+            self._point(c, "probed", self.probed[c])
+
+    def take_up(self) -> None:
+        """Copy the states of the propagators in."""
+        for propagator, own, rest in zip(self._propagators, self._state, self._rest, strict=True):
+            for name, array in own.items():
+                array[...] = getattr(propagator.state, name)
+            rest[0] = not any(array.any() for array in own.values())
+
+    def store(self, steps: int, tractions: Sequence[Array | None]) -> None:
+        """Copy the states back after so many instants (fresh arrays: states are never changed in place).
+
+        ``tractions`` : per class those of the last instant where its energy is to be accounted for, else None.
+        """
+        for propagator, own, traction in zip(self._propagators, self._state, tractions, strict=True):
+            arrays = (own[name].copy() for name in _STATE)
+            propagator.take(State(propagator.state.instant + steps, *arrays), traction)

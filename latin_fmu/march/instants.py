@@ -1,0 +1,118 @@
+"""Marches over many instants: windows of one instant, one pass over a long window, one body alone."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .groups import read_gaps
+from .iteration import iterate
+from .substructure import commit, predict, probe, read_displacement, respond
+from .views import floats, integers, kernel
+
+Array = NDArray[np.float64]
+
+
+@kernel
+def march_instants(
+    classes: Any, groups: Any, flat: Any, work: Any, limits: Any, scheme: Any, history: Any, gap_start: Array,
+    first: int, n: int,
+) -> int:  # fmt: skip
+    """Solve up to n windows of one instant from the instant ``first``; how many converged before one that did not.
+
+    ``work.f_hat``, ``work.w_hat`` hold the last accepted fields on entry and on return.
+    """
+    n_flat = len(work.q)
+    for step in range(n):
+        instant = first + step
+        for c in range(len(classes)):
+            predict(classes[c], scheme, instant)
+        first_guess(classes, flat, work, instant)
+        used = iterate(
+            classes,
+            groups,
+            flat,
+            work,
+            limits,
+            1 / scheme.dt,
+            instant,
+            history.errors[step],
+            history.mismatches[step],
+        )
+        history.iterations[step] = used
+        if used <= 0:
+            if instant > 0:
+                work.f_hat[:] = history.f_hat[instant - 1]
+                work.w_hat[:] = history.w_hat[instant - 1]
+            return step
+        for c in range(len(classes)):
+            work.marched[0] += commit(classes[c], scheme, instant, work.f_hat)
+            work.marched[1] += used * classes[c].m
+            probe(classes[c], instant)
+            read_displacement(classes[c], instant, work.displacement)
+        for g in range(len(flat.ground)):
+            work.displacement[flat.ground[g]] = flat.ground_displacement[instant, g]
+        read_gaps(groups, gap_start, work.displacement, instant)
+        history.f_hat[instant] = work.f_hat
+        history.w_hat[instant] = work.w_hat
+        accept(flat, work)
+    return n
+
+
+@kernel
+def first_guess(classes: Any, flat: Any, work: Any, instant: int) -> None:
+    """q of the last fields; where nothing touched, of the free motion: the answer as long as nothing does."""
+    touched = False
+    for j in range(len(work.q)):
+        work.q[j] = work.f_hat[j] + flat.k[j] * work.w_hat[j]
+        touched = touched or work.f_hat[j] != 0.0
+    if touched:
+        return
+    for c in range(len(classes)):
+        row = classes[c]
+        size = row.n_channel * row.m
+        channels, w_free = integers(row.channels, size), floats(row.w_free, size)
+        for at in range(size):
+            work.q[channels[at]] = flat.k[channels[at]] * w_free[at]
+    for g in range(len(flat.ground)):
+        work.q[flat.ground[g]] = flat.k[flat.ground[g]] * flat.ground_velocity[instant, g]
+
+
+@kernel
+def accept(flat: Any, work: Any) -> None:
+    """Bring the largest indicator of each interface up to date."""
+    share = np.zeros(len(work.interface_indicator))
+    for j in range(len(work.q)):
+        share[flat.interface[j]] += flat.weights[0, j] * work.residual[j] * work.residual[j]
+    for i in range(len(share)):
+        work.interface_indicator[i] = max(work.interface_indicator[i], np.sqrt(share[i] / work.scales[0]))
+
+
+@kernel
+def sweep_window(
+    classes: Any, flat: Any, scheme: Any, first: int, q: Array, w: Array, traction: Array
+) -> None:
+    """One linear stage over a long window: W (n, n_flat) for q (n, n_flat); ``traction`` (n_flat,) is scratch."""
+    for step in range(len(q)):
+        instant = first + step
+        for g in range(len(flat.ground)):
+            w[step, flat.ground[g]] = flat.ground_velocity[instant, g]
+        for c in range(len(classes)):
+            predict(classes[c], scheme, instant)
+            respond(classes[c], q[step], w[step])
+        for j in range(len(traction)):
+            traction[j] = q[step, j] - flat.k[j] * w[step, j]
+        for c in range(len(classes)):
+            commit(classes[c], scheme, instant, traction)
+
+
+@kernel
+def march_alone(classes: Any, scheme: Any, first: int, n: int) -> None:
+    """March substructures without interfaces."""
+    nothing = np.zeros(1)
+    for step in range(n):
+        for c in range(len(classes)):
+            predict(classes[c], scheme, first + step)
+            commit(classes[c], scheme, first + step, nothing)

@@ -1,0 +1,117 @@
+"""What the kernels of an iteration work on, as tuples of arrays and numbers."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..time_scheme import TimeScheme
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+
+class Coefficients(NamedTuple):
+    """A time scheme for one step dt as the factors of its linear recursions (see ``TimeScheme``)."""
+
+    dt: float
+    u_v: float
+    u_a: float
+    v_a: float
+    velocity_gain: float
+    displacement_gain: float
+    interface_gain: float
+    force_weight: float
+    memory_weight: float
+    w_u_old: float
+    w_u: float
+    w_v: float
+
+
+def coefficients(scheme: TimeScheme, dt: float) -> Coefficients:
+    """Read the factors off the scheme's own functions, which are linear."""
+    zero, one = np.zeros(1), np.ones(1)
+    u_v, _ = scheme.predict(zero, one, zero, dt)
+    u_a, v_a = scheme.predict(zero, zero, one, dt)
+    reached = [scheme.interface_velocity(u_old, u, v, dt) for u_old, u, v in np.eye(3)[:, :, None]]
+    return Coefficients(
+        dt, float(u_v[0]), float(u_a[0]), float(v_a[0]), scheme.velocity_gain(dt), scheme.displacement_gain(dt),
+        scheme.interface_gain(dt), scheme.force_weight, scheme.memory_weight,
+        float(reached[0][0]), float(reached[1][0]), float(reached[2][0]),
+    )  # fmt: skip
+
+
+class Flat(NamedTuple):
+    """Constants of the channels, (n_flat,): search direction k, z = 1/k, areas, weights (3, n_flat) of the indicator,
+    squared weight of the acceleration, interface number, 1 where normal; motion of the ground channels."""
+
+    k: Array
+    z: Array
+    area: Array
+    weights: Array
+    acceleration: Array
+    interface: Index
+    normal: Index
+    ground: Index
+    ground_velocity: Array
+    ground_displacement: Array
+
+
+class Limits(NamedTuple):
+    """When to stop: tolerances and the rules of ``latin.solver``."""
+
+    tolerance: float
+    force_tolerance: float
+    at_rest: float
+    max_iterations: int
+    patience: int
+    recent: int
+    stall: float
+    tangential_floor: float
+    relaxation: float
+    rank: float
+    tangential: int
+
+
+class History(NamedTuple):
+    """Where accepted fields go (rows are instants) and how each window went."""
+
+    f_hat: Array
+    w_hat: Array
+    errors: Array
+    mismatches: Array
+    iterations: Index
+
+
+class Work(NamedTuple):
+    """Scratch of one iteration, (n_flat,) unless said; scales (3,) and per-interface indicator are kept up to date."""
+
+    q: Array
+    w: Array
+    f: Array
+    s: Array
+    f_hat: Array
+    w_hat: Array
+    residual: Array
+    last_q: Array
+    last_residual: Array
+    displacement: Array
+    known: Array  # (max_iterations,) merits
+    dq: Array  # (depth, 1, n_flat)
+    dr: Array
+    gram: Array  # (depth, depth)
+    scales: Array  # field, normal force, tangential force
+    interface_indicator: Array  # (n_interface,)
+    marched: Index  # (2,) substructure-instants marched, and solved through the condensed operator
+
+
+def make_work(n_flat: int, n_interface: int, depth: int, max_iterations: int) -> Work:
+    """Zeroed scratch."""
+    return Work(
+        np.zeros(n_flat), np.zeros(n_flat), np.zeros(n_flat), np.zeros(n_flat), np.zeros(n_flat), np.zeros(n_flat),
+        np.zeros(n_flat), np.zeros(n_flat), np.zeros(n_flat), np.zeros(n_flat), np.zeros(max_iterations),
+        np.zeros((depth, 1, n_flat)), np.zeros((depth, 1, n_flat)), np.zeros((depth, depth)), np.zeros(3),
+        np.zeros(n_interface), np.zeros(2, dtype=np.int64),
+    )  # fmt: skip
