@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ..propagator.cholesky.factor import CholeskyFactor
 from ..propagator.cholesky.kernels import routines
 from ..propagator.direct import DirectPropagator, State
+from ..propagator.march import March
 from .views import address, kernel, record
 
 Array = NDArray[np.float64]
@@ -38,8 +39,8 @@ _SCRATCH = (
 CLASS = record(
     [
         "n", "m", "n_inner", "n_channel", "n_interior", "n_super", "n_massless", "n_probe", "tallest", "single",
-        "grouped", "awake_from", "routines", "first", "row_start", "rows", "panel_start", "panels", "n_rows",
-        "n_panels", "order", "schur_inverse", "dofs", "area", "massless", "k", "response", "compliance", "channels",
+        "grouped", "awake_from", "plain_inverse", "plain_response", "dense_trace", "trace_table", "spread_table",
+        "routines", "first", "row_start", "rows", "panel_start", "panels", "n_rows", "n_panels", "order", "schur_inverse", "dofs", "area", "massless", "k", "response", "compliance", "channels",
         "below", "rest", "constant", "probed",
         *_STATE, *_SCRATCH,
         *(f"{m}_{part}" for m in _MATRICES for part in ("n", "diagonal", "starts", "columns", "values")),
@@ -49,6 +50,8 @@ CLASS = record(
 """One row per class. ``n`` dofs, ``m`` members, ``n_inner`` interface dofs; arrays per dof are (n, m). Matrices are
 compressed rows (``starts``, ``columns``, ``values``; mass, stiffness, damping: diagonal and strict lower triangle),
 terms (see ``Terms``) likewise. ``single``: factor in float32.
+``plain_inverse``, ``plain_response``: the Schur inverse, Y and C are given by their diagonals; ``dense_trace``: the
+trace and its transpose by tables.
 ``rest`` counts 1 while the class has not moved; before the instant ``awake_from`` it is not marched."""
 
 
@@ -101,14 +104,15 @@ class ClassTable:
 
     Parameters
     ----------
-    propagators : direct ones, bound to their search direction. channels : (n_channel, m) flat indices per class.
+    propagators : direct ones and their like (``propagator.march``), bound to their search direction.
+    channels : (n_channel, m) flat indices per class.
     probes : per class the rows (n_probe, n) whose velocities are kept at each instant, or None.
     awake_from : per class the first instant at which it is marched (0: from the start).
     """
 
     def __init__(
         self,
-        propagators: Sequence[DirectPropagator],
+        propagators: Sequence[DirectPropagator | March[Any]],
         channels: Sequence[Index],
         probes: Sequence[sp.csr_array | None],
         awake_from: Sequence[int],
@@ -149,7 +153,9 @@ class ClassTable:
         self._point(c, f"{name}_columns", columns)
         self._point(c, f"{name}_values", values)
 
-    def _fixed(self, c: int, propagator: DirectPropagator, flat: Index, probe: sp.csr_array | None) -> None:
+    def _fixed(
+        self, c: int, propagator: DirectPropagator | March[Any], flat: Index, probe: sp.csr_array | None
+    ) -> None:
         """All that stays as long as step and search direction do."""
         row, ops = self.rows[c], propagator.operators
         factor = ops.factor
@@ -163,17 +169,15 @@ class ClassTable:
         for name, array in (
             ("routines", routines(factor.dtype)), ("first", shape.first), ("row_start", shape.row_start),
             ("rows", shape.rows), ("panel_start", shape.panel_start), ("panels", factor.panels),
-            ("order", shape.order), ("schur_inverse", np.ascontiguousarray(factor.schur_inverse)),
+            ("order", shape.order),
             ("dofs", ops.dofs), ("area", ops.area), ("massless", ops.massless.astype(np.int64)),
             ("k", np.ascontiguousarray(propagator.k[:, 0])),
-            ("response", np.ascontiguousarray(propagator.response)),
-            ("compliance", np.ascontiguousarray(ops.compliance)), ("channels", np.ascontiguousarray(flat)),
+            ("channels", np.ascontiguousarray(flat)),
         ):  # fmt: skip
             self._point(c, name, array)
         for name, matrix in (("mass", ops.mass), ("stiffness", ops.stiffness), ("damping", ops.damping)):
             self._symmetric(c, name, matrix, whole=m > 1)
-        self._matrix(c, "trace", ops.trace)
-        self._matrix(c, "spread", sp.csr_array(ops.trace.T))
+        self._products(c, propagator)
         self._matrix(c, "probe", probe)
         row["n_probe"] = 0 if probe is None else probe.shape[0]
         kind = np.float32 if factor.dtype == np.float32 else np.float64
@@ -190,6 +194,22 @@ class ClassTable:
         self._point(c, "rest", self._rest[c])
         self.probed.append(np.zeros((0, 0, m)))
 
+    def _products(self, c: int, propagator: DirectPropagator | March[Any]) -> None:
+        """Matrices of the interface, as diagonals or dense where they are."""
+        row, ops, response = self.rows[c], propagator.operators, propagator.response
+        row["plain_inverse"] = plain = _is_diagonal(ops.factor.schur_inverse)
+        self._point(c, "schur_inverse", _table(ops.factor.schur_inverse, plain))
+        row["plain_response"] = plain = _is_diagonal(response) and _is_diagonal(ops.compliance)
+        self._point(c, "response", _table(response, plain))
+        self._point(c, "compliance", _table(ops.compliance, plain))
+        if isinstance(ops.trace, np.ndarray):
+            row["dense_trace"] = 1
+            self._point(c, "trace_table", np.ascontiguousarray(ops.trace))
+            self._point(c, "spread_table", np.ascontiguousarray(ops.trace.T))
+        else:
+            self._matrix(c, "trace", ops.trace)
+            self._matrix(c, "spread", sp.csr_array(ops.trace.T))
+
     def begin(self, n_time: int) -> None:
         """Take up the histories that the propagators have begun."""
         for c, propagator in enumerate(self._propagators):
@@ -197,7 +217,10 @@ class ClassTable:
             constant, terms = forcing.sums(propagator.members[0].trace)
             self._point(c, "constant", constant)
             for name, sums in terms.items():
-                found = Terms.of(sums.patterns, sums.amplitudes, n_time)
+                amplitudes = sums.amplitudes
+                if propagator.scheme.explicit:  # loads act with their mean over the step
+                    amplitudes = [np.concatenate([a[:1], 0.5 * (a[1:] + a[:-1])]) for a in amplitudes]
+                found = Terms.of(sums.patterns, amplitudes, n_time)
                 self.rows[c][f"{name}_n"] = len(found.starts) - 1
                 self._point(c, f"{name}_starts", found.starts)
                 self._point(c, f"{name}_rows", found.rows)
@@ -221,3 +244,12 @@ class ClassTable:
         for propagator, own, traction in zip(self._propagators, self._state, tractions, strict=True):
             arrays = (own[name].copy() for name in _STATE)
             propagator.take(State(propagator.state.instant + steps, *arrays), traction)
+
+
+def _is_diagonal(matrix: Array) -> bool:
+    """Whether a square matrix has nothing beside its diagonal."""
+    return int(np.count_nonzero(matrix)) == int(np.count_nonzero(np.diagonal(matrix)))
+
+
+def _table(matrix: Array, diagonal: bool) -> Array:
+    return np.ascontiguousarray(np.diagonal(matrix) if diagonal else matrix)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from .groups import local_stage
 from .least_squares import least_squares
 from .substructure import respond
-from .views import integers, kernel, table_of_floats
+from .views import floats, integers, kernel, table_of_floats
 
 Array = NDArray[np.float64]
 
@@ -38,7 +38,10 @@ def mismatch(classes: Any, flat: Any, work: Any, limits: Any, reached: Array) ->
                 column = (j * parts + part) * 2
                 vectors[i, column] = flat.area[at] * work.f_hat[at]
                 vectors[i, column + 1] = 0.5 * flat.area[at] * work.residual[at]
-        answer = np.dot(table_of_floats(row.compliance, n, n), vectors)
+        if row.plain_response == 1:
+            answer = floats(row.compliance, n).reshape(n, 1) * vectors
+        else:
+            answer = np.dot(table_of_floats(row.compliance, n, n), vectors)
         for i in range(n):
             for j in range(m):
                 for e in range(2 * parts):

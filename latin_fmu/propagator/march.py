@@ -16,6 +16,7 @@ import scipy.linalg as la
 import scipy.sparse as sp
 
 from ..time_scheme import TimeScheme
+from .cholesky import InterfaceFactor
 from .condensed import Index
 from .forcing import Forcing
 from .model import Array, Histories, SubstructureModel
@@ -71,7 +72,32 @@ class Motion:
 
 
 class MarchOperators(InterfaceOperators, Protocol):
-    """Operators with the trace from interface dofs to channels."""
+    """Operators as the compiled march reads them too: like ``Operators``, the trace may be dense."""
+
+    @property
+    def mass(self) -> sp.csr_array:
+        """(n, n), kg."""
+        ...
+
+    @property
+    def damping(self) -> sp.csr_array | None:
+        """(n, n), N s m-1."""
+        ...
+
+    @property
+    def stiffness(self) -> sp.csr_array:
+        """(n, n), N m-1."""
+        ...
+
+    @property
+    def factor(self) -> InterfaceFactor:
+        """Factor of A."""
+        ...
+
+    @property
+    def massless(self) -> Index:
+        """Dofs without mass."""
+        ...
 
     @property
     def trace(self) -> Any:
@@ -212,6 +238,13 @@ class March(ABC, Generic[Ops]):
         force = np.zeros((self.n_dof, traction.shape[1]))
         force[self.operators.dofs] = self._interface_force(traction)
         return force
+
+    def take(self, state: Any, traction: Array | None) -> None:
+        """Take up the state of a later instant, marched elsewhere; its energy is accounted for where ``traction``
+        (n_channel, n_member), Pa, of that one step is given."""
+        self.state = Motion(state.instant, state.u, state.v, state.a, state.residual)
+        if self.meter is not None and traction is not None:
+            self.meter.advance(self.state, self._nodal(traction))
 
     # -- reading the state --------------------------------------------------------------------------------------
     def channel_velocity(self) -> Array:
