@@ -9,7 +9,7 @@ contact in several settings. First the decks are proven equal: with the interfac
 linear transient, and the displacements of all nodes at all instants must agree to the digits that CalculiX prints.
 
 CPU seconds of one thread from the scene, or the deck, to the end, assembly included; own kernels are compiled before.
-With --static the time of CalculiX on stacks of 4, 8 and 16 plates, pressed and then sheared (minutes).
+With --static also stacks of 4, 8 and 16 plates, pressed and then sheared, without inertia.
 Writes against_calculix.png. Without ccx it only says so.
 """
 
@@ -22,9 +22,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import calculix_static
 import numpy as np
 from benchmark_answers import Answer, of_calculix, of_package, reference
-from benchmark_problems import Case, bars, crushing, plates, tower
+from benchmark_problems import Case, bars, crushing, tower
 from benchmark_timing import Floor, cpu, prepared
 from calculix_deck import Choices, Deck
 from calculix_figure import figure
@@ -102,19 +103,6 @@ def compare(case: Case, limit: float) -> tuple[Answer, list[Answer]]:
     return exact, answers
 
 
-def static(counts: Sequence[int], limit: float) -> None:
-    """CPU time of CalculiX on stacks of plates."""
-    for count in counts:
-        ready = prepared(plates(count), {})
-        deck = Deck(ready, Choices(procedure="static"))
-        found = run(deck.text(), float(ready.time[-1]), limit)
-        end = "" if found.complete else ", not finished"
-        print(
-            f"{count:2} plates: CalculiX {found.seconds:.2f} s, {found.iterations} iterations{end}",
-            flush=True,
-        )
-
-
 def options(argv: Sequence[str] | None) -> Namespace:
     """The command line."""
     parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
@@ -135,7 +123,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     cases = [bars((1, 1, 50), None), crushing(4, 0.3)] + ([] if said.quick else [tower(4, 4)])
     found = {f"{c.case}, {c.n_blocks} blocks": compare(c, said.limit) for c in cases}
     if said.static:
-        static((4, 8, 16), said.limit)
+        calculix_static.compare((4, 8, 16), said.limit)
     said.output.mkdir(parents=True, exist_ok=True)
     save(figure(found), said.output, "against_calculix")
     print(f"in {clock.perf_counter() - begin:.0f} s")

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 Row = Mapping[str, Any]
 COLOURS = {
     "direct": BLUE, "direct_batched": GREEN, "explicit": ORANGE, "explicit_batched": PURPLE, "reduced": VERMILION,
+    "reduced_batched": "#7F3C00",
 }  # fmt: skip
 LABELS = {
     "direct": "every block its own factor",
@@ -19,6 +20,7 @@ LABELS = {
     "explicit": "explicit",
     "explicit_batched": "explicit, identical blocks together",
     "reduced": "reduced, set-up apart",
+    "reduced_batched": "reduced, identical together, set-up apart",
 }
 LINES = ("-", "--", ":")
 MARKERS = ("o", "s", "^")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import gc
 import time as clock
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property
@@ -27,7 +27,7 @@ from latin_fmu.latin.record import Outcome
 from latin_fmu.propagator import DirectPropagator
 from latin_fmu.propagator.cholesky import interface_factor
 from latin_fmu.propagator.operators import reduced_rank
-from latin_fmu.scene.build import Prepared, prepare
+from latin_fmu.scene.build import Built, Prepared, prepare
 from latin_fmu.scene.merge import Merged, merge
 
 NOTHING = np.zeros((0, 1))
@@ -53,6 +53,14 @@ def stable(case: Case, solver: dict[str, Any]) -> Prepared:
 def contact_run(ready: Prepared) -> Outcome:
     """Factorise, march, contact included, to the interface histories."""
     return run(ready.build())
+
+
+def second_run(ready: Prepared, built: Built, given: Mapping[str, np.ndarray] | None = None) -> Outcome:
+    """Another run with what was set up for the first; ``given`` amplitudes (n_time,) of loads by name."""
+    for propagator in built.assembly.propagators:
+        propagator.restart()
+    built.timeline.begin(built.assembly, ready.time, given or {}, built.assembly.ground_start)
+    return run(built)
 
 
 class Floor:

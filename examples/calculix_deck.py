@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from calculix_cards import facet_area, facets, surface, wrapped
@@ -24,19 +23,20 @@ class Choices:
 
     Attributes
     ----------
-    procedure : "dynamic" or "static". bonded : nodes that coincide are one, no contact.
+    bonded : nodes that coincide are one, no contact.
     stiffness : penalty of the contact pressure, in units of E/h of the softer side, h the element size. stick : slope
         of the friction before slip, in units of the penalty. alpha : of the HHT scheme; that of the scene where None.
-    fixed : steps of the scene only; else CalculiX may cut them. displacements : print them for all nodes.
+    fixed : steps of the scene only; else CalculiX may cut them. displacements : print them for all nodes,
+        ``last``: at the last instant only.
     """
 
-    procedure: Literal["dynamic", "static"] = "dynamic"
     bonded: bool = False
     stiffness: float = 10.0
     stick: float = 0.1
     alpha: float | None = None
     fixed: bool = False
     displacements: bool = False
+    last: bool = False
 
 
 class Deck:
@@ -141,7 +141,7 @@ class Deck:
     def _procedure(self) -> Iterator[str]:
         choices, dt, end = self.choices, self.ready.dt, float(self.ready.time[-1])
         direct = ", DIRECT" if choices.fixed else ""
-        if choices.procedure == "static":
+        if self.ready.scene.time.quasi_static:
             yield f"*STATIC{direct}"
         else:
             alpha = self.ready.scheme.memory_weight if choices.alpha is None else choices.alpha
@@ -167,7 +167,7 @@ class Deck:
 
     def _output(self) -> Iterator[str]:
         if self.choices.displacements:
-            yield "*NODE PRINT, NSET=NALL, FREQUENCY=1"
+            yield f"*NODE PRINT, NSET=NALL, FREQUENCY={1_000_000 if self.choices.last else 1}"
             yield "U"
         if not self.choices.bonded:
             for interface in self.ready.scene.interface.values():

@@ -8,6 +8,7 @@ have the same velocity; its search direction is the impedance rho c of the bars.
 from __future__ import annotations
 
 import tempfile
+import tomllib
 from contextlib import ExitStack, closing
 from pathlib import Path
 
@@ -21,12 +22,13 @@ from latin_fmu.cosim.waveform import Coupling, Side, WaveformMaster
 MODEL = Path(__file__).parents[1] / "models" / "beam_in_traction" / "scene.toml"
 HALVES = {"front": ("bar1_a",), "back": ("bar1_b", "bar2")}
 CUT = {"front": "bar1_a.zmax", "back": "bar1_b.zmin"}
+UNIT = 100e6  # Pa, of the load on the cut: the size of what is expected, to which the tolerances are relative
 N_STEP = 100  # of the 250: the wave is through the cut, and half of it through the contact
 
 
 def half(whole: latin_fmu.Scene, name: str) -> latin_fmu.Scene:
-    """One half of the scene, with a unit traction (Pa) on the cut to be set from outside, and a sensor."""
-    data = whole.model_dump(exclude_none=True)
+    """One half of the scene, with a traction on the cut to be set from outside, and a sensor."""
+    data = tomllib.loads(whole.text())
     bodies = HALVES[name]
     keep = {
         "substructure": {n: b for n, b in data["substructure"].items() if n in bodies},
@@ -37,7 +39,7 @@ def half(whole: latin_fmu.Scene, name: str) -> latin_fmu.Scene:
         },
         "load": {n: v for n, v in data["load"].items() if v["face"].split(".")[0] in bodies},
     }
-    keep["load"]["cut"] = {"face": CUT[name], "traction": [0.0, 0.0, 1.0], "law": {"type": "input"}}
+    keep["load"]["cut"] = {"face": CUT[name], "traction": [0.0, 0.0, UNIT], "law": {"type": "input"}}
     sensor = {"cut": {"substructure": CUT[name].split(".")[0], "point": [0.0, 0.0, 0.5]}}
     solver = {"tolerance": 1e-9, "force_tolerance": 1e-9}
     return latin_fmu.scene_from_dict(
@@ -64,11 +66,11 @@ def main() -> dict[str, float]:
             name: stack.enter_context(closing(FmuPeer(build_fmu(half(whole, name), folder / f"{name}.fmu"))))
             for name in HALVES
         }
-        sides = [Side(name, "cut", "sensor.cut.velocity[3]", impedance) for name in HALVES]
+        sides = [Side(name, "cut", "sensor.cut.velocity[3]", impedance / UNIT) for name in HALVES]
         master = WaveformMaster(peers, [Coupling(*sides)])
         for i in range(N_STEP):
             report = master.step(i * dt, dt)
-            forces.append(report.force[0])
+            forces.append(UNIT * report.force[0])
             iterations.append(report.iterations)
 
     # check

@@ -28,8 +28,11 @@ later step is discarded.</li>
 <li>The stop time is not needed. The tolerance of the importer goes before the parameter <code>tolerance</code> (FMI 2;
 the FMI 3 exporter does not hand it on: use the parameter).</li>
 <li>With <code>resultsFile</code> a netCDF file is written at termination; it holds accepted steps only.</li>
+<li>A load in the scene should have the size expected, so that its amplitude is about 1: tolerances are relative to the
+loads of the scene, and a load of 1 Pa times 10<sup>8</sup> asks for more digits than there are.</li>
 <li>The scene's own time laws count from the start of the simulation.</li>
-<li>Extract the FMU to a path in plain ASCII: the exporter's library cannot open another one. Spaces are fine.</li>
+<li>FMI 2: extract the FMU to a path in plain ASCII, the exporter's library cannot open another one. Spaces are fine.
+FMI 3: any path.</li>
 </ul>
 <h2>What it needs</h2>
 <p>A Python on the importer's side with the packages of <code>externalDependencies.txt</code>; the solver itself is

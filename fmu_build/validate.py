@@ -46,12 +46,12 @@ def schema_problems(fmu: str | Path) -> list[str]:
     return found
 
 
-def fmutool_report(fmu: str | Path) -> str | None:
+def fmutool_report(fmu: str | Path, tool: str = "fmutool") -> str | None:
     """Output of ``fmutool -check``; None where it is not installed."""
-    tool = shutil.which("fmutool")
-    if tool is None:
+    found = shutil.which(tool)
+    if found is None:
         return None
     done = subprocess.run(
-        [tool, "-input", str(fmu), "-check"], capture_output=True, text=True, check=False, timeout=120
+        [found, "-input", str(fmu), "-check"], capture_output=True, text=True, check=False, timeout=120
     )
     return done.stdout + done.stderr

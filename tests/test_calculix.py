@@ -98,7 +98,7 @@ def test_bonded_deck_shares_the_nodes_of_the_interface(modules: dict[str, Module
 
 def test_static_deck(modules: dict[str, ModuleType]) -> None:
     case = modules["benchmark_problems"].plates(3, (2, 2, 1))
-    cards = _cards(_deck(modules, prepare(latin_fmu.scene_from_dict(case.description)), procedure="static"))
+    cards = _cards(_deck(modules, prepare(latin_fmu.scene_from_dict(case.description))))
     assert cards["*STATIC"][0].split(", ")[:2] == ["5.000000000e-02", "1.000000000e+00"]
     assert cards["*BOUNDARY"] == [f"N_B1_ZMIN, {k}, {k}" for k in (1, 2, 3)]
     shear = [line.split(", ") for line in cards["*CLOAD, AMPLITUDE=A_SHEAR"]]
@@ -160,6 +160,28 @@ def test_bonded_march_is_that_of_calculix(modules: dict[str, ModuleType]) -> Non
         for name, dofs in where.items():
             here = moved[dofs.start // 3 : dofs.stop // 3]
             assert np.abs(found[made.node[name] - 1] - here).max() < 1e-6 * scale
+
+
+@pytest.mark.slow
+def test_static_contact_with_friction_is_the_limit_of_penalties(modules: dict[str, ModuleType]) -> None:
+    """Plates pressed and sheared, edges open and slip: CalculiX comes as near as its penalty is stiff."""
+    if not modules["calculix_run"].installed():
+        pytest.skip(modules["calculix_run"].MISSING)
+    static = importlib.import_module("calculix_static")
+    case = modules["benchmark_problems"].plates(12, (4, 2, 1))
+    case.description["load"]["shear"]["traction"] = [8e6, 0.0, 0.0]
+    timing = importlib.import_module("benchmark_timing")
+    histories = timing.contact_run(timing.prepared(case, static.TIGHT)).interfaces.values()
+    assert {s for h in histories for s in h.contact_status[-1]} == {0, 1, 2}  # open, stick, slip: all occur
+    here = static.moved(case, static.TIGHT)
+    errors = []
+    for stiffness in (1e2, 1e3):
+        choices = modules["calculix_deck"].Choices(stiffness=stiffness)
+        there = static.of_calculix(case, choices, 100.0)[1]
+        assert there is not None
+        errors.append(static.error(there, here))
+    assert errors[1] < 6e-3
+    assert errors[1] < 0.15 * errors[0]
 
 
 @pytest.mark.slow

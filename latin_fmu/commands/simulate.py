@@ -31,7 +31,9 @@ def register(add: AddParser) -> None:
         "simulate", help=text, description=text.capitalize() + ".", epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )  # fmt: skip
-    parser.add_argument("fmu", metavar="X.fmu", type=Path, help="FMU for co-simulation")
+    parser.add_argument(
+        "fmu", metavar="X.fmu", type=Path, help="FMU for co-simulation, or for model exchange (by CVode)"
+    )
     parser.add_argument("--input", metavar="IN.csv", type=Path, help="inputs over time")
     parser.add_argument(
         "-o", "--output", metavar="OUT.csv", type=Path, help="outputs at every step (default: out.csv)"
@@ -53,7 +55,7 @@ def register(add: AddParser) -> None:
 
 def _simulate(arguments: argparse.Namespace) -> int:
     try:
-        from fmu_build.drive import Drive
+        from fmu_build.integrate import opened
     except ModuleNotFoundError as error:
         print(f"latin-fmu: {error.msg}; pip install 'latin-fmu[fmu]' gives what FMUs need", file=sys.stderr)
         return BAD_INPUT
@@ -62,7 +64,7 @@ def _simulate(arguments: argparse.Namespace) -> int:
     target = arguments.output or Path("out.csv")
     check_target(target)
     inputs = None if arguments.input is None else read_columns(arguments.input)
-    drive = Drive(arguments.fmu, dict(_pair(text) for text in arguments.start), inputs)
+    drive = opened(arguments.fmu, dict(_pair(text) for text in arguments.start), inputs)
     step, stop = arguments.step or drive.step_size, arguments.stop or drive.stop_time
     rows: list[Sequence[float]] = []
     try:
@@ -81,7 +83,8 @@ def _simulate(arguments: argparse.Namespace) -> int:
     if not arguments.quiet:
         print(f"{len(rows)} rows: {target}")
     if drive.complaint:
-        print(f"latin-fmu: stopped at {rows[-1][0]:g} s: {drive.complaint}", file=sys.stderr)
+        reached = rows[-1][0] if rows else 0.0
+        print(f"latin-fmu: stopped at {reached:g} s: {drive.complaint}", file=sys.stderr)
         return SOLVER_FAILED
     return CONVERGED
 

@@ -28,8 +28,8 @@ _COMPONENT = re.compile(r"(.+)\[(\d)\]")
 def session_tree(session: Session, engine: Windowed | Prescribed | None) -> xr.DataTree:
     """Results of the accepted steps; group ``exchange`` holds inputs and outputs at the communication points."""
     steps = list(session.chain)
-    segments = [engine.segment] if isinstance(engine, Prescribed) else [s.segment for s in steps if s.segment]
-    if engine is None or not segments:
+    segments = _segments(engine, steps)
+    if engine is None or engine.run is None or not segments:
         tree = xr.DataTree(name=session.scene.name)
         tree.attrs = {**provenance(), "scene_name": session.scene.name, "schema_version": "1.0"}
     else:
@@ -37,6 +37,11 @@ def session_tree(session: Session, engine: Windowed | Prescribed | None) -> xr.D
         tree = datatree(outcome, session.scene.name, session.scene.text(), provenance())
     tree["/exchange"] = xr.DataTree(exchange_dataset(session.table, steps))
     return tree
+
+
+def _segments(engine: Windowed | Prescribed | None, steps: Sequence[AcceptedStep]) -> list[Segment]:
+    found = [engine.segment] if isinstance(engine, Prescribed) else [step.segment for step in steps]
+    return [segment for segment in found if segment is not None]
 
 
 def exchange_dataset(table: Sequence[Variable], steps: Sequence[AcceptedStep]) -> xr.Dataset:

@@ -2,17 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import SolverError
+from ..latin.blob import encode
 from ..latin.record import Array, InterfaceHistory
+from ..scene.build import Built
 from ..scene.schema import Scene
 from ..scene.segments import Segment, SegmentedRun
 from .history_file import Histories
-from .reading import impulses, rows_of, series_of
-from .sensors import motion_of, places_of
+from .loads import Loads
+from .reading import Motion, impulses, rows_of, series_of
+from .sensors import Places, motion_of, nodes_of, places_of
+from .settings import Settings
+from .step_report import StepReport, refused
 
 ROUND_OFF = 1e-9  # of a time step: an instant this close is that instant
 
@@ -22,66 +31,146 @@ class Prescribed:
 
     Attributes
     ----------
-    segment : the whole interval. time : its instants (n + 1,), s. rows : scalar outputs (n + 1, n_output).
+    run : the solver. segment : the whole interval. row : scalar outputs at the present time, (n_output,).
+    time : instants (n + 1,), s, counted from the start; none before ``start``.
     """
 
-    def __init__(
-        self, scene: Scene, tolerance: float | None, histories: Histories, start: Mapping[str, float]
-    ) -> None:
-        """Solve. ``histories``: times and amplitudes of loads; ``start``: amplitude of those without a history.
+    def __init__(self, scene: Scene, settings: Settings) -> None:
+        self._scene, self._tolerance = scene, settings.tolerance
+        self._solved_for = ""
+        self.run: SegmentedRun | None = None
+        self.segment: Segment | None = None
+        self.row = np.zeros(0)
+        self._table = np.zeros((0, 0))  # rows of all instants
+
+    def start(self, loads: Loads) -> None:
+        """Solve, and be at the first instant.
 
         Raises
         ------
         SolverError : the solution did not converge.
         """
-        self.run = SegmentedRun(_with_sensor_fields(scene), tolerance)
-        n = scene.time.n_step
-        instants = np.linspace(0.0, scene.time.end, n + 1)
-        loads = {name: np.full(n + 1, value) for name, value in start.items()}
-        loads |= {name: np.interp(instants, times, values) for name, (times, values) in histories.items()}
-        with np.errstate(all="ignore"):
-            self.segment = self.run.advance(scene.time.end, n, loads)
-        if not self.segment.converged:
-            raise SolverError(self.segment.status)
-        self.time = self.segment.time
-        self.rows = self._rows(self.segment, n)
-        self._series = series_of(self.segment.interfaces)
+        self._solve(loads.value, loads.histories)
+        self.row = self._row_at(0.0)
 
-    def _rows(self, segment: Segment, n: int) -> Array:
-        series = series_of(segment.interfaces)
-        impulse = [history.impulse(segment.time) for history in segment.interfaces.values()]
-        running = np.stack(impulse, axis=1) if impulse else impulses(series, 0.0, np.zeros((0, 3)))
-        motion = motion_of(places_of(self.run.scene, self.run.built.info), segment.substructures)
-        solver = (segment.iterations, segment.error_indicator, float(segment.converged), n)
-        return rows_of(series, running, motion, solver, segment.energy, n + 1)
+    def _solve(self, values: Mapping[str, float], histories: Histories) -> None:
+        """Solve for these loads: a history, or a constant value; nothing to do where that is solved already."""
+        given = {"value": dict(values), "history": {name: list(pair) for name, pair in histories.items()}}
+        key = hashlib.sha256(encode(given, "histories")).hexdigest()
+        if key == self._solved_for:
+            return
+        self._solved_for = ""
+        try:
+            run = SegmentedRun(self._scene, self._tolerance)
+            places = places_of(self._scene, run.built.info)
+            run.built, nodes = _recording(run.built, places)
+            end, n = self._scene.time.end, self._scene.time.n_step
+            instants = np.linspace(0.0, end, n + 1)
+            loads = {name: np.full(n + 1, value) for name, value in values.items()}
+            loads |= {name: np.interp(instants, times, given) for name, (times, given) in histories.items()}
+            with np.errstate(all="ignore"):
+                segment = run.advance(end, n, loads)
+        except (ArithmeticError, ValueError, RuntimeError, np.linalg.LinAlgError) as error:
+            raise SolverError(f"the solver cannot continue: {error}") from error
+        if not segment.converged:
+            raise SolverError(segment.status)
+        motion = motion_of(places, segment.substructures, nodes)
+        self._table = _rows(segment, motion, n)
+        self.run, self.segment, self._solved_for = run, _as_asked(segment, self._scene), key
+
+    def step(self, loads: Loads, t: float, h: float, t0: float) -> StepReport:
+        """Play back from t to t + h, s, t0 being the start of the simulation."""
+        if changed := loads.changed():
+            return refused(
+                f"load.{changed} was changed after initialization, which has no effect in prescribed mode: give a "
+                "history before initialization, or use mode 0 (windowed)"
+            )
+        assert self.segment is not None
+        end = float(self.time[-1])
+        if t + h - t0 > end * (1.0 + ROUND_OFF):
+            return refused(f"the interval solved ends at {t0 + end:g} s: set endTime before initialization")
+        self.row = self._row_at(t + h - t0)
+        return StepReport(True, "", len(self.time) - 1, self.segment.iterations, self.segment.error_indicator)
+
+    @property
+    def time(self) -> Array:
+        """Instants solved, s."""
+        return np.zeros(0) if self.segment is None else self.segment.time
 
     @property
     def interfaces(self) -> dict[str, InterfaceHistory]:
         """Histories over the whole interval."""
-        return self.segment.interfaces
+        return {} if self.segment is None else self.segment.interfaces
 
-    def row_at(self, time: float) -> Array:
+    def _row_at(self, time: float) -> Array:
         """Scalar outputs at a time within the interval: those of an instant, linear between two instants."""
-        dt = self.time[1] - self.time[0]
-        place = time / dt
+        place = self._place(time)
         near = round(place)
         if abs(place - near) <= ROUND_OFF * max(1.0, abs(place)):
-            row: Array = self.rows[min(max(near, 0), len(self.rows) - 1)].copy()
+            row: Array = self._table[min(max(near, 0), len(self._table) - 1)].copy()
             return row
-        i = int(np.clip(np.floor(place), 0, len(self.rows) - 2))
+        i = int(np.clip(np.floor(place), 0, len(self._table) - 2))
         share = place - i
-        mixed: Array = (1.0 - share) * self.rows[i] + share * self.rows[i + 1]
+        mixed: Array = (1.0 - share) * self._table[i] + share * self._table[i + 1]
         return mixed
 
-    def instant_at(self, time: float) -> int:
-        """Index of the last instant that is not after a time."""
-        place = time / (self.time[1] - self.time[0])
-        return int(np.clip(np.floor(place + ROUND_OFF * max(1.0, abs(place))), 0, len(self.rows) - 1))
+    def _place(self, time: float) -> float:
+        return time / float(self.time[1] - self.time[0])
+
+    def instant(self, time: float) -> int:
+        """Index in ``time`` of the last instant that is not after a time since the start, s."""
+        place = self._place(time)
+        return int(np.clip(np.floor(place + ROUND_OFF * max(1.0, abs(place))), 0, len(self._table) - 1))
+
+    def reset(self) -> None:
+        """Back to before ``start``; the solution is kept."""
+
+    def tree(self) -> dict[str, Any]:
+        """What restores the playback: the outputs now; the solution follows from the loads."""
+        return {"row": self.row}
+
+    def resume(self, tree: Mapping[str, Any], loads: Loads) -> None:
+        """Back to a tree; solves where these loads are not solved yet. Raises SolverError."""
+        self._solve(loads.initial_values(), loads.histories)
+        self.row = tree["row"]
 
 
-def _with_sensor_fields(scene: Scene) -> Scene:
-    """Sensors are read from the fields, which are then kept at every instant."""
+def _rows(segment: Segment, motion: Sequence[Motion], n: int) -> Array:
+    """Scalar outputs at every instant, (n + 1, n_output)."""
+    series = series_of(segment.interfaces)
+    impulse = [history.impulse(segment.time) for history in segment.interfaces.values()]
+    running = np.stack(impulse, axis=1) if impulse else impulses(series, 0.0, np.zeros((0, 3)))
+    solver = (segment.iterations, segment.error_indicator, float(segment.converged), n)
+    return rows_of(series, running, motion, solver, segment.energy, n + 1)
+
+
+def _recording(built: Built, places: Places) -> tuple[Built, dict[str, NDArray[np.int64]] | None]:
+    """Sensors need fields at every instant: those of their nodes, or all (None) where the scene wants fields."""
+    if not places:
+        return built, None
+    nodes = None if built.wanted.fields else nodes_of(places)
+    return replace(built, wanted=replace(built.wanted, fields=True, every=1, nodes=nodes)), nodes
+
+
+def _as_asked(segment: Segment, scene: Scene) -> Segment:
+    """What only the sensors needed is dropped: the fields, or those of instants the scene leaves out."""
     if not scene.sensor:
-        return scene
-    output = scene.output.model_copy(update={"fields": True, "every": 1})
-    return scene.model_copy(update={"output": output})
+        return segment
+    keep = slice(None, None, scene.output.every)
+    asked = {}
+    for name, history in segment.substructures.items():
+        if scene.output.fields:
+            asked[name] = replace(
+                history, time=history.time[keep], displacement=_cut(history.displacement, keep),
+                velocity=_cut(history.velocity, keep), stress=_cut(history.stress, keep),
+            )  # fmt: skip
+        elif history.stress is not None or history.energy is not None:
+            asked[name] = replace(
+                history, time=history.time[keep] if history.stress is not None else np.zeros(0), displacement=None,
+                velocity=None, stress=_cut(history.stress, keep),
+            )  # fmt: skip
+    return replace(segment, substructures=asked)
+
+
+def _cut(field: Array | None, keep: slice) -> Array | None:
+    return None if field is None else field[keep]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..fem.nearest import nearest
 from ..latin.record import Array, SubstructureHistory
@@ -31,12 +32,23 @@ def motion_now(
     return [(displacement(body)[None, node], velocity(body)[None, node]) for body, node in places.values()]
 
 
-def motion_of(places: Places, histories: Mapping[str, SubstructureHistory]) -> list[tuple[Array, Array]]:
-    """Displacement and velocity (n_time, 3) of every sensor from stored fields."""
+def nodes_of(places: Places) -> dict[str, NDArray[np.int64]]:
+    """Nodes with a sensor, by substructure."""
+    bodies = {body for body, _ in places.values()}
+    return {body: np.unique([node for b, node in places.values() if b == body]) for body in sorted(bodies)}
+
+
+def motion_of(
+    places: Places,
+    histories: Mapping[str, SubstructureHistory],
+    nodes: Mapping[str, NDArray[np.int64]] | None,
+) -> list[tuple[Array, Array]]:
+    """Displacement and velocity (n_time, 3) of every sensor from stored fields, those of ``nodes`` or of all."""
     found = []
     for body, node in places.values():
         displacement, velocity = histories[body].displacement, histories[body].velocity
         assert displacement is not None
         assert velocity is not None
-        found.append((displacement[:, node], velocity[:, node]))
+        place = node if nodes is None else int(np.searchsorted(nodes[body], node))
+        found.append((displacement[:, place], velocity[:, place]))
     return found

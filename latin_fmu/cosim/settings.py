@@ -30,6 +30,16 @@ class Settings:
     max_iterations: int | None = None
     keep: bool = True
 
+    def choices(self) -> tuple[object, ...]:
+        """All that has a say in the numbers."""
+        return (
+            self.mode, self.interpolation, self.time_step, self.end_time, self.tolerance, self.max_iterations,
+        )  # fmt: skip
+
+    def step_of(self, scene: Scene) -> float:
+        """Longest time step, s."""
+        return scene.time.time_step if self.time_step is None else self.time_step
+
     def problems(self) -> list[Problem]:
         """What is out of range."""
         found = []
@@ -65,7 +75,7 @@ class Settings:
         changes: dict[str, object] = {}
         if self.max_iterations is not None and self.max_iterations != scene.solver.max_iterations:
             changes["solver"] = scene.solver.model_copy(update={"max_iterations": self.max_iterations})
-        step = scene.time.time_step if self.time_step is None else self.time_step
+        step = self.step_of(scene)
         end = scene.time.end if self.end_time is None else self.end_time
         if self.mode == PRESCRIBED and (step, end) != (scene.time.time_step, scene.time.end):
             n = max(1, round(end / step))

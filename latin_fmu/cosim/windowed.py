@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
@@ -14,8 +15,13 @@ from ..latin.recorder import Recorder
 from ..latin.windows import Run
 from ..scene.schema import Scene
 from ..scene.segments import Segment, SegmentedRun
+from .loads import Loads
 from .reading import impulses, rows_of, series_of
 from .sensors import motion_now, places_of
+from .settings import Settings
+from .step_report import SHORTEST, StepReport, refused
+
+MAX_INSTANTS = 1_000_000  # of one communication step
 
 
 class Windowed:
@@ -27,18 +33,21 @@ class Windowed:
     interfaces : histories over these instants. segment : the last step, None before the first.
     """
 
-    def __init__(self, scene: Scene, tolerance: float | None) -> None:
-        self.run = SegmentedRun(scene, tolerance)
+    def __init__(self, scene: Scene, settings: Settings) -> None:
+        self.run = SegmentedRun(scene, settings.tolerance)
+        self._rule, self._time_step = settings.interpolation, settings.step_of(scene)
         self._places = places_of(scene, self.run.built.info)
-        self._start: tuple[Array, Array, dict[str, InterfaceHistory]] | None = None
         self._impulse = np.zeros((len(scene.interface), 3))
         self.row = np.zeros(0)
         self.time = np.zeros(1)
         self.interfaces: dict[str, InterfaceHistory] = {}
         self.segment: Segment | None = None
 
-    def start(self, amplitudes: Mapping[str, float]) -> None:
-        """Outputs at t = 0, with the loads set from outside at their start."""
+    def start(self, loads: Loads) -> None:
+        """Outputs at t = 0, with the loads as they are set."""
+        self._outputs_now(loads.value)
+
+    def _outputs_now(self, amplitudes: Mapping[str, float]) -> None:
         built = self.run.built
         assembly = built.assembly
         given = {name: np.full(len(assembly.time), value) for name, value in amplitudes.items()}
@@ -55,23 +64,36 @@ class Windowed:
         self.row = rows[0]
         self.run.reset()
 
-    def advance(self, end: float, n: int, loads: Mapping[str, Array]) -> Segment:
-        """Solve n time steps up to ``end``, s; nothing changes where the segment is not accepted.
+    def step(self, loads: Loads, t: float, h: float, t0: float) -> StepReport:
+        """Go on from t by h, s, t0 being the start of the simulation.
 
         Raises
         ------
         SolverError : the solver cannot continue; nothing has changed.
         """
+        n = max(1, math.ceil(h / self._time_step * (1.0 - SHORTEST)))
+        if n > MAX_INSTANTS:
+            return refused(
+                f"a step of {h:g} s would take {n} time steps of {self._time_step:g} s; at most {MAX_INSTANTS}: "
+                "make shorter steps, or a longer timeStep"
+            )
+        amplitudes = loads.amplitudes(h, n, self._rule)
+        segment = self._advance(t + h - t0, n, amplitudes)
+        if not segment.accepted:
+            return refused(f"no convergence in the step of {h:g} s at {t:g} s: {segment.status}")
+        loads.reach(amplitudes)
+        self._read(segment)
+        return StepReport(True, "", n, segment.iterations, segment.error_indicator)
+
+    def _advance(self, end: float, n: int, loads: Mapping[str, Array]) -> Segment:
+        """Solve n time steps up to ``end``, s; nothing changes where the segment is not accepted."""
         before = self.run.snapshot()
         try:
             with np.errstate(all="ignore"):  # what overflows ends as "not converged"
-                segment = self.run.advance(end, n, loads)
+                return self.run.advance(end, n, loads)
         except (ArithmeticError, ValueError, RuntimeError, np.linalg.LinAlgError) as error:
             self.run.restore(before)
             raise SolverError(f"the solver cannot make this step: {error}") from error
-        if segment.accepted:
-            self._read(segment)
-        return segment
 
     def _read(self, segment: Segment) -> None:
         n = len(segment.time) - 1
@@ -86,6 +108,14 @@ class Windowed:
         self._impulse = impulse[-1]
         self.time, self.interfaces, self.segment = segment.time, segment.interfaces, segment
 
+    def instant(self, _time: float) -> int:
+        """Index in ``time`` of the present instant."""
+        return len(self.time) - 1
+
+    def reset(self) -> None:
+        """Back to t = 0."""
+        self.run.reset()
+
     def tree(self) -> dict[str, Any]:
         """All that determines the next steps and the outputs now."""
         return {
@@ -96,10 +126,10 @@ class Windowed:
             "fields": {name: _fields(history) for name, history in self.interfaces.items()},
         }
 
-    def resume(self, tree: Mapping[str, Any]) -> None:
+    def resume(self, tree: Mapping[str, Any], _loads: Loads) -> None:
         """Back to a tree. Raises InputError where the run in it is of another scene."""
         if not self.interfaces:
-            self.start({})  # gives the geometry of the interfaces
+            self._outputs_now({})  # gives the geometry of the interfaces
         self.run.restore(tree["run"].tobytes())
         self._impulse, self.row, self.time = tree["impulse"], tree["row"], tree["time"]
         known = self.interfaces

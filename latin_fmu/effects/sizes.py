@@ -71,8 +71,14 @@ class Sizes:
 
     def _class(self, members: list[SubstructureModel], n_channel: int, explicit: bool) -> ClassSizes:
         model = members[0]
-        mass, damping, stiffness = model.reduced
         body = self.prepared.bodies[model.name]
+        if model.mass is None:
+            stiffness = model.reduced_stiffness
+            return ClassSizes(
+                len(members), stiffness.shape[0], n_channel, _factor_entries(model, stiffness), stiffness.nnz, 0,
+                0, body.mesh.n_node, len(body.mesh.cells), body.rigid,
+            )  # fmt: skip
+        mass, damping, stiffness = model.reduced
         entries = mass.shape[0] if explicit else _factor_entries(model, stiffness + mass)
         return ClassSizes(
             len(members), mass.shape[0], n_channel, entries, stiffness.nnz, mass.nnz,

@@ -1,4 +1,7 @@
-"""First guess for bodies that travel far before they touch, without inertia.
+"""First guesses without inertia: loads that turn, bodies that travel far before they touch.
+
+The velocities of the last increment are a good guess as long as the loads go on as they did. Where they turn or stop
+they would set everything sliding the wrong way: ``continuation`` tells how much of them to keep.
 
 An iteration moves a body that nothing holds yet by the load over k. Where that is a small part of the gap to close, the
 iteration crawls and its acceleration misleads it. On springs soft enough to cross the gap at once, k = load / gap, all
@@ -12,6 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..propagator import StaticPropagator
 from .assembly import Assembly
 from .error_indicator import Scales
 from .global_stage import GlobalStage
@@ -60,3 +64,21 @@ def approach(
     )
     stage.rewind()
     return found.f_hat, found.w_hat
+
+
+def continuation(assembly: Assembly) -> float:
+    """How far the next increment of the loads continues the last one: the part of it along the last, 0 ... 1."""
+    instant = assembly.propagators[0].state.instant
+    if instant == 0:  # the start of a run has no velocities, that of a segment goes on
+        return 1.0
+    along = size = change = 0.0
+    for propagator in assembly.propagators:
+        assert isinstance(propagator, StaticPropagator)
+        before, last, coming = (propagator.forcing.at(i) for i in (instant - 1, instant, instant + 1))
+        along += float(np.vdot(coming - last, last - before))
+        size += float(np.vdot(last - before, last - before))
+        change += float(np.vdot(coming - last, coming - last))
+    ground = [float(np.vdot(v[instant + 1], v[instant])) for v in assembly.ground.values()]
+    if size == 0.0 or change == 0.0:
+        return float(any(g > 0.0 for g in ground))
+    return min(max(along / size, 0.0), 1.0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,16 +17,21 @@ from .record import InterfaceHistory, SubstructureHistory
 from .slide_probes import SlideProbes
 
 _NO_CONTACT = 1e-6
+_NONE = np.zeros(0, dtype=np.int64)
 
 
 @dataclass(frozen=True)
 class Wanted:
-    """What to keep: displacement and velocity fields, mean stress, energies; fields every ``every`` instants."""
+    """What to keep: displacement and velocity fields, mean stress, energies; fields every ``every`` instants.
+
+    nodes : displacement and velocity of these nodes only, by substructure; None for all.
+    """
 
     fields: bool = False
     stress: bool = False
     energy: bool = False
     every: int = 1
+    nodes: Mapping[str, np.ndarray] | None = None
 
 
 @dataclass(frozen=True)
@@ -136,8 +141,14 @@ class Recorder:
             stored = self._stored[name]
             u = propagator.full_displacement(member)
             if self._wanted.fields:
-                stored.setdefault("displacement", []).append(u)
-                stored.setdefault("velocity", []).append(propagator.full_velocity(member))
+                v = propagator.full_velocity(member)
+                if self._wanted.nodes is not None:
+                    nodes = self._wanted.nodes.get(name, _NONE)
+                    u_kept, v = u[nodes], v[nodes]
+                else:
+                    u_kept = u
+                stored.setdefault("displacement", []).append(u_kept)
+                stored.setdefault("velocity", []).append(v)
             recover = self._info[name].stress
             if self._wanted.stress and recover is not None:
                 stored.setdefault("stress", []).append(recover(u))

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from .approach import APPROACH, approach, softening
+from .approach import APPROACH, approach, continuation, softening
 from .assembly import Assembly
 from .bonded import Bonds, all_bonded
 from .compiled_run import CompiledRun, marches
@@ -218,7 +218,9 @@ class Run:
         state, w_hat = self.state, self.state.w_hat
         if state.windows and APPROACH in state.windows[-1].fallbacks:
             w_hat = np.zeros_like(w_hat)  # bodies that have travelled far have arrived
-        elif stage.n == 1 and not state.f_hat.any() and not self.assembly.quasi_static:
+        elif self.assembly.quasi_static:
+            w_hat = continuation(self.assembly) * w_hat
+        elif stage.n == 1 and not state.f_hat.any():
             return direction.incoming(state.f_hat, stage.free_velocity())
         return np.repeat(direction.incoming(state.f_hat, w_hat)[None], stage.n, axis=0)
 

@@ -24,7 +24,6 @@ def march_instants(
 
     ``work.f_hat``, ``work.w_hat`` hold the last accepted fields on entry and on return.
     """
-    n_flat = len(work.q)
     for step in range(n):
         instant = first + step
         for c in range(len(classes)):

@@ -163,7 +163,8 @@ def prepare(scene: Scene) -> Prepared:
     classes = model_classes(scene, bodies, conditions, units, layout, scheme)
     unbending = {split_face(b.faces[0])[0] for b in scene.boundary.values() if isinstance(b, Periodic)}
     remarks += [
-        *redundancy_remarks(scene), *locking_remarks(bodies, unbending), *sampling_remarks(scene, time),
+        *redundancy_remarks(scene), *locking_remarks(bodies, unbending),
+        *([] if scene.time.quasi_static else sampling_remarks(scene, time)),
     ]  # fmt: skip
     return Prepared(scene, bodies, conditions, units, layout, classes, scheme, time, tuple(remarks))
 

@@ -44,6 +44,10 @@ Jumps          The value of a law at a jump is the value before it. A step or a 
 Sampling       The solver takes a(t) at its instants, linear in between. Pulses that start and end on
                instants keep their impulse exactly; a difference of more than 0.1 % is reported.
 Instants       t_i = i end / n, i = 0 ... n, n = instants or end / step. Initial conditions hold at t = 0.
+Quasi-static   time.quasi_static = true leaves inertia out: every step is an equilibrium under the loads of
+               its end. At t = 0 nothing acts but preloads; loads that do not start from zero come with the
+               first step. Time only orders the increments (a viscous_joint alone feels its pace). What nothing
+               holds is an error; where contact and friction cannot hold the loads, the run stops there.
 Boundaries     fixed and symmetry block displacement; velocity and displacement prescribe value * a(t) along
                the components. One condition per face and component. Loads on one face add up.
 Absorbing      Half of a traction on an absorbing face goes into its dashpots: a traction 2 t launches a

@@ -112,7 +112,7 @@ def test_loads_inside_a_step(rule, expected):
     session = Session(blocks(), Settings(interpolation=rule))
     session.initialize()
     session.set_load("press", 0.5, 0.25 / H)
-    amplitude = session._amplitude("press", H, 4)
+    amplitude = session._loads.amplitudes(H, 4, session.settings.interpolation)["press"]
     assert amplitude[[0, -1]] == pytest.approx(expected)
     assert np.diff(amplitude) == pytest.approx(np.full(4, (expected[1] - expected[0]) / 4))
 
@@ -124,7 +124,9 @@ def test_lines_join():
     session.set_load("press", 0.5)
     assert session.step(0.0, H)
     session.set_load("press", 0.1)
-    assert session._amplitude("press", H, 2) == pytest.approx([0.5, 0.3, 0.1])
+    assert session._loads.amplitudes(H, 2, session.settings.interpolation)["press"] == pytest.approx(
+        [0.5, 0.3, 0.1]
+    )
 
 
 @pytest.mark.parametrize(
@@ -223,7 +225,7 @@ def test_rounded_steps_share_one_factorisation():
         h = 0.02 * (1.0 + 1e-13 * math.sin(t))
         assert session.step(t, h)
         t = t + h
-        present = session._windowed.run.built.assembly.propagators[0].operators
+        present = session._engine.run.built.assembly.propagators[0].operators
         assert operators is None or operators is present
         operators = present
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,6 +17,12 @@ from fmpy.fmi2 import (
     fmi2CallbackLoggerTYPE,
 )
 from fmpy.fmi3 import FMU3Slave
+
+
+def hosts_folder() -> Path | None:
+    """Where ``install_hosts.sh`` put other hosts; None where nobody says so."""
+    folder = os.environ.get("LATIN_FMU_HOSTS")
+    return Path(folder) if folder else None
 
 
 class Host:

@@ -205,6 +205,13 @@ def test_a_folder_that_is_gone(opened, fmi):
     assert second.step(0.0, H), second.messages
 
 
+def test_a_folder_outside_ascii(opened):
+    """FMI 3 only: the library of the FMI 2 exporter does not get that far."""
+    host = opened("3", folder="Grüße é 衝突")
+    host.start()
+    assert host.step(0.0, H)
+
+
 def test_missing_packages_are_named(fmus, fmi, tmp_path):
     """On a host without them instantiation fails, with their names."""
     code = f"""

@@ -302,3 +302,19 @@ def test_command(tmp_path, capsys):
     for wrong in (["--modes", "3"], ["--model-exchange", "--fmi", "2"]):
         assert cli.main([*asked, *wrong]) == 2
         assert "contradict" in capsys.readouterr().err
+
+
+def test_simulate(pressed, tmp_path, capsys):
+    """The command integrates, and says where and why an integration ends."""
+    out, loads = tmp_path / "out.csv", tmp_path / "loads.csv"
+    loads.write_text("time,load.press.value\n0,0\n6e-6,1\n")
+    asked = ["simulate", str(pressed), "-o", str(out), "--input", str(loads), "--step", "1e-6"]
+    assert cli.main(asked) == 0
+    rows = out.read_text().splitlines()
+    assert len(rows) == 8
+    assert float(rows[-1].split(",")[rows[0].split(",").index("interface.crush.normalForce")]) > 0.0
+    loads.write_text("time,load.press.value\n0,1\n2e-6,1\n2.1e-6,nan\n")
+    assert cli.main(asked) == 3
+    assert "load.press.value is nan" in capsys.readouterr().err
+    assert cli.main([*asked[:4], "--start", "load.pres.value=1"]) == 2
+    assert "no variable of this name" in capsys.readouterr().err

@@ -11,6 +11,7 @@ from .scenes import MODELS, solved
 SHIPPED = sorted(str(p.relative_to(MODELS).with_suffix("")) for p in MODELS.glob("*/*.toml"))
 # sqrt(eta) is an energy norm over all interfaces; work mismatch is bounded by it times the work exchanged
 MULTIPLE = 10.0
+INCREMENTS = 3e-3
 
 
 def exchanged(solution):
@@ -99,7 +100,10 @@ def test_interface_work_is_what_friction_impacts_and_ground_take(model):
     energy = solution.energy
     losses = energy["friction_dissipation"] + energy["contact_dissipation"] - energy.get("ground_work", 0.0)
     largest = max(np.abs(term).max() for term in energy.values())
-    assert np.abs(energy["interface_work"] + losses).max() <= MULTIPLE * solution.error_indicator * largest
+    # increments of load: friction takes the traction at their end, works the mean of both ends
+    allowed = INCREMENTS if not energy["kinetic"].any() else 0.0
+    allowed += MULTIPLE * solution.error_indicator
+    assert np.abs(energy["interface_work"] + losses).max() <= allowed * largest
 
 
 def test_impact_losses_vanish_under_refinement():

@@ -145,7 +145,7 @@ def test_perfect_interfaces_only_means_one_pass_and_no_iteration(calls: Counter[
     tight = scene(behaviour="perfect")
     tight["solver"] = {"bonds": "iterate", "tolerance": 1e-11}
     iterated = solved(tight)
-    assert calls["iteration"] == 60
+    assert iterated.outcome.passes > 2.0
     same(solution, iterated, 1e-9)
     force, other = (s.interfaces["meet"].force() for s in (solution, iterated))
     assert np.abs(force - other).max() < 1e-8 * np.abs(other).max()

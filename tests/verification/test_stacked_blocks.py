@@ -16,9 +16,11 @@ from .scenes import MODELS, solved
 
 
 def test_passes_do_not_grow_with_the_number_of_interfaces():
-    """Windows of one instant, Anderson: passes at N = 16 at most 1.3 times those at N = 2; no fall-back anywhere."""
+    """Windows of one instant, Anderson: iterations at N = 16 at most 1.3 times those at N = 2, in the instants where
+    anything touches (the others take one, and a tall stack has fewer of them); no fall-back anywhere."""
     few, many = (solved(f"stacked_blocks/{n}") for n in ("n02", "n16"))
-    assert many.passes <= 1.3 * few.passes, (few.passes, many.passes)
+    counts = [np.mean([w.iterations for w in run.windows if w.iterations > 1]) for run in (few, many)]
+    assert counts[1] <= 1.3 * counts[0], counts
     assert all(not w.fallbacks for w in many.windows)
 
 

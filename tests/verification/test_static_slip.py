@@ -21,10 +21,11 @@ import pytest
 
 import latin_fmu
 
+from .scenes import solved
 from .static_scenes import add_block, ramp, scene, solve
 
 E, FRICTION, GRIP = 200e9, 0.25, 50e6
-LENGTH, WIDTH, HEIGHT, N = 0.5, 0.01, 0.01, 50
+LENGTH, WIDTH, HEIGHT, N = 0.5, 0.02, 0.02, 50
 LOST = 2 * FRICTION * GRIP * WIDTH  # friction force per length, both planes
 PULL = 0.6 * LENGTH * LOST
 STIFFNESS = E * WIDTH * HEIGHT
@@ -111,6 +112,18 @@ def test_energy_balance():
     assert not energy["scheme_dissipation"].any()
     taken = -energy["interface_work"] - energy["friction_dissipation"] - energy["contact_dissipation"]
     assert np.abs(taken).max() < 0.02 * energy["friction_dissipation"][-1]
+
+
+def test_shipped_model():
+    """models/gripped_bar: what its README says."""
+    solution = solved("gripped_bar/scene")
+    top = PULL**2 / (2 * STIFFNESS * LOST)
+    assert end(solution)[[10, 30, 50]] == pytest.approx([top, -top, top], rel=1e-3)
+    friction = solution.energy["friction_dissipation"]
+    assert friction[50] - friction[10] == pytest.approx(2 * PULL**3 / (3 * STIFFNESS * LOST), rel=2e-3)
+    history = solution.interfaces["below"]
+    stuck = (history.contact_status[1:] == 1).all(axis=0)
+    assert history.points[stuck, 0].max() == pytest.approx(LENGTH - PULL / LOST, abs=1e-9)
 
 
 def test_refining_the_increments_changes_little():

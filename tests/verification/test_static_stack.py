@@ -13,6 +13,7 @@ import latin_fmu
 from latin_fmu.latin.coarse import Coarse
 
 from .oracles.hexahedra import Block, merged
+from .scenes import solved
 from .static_scenes import STEEL, plates, solve
 
 SIZE, ELEMENTS = (0.06, 0.03, 0.01), (6, 3, 2)
@@ -122,6 +123,16 @@ def test_forces_balance_on_every_plate():
         assert force[[0, 2]] == pytest.approx(load[[0, 2]], abs=1e-6 * abs(load[2]))
 
 
+def test_shipped_plates():
+    """models/pressed_plates: what its README says."""
+    solution = solved("pressed_plates/scene")
+    for history in solution.interfaces.values():
+        assert history.force()[-1] == pytest.approx([19.2e3, 0.0, -80e3], abs=1e-3 * 80e3)
+    energy = solution.energy
+    assert energy["work_of_loads"][-1] == pytest.approx(0.620, rel=0.01)
+    assert energy["friction_dissipation"][-1] == pytest.approx(0.093, rel=0.02)
+
+
 def test_penetration_does_not_add_up():
     """What the tolerance leaves open or overlapping in an increment is put right in the next."""
     solution = solve(plates(4, steps=60))
@@ -145,3 +156,20 @@ def test_loads_are_followed_back():
     )
     assert (np.diff(energy["friction_dissipation"]) >= -1e-9 * energy["elastic"].max()).all()
     assert np.abs(energy["balance"]).max() < 1e-12 * energy["elastic"].max()
+
+
+def test_an_observer_sees_the_iterates_and_changes_nothing():
+    """The trial displacement of the last iterate of an increment is what the run keeps."""
+    made = latin_fmu.scene_from_dict(
+        plates(2, SIZE, ELEMENTS, pressure=PRESSURE, shear=0.1 * PRESSURE, steps=4)
+    )
+    seen: dict[int, np.ndarray] = {}
+
+    def watch(iteration: latin_fmu.Iteration) -> None:
+        seen[iteration.window] = iteration.displacement("b2")[0]
+
+    watched, plain = latin_fmu.solve(made, observer=watch), latin_fmu.solve(made)
+    kept = plain.substructures["b2"].displacement
+    assert (watched.substructures["b2"].displacement == kept).all()
+    for window, u in seen.items():
+        assert u == pytest.approx(kept[window + 1], abs=1e-12 * np.abs(kept).max())

@@ -1,0 +1,86 @@
+"""Layers, joints and preloads in quasi-static scenes: uniform states with closed forms."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from .static_scenes import STEEL, add_block, ramp, scene, solve
+
+E = STEEL["young_modulus"]
+SIZE, ELEMENTS, PRESSURE = (0.02, 0.01, 0.01), (2, 1, 1), 50e6
+STEPS = 4
+
+
+def block(interface: dict[str, Any], steps: int = STEPS) -> dict[str, Any]:
+    """A block free to spread on ground, pressed more and more."""
+    made = scene(steps, tolerance=1e-9)
+    add_block(made, "b", (0.0, 0.0, 0.0), SIZE, ELEMENTS)
+    for axis in "xy":
+        made["boundary"][axis] = {"type": "symmetry", "face": f"b.{axis}min"}
+    made["interface"]["foot"] = {"sides": ["b.zmin", "ground"], **interface}
+    made["load"]["press"] = {"face": "b.zmax", "pressure": PRESSURE, "law": ramp((0, 0), (1, 1))}
+    return made
+
+
+def sinking(solution: Any) -> np.ndarray:
+    """Displacement of the foot along z, (n_time,), m; the top follows by - p h / E."""
+    body = solution.substructures["b"]
+    low, high = (np.isclose(body.nodes[:, 2], z) for z in (0.0, SIZE[2]))
+    foot, head = (body.displacement[:, at, 2] for at in (low, high))
+    assert np.ptp(foot, axis=1).max() < 1e-12
+    pressed = PRESSURE * solution.time * SIZE[2] / E
+    assert head.mean(axis=1) - foot.mean(axis=1) == pytest.approx(-pressed, abs=1e-6 * pressed[-1])
+    return foot.mean(axis=1)
+
+
+def test_elastic_layer():
+    """A gasket: u = - p / k."""
+    k = 1e13
+    foot = sinking(
+        solve(block({"behaviour": "elastic_layer", "normal_stiffness": k, "tangential_stiffness": 0.0}))
+    )
+    assert foot == pytest.approx(-PRESSURE / k * np.linspace(0, 1, STEPS + 1), rel=1e-6, abs=1e-15)
+
+
+def test_soft_contact_closes_its_gap_first():
+    """u = - gap - p / k."""
+    k, gap = 2e13, 1e-6
+    foot = sinking(solve(block({"behaviour": "soft_contact", "normal_stiffness": k, "gap": gap})))
+    assert foot[1:] == pytest.approx(-gap - PRESSURE / k * np.linspace(0, 1, STEPS + 1)[1:], rel=1e-5)
+
+
+def test_viscous_joint_creeps():
+    """It alone feels the pace of time: u = - sum of p dt / c."""
+    c, n = 1e14, 20
+    foot = sinking(
+        solve(block({"behaviour": "viscous_joint", "normal_viscosity": c, "tangential_viscosity": 0.0}, n))
+    )
+    time = np.linspace(0, 1, n + 1)
+    crept = np.concatenate([[0.0], np.cumsum(PRESSURE * time[1:] / n / c)])
+    assert foot == pytest.approx(-crept, rel=1e-4, abs=1e-13)
+
+
+def test_preload_lifts_at_its_own_size():
+    """Pulled at more than the preload: the foot opens by nothing until then; beyond, no equilibrium."""
+    made = block({"preload": 0.6 * PRESSURE}, 10)
+    made["load"]["press"]["pressure"] = -PRESSURE
+    solution = solve(made | {"solver": {}}, converged=False)
+    history = solution.interfaces["foot"]
+    pressure = -np.einsum("tpc,pc->tp", history.traction, history.normals)
+    expected = np.maximum(0.6 - solution.time, 0.0) * PRESSURE
+    assert pressure == pytest.approx(np.tile(expected[:, None], (1, pressure.shape[1])), abs=1e-2 * PRESSURE)
+    assert solution.time[-1] < 0.75
+
+
+def test_constant_load_is_held_at_once():
+    """A constant load: the second increment changes nothing, in a handful of iterations."""
+    made = block({"friction_coefficient": 0.3}, 3)
+    made["load"]["press"]["law"] = {"type": "constant"}
+    solution = solve(made)
+    u = solution.substructures["b"].displacement
+    assert u[0] == pytest.approx(np.zeros_like(u[0]))
+    assert u[3] == pytest.approx(u[1], abs=1e-7 * np.abs(u[1]).max())
+    assert solution.windows[2].iterations <= 3
