@@ -42,9 +42,9 @@ def marches(assembly: Assembly) -> bool:
 
 
 def _compiles(propagator: Propagator) -> TypeGuard[DirectPropagator | March[Any]]:
-    """Direct propagators and their like; explicit ones where nothing is driven."""
+    """Direct propagators, and those of their like that say so."""
     if isinstance(propagator, March):
-        return not (propagator.scheme.explicit and propagator.forcing.moves)
+        return propagator.compiles
     return type(propagator) is DirectPropagator
 
 

@@ -132,6 +132,11 @@ class ExplicitPropagator(March[ExplicitOperators]):
             local, model.channel_area, symmetric, np.zeros(0, dtype=np.int64),
         )  # fmt: skip
 
+    @property
+    def compiles(self) -> bool:
+        """Where nothing is driven."""
+        return not self.forcing.moves
+
     # -- start ------------------------------------------------------------------------------------------------
     def initial_unbalance(self, traction: Array) -> Array:
         """M a of the free dofs at t = 0 (the masses of driven dofs are their own)."""

@@ -196,6 +196,11 @@ class March(ABC, Generic[Ops]):
         if self.meter is not None:
             self.meter.start(self.state, self._nodal(traction))
 
+    @property
+    def compiles(self) -> bool:
+        """Whether the compiled march knows this propagator: operators like ``Operators``, steps like the direct one."""
+        return False
+
     # -- sizes and search direction ---------------------------------------------------------------------------
     @property
     def n_channel(self) -> int:

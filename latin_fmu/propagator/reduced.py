@@ -114,6 +114,11 @@ class ReducedPropagator(March[ReducedOperators]):
             model.channel_area, symmetric, np.zeros(0, dtype=np.int64),
         )  # fmt: skip
 
+    @property
+    def compiles(self) -> bool:
+        """Yes."""
+        return True
+
     # -- start ------------------------------------------------------------------------------------------------
     def initial_unbalance(self, traction: Array) -> Array:
         """M a at t = 0."""
