@@ -36,8 +36,10 @@ def test_every_example_is_tested_here() -> None:
         "crushing_friction",
         "convergence_friction",
         "price_of_friction",
+        "price_of_effects",
         "against_calculix",
         "against_siconos",
+        "static_friction",
     }
 
 
@@ -92,3 +94,24 @@ def test_convergence_friction(example: ModuleType, tmp_path: Path) -> None:
     # The first iterations carry the waves across the blocks: the same for every coefficient.
     early = [numbers[f"anderson_iterations_to_0.01_mu_{mu:g}"] for mu in example.FRICTION]
     assert max(early) - min(early) <= 5
+
+
+@pytest.mark.parametrize("example", ["static_friction"], indirect=True)
+def test_static_friction(example: ModuleType, tmp_path: Path) -> None:
+    numbers = example.main(["--quick", "-o", str(tmp_path)])
+    assert _figures(tmp_path) == {"static_friction.png"}
+    assert numbers["end_error"] < 3e-3
+    assert numbers["loss_error"] < 3e-3
+    assert numbers["iterations_8"] < 1.3 * numbers["iterations_2"]
+    assert numbers["iterations_8_without_coarse"] > 1.5 * numbers["iterations_8"]
+
+
+@pytest.mark.parametrize("example", ["price_of_effects"], indirect=True)
+def test_price_of_effects(example: ModuleType, tmp_path: Path) -> None:
+    """Times of a shared machine are told, not asserted; counts are."""
+    numbers = example.main(["--quick", "-o", str(tmp_path)])
+    assert _figures(tmp_path) == {"price_of_effects.png"}
+    assert numbers["interface_unknowns_friction"] == 3 * numbers["interface_unknowns_frictionless"]
+    assert numbers["chain_marched_exact"] == 1.0
+    assert numbers["chain_marched_tolerance"] < 0.5
+    assert all(0.0 < value < 20.0 for name, value in numbers.items() if "_over_" in name)

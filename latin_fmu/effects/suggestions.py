@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from ..fem.elasticity import wave_speeds
+from ..scene.arrival import arrival_times, marched_share
 from ..scene.fields import GROUND, split_face
 from .effect import Effect, Suggestion
 from .sizes import LOCAL, Sizes
@@ -15,13 +16,14 @@ TINY_FRICTION = 1e-3
 STIFF = 1e3  # times the wave impedance of every neighbour
 UNRESOLVED = 0.2  # transit of a body over the step
 COSTLY = 0.2  # share of the time
+LATE = 0.7  # share of the instants at which substructures are marched
 SLOW = 10.0  # duration of the run over the longest transit
 
 
 def suggestions(sizes: Sizes, effects: list[Effect], instant: float) -> list[Suggestion]:
     """All suggestions; ``instant``: predicted CPU time of one instant, s."""
     makers: tuple[Callable[[Sizes, list[Effect], float], Iterator[Suggestion]], ...] = (
-        _friction, _open_gaps, _rigid, _kept, _slow,
+        _friction, _open_gaps, _rigid, _kept, _slow, _late,
     )  # fmt: skip
     return [s for make in makers for s in make(sizes, effects, instant)]
 
@@ -155,6 +157,29 @@ def _slow(sizes: Sizes, effects: list[Effect], _: float) -> Iterator[Suggestion]
         f"in {n} increments would cost about {_fraction(n / sizes.n_instant)}",
         ("time.quasi_static=true", f"time.instants={n}"),
         n / sizes.n_instant,
+    )
+
+
+def _late(sizes: Sizes, _: list[Effect], instant: float) -> Iterator[Suggestion]:
+    """Bodies that waves reach late or not at all."""
+    scene, prepared = sizes.scene, sizes.prepared
+    if (
+        scene.solver.skip_at_rest == "tolerance"
+        or getattr(scene.time, "quasi_static", False)
+        or not prepared.units
+    ):
+        return
+    arrival = arrival_times(scene, prepared.bodies, prepared.units, prepared.time)
+    marched = {name: marched_share(t, prepared.time) for name, t in arrival.items()}
+    share = float(np.mean(list(marched.values())))
+    if share > LATE:
+        return
+    never = sum(t >= scene.time.end for t in arrival.values())
+    yield Suggestion(
+        f"{never} of {len(arrival)} substructures are not reached by a wave before the end, others late: passing over "
+        f"what is at rest (to a hundredth of the tolerance) marches about {100 * share:.0f} % of all instants",
+        ("solver.skip_at_rest=tolerance",),
+        1 - (1 - share) * sizes.march / instant,
     )
 
 

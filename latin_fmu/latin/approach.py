@@ -39,31 +39,31 @@ def softening(assembly: Assembly, k: Array, opening: Opening) -> float | None:
     return crossed if crossed < _FAR else None
 
 
-def approach(
-    assembly: Assembly,
-    settings: Settings,
-    factor: float,
-    q: Array,
-    opening: Opening,
-    scales: Scales,
-    timings: Timings,
-) -> tuple[Array, Array]:
-    """F_hat and W_hat (1, n_flat) of the next increment on springs softened by ``factor``, started from ``q``.
+def second_guess(
+    direction: Direction, settings: Settings, f_hat: Array, opening: Opening, scales: Scales, timings: Timings
+) -> tuple[str, Array, Array]:  # fmt: skip
+    """Where the first guess has led nowhere: a name, F_hat and W_hat (n_flat,) of the next increment.
 
-    The propagators are left bound to the soft direction.
+    From rest with the last tractions ``f_hat``, or a first look on soft springs where there is far to travel. The
+    propagators are left bound to ``direction``.
     """
+    assembly = direction.assembly
+    factor = softening(assembly, direction.k, opening)
+    if factor is None:
+        return "from rest", f_hat, np.zeros_like(f_hat)
     wanted = replace(settings.search_direction, factor=factor * settings.search_direction.factor)
     rough = replace(settings, search_direction=wanted, tolerance=max(_ROUGHLY, settings.tolerance),
                     force_tolerance=np.inf, max_iterations=_ITERATIONS)  # fmt: skip
-    direction = Direction(assembly, rough, 1)
-    direction.bind()
-    stage = GlobalStage(assembly, direction.k, 1, direction.coarse)
+    soft = Direction(assembly, rough, 1)
+    soft.bind()
+    stage = GlobalStage(assembly, soft.k, 1, soft.coarse)
     instant = assembly.propagators[0].state.instant + 1
-    found = WindowSolver(direction, rough, timings).solve(
-        stage, q, opening, scales, WindowRecord(instant, instant), 0
+    found = WindowSolver(soft, rough, timings).solve(
+        stage, np.zeros((1, len(f_hat))), opening, scales, WindowRecord(instant, instant), 0
     )
     stage.rewind()
-    return found.f_hat, found.w_hat
+    direction.bind()
+    return APPROACH, found.f_hat[0], found.w_hat[0]
 
 
 def continuation(assembly: Assembly) -> float:

@@ -48,6 +48,9 @@ class Assembly:
         self.interfaces, self.layout, self.scheme = list(interfaces), layout, scheme
         self._impedance = impedance
         self.characteristic_traction = characteristic_traction
+        self.rest_traction = (
+            0.0  # substructures at rest stay there up to this traction, Pa; < 0: always marched
+        )
         self._ground_frames = {
             i: (layout.channels(i, 1), unit.geometry.frames[:, : unit.behaviour.n_component])
             for i, unit in enumerate(self.interfaces)

@@ -18,6 +18,7 @@ from ..interface.behaviour import bonds
 from ..propagator.cholesky import interface_factor
 from .assembly import Assembly
 from .layout import Array
+from .resting import Resting
 
 _SHIFT, _PRECISE, _REFINEMENTS, _SOLVED = 1e-10, 1e-13, 8, 1e-8
 LARGEST = 200_000_000
@@ -39,7 +40,8 @@ class Bonds:
     """The bonds of an assembly as one linear system, for its present time step."""
 
     def __init__(self, assembly: Assembly) -> None:
-        self.assembly = assembly
+        self.assembly, self.marched = assembly, 0
+        self._march_one = Resting(assembly)
         every = range(len(assembly.interfaces))
         self._first, self._second = (
             np.concatenate([assembly.layout.channels(i, side).ravel() for i in every]) for side in (0, 1)
@@ -85,16 +87,16 @@ class Bonds:
 
     def instant(self) -> tuple[Array, Array, float] | None:
         """March one instant: tractions and velocities (n_flat,) of the channels, and the jump left (relative); None,
-        and nothing has moved, where the system could not be solved."""
+        and nothing has moved, where the system could not be solved. ``marched`` counts substructure-instants."""
         assembly = self.assembly
-        free = assembly.gather([p.predict() for p in assembly.propagators])
+        free = assembly.gather(self._march_one.predict())
         instant = assembly.propagators[0].state.instant + 1
         assembly.ground_velocity(free, instant)
         traction, left = self.tractions(free)
         if not left <= _SOLVED:  # NaN included
             return None
-        for propagator, channels in zip(assembly.propagators, assembly.channels, strict=True):
-            propagator.commit(traction[channels])
+        for c, channels in enumerate(assembly.channels):
+            self.marched += self._march_one.commit(c, traction[channels])
         velocity = assembly.gather([p.channel_velocity() for p in assembly.propagators])
         assembly.ground_velocity(velocity, instant)
         return traction, velocity, left

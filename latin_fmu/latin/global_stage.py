@@ -15,6 +15,7 @@ from .assembly import Assembly
 from .coarse import Coarse
 from .kernels import respond
 from .layout import Array
+from .resting import Resting
 
 
 class GlobalStage:
@@ -29,9 +30,11 @@ class GlobalStage:
     def __init__(self, assembly: Assembly, k: Array, n: int, coarse: Coarse | None = None) -> None:
         self.assembly, self.k, self.n, self._coarse = assembly, k, n, coarse
         self.first = assembly.propagators[0].state.instant + 1
-        self.marched = 0  # substructure-instants marched or solved through the condensed operator
+        self.marched = 0  # substructure-instants marched
+        self.condensed = 0  # substructure-instants solved through the condensed operator
         self._start = assembly.snapshot()
         self._w_0: list[Array] | None = None
+        self._march_one = Resting(assembly)
 
     def __call__(self, q: Array) -> Array:
         """W (n, n_flat) at the channels for q (n, n_flat)."""
@@ -39,9 +42,9 @@ class GlobalStage:
 
     def balanced(self, q: Array) -> tuple[Array, Array]:
         """q as it acts (a coarse problem changes it) and W at the channels for q; all (n, n_flat)."""
-        self.marched += self.n * self.assembly.n_substructure
         if self.n > 1:
             return q, self._march(q, None)
+        self.condensed += self.assembly.n_substructure
         w = self._condensed(q)
         if self._coarse is None:
             return q, w
@@ -64,7 +67,7 @@ class GlobalStage:
     def _condensed(self, q: Array) -> Array:
         assembly = self.assembly
         if self._w_0 is None:
-            self._w_0 = [p.predict() for p in assembly.propagators]
+            self._w_0 = self._march_one.predict()
         w = np.zeros_like(q)
         assembly.ground_velocity(w[0], self.first)
         for propagator, channels, w_0 in zip(assembly.propagators, assembly.channels, self._w_0, strict=True):
@@ -77,10 +80,14 @@ class GlobalStage:
         w = np.zeros_like(q)
         for i in range(self.n):
             assembly.ground_velocity(w[i], self.first + i)
-            for propagator, channels in zip(assembly.propagators, assembly.channels, strict=True):
+            free = self._march_one.predict()
+            for c, (propagator, channels) in enumerate(
+                zip(assembly.propagators, assembly.channels, strict=True)
+            ):
                 incoming = q[i, channels]
-                velocity = propagator.respond(propagator.predict(), incoming)
-                propagator.commit(incoming - propagator.k * velocity, account=after is not None)
+                velocity = propagator.respond(free[c], incoming)
+                traction = incoming - propagator.k * velocity
+                self.marched += self._march_one.commit(c, traction, account=after is not None)
                 w[i, channels] = velocity
             if after is not None:
                 after(i)
@@ -93,28 +100,27 @@ class GlobalStage:
         the linear-stage fields of q, whose dashpots keep the two sides of an interface together.
         """
         assembly = self.assembly
-        self.marched += self.n * assembly.n_substructure
         if self.n > 1:
             self._march(q, after)
             return
         if self._w_0 is None:
-            for propagator in assembly.propagators:
-                propagator.predict()
-        for propagator, channels in zip(assembly.propagators, assembly.channels, strict=True):
+            self._march_one.predict()
+        for c, (propagator, channels) in enumerate(zip(assembly.propagators, assembly.channels, strict=True)):
             if isinstance(propagator, StaticPropagator):
                 propagator.settle(q[0, channels])
+                self.marched += len(propagator.names)
             else:
-                propagator.commit(f_hat[0, channels])
+                self.marched += self._march_one.commit(c, f_hat[0, channels])
         after(0)
 
     def trial(self, q: Array, f_hat: Array, after: Callable[[int], None]) -> None:
         """``commit`` without consequences: ``after(i)`` sees the state, then everything is put back."""
-        marched, condensed = self.marched, self._w_0
+        marched, predicted = self.marched, self._w_0
         self.commit(q, f_hat, after)
         self.rewind()
         self.marched = marched
-        if condensed is not None:
-            self._w_0 = [p.predict() for p in self.assembly.propagators]
+        if predicted is not None:
+            self._w_0 = self._march_one.predict()
 
     def rewind(self) -> None:
         """Back to the start of the window."""

@@ -165,6 +165,7 @@ class Outcome:
     ``status`` is a sentence (with a remedy when ``converged`` is False). ``interface_indicator[name]`` is
     sqrt(eta) restricted to one interface, the largest over windows at the last iteration. ``passes`` counts
     substructure-instants marched or solved through a condensed operator, divided by substructures x instants.
+    ``marched`` counts the marched ones alone (below 1 where substructures at rest are passed over).
     ``energy`` is the assembly's: keys of ``SubstructureHistory.energy`` summed, plus ``friction_dissipation``,
     ``contact_dissipation`` (impacts), ``ground_work`` where the ground moves, ``layer_energy`` and
     ``joint_dissipation`` where there are elastic layers and viscous joints,
@@ -183,6 +184,7 @@ class Outcome:
     timings: Timings
     warnings: tuple[str, ...] = ()
     settings: dict[str, str] = field(default_factory=dict)
+    marched: float = float("nan")
 
     @property
     def error_indicator(self) -> float:

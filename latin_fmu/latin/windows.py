@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from .approach import APPROACH, approach, continuation, softening
+from .approach import APPROACH, continuation, second_guess
 from .assembly import Assembly
 from .bonded import Bonds, all_bonded
 from .compiled_run import CompiledRun, marches
@@ -41,7 +41,8 @@ class RunState:
     w_hat: Array
     scales: Scales
     windows: list[WindowRecord] = field(default_factory=list)
-    marched: int = 0
+    marched: int = 0  # substructure-instants
+    condensed: int = 0
     interface_indicator: Array | None = None
 
 
@@ -188,20 +189,14 @@ class Run:
         return record
 
     def _again(self, stage: GlobalStage, opening: Opening, record: WindowRecord) -> Array:
-        """Another first guess of q (1, n_flat): from rest, or on soft springs where bodies travel far."""
-        direction = self.direction(1)
-        factor = softening(self.assembly, direction.k, opening)
-        if factor is None:
-            record.fallbacks.append("from rest")
-            return self.state.f_hat[None].copy()
-        record.fallbacks.append(APPROACH)
+        """Another first guess of q (1, n_flat) without inertia."""
+        state, direction = self.state, self.direction(1)
         stage.rewind()
-        f_hat, w_hat = approach(
-            self.assembly, self.settings, factor, np.zeros((1, len(direction.k))), opening, self.state.scales,
-            self.timings,
-        )  # fmt: skip
-        direction.bind()
-        return direction.incoming(f_hat, w_hat)
+        name, f_hat, w_hat = second_guess(
+            direction, self.settings, state.f_hat, opening, state.scales, self.timings
+        )
+        record.fallbacks.append(name)
+        return direction.incoming(f_hat, w_hat)[None]
 
     def _opening(self, n: int) -> Opening:
         """Opening at the start of a window; one instant needs the gaps alone, known from the last one kept."""
@@ -246,7 +241,8 @@ class Run:
 
     def _count(self, stage: GlobalStage) -> None:
         self.state.marched += stage.marched
-        stage.marched = 0
+        self.state.condensed += stage.condensed
+        stage.marched = stage.condensed = 0
 
     def _one_by_one(self, record: WindowRecord, n: int, number: int, count: int) -> WindowRecord:
         """Fall-back: the window as windows of one instant."""
@@ -280,7 +276,7 @@ class Run:
                 self.advance(1, 0, 1)
                 if self.stopped:
                     break
-            state.marched = self.state.marched
+            state.marched, state.condensed = self.state.marched, self.state.condensed
         finally:
             self.recorder, self.state, self._gaps = recorder, state, gaps
             self._observer, self._progress = observer, progress
@@ -309,7 +305,8 @@ class Run:
         last = self.assembly.propagators[0].state.instant
         record = WindowRecord(last, last, [left], [left], converged=True)
         state.windows.append(record)
-        state.marched += self.assembly.n_substructure
+        state.marched += self._bonds.marched
+        self._bonds.marched = 0
         self.timings.global_stage += clock.perf_counter() - before
         return record
 

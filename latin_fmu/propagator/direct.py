@@ -54,6 +54,7 @@ class DirectPropagator:
     ----------
     members : models with equal matrices and traces; loads and initial values may differ.
     scheme, dt : time scheme and step, s (``begin`` may change the step). energy : whether to account for energies.
+    twin : propagator of other substructures with the same operators and scheme, to share them.
     """
 
     state: State
@@ -61,14 +62,19 @@ class DirectPropagator:
     dt: float
 
     def __init__(
-        self, members: Sequence[SubstructureModel], scheme: TimeScheme, dt: float, energy: bool
+        self,
+        members: Sequence[SubstructureModel],
+        scheme: TimeScheme,
+        dt: float,
+        energy: bool,
+        twin: DirectPropagator | None = None,
     ) -> None:
         self.members = list(members)
         self.names = [m.name for m in members]
         self.scheme = scheme
         self.forcing = Forcing(members, scheme)
         self.meter = EnergyMeter(members, self.forcing, scheme) if energy else None
-        self._kept: list[tuple[float, Operators]] = []
+        self._kept: list[tuple[float, Operators]] = [] if twin is None else twin._kept
         self._begun = False
         self._resumed: list[tuple[Array, Array]] | None = None
         self._use(dt)
@@ -79,7 +85,7 @@ class DirectPropagator:
 
     def _use(self, dt: float) -> None:
         """Operators for the step dt: a few are kept for use again."""
-        if self._kept and self.dt == dt:
+        if hasattr(self, "dt") and self.dt == dt:
             return
         for known, operators in self._kept:
             if known == dt:
@@ -87,7 +93,8 @@ class DirectPropagator:
                 break
         else:
             self.dt, self.operators = dt, build_operators(self.members[0], self.scheme, dt)
-            self._kept = [*self._kept[-_STEPS_KEPT + 1 :], (dt, self.operators)]
+            del self._kept[: -_STEPS_KEPT + 1]
+            self._kept.append((dt, self.operators))
         self.k: Array = np.zeros((self.n_channel, 1))
         self.response: Array = self.operators.admittance  # Y for k = 0, until ``bind``
 
@@ -219,6 +226,17 @@ class DirectPropagator:
             velocity = velocity + imposed
         w_0: Array = velocity - self.response @ (self.k * velocity)
         return w_0
+
+    def rests(self) -> bool:
+        """Whether nothing has moved so far and nothing but interfaces drives the next instant."""
+        state = self.state
+        if any(field.any() for field in (state.u, state.v, state.a, state.residual)):
+            return False
+        return not self.forcing.drives(state.instant + 1)
+
+    def pass_instant(self) -> None:
+        """Let an instant pass at rest."""
+        self.state, self._free = replace(self.state, instant=self.state.instant + 1), None
 
     def respond(self, w_0: Array, q: Array) -> Array:
         """W = W_0 + Y q, (n_channel, n_member)."""

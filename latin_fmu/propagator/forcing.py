@@ -91,6 +91,12 @@ class Forcing:
                 force[:, column] -= motion.reduced_force(instant)
         return force
 
+    def drives(self, instant: int) -> bool:
+        """Whether any force or prescribed motion is there at an instant (a scene with motions always counts)."""
+        if self.moves or self._constant.any():
+            return True
+        return any(history[instant] != 0.0 for _, _, _, history in self._terms)
+
     def inertia(self, instant: int) -> Array | None:
         """M a of the prescribed motions on the free dofs (n, n_member), N; None when there are none."""
         if not self.moves:

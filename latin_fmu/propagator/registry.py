@@ -18,11 +18,12 @@ Maker = Callable[[Sequence[SubstructureModel], TimeScheme, float, bool, Propagat
 
 
 def _direct(
-    members: Sequence[SubstructureModel], scheme: TimeScheme, dt: float, energy: bool, settings: PropagatorSettings
+    members: Sequence[SubstructureModel], scheme: TimeScheme, dt: float, energy: bool, settings: PropagatorSettings,
+    twin: Propagator | None = None,
 ) -> Propagator:  # fmt: skip
     if settings.precision != "float64":
         members = [m.with_factor(settings.precision) for m in members]
-    return DirectPropagator(members, scheme, dt, energy)
+    return DirectPropagator(members, scheme, dt, energy, twin if isinstance(twin, DirectPropagator) else None)
 
 
 def _explicit(
@@ -51,17 +52,21 @@ PROPAGATORS: Mapping[str, Maker] = MappingProxyType(
 
 
 def make_propagator(
-    members: Sequence[SubstructureModel], scheme: TimeScheme, dt: float, energy: bool, settings: PropagatorSettings
+    members: Sequence[SubstructureModel], scheme: TimeScheme, dt: float, energy: bool, settings: PropagatorSettings,
+    twin: Propagator | None = None,
 ) -> Propagator:  # fmt: skip
     """Propagator of a class of identical substructures.
 
     Parameters
     ----------
     members : models with equal matrices and traces. scheme, dt : time scheme and step, s. energy : whether to account
-        for energies. settings : which propagator, and how.
+        for energies. settings : which propagator, and how. twin : one with the same operators, to share them with
+        (where the kind can).
 
     Raises
     ------
     KeyError : unknown name (the scene reader checks names first).
     """
+    if settings.kind == "direct":
+        return _direct(members, scheme, dt, energy, settings, twin)
     return PROPAGATORS[settings.kind](members, scheme, dt, energy, settings)

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from .energy import TERMS
+from .energy import TERMS, Moving
 from .forcing import Forcing
 from .model import Array, SubstructureModel
 
@@ -25,6 +25,7 @@ class StaticEnergyMeter:
 
     def __init__(self, members: Sequence[SubstructureModel], forcing: Forcing) -> None:
         self._model, self._forcing = members[0], forcing
+        self.dt = 0.0  # nothing depends on it
         p = self._model.expansion
         self._free = np.asarray(p.sum(axis=1)).ravel() > 0
         # forces on tied dofs act once: shared by the full dofs they stand for
@@ -34,8 +35,9 @@ class StaticEnergyMeter:
         full: Array = self._model.expansion @ u + self._forcing.imposed_u(instant)
         return full
 
-    def start(self, u: Array, interface: Array) -> None:
-        """Energies at t = 0; ``u`` (n, n_member), ``interface`` (n, n_member) reduced nodal forces, N."""
+    def start(self, state: Moving, interface: Array) -> None:
+        """Energies at t = 0; ``interface`` (n, n_member) reduced nodal forces of the interfaces, N."""
+        u = state.u
         full, tractions = self._expand(u, 0), self._once @ interface
         elastic = self._model.stiffness @ full
         loads = np.where(self._free[:, None], elastic - tractions, 0.0)
@@ -43,8 +45,9 @@ class StaticEnergyMeter:
         zero = np.zeros(u.shape[1])
         self.totals = dict.fromkeys(TERMS, zero) | {"elastic": 0.5 * _dot(full, elastic)}
 
-    def advance(self, u: Array, instant: int, interface: Array) -> None:
-        """Add the increment that ends in ``u`` at ``instant``."""
+    def advance(self, state: Moving, interface: Array) -> None:
+        """Add the increment that ends in ``state``."""
+        u, instant = state.u, state.instant
         full, tractions = self._expand(u, instant), self._once @ interface
         elastic, loads = self._model.stiffness @ full, self._forcing.full_external(instant)
         old_u, old_elastic, old_loads, old_tractions = self._last

@@ -13,8 +13,9 @@ from ..latin.layout import Array, InterfaceUnit, Layout
 from ..latin.recorder import SubstructureInfo, Wanted
 from ..latin.search_direction import SearchDirection, inertial_impedance, unresolved_sides
 from ..latin.settings import Settings
-from ..propagator import StaticPropagator, make_propagator
+from ..propagator import Propagator, StaticPropagator, make_propagator
 from ..time_scheme import QuasiStatic, TimeScheme, make_scheme
+from .arrival import arrival_times, marched_share
 from .body import Body, build_bodies, locking_remarks
 from .boundaries import Boundary, Periodic
 from .checks import (
@@ -31,11 +32,15 @@ from .fields import split_face
 from .models import ModelClass, model_classes, side_impedance
 from .pairing import build_interface
 from .propagator_choice import chosen_propagators, unstable_steps
+from .resting import cut_by_arrival
 from .rigid import rigid_conditions
 from .schema import Scene
 from .solver_settings import WHOLE, Anderson, Uniform
 from .statics import side_stiffness, static_traction, unheld
 from .timeline import Timeline
+
+REST = 1e-2
+"""Tractions below this share of tolerance x characteristic traction do not wake a substructure at rest."""
 
 
 @dataclass(frozen=True)
@@ -99,18 +104,24 @@ class Prepared:
         settings, without_factor = chosen_propagators(scene, self.classes)
         static = isinstance(scheme, QuasiStatic)
         impedance = (side_stiffness if static else side_impedance)(self.bodies, units, layout)
-        propagators = [
-            StaticPropagator(c.members, self.dt, scene.output.energy, impedance[c.channels[:, 0]])
-            if static
-            else make_propagator(c.members, scheme, self.dt, scene.output.energy, settings)
-            for c in self.classes
-        ]
+        propagators: list[Propagator] = []
+        for c in self.classes:
+            twin = None if c.twin is None else propagators[c.twin]
+            propagators.append(
+                StaticPropagator(c.members, self.dt, scene.output.energy, impedance[c.channels[:, 0]])
+                if static
+                else make_propagator(c.members, scheme, self.dt, scene.output.energy, settings, twin)
+            )
         if problems := unstable_steps(propagators, scene, self.dt):
             raise SceneError(problems, "the scene cannot be built")
         assembly = Assembly(
             propagators, [c.channels for c in self.classes], units, layout, impedance,
             (static_traction if static else characteristic_traction)(scene, self.bodies, self.time), scheme,
         )  # fmt: skip
+        level = {"off": -1.0, "exact": 0.0, "tolerance": REST * scene.solver.tolerance}[
+            scene.solver.skip_at_rest
+        ]
+        assembly.rest_traction = level * (assembly.characteristic_traction if level > 0 else 1.0)
         timeline = self.timeline
         timeline.begin(assembly, self.time, {}, assembly.ground_start)
         if not static and any(body.rigid for body in self.bodies.values()):
@@ -161,6 +172,9 @@ def prepare(scene: Scene) -> Prepared:
     scheme = scheme_of(scene)
     time = np.linspace(0.0, scene.time.end, scene.time.n_step + 1)
     classes = model_classes(scene, bodies, conditions, units, layout, scheme)
+    if scene.solver.skip_at_rest == "tolerance" and units:
+        arrival = arrival_times(scene, bodies, units, time)
+        classes = cut_by_arrival(classes, {name: marched_share(t, time) for name, t in arrival.items()})
     unbending = {split_face(b.faces[0])[0] for b in scene.boundary.values() if isinstance(b, Periodic)}
     remarks += [
         *redundancy_remarks(scene), *locking_remarks(bodies, unbending),

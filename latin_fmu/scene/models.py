@@ -27,10 +27,12 @@ class ModelClass:
     Attributes
     ----------
     members : models with equal matrices and traces. channels : flat indices of theirs (n_channel, n_member).
+    twin : number of an earlier class with the same operators, where there is one.
     """
 
     members: list[SubstructureModel]
     channels: Index
+    twin: int | None = None
 
 
 def model_classes(

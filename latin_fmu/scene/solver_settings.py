@@ -114,6 +114,13 @@ class Solver(Table):
         Window,
         about('instants solved together: a whole number >= 1, or "whole" for the interval in one piece', "1"),
     ] = 1
+    skip_at_rest: Annotated[
+        Literal["off", "exact", "tolerance"],
+        about(
+            "substructures that have not moved are not marched while what reaches them is exactly zero, or below "
+            "tolerance / 100 of the tractions the loads can bring"
+        ),
+    ] = "exact"
     bonds: Annotated[
         Literal["direct", "iterate"],
         about(

@@ -1,0 +1,52 @@
+"""Substructures at rest are passed over: what has not moved and is not driven answers zero, exactly.
+
+A class is marched from the first instant at which something drives it: a load, a prescribed motion, or a traction on
+one of its interfaces above ``Assembly.rest_traction``. With 0 there the march is the same to the last bit. Implicit
+schemes send traces of a wave through a whole chain of bodies at once; with a level above 0 they are left out until
+they reach it. What is left out is an impulse of at most that traction times the time it lasts, and since the traces
+grow by orders of magnitude while the wave comes nearer, a few steps' worth of it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..propagator import DirectPropagator, Propagator
+from .assembly import Assembly
+from .layout import Array
+
+
+class Resting:
+    """One instant of every class of an assembly, those at rest passed over."""
+
+    def __init__(self, assembly: Assembly) -> None:
+        self._assembly = assembly
+        self._resting = [False] * len(assembly.propagators)
+
+    def predict(self) -> list[Array]:
+        """W_0 of every class at the next instant."""
+        self._resting = [
+            self._assembly.rest_traction >= 0 and rests(propagator)
+            for propagator in self._assembly.propagators
+        ]
+        return [
+            np.zeros((p.n_channel, len(p.names))) if resting else p.predict()
+            for p, resting in zip(self._assembly.propagators, self._resting, strict=True)
+        ]
+
+    def commit(self, c: int, traction: Array, account: bool = True) -> int:
+        """End the instant of class c with tractions (n_channel, n_member), Pa; substructures marched."""
+        propagator = self._assembly.propagators[c]
+        if self._resting[c]:
+            if np.abs(traction).max(initial=0.0) <= self._assembly.rest_traction:
+                assert isinstance(propagator, DirectPropagator)
+                propagator.pass_instant()
+                return 0
+            propagator.predict()
+        propagator.commit(traction, account)
+        return len(propagator.names)
+
+
+def rests(propagator: Propagator) -> bool:
+    """Whether a class has not moved, and nothing but its interfaces drives it at the next instant."""
+    return isinstance(propagator, DirectPropagator) and propagator.rests()
