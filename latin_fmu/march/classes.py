@@ -39,9 +39,10 @@ _SCRATCH = (
 CLASS = record(
     [
         "n", "m", "n_inner", "n_channel", "n_interior", "n_super", "n_massless", "n_probe", "tallest", "single",
-        "grouped", "awake_from", "plain_inverse", "plain_response", "dense_trace", "trace_table", "spread_table",
-        "routines", "first", "row_start", "rows", "panel_start", "panels", "n_rows", "n_panels", "order", "schur_inverse", "dofs", "area", "massless", "k", "response", "compliance",
-        "channels", "below", "rest", "constant", "probed",
+        "grouped", "awake_from", "plain_inverse", "plain_response", "dense_trace", "trace_table",
+        "spread_table", "routines", "first", "row_start", "rows", "panel_start", "panels", "n_rows", "n_panels",
+        "order", "schur_inverse", "dofs", "area", "massless", "k", "response", "compliance", "channels",
+        "below", "rest", "constant", "probed",
         *_STATE, *_SCRATCH,
         *(f"{m}_{part}" for m in _MATRICES for part in ("n", "diagonal", "starts", "columns", "values")),
         *(f"{t}_{part}" for t in _TERMS for part in ("n", "starts", "rows", "values", "amplitudes")),

@@ -16,7 +16,6 @@ import scipy.linalg as la
 import scipy.sparse as sp
 
 from ..time_scheme import TimeScheme
-from .cholesky import InterfaceFactor
 from .condensed import Index
 from .forcing import Forcing
 from .model import Array, Histories, SubstructureModel
@@ -72,32 +71,7 @@ class Motion:
 
 
 class MarchOperators(InterfaceOperators, Protocol):
-    """Operators as the compiled march reads them too: like ``Operators``, the trace may be dense."""
-
-    @property
-    def mass(self) -> sp.csr_array:
-        """(n, n), kg."""
-        ...
-
-    @property
-    def damping(self) -> sp.csr_array | None:
-        """(n, n), N s m-1."""
-        ...
-
-    @property
-    def stiffness(self) -> sp.csr_array:
-        """(n, n), N m-1."""
-        ...
-
-    @property
-    def factor(self) -> InterfaceFactor:
-        """Factor of A."""
-        ...
-
-    @property
-    def massless(self) -> Index:
-        """Dofs without mass."""
-        ...
+    """Operators with the trace from interface dofs to channels."""
 
     @property
     def trace(self) -> Any:
