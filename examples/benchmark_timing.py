@@ -26,7 +26,7 @@ from latin_fmu.api import run
 from latin_fmu.latin.record import Outcome
 from latin_fmu.propagator import DirectPropagator
 from latin_fmu.propagator.cholesky import interface_factor
-from latin_fmu.propagator.operators import reduced_rank
+from latin_fmu.propagator.model import reduced_rank
 from latin_fmu.scene.build import Built, Prepared, prepare
 from latin_fmu.scene.merge import Merged, merge
 
@@ -102,6 +102,10 @@ class Floor:
 
     def lean(self) -> np.ndarray:
         """The factor of the package in the shortest loop there is."""
+        return self.kept()()
+
+    def kept(self) -> Callable[[], np.ndarray]:
+        """``lean`` with a factor made now."""
         matrix = self._operator()
         factor = interface_factor(matrix, np.zeros(0, dtype=np.int64), self._rank)
         none = np.zeros((0, 1))
@@ -110,7 +114,7 @@ class Floor:
             y, _ = factor.forward(b[:, None])
             return factor.backward(y, none)[:, 0]
 
-        return self._loop(solve)
+        return lambda: self._loop(solve)
 
     def superlu(self) -> np.ndarray:
         """SciPy's SuperLU in the nested-dissection order of the mesh, in the same loop."""

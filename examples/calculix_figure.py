@@ -6,7 +6,9 @@ from collections.abc import Mapping, Sequence
 from typing import Protocol
 
 from example_tools import BLUE, EXACT, GREEN, ORANGE, VERMILION, Array, tidy
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullLocator
 
 
 class Curve(Protocol):
@@ -18,11 +20,17 @@ class Curve(Protocol):
     force: Array
 
 
-def figure(found: Mapping[str, tuple[Curve, Sequence[Curve]]]) -> Figure:
-    """One column for each case: normal contact force against time, and bars of the CPU time."""
-    drawing = Figure(figsize=(4.6 * len(found), 6.4), layout="constrained")
+Stacks = Sequence[tuple[int, Mapping[str, tuple[float, float]]]]
+
+
+def figure(found: Mapping[str, tuple[Curve, Sequence[Curve]]], stacks: Stacks = ()) -> Figure:
+    """One column for each case: normal contact force against time, and bars of the CPU time; one for statics."""
+    count = len(found) + bool(stacks)
+    drawing = Figure(figsize=(4.6 * count, 6.4), layout="constrained")
     drawing.suptitle("The same scenes by this package and by CalculiX", fontweight="bold")
-    grid = drawing.subplots(2, len(found), height_ratios=(1.6, 1.0), squeeze=False)
+    grid = drawing.subplots(2, count, height_ratios=(1.6, 1.0), squeeze=False)
+    if stacks:
+        statics(grid[0, -1], grid[1, -1], stacks)
     colours = (BLUE, ORANGE, VERMILION, GREEN)
     for column, (title, (exact, answers)) in enumerate(found.items()):
         above, below = grid[:, column]
@@ -48,3 +56,20 @@ def figure(found: Mapping[str, tuple[Curve, Sequence[Curve]]]) -> Figure:
         *grid[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=5, frameon=False
     )
     return drawing
+
+
+def statics(above: Axes, below: Axes, stacks: Stacks) -> None:
+    """CPU time and error against the number of plates."""
+    counts = [count for count, _ in stacks]
+    for name, colour in zip(stacks[0][1], (BLUE, GREEN, ORANGE), strict=True):
+        seconds, errors = zip(*(rows[name] for _, rows in stacks), strict=True)
+        above.plot(counts, seconds, "o-", color=colour, label=name)
+        below.plot(counts, errors, "o-", color=colour)
+    above.set(title="plates pressed and sheared, statics", ylabel="CPU time (s), one thread")
+    below.set(xlabel="plates", ylabel="error of the displacements")
+    for axis in (above, below):
+        axis.set(xscale="log", yscale="log")
+        axis.set_xticks(counts, [str(c) for c in counts])
+        axis.xaxis.set_minor_locator(NullLocator())
+        tidy(axis)
+    above.legend(fontsize="small", frameon=False)

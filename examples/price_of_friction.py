@@ -29,6 +29,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmark_figure import figure
+from benchmark_more import tables
 from benchmark_problems import Case, all_cases, quick_cases
 from benchmark_timing import (
     Floor,
@@ -77,7 +78,7 @@ def measure(case: Case, rounds: int | None = None) -> tuple[list[Row], dict[str,
     """Every variant of one case, and the CPU seconds of the floors."""
     own = prepared(case, OWN)
     runs = {name: stable(case, solver) for name, solver in VARIANTS.items()}
-    runs = {n: r for n, r in runs.items() if "batched" not in n or len(r.classes) < len(own.classes)}
+    runs = {n: r for n, r in runs.items() if "batched" not in n or shares(r)}
     outcomes = {name: contact_run(ready) for name, ready in runs.items()}
     reference = contact_run(prepared(case, OWN | TIGHT))
     marches = Floor(own).marches
@@ -96,6 +97,11 @@ def measure(case: Case, rounds: int | None = None) -> tuple[list[Row], dict[str,
         for name, outcome in outcomes.items()
     ]  # fmt: skip
     return rows, floors
+
+
+def shares(ready: Prepared) -> bool:
+    """Whether there are identical blocks."""
+    return any(len(c.members) > 1 or c.twin is not None for c in ready.classes)
 
 
 def work(name: str, ready: Prepared) -> Callable[[], object]:
@@ -130,6 +136,9 @@ def options(argv: Sequence[str] | None) -> Namespace:
     parser.add_argument("--finest", action="store_true", help="P2 with 20^3 elements in a block too")
     parser.add_argument("--only", default="", metavar="TEXT", help='cases whose name holds TEXT, as "P3 n=4"')
     parser.add_argument("--rounds", type=int, help="repetitions; chosen by the time of the floor if left out")
+    parser.add_argument(
+        "--more", action="store_true", help="accuracy, second runs, whole windows and memory too"
+    )
     parser.add_argument("--json", action="store_true", help="one list of objects, nothing else")
     parser.add_argument("-o", "--output", type=Path, default=Path("figures"), help="folder of the figure")
     return parser.parse_args(argv)
@@ -150,6 +159,9 @@ def main(argv: Sequence[str] | None = None) -> list[Row]:
     if said.json:
         print(json.dumps([asdict(row) for row in rows], indent=1))
         return rows
+    if said.more:
+        for line in tables(said.quick):
+            print(line, flush=True)
     said.output.mkdir(parents=True, exist_ok=True)
     save(figure([asdict(row) for row in rows]), said.output, "price_of_friction")
     return rows

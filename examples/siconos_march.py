@@ -18,7 +18,7 @@ from siconos_contact import Contacts
 
 from latin_fmu.propagator import SubstructureModel
 from latin_fmu.propagator.cholesky import interface_factor
-from latin_fmu.propagator.operators import reduced_rank
+from latin_fmu.propagator.model import reduced_rank
 from latin_fmu.scene.build import Prepared
 
 THETA = 0.5

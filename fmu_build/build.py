@@ -10,6 +10,7 @@ import latin_fmu
 from latin_fmu.cosim.table_file import table_text
 from latin_fmu.cosim.variables import table_of
 from latin_fmu.errors import InputError, Problem
+from latin_fmu.latin.wanted_accuracy import accuracy_of
 from latin_fmu.results.files import written_whole
 from latin_fmu.scene.build import build
 from latin_fmu.scene.schema import Scene
@@ -79,7 +80,7 @@ def fmu_files(scene: Scene, fmi: Fmi) -> Files:
     facts = Facts(
         model=scene.name, identifier=identifier, token=token_of(token, fmi), table=table, version=latin_fmu.__version__,
         description=scene.description or f"Impact with frictional contact: {scene.name}",
-        stop_time=scene.time.end, step_size=suggested_step(scene), tolerance=scene.solver.tolerance,
+        stop_time=scene.time.end, step_size=suggested_step(scene), tolerance=accuracy_of(scene.solver.tolerance),
     )  # fmt: skip
     script = _SCRIPT.format(package=name, fmi=fmi, exporter=exporter.name, identifier=identifier)
     slave = f"slave_{token[:16]}"

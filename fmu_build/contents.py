@@ -17,9 +17,9 @@ from .facts import NAME
 Files = dict[str, bytes]
 """Contents by path inside the archive."""
 
-_ADAPTERS = ("__init__.py", "adapter.py", "fmi2.py", "fmi3.py")
+_ADAPTERS = ("__init__.py", "adapter.py", "co_simulation_adapter.py", "fmi2.py", "fmi3.py")
 _EXPORTERS = {"2": "pythonfmu", "3": "pythonfmu3"}
-_LEFT_OUT = ("cli.py", "__main__.py", "commands", "accuracy")  # nothing an FMU runs
+_LEFT_OUT = ("cli.py", "__main__.py", "commands", "accuracy", "stability")  # nothing an FMU runs
 _BARE_INIT = (
     '"""The solver inside an FMU; nothing is imported before it is needed."""\n\n__version__ = "{}"\n'
 )

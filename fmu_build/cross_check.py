@@ -15,6 +15,7 @@ from latin_fmu.cosim.session import Session
 from latin_fmu.cosim.settings import Settings
 from latin_fmu.cosim.variables import input_loads
 from latin_fmu.errors import InputError, Problem, SolverError
+from latin_fmu.latin.wanted_accuracy import accuracy_of
 from latin_fmu.scene.laws import InputLaw, TimeLaw
 from latin_fmu.scene.schema import Scene
 
@@ -82,7 +83,7 @@ def cross_check_files(inputs: Inputs) -> Files:
         "StartTime": 0.0,
         "StopTime": stop,
         "StepSize": suggested_step(scene),
-        "RelTol": scene.solver.tolerance,
+        "RelTol": accuracy_of(scene.solver.tolerance),
     }
     files = {
         f"{stem}_ref.csv": _table(["time", *names], rows),

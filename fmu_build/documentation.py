@@ -25,8 +25,9 @@ interval [0, <code>endTime</code>] is solved when initialization ends and played
 prescribed mode) is <b>discarded</b>: a message in the log says why, the state is as before.</li>
 <li>What fails during initialization (a missing file, no convergence in prescribed mode) is logged as an error; every
 later step is discarded.</li>
-<li>The stop time is not needed. The tolerance of the importer goes before the parameter <code>tolerance</code> (FMI 2;
-the FMI 3 exporter does not hand it on: use the parameter).</li>
+<li>The stop time is not needed. The tolerance of the importer is a relative accuracy: the iteration leaves a tenth
+of it, a fifth of its value is taken for sqrt(eta). It goes before the parameter <code>tolerance</code>, which is on
+sqrt(eta) itself (FMI 2; the FMI 3 exporter does not hand it on: use the parameter).</li>
 <li>With <code>resultsFile</code> a netCDF file is written at termination; it holds accepted steps only.</li>
 <li>A load in the scene should have the size expected, so that its amplitude is about 1: tolerances are relative to the
 loads of the scene, and a load of 1 Pa times 10<sup>8</sup> asks for more digits than there are.</li>

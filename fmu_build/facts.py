@@ -28,7 +28,8 @@ class Facts:
     Attributes
     ----------
     model : name of the model, that of the scene. identifier : of the binaries. token : changes with the content.
-    description, version : text and version of the package. stop_time, step_size : s. tolerance : of the scene.
+    description, version : text and version of the package. stop_time, step_size : s. tolerance : relative
+    accuracy that the tolerance of the scene goes with.
     table : the variables; their order is the value reference.
     """
 

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from xml.etree.ElementTree import Element, SubElement
 
-from latin_fmu.cosim.units import UNITS
 from latin_fmu.cosim.variable import Variable
 
 from .facts import Facts
-from .xml_text import add_logging_and_experiment, add_units, head, value_text
+from .xml_text import add_logging_and_experiment, add_units, head, identity, quantity, value_text
 
 _TYPES = {"real": "Real", "integer": "Integer", "string": "String"}
 
@@ -45,22 +44,8 @@ def fmi2_description(facts: Facts) -> Element:
 
 
 def _add_variable(parent: Element, number: int, variable: Variable) -> None:
-    attributes = {
-        "name": variable.name,
-        "valueReference": str(number),
-        "description": variable.description,
-        "causality": variable.causality,
-        "variability": variable.variability,
-    }
-    if variable.causality == "output":
-        attributes["initial"] = "calculated"
-    element = SubElement(parent, "ScalarVariable", attributes)
-    facts: dict[str, str] = {}
-    if variable.kind == "real" and variable.unit is not None:
-        facts["unit"] = UNITS[variable.unit].name
-    for key, value in (("min", variable.minimum), ("max", variable.maximum), ("nominal", variable.nominal)):
-        if value is not None:
-            facts[key] = value_text(float(value) if variable.kind == "real" else int(value))
+    element = SubElement(parent, "ScalarVariable", identity(variable, number))
+    facts = quantity(variable)
     if variable.start is not None:
         facts["start"] = value_text(variable.start)
     SubElement(element, _TYPES[variable.kind], facts)

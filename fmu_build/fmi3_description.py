@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from xml.etree.ElementTree import Element, SubElement
 
-from latin_fmu.cosim.units import UNITS
 from latin_fmu.cosim.variable import Variable
 
 from .facts import Facts
-from .xml_text import add_logging_and_experiment, add_units, head, value_text
+from .xml_text import add_logging_and_experiment, add_units, head, identity, quantity, value_text
 
 _TYPES = {"real": "Float64", "integer": "Int32", "string": "String", "count": "UInt64"}
 
@@ -47,20 +46,7 @@ def fmi3_description(facts: Facts) -> Element:
 
 
 def add_variable(parent: Element, references: dict[str, int], variable: Variable) -> None:
-    attributes = {
-        "name": variable.name,
-        "valueReference": str(references[variable.name]),
-        "description": variable.description,
-        "causality": variable.causality,
-        "variability": variable.variability,
-    }
-    if variable.causality == "output":
-        attributes["initial"] = "calculated"
-    if variable.kind == "real" and variable.unit is not None:
-        attributes["unit"] = UNITS[variable.unit].name
-    for key, value in (("min", variable.minimum), ("max", variable.maximum), ("nominal", variable.nominal)):
-        if value is not None:
-            attributes[key] = value_text(float(value) if variable.kind == "real" else int(value))
+    attributes = identity(variable, references[variable.name]) | quantity(variable)
     if variable.start is not None and variable.kind != "string":
         attributes["start"] = value_text(variable.start)
     element = SubElement(parent, _TYPES[variable.kind], attributes)

@@ -26,7 +26,8 @@ shortening of the two bodies. Friction is Coulomb's, but sticking patches creep 
 <h2>What to expect of it</h2>
 <p>Impulses, momentum, and the times of contact and separation agree with the full model within a few per cent.
 Fronts of waves, pressures at points, and what happens after many bounces do not: modes above the last one are
-missing. Compare two numbers of modes before trusting a detail.</p>
+missing. Compare two numbers of modes before trusting a detail. (Patches were fine enough for the loads: with contacts
+closed, the deflection under each is that of the mesh within 10 %.)</p>
 <h2>Use</h2>
 <ul>
 <li>Any importer with an integrator for stiff systems and root finding (e.g. CVode, BDF); relative tolerance 1e-5.</li>

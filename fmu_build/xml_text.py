@@ -5,6 +5,7 @@ from __future__ import annotations
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from latin_fmu.cosim.units import UNITS
+from latin_fmu.cosim.variable import Variable
 
 from .facts import AUTHOR, LICENCE, LOG_CATEGORIES, NAME, Facts
 
@@ -38,6 +39,29 @@ def head(facts: Facts, version: str, token: str) -> Element:
             "variableNamingConvention": "structured",
         },
     )
+
+
+def identity(variable: Variable, reference: int) -> dict[str, str]:
+    """Attributes that say what a variable is, the same in FMI 2 and FMI 3."""
+    found = {
+        "name": variable.name,
+        "valueReference": str(reference),
+        "description": variable.description,
+        "causality": variable.causality,
+        "variability": variable.variability,
+    }
+    return {**found, "initial": "calculated"} if variable.causality == "output" else found
+
+
+def quantity(variable: Variable) -> dict[str, str]:
+    """Attributes of the values a variable takes: unit, range, nominal."""
+    found = {}
+    if variable.kind == "real" and variable.unit is not None:
+        found["unit"] = UNITS[variable.unit].name
+    for key, value in (("min", variable.minimum), ("max", variable.maximum), ("nominal", variable.nominal)):
+        if value is not None:
+            found[key] = value_text(float(value) if variable.kind == "real" else int(value))
+    return found
 
 
 def add_units(root: Element, facts: Facts) -> None:

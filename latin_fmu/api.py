@@ -5,8 +5,7 @@ from __future__ import annotations
 import time as clock
 from typing import Protocol
 
-from threadpoolctl import threadpool_limits
-
+from .blas_threads import one_thread
 from .latin.drift import drift_remarks
 from .latin.record import Outcome, Timings
 from .latin.recorder import Recorder
@@ -44,7 +43,7 @@ def solve(scene: Scene, observer: Observer | None = None, progress: ProgressSink
     wall = clock.perf_counter()
     timings = Timings()
     start = clock.process_time()
-    with threadpool_limits(1):
+    with one_thread():
         built = build(scene)
     timings.setup = clock.process_time() - start
     outcome = run(built, timings, observer, progress, wall)
@@ -79,7 +78,7 @@ def run(
         assembly, built.settings, recorder, timings,
         None if observer is None else observe, None if progress is None else progress.update,
     )  # fmt: skip
-    with threadpool_limits(1):  # threads on small dense products cost more than they give
+    with one_thread():  # threads on small dense products cost more than they give
         march.all()
     state = march.state
     converged, sentence = status(assembly, built.settings, state.windows, state.interface_indicator)

@@ -18,7 +18,7 @@ MODULES = tuple(sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py
 # Each layer may import those before it, never its own neighbours or those after it.
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("kernel_store",),
-    ("errors", "compiled", "memory"),
+    ("errors", "compiled", "memory", "blas_threads"),
     ("fem", "interface", "time_scheme"),
     ("propagator",),
     ("march",),

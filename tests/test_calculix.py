@@ -230,8 +230,9 @@ def test_figure_has_a_column_for_each_case(tmp_path: Path) -> None:
         answer(name, 0.1 * (k + 1), time, np.sin(3e5 * time)) for k, name in enumerate(("own", "other, soft"))
     ]
     drawing = importlib.import_module("calculix_figure").figure(
-        {"P1": (made[0], made), "P2": (made[0], made)}
+        {"P1": (made[0], made), "P2": (made[0], made)},
+        [(n, dict.fromkeys(("own", "shared", "other"), (0.1 * n, 1e-3))) for n in (4, 8)],
     )
     drawing.savefig(tmp_path / "figure.png")
-    assert len(drawing.axes) == 4
+    assert len(drawing.axes) == 6
     assert sum(len(axis.patches) for axis in drawing.axes) == 4

@@ -101,6 +101,10 @@ def test_behaviours_are_told_apart() -> None:
     scene = tables()
     scene["interface"]["meet"]["behaviour"] = "perfect"
     assert on(told(scene)) == BASE - {"unilateral contact"} | {"perfect bond"}
+    assert "at once" in told(scene).choices["window"]
+    assert told(scene).prediction["iterations_per_instant"] == 1.0
+    scene["solver"] = {"bonds": "iterate"}
+    assert "at once" not in told(scene).choices["window"]
     scene["interface"]["meet"] |= {
         "behaviour": "elastic_layer",
         "normal_stiffness": 1e12,

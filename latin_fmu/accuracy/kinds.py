@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
+from ..latin.wanted_accuracy import LEFT
+
 FLOOR: Final = 1e-3
 """Relative errors below this count as this."""
 
@@ -30,7 +32,7 @@ class Kind:
     scale: str
     order: float = 1.0
     safety: float = 2.0
-    iteration: float = 0.5
+    iteration: float = LEFT
 
 
 _INSTANT: Final = "the instant itself, a hundredth of the interval at least"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -18,7 +17,7 @@ from .force import Force
 from .measured import Measured, of_force
 from .refinement import Resolution
 
-FILE: Final = "reference.toml"
+FILE: Final = "reference.json"
 """Name of the file with exact quantities, beside the scene file."""
 
 _PHYSICS: Final = ("material", "substructure", "interface", "boundary", "load", "sensor")
@@ -68,7 +67,7 @@ def declared(scene: Scene) -> Reference | None:
     if not file.is_file():
         return None
     try:
-        data = tomllib.loads(file.read_text(encoding="utf-8"))
+        data = json.loads(file.read_text(encoding="utf-8"))
         if data["scene"] != scene.name or data["holds_for"] != physics_of(scene):
             return None
         return Reference(_measured(data, scene.time.end), True, f"exact: {data['source']}")

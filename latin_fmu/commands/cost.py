@@ -20,7 +20,7 @@ examples:
   latin-fmu cost models/beam_in_traction/scene.toml models/two_specimen_crushing/scene.toml -o study
 
 Mesh, time step and tolerance are refined in turn and together, for every time scheme and propagator; errors are
-measured against the exact solution declared with the model (reference.toml beside the scene) or against a refined
+measured against the exact solution declared with the model (reference.json beside the scene) or against a refined
 run whose own error is told. Methods that fail are listed.
 """
 _BUDGET, _QUICK = 120.0, 20.0

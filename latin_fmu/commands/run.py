@@ -9,10 +9,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..errors import InputError, Problem, SolverError
 from . import CONVERGED, NOT_CONVERGED
 from .scene_arguments import AddParser, add_scene, read_scene
 
 if TYPE_CHECKING:
+    from ..accuracy.target import Choice
     from ..results.solution import Solution
     from ..scene.schema import Scene
 
@@ -21,6 +23,7 @@ examples:
   latin-fmu run scene.toml
   latin-fmu run scene.toml -o out.nc --set solver.tolerance=1e-4 --set output.fields=true --vtk for_paraview
   latin-fmu run scene.toml --json > report.json
+  latin-fmu run scene.toml --accuracy 1% --set accuracy.quantity=crush.first_contact
 
 Named items are addressed by name: --set interface.crush.friction_coefficient=0.1
 """
@@ -53,6 +56,19 @@ def register(add: AddParser) -> None:
     parser.add_argument(
         "--no-estimate", action="store_true", help="no estimate of the error (accuracy.estimate = false)"
     )
+    parser.add_argument(
+        "--accuracy",
+        metavar="1%",
+        help="relative error wanted: mesh, time step and tolerance are chosen (accuracy.target; the quantity is "
+        "accuracy.quantity, impulse by default)",
+    )
+    parser.add_argument(
+        "--max-cpu",
+        metavar="SECONDS",
+        type=float,
+        default=600.0,
+        help="with --accuracy: CPU seconds one run may take (default 600)",
+    )
     parser.set_defaults(command=_run)
 
 
@@ -65,16 +81,50 @@ def _run(arguments: argparse.Namespace) -> int:
     check_target(target)  # before the long part
     if arguments.vtk is not None:
         check_export_folder(arguments.vtk)
-    solution = _estimated(scene, _solve(scene, arguments.quiet), arguments)
-    written = []
+    wanted = _target(scene, arguments)
+    choice = None if wanted is None else _chosen(scene, wanted, arguments)
+    if choice is None:
+        solution = _estimated(scene, _solve(scene, arguments.quiet), arguments)
+    elif choice.solution is None:
+        raise SolverError(choice.sentence)
+    else:
+        solution = choice.solution
+    written = [] if choice is None else [choice.sentence]
     try:
         solution.save(target)
         written.append(f"results: {target}")
         if arguments.vtk is not None:
             written.append(f"for ParaView: {export_vtu(solution, arguments.vtk)}")
     finally:  # a full disk must not cost the numbers as well
-        _show(solution, arguments, written)
-    return CONVERGED if solution.converged else NOT_CONVERGED
+        _show(solution, arguments, written, choice)
+    good = solution.converged and (choice is None or choice.reached)
+    return CONVERGED if good else NOT_CONVERGED
+
+
+def _target(scene: Scene, arguments: argparse.Namespace) -> float | None:
+    """The accuracy wanted, by the option or by the scene."""
+    text = arguments.accuracy
+    if text is None:
+        return scene.accuracy.target
+    try:
+        value = float(text.removesuffix("%")) / (100.0 if text.endswith("%") else 1.0)
+    except ValueError:
+        value = -1.0
+    if not 0.0 < value < 1.0:
+        problem = Problem("--accuracy", "not a relative error", text, "for example 1% or 0.01")
+        raise InputError([problem], "bad argument")
+    return value
+
+
+def _chosen(scene: Scene, wanted: float, arguments: argparse.Namespace) -> Choice:
+    """The search for the settings; what it does goes to stderr."""
+    from ..accuracy.target import choose
+
+    def tell(text: str) -> None:
+        if not arguments.quiet:
+            print(text, file=sys.stderr, flush=True)
+
+    return choose(scene, wanted, arguments.max_cpu, tell)
 
 
 def _solve(scene: Scene, quiet: bool) -> Solution:
@@ -99,16 +149,20 @@ def _estimated(scene: Scene, solution: Solution, arguments: argparse.Namespace) 
     return replace(solution, estimate=estimate_error(scene, solution))
 
 
-def _show(solution: Solution, arguments: argparse.Namespace, written: list[str]) -> None:
+def _show(
+    solution: Solution, arguments: argparse.Namespace, written: list[str], choice: Choice | None
+) -> None:
     """The report or the summary on stdout; with ``--json`` the status goes to stderr for people."""
     if arguments.json:
-        print(_json(solution.report()))
+        print(_json(solution.report() | ({} if choice is None else {"accuracy_target": choice.report()})))
     elif not arguments.quiet:
         print("\n".join([solution.summary(), "", *written]))
     if not arguments.quiet and arguments.json:
         print("\n".join([solution.status, *written]), file=sys.stderr)
     elif arguments.quiet and not solution.converged:
         print(solution.status, file=sys.stderr)
+    elif arguments.quiet and choice is not None and not choice.reached:
+        print(choice.sentence, file=sys.stderr)
 
 
 def _json(report: dict[str, Any]) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from ..latin.wanted_accuracy import tolerance_for
 from .guarded import WARNING, Log
 from .values import Values
 
@@ -13,16 +14,19 @@ if TYPE_CHECKING:  # see ``participant``
 
 
 def settings_of(values: Values, host_tolerance: float | None) -> Settings:
-    """The parameters as settings; the tolerance of the host, where it gives one, goes first."""
+    """The parameters as settings; the tolerance of the host, where it gives one, goes first.
+
+    The host's tolerance is a relative accuracy wanted; the parameter ``tolerance`` is on sqrt(eta).
+    """
     from .settings import Settings
 
-    chosen = host_tolerance is not None and host_tolerance > 0.0
+    given = None if host_tolerance is None or not host_tolerance > 0.0 else tolerance_for(host_tolerance)
     return Settings(
         mode=int(values.number("mode")),
         interpolation=int(values.number("inputInterpolation")),
         time_step=values.number("timeStep"),
         end_time=values.number("endTime"),
-        tolerance=host_tolerance if chosen else values.number("tolerance"),
+        tolerance=values.number("tolerance") if given is None else given,
         max_iterations=int(values.number("maxIterations")),
         keep=bool(values.text("resultsFile")),
     )

@@ -79,7 +79,7 @@ def _parameters(scene: Scene) -> Iterator[Variable]:
     )  # fmt: skip
     yield parameter(
         "tolerance", "real", solver.tolerance, unit="1", minimum=0.0, maximum=1.0,
-        description="tolerance on the error indicator sqrt(eta); that of the importer, where it gives one, goes first",
+        description="tolerance on the error indicator sqrt(eta); a fifth of the importer's, if any, goes first",
     )  # fmt: skip
     yield parameter(
         "maxIterations",

@@ -39,6 +39,8 @@ def choices(sizes: Sizes) -> dict[str, str]:
     )
     if not sizes.prepared.units:
         window, kind, accelerated = "no interface: one linear march", "none", "none"
+    elif sizes.solved_at_once:
+        window, kind, accelerated = "every instant at once: perfect interfaces only", "none", "none"
     predicted = sizes.prepared.prediction()
     cheaper = [] if predicted is None else predicted.suggestions()
     marched = chosen_propagators(sizes.scene, sizes.prepared.classes)[0]

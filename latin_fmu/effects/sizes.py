@@ -13,9 +13,10 @@ from typing import Final
 import numpy as np
 import scipy.sparse as sp
 
+from ..interface.behaviour import bonds
 from ..propagator import SubstructureModel
 from ..propagator.cholesky.symbolic import analyse
-from ..propagator.operators import reduced_rank
+from ..propagator.model import reduced_rank
 from ..scene.build import Prepared
 
 SWEEP, PRODUCT, SPARSE, LOCAL = 5e-10, 3e-10, 1.2e-9, 1.5e-8
@@ -110,12 +111,21 @@ class Sizes:
         """Tangential interface unknowns, both sides."""
         return int((~self.prepared.layout.normal).sum())
 
+    @property
+    def solved_at_once(self) -> bool:
+        """Whether every instant is one linear solve: perfect interfaces only, windows of one instant."""
+        solver, units = self.scene.solver, self.prepared.units
+        wanted = solver.window == 1 and solver.bonds == "direct" and not self.scene.time.quasi_static
+        return wanted and bool(units) and all(bonds(u.behaviour) for u in units)
+
     @cached_property
     def iterations(self) -> float:
-        """LATIN iterations expected per instant."""
+        """LATIN iterations expected per instant (one solve of the bonds counts as one)."""
         units = self.prepared.units
         if not units:
             return 0.0
+        if self.solved_at_once:
+            return 1.0
         if any(u.behaviour.opens and u.behaviour.n_component > 1 for u in units):
             return ITERATIONS["friction"]
         return ITERATIONS["contact" if any(u.behaviour.opens for u in units) else "bonded"]

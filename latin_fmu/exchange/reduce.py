@@ -20,10 +20,12 @@ from .bodies import bonded_bodies, is_bond
 from .bonds import bond_of
 from .contacts import Cut, face_means
 from .reduced_body import ReducedBody, damping_of, loads_of
+from .static_check import deflections
 from .system import Contacts, ReducedSystem
 
 MAX_STATES = 600  # an integrator fills a Jacobian of this size squared by differences
 MAX_PATCHES = 64  # of an interface
+COARSEST = 0.1  # difference of deflections beyond which patches are too coarse
 _HEADING = "the scene has no reduced model"
 
 
@@ -44,7 +46,15 @@ def reduced_system(scene: Scene, n_mode: int = 12, n_patch: int = 4) -> ReducedS
     # the mass of the time scheme is not asked for: contact nodes keep theirs
     prepared = prepare(scene.model_copy(update={"time": scene.time.model_copy(update={"scheme": HHT()})}))
     cuts = [Cut.of(i, u, n_patch) for i, u in enumerate(prepared.units) if not is_bond(u)]
-    bodies = [ReducedBody.of(body, cuts, n_mode) for body in bonded_bodies(prepared)]
+    whole = bonded_bodies(prepared)
+    problems = [
+        Problem(f"substructure.{next(iter(body.members))}", "nothing of it is free to move",
+                remedy="leave it out and let the others meet the ground")
+        for body in whole if not body.model.expansion.shape[1]
+    ]  # fmt: skip
+    if problems:
+        raise SceneError(problems, _HEADING)
+    bodies = [ReducedBody.of(body, cuts, n_mode) for body in whole]
     n_state = 2 * sum(b.size for b in bodies) + 3 * len(prepared.units)
     if n_state > MAX_STATES:
         problem = Problem(
@@ -52,7 +62,19 @@ def reduced_system(scene: Scene, n_mode: int = 12, n_patch: int = 4) -> ReducedS
             "take fewer modes, or fewer patches",
         )  # fmt: skip
         raise SceneError([problem], _HEADING)
-    return _assembled(prepared, cuts, bodies)
+    system = _assembled(prepared, cuts, bodies)
+    soft = {n: r for n, r in deflections(system, whole, cuts).items() if abs(r - 1.0) > COARSEST}
+    if soft:
+        raise SceneError([_too_coarse(name, ratio, n_patch) for name, ratio in soft.items()], _HEADING)
+    return system
+
+
+def _too_coarse(load: str, ratio: float, n_patch: int) -> Problem:
+    return Problem(
+        f"load.{load}", "with contacts closed, the reduced model does not deflect like the mesh",
+        f"{ratio:.2f} times, {n_patch} patches", f"within {100 * COARSEST:.0f} %",
+        "take more patches (a body that bends inside a patch meets no resistance), or solve the scene itself",
+    )  # fmt: skip
 
 
 def _unknown(scene: Scene, n_mode: int, n_patch: int) -> Iterator[Problem]:
@@ -123,6 +145,9 @@ def _contacts(cuts: Sequence[Cut], motion: Array, stiffness: Array) -> Contacts:
         rows = motion[at : at + len(cut.members), 0]
         push = cut.areas @ rows
         compliance = float(np.sum(push[elastic] ** 2 / stiffness[elastic]) / cut.areas.sum())
+        if compliance <= 0.0:
+            problem = Problem(f"interface.{cut.unit.name}", "neither side can move along the normal")
+            raise SceneError([problem], _HEADING)
         owner += [cut.number] * len(rows)
         softness += [compliance] * len(rows)
         at += len(rows)

@@ -58,7 +58,6 @@ class Assembly:
         }
         self.ground_start = {i: GroundState(np.zeros(3), None) for i in self._ground_frames}
         self.rigid = self._rigid_channels()
-        self.awake_from = [0] * len(self.propagators)  # first instant at which each class is marched
 
     @property
     def quasi_static(self) -> bool:

@@ -34,11 +34,16 @@ def marches(assembly: Assembly) -> bool:
     """Whether the kernels know the propagators and the behaviours of an assembly."""
     if not COMPILES:
         return False
+    return all(_compiles(p) and _in_double(p.operators.factor) for p in assembly.propagators) and all(
+        native_address(g.behaviour) for g in assembly.layout.groups
+    )
+
+
+def _in_double(factor: object) -> bool:
+    """Whether it is the package's own factor, in double precision."""
     from ..propagator.cholesky.factor import CholeskyFactor
 
-    return all(
-        _compiles(p) and isinstance(p.operators.factor, CholeskyFactor) for p in assembly.propagators
-    ) and all(native_address(g.behaviour) for g in assembly.layout.groups)
+    return isinstance(factor, CholeskyFactor) and factor.dtype == np.float64
 
 
 def _compiles(propagator: Propagator) -> TypeGuard[DirectPropagator | March[Any]]:
@@ -71,9 +76,7 @@ class CompiledRun:
         layout, settings = assembly.layout, run.settings
         propagators = [p for p in assembly.propagators if _compiles(p)]  # all, see ``marches``
         self._probes = SlideProbes(assembly, propagators, run.recorder.sliding)
-        self._classes = classes.ClassTable(
-            propagators, assembly.channels, self._probes.rows, assembly.awake_from
-        )
+        self._classes = classes.ClassTable(propagators, assembly.channels, self._probes.rows)
         self._groups = groups.GroupTable(
             layout.groups, [native_address(g.behaviour) for g in layout.groups], direction.local.z_sums
         )
@@ -81,7 +84,7 @@ class CompiledRun:
             layout.n_flat, len(assembly.interfaces), settings.anderson_depth, settings.max_iterations
         )
         self._limits = _limits(settings, not layout.normal.all())
-        self._scheme = work.coefficients(assembly.scheme, assembly.dt)
+        self._scheme = work.coefficients(assembly.scheme, assembly.dt, assembly.rest_traction)
         self._gap_start = np.concatenate([np.zeros(0), *(g.gap for g in layout.groups)])
         self._errors = np.empty((_LONGEST, settings.max_iterations))
         self._mismatches = np.empty((_LONGEST, settings.max_iterations))
@@ -132,7 +135,7 @@ class CompiledRun:
             run.take_gaps([gap.copy() for gap in self._groups.gaps])
             recorder.kept(assembly, done, self._probes, self._classes.probed)
             self._tell(first, done)
-        run.count(int(work.marched.sum()))
+        run.count(int(work.marched[0]), int(work.marched[1]))
         self.refused = done < n
         seconds = clock.perf_counter() - before
         run.timings.global_stage += seconds

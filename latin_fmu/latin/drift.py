@@ -12,7 +12,7 @@ _WORTH_TELLING = 1e-2
 
 def drift_remarks(assembly: Assembly) -> list[str]:
     """A sentence per bonded interface whose sides stand apart by more than 1 % of the largest displacement."""
-    if not assembly.interfaces:
+    if not any(bonds(unit.behaviour) for unit in assembly.interfaces):
         return []
     u = assembly.displacement()
     largest = float(np.abs(u).max())

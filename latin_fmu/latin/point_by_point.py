@@ -13,6 +13,7 @@ the LATIN iteration goes on from its result and has the last word.
 
 from __future__ import annotations
 
+from collections.abc import Sequence, Set
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,10 +47,23 @@ class _Point:
 
 
 class PointByPoint:
-    """Gauss-Seidel over the interface points of an assembly."""
+    """Gauss-Seidel over the interface points of an assembly.
 
-    def __init__(self, assembly: Assembly) -> None:
+    Parameters
+    ----------
+    admittances : per class, (n_channel, n_channel), instead of those of one instant (of accelerations, say).
+    points : groups and numbers of the points to solve, all where None.
+    """
+
+    def __init__(
+        self,
+        assembly: Assembly,
+        admittances: Sequence[Array] | None = None,
+        points: Set[tuple[int, int]] | None = None,
+    ) -> None:
         self.assembly = assembly
+        own = [p.operators.admittance for p in assembly.propagators] if admittances is None else admittances
+        self._admittances = list(own)
         self._owner: dict[int, tuple[int, int, int]] = {}
         for c, channels in enumerate(assembly.channels):
             for (row, member), flat in np.ndenumerate(channels):
@@ -58,15 +72,21 @@ class PointByPoint:
             point
             for g, group in enumerate(assembly.layout.groups)
             for p in range(group.n_point)
-            if (point := self._point(g, group, p)).z.any()
+            if (points is None or (g, p) in points) and (point := self._point(g, group, p)).z.any()
         ]
+
+    @property
+    def channels(self) -> Index:
+        """Flat channels of the points, both sides."""
+        sides = [side.channels for point in self._points for side in point.sides]
+        return np.concatenate([np.zeros(0, dtype=np.int64), *sides])
 
     def _side(self, channels: Index) -> _Side:
         if int(channels[0]) not in self._owner:
             return _Side(channels, np.zeros(0, dtype=np.int64), np.zeros((0, len(channels))))
         c, _, member = self._owner[int(channels[0])]
         rows = [self._owner[int(flat)][1] for flat in channels]
-        columns = self.assembly.propagators[c].operators.admittance[:, rows]
+        columns = self._admittances[c][:, rows]
         return _Side(channels, self.assembly.channels[c][:, member], columns)
 
     def _point(self, g: int, group: Group, p: int) -> _Point:
@@ -81,15 +101,15 @@ class PointByPoint:
     def free_velocity(self, w_0: Array, k: Array) -> Array:
         """Velocities without any traction, from the response W_0 to q = 0 with dashpots k; both (n_flat,)."""
         free = w_0.copy()
-        for propagator, channels in zip(self.assembly.propagators, self.assembly.channels, strict=True):
-            free[channels] += propagator.operators.admittance @ (k[channels] * w_0[channels])
+        for admittance, channels in zip(self._admittances, self.assembly.channels, strict=True):
+            free[channels] += admittance @ (k[channels] * w_0[channels])
         return free
 
     def solve(self, free: Array, f_hat: Array, gaps: list[Array]) -> tuple[Array, Array]:
         """Tractions and velocities (n_flat,) from a first guess of the tractions; ``gaps`` as for the local stage."""
         f, v, times = f_hat.copy(), free.copy(), (self.assembly.dt, span(self.assembly))
-        for propagator, channels in zip(self.assembly.propagators, self.assembly.channels, strict=True):
-            v[channels] += propagator.operators.admittance @ f[channels]
+        for admittance, channels in zip(self._admittances, self.assembly.channels, strict=True):
+            v[channels] += admittance @ f[channels]
         for _ in range(min(_SWEEPS, _WORK // max(len(self._points), 1) + 1)):
             before = f.copy()
             for point in self._points:

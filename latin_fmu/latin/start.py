@@ -1,7 +1,7 @@
 """The instant t = 0: velocity is imposed there, so it stays out of the iteration.
 
 A perfect interface gets the traction that makes the accelerations of its sides equal (else a cut and a merged
-model differ), an open contact none, a preloaded one its preload.
+model differ), an open contact none, a preloaded one its preload, one that carries a rigid body what it carries.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from ..interface.behaviour import bonds
 from ..propagator.protocol import MassFactor
 from .assembly import Assembly
 from .layout import Array
+from .standing import standing_points, standing_tractions
 
 _ROUND_OFF = 1e-12
 
@@ -32,9 +33,20 @@ def start(assembly: Assembly) -> tuple[Array, Array]:
     ground = np.zeros(assembly.layout.n_flat)
     assembly.ground_acceleration(ground, 0)
     moving = ground.any() or any(np.abs(u).max(initial=0.0) > level for u in unbalance)
+    standing = standing_points(assembly)
+    moving |= bool(standing) and any(
+        p.channel_velocity().any() for p in propagators
+    )  # friction brakes what slides
     factors = [p.mass_factor() if moving else None for p in propagators]
     if moving:
-        traction += _bonded_tractions(assembly, unbalance, [f for f in factors if f is not None])
+        known = [f for f in factors if f is not None]
+        carried = standing_tractions(assembly, standing, traction, unbalance, known)
+        if carried.any():
+            traction += carried
+            unbalance = [
+                p.initial_unbalance(traction[c]) for p, c in zip(propagators, assembly.channels, strict=True)
+            ]
+        traction += _bonded_tractions(assembly, unbalance, known)
     for propagator, channels, factor in zip(propagators, assembly.channels, factors, strict=True):
         propagator.start(traction[channels], factor)
     velocity = assembly.gather([p.channel_velocity() for p in propagators])

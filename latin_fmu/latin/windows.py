@@ -143,9 +143,10 @@ class Run:
         """Gaps that the compiled march has reached."""
         self._gaps = gaps
 
-    def count(self, solved: int) -> None:
-        """Add substructure-instants marched or solved through the condensed operator."""
-        self.state.marched += solved
+    def count(self, marched: int, condensed: int) -> None:
+        """Add substructure-instants marched, and solved through the condensed operator."""
+        self.state.marched += marched
+        self.state.condensed += condensed
 
     def advance(self, n: int, number: int, count: int) -> WindowRecord:
         """Solve the next window of n instants."""

@@ -38,22 +38,21 @@ _SCRATCH = (
 
 CLASS = record(
     [
-        "n", "m", "n_inner", "n_channel", "n_interior", "n_super", "n_massless", "n_probe", "tallest", "single",
-        "grouped", "awake_from", "plain_inverse", "plain_response", "dense_trace", "trace_table",
-        "spread_table", "routines", "first", "row_start", "rows", "panel_start", "panels", "n_rows", "n_panels",
-        "order", "schur_inverse", "dofs", "area", "massless", "k", "response", "compliance", "channels",
-        "below", "rest", "constant", "probed",
-        *_STATE, *_SCRATCH,
+        "n", "m", "n_inner", "n_channel", "n_live", "n_interior", "n_super", "n_massless", "n_probe", "tallest",
+        "grouped", "driven", "routines", "first", "row_start", "rows", "panel_start", "panels", "n_rows",
+        "n_panels", "order", "schur_inverse", "dofs", "area", "live", "massless", "k", "response", "compliance",
+        "channels", "below", "rest", "constant", "probed", "plain_inverse", "plain_response", "dense_trace",
+        "trace_table", "spread_table",
+        *_STATE, *_SCRATCH, "vectors", "answers",
         *(f"{m}_{part}" for m in _MATRICES for part in ("n", "diagonal", "starts", "columns", "values")),
         *(f"{t}_{part}" for t in _TERMS for part in ("n", "starts", "rows", "values", "amplitudes")),
     ]
 )  # fmt: skip
-"""One row per class. ``n`` dofs, ``m`` members, ``n_inner`` interface dofs; arrays per dof are (n, m). Matrices are
-compressed rows (``starts``, ``columns``, ``values``; mass, stiffness, damping: diagonal and strict lower triangle),
-terms (see ``Terms``) likewise. ``single``: factor in float32.
-``plain_inverse``, ``plain_response``: the Schur inverse, Y and C are given by their diagonals; ``dense_trace``: the
-trace and its transpose by tables.
-``rest`` counts 1 while the class has not moved; before the instant ``awake_from`` it is not marched."""
+"""One row per class. ``n`` dofs, ``m`` members, ``n_inner`` interface dofs, ``n_live`` channels that can move; arrays
+per dof are (n, m). Matrices are compressed rows (``starts``, ``columns``, ``values``; mass, stiffness, damping: see
+``substructure.add_symmetric``; dense ones: see ``substructure.dense``), terms likewise (see ``Terms``). ``rest`` is 1
+while the class has not moved, ``driven`` 1 where more than loads that come and go drives it. ``plain_inverse``,
+``plain_response``: the Schur inverse, Y and C by their diagonals; ``dense_trace``: the trace and its transpose dense."""
 
 
 @dataclass(frozen=True)
@@ -100,6 +99,25 @@ def lower_half(
     return diagonal, first, column, value
 
 
+def packed_rows(matrix: Array, m: int) -> Array:
+    """A symmetric matrix as ``substructure.dense`` wants it for m members: its lower triangle row by row, or whole."""
+    if m > 1:
+        return np.ascontiguousarray(matrix)
+    return packed(matrix)
+
+
+@kernel
+def packed(matrix: Array) -> Array:
+    """Lower triangle, row by row."""
+    n = len(matrix)
+    out, at = np.empty(n * (n + 1) // 2), 0
+    for i in range(n):
+        for j in range(i + 1):
+            out[at + j] = matrix[i, j]
+        at += i + 1
+    return out
+
+
 class ClassTable:
     """Rows of the propagators of an assembly and the arrays behind them.
 
@@ -108,7 +126,6 @@ class ClassTable:
     propagators : direct ones and their like (``propagator.march``), bound to their search direction.
     channels : (n_channel, m) flat indices per class.
     probes : per class the rows (n_probe, n) whose velocities are kept at each instant, or None.
-    awake_from : per class the first instant at which it is marched (0: from the start).
     """
 
     def __init__(
@@ -116,7 +133,6 @@ class ClassTable:
         propagators: Sequence[DirectPropagator | March[Any]],
         channels: Sequence[Index],
         probes: Sequence[sp.csr_array | None],
-        awake_from: Sequence[int],
     ) -> None:
         self.rows = np.zeros(len(propagators), dtype=CLASS)
         self._propagators = list(propagators)
@@ -126,7 +142,6 @@ class ClassTable:
         self.probed: list[Array] = []
         for c, (propagator, flat, probe) in enumerate(zip(propagators, channels, probes, strict=True)):
             self._fixed(c, propagator, flat, probe)
-            self.rows[c]["awake_from"] = awake_from[c]
 
     def _point(self, c: int, name: str, array: NDArray[Any]) -> None:
         self._alive[c].append(array)
@@ -164,8 +179,10 @@ class ClassTable:
         shape, m = factor.symbolic, flat.shape[1]
         row["n"], row["m"], row["n_inner"], row["n_channel"] = propagator.n_dof, m, len(ops.dofs), len(flat)
         row["n_interior"], row["n_super"] = shape.n_interior, len(shape.first) - 1
+        live = np.flatnonzero(ops.compliance.any(axis=1)).astype(np.int64)  # the others cannot move
+        row["n_live"] = len(live)
         row["n_massless"], row["tallest"] = len(ops.massless), factor.tallest
-        row["single"], row["grouped"] = factor.dtype == np.float32, factor.grouped
+        row["grouped"] = factor.grouped
         row["n_rows"], row["n_panels"] = len(shape.rows), factor.panels.size
         for name, array in (
             ("routines", routines(factor.dtype)), ("first", shape.first), ("row_start", shape.row_start),
@@ -173,21 +190,22 @@ class ClassTable:
             ("order", shape.order),
             ("dofs", ops.dofs), ("area", ops.area), ("massless", ops.massless.astype(np.int64)),
             ("k", np.ascontiguousarray(propagator.k[:, 0])),
-            ("channels", np.ascontiguousarray(flat)),
+            ("live", live), ("channels", np.ascontiguousarray(flat)),
         ):  # fmt: skip
             self._point(c, name, array)
         for name, matrix in (("mass", ops.mass), ("stiffness", ops.stiffness), ("damping", ops.damping)):
             self._symmetric(c, name, matrix, whole=m > 1)
-        self._products(c, propagator)
+        self._products(c, propagator, live, m)
         self._matrix(c, "probe", probe)
         row["n_probe"] = 0 if probe is None else probe.shape[0]
-        kind = np.float32 if factor.dtype == np.float32 else np.float64
-        self._point(c, "below", np.zeros((factor.tallest + 1, m), dtype=kind))
+        self._point(c, "below", np.zeros((factor.tallest + 1, m)))
         for name in _SCRATCH:
             size = {"inner": row["n_inner"], "inner_answer": row["n_inner"], "free_a": row["n_inner"]}.get(
                 name, row["n_channel"] if name in ("w_free", "channel", "answer") else row["n"]
             )
             self._point(c, name, np.zeros((int(size), m)))
+        for name in ("vectors", "answers"):
+            self._point(c, name, np.zeros((4 * m, len(live))))
         self._state.append({name: np.zeros((int(row["n"]), m)) for name in _STATE})
         self._rest.append(np.zeros(1, dtype=np.int64))
         for name in _STATE:
@@ -195,14 +213,16 @@ class ClassTable:
         self._point(c, "rest", self._rest[c])
         self.probed.append(np.zeros((0, 0, m)))
 
-    def _products(self, c: int, propagator: DirectPropagator | March[Any]) -> None:
-        """Matrices of the interface, as diagonals or dense where they are."""
-        row, ops, response = self.rows[c], propagator.operators, propagator.response
+    def _products(self, c: int, propagator: DirectPropagator | March[Any], live: Index, m: int) -> None:
+        """Matrices of the interface, as diagonals or tables where they are."""
+        row, ops = self.rows[c], propagator.operators
+        response = propagator.response[np.ix_(live, live)] / ops.area[live]
+        compliance = ops.compliance[np.ix_(live, live)]
         row["plain_inverse"] = plain = _is_diagonal(ops.factor.schur_inverse)
-        self._point(c, "schur_inverse", _table(ops.factor.schur_inverse, plain))
-        row["plain_response"] = plain = _is_diagonal(response) and _is_diagonal(ops.compliance)
-        self._point(c, "response", _table(response, plain))
-        self._point(c, "compliance", _table(ops.compliance, plain))
+        self._point(c, "schur_inverse", _rows(ops.factor.schur_inverse, m, plain))
+        row["plain_response"] = plain = _is_diagonal(response) and _is_diagonal(compliance)
+        self._point(c, "response", _rows(response, m, plain))
+        self._point(c, "compliance", _rows(compliance, m, plain))
         if isinstance(ops.trace, np.ndarray):
             row["dense_trace"] = 1
             self._point(c, "trace_table", np.ascontiguousarray(ops.trace))
@@ -217,6 +237,7 @@ class ClassTable:
             forcing = propagator.forcing
             constant, terms = forcing.sums(propagator.members[0].trace)
             self._point(c, "constant", constant)
+            self.rows[c]["driven"] = forcing.moves or constant.any()
             for name, sums in terms.items():
                 amplitudes = sums.amplitudes
                 if propagator.scheme.explicit:  # loads act with their mean over the step
@@ -252,5 +273,5 @@ def _is_diagonal(matrix: Array) -> bool:
     return int(np.count_nonzero(matrix)) == int(np.count_nonzero(np.diagonal(matrix)))
 
 
-def _table(matrix: Array, diagonal: bool) -> Array:
-    return np.ascontiguousarray(np.diagonal(matrix) if diagonal else matrix)
+def _rows(matrix: Array, m: int, diagonal: bool) -> Array:
+    return np.ascontiguousarray(np.diagonal(matrix)) if diagonal else packed_rows(matrix, m)

@@ -82,7 +82,8 @@ def first_guess(classes: Any, flat: Any, work: Any, instant: int) -> None:
 @kernel
 def accept(flat: Any, work: Any) -> None:
     """Bring the largest indicator of each interface up to date."""
-    share = np.zeros(len(work.interface_indicator))
+    share = work.shares
+    share[:] = 0.0
     for j in range(len(work.q)):
         share[flat.interface[j]] += flat.weights[0, j] * work.residual[j] * work.residual[j]
     for i in range(len(share)):

@@ -19,33 +19,44 @@ Array = NDArray[np.float64]
 def mismatch(classes: Any, flat: Any, work: Any, limits: Any, reached: Array) -> float:
     """Largest relative force mismatch; ``reached`` (3,) scales that the iterate would leave (its last two here).
 
-    Columns of the products with C: tractions and half residuals, normal and (where there are any) tangential.
+    Products with C: tractions and half residuals, normal and (where there are any) tangential.
     """
     reached[1], reached[2] = work.scales[1], work.scales[2]
     parts = 1 + limits.tangential
-    total = np.zeros(2 * parts)
+    total = work.norms
+    total[:] = 0.0
     for c in range(len(classes)):
         row = classes[c]
-        n, m = row.n_channel, row.m
+        n, m = row.n_live, row.m
         if n == 0:
             continue
-        channels = integers(row.channels, n * m)
-        vectors = np.zeros((n, m * 2 * parts))
+        channels, live = integers(row.channels, row.n_channel * m), integers(row.live, n)
+        vectors = table_of_floats(row.vectors, 4 * m, n)
         for i in range(n):
             for j in range(m):
-                at = channels[i * m + j]
-                part = 0 if flat.normal[at] == 1 else 1
-                column = (j * parts + part) * 2
-                vectors[i, column] = flat.area[at] * work.f_hat[at]
-                vectors[i, column + 1] = 0.5 * flat.area[at] * work.residual[at]
+                at = channels[live[i] * m + j]
+                force, half = flat.area[at] * work.f_hat[at], 0.5 * flat.area[at] * work.residual[at]
+                normal = flat.normal[at] == 1
+                vectors[4 * j, i] = force if normal else 0.0
+                vectors[4 * j + 1, i] = half if normal else 0.0
+                vectors[4 * j + 2, i] = 0.0 if normal else force
+                vectors[4 * j + 3, i] = 0.0 if normal else half
         if row.plain_response == 1:
-            answer = floats(row.compliance, n).reshape(n, 1) * vectors
-        else:
-            answer = np.dot(table_of_floats(row.compliance, n, n), vectors)
-        for i in range(n):
-            for j in range(m):
-                for e in range(2 * parts):
-                    total[e] += vectors[i, j * 2 * parts + e] * answer[i, j * 2 * parts + e]
+            diagonal = floats(row.compliance, n)
+            for line in range(4 * m):
+                for i in range(n):
+                    total[line % 4] += diagonal[i] * vectors[line, i] * vectors[line, i]
+            continue
+        if m == 1:
+            four_norms(n, floats(row.compliance, n * (n + 1) // 2), vectors, total)
+            continue
+        answer = table_of_floats(row.answers, 4 * m, n)
+        np.dot(vectors, table_of_floats(row.compliance, n, n), answer)
+        for line in range(4 * m):
+            work_done = 0.0
+            for i in range(n):
+                work_done += vectors[line, i] * answer[line, i]
+            total[line % 4] += work_done
     for part in range(parts):
         reached[1 + part] = max(reached[1 + part], np.sqrt(max(total[2 * part], 0.0)))
     reached[2] = max(reached[2], limits.tangential_floor * reached[1])
@@ -53,6 +64,27 @@ def mismatch(classes: Any, flat: Any, work: Any, limits: Any, reached: Array) ->
     for part in range(parts):
         worst = max(worst, np.sqrt(max(total[2 * part + 1], 0.0)) / reached[1 + part])
     return worst
+
+
+@kernel
+def four_norms(n: int, a: Array, x: Array, total: Array) -> None:
+    """total (4,) += x A x for the four rows of x (4, n), A packed (see ``substructure.packed_product``)."""
+    x0, x1, x2, x3 = x[0], x[1], x[2], x[3]
+    at = 0
+    for i in range(n):
+        line = a[at : at + i]
+        t0 = t1 = t2 = t3 = 0.0
+        for j in range(i):
+            t0 += line[j] * x0[j]
+            t1 += line[j] * x1[j]
+            t2 += line[j] * x2[j]
+            t3 += line[j] * x3[j]
+        corner = a[at + i]
+        total[0] += x0[i] * (2.0 * t0 + corner * x0[i])
+        total[1] += x1[i] * (2.0 * t1 + corner * x1[i])
+        total[2] += x2[i] * (2.0 * t2 + corner * x2[i])
+        total[3] += x3[i] * (2.0 * t3 + corner * x3[i])
+        at += i + 1
 
 
 @kernel

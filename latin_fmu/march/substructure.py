@@ -107,11 +107,37 @@ def add_terms(
 
 @kernel
 def dense(n: int, matrix_at: int, m: int, x: Array, out: Array) -> None:
-    """out = A x for A (n, n), x and out (n m,)."""
+    """out = A x for symmetric dense A, x and out (n m,): A packed for one member (``packed_product``), else whole."""
     if m == 1:
-        np.dot(table_of_floats(matrix_at, n, n), x, out)
+        packed_product(n, floats(matrix_at, n * (n + 1) // 2), x, out)
     else:
         np.dot(table_of_floats(matrix_at, n, n), x.reshape(n, m), out.reshape(n, m))
+
+
+@kernel
+def packed_product(n: int, a: Array, x: Array, out: Array) -> None:
+    """out = A x, A given by the rows of its lower triangle one after the other: half the memory to read, which is
+    what a product with a matrix that does not stay in the cache costs. Two rows at a time."""
+    at, i = 0, 0
+    while i + 2 <= n:
+        first, second = a[at : at + i], a[at + i + 1 : at + 2 * i + 1]
+        corner, below, last = a[at + i], a[at + 2 * i + 1], a[at + 2 * i + 2]
+        x0, x1 = x[i], x[i + 1]
+        t0, t1 = corner * x0 + below * x1, below * x0 + last * x1
+        known, into = x[:i], out[:i]
+        for j in range(i):
+            t0 += first[j] * known[j]
+            t1 += second[j] * known[j]
+            into[j] += first[j] * x0 + second[j] * x1
+        out[i], out[i + 1] = t0, t1
+        at += 2 * i + 3
+        i += 2
+    if i < n:
+        first, t0 = a[at : at + i], a[at + i] * x[i]
+        for j in range(i):
+            t0 += first[j] * x[j]
+            out[j] += first[j] * x[i]
+        out[i] = t0
 
 
 @kernel
@@ -153,26 +179,14 @@ def add_spread(row: Any, x: Array, out: Array) -> None:
 
 
 @kernel
-def resting(row: Any, instant: int) -> bool:
-    """Whether the class does not move up to this instant: not loaded so far, or no wave can be there yet."""
-    if instant < row.awake_from:
-        return True
-    if integers(row.rest, 1)[0] == 0:
+def resting(row: Any, scheme: Any, instant: int) -> bool:
+    """Whether the class has not moved, and nothing but its interfaces drives it at this instant."""
+    if row.driven == 1 or scheme.rest_traction < 0.0 or integers(row.rest, 1)[0] == 0:
         return False
-    size = row.n * row.m
-    constant = floats(row.constant, size)
-    for i in range(size):
-        if constant[i] != 0.0:
+    amplitude = floats(row.force_amplitudes + 8 * row.force_n * instant, row.force_n)
+    for t in range(row.force_n):  # noqa: SIM110, kernels have no generators
+        if amplitude[t] != 0.0:
             return False
-    for n, amplitudes_at in (
-        (row.force_n, row.force_amplitudes), (row.inertia_n, row.inertia_amplitudes),
-        (row.velocity_n, row.velocity_amplitudes),
-    ):  # fmt: skip
-        if n > 0:
-            amplitude = floats(amplitudes_at + 8 * n * instant, n)
-            for t in range(n):
-                if amplitude[t] != 0.0:
-                    return False
     return True
 
 
@@ -183,7 +197,7 @@ def predict(row: Any, scheme: Any, instant: int) -> None:
     u, v, a = floats(row.u, size), floats(row.v, size), floats(row.a, size)
     u_free, v_free, load = floats(row.u_free, size), floats(row.v_free, size), floats(row.load, size)
     free_a, w_free = floats(row.free_a, n_inner * m), floats(row.w_free, n_channel * m)
-    if resting(row, instant):
+    if resting(row, scheme, instant):
         u_free[:] = 0.0
         v_free[:] = 0.0
         free_a[:] = 0.0
@@ -256,17 +270,25 @@ def predict(row: Any, scheme: Any, instant: int) -> None:
 @kernel
 def respond(row: Any, q: Array, w: Array) -> None:
     """W at the channels of the class for q, both flat over the assembly."""
-    m, n_channel = row.m, row.n_channel
-    size = n_channel * m
-    channels, k = integers(row.channels, size), floats(row.k, n_channel)
-    w_free, incoming, answer = floats(row.w_free, size), floats(row.channel, size), floats(row.answer, size)
-    for i in range(n_channel):
+    m, n_live = row.m, row.n_live
+    size = n_live * m
+    channels, live = integers(row.channels, row.n_channel * m), integers(row.live, n_live)
+    k, area, w_free = (
+        floats(row.k, row.n_channel),
+        floats(row.area, row.n_channel),
+        floats(row.w_free, row.n_channel * m),
+    )
+    incoming, answer = floats(row.channel, size), floats(row.answer, size)
+    for i in range(n_live):
         for j in range(m):
-            at = i * m + j
-            incoming[at] = q[channels[at]] - k[i] * w_free[at]
-    product(n_channel, row.response, row.plain_response, m, incoming, answer)
-    for at in range(size):
-        w[channels[at]] = w_free[at] + answer[at]
+            at = live[i] * m + j
+            incoming[i * m + j] = area[live[i]] * (q[channels[at]] - k[live[i]] * w_free[at])
+    product(n_live, row.response, row.plain_response, m, incoming, answer)
+    for at in range(row.n_channel * m):
+        w[channels[at]] = w_free[at]
+    for i in range(n_live):
+        for j in range(m):
+            w[channels[live[i] * m + j]] += answer[i * m + j]
 
 
 @kernel
@@ -275,13 +297,14 @@ def commit(row: Any, scheme: Any, instant: int, traction: Array) -> int:
     n, m, n_inner, n_channel = row.n, row.m, row.n_inner, row.n_channel
     size = n * m
     channels, area = integers(row.channels, n_channel * m), floats(row.area, n_channel)
-    nodal, pushed = floats(row.channel, n_channel * m), False
+    nodal, largest = floats(row.channel, n_channel * m), 0.0
     for i in range(n_channel):
         for j in range(m):
-            nodal[i * m + j] = area[i] * traction[channels[i * m + j]]
-            pushed = pushed or nodal[i * m + j] != 0.0
-    if resting(row, instant):
-        if instant < row.awake_from or not pushed:
+            now = traction[channels[i * m + j]]
+            nodal[i * m + j] = area[i] * now
+            largest = max(largest, abs(now))
+    if resting(row, scheme, instant):
+        if largest <= scheme.rest_traction:
             return 0
         floats(row.sweep, size)[:] = 0.0
     rest = integers(row.rest, 1)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..propagator.cholesky.sweeps import backward_many, backward_one, forward_many, forward_one
-from .views import floats, integers, kernel, singles, table_of_floats, table_of_singles
+from .views import floats, integers, kernel, table_of_floats
 
 Array = NDArray[np.float64]
 
@@ -19,34 +19,19 @@ def forward(row: Any, load: Array) -> None:
     n, m, n_interior, n_inner = row.n, row.m, row.n_interior, row.n_inner
     first, row_start = integers(row.first, row.n_super + 1), integers(row.row_start, row.n_super + 1)
     rows, panel_start = integers(row.rows, row.n_rows), integers(row.panel_start, row.n_super + 1)
-    order, inner = integers(row.order, n), floats(row.inner, n_inner * m)
-    grouped = row.grouped == 1
+    order, panels = integers(row.order, n), floats(row.panels, row.n_panels)
     if m == 1:
-        x = floats(row.sweep, n)
-        if row.single == 1:
-            short = singles(row.panels, row.n_panels)
-            forward_one(grouped, first, row_start, rows, panel_start, short, order, load, x)
-        else:
-            panels = floats(row.panels, row.n_panels)
-            forward_one(grouped, first, row_start, rows, panel_start, panels, order, load, x)
-        for i in range(n_inner):
-            inner[i] = x[n_interior + i]
-        return
-    b, routine = load.reshape(n, m), integers(row.routines, 6)
-    if row.single == 1:
-        short, y = singles(row.panels, row.n_panels), table_of_singles(row.sweep, n, m)
-        room = table_of_singles(row.below, row.tallest + 1, m)
-        forward_many(routine, np.float32(1.0), first, row_start, rows, panel_start, short, order, b, y, room)
-        for i in range(n_inner):
-            for j in range(m):
-                inner[i * m + j] = y[n_interior + i, j]
+        swept = floats(row.sweep, n)
+        forward_one(row.grouped == 1, first, row_start, rows, panel_start, panels, order, load, swept)
     else:
-        panels, z = floats(row.panels, row.n_panels), table_of_floats(row.sweep, n, m)
-        space = table_of_floats(row.below, row.tallest + 1, m)
-        forward_many(routine, 1.0, first, row_start, rows, panel_start, panels, order, b, z, space)
-        for i in range(n_inner):
-            for j in range(m):
-                inner[i * m + j] = z[n_interior + i, j]
+        x, space = table_of_floats(row.sweep, n, m), table_of_floats(row.below, row.tallest + 1, m)
+        routine = integers(row.routines, 6)
+        forward_many(
+            routine, 1.0, first, row_start, rows, panel_start, panels, order, load.reshape(n, m), x, space
+        )
+    inner, last = floats(row.inner, n_inner * m), floats(row.sweep, n * m)
+    for i in range(n_inner * m):
+        inner[i] = last[n_interior * m + i]
 
 
 @kernel
@@ -55,30 +40,16 @@ def backward(row: Any, last: Array, out: Array) -> None:
     n, m, n_interior, n_inner = row.n, row.m, row.n_interior, row.n_inner
     first, row_start = integers(row.first, row.n_super + 1), integers(row.row_start, row.n_super + 1)
     rows, panel_start = integers(row.rows, row.n_rows), integers(row.panel_start, row.n_super + 1)
-    order = integers(row.order, n)
-    grouped = row.grouped == 1
+    order, panels = integers(row.order, n), floats(row.panels, row.n_panels)
     if m == 1:
         x = floats(row.sweep, n)
-        y = x[:n_interior]
-        if row.single == 1:
-            short = singles(row.panels, row.n_panels)
-            backward_one(grouped, first, row_start, rows, panel_start, short, order, y, last, x, out)
-        else:
-            panels = floats(row.panels, row.n_panels)
-            backward_one(grouped, first, row_start, rows, panel_start, panels, order, y, last, x, out)
-        return
-    x_last, found, routine = last.reshape(n_inner, m), out.reshape(n, m), integers(row.routines, 6)
-    if row.single == 1:
-        short, t = singles(row.panels, row.n_panels), table_of_singles(row.sweep, n, m)
-        room = table_of_singles(row.below, row.tallest + 1, m)
-        backward_many(
-            routine, np.float32(1.0), first, row_start, rows, panel_start, short, order,
-            t[:n_interior], x_last, t, room, found,
-        )  # fmt: skip
+        backward_one(
+            row.grouped == 1, first, row_start, rows, panel_start, panels, order, x[:n_interior], last, x, out
+        )
     else:
-        panels, z = floats(row.panels, row.n_panels), table_of_floats(row.sweep, n, m)
-        space = table_of_floats(row.below, row.tallest + 1, m)
+        z, space = table_of_floats(row.sweep, n, m), table_of_floats(row.below, row.tallest + 1, m)
+        routine = integers(row.routines, 6)
         backward_many(
             routine, 1.0, first, row_start, rows, panel_start, panels, order,
-            z[:n_interior], x_last, z, space, found,
+            z[:n_interior], last.reshape(n_inner, m), z, space, out.reshape(n, m),
         )  # fmt: skip

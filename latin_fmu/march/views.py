@@ -40,7 +40,7 @@ def _pointer_to(item: Any) -> Any:
     return cast(Any, intrinsic)(typed)
 
 
-_float64, _float32 = _pointer_to(types.float64), _pointer_to(types.float32)
+_float64 = _pointer_to(types.float64)
 _int64, _uint32 = _pointer_to(types.int64), _pointer_to(types.uint32)
 
 
@@ -54,18 +54,6 @@ def floats(address: int, n: int) -> Any:
 def table_of_floats(address: int, rows: int, columns: int) -> Any:
     """The (rows, columns) float64 array at an address."""
     return carray(_float64(address), (rows, columns))
-
-
-@kernel
-def singles(address: int, n: int) -> Any:
-    """The (n,) float32 array at an address."""
-    return carray(_float32(address), (n,))
-
-
-@kernel
-def table_of_singles(address: int, rows: int, columns: int) -> Any:
-    """The (rows, columns) float32 array at an address."""
-    return carray(_float32(address), (rows, columns))
 
 
 @kernel
@@ -89,7 +77,7 @@ def address(array: NDArray[Any]) -> int:
     """
     if not array.flags.c_contiguous:
         raise ValueError(f"an array of shape {array.shape} is not contiguous; make a contiguous copy first")
-    return int(array.ctypes.data)
+    return int(array.__array_interface__["data"][0])
 
 
 def record(fields: list[str]) -> np.dtype[Any]:

@@ -30,14 +30,14 @@ class Coefficients(NamedTuple):
     w_v: float
     u_late: float  # weight of the free velocity in the new displacement
     gap_lead: float
+    rest_traction: float  # see ``latin.resting``
 
 
-def coefficients(scheme: TimeScheme, dt: float) -> Coefficients:
+def coefficients(scheme: TimeScheme, dt: float, rest_traction: float) -> Coefficients:
     """Read the factors off the scheme's own functions, which are linear."""
     zero, one = np.zeros(1), np.ones(1)
-    late = (
-        0.5 * dt if scheme.explicit else 0.0
-    )  # half of the step is made before the forces are known, half after
+    # explicit: half of the step is made before the forces are known, half after
+    late = 0.5 * dt if scheme.explicit else 0.0
     u_v, _ = scheme.predict(zero, one, zero, dt)
     u_a, v_a = scheme.predict(zero, zero, one, dt)
     reached = [scheme.interface_velocity(u_old, u, v, dt) for u_old, u, v in np.eye(3)[:, :, None]]
@@ -45,7 +45,7 @@ def coefficients(scheme: TimeScheme, dt: float) -> Coefficients:
         dt, float(u_v[0]) - late, float(u_a[0]), float(v_a[0]), scheme.velocity_gain(dt), scheme.displacement_gain(dt),
         scheme.interface_gain(dt), scheme.force_weight, scheme.memory_weight,
         float(reached[0][0]), float(reached[1][0]), float(reached[2][0]),
-        late, scheme.gap_lead(dt),
+        late, scheme.gap_lead(dt), rest_traction,
     )  # fmt: skip
 
 
@@ -109,6 +109,8 @@ class Work(NamedTuple):
     dr: Array
     gram: Array  # (depth, depth)
     scales: Array  # field, normal force, tangential force
+    norms: Array  # (4,)
+    shares: Array  # (n_interface,)
     interface_indicator: Array  # (n_interface,)
     marched: Index  # (2,) substructure-instants marched, and solved through the condensed operator
 
@@ -119,5 +121,5 @@ def make_work(n_flat: int, n_interface: int, depth: int, max_iterations: int) ->
         np.zeros(n_flat), np.zeros(n_flat), np.zeros(n_flat), np.zeros(n_flat), np.zeros(n_flat), np.zeros(n_flat),
         np.zeros(n_flat), np.zeros(n_flat), np.zeros(n_flat), np.zeros(n_flat), np.zeros(max_iterations),
         np.zeros((depth, 1, n_flat)), np.zeros((depth, 1, n_flat)), np.zeros((depth, depth)), np.zeros(3),
-        np.zeros(n_interface), np.zeros(2, dtype=np.int64),
+        np.zeros(4), np.zeros(n_interface), np.zeros(n_interface), np.zeros(2, dtype=np.int64),
     )  # fmt: skip

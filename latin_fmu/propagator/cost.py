@@ -15,8 +15,7 @@ from typing import Literal
 import numpy as np
 
 from ..compiled import COMPILES
-from .model import SubstructureModel
-from .operators import reduced_rank
+from .model import SubstructureModel, reduced_rank
 from .settings import Kind
 
 BYTES_PER_SECOND = 18e9  # operators read

@@ -105,13 +105,22 @@ class SubstructureModel:
         assert self.mass is not None, "a model without inertia has no mass"
         return self.mass
 
+    @cached_property
+    def at_interface(self) -> tuple[NDArray[np.int64], sp.csr_array, Array | None]:
+        """Reduced dofs that the channels see (n_gamma,), the trace from them (n_channel, n_gamma), and the elimination
+        rank of the reduced dofs (n,) where the ordering is known."""
+        trace = sp.csc_array(self.trace @ self.expansion)
+        dofs = np.flatnonzero(np.diff(trace.indptr)).astype(np.int64)
+        rank = None if self.ordering is None else reduced_rank(self.expansion, self.ordering)
+        return dofs, sp.csr_array(trace[:, dofs]), rank
+
     def _reduce(self, matrix: sp.csr_array) -> sp.csr_array:
         return sp.csr_array(self.expansion.T @ matrix @ self.expansion)
 
     def with_factor(self, kind: FactorKind) -> SubstructureModel:
         """The same model, factorised in another way; what was reduced already is kept."""
         other = replace(self, factor=kind)
-        for key in ("reduced", "reduced_stiffness"):
+        for key in ("reduced", "reduced_stiffness", "at_interface"):
             if key in self.__dict__:
                 other.__dict__[key] = self.__dict__[key]
         return other
@@ -120,3 +129,11 @@ class SubstructureModel:
         """Vectors at the nodes (n_node, 3) of full dofs (n_full,)."""
         values = full if self.nodal is None else self.nodal @ full
         return values.reshape(-1, 3)
+
+
+def reduced_rank(expansion: sp.csr_array, rank: Array) -> Array:
+    """Elimination rank of the reduced dofs: the last of the full dofs that they stand for."""
+    coo = expansion.tocoo()
+    reduced = np.zeros(expansion.shape[1])
+    np.maximum.at(reduced, coo.coords[1], rank[coo.coords[0]])
+    return reduced

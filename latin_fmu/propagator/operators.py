@@ -46,22 +46,18 @@ class Operators:
 
 def build_operators(model: SubstructureModel, scheme: TimeScheme, dt: float) -> Operators:
     """Factorise and condense (once per class and time step)."""
-    p = model.expansion
     mass, damping, stiffness = model.reduced
     c_mass, c_damping, c_stiffness = scheme.operator(dt)
     a = c_mass * mass + c_stiffness * stiffness
     if damping is not None:
         a = a + c_damping * damping
-    trace = sp.csc_array(model.trace @ p)
-    dofs = np.flatnonzero(np.diff(trace.indptr)).astype(np.int64)
-    rank = None if model.ordering is None else reduced_rank(p, model.ordering)
+    dofs, local, rank = model.at_interface
     matrix = sp.csr_array(a)
     factor: InterfaceFactor
     if model.factor == "cg":
         factor = IterativeFactor(matrix, dofs)
     else:
         factor = interface_factor(matrix, dofs, rank, np.dtype(model.factor))
-    local = sp.csr_array(trace[:, dofs])
     gain = scheme.interface_gain(dt) * scheme.force_weight
     compliance = gain * (local @ (local @ factor.schur_inverse).T)
     return Operators(
@@ -75,11 +71,3 @@ def build_operators(model: SubstructureModel, scheme: TimeScheme, dt: float) -> 
         0.5 * (compliance + compliance.T),
         np.flatnonzero(mass.diagonal() <= 0.0),
     )
-
-
-def reduced_rank(expansion: sp.csr_array, rank: Array) -> Array:
-    """Elimination rank of the reduced dofs: the last of the full dofs that they stand for."""
-    coo = expansion.tocoo()
-    reduced = np.zeros(expansion.shape[1])
-    np.maximum.at(reduced, coo.coords[1], rank[coo.coords[0]])
-    return reduced

@@ -18,10 +18,9 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
-import scipy.sparse.linalg as spla
 
-from .model import Array, SubstructureModel
-from .modes import SILENT, lowest_modes, strongest_modes
+from .model import Array, SubstructureModel, reduced_rank
+from .modes import SILENT, Vibration, lowest_modes, strongest_modes
 
 _DEPENDENT = 1e-9  # squared norm of what a static answer adds to the basis, against its own
 
@@ -75,7 +74,7 @@ def reduce_model(
 
     Raises
     ------
-    ValueError : a negative number of modes, shapes of another size, a direction without mass.
+    ValueError : a negative number of modes, shapes of another size, a direction without mass, nothing free to move.
     """
     if n_mode < 0:
         raise ValueError(f"the number of modes must be >= 0, not {n_mode}")
@@ -86,17 +85,19 @@ def reduce_model(
     mass, stiffness = (sp.csr_array(e.T @ m @ e) for m in (model.inertia, model.stiffness))
     if (mass.diagonal() <= 0.0).any():
         raise ValueError("some free directions carry no mass")
+    if not mass.shape[0]:
+        raise ValueError("nothing is free to move")
+    body = Vibration(stiffness, mass, None if model.ordering is None else reduced_rank(e, model.ordering))
     once = 1.0 / np.maximum(np.asarray(e.sum(axis=0)).ravel(), 1.0)
     start = [once * (e.T @ model.displacement), once * (e.T @ model.velocity)]
     forces = _forces(model, shapes)
     excited = _unit(np.column_stack([forces, mass @ np.column_stack(start)]))
     if exciting is None:
-        rigid, modes = lowest_modes(stiffness, mass, n_mode, excited)
+        rigid, modes = lowest_modes(body, n_mode, excited)
     else:
-        rigid, modes = strongest_modes(stiffness, mass, n_mode, _forces(model, exciting))
+        rigid, modes = strongest_modes(body, n_mode, _forces(model, exciting))
     kept = np.column_stack([rigid, modes])
-    static = _static(stiffness, mass, rigid, forces)
-    elastic = np.column_stack([modes, _added(static, kept, mass)])
+    elastic = np.column_stack([modes, _added(body.static(rigid, forces), kept, mass)])
     eigenvalues, turn = la.eigh(elastic.T @ (stiffness @ elastic))
     q = np.column_stack([_leaning(rigid, excited), elastic @ turn])
     q = q * _signs(q)
@@ -136,20 +137,6 @@ def _leaning(rigid: Array, excited: Array) -> Array:
     turned, strength, _ = la.svd(rigid.T @ excited, full_matrices=False)
     leaning: Array = rigid @ turned[:, strength > SILENT * np.linalg.norm(rigid, axis=0).max()]
     return leaning
-
-
-def _static(stiffness: sp.csr_array, mass: sp.csr_array, rigid: Array, forces: Array) -> Array:
-    """Static answers, orthogonal to the rigid motions in the mass.
-
-    K x + M R a = b, R^T M x = 0: the multipliers a are the accelerations that balance b (inertia relief).
-    """
-    count = rigid.shape[1]
-    border = sp.csc_array((mass @ rigid) * np.sqrt(stiffness.trace() / mass.trace()))
-    beside = sp.hstack([stiffness, border])
-    below = sp.hstack([border.T, sp.csc_array((count, count))])
-    matrix = sp.csc_array(sp.vstack([beside, below]))
-    solved: Array = spla.splu(matrix).solve(np.vstack([forces, np.zeros((count, forces.shape[1]))]))
-    return solved[: stiffness.shape[0]]
 
 
 def _added(static: Array, kept: Array, mass: sp.csr_array) -> Array:

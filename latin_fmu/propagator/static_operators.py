@@ -18,12 +18,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg as la
+import scipy.linalg.lapack as lapack
 import scipy.sparse as sp
 
 from .cholesky import InterfaceFactor, interface_factor
 from .condensed import Index
-from .model import Array, SubstructureModel
-from .operators import reduced_rank
+from .model import Array, SubstructureModel, reduced_rank
 
 
 @dataclass(frozen=True)
@@ -61,10 +61,16 @@ class StaticOperators:
         ------
         numpy.linalg.LinAlgError : springs that leave the body free to move.
         """
+        if not len(self.dofs):
+            return np.zeros((0, 0))
         shift = self.trace.T @ sp.diags_array(self.area * (k - self.springs)) @ self.trace
-        factor = la.cho_factor(self.factor.schur + shift.toarray(), lower=True)
-        inverse: Array = la.cho_solve(factor, np.eye(len(self.dofs)))
-        return 0.5 * (inverse + inverse.T)
+        root, info = lapack.dpotrf((self.factor.schur + shift.toarray()).T, lower=0, overwrite_a=1)
+        if info:
+            raise la.LinAlgError("springs that leave the body free to move")
+        half, _ = lapack.dpotri(root, lower=0, overwrite_c=1)  # one triangle, zeros in the other
+        inverse: Array = half + half.T
+        inverse[np.diag_indices_from(inverse)] *= 0.5
+        return inverse
 
 
 def build_static_operators(model: SubstructureModel, springs: Array, dt: float) -> StaticOperators:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -98,12 +99,24 @@ class Prepared:
         """What drives the substructures."""
         return Timeline(self.scene, self.conditions)
 
+    @cached_property
+    def impedance(self) -> Array:
+        """Impedance of the side of every channel (see ``Assembly``)."""
+        side = side_stiffness if isinstance(self.scheme, QuasiStatic) else side_impedance
+        return side(self.bodies, self.units, self.layout)
+
+    @cached_property
+    def characteristic_traction(self) -> float:
+        """Size of the tractions the loads can bring, Pa."""
+        size = static_traction if isinstance(self.scheme, QuasiStatic) else characteristic_traction
+        return size(self.scene, self.bodies, self.time)
+
     def build(self) -> Built:
         """Factorise and condense the substructures and tie them together."""
         scene, scheme, layout, units = self.scene, self.scheme, self.layout, self.units
         settings, without_factor = chosen_propagators(scene, self.classes)
         static = isinstance(scheme, QuasiStatic)
-        impedance = (side_stiffness if static else side_impedance)(self.bodies, units, layout)
+        impedance = self.impedance.copy()
         propagators: list[Propagator] = []
         for c in self.classes:
             twin = None if c.twin is None else propagators[c.twin]
@@ -115,9 +128,14 @@ class Prepared:
         if problems := unstable_steps(propagators, scene, self.dt):
             raise SceneError(problems, "the scene cannot be built")
         assembly = Assembly(
-            propagators, [c.channels for c in self.classes], units, layout, impedance,
-            (static_traction if static else characteristic_traction)(scene, self.bodies, self.time), scheme,
-        )  # fmt: skip
+            propagators,
+            [c.channels for c in self.classes],
+            units,
+            layout,
+            impedance,
+            self.characteristic_traction,
+            scheme,
+        )
         level = {"off": -1.0, "exact": 0.0, "tolerance": REST * scene.solver.tolerance}[
             scene.solver.skip_at_rest
         ]

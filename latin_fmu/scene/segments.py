@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
+from ..blas_threads import one_thread
 from ..fem.mesh import Array
 from ..latin.assembly import GroundState
 from ..latin.blob import decode, encode
@@ -71,7 +71,7 @@ class SegmentedRun:
 
     def __init__(self, scene: Scene, tolerance: float | None = None) -> None:
         self.scene = scene
-        with threadpool_limits(1):
+        with one_thread():
             self.built = build(scene)
         if tolerance is not None:
             factor = tolerance / self.built.settings.tolerance
@@ -106,7 +106,7 @@ class SegmentedRun:
         """
         before = None if self._run is None else self._tree()
         time = np.linspace(self.time, end, n + 1)
-        with threadpool_limits(1):
+        with one_thread():
             segment = self._solve(time, loads or {})
         if not segment.converged and (not accept or self._stopped()):
             if before is None:
@@ -195,7 +195,7 @@ class SegmentedRun:
         if self._run is None:  # not started yet: a start gives it what a run needs
             assembly = self.built.assembly
             recorder = Recorder(assembly, self.built.wanted, self.built.info)
-            with threadpool_limits(1):
+            with one_thread():
                 self.built.timeline.begin(assembly, assembly.time, {}, self._ground)
                 self._run = Run(assembly, self.built.settings, recorder, self.timings)
         self._resume(tree)

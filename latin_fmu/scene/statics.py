@@ -21,21 +21,28 @@ _HELD = 1e-10  # a rigid motion with less relative motion at interfaces than thi
 
 
 def side_stiffness(bodies: dict[str, Body], units: list[InterfaceUnit], layout: Layout) -> Array:
-    """Stiffness per area of the body behind every channel (n_flat,), Pa m-1, 0 on the ground: modulus over length,
-    lambda + 2 mu along the normal, mu along the face, the length that of the body along the normal."""
+    """Stiffness per area of the body behind every channel (n_flat,), Pa m-1, 0 on the ground: modulus over length, E
+    along the normal (lambda + 2 mu would make nearly incompressible bodies too stiff), mu along the face."""
     stiffness = np.zeros(layout.n_flat)
     for i, unit in enumerate(units):
         for side, face in enumerate(unit.sides):
             if face == GROUND:
                 continue
             body = bodies[split_face(face)[0]]
-            first, shear = lame(body.shape.material.young_modulus, body.shape.material.poisson_ratio)
-            along = body.mesh.nodes @ unit.geometry.frames[:, 0].mean(axis=0)
-            length = max(float(np.ptp(along)), 1e-3 * float(body.mesh.extent().max()))
+            material, length = body.shape.material, _length(body, unit)
             channels = layout.channels(i, side)
-            stiffness[channels[:, 0]] = (first + 2 * shear) / length
-            stiffness[channels[:, 1:]] = shear / length
+            stiffness[channels[:, 0]] = material.young_modulus / length
+            stiffness[channels[:, 1:]] = lame(material.young_modulus, material.poisson_ratio)[1] / length
     return stiffness
+
+
+def _length(body: Body, unit: InterfaceUnit) -> float:
+    """Size of a body behind an interface, m: along the normal; where the face is wider, the geometric mean with its
+    width, for the bending and the shear lag of thin bodies."""
+    normal = unit.geometry.frames[:, 0].mean(axis=0)
+    along = float(np.ptp(body.mesh.nodes @ normal))
+    along = max(along, 1e-3 * float(body.mesh.extent().max()))
+    return float(np.sqrt(along * max(along, np.sqrt(unit.geometry.areas.sum()))))
 
 
 def static_traction(scene: Scene, bodies: dict[str, Body], time: Array) -> float:

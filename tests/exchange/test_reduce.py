@@ -6,10 +6,14 @@ import numpy as np
 import pytest
 
 from latin_fmu.errors import SceneError
+from latin_fmu.exchange.bodies import bonded_bodies
+from latin_fmu.exchange.contacts import Cut
 from latin_fmu.exchange.equations import Equations
 from latin_fmu.exchange.patches import patches
 from latin_fmu.exchange.reduce import reduced_system
+from latin_fmu.exchange.static_check import deflections
 from latin_fmu.exchange.system import ReducedSystem
+from latin_fmu.scene.build import prepare
 
 from .scenes import SIZE, pair, rods, thrown
 
@@ -141,3 +145,45 @@ def test_rigid_bodies_have_no_modes():
     }
     with pytest.raises(SceneError, match=r"substructure\.lower\.rigid"):
         reduced_system(pair(substructure={"lower": rigid, "upper": upper}))
+
+
+def test_what_cannot_move_is_told():
+    held = {"type": "fixed"}
+    faces = ("zmin", "zmax", "xmin", "xmax", "ymin", "ymax")
+    box = {"size": [SIZE] * 3, "elements": [1, 1, 1]}
+    blocks = pair().model_dump()["substructure"]
+    blocks["lower"] = {"material": "steel", "box": box}
+    blocks["upper"] = {"material": "steel", "box": {"origin": [0.0, 0.0, SIZE], **box}}
+    boundary = {f"lower_{face}": {**held, "face": f"lower.{face}"} for face in faces}
+    with pytest.raises(SceneError, match="nothing of it is free to move"):
+        reduced_system(pair(substructure=blocks, boundary=boundary))
+    blocks["lower"]["box"] = {"size": [SIZE] * 3, "elements": [1, 1, 2]}
+    boundary = {n: {**held, "face": f"{n}.{f}"} for n, f in (("lower", "zmax"), ("upper", "zmin"))}
+    with pytest.raises(SceneError, match="neither side can move along the normal"):
+        reduced_system(pair(substructure=blocks, boundary=boundary))
+
+
+def test_patches_too_coarse_for_the_bending_are_refused():
+    """A thin plate pressed down along one edge of its bed: two patches below it do not hold what bends inside them."""
+    plate = {"origin": [0.0, 0.0, 0.0], "size": [0.04, 0.04, 0.002], "elements": [8, 8, 1]}
+    bed = {"origin": [0.0, 0.0, -0.01], "size": [0.04, 0.04, 0.01], "elements": [8, 8, 2]}
+    parts = {"plate": plate, "bed": bed}
+    scene = pair(
+        substructure={n: {"material": "steel", "box": box} for n, box in parts.items()},
+        interface={"rest": {"sides": ["bed.zmax", "plate.zmin"]}},
+        boundary={"ground": {"type": "fixed", "face": "bed.zmin"}},
+        load={"edge": {"face": "plate.xmax", "traction": [0.0, 0.0, -1e6]}},
+    )
+    with pytest.raises(SceneError, match=r"load\.edge: with contacts closed.*2 patches"):
+        reduced_system(scene, 6, 2)
+
+
+def test_patches_that_are_fine_enough_deflect_like_the_mesh():
+    """Loads that press whole faces: a per cent, with and without friction, against the ground too."""
+    scene = pair()
+    system = reduced_system(scene, 6, 4)
+    prepared = prepare(scene)
+    cuts = [Cut.of(i, u, 4) for i, u in enumerate(prepared.units)]
+    found = deflections(system, bonded_bodies(prepared), cuts)
+    assert list(found) == ["press"]
+    assert found["press"] == pytest.approx(1.0, abs=0.01)

@@ -109,7 +109,7 @@ def test_arrays_of_a_windowed_step(opened):
 
 def test_the_tolerance_of_the_host_is_taken(opened):
     host, session = opened("2"), Session(blocks(), Settings(tolerance=1e-6))
-    host.start(tolerance=1e-6)
+    host.start(tolerance=5e-6)  # a relative accuracy: the iteration leaves a tenth of it
     session.initialize()
     host.step(0.0, H)
     session.step(0.0, H)

@@ -256,7 +256,7 @@ def test_entries_that_are_no_numbers_are_refused(value: float) -> None:
 
 def test_model_operators(model: Callable[..., Any], kind: str) -> None:
     """Reduced operators as the march builds them: held, tied and driven dofs."""
-    from latin_fmu.propagator.operators import reduced_rank
+    from latin_fmu.propagator.model import reduced_rank
 
     m = model(kind).model
     p = m.expansion

@@ -194,3 +194,14 @@ def test_a_rigid_punch_is_held_in_place():
     assert force[[0, 2]] == pytest.approx(area * np.array([10e6, -50e6]), abs=1e-4 * 50e6 * area)
     top = solution.substructures["b2"].displacement[-1]
     assert -50e6 / 210e9 * SIZE[2] < top[:, 2].mean() < -0.5 * 50e6 / 210e9 * SIZE[2]
+
+
+def test_a_body_without_interfaces_stands_beside_the_others():
+    """It is solved with them, by itself: u_z = - p z / E."""
+    made = small()
+    add_block(made, "alone", (1.0, 0.0, 0.0), SIZE, ELEMENTS)
+    for axis in "xyz":
+        made["boundary"][f"alone_{axis}"] = {"type": "symmetry", "face": f"alone.{axis}min"}
+    made["load"]["alone"] = {"face": "alone.zmax", "pressure": 21e6, "law": ramp((0, 0), (1, 1))}
+    body = solve(made).substructures["alone"]
+    assert body.displacement[-1, :, 2] == pytest.approx(-21e6 / 210e9 * body.nodes[:, 2], abs=1e-12 * SIZE[2])

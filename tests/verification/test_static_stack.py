@@ -10,6 +10,7 @@ import pytest
 import scipy.sparse.linalg as spla
 
 import latin_fmu
+from latin_fmu.effects import explain
 from latin_fmu.latin.coarse import Coarse
 
 from .oracles.hexahedra import Block, merged
@@ -138,7 +139,20 @@ def test_penetration_does_not_add_up():
     solution = solve(plates(4, steps=60))
     squeezed = np.abs(solution.substructures["b4"].displacement[-1]).max()
     for history in solution.interfaces.values():
-        assert history.gap.min() > -3e-4 * squeezed
+        assert history.gap.min() > -1e-3 * squeezed
+
+
+@pytest.mark.parametrize("steps", [10, 40])
+def test_sides_that_never_slide_stay_where_they_are(steps: int):
+    """no_slip under pressure is a perfect bond, whatever gaps of the size of the tolerance the increments leave."""
+    made = plates(4, (0.04, 0.04, 0.01), (4, 4, 2), pressure=10e6, shear=1.5e6, steps=steps)
+    bonded = copy.deepcopy(made)
+    for scene, behaviour in ((made, "no_slip"), (bonded, "perfect")):
+        for interface in scene["interface"].values():
+            interface.pop("friction_coefficient")
+            interface["behaviour"] = behaviour
+    u, exact = (solve(s).substructures["b4"].displacement[-1] for s in (made, bonded))
+    assert u == pytest.approx(exact, abs=1e-2 * np.abs(exact).max())
 
 
 def test_loads_are_followed_back():
@@ -173,3 +187,23 @@ def test_an_observer_sees_the_iterates_and_changes_nothing():
     assert (watched.substructures["b2"].displacement == kept).all()
     for window, u in seen.items():
         assert u == pytest.approx(kept[window + 1], abs=1e-12 * np.abs(kept).max())
+
+
+def test_slow_dynamics_come_to_the_same():
+    """Loads a hundred times slower than the waves: the run with inertia gives the same forces and displacements, and
+    says what the quasi-static one would cost."""
+    still = plates(2, SIZE, ELEMENTS, pressure=PRESSURE, shear=0.1 * PRESSURE, steps=10)
+    moving = copy.deepcopy(still)
+    moving["time"] = {"end": 2e-3, "instants": 500}
+    for load in moving["load"].values():
+        load["law"]["times"] = [2e-3 * t for t in load["law"]["times"]]
+    scene = latin_fmu.scene_from_dict(moving)
+    said = [s.what for s in explain(scene).suggestions if "time.quasi_static=true" in s.settings]
+    assert len(said) == 1
+    assert "times slower than the longest wave transit" in said[0]
+    one, other = solve(still), latin_fmu.solve(scene)
+    assert other.converged, other.status
+    force, reference = (s.interfaces["i1"].force()[-1] for s in (other, one))
+    assert force == pytest.approx(reference, abs=0.01 * np.abs(reference).max())
+    u, exact = (s.substructures["b2"].displacement[-1] for s in (other, one))
+    assert u == pytest.approx(exact, abs=0.03 * np.abs(exact).max())

@@ -7,6 +7,7 @@ them, so that the compiled code can be kept on disk from one process to the next
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from typing import Any, Final, TypeVar, cast
 
 import numpy as np
@@ -32,6 +33,7 @@ def kernel(function: Function) -> Function:
     return jitted(function, nogil=True, fastmath=_FAST)
 
 
+@cache
 def routines(dtype: np.dtype[Any]) -> NDArray[np.int64]:
     """Addresses (6,) of potrf, trsm, syrk, trtri, trmm, gemm for float64 or float32."""
     letter = "s" if dtype == np.float32 else "d"

@@ -1,0 +1,93 @@
+"""A wanted accuracy: reached and cheap where it can be, refused honestly where it cannot."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+import latin_fmu
+from latin_fmu.accuracy.ladder import COURANT, Ladder, step_ratio
+from latin_fmu.accuracy.ladder_error import ladder_error
+from latin_fmu.accuracy.runs import measure_solution
+from latin_fmu.accuracy.target import Choice, choose
+from latin_fmu.cli import main
+
+from ..verification.known_answers import MODELS, Known, impact_bar, shipped
+
+
+def aimed(known: Known, quantity: str, target: float, limit: float = 60.0) -> tuple[Choice, float]:
+    """What is chosen, and the true error of it."""
+    accuracy = known.scene.accuracy.model_copy(update={"quantity": quantity})
+    choice = choose(known.scene.model_copy(update={"accuracy": accuracy}), target, limit, lambda _: None)
+    assert choice.solution is not None
+    measured = measure_solution(known.scene, choice.solution)
+    return choice, max(measured.error(q, known.exact) for q in known.quantities if q.endswith(quantity))
+
+
+@pytest.mark.parametrize(("quantity", "target"), [("impulse", 0.05), ("first_contact", 0.002)])
+def test_the_true_error_is_below_the_target(quantity: str, target: float) -> None:
+    choice, true = aimed(impact_bar(), quantity, target)
+    assert choice.reached
+    assert true <= choice.error <= target
+    assert choice.solution is not None
+    assert choice.solution.estimate is not None
+    assert choice.solution.estimate[f"wall.{quantity}"].error == choice.error
+    assert choice.solution.outcome.energy is not None  # the output the scene asks for
+    assert choice.resolution.mesh < 1.5
+
+
+@pytest.mark.slow
+def test_a_peak_on_a_front_does_not_converge_and_is_refused() -> None:
+    choice, true = aimed(impact_bar(), "peak_force", 0.01)
+    assert not choice.reached
+    assert "does not converge" in choice.sentence
+    assert true > 0.1
+    assert choice.error > 0.01
+
+
+def test_what_costs_too_much_is_refused_before_it_is_run() -> None:
+    choice, _ = aimed(impact_bar(), "impulse", 0.001, limit=0.5)
+    assert not choice.reached
+    assert "above the limit of 0.5 s" in choice.sentence
+    assert choice.seconds < 10.0
+
+
+def test_steps_follow_the_courant_number() -> None:
+    """Impact bar: c dt / h = 30 x 0.005 / 0.1 = 1.5."""
+    assert step_ratio(shipped("impact_bar")) == pytest.approx(1.5 / COURANT)
+    fine = latin_fmu.load_scene(MODELS / "impact_bar/scene.toml", ["time.instants=4000"])
+    assert step_ratio(fine) == 1.0
+
+
+def test_runs_that_agree_on_an_order_extrapolate() -> None:
+    """Impulse of the impact bar: error falls with the order 0.7; the estimate lies between 1 and 2 times the truth."""
+    known = impact_bar()
+    ladder = Ladder(known.scene, lambda _: None)
+    judged = ladder_error(ladder, 0.5, "wall.impulse")
+    true = ladder.run(ladder.at(0.5)).measured.error("wall.impulse", known.exact)
+    assert not judged.bound_only
+    assert 0.4 < judged.order < 1.0
+    assert true <= judged.error <= 2.0 * true
+    assert len(ladder.runs) == 4
+
+
+def test_the_command_line_aims(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scene, out = str(MODELS / "impact_bar/scene.toml"), str(tmp_path / "a.nc")
+    assert main(["run", scene, "-o", out, "--accuracy", "5%", "--json"]) == 0
+    captured = capsys.readouterr()
+    told = json.loads(captured.out)
+    assert told["accuracy_target"]["reached"] is True
+    assert told["accuracy_target"]["estimated_error"] <= 0.05
+    assert told["interfaces"]["wall"]["impulse"][2] == pytest.approx(200.0, rel=0.05)
+    assert "mesh x" in captured.err
+    settings = ["--set", "accuracy.target=0.001", "--max-cpu", "0.2"]
+    assert main(["run", scene, "-o", out, *settings]) == 1
+    assert "cannot be promised" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("text", ["0", "100%", "little", "-1%", "nan"])
+def test_what_is_no_accuracy_is_refused(text: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", str(MODELS / "impact_bar/scene.toml"), f"--accuracy={text}"]) == 2
+    assert "--accuracy" in capsys.readouterr().err
