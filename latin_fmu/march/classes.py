@@ -52,7 +52,7 @@ CLASS = record(
 per dof are (n, m). Matrices are compressed rows (``starts``, ``columns``, ``values``; mass, stiffness, damping: see
 ``substructure.add_symmetric``; dense ones: see ``substructure.dense``), terms likewise (see ``Terms``). ``rest`` is 1
 while the class has not moved, ``driven`` 1 where more than loads that come and go drives it. ``plain_inverse``,
-``plain_response``: the Schur inverse, Y and C by their diagonals; ``dense_trace``: the trace and its transpose dense."""
+``plain_response``: the Schur inverse, Y and C by their diagonals; ``dense_trace``: trace and transpose dense."""
 
 
 @dataclass(frozen=True)
