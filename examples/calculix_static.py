@@ -1,8 +1,8 @@
 """Stacks of plates pressed and then sheared, without inertia: this package and CalculiX at comparable error.
 
-Error: distance of the displacements of all nodes at the last instant to a run of this package with tolerances 1000
-times tighter, relative. What is left of this package's is the tolerance, of CalculiX's the penetration that its penalty
-allows: the penalty is chosen for errors of the same size (it costs nothing here, ten times stiffer ten times closer).
+Error: distance of the displacements of all nodes at the last instant to a run of this package with tolerances
+hundreds of times tighter, relative. What is left of this package's is the tolerance, of CalculiX's the penetration that
+its penalty allows: both are chosen for errors of the same size (ten times stiffer is ten times closer, for free here).
 """
 
 from __future__ import annotations
@@ -21,7 +21,11 @@ from example_tools import Array
 
 TIGHT = {"tolerance": 1e-6, "force_tolerance": 1e-5}
 PENALTY = Choices(stiffness=1000.0)
-VARIANTS: dict[str, dict[str, Any]] = {"own factors": {"share_identical": False}, "shared factors": {}}
+SAME = {"tolerance": 3e-4}  # errors no larger than those of CalculiX, for a tenth more time than the default
+VARIANTS: dict[str, dict[str, Any]] = {
+    "own factors": {"share_identical": False, **SAME},
+    "shared factors": SAME,
+}
 
 
 def compare(counts: Sequence[int], limit: float) -> list[tuple[int, dict[str, tuple[float, float]]]]:

@@ -111,14 +111,19 @@ class Price:
 
 
 def price(study: Study, quantity: str, target: float) -> Price:
-    """What a target costs, over all variants refined in mesh and step together."""
+    """What a target costs, over all variants refined in mesh and step together.
+
+    Against a run as reference its own estimated error is added: what it cannot tell is not claimed.
+    """
     best: Row | None = None
+    own = study.reference.own_error
+    doubt = 0.0 if own is None else own[quantity].error
     for variant in dict.fromkeys(r.variant for r in study.rows if r.series == TOGETHER):
         for row in reversed(study.of(TOGETHER, variant)):
             error = study.error(row, quantity)
             if row.run is None or math.isnan(error):
                 continue
-            if error > target:
+            if error + doubt > target:
                 break
             if best is None or best.run is None or row.run.cpu < best.run.cpu:
                 best = row

@@ -13,6 +13,7 @@ from .report import percent
 from .study import TIGHT, TOGETHER, TOLERANCE, Study
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -150,8 +151,8 @@ def cost_split(axes: Axes, study: Study) -> None:
     axes.set_ylabel("share of CPU time (%)", fontsize=8)
     axes.set_title("where the time goes", fontsize=9)
     axes.tick_params(labelsize=7)
-    axes.set_ylim(0, 118)
-    axes.legend(fontsize=6, loc="upper center", ncols=5)
+    axes.set_ylim(0, 122)
+    axes.legend(fontsize=6, loc="upper center", ncols=3)
 
 
 def comparison_figure(studies: Sequence[Study]) -> Figure:
@@ -169,4 +170,16 @@ def comparison_figure(studies: Sequence[Study]) -> Figure:
             tolerance_map(panels[3], study, chosen[0])
         for axes in panels[len(chosen) : 3]:
             axes.set_axis_off()
+    _one_legend(figure)
     return figure
+
+
+def _one_legend(figure: Figure) -> None:
+    """The legends of all panels as one below them."""
+    found: dict[str, Artist] = {}
+    for axes in figure.axes:
+        handles, labels = axes.get_legend_handles_labels()
+        found |= dict(zip(labels, handles, strict=True))
+        if (legend := axes.get_legend()) is not None:
+            legend.remove()
+    figure.legend(list(found.values()), list(found), loc="outside lower center", ncols=len(found), fontsize=8)

@@ -17,6 +17,7 @@ examples:
   latin-fmu fmu scene.toml --model-exchange --modes 20
 
 A load with law = "input" becomes an input of the FMU, also one named by --inputs; other loads keep their law.
+Energies are outputs where the scene says output.energy = true (--set output.energy=true).
 --cross-check puts X_in.csv, X_ref.csv and X_ref.opt (inputs, outputs, experiment) into the FMU and beside it, X being
 the name of the scene: a load named by --inputs follows the law it had in the scene.
 --model-exchange makes a reduced model of the scene (a few modes per body, regularised contact) with the states and

@@ -74,16 +74,6 @@ def test_package(example):
 def test_overhead(example):
     numbers = example.main()
     assert numbers["overhead"] < 0.05
+    assert numbers["operators"] == 2  # one for each of the two specimens, in a thousand steps
     assert numbers["reading"] < 2e-3
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("example", ["fmu_model_exchange"], indirect=True)
-def test_model_exchange(example, tmp_path):
-    """The impulse of each contact agrees to 2 %, in a reduced model of about a hundred states."""
-    numbers = example.main(["--quick", "-o", str(tmp_path)])
-    for model in example.CASES:
-        assert abs(numbers[f"{model}: difference [%]"]) < 2.0
-        assert numbers[f"{model}: states"] < 120
-        assert 4 <= numbers[f"{model}: events"] < 150
-    assert (tmp_path / "fmu_model_exchange.png").stat().st_size > 10_000
+    assert numbers["kept"] < 0.5 * numbers["compiling"]
