@@ -18,8 +18,9 @@ from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
 from collections.abc import Callable, Sequence
 
 import numpy as np
+from benchmark_floor import Floor
 from benchmark_problems import Case, crushing, tower
-from benchmark_timing import Floor, contact_run, in_turn, prepared
+from benchmark_timing import contact_run, in_turn, prepared
 from siconos_contact import MISSING, library
 from siconos_march import MoreauJean
 
@@ -47,9 +48,9 @@ def compare(case: Case, rounds: int) -> None:
         t: float(np.linalg.norm(r.run() - forces) / np.linalg.norm(forces)) for t, r in rivals.items()
     }
     floor = Floor(ready)
-    works: dict[str, Callable[[], object]] = {"floor": floor.lean, "own": lambda: contact_run(ready)}
+    works: dict[str, Callable[[], object]] = {"floor": floor.best, "own": lambda: contact_run(ready)}
     works |= {f"{tolerance:g}": rival.run for tolerance, rival in rivals.items()}
-    floor.lean()
+    floor.best()
     seconds = in_turn(works, rounds)
     unit = seconds["floor"]
     print(f"{case.case}, {case.n_blocks} blocks: floor {unit:.4f} s")

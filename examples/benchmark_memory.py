@@ -5,8 +5,9 @@ from __future__ import annotations
 from multiprocessing import get_context
 from typing import Any
 
+from benchmark_floor import Floor
 from benchmark_problems import Case, crushing
-from benchmark_timing import Floor, contact_run, prepared
+from benchmark_timing import contact_run, prepared
 
 from latin_fmu.memory import peak_memory
 
@@ -27,6 +28,6 @@ def _peak(case: Case, solver: dict[str, Any] | None) -> int:
 
 def _run(case: Case, solver: dict[str, Any] | None) -> None:
     if solver is None:
-        Floor(prepared(case, {"propagator": "direct"})).lean()
+        Floor(prepared(case, {"propagator": "direct"})).best()
     else:
         contact_run(prepared(case, solver))

@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 from benchmark_accuracy import table
+from benchmark_floor import Floor
 from benchmark_memory import peak
 from benchmark_problems import Case, crushing, tower
-from benchmark_timing import Floor, contact_run, cpu, in_turn, prepared, second_run
+from benchmark_timing import contact_run, cpu, in_turn, prepared, second_run
 
 OWN: dict[str, Any] = {"propagator": "direct", "share_identical": False}
 WHOLE = {
@@ -43,12 +44,12 @@ def again(found: Sequence[Case]) -> Iterator[str]:
         second_run(ready, built, loads)
         floor = Floor(ready)
         march = floor.kept()
-        floor.lean()
+        floor.best()
         times = in_turn(
             {
                 "first": lambda ready=ready: contact_run(ready),
                 "second": lambda ready=ready, built=built, loads=loads: second_run(ready, built, loads),
-                "linear": floor.lean, "again": march,
+                "linear": floor.best, "again": march,
             },
             5,
         )  # fmt: skip
@@ -64,8 +65,8 @@ def whole_windows(found: Sequence[Case]) -> Iterator[str]:
     yield "One window over the whole interval (sqrt(eta) <= 1e-3)"
     for case in found:
         floor = Floor(prepared(case, OWN))
-        floor.lean()
-        unit = median(cpu(floor.lean) for _ in range(5))
+        floor.best()
+        unit = median(cpu(floor.best) for _ in range(5))
         for name, settings in WHOLE.items():
             # the force mismatch is no measure of the paper: its iteration stops on the indicator
             ready = prepared(

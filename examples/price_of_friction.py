@@ -5,7 +5,7 @@ floor, the linear transient of the bonded mesh, and prints the ratio of the CPU 
 
   timed     from meshes and matrices in memory and compiled kernels to the converged interface histories:
             factorisation, condensation, search direction, march; on the side of the floor factorisation and one solve
-            per instant, by the fastest of three marches (the package's propagator, its factor in the shortest loop,
+            per instant, by the fastest of three marches (the package's kernels, its factor in the shortest loop,
             SciPy's SuperLU). Assembly of the matrices is in neither. No file output.
   accuracy  sqrt(eta) <= 1e-3 and force mismatch <= 1e-2 (the defaults)
   error     relative L2 distance of the resultant force histories of all interfaces to a run of the same
@@ -29,10 +29,10 @@ from pathlib import Path
 from typing import Any
 
 from benchmark_figure import figure
+from benchmark_floor import Floor
 from benchmark_more import tables
 from benchmark_problems import Case, all_cases, quick_cases
 from benchmark_timing import (
-    Floor,
     contact_run,
     cpu,
     force_error,

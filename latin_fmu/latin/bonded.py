@@ -21,6 +21,7 @@ from .layout import Array
 from .resting import Resting
 
 _SHIFT, _PRECISE, _REFINEMENTS, _SOLVED = 1e-10, 1e-13, 8, 1e-8
+_DENSE = 1500  # interface unknowns up to which the bonds are one dense operator
 LARGEST = 200_000_000
 """Entries of S (an upper bound) up to which it is worth factorising."""
 
@@ -84,6 +85,30 @@ class Bonds:
         traction = np.zeros_like(free)
         traction[self._first], traction[self._second] = force / self._area, -force / self._area
         return traction, float(np.abs(left).max(initial=0.0)) / largest if largest > 0 else 0.0
+
+    def incoming(self, k: Array) -> Array | None:
+        """Operator (n_flat, n_flat) from the velocities without traction to q = F + k W of the bonds, for the compiled
+        march; None where it is too large, or where bonds that repeat each other make it inexact."""
+        n_flat = len(k)
+        if n_flat > _DENSE:
+            return None
+        jump = np.zeros((len(self._first), n_flat))
+        jump[np.arange(len(self._first)), self._second] = 1.0
+        jump[np.arange(len(self._first)), self._first] = -1.0
+        force = self._factor.solve(jump)
+        force += self._factor.solve(jump - self._matrix @ force)
+        if not np.abs(self._matrix @ force - jump).max(initial=0.0) <= _SOLVED:
+            return None
+        traction = np.zeros((n_flat, n_flat))
+        traction[self._first], traction[self._second] = (
+            force / self._area[:, None],
+            -force / self._area[:, None],
+        )
+        velocity = np.eye(n_flat)
+        for propagator, channels in zip(self.assembly.propagators, self.assembly.channels, strict=True):
+            for member in channels.T:
+                velocity[member] += propagator.operators.admittance @ traction[member]
+        return traction + k[:, None] * velocity
 
     def instant(self) -> tuple[Array, Array, float] | None:
         """March one instant: tractions and velocities (n_flat,) of the channels, and the jump left (relative); None,

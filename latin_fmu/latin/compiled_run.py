@@ -16,6 +16,7 @@ from ..propagator import DirectPropagator, Propagator
 from ..propagator.march import March
 from .assembly import Assembly
 from .error_indicator import Scales
+from .layout import Array
 from .record import WindowRecord
 from .recorder import Recorder
 from .settings import Settings
@@ -64,10 +65,10 @@ class CompiledRun:
 
     Parameters
     ----------
-    run : bound to the direction of windows of one instant.
+    run : bound to the direction of windows of one instant. bonds : see ``Bonds.incoming``, where all are perfect.
     """
 
-    def __init__(self, run: Run) -> None:
+    def __init__(self, run: Run, bonds: Array | None = None) -> None:
         from ..march import classes, groups, instants, work
 
         self._run, self._march_instants = run, instants.march_instants
@@ -89,6 +90,7 @@ class CompiledRun:
         self._errors = np.empty((_LONGEST, settings.max_iterations))
         self._mismatches = np.empty((_LONGEST, settings.max_iterations))
         self._counts = np.zeros(_LONGEST, dtype=np.int64)
+        self._bonds = np.zeros((0, 0)) if bonds is None else np.ascontiguousarray(bonds)
         self._states: list[object] = []
         self._per_instant = 0.0
         self.refused = False  # the instant after the last one needs the long road
@@ -122,7 +124,7 @@ class CompiledRun:
         first = assembly.propagators[0].state.instant + 1
         done = self._march_instants(
             self._classes.rows, self._groups.rows, self._flat, work, self._limits, self._scheme, self._history,
-            self._gap_start, first, n,
+            self._gap_start, self._bonds, first, n,
         )  # fmt: skip
         if done:
             accounted = recorder.wants_energy

@@ -128,11 +128,15 @@ class Run:
         assembly = self.assembly
         if self._observer is not None or not assembly.interfaces or not marches(assembly):
             return None
+        direction, at_once = self.direction(1), None
         if self._bonds_directly():
-            return None
-        self._bind(self.direction(1))
+            if self._bonds is None:
+                self._bonds = Bonds(assembly)
+            if self._compiled is None and (at_once := self._bonds.incoming(direction.k)) is None:
+                return None
+        self._bind(direction)
         if self._compiled is None:
-            self._compiled = CompiledRun(self)
+            self._compiled = CompiledRun(self, at_once)
         return self._compiled
 
     def gaps(self) -> list[Array]:

@@ -18,17 +18,22 @@ Array = NDArray[np.float64]
 @kernel
 def march_instants(
     classes: Any, groups: Any, flat: Any, work: Any, limits: Any, scheme: Any, history: Any, gap_start: Array,
-    first: int, n: int,
+    bonds: Array, first: int, n: int,
 ) -> int:  # fmt: skip
     """Solve up to n windows of one instant from the instant ``first``; how many converged before one that did not.
 
-    ``work.f_hat``, ``work.w_hat`` hold the last accepted fields on entry and on return.
+    ``work.f_hat``, ``work.w_hat`` hold the last accepted fields on entry and on return. ``bonds`` (n_flat, n_flat)
+    gives q from the velocities without traction where all interfaces are perfect (``latin.bonded``); else (0, 0).
     """
     for step in range(n):
         instant = first + step
         for c in range(len(classes)):
             predict(classes[c], scheme, instant)
-        first_guess(classes, flat, work, instant)
+        if len(bonds):
+            free_motion(classes, flat, work.w, instant)
+            np.dot(bonds, work.w, work.q)
+        else:
+            first_guess(classes, flat, work, instant)
         used = iterate(
             classes,
             groups,
@@ -69,14 +74,22 @@ def first_guess(classes: Any, flat: Any, work: Any, instant: int) -> None:
         touched = touched or work.f_hat[j] != 0.0
     if touched:
         return
+    free_motion(classes, flat, work.w, instant)
+    for j in range(len(work.q)):
+        work.q[j] = flat.k[j] * work.w[j]
+
+
+@kernel
+def free_motion(classes: Any, flat: Any, w: Array, instant: int) -> None:
+    """Velocities of the channels without traction, (n_flat,)."""
     for c in range(len(classes)):
         row = classes[c]
         size = row.n_channel * row.m
         channels, w_free = integers(row.channels, size), floats(row.w_free, size)
         for at in range(size):
-            work.q[channels[at]] = flat.k[channels[at]] * w_free[at]
+            w[channels[at]] = w_free[at]
     for g in range(len(flat.ground)):
-        work.q[flat.ground[g]] = flat.k[flat.ground[g]] * flat.ground_velocity[instant, g]
+        w[flat.ground[g]] = flat.ground_velocity[instant, g]
 
 
 @kernel

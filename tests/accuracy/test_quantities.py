@@ -28,6 +28,8 @@ def test_distance_of_a_rectangle_and_a_ramp() -> None:
     assert rectangle.distance(ramp) == pytest.approx(np.sqrt(2 / 3))
     assert ramp.distance(rectangle) == pytest.approx(np.sqrt(2 / 3))
     assert rectangle.distance(rectangle) == 0.0
+    one, three = (Force(np.array([0.0, 2.0]), np.array([level, level])) for level in (1.0, 3.0))
+    assert one.distance(three) == pytest.approx(np.sqrt(8.0))
 
 
 def test_quantities_of_a_triangle() -> None:

@@ -140,7 +140,8 @@ def test_no_preload_no_balancing_force() -> None:
 def test_perfect_interfaces_only_means_one_pass_and_no_iteration(calls: Counter[str]) -> None:
     solution = solved(scene(behaviour="perfect"))
     assert calls["local stage"] == calls["iteration"] == 0
-    assert solution.outcome.passes == 1.0
+    assert solution.outcome.marched == 1.0
+    assert {w.iterations for w in solution.windows} == {1}
     assert solution.error_indicator < 1e-10
     tight = scene(behaviour="perfect")
     tight["solver"] = {"bonds": "iterate", "tolerance": 1e-11}

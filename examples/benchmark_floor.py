@@ -1,0 +1,137 @@
+"""The floor of every cost of contact: the linear transient of the same mesh with the interfaces bonded.
+
+One factorisation and one solve per instant; no implicit method that marches full finite elements is below.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+import scipy.sparse.linalg as spla
+
+from latin_fmu.compiled import COMPILES
+from latin_fmu.propagator import DirectPropagator
+from latin_fmu.propagator.cholesky import interface_factor
+from latin_fmu.propagator.model import reduced_rank
+from latin_fmu.scene.build import Prepared
+from latin_fmu.scene.merge import Merged, merge
+
+NOTHING = np.zeros((0, 1))
+
+
+class Floor:
+    """Linear transients of the bonded mesh: same steps, same scheme (HHT), same loads."""
+
+    def __init__(self, ready: Prepared) -> None:
+        self._ready = ready
+        members = [m for c in ready.classes for m in c.members]
+        self._merged: Merged = merge(members, ready.units, ready.info)
+        _ = self._merged.model.reduced, self._rank
+
+    @property
+    def marches(self) -> dict[str, Callable[[], object]]:
+        """What a linear transient can be marched with here."""
+        own = {"compiled march": self.compiled} if COMPILES else {"package march": self.package}
+        return own | {"lean march": self.lean, "SuperLU": self.superlu}
+
+    @property
+    def best(self) -> Callable[[], object]:
+        """The fastest of them on every mesh looked at."""
+        return self.compiled if COMPILES else self.lean
+
+    def package(self) -> DirectPropagator:
+        """The propagator of the package, with no interface to wait for."""
+        body = self._begun()
+        for _ in range(len(self._ready.time) - 1):
+            body.predict()
+            body.commit(NOTHING)
+        return body
+
+    def compiled(self) -> DirectPropagator:
+        """The kernels of the package's march, no interpreter between the instants."""
+        from latin_fmu.march import classes, instants, work  # only where there is a compiler
+
+        ready, body = self._ready, self._begun()
+        steps = len(ready.time) - 1
+        table = classes.ClassTable([body], [np.zeros((0, 1), dtype=np.int64)], [None])
+        table.begin(steps + 1)
+        table.take_up()
+        instants.march_alone(table.rows, work.coefficients(ready.scheme, ready.dt, 0.0), 1, steps)
+        table.store(steps, [None])
+        return body
+
+    def displacements(self) -> Iterator[np.ndarray]:
+        """Displacements of the nodes of all blocks (n_node, 3), m, instant by instant."""
+        body = self._begun()
+        for _ in range(len(self._ready.time) - 1):
+            body.predict()
+            body.commit(NOTHING)
+            yield body.full_displacement(0)
+
+    def _begun(self) -> DirectPropagator:
+        ready = self._ready
+        body = DirectPropagator([self._merged.model], ready.scheme, ready.dt, False)
+        body.begin([self._merged.histories(ready.timeline, ready.time)], ready.dt)
+        body.start(NOTHING, None)  # at rest, without load
+        return body
+
+    def lean(self) -> np.ndarray:
+        """The factor of the package in the shortest loop there is."""
+        return self.kept()()
+
+    def kept(self) -> Callable[[], np.ndarray]:
+        """``lean`` with a factor made now."""
+        matrix = self._operator()
+        factor = interface_factor(matrix, np.zeros(0, dtype=np.int64), self._rank)
+        none = np.zeros((0, 1))
+
+        def solve(b: np.ndarray) -> np.ndarray:
+            y, _ = factor.forward(b[:, None])
+            return factor.backward(y, none)[:, 0]
+
+        return lambda: self._loop(solve)
+
+    def superlu(self) -> np.ndarray:
+        """SciPy's SuperLU in the nested-dissection order of the mesh, in the same loop."""
+        order = np.argsort(self._rank, kind="stable")
+        matrix = sp.csc_array(self._operator()[order][:, order])
+        factor = spla.splu(
+            matrix, permc_spec="NATURAL", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+        )
+        x = np.empty(len(order))
+
+        def solve(b: np.ndarray) -> np.ndarray:
+            x[order] = factor.solve(b[order])
+            return x
+
+        return self._loop(solve)
+
+    @cached_property
+    def _rank(self) -> np.ndarray:
+        model = self._merged.model
+        assert model.ordering is not None
+        return reduced_rank(model.expansion, model.ordering)
+
+    def _operator(self) -> sp.csr_array:
+        mass, _, stiffness = self._merged.model.reduced
+        c_mass, _, c_stiffness = self._ready.scheme.operator(self._ready.dt)
+        return sp.csr_array(c_mass * mass + c_stiffness * stiffness)
+
+    def _loop(self, solve: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+        """Displacements at the end of M a + K u = f by HHT, one product with K and one solve per instant."""
+        ready, model, scheme = self._ready, self._merged.model, self._ready.scheme
+        dt, memory, stiffness = ready.dt, scheme.memory_weight, model.reduced[2]
+        history = self._merged.histories(ready.timeline, ready.time)
+        pattern = np.stack([np.asarray(model.expansion.T @ load.pattern) for load in model.loads], axis=1)
+        amplitude = np.stack(history.amplitudes, axis=1)
+        weighted = scheme.force_weight * amplitude[1:] - memory * amplitude[:-1]
+        u, v, a = np.zeros((3, pattern.shape[0]))
+        for now in weighted:
+            free_u, free_v = scheme.predict(u, v, a, dt)
+            a = solve(pattern @ now - stiffness @ (scheme.force_weight * free_u - memory * u)).copy()
+            u = free_u + scheme.displacement_gain(dt) * a
+            v = free_v + scheme.velocity_gain(dt) * a
+        return u
