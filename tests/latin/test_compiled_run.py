@@ -1,0 +1,148 @@
+"""The compiled march against the long road: same iterations, same fields, whatever a scene has in it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+import latin_fmu
+from latin_fmu.compiled import COMPILES
+from latin_fmu.latin import windows
+
+pytestmark = pytest.mark.skipif(not COMPILES, reason="compilation is off")
+
+Tables = dict[str, Any]
+
+
+def stack(n: int = 3, behaviour: str = "contact", **solver: Any) -> Tables:
+    """Blocks of two materials pressed and sheared, the lowest on moving ground."""
+    names = [f"b{i}" for i in range(n)]
+    contact: Tables = {"behaviour": behaviour}
+    if behaviour == "contact":
+        contact["friction_coefficient"] = 0.3
+    box = {"size": [0.01, 0.01, 0.01], "elements": [2, 2, 2]}
+    return {
+        "name": "stack",
+        "material": {
+            "soft": {"young_modulus": 70e9, "poisson_ratio": 0.3, "density": 2700.0},
+            "hard": {"young_modulus": 210e9, "poisson_ratio": 0.3, "density": 7800.0},
+        },
+        "substructure": {
+            name: {"material": ("soft", "hard")[i % 2], "box": {"origin": [0.0, 0.0, 0.01 * i], **box}}
+            for i, name in enumerate(names)
+        },
+        "interface": {
+            "floor": {"sides": ["b0.zmin", "ground"], **contact},
+            **{f"i{i}": {"sides": [f"b{i}.zmax", f"b{i + 1}.zmin"], **contact} for i in range(n - 1)},
+        },
+        "load": {
+            "press": {"face": f"{names[-1]}.zmax", "pressure": 2e8, "law": {"type": "half_sine", "duration": 5e-6}},
+            "shear": {"face": f"{names[-1]}.zmax", "traction": [5e7, 1e7, 0.0], "law": {"type": "step"}},
+        },
+        "time": {"end": 6e-6, "instants": 30},
+        "solver": solver,
+    }  # fmt: skip
+
+
+def moving_ground(tables: Tables) -> None:
+    tables["interface"]["floor"]["ground_velocity"] = {
+        "direction": [0.0, 0.0, 1.0], "amplitude": 3.0, "law": {"type": "half_sine", "duration": 4e-6},
+    }  # fmt: skip
+
+
+def driven_face(tables: Tables) -> None:
+    tables["boundary"] = {
+        "drive": {"type": "velocity", "face": "b0.xmin", "components": ["x"], "value": [2.0],
+                  "law": {"type": "half_sine", "duration": 3e-6}},
+    }  # fmt: skip
+
+
+def damped(tables: Tables) -> None:
+    for material in tables["material"].values():
+        material |= {"rayleigh_mass": 1e3, "rayleigh_stiffness": 1e-8}
+    tables["boundary"] = {"quiet": {"type": "absorbing", "face": "b2.xmax"}}
+
+
+def thrown(tables: Tables) -> None:
+    tables["substructure"]["b2"]["initial_velocity"] = [1.0, 0.0, -5.0]
+    tables["interface"]["i1"]["gap"] = 2e-6
+
+
+def frictionless(tables: Tables) -> None:
+    for interface in tables["interface"].values():
+        interface["friction_coefficient"] = 0.0
+
+
+def mixed(tables: Tables) -> None:
+    tables["interface"]["i0"] = {"sides": ["b0.zmax", "b1.zmin"], "behaviour": "perfect"}
+    tables["interface"]["i1"] = {
+        "sides": ["b1.zmax", "b2.zmin"], "behaviour": "viscous_joint", "normal_viscosity": 1e7,
+        "tangential_viscosity": 1e6,
+    }  # fmt: skip
+
+
+def unlike(tables: Tables) -> None:
+    tables["solver"]["share_identical"] = False
+
+
+def massless(tables: Tables) -> None:
+    tables["time"]["scheme"] = {"type": "massless_contact"}
+
+
+def with_everything_kept(tables: Tables) -> None:
+    tables["output"] = {"fields": True, "energy": True, "every": 4}
+
+
+CHANGES: list[Callable[[Tables], None]] = [
+    moving_ground, driven_face, damped, thrown, frictionless, mixed, unlike, massless, with_everything_kept,
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("change", CHANGES, ids=lambda change: change.__name__)
+def test_both_roads_give_the_same_fields(
+    change: Callable[[Tables], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tables = stack()
+    change(tables)
+    fast = latin_fmu.solve(latin_fmu.scene_from_dict(tables)).outcome
+    monkeypatch.setattr(windows, "marches", lambda _: False)
+    slow = latin_fmu.solve(latin_fmu.scene_from_dict(tables)).outcome
+    assert [w.iterations for w in fast.windows] == [w.iterations for w in slow.windows]
+    assert (fast.converged, fast.passes, fast.marched) == (slow.converged, slow.passes, slow.marched)
+    for name, history in fast.interfaces.items():
+        other = slow.interfaces[name]
+        for field in ("traction", "velocity", "gap"):
+            mine, its = getattr(history, field), getattr(other, field)
+            if its is not None:
+                assert np.abs(mine - its).max() <= 1e-9 * np.abs(its).max(initial=1e-300), (name, field)
+    assert fast.interface_indicator == pytest.approx(slow.interface_indicator, rel=1e-6)
+    for name, kept in fast.substructures.items():
+        if kept.displacement is not None:
+            np.testing.assert_allclose(
+                kept.displacement, slow.substructures[name].displacement, rtol=0, atol=1e-14
+            )
+    if fast.energy is not None and slow.energy is not None:
+        for term, values in fast.energy.items():
+            scale = max(np.abs(v).max() for v in slow.energy.values())
+            assert np.abs(values - slow.energy[term]).max() <= 1e-9 * scale, term
+
+
+def test_an_instant_that_needs_a_fall_back_takes_the_long_road(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A tolerance below round-off: nothing converges in the kernels, and the run tells the fall-backs all the same."""
+    tables = stack(2, tolerance=1e-20, max_iterations=20)
+    fast = latin_fmu.solve(latin_fmu.scene_from_dict(tables)).outcome
+    monkeypatch.setattr(windows, "marches", lambda _: False)
+    slow = latin_fmu.solve(latin_fmu.scene_from_dict(tables)).outcome
+    assert [w.fallbacks for w in fast.windows] == [w.fallbacks for w in slow.windows]
+    assert any(w.fallbacks for w in fast.windows)
+
+
+def test_no_interpreter_in_the_loop(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Plain runs never enter the window solver."""
+    seen: list[int] = []
+    monkeypatch.setattr(windows.Run, "advance", lambda *_: seen.append(1))
+    latin_fmu.solve(latin_fmu.scene_from_dict(stack()))
+    assert not seen
