@@ -7,12 +7,13 @@ propagators and behaviours without compiled counterpart. Both roads give the sam
 from __future__ import annotations
 
 import time as clock
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeGuard
 
 import numpy as np
 
 from ..compiled import COMPILES
-from ..propagator import DirectPropagator
+from ..propagator import DirectPropagator, Propagator
+from ..propagator.march import March
 from .assembly import Assembly
 from .error_indicator import Scales
 from .layout import Array
@@ -34,9 +35,9 @@ def marches(assembly: Assembly) -> bool:
     """Whether the kernels know the propagators and the behaviours of an assembly."""
     if not COMPILES:
         return False
-    return all(
-        type(p) is DirectPropagator and _in_double(p.operators.factor) for p in assembly.propagators
-    ) and all(native_address(g.behaviour) for g in assembly.layout.groups)
+    return all(_compiles(p) and _in_double(p.operators.factor) for p in assembly.propagators) and all(
+        native_address(g.behaviour) for g in assembly.layout.groups
+    )
 
 
 def _in_double(factor: object) -> bool:
@@ -44,6 +45,13 @@ def _in_double(factor: object) -> bool:
     from ..propagator.cholesky.factor import CholeskyFactor
 
     return isinstance(factor, CholeskyFactor) and factor.dtype == np.float64
+
+
+def _compiles(propagator: Propagator) -> TypeGuard[DirectPropagator | March[Any]]:
+    """Direct propagators, and those of their like that say so."""
+    if isinstance(propagator, March):
+        return propagator.compiles
+    return type(propagator) is DirectPropagator
 
 
 def native_address(behaviour: object) -> int:
@@ -67,9 +75,7 @@ class CompiledRun:
         assembly, direction = run.assembly, run.direction(1)
         self._direction = direction
         layout, settings = assembly.layout, run.settings
-        propagators = [
-            p for p in assembly.propagators if isinstance(p, DirectPropagator)
-        ]  # all, see ``marches``
+        propagators = [p for p in assembly.propagators if _compiles(p)]  # all, see ``marches``
         self._probes = SlideProbes(assembly, propagators, run.recorder.sliding)
         self._classes = classes.ClassTable(propagators, assembly.channels, self._probes.rows)
         self._groups = groups.GroupTable(
@@ -99,6 +105,7 @@ class CompiledRun:
         self._classes.begin(len(assembly.time))
         self._groups.begin(recorder.gaps)
         ground, velocity, displacement = assembly.ground_tables()
+        displacement = displacement + assembly.scheme.gap_lead(assembly.dt) * velocity
         self._flat = Flat(
             direction.k, direction.local.z, layout.area, direction.indicator.weights, direction.weight**2,
             layout.interface, layout.normal.astype(np.int64), ground, velocity, displacement,

@@ -6,11 +6,13 @@ Such interfaces carry no tangential unknowns; every point needs the velocity of 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 
 from ..propagator import DirectPropagator
+from ..propagator.march import March
 from .assembly import Assembly
 from .layout import Array
 
@@ -29,7 +31,10 @@ class SlideProbes:
     """
 
     def __init__(
-        self, assembly: Assembly, propagators: Sequence[DirectPropagator], interfaces: Sequence[int]
+        self,
+        assembly: Assembly,
+        propagators: Sequence[DirectPropagator | March[Any]],
+        interfaces: Sequence[int],
     ) -> None:
         self._propagators = propagators
         self._ground: list[int] = []

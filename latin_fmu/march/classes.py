@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ..propagator.cholesky.factor import CholeskyFactor
 from ..propagator.cholesky.kernels import routines
 from ..propagator.direct import DirectPropagator, State
+from ..propagator.march import March
 from .views import address, kernel, record
 
 Array = NDArray[np.float64]
@@ -40,7 +41,8 @@ CLASS = record(
         "n", "m", "n_inner", "n_channel", "n_live", "n_interior", "n_super", "n_massless", "n_probe", "tallest",
         "grouped", "driven", "routines", "first", "row_start", "rows", "panel_start", "panels", "n_rows",
         "n_panels", "order", "schur_inverse", "dofs", "area", "live", "massless", "k", "response", "compliance",
-        "channels", "below", "rest", "constant", "probed",
+        "channels", "below", "rest", "constant", "probed", "plain_inverse", "plain_response", "dense_trace",
+        "trace_table", "spread_table",
         *_STATE, *_SCRATCH, "vectors", "answers",
         *(f"{m}_{part}" for m in _MATRICES for part in ("n", "diagonal", "starts", "columns", "values")),
         *(f"{t}_{part}" for t in _TERMS for part in ("n", "starts", "rows", "values", "amplitudes")),
@@ -49,7 +51,8 @@ CLASS = record(
 """One row per class. ``n`` dofs, ``m`` members, ``n_inner`` interface dofs, ``n_live`` channels that can move; arrays
 per dof are (n, m). Matrices are compressed rows (``starts``, ``columns``, ``values``; mass, stiffness, damping: see
 ``substructure.add_symmetric``; dense ones: see ``substructure.dense``), terms likewise (see ``Terms``). ``rest`` is 1
-while the class has not moved, ``driven`` 1 where more than loads that come and go drives it."""
+while the class has not moved, ``driven`` 1 where more than loads that come and go drives it. ``plain_inverse``,
+``plain_response``: the Schur inverse, Y and C by their diagonals; ``dense_trace``: trace and transpose dense."""
 
 
 @dataclass(frozen=True)
@@ -120,13 +123,14 @@ class ClassTable:
 
     Parameters
     ----------
-    propagators : direct ones, bound to their search direction. channels : (n_channel, m) flat indices per class.
+    propagators : direct ones and their like (``propagator.march``), bound to their search direction.
+    channels : (n_channel, m) flat indices per class.
     probes : per class the rows (n_probe, n) whose velocities are kept at each instant, or None.
     """
 
     def __init__(
         self,
-        propagators: Sequence[DirectPropagator],
+        propagators: Sequence[DirectPropagator | March[Any]],
         channels: Sequence[Index],
         probes: Sequence[sp.csr_array | None],
     ) -> None:
@@ -165,7 +169,9 @@ class ClassTable:
         self._point(c, f"{name}_columns", columns)
         self._point(c, f"{name}_values", values)
 
-    def _fixed(self, c: int, propagator: DirectPropagator, flat: Index, probe: sp.csr_array | None) -> None:
+    def _fixed(
+        self, c: int, propagator: DirectPropagator | March[Any], flat: Index, probe: sp.csr_array | None
+    ) -> None:
         """All that stays as long as step and search direction do."""
         row, ops = self.rows[c], propagator.operators
         factor = ops.factor
@@ -174,7 +180,6 @@ class ClassTable:
         row["n"], row["m"], row["n_inner"], row["n_channel"] = propagator.n_dof, m, len(ops.dofs), len(flat)
         row["n_interior"], row["n_super"] = shape.n_interior, len(shape.first) - 1
         live = np.flatnonzero(ops.compliance.any(axis=1)).astype(np.int64)  # the others cannot move
-        response = propagator.response[np.ix_(live, live)] / ops.area[live]
         row["n_live"] = len(live)
         row["n_massless"], row["tallest"] = len(ops.massless), factor.tallest
         row["grouped"] = factor.grouped
@@ -182,17 +187,15 @@ class ClassTable:
         for name, array in (
             ("routines", routines(factor.dtype)), ("first", shape.first), ("row_start", shape.row_start),
             ("rows", shape.rows), ("panel_start", shape.panel_start), ("panels", factor.panels),
-            ("order", shape.order), ("schur_inverse", packed_rows(factor.schur_inverse, m)),
+            ("order", shape.order),
             ("dofs", ops.dofs), ("area", ops.area), ("massless", ops.massless.astype(np.int64)),
             ("k", np.ascontiguousarray(propagator.k[:, 0])),
-            ("response", packed_rows(response, m)), ("compliance", packed_rows(ops.compliance[np.ix_(live, live)], m)),
             ("live", live), ("channels", np.ascontiguousarray(flat)),
         ):  # fmt: skip
             self._point(c, name, array)
         for name, matrix in (("mass", ops.mass), ("stiffness", ops.stiffness), ("damping", ops.damping)):
             self._symmetric(c, name, matrix, whole=m > 1)
-        self._matrix(c, "trace", ops.trace)
-        self._matrix(c, "spread", sp.csr_array(ops.trace.T))
+        self._products(c, propagator, live, m)
         self._matrix(c, "probe", probe)
         row["n_probe"] = 0 if probe is None else probe.shape[0]
         self._point(c, "below", np.zeros((factor.tallest + 1, m)))
@@ -210,6 +213,24 @@ class ClassTable:
         self._point(c, "rest", self._rest[c])
         self.probed.append(np.zeros((0, 0, m)))
 
+    def _products(self, c: int, propagator: DirectPropagator | March[Any], live: Index, m: int) -> None:
+        """Matrices of the interface, as diagonals or tables where they are."""
+        row, ops = self.rows[c], propagator.operators
+        response = propagator.response[np.ix_(live, live)] / ops.area[live]
+        compliance = ops.compliance[np.ix_(live, live)]
+        row["plain_inverse"] = plain = _is_diagonal(ops.factor.schur_inverse)
+        self._point(c, "schur_inverse", _rows(ops.factor.schur_inverse, m, plain))
+        row["plain_response"] = plain = _is_diagonal(response) and _is_diagonal(compliance)
+        self._point(c, "response", _rows(response, m, plain))
+        self._point(c, "compliance", _rows(compliance, m, plain))
+        if isinstance(ops.trace, np.ndarray):
+            row["dense_trace"] = 1
+            self._point(c, "trace_table", np.ascontiguousarray(ops.trace))
+            self._point(c, "spread_table", np.ascontiguousarray(ops.trace.T))
+        else:
+            self._matrix(c, "trace", ops.trace)
+            self._matrix(c, "spread", sp.csr_array(ops.trace.T))
+
     def begin(self, n_time: int) -> None:
         """Take up the histories that the propagators have begun."""
         for c, propagator in enumerate(self._propagators):
@@ -218,7 +239,10 @@ class ClassTable:
             self._point(c, "constant", constant)
             self.rows[c]["driven"] = forcing.moves or constant.any()
             for name, sums in terms.items():
-                found = Terms.of(sums.patterns, sums.amplitudes, n_time)
+                amplitudes = sums.amplitudes
+                if propagator.scheme.explicit:  # loads act with their mean over the step
+                    amplitudes = [np.concatenate([a[:1], 0.5 * (a[1:] + a[:-1])]) for a in amplitudes]
+                found = Terms.of(sums.patterns, amplitudes, n_time)
                 self.rows[c][f"{name}_n"] = len(found.starts) - 1
                 self._point(c, f"{name}_starts", found.starts)
                 self._point(c, f"{name}_rows", found.rows)
@@ -242,3 +266,12 @@ class ClassTable:
         for propagator, own, traction in zip(self._propagators, self._state, tractions, strict=True):
             arrays = (own[name].copy() for name in _STATE)
             propagator.take(State(propagator.state.instant + steps, *arrays), traction)
+
+
+def _is_diagonal(matrix: Array) -> bool:
+    """Whether a square matrix has nothing beside its diagonal."""
+    return int(np.count_nonzero(matrix)) == int(np.count_nonzero(np.diagonal(matrix)))
+
+
+def _rows(matrix: Array, m: int, diagonal: bool) -> Array:
+    return np.ascontiguousarray(np.diagonal(matrix)) if diagonal else packed_rows(matrix, m)

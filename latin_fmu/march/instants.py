@@ -55,7 +55,7 @@ def march_instants(
             work.marched[0] += commit(classes[c], scheme, instant, work.f_hat)
             work.marched[1] += used * classes[c].m
             probe(classes[c], instant)
-            read_displacement(classes[c], instant, work.displacement)
+            read_displacement(classes[c], instant, scheme.gap_lead, work.displacement)
         for g in range(len(flat.ground)):
             work.displacement[flat.ground[g]] = flat.ground_displacement[instant, g]
         read_gaps(groups, gap_start, work.displacement, instant)

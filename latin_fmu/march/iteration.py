@@ -41,6 +41,12 @@ def mismatch(classes: Any, flat: Any, work: Any, limits: Any, reached: Array) ->
                 vectors[4 * j + 1, i] = half if normal else 0.0
                 vectors[4 * j + 2, i] = 0.0 if normal else force
                 vectors[4 * j + 3, i] = 0.0 if normal else half
+        if row.plain_response == 1:
+            diagonal = floats(row.compliance, n)
+            for line in range(4 * m):
+                for i in range(n):
+                    total[line % 4] += diagonal[i] * vectors[line, i] * vectors[line, i]
+            continue
         if m == 1:
             four_norms(n, floats(row.compliance, n * (n + 1) // 2), vectors, total)
             continue

@@ -141,6 +141,44 @@ def packed_product(n: int, a: Array, x: Array, out: Array) -> None:
 
 
 @kernel
+def product(n: int, matrix_at: int, plain: int, m: int, x: Array, out: Array) -> None:
+    """As ``dense``; ``plain``: A is given by its diagonal."""
+    if plain == 0:
+        dense(n, matrix_at, m, x, out)
+        return
+    diagonal = floats(matrix_at, n)
+    for i in range(n):
+        for j in range(m):
+            out[i * m + j] = diagonal[i] * x[i * m + j]
+
+
+@kernel
+def add_trace(row: Any, x: Array, out: Array) -> None:
+    """out (n_channel m,) += T x for x (n_inner m,)."""
+    if row.dense_trace == 0:
+        add_matrix(row.n_channel, row.trace_starts, row.trace_columns, row.trace_values, row.m, x, out)
+        return
+    m, table = row.m, table_of_floats(row.trace_table, row.n_channel, row.n_inner)
+    if m == 1:
+        out += np.dot(table, x)
+    else:
+        out += np.dot(table, x.reshape(row.n_inner, m)).reshape(-1)
+
+
+@kernel
+def add_spread(row: Any, x: Array, out: Array) -> None:
+    """out (n_inner m,) += T^T x for x (n_channel m,)."""
+    if row.dense_trace == 0:
+        add_matrix(row.n_inner, row.spread_starts, row.spread_columns, row.spread_values, row.m, x, out)
+        return
+    m, table = row.m, table_of_floats(row.spread_table, row.n_inner, row.n_channel)
+    if m == 1:
+        out += np.dot(table, x)
+    else:
+        out += np.dot(table, x.reshape(row.n_channel, m)).reshape(-1)
+
+
+@kernel
 def resting(row: Any, scheme: Any, instant: int) -> bool:
     """Whether the class has not moved, and nothing but its interfaces drives it at this instant."""
     if row.driven == 1 or scheme.rest_traction < 0.0 or integers(row.rest, 1)[0] == 0:
@@ -212,7 +250,7 @@ def predict(row: Any, scheme: Any, instant: int) -> None:
     )  # fmt: skip
     forward(row, load)
     if n_inner > 0:
-        dense(n_inner, row.schur_inverse, m, floats(row.inner, n_inner * m), free_a)
+        product(n_inner, row.schur_inverse, row.plain_inverse, m, floats(row.inner, n_inner * m), free_a)
     reached, dofs = floats(row.inner, n_inner * m), integers(row.dofs, n_inner)
     for i in range(n_inner):
         for j in range(m):
@@ -222,7 +260,7 @@ def predict(row: Any, scheme: Any, instant: int) -> None:
                 + scheme.interface_gain * free_a[i * m + j]
             )  # fmt: skip
     w_free[:] = 0.0
-    add_matrix(n_channel, row.trace_starts, row.trace_columns, row.trace_values, m, reached, w_free)
+    add_trace(row, reached, w_free)
     add_terms(
         row.velocity_n, row.velocity_starts, row.velocity_rows, row.velocity_values, row.velocity_amplitudes,
         instant, 1.0, w_free,
@@ -245,7 +283,7 @@ def respond(row: Any, q: Array, w: Array) -> None:
         for j in range(m):
             at = live[i] * m + j
             incoming[i * m + j] = area[live[i]] * (q[channels[at]] - k[live[i]] * w_free[at])
-    dense(n_live, row.response, m, incoming, answer)
+    product(n_live, row.response, row.plain_response, m, incoming, answer)
     for at in range(row.n_channel * m):
         w[channels[at]] = w_free[at]
     for i in range(n_live):
@@ -279,8 +317,8 @@ def commit(row: Any, scheme: Any, instant: int, traction: Array) -> int:
         for i in range(n_channel * m):
             nodal[i] *= scheme.force_weight
         inner[:] = 0.0
-        add_matrix(n_inner, row.spread_starts, row.spread_columns, row.spread_values, m, nodal, inner)
-        dense(n_inner, row.schur_inverse, m, inner, last)
+        add_spread(row, nodal, inner)
+        product(n_inner, row.schur_inverse, row.plain_inverse, m, inner, last)
         for i in range(n_inner * m):
             last[i] += free_a[i]
     backward(row, last, a)
@@ -289,7 +327,7 @@ def commit(row: Any, scheme: Any, instant: int, traction: Array) -> int:
         for j in range(m):
             before[massless[e] * m + j] = u[massless[e] * m + j]
     for i in range(size):
-        u[i] = u_free[i] + scheme.displacement_gain * a[i]
+        u[i] = u_free[i] + scheme.u_late * v_free[i] + scheme.displacement_gain * a[i]
         v[i] = v_free[i] + scheme.velocity_gain * a[i]
     for e in range(
         row.n_massless
@@ -313,20 +351,23 @@ def commit(row: Any, scheme: Any, instant: int, traction: Array) -> int:
 
 
 @kernel
-def read_displacement(row: Any, instant: int, out: Array) -> None:
-    """Displacements of the channels into ``out`` (n_flat,)."""
+def read_displacement(row: Any, instant: int, lead: float, out: Array) -> None:
+    """Displacements of the channels, ``lead`` s ahead, into ``out`` (n_flat,)."""
     m, n_channel, n_inner = row.m, row.n_channel, row.n_inner
     channels, dofs = integers(row.channels, n_channel * m), integers(row.dofs, n_inner)
-    u, inner, answer = (
+    u, v, inner, answer = (
         floats(row.u, row.n * m),
+        floats(row.v, row.n * m),
         floats(row.inner, n_inner * m),
         floats(row.answer, n_channel * m),
     )
     for i in range(n_inner):
         for j in range(m):
             inner[i * m + j] = u[dofs[i] * m + j]
+            if lead > 0.0:
+                inner[i * m + j] += lead * v[dofs[i] * m + j]
     answer[:] = 0.0
-    add_matrix(n_channel, row.trace_starts, row.trace_columns, row.trace_values, m, inner, answer)
+    add_trace(row, inner, answer)
     add_terms(
         row.displacement_n, row.displacement_starts, row.displacement_rows, row.displacement_values,
         row.displacement_amplitudes, instant, 1.0, answer,

@@ -28,19 +28,24 @@ class Coefficients(NamedTuple):
     w_u_old: float
     w_u: float
     w_v: float
+    u_late: float  # weight of the free velocity in the new displacement
+    gap_lead: float
     rest_traction: float  # see ``latin.resting``
 
 
 def coefficients(scheme: TimeScheme, dt: float, rest_traction: float) -> Coefficients:
     """Read the factors off the scheme's own functions, which are linear."""
     zero, one = np.zeros(1), np.ones(1)
+    # explicit: half of the step is made before the forces are known, half after
+    late = 0.5 * dt if scheme.explicit else 0.0
     u_v, _ = scheme.predict(zero, one, zero, dt)
     u_a, v_a = scheme.predict(zero, zero, one, dt)
     reached = [scheme.interface_velocity(u_old, u, v, dt) for u_old, u, v in np.eye(3)[:, :, None]]
     return Coefficients(
-        dt, float(u_v[0]), float(u_a[0]), float(v_a[0]), scheme.velocity_gain(dt), scheme.displacement_gain(dt),
+        dt, float(u_v[0]) - late, float(u_a[0]), float(v_a[0]), scheme.velocity_gain(dt), scheme.displacement_gain(dt),
         scheme.interface_gain(dt), scheme.force_weight, scheme.memory_weight,
-        float(reached[0][0]), float(reached[1][0]), float(reached[2][0]), rest_traction,
+        float(reached[0][0]), float(reached[1][0]), float(reached[2][0]),
+        late, scheme.gap_lead(dt), rest_traction,
     )  # fmt: skip
 
 

@@ -16,6 +16,7 @@ import scipy.sparse.linalg as spla
 
 from ..errors import SolverError
 from ..time_scheme import TimeScheme
+from .cholesky import InterfaceFactor, interface_factor
 from .condensed import Index
 from .explicit_energy import ExplicitMeter
 from .march import March, Motion
@@ -33,15 +34,20 @@ class ExplicitOperators:
     Attributes
     ----------
     inverse : (M + dt/2 C_d)^-1, (n, n). diagonal : its diagonal (n,), None where there is more to it.
-    dofs, trace, area, compliance : see ``Operators``.
+    The others : see ``Operators``.
     """
 
     inverse: sp.csr_array
     diagonal: Array | None
+    mass: sp.csr_array
+    damping: sp.csr_array | None
+    stiffness: sp.csr_array
+    factor: InterfaceFactor
     dofs: Index
     trace: sp.csr_array
     area: Array
     compliance: Array
+    massless: Index
 
     @property
     def admittance(self) -> Array:
@@ -121,7 +127,15 @@ class ExplicitPropagator(March[ExplicitOperators]):
         local = sp.csr_array(trace[:, dofs])
         compliance = dt * (local @ inverse[dofs][:, dofs] @ local.T).toarray()
         symmetric = 0.5 * (compliance + compliance.T)
-        return ExplicitOperators(inverse, diagonal, dofs, local, model.channel_area, symmetric)
+        return ExplicitOperators(
+            inverse, diagonal, self._mass, self._damping, self._stiffness, interface_factor(held, dofs), dofs,
+            local, model.channel_area, symmetric, np.zeros(0, dtype=np.int64),
+        )  # fmt: skip
+
+    @property
+    def compiles(self) -> bool:
+        """Where nothing is driven."""
+        return not self.forcing.moves
 
     # -- start ------------------------------------------------------------------------------------------------
     def initial_unbalance(self, traction: Array) -> Array:

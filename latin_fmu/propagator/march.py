@@ -170,6 +170,11 @@ class March(ABC, Generic[Ops]):
         if self.meter is not None:
             self.meter.start(self.state, self._nodal(traction))
 
+    @property
+    def compiles(self) -> bool:
+        """Whether the compiled march knows this propagator: operators like ``Operators``, steps like the direct one."""
+        return False
+
     # -- sizes and search direction ---------------------------------------------------------------------------
     @property
     def n_channel(self) -> int:
@@ -212,6 +217,13 @@ class March(ABC, Generic[Ops]):
         force = np.zeros((self.n_dof, traction.shape[1]))
         force[self.operators.dofs] = self._interface_force(traction)
         return force
+
+    def take(self, state: Any, traction: Array | None) -> None:
+        """Take up the state of a later instant, marched elsewhere; its energy is accounted for where ``traction``
+        (n_channel, n_member), Pa, of that one step is given."""
+        self.state = Motion(state.instant, state.u, state.v, state.a, state.residual)
+        if self.meter is not None and traction is not None:
+            self.meter.advance(self.state, self._nodal(traction))
 
     # -- reading the state --------------------------------------------------------------------------------------
     def channel_velocity(self) -> Array:

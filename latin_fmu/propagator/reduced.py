@@ -15,12 +15,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
 from ..time_scheme import TimeScheme
+from .cholesky import InterfaceFactor, interface_factor
 from .condensed import Index
 from .energy import EnergyMeter
 from .march import March, Motion
@@ -36,17 +38,22 @@ class ReducedOperators:
 
     Attributes
     ----------
-    stiffness : (m,) diagonal. damping : (m, m) or None. inverse : A^-1, (m,) where A is diagonal, else (m, m).
-    dofs : all. trace : (n_channel, m). area, compliance : see ``Operators``.
+    diagonal : (m,) of the stiffness. damp : (m, m) damping or None. inverse : A^-1, (m,) where A is diagonal, else
+        (m, m). dofs : all. trace : (n_channel, m). The others : see ``Operators``.
     """
 
-    stiffness: Array
-    damping: Array | None
+    diagonal: Array
+    damp: Array | None
     inverse: Array
+    mass: sp.csr_array
+    damping: sp.csr_array | None
+    stiffness: sp.csr_array
+    factor: InterfaceFactor
     dofs: Index
     trace: Array
     area: Array
     compliance: Array
+    massless: Index
 
     @property
     def admittance(self) -> Array:
@@ -90,7 +97,7 @@ class ReducedPropagator(March[ReducedOperators]):
 
     def _build(self, dt: float) -> ReducedOperators:
         model, scheme = self.members[0], self.scheme
-        _, damping, stiffness = model.reduced
+        mass, damping, stiffness = model.reduced
         diagonal = stiffness.diagonal()
         c_mass, c_damping, c_stiffness = scheme.operator(dt)
         a = c_mass + c_stiffness * diagonal
@@ -101,15 +108,24 @@ class ReducedPropagator(March[ReducedOperators]):
         compliance = scheme.interface_gain(dt) * scheme.force_weight * (trace @ scaled)
         dofs = np.arange(len(diagonal))
         symmetric = 0.5 * (compliance + compliance.T)
-        return ReducedOperators(diagonal, damp, inverse, dofs, trace, model.channel_area, symmetric)
+        operator = sp.csr_array(np.diag(a) if damp is None else np.diag(a) + c_damping * damp)
+        return ReducedOperators(
+            diagonal, damp, inverse, mass, damping, stiffness, interface_factor(operator, dofs), dofs, trace,
+            model.channel_area, symmetric, np.zeros(0, dtype=np.int64),
+        )  # fmt: skip
+
+    @property
+    def compiles(self) -> bool:
+        """Yes."""
+        return True
 
     # -- start ------------------------------------------------------------------------------------------------
     def initial_unbalance(self, traction: Array) -> Array:
         """M a at t = 0."""
         ops, state = self.operators, self.state
-        unbalance: Array = self.forcing.at(0) - ops.stiffness[:, None] * state.u + self._nodal(traction)
-        if ops.damping is not None:
-            unbalance -= ops.damping @ state.v
+        unbalance: Array = self.forcing.at(0) - ops.diagonal[:, None] * state.u + self._nodal(traction)
+        if ops.damp is not None:
+            unbalance -= ops.damp @ state.v
         inertia = self.forcing.inertia(0)
         return unbalance if inertia is None else unbalance - inertia
 
@@ -129,9 +145,9 @@ class ReducedPropagator(March[ReducedOperators]):
         ops, scheme, dt, state = self.operators, self.scheme, self.dt, self.state
         u, v = scheme.predict(state.u, state.v, state.a, dt)
         force = self.forcing.at(state.instant + 1)
-        force -= ops.stiffness[:, None] * u
-        if ops.damping is not None:
-            force -= ops.damping @ v
+        force -= ops.diagonal[:, None] * u
+        if ops.damp is not None:
+            force -= ops.damp @ v
         force *= scheme.force_weight
         if scheme.memory_weight:
             force -= scheme.memory_weight * state.residual
@@ -169,9 +185,15 @@ class ReducedPropagator(March[ReducedOperators]):
     def _measure(self) -> None:
         """Add the share of what is not a mode in the interface velocity (see the module docstring)."""
         ops, v = self.operators, self.state.v
-        first = int((ops.stiffness == 0.0).sum()) + self.n_mode
+        first = int((ops.diagonal == 0.0).sum()) + self.n_mode
         self._beyond += float(np.square(ops.trace[:, first:] @ v[first:]).sum())
         self._all += float(np.square(ops.trace @ v).sum())
+
+    def take(self, state: Any, traction: Array | None) -> None:
+        """See ``March.take``."""
+        super().take(state, traction)
+        self._free = None
+        self._measure()
 
     def remarks(self) -> list[str]:
         """The error that the reduction brings."""
