@@ -31,18 +31,25 @@ def figure(found: Mapping[str, tuple[Curve, Sequence[Curve]]], stacks: Stacks = 
     grid = drawing.subplots(2, count, height_ratios=(1.6, 1.0), squeeze=False)
     if stacks:
         statics(grid[0, -1], grid[1, -1], stacks)
-    colours = (BLUE, ORANGE, VERMILION, GREEN)
+    names = dict.fromkeys(a.name for _, answers in found.values() for a in answers)
+    colour_of = dict(zip(names, (BLUE, ORANGE, VERMILION, GREEN), strict=False))
     for column, (title, (exact, answers)) in enumerate(found.items()):
         above, below = grid[:, column]
-        for order, (answer, colour) in enumerate(zip(answers, colours, strict=False)):
-            curve = {"color": colour, "linewidth": 1.3, "zorder": 3 - 0.1 * order}  # the first one on top
+        for order, answer in enumerate(answers):
+            curve = {
+                "color": colour_of[answer.name],
+                "linewidth": 1.3,
+                "zorder": 3 - 0.1 * order,
+            }  # the first one on top
             above.plot(1e6 * answer.time, 1e-3 * answer.force, label=answer.name, **curve)
         above.plot(1e6 * exact.time, 1e-3 * exact.force, **{**EXACT, "label": "reference", "zorder": 4})
         above.set(
             title=f"{title} (reference: {exact.name})", xlabel="time (µs)", ylabel="normal contact force (kN)"
         )
         places = range(len(answers))
-        below.barh(places, [a.seconds for a in answers], color=colours[: len(answers)], height=0.6)
+        below.barh(
+            places, [a.seconds for a in answers], color=[colour_of[a.name] for a in answers], height=0.6
+        )
         below.set_yticks(places, [a.name.replace(", ", ",\n") for a in answers])
         below.invert_yaxis()
         below.set(xscale="log", xlabel="CPU time (s), one thread")
