@@ -43,7 +43,7 @@ CLASS = record(
         "n_panels", "order", "schur_inverse", "dofs", "area", "live", "massless", "k", "response", "compliance",
         "channels", "below", "rest", "constant", "probed", "plain_inverse", "plain_response", "dense_trace",
         "trace_table", "spread_table",
-        *_STATE, *_SCRATCH, "vectors", "answers",
+        *_STATE, *_SCRATCH, "vectors", "answers", "column",
         *(f"{m}_{part}" for m in _MATRICES for part in ("n", "diagonal", "starts", "columns", "values")),
         *(f"{t}_{part}" for t in _TERMS for part in ("n", "starts", "rows", "values", "amplitudes")),
     ]
@@ -155,11 +155,9 @@ class ClassTable:
         self._point(c, f"{name}_columns", matrix.indices.astype(np.uint32))
         self._point(c, f"{name}_values", np.ascontiguousarray(matrix.data, dtype=float))
 
-    def _symmetric(self, c: int, name: str, matrix: sp.csr_array | None, whole: bool) -> None:
-        """A symmetric matrix: half of it, or ``whole`` rows (see ``substructure.add_symmetric``)."""
-        if matrix is None or whole:
-            self._matrix(c, name, matrix)
-            self._point(c, f"{name}_diagonal", np.zeros(0))
+    def _symmetric(self, c: int, name: str, matrix: sp.csr_array | None) -> None:
+        """Half of a symmetric matrix (see ``substructure.add_symmetric``)."""
+        if matrix is None:
             return
         pattern = matrix.indptr.astype(np.int64), matrix.indices.astype(np.int64)
         diagonal, starts, columns, values = lower_half(*pattern, matrix.data)
@@ -194,7 +192,7 @@ class ClassTable:
         ):  # fmt: skip
             self._point(c, name, array)
         for name, matrix in (("mass", ops.mass), ("stiffness", ops.stiffness), ("damping", ops.damping)):
-            self._symmetric(c, name, matrix, whole=m > 1)
+            self._symmetric(c, name, matrix)
         self._products(c, propagator, live, m)
         self._matrix(c, "probe", probe)
         row["n_probe"] = 0 if probe is None else probe.shape[0]
@@ -204,6 +202,7 @@ class ClassTable:
                 name, row["n_channel"] if name in ("w_free", "channel", "answer") else row["n"]
             )
             self._point(c, name, np.zeros((int(size), m)))
+        self._point(c, "column", np.zeros(2 * int(row["n"])))
         for name in ("vectors", "answers"):
             self._point(c, name, np.zeros((4 * m, len(live))))
         self._state.append({name: np.zeros((int(row["n"]), m)) for name in _STATE})
