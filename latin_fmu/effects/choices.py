@@ -41,15 +41,12 @@ def choices(sizes: Sizes) -> dict[str, str]:
         window, kind, accelerated = "no interface: one linear march", "none", "none"
     elif sizes.solved_at_once:
         window, kind, accelerated = "every instant at once: perfect interfaces only", "none", "none"
-    predicted = sizes.prepared.prediction()
-    cheaper = [] if predicted is None else predicted.suggestions()
     marched = chosen_propagators(sizes.scene, sizes.prepared.classes)[0]
     return {
         "window": window,
         "search direction": kind + (f", times {direction.factor:g}" if direction.factor != 1 else ""),
         "acceleration": accelerated,
         "propagator": f"{marched.kind}, scheme {sizes.scene.time.scheme.type}",
-        **({"cheaper, with another answer": "; ".join(cheaper)} if cheaper else {}),
     }
 
 

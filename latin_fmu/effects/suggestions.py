@@ -23,7 +23,7 @@ SLOW = 10.0  # duration of the run over the longest transit
 def suggestions(sizes: Sizes, effects: list[Effect], instant: float) -> list[Suggestion]:
     """All suggestions; ``instant``: predicted CPU time of one instant, s."""
     makers: tuple[Callable[[Sizes, list[Effect], float], Iterator[Suggestion]], ...] = (
-        _friction, _open_gaps, _rigid, _kept, _slow, _late,
+        _friction, _open_gaps, _rigid, _kept, _slow, _late, _propagator,
     )  # fmt: skip
     return [s for make in makers for s in make(sizes, effects, instant)]
 
@@ -201,3 +201,10 @@ def _longest_transit(sizes: Sizes) -> float:
 
 def _fraction(share: float) -> str:
     return f"1/{1 / share:.2g}" if share < 1 else "the same"
+
+
+def _propagator(sizes: Sizes, _: list[Effect], __: float) -> Iterator[Suggestion]:
+    """Propagators that give another answer for much less."""
+    predicted = sizes.prepared.prediction()
+    for kind, what, factor in [] if predicted is None else predicted.cheaper():
+        yield Suggestion(what, (f"solver.propagator={kind}",), factor)

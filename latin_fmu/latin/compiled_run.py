@@ -22,6 +22,7 @@ from .recorder import Recorder
 from .settings import Settings
 from .slide_probes import SlideProbes
 from .stopping import AT_REST, PATIENCE, RANK, RECENT, STALL_ACCELERATED, STALL_PLAIN, TANGENTIAL_FLOOR
+from .threads import Threads
 
 if TYPE_CHECKING:
     from ..march.work import Limits
@@ -71,7 +72,7 @@ class CompiledRun:
     def __init__(self, run: Run, bonds: Array | None = None) -> None:
         from ..march import classes, groups, instants, work
 
-        self._run, self._march_instants = run, instants.march_instants
+        self._run, self._kernels = run, instants
         assembly, direction = run.assembly, run.direction(1)
         self._direction = direction
         layout, settings = assembly.layout, run.settings
@@ -91,6 +92,9 @@ class CompiledRun:
         self._mismatches = np.empty((_LONGEST, settings.max_iterations))
         self._counts = np.zeros(_LONGEST, dtype=np.int64)
         self._bonds = np.zeros((0, 0)) if bonds is None else np.ascontiguousarray(bonds)
+        self._threads = Threads(
+            [float(row["n_panels"] * row["m"]) for row in self._classes.rows], settings.threads
+        )
         self._states: list[object] = []
         self._per_instant = 0.0
         self.refused = False  # the instant after the last one needs the long road
@@ -122,10 +126,7 @@ class CompiledRun:
         before = clock.perf_counter()
         self._enter()
         first = assembly.propagators[0].state.instant + 1
-        done = self._march_instants(
-            self._classes.rows, self._groups.rows, self._flat, work, self._limits, self._scheme, self._history,
-            self._gap_start, self._bonds, first, n,
-        )  # fmt: skip
+        done = (self._march_together if self._threads.several else self._march)(first, n)
         if done:
             accounted = recorder.wants_energy
             tractions = [work.f_hat[c] if accounted else None for c in assembly.channels]
@@ -143,6 +144,34 @@ class CompiledRun:
         run.timings.global_stage += seconds
         self._per_instant = seconds / max(done, 1)
         return done
+
+    def _march(self, first: int, n: int) -> int:
+        """Up to n instants in one call; how many converged."""
+        done: int = self._kernels.march_instants(
+            self._classes.rows, self._groups.rows, self._flat, self._work, self._limits, self._scheme, self._history,
+            self._gap_start, self._bonds, first, n,
+        )  # fmt: skip
+        return done
+
+    def _march_together(self, first: int, n: int) -> int:
+        """The same with the substructures on several threads."""
+        kernels, scheme, rows, work = self._kernels, self._scheme, self._classes.rows, self._work
+        for step in range(n):
+            instant = first + step
+            self._threads.each(lambda which, at=instant: kernels.predict_some(rows, scheme, at, which))  # type: ignore[misc]
+            solved = kernels.solve_instant(
+                rows, self._groups.rows, self._flat, work, self._limits, scheme, self._history, self._bonds, step,
+                instant,
+            )  # fmt: skip
+            if not solved:
+                return step
+            work.marched[0] += self._threads.each(
+                lambda which, at=instant: kernels.commit_some(rows, scheme, at, work, which)  # type: ignore[misc]
+            )
+            kernels.close_instant(
+                self._groups.rows, self._flat, work, self._history, self._gap_start, instant
+            )
+        return n
 
     def _enter(self) -> None:
         """Bring the kernels' copies up to the state of the run."""

@@ -20,6 +20,7 @@ class Settings:
     window : instants per window, 0 for the whole interval.
     quasi_static : no inertia.
     direct_bonds : windows of one instant with perfect interfaces only are solved without iteration.
+    threads : cores for the substructures (windows of one instant).
     sequential_start : a window of several instants starts from a sequential pass (else from its initial values).
     """
 
@@ -33,3 +34,4 @@ class Settings:
     sequential_start: bool = True
     quasi_static: bool = False
     direct_bonds: bool = True
+    threads: int = 1

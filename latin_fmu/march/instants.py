@@ -25,44 +25,69 @@ def march_instants(
     ``work.f_hat``, ``work.w_hat`` hold the last accepted fields on entry and on return. ``bonds`` (n_flat, n_flat)
     gives q from the velocities without traction where all interfaces are perfect (``latin.bonded``); else (0, 0).
     """
+    every = np.arange(len(classes))
     for step in range(n):
         instant = first + step
-        for c in range(len(classes)):
-            predict(classes[c], scheme, instant)
-        if len(bonds):
-            free_motion(classes, flat, work.w, instant)
-            np.dot(bonds, work.w, work.q)
-        else:
-            first_guess(classes, flat, work, instant)
-        used = iterate(
-            classes,
-            groups,
-            flat,
-            work,
-            limits,
-            1 / scheme.dt,
-            instant,
-            history.errors[step],
-            history.mismatches[step],
-        )
-        history.iterations[step] = used
-        if used <= 0:
-            if instant > 0:
-                work.f_hat[:] = history.f_hat[instant - 1]
-                work.w_hat[:] = history.w_hat[instant - 1]
+        predict_some(classes, scheme, instant, every)
+        if solve_instant(classes, groups, flat, work, limits, scheme, history, bonds, step, instant) == 0:
             return step
-        for c in range(len(classes)):
-            work.marched[0] += commit(classes[c], scheme, instant, work.f_hat)
-            work.marched[1] += used * classes[c].m
-            probe(classes[c], instant)
-            read_displacement(classes[c], instant, scheme.gap_lead, work.displacement)
-        for g in range(len(flat.ground)):
-            work.displacement[flat.ground[g]] = flat.ground_displacement[instant, g]
-        read_gaps(groups, gap_start, work.displacement, instant)
-        history.f_hat[instant] = work.f_hat
-        history.w_hat[instant] = work.w_hat
-        accept(flat, work)
+        work.marched[0] += commit_some(classes, scheme, instant, work, every)
+        close_instant(groups, flat, work, history, gap_start, instant)
     return n
+
+
+@kernel
+def predict_some(classes: Any, scheme: Any, instant: int, which: Any) -> None:
+    """Free response of some classes; each writes into its own row only."""
+    for c in which:
+        predict(classes[c], scheme, instant)
+
+
+@kernel
+def solve_instant(
+    classes: Any, groups: Any, flat: Any, work: Any, limits: Any, scheme: Any, history: Any, bonds: Array, step: int,
+    instant: int,
+) -> int:  # fmt: skip
+    """Iterate over the instant whose free responses are known; 1 where it converged."""
+    if len(bonds):
+        free_motion(classes, flat, work.w, instant)
+        np.dot(bonds, work.w, work.q)
+    else:
+        first_guess(classes, flat, work, instant)
+    errors, mismatches = history.errors[step], history.mismatches[step]
+    used = iterate(classes, groups, flat, work, limits, 1 / scheme.dt, instant, errors, mismatches)
+    history.iterations[step] = used
+    if used <= 0:
+        if instant > 0:
+            work.f_hat[:] = history.f_hat[instant - 1]
+            work.w_hat[:] = history.w_hat[instant - 1]
+        return 0
+    for c in range(len(classes)):
+        work.marched[1] += used * classes[c].m
+    return 1
+
+
+@kernel
+def commit_some(classes: Any, scheme: Any, instant: int, work: Any, which: Any) -> int:
+    """End the instant of some classes with the tractions of ``work``; substructures marched. Each class writes into its
+    own row and at its own channels only."""
+    marched = 0
+    for c in which:
+        marched += commit(classes[c], scheme, instant, work.f_hat)
+        probe(classes[c], instant)
+        read_displacement(classes[c], instant, scheme.gap_lead, work.displacement)
+    return marched
+
+
+@kernel
+def close_instant(groups: Any, flat: Any, work: Any, history: Any, gap_start: Array, instant: int) -> None:
+    """Keep the instant and bring gaps and indicators up to date."""
+    for g in range(len(flat.ground)):
+        work.displacement[flat.ground[g]] = flat.ground_displacement[instant, g]
+    read_gaps(groups, gap_start, work.displacement, instant)
+    history.f_hat[instant] = work.f_hat
+    history.w_hat[instant] = work.w_hat
+    accept(flat, work)
 
 
 @kernel

@@ -228,5 +228,6 @@ def settings_of(scene: Scene) -> Settings:
         window=0 if solver.window == WHOLE else min(int(solver.window), scene.time.n_step),
         quasi_static=scene.time.quasi_static,
         direct_bonds=solver.bonds == "direct",
+        threads=solver.threads,
         sequential_start=solver.window == WHOLE and solver.start == "sequential",
     )

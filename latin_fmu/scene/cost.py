@@ -51,19 +51,21 @@ class Prediction:
         """Bytes of operators and state."""
         return self.costs[self.kind].memory
 
-    def suggestions(self) -> list[str]:
-        """Propagators that change the answer but would cost much less, in a sentence each."""
+    def cheaper(self) -> list[tuple[Kind, str, float]]:
+        """Propagators that change the answer but would cost much less: which, in a sentence, cost over the present."""
         own = self.costs[self.kind].total(self.n_instant)
-        told = []
+        found: list[tuple[Kind, str, float]] = []
         for kind, what in _SUGGESTED.items():
             other = self.costs[kind]
             march = self.n_instant * other.instant if kind == "reduced" else other.total(self.n_instant)
             if kind != self.kind and march < _WORTH * own:
-                told.append(
-                    f'solver.propagator = "{kind}" ({what}): about {march:.2g} s instead of {own:.2g} s'
-                    + (f", after {other.setup:.2g} s of set-up" if kind == "reduced" else "")
+                sentence = (
+                    f"another answer by the {kind} propagator ({what}): about {march:.2g} s, not {own:.2g} s"
                 )
-        return told
+                if kind == "reduced":
+                    sentence += f", after {other.setup:.2g} s of set-up"
+                found.append((kind, sentence, march / own))
+        return found
 
     def text(self) -> str:
         """One line: propagator, seconds, memory."""

@@ -146,6 +146,16 @@ class Solver(Table):
         ),
     ] = True
 
+    threads: Annotated[
+        int,
+        Field(ge=1, le=256),
+        about(
+            "cores on which substructures are marched side by side (windows of one instant); worth it from some "
+            "thousands of unknowns per substructure; the result is the same to the last bit",
+            "1",
+        ),
+    ] = 1
+
     @property
     def force_mismatch_tolerance(self) -> float:
         """`force_tolerance`, or its default 10 * tolerance."""

@@ -11,6 +11,7 @@ import pytest
 import latin_fmu
 from latin_fmu.compiled import COMPILES
 from latin_fmu.latin import windows
+from latin_fmu.latin.threads import dealt
 
 pytestmark = pytest.mark.skipif(not COMPILES, reason="compilation is off")
 
@@ -128,6 +129,30 @@ def test_both_roads_give_the_same_fields(
         for term, values in fast.energy.items():
             scale = max(np.abs(v).max() for v in slow.energy.values())
             assert np.abs(values - slow.energy[term]).max() <= 1e-9 * scale, term
+
+
+@pytest.mark.parametrize(
+    "change", [unlike, thrown, driven_face, frictionless], ids=lambda change: change.__name__
+)
+def test_threads_change_nothing(change: Callable[[Tables], None]) -> None:
+    """To the last bit."""
+    outcomes = []
+    for threads in (1, 2, 3):
+        tables = stack(4)
+        change(tables)
+        tables["solver"]["threads"] = threads
+        outcomes.append(latin_fmu.solve(latin_fmu.scene_from_dict(tables)).outcome)
+    for other in outcomes[1:]:
+        assert other.marched == outcomes[0].marched
+        for name, history in outcomes[0].interfaces.items():
+            for field in ("traction", "velocity", "gap"):
+                np.testing.assert_array_equal(getattr(history, field), getattr(other.interfaces[name], field))
+
+
+def test_classes_are_dealt_by_cost() -> None:
+    hands = dealt([1.0, 8.0, 2.0, 5.0], 2)
+    assert [hand.tolist() for hand in hands] == [[1], [0, 2, 3]]
+    assert len(dealt([1.0], 4)) == 1
 
 
 def test_an_instant_that_needs_a_fall_back_takes_the_long_road(monkeypatch: pytest.MonkeyPatch) -> None:
