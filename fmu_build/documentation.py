@@ -29,7 +29,7 @@ later step is discarded.</li>
 of it, a fifth of its value is taken for sqrt(eta). It goes before the parameter <code>tolerance</code>, which is on
 sqrt(eta) itself (FMI 2; the FMI 3 exporter does not hand it on: use the parameter).</li>
 <li>Energies are outputs where the scene says <code>output.energy = true</code>: their terms are followed at every
-instant, which costs time (as much again on small scenes), so that nobody gets them unasked.</li>
+instant, which can take longer than the solution itself, so that nobody gets them unasked.</li>
 <li>With <code>resultsFile</code> a netCDF file is written at termination; it holds accepted steps only.</li>
 <li>A load in the scene should have the size expected, so that its amplitude is about 1: tolerances are relative to the
 loads of the scene, and a load of 1 Pa times 10<sup>8</sup> asks for more digits than there are.</li>

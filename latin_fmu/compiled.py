@@ -34,18 +34,21 @@ def jitted(function: Function, nogil: bool = False, fastmath: bool | set[str] = 
 
     The code is kept in the folder of ``kernel_store``: where numba keeps it a kernel would not notice that another one
     which it calls has changed, and inside an FMU the path is new at every extraction.
+
+    Kernels are inlined into those that call them: a call that is left may reach one copy of the other kernel in the
+    process that compiles and another in those that read from disk, with sums in another order.
     """
     from numba import njit
 
     store = store_of(Path(__file__).parent)
     if store is not None:
-        made = njit(nogil=nogil, fastmath=fastmath)(function)
+        made = njit(nogil=nogil, fastmath=fastmath, forceinline=True)(function)
         if keep(made, store):
             return cast(Function, made)
     try:
-        return cast(Function, njit(cache=True, nogil=nogil, fastmath=fastmath)(function))
+        return cast(Function, njit(cache=True, nogil=nogil, fastmath=fastmath, forceinline=True)(function))
     except RuntimeError:  # no folder to keep it in: compile afresh in this process
-        return cast(Function, njit(nogil=nogil, fastmath=fastmath)(function))
+        return cast(Function, njit(nogil=nogil, fastmath=fastmath, forceinline=True)(function))
 
 
 def native(n_integer: int, n_float: int) -> Callable[[Callable[..., None]], Callable[[], int]]:
