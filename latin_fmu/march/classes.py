@@ -50,7 +50,7 @@ CLASS = record(
 )  # fmt: skip
 """One row per class. ``n`` dofs, ``m`` members, ``n_inner`` interface dofs, ``n_live`` channels that can move; arrays
 per dof are (n, m). Matrices are compressed rows (``starts``, ``columns``, ``values``; mass, stiffness, damping: see
-``substructure.add_symmetric``; dense ones: see ``substructure.dense``), terms likewise (see ``Terms``). ``rest`` is 1
+``products.add_symmetric``; dense ones: see ``products.dense``), terms likewise (see ``Terms``). ``rest`` is 1
 while the class has not moved, ``driven`` 1 where more than loads that come and go drives it. ``plain_inverse``,
 ``plain_response``: the Schur inverse, Y and C by their diagonals; ``dense_trace``: trace and transpose dense."""
 
@@ -100,7 +100,7 @@ def lower_half(
 
 
 def packed_rows(matrix: Array, m: int) -> Array:
-    """A symmetric matrix as ``substructure.dense`` wants it for m members: its lower triangle row by row, or whole."""
+    """A symmetric matrix as ``products.dense`` wants it for m members: its lower triangle row by row, or whole."""
     if m > 1:
         return np.ascontiguousarray(matrix)
     return packed(matrix)
@@ -156,7 +156,7 @@ class ClassTable:
         self._point(c, f"{name}_values", np.ascontiguousarray(matrix.data, dtype=float))
 
     def _symmetric(self, c: int, name: str, matrix: sp.csr_array | None) -> None:
-        """Half of a symmetric matrix (see ``substructure.add_symmetric``)."""
+        """Half of a symmetric matrix (see ``products.add_symmetric``)."""
         if matrix is None:
             return
         pattern = matrix.indptr.astype(np.int64), matrix.indices.astype(np.int64)

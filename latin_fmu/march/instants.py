@@ -1,4 +1,4 @@
-"""Marches over many instants: windows of one instant, one pass over a long window, one body alone."""
+"""Marches over many instants: windows of one instant, bodies alone."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from .groups import read_gaps
 from .iteration import iterate
-from .substructure import commit, predict, probe, read_displacement, respond
+from .substructure import commit, predict, probe, read_displacement
 from .views import floats, integers, kernel
 
 Array = NDArray[np.float64]
@@ -126,24 +126,6 @@ def accept(flat: Any, work: Any) -> None:
         share[flat.interface[j]] += flat.weights[0, j] * work.residual[j] * work.residual[j]
     for i in range(len(share)):
         work.interface_indicator[i] = max(work.interface_indicator[i], np.sqrt(share[i] / work.scales[0]))
-
-
-@kernel
-def sweep_window(
-    classes: Any, flat: Any, scheme: Any, first: int, q: Array, w: Array, traction: Array
-) -> None:
-    """One linear stage over a long window: W (n, n_flat) for q (n, n_flat); ``traction`` (n_flat,) is scratch."""
-    for step in range(len(q)):
-        instant = first + step
-        for g in range(len(flat.ground)):
-            w[step, flat.ground[g]] = flat.ground_velocity[instant, g]
-        for c in range(len(classes)):
-            predict(classes[c], scheme, instant)
-            respond(classes[c], q[step], w[step])
-        for j in range(len(traction)):
-            traction[j] = q[step, j] - flat.k[j] * w[step, j]
-        for c in range(len(classes)):
-            commit(classes[c], scheme, instant, traction)
 
 
 @kernel

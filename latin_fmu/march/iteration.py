@@ -68,7 +68,7 @@ def mismatch(classes: Any, flat: Any, work: Any, limits: Any, reached: Array) ->
 
 @kernel
 def four_norms(n: int, a: Array, x: Array, total: Array) -> None:
-    """total (4,) += x A x for the four rows of x (4, n), A packed (see ``substructure.packed_product``)."""
+    """total (4,) += x A x for the four rows of x (4, n), A packed (see ``products.packed_product``)."""
     x0, x1, x2, x3 = x[0], x[1], x[2], x[3]
     at = 0
     for i in range(n):
