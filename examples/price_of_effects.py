@@ -23,6 +23,10 @@ from latin_fmu.scene.build import build
 
 Tables = dict[str, Any]
 STEEL = {"young_modulus": 210e9, "poisson_ratio": 0.3, "density": 7800.0}
+MEET = {"sides": ["a.zmax", "b.zmin"]}
+SOFT = {**MEET, "behaviour": "soft_contact", "normal_stiffness": 1e15, "friction_coefficient": 0.2}
+LAYER = {**MEET, "behaviour": "elastic_layer", "normal_stiffness": 1e15, "tangential_stiffness": 4e14}
+JOINT = {**MEET, "behaviour": "viscous_joint", "normal_viscosity": 4e7, "tangential_viscosity": 2e7}
 EDGE, STEP, ROUNDS = 0.01, 2e-7, 5
 SPEED = float(np.sqrt(210e9 * 0.7 / (1.3 * 0.4) / 7800.0))
 
@@ -46,6 +50,9 @@ ROWS = (
     Row("energy balance", None, {"output.energy": True}),
     Row("stress", None, {"output.stress": True}),
     Row("interior history", None, {"output.fields": True}),
+    Row("soft contact", {"interface.meet": {**SOFT, "gap": 1.0}}, {"interface.meet": SOFT}),
+    Row("elastic layer", None, {"interface.meet": LAYER}),
+    Row("viscous joint", None, {"interface.meet": JOINT}),
     Row("rigid upper block", None, {"substructure.b.rigid": True}),
     Row("bond, one solve", None, {"interface.meet.behaviour": "perfect"}),
     Row("bond, iterated", None, {"interface.meet.behaviour": "perfect", "solver.bonds": "iterate"}),
@@ -61,7 +68,7 @@ def base(elements: int, instants: int) -> Tables:
             "a": {"material": "steel", "box": box},
             "b": {"material": "steel", "box": {**box, "origin": [0.0, 0.0, EDGE]}},
         },
-        "interface": {"meet": {"sides": ["a.zmax", "b.zmin"]}},
+        "interface": {"meet": dict(MEET)},
         "load": {"push": {"face": "a.zmin", "pressure": 1e8, "law": {"type": "half_sine", "duration": 30 * STEP}}},
         "time": {"end": instants * STEP, "instants": instants}, "output": {}, "solver": {}, "boundary": {},
     }  # fmt: skip
@@ -174,6 +181,8 @@ def main(argv: Sequence[str] | None = None) -> dict[str, float]:
         / seconds["base, blocks apart"],
         "idle_friction_over_frictionless": seconds["friction: idle"] / seconds["base"],
         "energy_over_none": seconds["energy balance: at work"] / seconds["base"],
+        "soft_contact_over_contact": seconds["soft contact: at work"] / seconds["friction: at work"],
+        "layer_over_iterated_bond": seconds["elastic layer: at work"] / seconds["bond, iterated: at work"],
         "rigid_over_elastic": seconds["rigid upper block: at work"] / seconds["base"],
         "one_solve_over_iterated_bond": seconds["bond, one solve: at work"]
         / seconds["bond, iterated: at work"],

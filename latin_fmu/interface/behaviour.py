@@ -23,8 +23,8 @@ Rules
 6. A ``compliant`` behaviour has a definite traction also where both sides are held (z = 0): it follows from the jumps
    alone, at the start of a run too. The others give no traction there.
 7. A behaviour may offer ``native``, which returns the address of ``local`` for the compiled march (see
-   ``compiled.native``): pointers to the integers n_point, n_component, n_parameter and to rate, jump, z, reach,
-   parameters, traction. Without it the march goes instant by instant through ``local``.
+   ``compiled.native``): pointers to the integers n_point, n_component, n_parameter and to rate, jump, z, reach (of rule
+   3), parameters, traction. Without it the march goes instant by instant through ``local``.
 """
 
 from __future__ import annotations

@@ -12,12 +12,13 @@ perfect connection. Massless, without thickness; a preload enters as an initial 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
-from ..compiled import compiled
+from ..compiled import carray, compiled, native
 from .behaviour import STICK, Array, Status
 
 
@@ -31,6 +32,7 @@ class ElasticLayer:
     opens: ClassVar[bool] = False
     compliant: ClassVar[bool] = True
     elastic: ClassVar[bool] = True
+    native: ClassVar[Callable[[], int]] = staticmethod(lambda: _native())
 
     @property
     def n_component(self) -> int:
@@ -77,3 +79,18 @@ def _kernel(jump: Array, z: Array, reach: Array, rate: float, parameters: Array)
             stiffness = parameters[p, kind]
             traction[p, c] = stiffness * (jump[p, c] + reach[p, c]) / (rate + stiffness * z[p, kind])
     return traction
+
+
+@native(3, 6)
+def _native(
+    n_point: Any, n_component: Any, n_parameter: Any, rate: Any, jump: Any, z: Any, reach: Any, parameters: Any,
+    traction: Any,
+) -> None:  # fmt: skip
+    n, shape = n_point[0], (n_point[0], n_component[0])
+    carray(traction, shape)[...] = _kernel(
+        carray(jump, shape),
+        carray(z, (n, 2)),
+        carray(reach, shape),
+        rate[0],
+        carray(parameters, (n, n_parameter[0])),
+    )

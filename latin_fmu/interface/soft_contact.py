@@ -13,12 +13,13 @@ energy it stores; k_n -> infinity is ``contact``.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
-from ..compiled import compiled
+from ..compiled import carray, compiled, native
 from .behaviour import Array, Status
 from .contact import Contact
 
@@ -33,6 +34,7 @@ class SoftContact:
     opens: ClassVar[bool] = True
     compliant: ClassVar[bool] = True
     elastic: ClassVar[bool] = True
+    native: ClassVar[Callable[[], int]] = staticmethod(lambda: _native())
 
     @property
     def n_component(self) -> int:
@@ -92,3 +94,18 @@ def _kernel(jump: Array, z: Array, reach: Array, rate: float, parameters: Array)
             traction[p, 1] = scale * jump[p, 1] / z[p, 1]
             traction[p, 2] = scale * jump[p, 2] / z[p, 1]
     return traction
+
+
+@native(3, 6)
+def _native(
+    n_point: Any, n_component: Any, n_parameter: Any, rate: Any, jump: Any, z: Any, reach: Any, parameters: Any,
+    traction: Any,
+) -> None:  # fmt: skip
+    n, shape = n_point[0], (n_point[0], n_component[0])
+    carray(traction, shape)[...] = _kernel(
+        carray(jump, shape),
+        carray(z, (n, 2)),
+        carray(reach, shape),
+        rate[0],
+        carray(parameters, (n, n_parameter[0])),
+    )

@@ -17,6 +17,7 @@ from ..propagator.march import March
 from .assembly import Assembly
 from .error_indicator import Scales
 from .layout import Array
+from .local_stage import left
 from .record import WindowRecord
 from .recorder import Recorder
 from .settings import Settings
@@ -83,7 +84,11 @@ class CompiledRun:
             layout.groups, [native_address(g.behaviour) for g in layout.groups], direction.local.z_sums
         )
         self._work = work.make_work(
-            layout.n_flat, len(assembly.interfaces), settings.anderson_depth, settings.max_iterations
+            layout.n_flat,
+            len(assembly.interfaces),
+            settings.anderson_depth,
+            settings.max_iterations,
+            any(g.behaviour.elastic for g in layout.groups),
         )
         self._limits = _limits(settings, not layout.normal.all())
         self._scheme = work.coefficients(assembly.scheme, assembly.dt, assembly.rest_traction)
@@ -110,9 +115,11 @@ class CompiledRun:
         self._groups.begin(recorder.gaps)
         ground, velocity, displacement = assembly.ground_tables()
         displacement = displacement + assembly.scheme.gap_lead(assembly.dt) * velocity
+        acceleration = np.diff(velocity, axis=0, prepend=velocity[:1]) / assembly.dt  # not read at instant 0
+        seen = displacement + self._scheme.layer_v * velocity + self._scheme.layer_a * acceleration
         self._flat = Flat(
             direction.k, direction.local.z, layout.area, direction.indicator.weights, direction.weight**2,
-            layout.interface, layout.normal.astype(np.int64), ground, velocity, displacement,
+            layout.interface, layout.normal.astype(np.int64), ground, velocity, displacement, seen,
         )  # fmt: skip
         self._history = History(recorder.f_hat, recorder.w_hat, self._errors, self._mismatches, self._counts)
 
@@ -169,7 +176,7 @@ class CompiledRun:
                 lambda which, at=instant: kernels.commit_some(rows, scheme, at, work, which)  # type: ignore[misc]
             )
             kernels.close_instant(
-                self._groups.rows, self._flat, work, self._history, self._gap_start, instant
+                self._groups.rows, self._flat, work, scheme, self._history, self._gap_start, instant
             )
         return n
 
@@ -184,8 +191,16 @@ class CompiledRun:
         work.scales[:] = (state.scales.field, *state.scales.force)
         work.interface_indicator[:] = 0.0 if state.interface_indicator is None else state.interface_indicator
         work.marched[:] = 0
-        for own, gap in zip(self._groups.gaps, self._run.gaps(), strict=True):
+        gaps = self._run.gaps()
+        for own, gap in zip(self._groups.gaps, gaps, strict=True):
             own[:] = gap
+        if len(work.layer):
+            groups = self._run.assembly.layout.groups
+            for group, reach, seen in zip(
+                groups, self._groups.reaches, left(self._run.assembly, gaps), strict=True
+            ):
+                if group.behaviour.elastic:
+                    reach[:] = seen * self._scheme.layer_rate
 
     def _tell(self, first: int, done: int) -> None:
         windows = self._run.state.windows

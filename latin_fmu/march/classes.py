@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 _MATRICES = ("mass", "stiffness", "damping", "trace", "spread", "probe")
-_TERMS = ("force", "inertia", "velocity", "displacement")
+_TERMS = ("force", "inertia", "velocity", "displacement", "acceleration")
 _STATE = ("u", "v", "a", "residual")
 # scratch: name -> rows (per member)
 _SCRATCH = (

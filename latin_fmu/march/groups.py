@@ -8,17 +8,19 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ..interface import Behaviour
 from ..propagator.cholesky.kernels import fortran
 from .views import address, floats, kernel, record
 
 Array = NDArray[np.float64]
 
 GROUP = record(
-    ["start", "n_point", "n_component", "opens", "local", "n_parameter", "parameters", "z_sum", "gap", "history",
-     "jump", "reach", "traction"]
+    ["start", "n_point", "n_component", "opens", "elastic", "local", "n_parameter", "parameters", "z_sum", "gap",
+     "history", "jump", "reach", "traction"]
 )  # fmt: skip
 """One row per group: block (2, n_point, n_component) from ``start``, address of the behaviour's native function,
-arrays per point; ``history`` (n_time, n_point) receives the gaps."""
+arrays per point; ``history`` (n_time, n_point) receives the gaps. ``reach``, per component where ``elastic``: rule 3 of
+``interface.behaviour``."""
 
 
 class GroupLike(Protocol):
@@ -40,6 +42,10 @@ class GroupLike(Protocol):
     def parameters(self) -> Array:
         """(n_point, n_parameter)."""
 
+    @property
+    def behaviour(self) -> Behaviour:
+        """Of a member."""
+
 
 class GroupTable:
     """Rows of the groups and the arrays behind them.
@@ -52,14 +58,18 @@ class GroupTable:
     def __init__(self, groups: Sequence[GroupLike], natives: Sequence[int], z_sums: Sequence[Array]) -> None:
         self.rows = np.zeros(len(groups), dtype=GROUP)
         self.gaps = [np.zeros(g.n_point) for g in groups]
+        self.reaches = [np.zeros((g.n_point, g.n_component if g.behaviour.elastic else 1)) for g in groups]
         self._alive: list[list[Any]] = []
-        for row, group, native, z_sum, gap in zip(self.rows, groups, natives, z_sums, self.gaps, strict=True):
+        for row, group, native, z_sum, gap, reach in zip(
+            self.rows, groups, natives, z_sums, self.gaps, self.reaches, strict=True
+        ):
+            row["elastic"] = group.behaviour.elastic
             row["start"], row["n_point"], row["n_component"] = group.start, group.n_point, group.n_component
             row["local"], row["n_parameter"] = native, group.parameters.shape[1]
             block = np.zeros((group.n_point, group.n_component))
             arrays = {
                 "parameters": np.ascontiguousarray(group.parameters), "z_sum": np.ascontiguousarray(z_sum), "gap": gap,
-                "jump": block, "traction": np.zeros_like(block), "reach": np.zeros(group.n_point),
+                "jump": block, "traction": np.zeros_like(block), "reach": reach,
             }  # fmt: skip
             for name, array in arrays.items():
                 row[name] = address(array)
@@ -74,23 +84,26 @@ class GroupTable:
 
 
 @kernel
-def local_stage(groups: Any, rate: float, s: Array, z: Array, f_hat: Array, w_hat: Array) -> None:
+def local_stage(groups: Any, scheme: Any, s: Array, z: Array, f_hat: Array, w_hat: Array) -> None:
     """F_hat and W_hat (n_flat,) of all groups from s; twin of ``LocalStage.instant``."""
     for g in range(len(groups)):
         row = groups[g]
         n_point, n_component = row.n_point, row.n_component
         size = n_point * n_component
         jump, traction = floats(row.jump, size), floats(row.traction, size)
-        gap, reach = floats(row.gap, n_point), floats(row.reach, n_point)
         first, second = row.start, row.start + size
         for i in range(size):
             jump[i] = s[second + i] - s[first + i]
-        for p in range(n_point):
-            reach[p] = max(gap[p], 0.0) * rate
+        rate = scheme.layer_rate
+        if row.elastic == 0:
+            rate = 1 / scheme.dt
+            gap, reach = floats(row.gap, n_point), floats(row.reach, n_point)
+            for p in range(n_point):
+                reach[p] = max(gap[p], 0.0) * rate
         fortran(
             row.local,
             (n_point, n_component, row.n_parameter, rate, jump.ctypes.data, floats(row.z_sum, 2).ctypes.data,
-             reach.ctypes.data, floats(row.parameters, 1).ctypes.data, traction.ctypes.data),
+             floats(row.reach, 1).ctypes.data, floats(row.parameters, 1).ctypes.data, traction.ctypes.data),
         )  # fmt: skip
         for i in range(size):
             f_hat[first + i] = traction[i]
@@ -118,4 +131,21 @@ def read_gaps(groups: Any, start: Any, displacement: Array, instant: int) -> Non
             history = floats(row.history + 8 * n_point * instant, n_point)
             for p in range(n_point):
                 history[p] = gap[p]
+        at += n_point
+
+
+@kernel
+def read_reach(groups: Any, start: Any, seen: Array, rate: float) -> None:
+    """``reach`` of the elastic groups at the next instant from the displacements ``seen`` (n_flat,) by layers."""
+    at = 0
+    for g in range(len(groups)):
+        row = groups[g]
+        n_point, n_component = row.n_point, row.n_component
+        if row.elastic == 1:
+            size = n_point * n_component
+            reach = floats(row.reach, size)
+            for i in range(size):
+                reach[i] = rate * (seen[row.start + size + i] - seen[row.start + i])
+            for p in range(n_point):
+                reach[p * n_component] += rate * start[at + p]
         at += n_point

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .groups import read_gaps
+from .groups import read_gaps, read_reach
 from .iteration import iterate
 from .substructure import commit, predict, probe, read_displacement
 from .views import floats, integers, kernel
@@ -32,7 +32,7 @@ def march_instants(
         if solve_instant(classes, groups, flat, work, limits, scheme, history, bonds, step, instant) == 0:
             return step
         work.marched[0] += commit_some(classes, scheme, instant, work, every)
-        close_instant(groups, flat, work, history, gap_start, instant)
+        close_instant(groups, flat, work, scheme, history, gap_start, instant)
     return n
 
 
@@ -55,7 +55,7 @@ def solve_instant(
     else:
         first_guess(classes, flat, work, instant)
     errors, mismatches = history.errors[step], history.mismatches[step]
-    used = iterate(classes, groups, flat, work, limits, 1 / scheme.dt, instant, errors, mismatches)
+    used = iterate(classes, groups, flat, work, limits, scheme, instant, errors, mismatches)
     history.iterations[step] = used
     if used <= 0:
         if instant > 0:
@@ -75,16 +75,26 @@ def commit_some(classes: Any, scheme: Any, instant: int, work: Any, which: Any) 
     for c in which:
         marched += commit(classes[c], scheme, instant, work.f_hat)
         probe(classes[c], instant)
-        read_displacement(classes[c], instant, scheme.gap_lead, work.displacement)
+        read_displacement(classes[c], instant, scheme.gap_lead, 0.0, work.displacement)
+        if len(work.layer) > 0:
+            read_displacement(
+                classes[c], instant, scheme.gap_lead + scheme.layer_v, scheme.layer_a, work.layer
+            )
     return marched
 
 
 @kernel
-def close_instant(groups: Any, flat: Any, work: Any, history: Any, gap_start: Array, instant: int) -> None:
+def close_instant(
+    groups: Any, flat: Any, work: Any, scheme: Any, history: Any, gap_start: Array, instant: int
+) -> None:
     """Keep the instant and bring gaps and indicators up to date."""
     for g in range(len(flat.ground)):
         work.displacement[flat.ground[g]] = flat.ground_displacement[instant, g]
     read_gaps(groups, gap_start, work.displacement, instant)
+    if len(work.layer) > 0:
+        for g in range(len(flat.ground)):
+            work.layer[flat.ground[g]] = flat.ground_layer[instant, g]
+        read_reach(groups, gap_start, work.layer, scheme.layer_rate)
     history.f_hat[instant] = work.f_hat
     history.w_hat[instant] = work.w_hat
     accept(flat, work)

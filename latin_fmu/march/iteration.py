@@ -160,7 +160,7 @@ def stalled(errors: Array, known: Array, ratio: float, n: int, limits: Any) -> b
 
 @kernel
 def iterate(
-    classes: Any, groups: Any, flat: Any, work: Any, limits: Any, rate: float, instant: int, errors: Array,
+    classes: Any, groups: Any, flat: Any, work: Any, limits: Any, scheme: Any, instant: int, errors: Array,
     mismatches: Array,
 ) -> int:  # fmt: skip
     """Iterate from ``work.q``; iterations used where it converged, else minus that number.
@@ -177,7 +177,7 @@ def iterate(
             traction = work.q[j] - flat.k[j] * work.w[j]
             work.f[j] = traction
             work.s[j] = work.w[j] - flat.z[j] * traction
-        local_stage(groups, rate, work.s, flat.z, work.f_hat, work.w_hat)
+        local_stage(groups, scheme, work.s, flat.z, work.f_hat, work.w_hat)
         difference, size = close(flat, work)
         reached[0], reached[1], reached[2] = max(work.scales[0], size), work.scales[1], work.scales[2]
         error = np.sqrt(difference / reached[0])

@@ -201,22 +201,32 @@ def commit(row: Any, scheme: Any, instant: int, traction: Array) -> int:
 
 
 @kernel
-def read_displacement(row: Any, instant: int, lead: float, out: Array) -> None:
-    """Displacements of the channels, ``lead`` s ahead, into ``out`` (n_flat,)."""
+def read_displacement(row: Any, instant: int, of_v: float, of_a: float, out: Array) -> None:
+    """u + of_v v + of_a a of the channels (of_v, of_a in s, s2) into ``out`` (n_flat,)."""
     m, n_channel, n_inner = row.m, row.n_channel, row.n_inner
     channels, dofs = integers(row.channels, n_channel * m), integers(row.dofs, n_inner)
-    u, v, inner, answer = (
+    u, inner, answer = (
         floats(row.u, row.n * m),
-        floats(row.v, row.n * m),
         floats(row.inner, n_inner * m),
         floats(row.answer, n_channel * m),
     )
     for i in range(n_inner):
         for j in range(m):
             inner[i * m + j] = u[dofs[i] * m + j]
-            if lead > 0.0:
-                inner[i * m + j] += lead * v[dofs[i] * m + j]
     answer[:] = 0.0
+    if of_v != 0.0 or of_a != 0.0:
+        v, a = floats(row.v, row.n * m), floats(row.a, row.n * m)
+        for i in range(n_inner):
+            for j in range(m):
+                inner[i * m + j] += of_v * v[dofs[i] * m + j] + of_a * a[dofs[i] * m + j]
+        add_terms(
+            row.velocity_n, row.velocity_starts, row.velocity_rows, row.velocity_values, row.velocity_amplitudes,
+            instant, of_v, answer,
+        )  # fmt: skip
+        add_terms(
+            row.acceleration_n, row.acceleration_starts, row.acceleration_rows, row.acceleration_values,
+            row.acceleration_amplitudes, instant, of_a, answer,
+        )  # fmt: skip
     add_trace(row, inner, answer)
     add_terms(
         row.displacement_n, row.displacement_starts, row.displacement_rows, row.displacement_values,

@@ -30,6 +30,9 @@ class Coefficients(NamedTuple):
     w_v: float
     u_late: float  # weight of the free velocity in the new displacement
     gap_lead: float
+    layer_v: float  # what layers see is u + layer_v v + layer_a a of the old instant + the new velocity / layer_rate
+    layer_a: float
+    layer_rate: float
     rest_traction: float  # see ``latin.resting``
 
 
@@ -41,17 +44,20 @@ def coefficients(scheme: TimeScheme, dt: float, rest_traction: float) -> Coeffic
     u_v, _ = scheme.predict(zero, one, zero, dt)
     u_a, v_a = scheme.predict(zero, zero, one, dt)
     reached = [scheme.interface_velocity(u_old, u, v, dt) for u_old, u, v in np.eye(3)[:, :, None]]
+    layer_v, layer_a = (scheme.layer_jump(zero, *v_a, dt)[0] for v_a in ((one, zero), (zero, one)))
     return Coefficients(
         dt, float(u_v[0]) - late, float(u_a[0]), float(v_a[0]), scheme.velocity_gain(dt), scheme.displacement_gain(dt),
         scheme.interface_gain(dt), scheme.force_weight, scheme.memory_weight,
         float(reached[0][0]), float(reached[1][0]), float(reached[2][0]),
-        late, scheme.gap_lead(dt), rest_traction,
+        late, scheme.gap_lead(dt), float(layer_v[0]), float(layer_a[0]), 1 / scheme.layer_jump(zero, zero, zero, dt)[1],
+        rest_traction,
     )  # fmt: skip
 
 
 class Flat(NamedTuple):
     """Constants of the channels, (n_flat,): search direction k, z = 1/k, areas, weights (3, n_flat) of the indicator,
-    squared weight of the acceleration, interface number, 1 where normal; motion of the ground channels."""
+    squared weight of the acceleration, interface number, 1 where normal; motion of the ground channels, (n_time, ...),
+    ``ground_layer`` what layers see of it."""
 
     k: Array
     z: Array
@@ -63,6 +69,7 @@ class Flat(NamedTuple):
     ground: Index
     ground_velocity: Array
     ground_displacement: Array
+    ground_layer: Array
 
 
 class Limits(NamedTuple):
@@ -104,6 +111,7 @@ class Work(NamedTuple):
     last_q: Array
     last_residual: Array
     displacement: Array
+    layer: Array  # what layers see of the displacements, (0,) where there are none
     known: Array  # (max_iterations,) merits
     dq: Array  # (depth, 1, n_flat)
     dr: Array
@@ -115,11 +123,12 @@ class Work(NamedTuple):
     marched: Index  # (2,) substructure-instants marched, and solved through the condensed operator
 
 
-def make_work(n_flat: int, n_interface: int, depth: int, max_iterations: int) -> Work:
-    """Zeroed scratch."""
+def make_work(n_flat: int, n_interface: int, depth: int, max_iterations: int, layers: bool) -> Work:
+    """Zeroed scratch; ``layers``: whether any behaviour is elastic."""
     return Work(
         np.zeros(n_flat), np.zeros(n_flat), np.zeros(n_flat), np.zeros(n_flat), np.zeros(n_flat), np.zeros(n_flat),
-        np.zeros(n_flat), np.zeros(n_flat), np.zeros(n_flat), np.zeros(n_flat), np.zeros(max_iterations),
+        np.zeros(n_flat), np.zeros(n_flat), np.zeros(n_flat), np.zeros(n_flat), np.zeros(n_flat if layers else 0),
+        np.zeros(max_iterations),
         np.zeros((depth, 1, n_flat)), np.zeros((depth, 1, n_flat)), np.zeros((depth, depth)), np.zeros(3),
         np.zeros(4), np.zeros(n_interface), np.zeros(n_interface), np.zeros(2, dtype=np.int64),
     )  # fmt: skip

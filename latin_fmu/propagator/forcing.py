@@ -105,7 +105,7 @@ class Forcing:
         return np.stack([zero if m is None else m.reduced_inertia(instant) for m in self._motion], axis=1)
 
     def sums(self, trace: sp.csr_array) -> tuple[Array, dict[str, Sum]]:
-        """What ``at``, ``inertia``, ``channel_velocity`` and ``channel_displacement`` compute, in parts.
+        """What ``at``, ``inertia`` and ``channel_displacement``, ``_velocity``, ``_acceleration`` compute, in parts.
 
         Parameters
         ----------
@@ -113,10 +113,11 @@ class Forcing:
 
         Returns
         -------
-        Constant force (n, n_member), and the sums ``force``, ``inertia``, ``velocity``, ``displacement``.
+        Constant force (n, n_member), and the sums ``force``, ``inertia``, ``velocity``, ``displacement``,
+        ``acceleration``.
         """
         members = len(self.members)
-        sums = {name: Sum() for name in ("force", "inertia", "velocity", "displacement")}
+        sums = {name: Sum() for name in ("force", "inertia", "velocity", "displacement", "acceleration")}
         for column, dofs, values, amplitude in self._terms:
             sums["force"].patterns.append((dofs * members + column, values))
             sums["force"].amplitudes.append(amplitude)
@@ -212,6 +213,7 @@ class _Motion:
                 sums["inertia"].add(self._mass[:, k], column, members, a[:, k])
             sums["velocity"].add(at_channels[:, k], column, members, v[:, k])
             sums["displacement"].add(at_channels[:, k], column, members, u[:, k])
+            sums["acceleration"].add(at_channels[:, k], column, members, a[:, k])
 
     def full(self, instant: int, kind: int) -> Array:
         moved: Array = self.pattern @ self.histories[kind][instant]

@@ -12,6 +12,7 @@ import latin_fmu
 from latin_fmu.compiled import COMPILES
 from latin_fmu.latin import windows
 from latin_fmu.latin.threads import dealt
+from latin_fmu.scene.segments import SegmentedRun
 
 pytestmark = pytest.mark.skipif(not COMPILES, reason="compilation is off")
 
@@ -85,6 +86,56 @@ def mixed(tables: Tables) -> None:
     }  # fmt: skip
 
 
+def layers(tables: Tables) -> None:
+    """One that bonds and one, compressed from the start, that opens and slides, on a ground and under a face that move;
+    one instant takes the long road."""
+    moving_ground(tables)
+    driven_face(tables)
+    tables["interface"]["floor"] |= {
+        "behaviour": "soft_contact",
+        "normal_stiffness": 2e15,
+        "interference": 2e-7,
+    }
+    tables["interface"]["i0"] = {
+        "sides": ["b0.zmax", "b1.zmin"], "behaviour": "elastic_layer", "normal_stiffness": 1e15,
+        "tangential_stiffness": 3e14, "preload": 3e7,
+    }  # fmt: skip
+
+
+def free_layers(tables: Tables) -> None:
+    """Without tangential unknowns."""
+    moving_ground(tables)
+    tables["interface"]["floor"] |= {
+        "behaviour": "soft_contact", "normal_stiffness": 2e15, "friction_coefficient": 0.0, "gap": 1e-7,
+    }  # fmt: skip
+    tables["interface"]["i1"] = {
+        "sides": ["b1.zmax", "b2.zmin"], "behaviour": "elastic_layer", "normal_stiffness": 1e15,
+        "tangential_stiffness": 0.0,
+    }  # fmt: skip
+
+
+def damped_layers(tables: Tables) -> None:
+    layers(tables)
+    damped(tables)
+
+
+def massless_layers(tables: Tables) -> None:
+    layers(tables)
+    massless(tables)
+
+
+def explicit_layers(tables: Tables) -> None:
+    layers(tables)
+    del tables["boundary"]
+    tables["time"]["scheme"] = {"type": "central_difference"}
+    tables["time"] |= {"instants": 60}
+
+
+def reduced_layers(tables: Tables) -> None:
+    layers(tables)
+    tables["solver"]["propagator"] = {"type": "reduced", "modes": 20}
+
+
 def unlike(tables: Tables) -> None:
     tables["solver"]["share_identical"] = False
 
@@ -99,6 +150,7 @@ def with_everything_kept(tables: Tables) -> None:
 
 CHANGES: list[Callable[[Tables], None]] = [
     moving_ground, driven_face, damped, thrown, frictionless, mixed, unlike, massless, with_everything_kept,
+    layers, free_layers, damped_layers, massless_layers, explicit_layers, reduced_layers,
 ]  # fmt: skip
 
 
@@ -111,6 +163,7 @@ def test_both_roads_give_the_same_fields(
     fast = latin_fmu.solve(latin_fmu.scene_from_dict(tables)).outcome
     monkeypatch.setattr(windows, "marches", lambda _: False)
     slow = latin_fmu.solve(latin_fmu.scene_from_dict(tables)).outcome
+    assert any(history.traction.any() for history in fast.interfaces.values())
     assert [w.iterations for w in fast.windows] == [w.iterations for w in slow.windows]
     assert (fast.converged, fast.passes, fast.marched) == (slow.converged, slow.passes, slow.marched)
     for name, history in fast.interfaces.items():
@@ -132,7 +185,39 @@ def test_both_roads_give_the_same_fields(
 
 
 @pytest.mark.parametrize(
-    "change", [unlike, thrown, driven_face, frictionless], ids=lambda change: change.__name__
+    "change", [layers, massless_layers, explicit_layers], ids=lambda change: change.__name__
+)
+def test_segments_and_snapshots_of_layers(
+    change: Callable[[Tables], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Cut, taken back and gone through again, on both roads: what layers remember is handed over."""
+    ends: dict[tuple[bool, str], Any] = {}
+    for compiled in (True, False):
+        if not compiled:
+            monkeypatch.setattr(windows, "marches", lambda _: False)
+        tables = stack()
+        change(tables)
+        scene = latin_fmu.scene_from_dict(tables)
+        whole, n = latin_fmu.solve(scene), scene.time.n_step
+        run = SegmentedRun(scene)
+        run.advance(scene.time.end / 3, n // 3)
+        blob = run.snapshot()
+        first = run.advance(scene.time.end, n - n // 3)
+        run.restore(blob)
+        again = run.advance(scene.time.end, n - n // 3)
+        for name, history in whole.interfaces.items():
+            cut = first.interfaces[name].traction
+            np.testing.assert_array_equal(cut, again.interfaces[name].traction)
+            largest = np.abs(history.traction).max()
+            assert np.abs(cut[1:] - history.traction[n // 3 + 1 :]).max() <= 1e-9 * largest, name
+            ends[compiled, name] = cut
+    for (compiled, name), cut in ends.items():
+        if compiled:
+            assert np.abs(cut - ends[False, name]).max() <= 1e-9 * np.abs(cut).max(), name
+
+
+@pytest.mark.parametrize(
+    "change", [unlike, thrown, driven_face, frictionless, layers], ids=lambda change: change.__name__
 )
 def test_threads_change_nothing(change: Callable[[Tables], None]) -> None:
     """To the last bit."""
@@ -165,9 +250,18 @@ def test_an_instant_that_needs_a_fall_back_takes_the_long_road(monkeypatch: pyte
     assert any(w.fallbacks for w in fast.windows)
 
 
-def test_no_interpreter_in_the_loop(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Plain runs never enter the window solver."""
+@pytest.mark.parametrize(
+    "change",
+    [frictionless, mixed, free_layers, damped_layers, massless_layers, explicit_layers],
+    ids=lambda change: change.__name__,
+)
+def test_no_interpreter_in_the_loop(
+    change: Callable[[Tables], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where no instant calls for a fall-back the window solver is never entered, whatever the interfaces are."""
     seen: list[int] = []
     monkeypatch.setattr(windows.Run, "advance", lambda *_: seen.append(1))
-    latin_fmu.solve(latin_fmu.scene_from_dict(stack()))
+    tables = stack()
+    change(tables)
+    latin_fmu.solve(latin_fmu.scene_from_dict(tables))
     assert not seen
