@@ -111,8 +111,8 @@ def changed(tables: Tables, changes: Tables) -> Tables:
 
 
 def without_interface(tables: Tables) -> Tables:
-    """The base with its blocks apart."""
-    tables = copy.deepcopy(tables)
+    """The base with its blocks apart, each its own as in contact."""
+    tables = changed(tables, {"solver.share_identical": False})
     del tables["interface"]
     return tables
 

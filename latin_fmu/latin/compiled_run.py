@@ -186,21 +186,24 @@ class CompiledRun:
         if len(self._states) != len(propagators) or any(
             p.state is not known for p, known in zip(propagators, self._states, strict=True)
         ):
-            self._classes.take_up()
+            self._take_up()
         work.f_hat[:], work.w_hat[:] = state.f_hat, state.w_hat
         work.scales[:] = (state.scales.field, *state.scales.force)
         work.interface_indicator[:] = 0.0 if state.interface_indicator is None else state.interface_indicator
         work.marched[:] = 0
-        gaps = self._run.gaps()
-        for own, gap in zip(self._groups.gaps, gaps, strict=True):
+        for own, gap in zip(self._groups.gaps, self._run.gaps(), strict=True):
             own[:] = gap
-        if len(work.layer):
-            groups = self._run.assembly.layout.groups
-            for group, reach, seen in zip(
-                groups, self._groups.reaches, left(self._run.assembly, gaps), strict=True
-            ):
-                if group.behaviour.elastic:
-                    reach[:] = seen * self._scheme.layer_rate
+
+    def _take_up(self) -> None:
+        """Copy in what another road has left (what this one has left itself is kept to the last bit)."""
+        self._classes.take_up()
+        if not len(self._work.layer):
+            return
+        groups = self._run.assembly.layout.groups
+        seen = left(self._run.assembly, self._run.gaps())
+        for group, reach, jumps in zip(groups, self._groups.reaches, seen, strict=True):
+            if group.behaviour.elastic:
+                reach[:] = jumps * self._scheme.layer_rate
 
     def _tell(self, first: int, done: int) -> None:
         windows = self._run.state.windows

@@ -23,6 +23,7 @@ from .layout import Array
 from .local_stage import Opening, left, read_gaps, read_opening
 from .record import Timings, WindowRecord
 from .recorder import Recorder
+from .resting import Resting
 from .settings import Settings
 from .solver import Direction, Iterate, Observer, WindowSolver
 from .start import start
@@ -126,7 +127,7 @@ class Run:
     def _compiled_road(self) -> CompiledRun | None:
         """The compiled march, where nothing asks for the long road."""
         assembly = self.assembly
-        if self._observer is not None or not assembly.interfaces or not marches(assembly):
+        if self._observer is not None or not marches(assembly):
             return None
         direction, at_once = self.direction(1), None
         if self._bonds_directly():
@@ -317,15 +318,15 @@ class Run:
 
     def _free(self, n: int) -> WindowRecord:
         """No interface at all: march."""
+        propagators, bodies = self.assembly.propagators, Resting(self.assembly)
         for _ in range(n):
-            for propagator in self.assembly.propagators:
-                propagator.predict()
-                propagator.commit(np.zeros((0, len(propagator.names))))
+            bodies.predict()
+            for c, propagator in enumerate(propagators):
+                self.state.marched += bodies.commit(c, np.zeros((0, len(propagator.names))))
             self.recorder.keep(self.assembly, np.zeros(0), np.zeros(0))
-        last = self.assembly.propagators[0].state.instant
+        last = propagators[0].state.instant
         record = WindowRecord(last - n + 1, last, [0.0], [0.0], converged=True)
         self.state.windows.append(record)
-        self.state.marched += n * self.assembly.n_substructure
         return record
 
 

@@ -48,7 +48,10 @@ def solve_instant(
     classes: Any, groups: Any, flat: Any, work: Any, limits: Any, scheme: Any, history: Any, bonds: Array, step: int,
     instant: int,
 ) -> int:  # fmt: skip
-    """Iterate over the instant whose free responses are known; 1 where it converged."""
+    """Iterate over the instant whose free responses are known; 1 where it converged (without interfaces: at once)."""
+    if len(work.q) == 0:
+        history.errors[step, 0], history.mismatches[step, 0], history.iterations[step] = 0.0, 0.0, 1
+        return 1
     if len(bonds):
         free_motion(classes, flat, work.w, instant)
         np.dot(bonds, work.w, work.q)

@@ -10,7 +10,7 @@ import pytest
 
 import latin_fmu
 from latin_fmu.compiled import COMPILES
-from latin_fmu.latin import windows
+from latin_fmu.latin import compiled_run, windows
 from latin_fmu.latin.threads import dealt
 from latin_fmu.scene.segments import SegmentedRun
 
@@ -136,6 +136,13 @@ def reduced_layers(tables: Tables) -> None:
     tables["solver"]["propagator"] = {"type": "reduced", "modes": 20}
 
 
+def apart(tables: Tables) -> None:
+    """No interface at all: what is compared are the fields."""
+    del tables["interface"]
+    driven_face(tables)
+    with_everything_kept(tables)
+
+
 def unlike(tables: Tables) -> None:
     tables["solver"]["share_identical"] = False
 
@@ -150,7 +157,7 @@ def with_everything_kept(tables: Tables) -> None:
 
 CHANGES: list[Callable[[Tables], None]] = [
     moving_ground, driven_face, damped, thrown, frictionless, mixed, unlike, massless, with_everything_kept,
-    layers, free_layers, damped_layers, massless_layers, explicit_layers, reduced_layers,
+    apart, layers, free_layers, damped_layers, massless_layers, explicit_layers, reduced_layers,
 ]  # fmt: skip
 
 
@@ -163,7 +170,7 @@ def test_both_roads_give_the_same_fields(
     fast = latin_fmu.solve(latin_fmu.scene_from_dict(tables)).outcome
     monkeypatch.setattr(windows, "marches", lambda _: False)
     slow = latin_fmu.solve(latin_fmu.scene_from_dict(tables)).outcome
-    assert any(history.traction.any() for history in fast.interfaces.values())
+    assert not fast.interfaces or any(history.traction.any() for history in fast.interfaces.values())
     assert [w.iterations for w in fast.windows] == [w.iterations for w in slow.windows]
     assert (fast.converged, fast.passes, fast.marched) == (slow.converged, slow.passes, slow.marched)
     for name, history in fast.interfaces.items():
@@ -234,6 +241,22 @@ def test_threads_change_nothing(change: Callable[[Tables], None]) -> None:
                 np.testing.assert_array_equal(getattr(history, field), getattr(other.interfaces[name], field))
 
 
+@pytest.mark.parametrize("change", [thrown, layers, explicit_layers], ids=lambda change: change.__name__)
+def test_the_length_of_a_call_changes_nothing(
+    change: Callable[[Tables], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """To the last bit: calls are as long as the machine is fast."""
+    outcomes = []
+    for longest in (64, 3, 1):
+        monkeypatch.setattr(compiled_run, "_LONGEST", longest)
+        tables = stack()
+        change(tables)
+        outcomes.append(latin_fmu.solve(latin_fmu.scene_from_dict(tables)).outcome)
+    for name, history in outcomes[0].interfaces.items():
+        for other in outcomes[1:]:
+            np.testing.assert_array_equal(history.traction, other.interfaces[name].traction)
+
+
 def test_classes_are_dealt_by_cost() -> None:
     hands = dealt([1.0, 8.0, 2.0, 5.0], 2)
     assert [hand.tolist() for hand in hands] == [[1], [0, 2, 3]]
@@ -252,7 +275,7 @@ def test_an_instant_that_needs_a_fall_back_takes_the_long_road(monkeypatch: pyte
 
 @pytest.mark.parametrize(
     "change",
-    [frictionless, mixed, free_layers, damped_layers, massless_layers, explicit_layers],
+    [frictionless, mixed, apart, free_layers, damped_layers, massless_layers, explicit_layers],
     ids=lambda change: change.__name__,
 )
 def test_no_interpreter_in_the_loop(
