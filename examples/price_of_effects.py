@@ -162,7 +162,7 @@ def main(argv: Sequence[str] | None = None) -> dict[str, float]:
 
     # solve
     seconds = dict(zip(names, in_turns(scenes, rounds), strict=True))
-    kinds = ("off", "exact", "tolerance")
+    kinds = ("off", "exact", "round_off", "tolerance")
     waves = [changed(chain(elements), {"solver.skip_at_rest": kind}) for kind in kinds]
     rest = dict(zip(kinds, in_turns(waves, rounds), strict=True))
     marched = {
@@ -189,6 +189,7 @@ def main(argv: Sequence[str] | None = None) -> dict[str, float]:
         "interface_unknowns_frictionless": float(unknowns(start)[1]),
         "interface_unknowns_friction": float(unknowns(changed(start, ROWS[1].active or {}))[1]),
         "chain_marched_exact": marched["exact"],
+        "chain_marched_round_off": marched["round_off"],
         "chain_marched_tolerance": marched["tolerance"],
         "chain_time_tolerance_over_off": rest["tolerance"] / rest["off"],
     }

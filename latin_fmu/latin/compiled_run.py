@@ -90,7 +90,7 @@ class CompiledRun:
             settings.max_iterations,
             any(g.behaviour.elastic for g in layout.groups),
         )
-        self._limits = _limits(settings, not layout.normal.all())
+        self._limits = _limits(settings, not layout.normal.all(), assembly.rest_traction)
         self._scheme = work.coefficients(assembly.scheme, assembly.dt, assembly.rest_traction)
         self._gap_start = np.concatenate([np.zeros(0), *(g.gap for g in layout.groups)])
         self._errors = np.empty((_LONGEST, settings.max_iterations))
@@ -213,11 +213,11 @@ class CompiledRun:
             windows.append(WindowRecord(instant, instant, errors, mismatches, [], True, used - 1))
 
 
-def _limits(settings: Settings, tangential: bool) -> Limits:
+def _limits(settings: Settings, tangential: bool, rest_traction: float) -> Limits:
     from ..march.work import Limits
 
     return Limits(
         settings.tolerance, settings.force_tolerance, AT_REST, settings.max_iterations, PATIENCE, RECENT,
         STALL_ACCELERATED if settings.anderson_depth else STALL_PLAIN, TANGENTIAL_FLOOR, settings.relaxation, RANK,
-        int(tangential),
+        int(tangential), rest_traction,
     )  # fmt: skip

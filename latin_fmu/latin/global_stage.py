@@ -32,6 +32,7 @@ class GlobalStage:
         self.first = assembly.propagators[0].state.instant + 1
         self.marched = 0  # substructure-instants marched
         self.condensed = 0  # substructure-instants solved through the condensed operator
+        self._solved = 0  # substructures of the last condensed solve
         self._start = assembly.snapshot()
         self._w_0: list[Array] | None = None
         self._march_one = Resting(assembly)
@@ -44,8 +45,8 @@ class GlobalStage:
         """q as it acts (a coarse problem changes it) and W at the channels for q; all (n, n_flat)."""
         if self.n > 1:
             return q, self._march(q, None)
-        self.condensed += self.assembly.n_substructure
         w = self._condensed(q)
+        self.condensed += self._solved
         if self._coarse is None:
             return q, w
         q = q.copy()
@@ -70,8 +71,14 @@ class GlobalStage:
             self._w_0 = self._march_one.predict()
         w = np.zeros_like(q)
         assembly.ground_velocity(w[0], self.first)
-        for propagator, channels, w_0 in zip(assembly.propagators, assembly.channels, self._w_0, strict=True):
+        self._solved = 0
+        for c, (propagator, channels, w_0) in enumerate(
+            zip(assembly.propagators, assembly.channels, self._w_0, strict=True)
+        ):
+            if self._march_one.stays(c, q[0, channels]):
+                continue
             respond(propagator.response, w_0, channels, q[0], w[0])
+            self._solved += len(propagator.names)
         return w
 
     def _march(self, q: Array, after: Callable[[int], None] | None) -> Array:

@@ -51,8 +51,9 @@ CLASS = record(
 """One row per class. ``n`` dofs, ``m`` members, ``n_inner`` interface dofs, ``n_live`` channels that can move; arrays
 per dof are (n, m). Matrices are compressed rows (``starts``, ``columns``, ``values``; mass, stiffness, damping: see
 ``products.add_symmetric``; dense ones: see ``products.dense``), terms likewise (see ``Terms``). ``rest`` is 1
-while the class has not moved, ``driven`` 1 where more than loads that come and go drives it. ``plain_inverse``,
-``plain_response``: the Schur inverse, Y and C by their diagonals; ``dense_trace``: trace and transpose dense."""
+while the class has not moved, and 1 where it is passed over at this instant, ``driven`` 1 where more than loads that
+come and go drives it. ``plain_inverse``, ``plain_response``: the Schur inverse, Y and C by their diagonals;
+``dense_trace``: trace and transpose dense."""
 
 
 @dataclass(frozen=True)
@@ -206,7 +207,7 @@ class ClassTable:
         for name in ("vectors", "answers"):
             self._point(c, name, np.zeros((4 * m, len(live))))
         self._state.append({name: np.zeros((int(row["n"]), m)) for name in _STATE})
-        self._rest.append(np.zeros(1, dtype=np.int64))
+        self._rest.append(np.zeros(2, dtype=np.int64))
         for name in _STATE:
             self._point(c, name, self._state[c][name])
         self._point(c, "rest", self._rest[c])

@@ -57,16 +57,15 @@ def solve_instant(
         np.dot(bonds, work.w, work.q)
     else:
         first_guess(classes, flat, work, instant)
-    errors, mismatches = history.errors[step], history.mismatches[step]
+    errors, mismatches, solved = history.errors[step], history.mismatches[step], work.marched[1]
     used = iterate(classes, groups, flat, work, limits, scheme, instant, errors, mismatches)
     history.iterations[step] = used
     if used <= 0:
+        work.marched[1] = solved  # the long road counts its own
         if instant > 0:
             work.f_hat[:] = history.f_hat[instant - 1]
             work.w_hat[:] = history.w_hat[instant - 1]
         return 0
-    for c in range(len(classes)):
-        work.marched[1] += used * classes[c].m
     return 1
 
 

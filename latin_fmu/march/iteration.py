@@ -170,7 +170,7 @@ def iterate(
     reached, ratio, count = np.empty(3), 1.0, -1
     for iteration in range(limits.max_iterations):
         for c in range(len(classes)):
-            respond(classes[c], work.q, work.w)
+            work.marched[1] += respond(classes[c], work.q, work.w, limits.rest_traction)
         for g in range(len(flat.ground)):
             work.w[flat.ground[g]] = flat.ground_velocity[instant, g]
         for j in range(len(work.q)):

@@ -36,7 +36,9 @@ def predict(row: Any, scheme: Any, instant: int) -> None:
     u, v, a = floats(row.u, size), floats(row.v, size), floats(row.a, size)
     u_free, v_free, load = floats(row.u_free, size), floats(row.v_free, size), floats(row.load, size)
     free_a, w_free = floats(row.free_a, n_inner * m), floats(row.w_free, n_channel * m)
-    if resting(row, scheme, instant):
+    rest = integers(row.rest, 2)
+    rest[1] = int(resting(row, scheme, instant))
+    if rest[1] == 1:
         u_free[:] = 0.0
         v_free[:] = 0.0
         free_a[:] = 0.0
@@ -109,11 +111,22 @@ def predict(row: Any, scheme: Any, instant: int) -> None:
 
 
 @kernel
-def respond(row: Any, q: Array, w: Array) -> None:
-    """W at the channels of the class for q, both flat over the assembly."""
+def respond(row: Any, q: Array, w: Array, level: float) -> int:
+    """W at the channels of the class for q, both flat over the assembly; substructures solved.
+
+    A class at rest answers zero as long as q is not above ``level``.
+    """
     m, n_live = row.m, row.n_live
     size = n_live * m
     channels, live = integers(row.channels, row.n_channel * m), integers(row.live, n_live)
+    if integers(row.rest, 2)[1] == 1:
+        largest = 0.0
+        for at in range(row.n_channel * m):
+            largest = max(largest, abs(q[channels[at]]))
+        if largest <= level:
+            for at in range(row.n_channel * m):
+                w[channels[at]] = 0.0
+            return 0
     k, area, w_free = (
         floats(row.k, row.n_channel),
         floats(row.area, row.n_channel),
@@ -130,6 +143,7 @@ def respond(row: Any, q: Array, w: Array) -> None:
     for i in range(n_live):
         for j in range(m):
             w[channels[live[i] * m + j]] += answer[i * m + j]
+    return int(m)
 
 
 @kernel
@@ -144,12 +158,12 @@ def commit(row: Any, scheme: Any, instant: int, traction: Array) -> int:
             now = traction[channels[i * m + j]]
             nodal[i * m + j] = area[i] * now
             largest = max(largest, abs(now))
-    if resting(row, scheme, instant):
+    rest = integers(row.rest, 2)
+    if rest[1] == 1:
         if largest <= scheme.rest_traction:
             return 0
         floats(row.sweep, size)[:] = 0.0
-    rest = integers(row.rest, 1)
-    rest[0] = 0
+    rest[:] = 0
     u, v, a = floats(row.u, size), floats(row.v, size), floats(row.a, size)
     u_free, v_free, residual = floats(row.u_free, size), floats(row.v_free, size), floats(row.residual, size)
     free_a, inner = floats(row.free_a, n_inner * m), floats(row.inner, n_inner * m)

@@ -86,6 +86,7 @@ class Limits(NamedTuple):
     relaxation: float
     rank: float
     tangential: int
+    rest_traction: float  # see ``latin.resting``
 
 
 class History(NamedTuple):

@@ -42,6 +42,8 @@ from .timeline import Timeline
 
 REST = 1e-2
 """Tractions below this share of tolerance x characteristic traction do not wake a substructure at rest."""
+ROUND_OFF = 1e-13
+"""The same as a share of the characteristic traction, where rounding errors alone are to be left out."""
 
 
 @dataclass(frozen=True)
@@ -136,9 +138,12 @@ class Prepared:
             self.characteristic_traction,
             scheme,
         )
-        level = {"off": -1.0, "exact": 0.0, "tolerance": REST * scene.solver.tolerance}[
-            scene.solver.skip_at_rest
-        ]
+        level = {
+            "off": -1.0,
+            "exact": 0.0,
+            "round_off": ROUND_OFF,
+            "tolerance": REST * scene.solver.tolerance,
+        }[scene.solver.skip_at_rest]
         assembly.rest_traction = level * (assembly.characteristic_traction if level > 0 else 1.0)
         timeline = self.timeline
         timeline.begin(assembly, self.time, {}, assembly.ground_start)

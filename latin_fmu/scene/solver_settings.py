@@ -115,12 +115,12 @@ class Solver(Table):
         about('instants solved together: a whole number >= 1, or "whole" for the interval in one piece', "1"),
     ] = 1
     skip_at_rest: Annotated[
-        Literal["off", "exact", "tolerance"],
+        Literal["off", "exact", "round_off", "tolerance"],
         about(
             "substructures that have not moved are not marched while what reaches them is exactly zero, or below "
-            "tolerance / 100 of the tractions the loads can bring"
+            "1e-13 or tolerance / 100 of the tractions the loads can bring"
         ),
-    ] = "exact"
+    ] = "round_off"
     bonds: Annotated[
         Literal["direct", "iterate"],
         about(

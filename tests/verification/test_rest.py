@@ -100,7 +100,8 @@ def test_energies_are_accounted_for_all_the_same() -> None:
     every, few = (solved({**tables, "solver": {"skip_at_rest": s}}).energy for s in ("off", "tolerance"))
     for term in ("kinetic", "elastic", "work_of_loads"):
         np.testing.assert_allclose(few[term], every[term], atol=1e-4 * every["work_of_loads"].max())
-    assert np.abs(few["balance"]).max() < 1e-12 * few["work_of_loads"].max()
+    # the traction that a body woken now did not see before is in its work
+    assert np.abs(few["balance"]).max() < 1e-11 * few["work_of_loads"].max()
 
 
 # -- exactly ------------------------------------------------------------------------------------------------------
@@ -149,6 +150,16 @@ def test_nothing_that_moves_is_passed_over(moving: dict[str, Any]) -> None:
     every, few = (solved({**tables, "solver": {"skip_at_rest": s}}) for s in ("off", "exact"))
     assert few.substructures["b2"].displacement.any()
     assert apart(few, every) == (0.0, 0.0)
+
+
+def test_rounding_errors_do_not_wake_a_body() -> None:
+    """The default: fewer substructure-instants than where nothing but zero counts as rest, the same to round-off."""
+    scenes = {s: chain(elements=16, bonds="iterate", skip_at_rest=s) for s in ("exact", "round_off")}
+    every, few = (solved(scene) for scene in scenes.values())
+    assert few.outcome.marched < 0.9 * every.outcome.marched
+    assert few.outcome.passes < every.outcome.passes - 0.1
+    assert max(apart(few, every)) < 1e-11
+    assert solved(chain(elements=16, bonds="iterate")).outcome.marched == few.outcome.marched
 
 
 # -- arrival times ------------------------------------------------------------------------------------------------
