@@ -79,7 +79,7 @@ class CompiledRun:
         layout, settings = assembly.layout, run.settings
         propagators = [p for p in assembly.propagators if _compiles(p)]  # all, see ``marches``
         self._probes = SlideProbes(assembly, propagators, run.recorder.sliding)
-        self._classes = classes.ClassTable(propagators, assembly.channels, self._probes.rows)
+        self._classes = classes.ClassTable(propagators, assembly.channels, self._probes.rows, layout.normal)
         self._groups = groups.GroupTable(
             layout.groups, [native_address(g.behaviour) for g in layout.groups], direction.local.z_sums
         )

@@ -38,9 +38,9 @@ _SCRATCH = (
 
 CLASS = record(
     [
-        "n", "m", "n_inner", "n_channel", "n_live", "n_interior", "n_super", "n_massless", "n_probe", "tallest",
+        "n", "m", "n_inner", "n_channel", "n_live", "n_normal", "n_interior", "n_super", "n_massless", "n_probe", "tallest",
         "grouped", "driven", "routines", "first", "row_start", "rows", "panel_start", "panels", "n_rows",
-        "n_panels", "order", "schur_inverse", "dofs", "area", "live", "massless", "k", "response", "compliance",
+        "n_panels", "order", "schur_inverse", "dofs", "area", "live", "measured", "massless", "k", "response", "compliance",
         "channels", "below", "rest", "constant", "probed", "plain_inverse", "plain_response", "dense_trace",
         "trace_table", "spread_table",
         *_STATE, *_SCRATCH, "vectors", "answers", "column",
@@ -50,7 +50,8 @@ CLASS = record(
 )  # fmt: skip
 """One row per class. ``n`` dofs, ``m`` members, ``n_inner`` interface dofs, ``n_live`` channels that can move; arrays
 per dof are (n, m). Matrices are compressed rows (``starts``, ``columns``, ``values``; mass, stiffness, damping: see
-``products.add_symmetric``; dense ones: see ``products.dense``), terms likewise (see ``Terms``). ``rest`` is 1
+``products.add_symmetric``; dense ones: see ``products.dense``; C: its block between normal channels, then that between
+tangential ones, both in the order of ``measured``), terms likewise (see ``Terms``). ``rest`` is 1
 while the class has not moved, and 1 where it is passed over at this instant, ``driven`` 1 where more than loads that
 come and go drives it. ``plain_inverse``, ``plain_response``: the Schur inverse, Y and C by their diagonals;
 ``dense_trace``: trace and transpose dense."""
@@ -127,6 +128,7 @@ class ClassTable:
     propagators : direct ones and their like (``propagator.march``), bound to their search direction.
     channels : (n_channel, m) flat indices per class.
     probes : per class the rows (n_probe, n) whose velocities are kept at each instant, or None.
+    normal : (n_flat,) True where a channel is normal to its interface; left out where there are no channels.
     """
 
     def __init__(
@@ -134,9 +136,11 @@ class ClassTable:
         propagators: Sequence[DirectPropagator | March[Any]],
         channels: Sequence[Index],
         probes: Sequence[sp.csr_array | None],
+        normal: NDArray[np.bool_] | None = None,
     ) -> None:
         self.rows = np.zeros(len(propagators), dtype=CLASS)
         self._propagators = list(propagators)
+        self._normal = np.zeros(0, dtype=bool) if normal is None else normal
         self._alive: list[list[Any]] = [[] for _ in propagators]  # what the addresses point to
         self._state: list[dict[str, Array]] = []
         self._rest: list[Index] = []
@@ -194,7 +198,7 @@ class ClassTable:
             self._point(c, name, array)
         for name, matrix in (("mass", ops.mass), ("stiffness", ops.stiffness), ("damping", ops.damping)):
             self._symmetric(c, name, matrix)
-        self._products(c, propagator, live, m)
+        self._products(c, propagator, live, flat)
         self._matrix(c, "probe", probe)
         row["n_probe"] = 0 if probe is None else probe.shape[0]
         self._point(c, "below", np.zeros((factor.tallest + 1, m)))
@@ -205,7 +209,7 @@ class ClassTable:
             self._point(c, name, np.zeros((int(size), m)))
         self._point(c, "column", np.zeros(2 * int(row["n"])))
         for name in ("vectors", "answers"):
-            self._point(c, name, np.zeros((4 * m, len(live))))
+            self._point(c, name, np.zeros((2 * m, len(live))))
         self._state.append({name: np.zeros((int(row["n"]), m)) for name in _STATE})
         self._rest.append(np.zeros(2, dtype=np.int64))
         for name in _STATE:
@@ -213,16 +217,23 @@ class ClassTable:
         self._point(c, "rest", self._rest[c])
         self.probed.append(np.zeros((0, 0, m)))
 
-    def _products(self, c: int, propagator: DirectPropagator | March[Any], live: Index, m: int) -> None:
-        """Matrices of the interface, as diagonals or tables where they are."""
-        row, ops = self.rows[c], propagator.operators
+    def _products(self, c: int, propagator: DirectPropagator | March[Any], live: Index, flat: Index) -> None:
+        """Matrices of the interface, as diagonals or tables where they are; C by its blocks between normal and between
+        tangential channels, all that norms of one or the other need."""
+        row, ops, m = self.rows[c], propagator.operators, flat.shape[1]
         response = propagator.response[np.ix_(live, live)] / ops.area[live]
         compliance = ops.compliance[np.ix_(live, live)]
         row["plain_inverse"] = plain = _is_diagonal(ops.factor.schur_inverse)
         self._point(c, "schur_inverse", _rows(ops.factor.schur_inverse, m, plain))
         row["plain_response"] = plain = _is_diagonal(response) and _is_diagonal(compliance)
         self._point(c, "response", _rows(response, m, plain))
-        self._point(c, "compliance", _rows(compliance, m, plain))
+        normal = self._normal[flat[live]]
+        assert (normal == normal[:, :1]).all(), "identical substructures with unlike interfaces"
+        blocks = [np.flatnonzero(normal[:, 0] == which) for which in (True, False)] if len(live) else []
+        row["n_normal"] = len(blocks[0]) if blocks else 0
+        self._point(c, "measured", np.concatenate([np.zeros(0, dtype=np.int64), *(live[b] for b in blocks)]))
+        tables = [_rows(compliance[np.ix_(b, b)], m, plain).ravel() for b in blocks]
+        self._point(c, "compliance", np.concatenate([np.zeros(0), *tables]))
         if isinstance(ops.trace, np.ndarray):
             row["dense_trace"] = 1
             self._point(c, "trace_table", np.ascontiguousarray(ops.trace))

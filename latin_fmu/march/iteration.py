@@ -19,7 +19,8 @@ Array = NDArray[np.float64]
 def mismatch(classes: Any, flat: Any, work: Any, limits: Any, reached: Array) -> float:
     """Largest relative force mismatch; ``reached`` (3,) scales that the iterate would leave (its last two here).
 
-    Products with C: tractions and half residuals, normal and (where there are any) tangential.
+    Norms with C of tractions and half residuals, normal and (where there are any) tangential: the blocks of C between
+    normal channels and between tangential ones.
     """
     reached[1], reached[2] = work.scales[1], work.scales[2]
     parts = 1 + limits.tangential
@@ -27,36 +28,15 @@ def mismatch(classes: Any, flat: Any, work: Any, limits: Any, reached: Array) ->
     total[:] = 0.0
     for c in range(len(classes)):
         row = classes[c]
-        n, m = row.n_live, row.m
-        if n == 0:
-            continue
-        channels, live = integers(row.channels, row.n_channel * m), integers(row.live, n)
-        vectors = table_of_floats(row.vectors, 4 * m, n)
-        for i in range(n):
-            for j in range(m):
-                at = channels[live[i] * m + j]
-                force, half = flat.area[at] * work.f_hat[at], 0.5 * flat.area[at] * work.residual[at]
-                normal = flat.normal[at] == 1
-                vectors[4 * j, i] = force if normal else 0.0
-                vectors[4 * j + 1, i] = half if normal else 0.0
-                vectors[4 * j + 2, i] = 0.0 if normal else force
-                vectors[4 * j + 3, i] = 0.0 if normal else half
-        if row.plain_response == 1:
-            diagonal = floats(row.compliance, n)
-            for line in range(4 * m):
-                for i in range(n):
-                    total[line % 4] += diagonal[i] * vectors[line, i] * vectors[line, i]
-            continue
-        if m == 1:
-            four_norms(n, floats(row.compliance, n * (n + 1) // 2), vectors, total)
-            continue
-        answer = table_of_floats(row.answers, 4 * m, n)
-        np.dot(vectors, table_of_floats(row.compliance, n, n), answer)
-        for line in range(4 * m):
-            work_done = 0.0
-            for i in range(n):
-                work_done += vectors[line, i] * answer[line, i]
-            total[line % 4] += work_done
+        start, at = 0, 0
+        for part in range(parts):
+            n = row.n_normal if part == 0 else row.n_live - row.n_normal
+            if n > 0:
+                total[2 * part], total[2 * part + 1] = add_norms(
+                    row, flat, work, start, n, at, total[2 * part], total[2 * part + 1]
+                )
+            start += n
+            at += compliance_size(row, n)
     for part in range(parts):
         reached[1 + part] = max(reached[1 + part], np.sqrt(max(total[2 * part], 0.0)))
     reached[2] = max(reached[2], limits.tangential_floor * reached[1])
@@ -67,24 +47,65 @@ def mismatch(classes: Any, flat: Any, work: Any, limits: Any, reached: Array) ->
 
 
 @kernel
-def four_norms(n: int, a: Array, x: Array, total: Array) -> None:
-    """total (4,) += x A x for the four rows of x (4, n), A packed (see ``products.packed_product``)."""
-    x0, x1, x2, x3 = x[0], x[1], x[2], x[3]
-    at = 0
+def compliance_size(row: Any, n: int) -> int:
+    """Numbers of a block of C between n channels (see ``classes``)."""
+    if row.plain_response == 1:
+        return int(n)
+    return int(n * (n + 1) // 2 if row.m == 1 else n * n)
+
+
+@kernel
+def add_norms(
+    row: Any, flat: Any, work: Any, start: int, n: int, block: int, force: float, half: float
+) -> tuple[float, float]:
+    """``force`` and ``half`` with x C x of the tractions and of the half residuals of n channels added.
+
+    The channels are ``measured`` from ``start`` on, their block of C begins ``block`` numbers into it.
+    """
+    m = row.m
+    channels, measured = integers(row.channels, row.n_channel * m), integers(row.measured + 8 * start, n)
+    vectors = table_of_floats(row.vectors, 2 * m, n)
+    for i in range(n):
+        for j in range(m):
+            at = channels[measured[i] * m + j]
+            vectors[2 * j, i] = flat.area[at] * work.f_hat[at]
+            vectors[2 * j + 1, i] = 0.5 * flat.area[at] * work.residual[at]
+    compliance = row.compliance + 8 * block
+    if row.plain_response == 1:
+        diagonal = floats(compliance, n)
+        for j in range(m):
+            for i in range(n):
+                force += diagonal[i] * vectors[2 * j, i] * vectors[2 * j, i]
+                half += diagonal[i] * vectors[2 * j + 1, i] * vectors[2 * j + 1, i]
+        return force, half
+    if m == 1:
+        own, other = two_norms(n, floats(compliance, n * (n + 1) // 2), vectors)
+        return force + own, half + other
+    answer = table_of_floats(row.answers, 2 * m, n)
+    np.dot(vectors, table_of_floats(compliance, n, n), answer)
+    for j in range(m):
+        for i in range(n):
+            force += vectors[2 * j, i] * answer[2 * j, i]
+            half += vectors[2 * j + 1, i] * answer[2 * j + 1, i]
+    return force, half
+
+
+@kernel
+def two_norms(n: int, a: Array, x: Array) -> tuple[float, float]:
+    """x A x of the two rows of x (2, n), A packed (see ``products.packed_product``)."""
+    x0, x1 = x[0], x[1]
+    first, second, at = 0.0, 0.0, 0
     for i in range(n):
         line = a[at : at + i]
-        t0 = t1 = t2 = t3 = 0.0
+        t0 = t1 = 0.0
         for j in range(i):
             t0 += line[j] * x0[j]
             t1 += line[j] * x1[j]
-            t2 += line[j] * x2[j]
-            t3 += line[j] * x3[j]
         corner = a[at + i]
-        total[0] += x0[i] * (2.0 * t0 + corner * x0[i])
-        total[1] += x1[i] * (2.0 * t1 + corner * x1[i])
-        total[2] += x2[i] * (2.0 * t2 + corner * x2[i])
-        total[3] += x3[i] * (2.0 * t3 + corner * x3[i])
+        first += x0[i] * (2.0 * t0 + corner * x0[i])
+        second += x1[i] * (2.0 * t1 + corner * x1[i])
         at += i + 1
+    return first, second
 
 
 @kernel
