@@ -14,6 +14,7 @@ from ..propagator.cholesky.factor import CholeskyFactor
 from ..propagator.cholesky.kernels import routines
 from ..propagator.direct import DirectPropagator, State
 from ..propagator.march import March
+from .lanes import LANES, SPARE, TILED, padded
 from .views import address, kernel, record
 
 Array = NDArray[np.float64]
@@ -38,12 +39,12 @@ _SCRATCH = (
 
 CLASS = record(
     [
-        "n", "m", "n_inner", "n_channel", "n_live", "n_normal", "n_interior", "n_super", "n_massless", "n_probe", "tallest",
-        "grouped", "driven", "routines", "first", "row_start", "rows", "panel_start", "panels", "n_rows",
-        "n_panels", "order", "schur_inverse", "dofs", "area", "live", "measured", "massless", "k", "response", "compliance",
-        "channels", "below", "rest", "constant", "probed", "plain_inverse", "plain_response", "dense_trace",
+        "n", "m", "n_inner", "n_channel", "n_live", "n_normal", "n_interior", "n_super", "n_massless", "n_probe",
+        "tallest", "grouped", "driven", "routines", "first", "row_start", "rows", "panel_start", "panels", "n_rows",
+        "n_panels", "order", "schur_inverse", "dofs", "area", "live", "measured", "massless", "k", "response",
+        "compliance", "channels", "below", "rest", "constant", "probed", "plain_inverse", "plain_response", "dense_trace",
         "trace_table", "spread_table",
-        *_STATE, *_SCRATCH, "vectors", "answers", "column",
+        *_STATE, *_SCRATCH, "vectors", "answers", "tile",
         *(f"{m}_{part}" for m in _MATRICES for part in ("n", "diagonal", "starts", "columns", "values")),
         *(f"{t}_{part}" for t in _TERMS for part in ("n", "starts", "rows", "values", "amplitudes")),
     ]
@@ -161,8 +162,11 @@ class ClassTable:
         self._point(c, f"{name}_values", np.ascontiguousarray(matrix.data, dtype=float))
 
     def _symmetric(self, c: int, name: str, matrix: sp.csr_array | None) -> None:
-        """Half of a symmetric matrix (see ``products.add_symmetric``)."""
+        """Half of a symmetric matrix, all of it for several members (see ``products.add_symmetric``)."""
         if matrix is None:
+            return
+        if self.rows[c]["m"] >= TILED:
+            self._matrix(c, name, matrix)
             return
         pattern = matrix.indptr.astype(np.int64), matrix.indices.astype(np.int64)
         diagonal, starts, columns, values = lower_half(*pattern, matrix.data)
@@ -206,8 +210,8 @@ class ClassTable:
             size = {"inner": row["n_inner"], "inner_answer": row["n_inner"], "free_a": row["n_inner"]}.get(
                 name, row["n_channel"] if name in ("w_free", "channel", "answer") else row["n"]
             )
-            self._point(c, name, np.zeros((int(size), m)))
-        self._point(c, "column", np.zeros(2 * int(row["n"])))
+            self._point(c, name, np.zeros((int(size), padded(m) if name == "sweep" else m)))
+        self._point(c, "tile", np.zeros((max(propagator.n_dof, len(flat)) + SPARE) * LANES))
         for name in ("vectors", "answers"):
             self._point(c, name, np.zeros((2 * m, len(live))))
         self._state.append({name: np.zeros((int(row["n"]), m)) for name in _STATE})

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .lanes import LANES, SPARE, TILED, dense_product, sparse_product
 from .views import floats, indices, integers, kernel, table_of_floats
 
 Array = NDArray[np.float64]
@@ -27,10 +28,14 @@ def add_symmetric(
 ) -> None:
     """out += factor A x for symmetric A by addresses: its diagonal and its strict lower triangle in compressed rows.
 
-    Several members are taken one after the other, gathered to ``scratch`` (2 n,): half the matrix on numbers that lie
-    together is faster than whole rows on all of them.
+    Two members are taken one after the other, gathered to ``scratch``: half the matrix on numbers that lie together is
+    faster than whole rows on both of them. From ``lanes.TILED`` on the rows are whole and taken for eight at a time.
     """
     diagonal, starts = floats(diagonal_at, n), integers(starts_at, n + 1)
+    if m >= TILED:
+        tile = floats(scratch_at, (n + SPARE) * LANES)
+        sparse_product(n, starts, columns_at, values_at, factor, m, x, out, tile)
+        return
     columns, values = indices(columns_at, starts[n]), floats(values_at, starts[n])
     if m == 1:
         half_product(n, diagonal, starts, columns, values, factor, x, out)
@@ -99,10 +104,12 @@ def add_terms(
 
 
 @kernel
-def dense(n: int, matrix_at: int, m: int, x: Array, out: Array) -> None:
+def dense(n: int, matrix_at: int, m: int, x: Array, out: Array, scratch_at: int) -> None:
     """out = A x for symmetric dense A, x and out (n m,): A packed for one member (``packed_product``), else whole."""
     if m == 1:
         packed_product(n, floats(matrix_at, n * (n + 1) // 2), x, out)
+    elif m >= TILED:
+        dense_product(n, matrix_at, m, x, out, floats(scratch_at, (n + SPARE) * LANES))
     else:
         np.dot(table_of_floats(matrix_at, n, n), x.reshape(n, m), out.reshape(n, m))
 
@@ -134,10 +141,10 @@ def packed_product(n: int, a: Array, x: Array, out: Array) -> None:
 
 
 @kernel
-def product(n: int, matrix_at: int, plain: int, m: int, x: Array, out: Array) -> None:
+def product(n: int, matrix_at: int, plain: int, m: int, x: Array, out: Array, scratch_at: int) -> None:
     """As ``dense``; ``plain``: A is given by its diagonal."""
     if plain == 0:
-        dense(n, matrix_at, m, x, out)
+        dense(n, matrix_at, m, x, out, scratch_at)
         return
     diagonal = floats(matrix_at, n)
     for i in range(n):

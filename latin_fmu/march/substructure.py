@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .lanes import padded
 from .products import add_matrix, add_spread, add_symmetric, add_terms, add_trace, product
 from .sweeps import backward, forward
 from .views import floats, integers, kernel
@@ -70,7 +71,7 @@ def predict(row: Any, scheme: Any, instant: int) -> None:
         m,
         u_free,
         load,
-        row.column,
+        row.tile,
     )
     if row.damping_n > 0:
         add_symmetric(
@@ -83,7 +84,7 @@ def predict(row: Any, scheme: Any, instant: int) -> None:
             m,
             v_free,
             load,
-            row.column,
+            row.tile,
         )
     for i in range(size):
         load[i] = scheme.force_weight * load[i] - scheme.memory_weight * residual[i]
@@ -93,7 +94,9 @@ def predict(row: Any, scheme: Any, instant: int) -> None:
     )  # fmt: skip
     forward(row, load)
     if n_inner > 0:
-        product(n_inner, row.schur_inverse, row.plain_inverse, m, floats(row.inner, n_inner * m), free_a)
+        product(
+            n_inner, row.schur_inverse, row.plain_inverse, m, floats(row.inner, n_inner * m), free_a, row.tile
+        )
     reached, dofs = floats(row.inner, n_inner * m), integers(row.dofs, n_inner)
     for i in range(n_inner):
         for j in range(m):
@@ -137,7 +140,7 @@ def respond(row: Any, q: Array, w: Array, level: float) -> int:
         for j in range(m):
             at = live[i] * m + j
             incoming[i * m + j] = area[live[i]] * (q[channels[at]] - k[live[i]] * w_free[at])
-    product(n_live, row.response, row.plain_response, m, incoming, answer)
+    product(n_live, row.response, row.plain_response, m, incoming, answer, row.tile)
     for at in range(row.n_channel * m):
         w[channels[at]] = w_free[at]
     for i in range(n_live):
@@ -162,7 +165,7 @@ def commit(row: Any, scheme: Any, instant: int, traction: Array) -> int:
     if rest[1] == 1:
         if largest <= scheme.rest_traction:
             return 0
-        floats(row.sweep, size)[:] = 0.0
+        floats(row.sweep, n * padded(m))[:] = 0.0
     rest[:] = 0
     u, v, a = floats(row.u, size), floats(row.v, size), floats(row.a, size)
     u_free, v_free, residual = floats(row.u_free, size), floats(row.v_free, size), floats(row.residual, size)
@@ -173,7 +176,7 @@ def commit(row: Any, scheme: Any, instant: int, traction: Array) -> int:
             nodal[i] *= scheme.force_weight
         inner[:] = 0.0
         add_spread(row, nodal, inner)
-        product(n_inner, row.schur_inverse, row.plain_inverse, m, inner, last)
+        product(n_inner, row.schur_inverse, row.plain_inverse, m, inner, last, row.tile)
         for i in range(n_inner * m):
             last[i] += free_a[i]
     backward(row, last, a)
@@ -203,7 +206,7 @@ def commit(row: Any, scheme: Any, instant: int, traction: Array) -> int:
         m,
         a,
         residual,
-        row.column,
+        row.tile,
     )
     add_terms(
         row.inertia_n, row.inertia_starts, row.inertia_rows, row.inertia_values, row.inertia_amplitudes,
