@@ -136,6 +136,13 @@ def reduced_layers(tables: Tables) -> None:
     tables["solver"]["propagator"] = {"type": "reduced", "modes": 20}
 
 
+def many(tables: Tables) -> None:
+    """Classes of five and of four identical blocks between the first and the last."""
+    tables.update(stack(11))
+    damped(tables)
+    del tables["boundary"]
+
+
 def apart(tables: Tables) -> None:
     """No interface at all: what is compared are the fields."""
     del tables["interface"]
@@ -157,7 +164,7 @@ def with_everything_kept(tables: Tables) -> None:
 
 CHANGES: list[Callable[[Tables], None]] = [
     moving_ground, driven_face, damped, thrown, frictionless, mixed, unlike, massless, with_everything_kept,
-    apart, layers, free_layers, damped_layers, massless_layers, explicit_layers, reduced_layers,
+    many, apart, layers, free_layers, damped_layers, massless_layers, explicit_layers, reduced_layers,
 ]  # fmt: skip
 
 
