@@ -17,11 +17,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..interface.no_slip import NoSlip
 from .assembly import Assembly
 from .layout import Array
-
-_TOUCH = 0.1
 
 
 @dataclass
@@ -83,10 +80,7 @@ class LocalStage:
         self.z = np.divide(1.0, k, out=np.zeros_like(k), where=k > 0)
         self.span = span(assembly)
         # without inertia there is no energy to add: a penetration the tolerance has left is pushed out
-        self._static = assembly.quasi_static
-        self._deepest = -np.inf if self._static else 0.0
-        # nor must sides that never slide lose hold over a gap within it: touch is what a tenth of the loads closes
-        self._touch = _TOUCH * assembly.characteristic_traction
+        self._deepest = -np.inf if assembly.quasi_static else 0.0
         self.z_sums = []
         for group in assembly.layout.groups:
             both = group.block(self.z).sum(axis=0)
@@ -100,9 +94,6 @@ class LocalStage:
             reach, rate = group.reach(gap, self.assembly.dt, self.span, self._deepest)
             jump = block[1] - block[0]
             traction = group.behaviour.local(jump, z, reach, rate, group.parameters)
-            if self._static and isinstance(group.behaviour, NoSlip):
-                touching = np.where(reach <= self._touch * z[:, 0], np.minimum(reach, 0.0), reach)
-                traction[:, 1:] = group.behaviour.local(jump, z, touching, rate, group.parameters)[:, 1:]
             out[0] = traction
             np.negative(traction, out=out[1])
         return f_hat, s + self.z * f_hat

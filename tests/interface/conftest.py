@@ -44,11 +44,11 @@ def contact_residual(behaviour: Behaviour, slip: Array, traction: Array, reach: 
     return max(worst, float(outside), float(stuck), float(aligned))
 
 
-def no_slip_residual(_: Behaviour, slip: Array, traction: Array, reach: Array) -> float:
-    """Signorini; no sliding where closed at the start of the instant, no shear elsewhere."""
+def no_slip_residual(behaviour: Behaviour, slip: Array, traction: Array, reach: Array) -> float:
+    """Signorini; no sliding where touching at the start of the instant, no shear elsewhere."""
     pressure, room = -traction[:, 0], reach + slip[:, 0]
     worst = max(0.0, float(-pressure.min()), float(-room.min()), float(np.abs(pressure * room).max()))
-    wrong = np.where((reach == 0)[:, None], slip[:, 1:], traction[:, 1:])
+    wrong = np.where((reach <= RATE * behaviour.touch)[:, None], slip[:, 1:], traction[:, 1:])
     return max(worst, float(np.abs(wrong).max()))
 
 
@@ -82,7 +82,7 @@ def _sets(*values: dict[str, float]) -> tuple[Mapping[str, float], ...]:
 PARAMETERS: Mapping[str, tuple[Mapping[str, float], ...]] = MappingProxyType(
     {
         "perfect": (MappingProxyType({}),),
-        "no_slip": (MappingProxyType({}),),
+        "no_slip": _sets({}, {"touch": 0.2}),
         "elastic_layer": _sets(
             {"normal_stiffness": 2.0, "tangential_stiffness": 0.7},
             {"normal_stiffness": 1e6, "tangential_stiffness": 1e-6},
@@ -187,13 +187,17 @@ def solve(behaviour: Behaviour) -> Callable[[Points], Array]:
     return local
 
 
-@pytest.fixture
-def scaled(behaviour: Behaviour) -> Callable[[float], Callable[[Points], Array]]:
-    """F_hat with stiffness and viscosity multiplied by a number."""
-    factors = {f.name for f in fields(behaviour) if f.name != "friction_coefficient"}
+_LENGTHS, _NUMBERS = {"touch"}, {"friction_coefficient"}
 
-    def times(c: float) -> Callable[[Points], Array]:
-        other = replace(behaviour, **{name: c * getattr(behaviour, name) for name in factors})
+
+@pytest.fixture
+def scaled(behaviour: Behaviour) -> Callable[..., Callable[[Points], Array]]:
+    """F_hat with stiffness and viscosity, or with lengths, multiplied by a number."""
+    names = {f.name for f in fields(behaviour)} - _NUMBERS
+
+    def times(c: float, lengths: bool = False) -> Callable[[Points], Array]:
+        changed = names & _LENGTHS if lengths else names - _LENGTHS
+        other = replace(behaviour, **{name: c * getattr(behaviour, name) for name in changed})
 
         def local(points: Points) -> Array:
             parameters = other.point_parameters(len(points.reach))

@@ -102,12 +102,12 @@ def test_friction_dissipates(behaviour: Behaviour, solve: Solve, points: Any) ->
 
 @pytest.mark.parametrize("c", [1e-9, 3.0, 1e12])
 def test_scaling(behaviour: Behaviour, solve: Solve, scaled: Any, points: Any, c: float) -> None:
-    """(F, k) -> (c F, c k), stiffness and viscosity with them, and (W, F, reach) -> c (W, F, reach) scale the
-    traction by c and nothing else."""
+    """(F, k) -> (c F, c k), stiffness and viscosity with them, and (W, F, reach) -> c (W, F, reach), lengths with them,
+    scale the traction by c and nothing else."""
     p = points(behaviour)
     f_hat = solve(p)
     close(scaled(c)(replace(p, f=c * p.f, k=c * p.k)) / c, f_hat)
-    close(solve(replace(p, w=c * p.w, f=c * p.f, reach=c * p.reach)) / c, f_hat)
+    close(scaled(c, lengths=True)(replace(p, w=c * p.w, f=c * p.f, reach=c * p.reach)) / c, f_hat)
 
 
 def test_points_are_independent(behaviour: Behaviour, solve: Solve, points: Any) -> None:
