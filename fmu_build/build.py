@@ -12,7 +12,7 @@ from latin_fmu.cosim.variables import table_of
 from latin_fmu.errors import InputError, Problem
 from latin_fmu.latin.wanted_accuracy import accuracy_of
 from latin_fmu.results.files import written_whole
-from latin_fmu.scene.build import build
+from latin_fmu.scene.build import prepare
 from latin_fmu.scene.schema import Scene
 
 from .archive import archive
@@ -64,7 +64,7 @@ def build_fmu(scene: Scene, target: str | Path, fmi: Fmi = "2", extra: Files | N
 def fmu_files(scene: Scene, fmi: Fmi) -> Files:
     """Every file of the FMU, by path inside the archive."""
     exporter = Exporter.installed(fmi)
-    built = build(scene)  # also shows that it can be built
+    built = prepare(scene).build()  # also shows that it can be built
     n_point = {unit.name: unit.geometry.n_point for unit in built.assembly.interfaces}
     table = table_of(scene, n_point if fmi == "3" else None)
     if fmi == "2" and len(table) > MAX_SCALARS:

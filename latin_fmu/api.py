@@ -97,7 +97,7 @@ def run(
         energy=recorder.assembly_energy(assembly),
         timings=timings,
         warnings=(*built.warnings, *drift_remarks(assembly), *accuracy_remarks(assembly.propagators)),
-        settings=march.choices(),
+        settings=march.choices() | ({} if built.start is None else {"start": built.start.told}),
     )
     # the stages are timed with the wall clock, which costs nothing to read, and share the CPU time in proportion
     cpu = clock.process_time() - begin
@@ -131,5 +131,6 @@ def check(scene: Scene) -> list[str]:
         f"  interface {u.name}: {u.behaviour.name}, {u.geometry.n_point} points, area {u.geometry.areas.sum():.6g} m2"
         for u in assembly.interfaces
     ]
+    lines += [] if built.start is None else [f"  start: {built.start.told}"]
     lines += [f"warning: {w}" for w in built.warnings]
     return [*lines, "the scene can be solved" + (", mind the warnings" if built.warnings else "")]

@@ -19,8 +19,8 @@ from latin_fmu.scene.reader import scene_from_dict
 MODELS = Path(__file__).parents[1] / "models"
 NAMES = {
     "inertia", "elastic bodies", "rigid bodies", "damping", "absorbing ends", "body force", "surface loads",
-    "initial motion", "prescribed motion", "unilateral contact", "friction", "initial gap", "perfect bond",
-    "layers and joints", "preload", "interior history", "stress", "energy balance",
+    "initial motion", "static start", "prescribed motion", "unilateral contact", "friction", "initial gap",
+    "perfect bond", "layers and joints", "preload", "interior history", "stress", "energy balance",
 }  # fmt: skip
 
 

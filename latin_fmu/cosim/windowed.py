@@ -48,6 +48,7 @@ class Windowed:
         self._outputs_now(loads.value)
 
     def _outputs_now(self, amplitudes: Mapping[str, float]) -> None:
+        self.run.settle(amplitudes)
         built = self.run.built
         assembly = built.assembly
         given = {name: np.full(len(assembly.time), value) for name, value in amplitudes.items()}

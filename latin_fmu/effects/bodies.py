@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..scene.boundaries import Absorbing, PrescribedDisplacement, PrescribedVelocity
+from ..scene.time_settings import StaticStart
 from .effect import Effect
 from .sizes import SPARSE, Sizes
 
@@ -116,6 +117,18 @@ def initial_motion(sizes: Sizes) -> Effect:
         return Effect("initial motion", False, ("substructure.*.initial_velocity",), "everything starts at rest",
                       "initial_velocity, initial_spin or initial_displacement")  # fmt: skip
     return Effect("initial motion", True, keys, "initial values that are not zero", "set them to zero")
+
+
+def static_start(sizes: Sizes) -> Effect:
+    """A static equilibrium before the motion."""
+    start = sizes.scene.time.start
+    if not isinstance(start, StaticStart):
+        return Effect("static start", False, ("time.start",), "bodies start as given",
+                      'time.start = "static" (bolts, weight, dead loads first)')  # fmt: skip
+    n = sum(c.n_member * c.n_dof for c in sizes.classes)
+    return Effect("static start", True, ("time.start",), f"an equilibrium in {start.increments} increment(s) before "
+                  "the first instant", 'time.start = "given"', kernels=("static factorisation", "static solution"),
+                  memory=8 * n)  # fmt: skip
 
 
 def prescribed_motion(sizes: Sizes) -> Effect:

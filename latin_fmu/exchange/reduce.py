@@ -15,6 +15,7 @@ from ..scene.checks import characteristic_traction
 from ..scene.fields import GROUND
 from ..scene.models import side_impedance
 from ..scene.schema import Scene
+from ..scene.static_start import starts_static
 from ..scene.time_settings import HHT
 from .bodies import bonded_bodies, is_bond
 from .bonds import bond_of
@@ -86,6 +87,10 @@ def _unknown(scene: Scene, n_mode: int, n_patch: int) -> Iterator[Problem]:
             yield Problem(what, "not a possible number", str(value), f"{least} to {most}")
     if scene.time.quasi_static:
         yield Problem("time.quasi_static", "a reduced model moves", "true", "false", "leave it out")
+    if starts_static(scene):
+        yield Problem(
+            "time.start", "a reduced model starts from the values given", "static", "given", "leave it out"
+        )
     for name, interface in scene.interface.items():
         if interface.behaviour not in ("contact", "perfect"):
             yield Problem(

@@ -7,9 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..interface.no_slip import NoSlip
 from ..propagator import Propagator
 from ..time_scheme import QuasiStatic, TimeScheme
 from .layout import Array, Index, InterfaceUnit, Layout
+
+_TOUCH = 0.1  # sides that never slide hold each other over gaps that this part of the loads closes within an instant
 
 
 class GroundState(NamedTuple):
@@ -57,6 +60,9 @@ class Assembly:
             if unit.against_ground
         }
         self.ground_start = {i: GroundState(np.zeros(3), None) for i in self._ground_frames}
+        self.start_tractions: dict[int, Array] = {}
+        """Tractions (n_point, n_component) on side E at t = 0 where they are known, by interface, Pa; in balance with
+        the initial displacements and the loads there."""
         self.rigid = self._rigid_channels()
 
     @property
@@ -88,6 +94,12 @@ class Assembly:
             for i, v in ground.items()
         }
         self.ground_start = dict(start)
+        impedance = self.impedance
+        yielding = np.divide(dt, impedance, out=np.zeros_like(impedance), where=impedance > 0)
+        for group in self.layout.groups:
+            if isinstance(group.behaviour, NoSlip):
+                moved = group.block(yielding)[..., 0].sum(axis=0)
+                group.parameters[:, 0] = _TOUCH * self.characteristic_traction * moved
 
     def _mean(self, velocity: Array) -> Array:
         """Velocity over each step: mean of both ends, without inertia that of the increment."""

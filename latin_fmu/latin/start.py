@@ -1,7 +1,8 @@
 """The instant t = 0: velocity is imposed there, so it stays out of the iteration.
 
 A perfect interface gets the traction that makes the accelerations of its sides equal (else a cut and a merged
-model differ), an open contact none, a preloaded one its preload, one that carries a rigid body what it carries.
+model differ), an open contact none, a preloaded one its preload, one that carries a rigid body what it carries;
+after a static start each has the traction found there.
 """
 
 from __future__ import annotations
@@ -12,10 +13,11 @@ import scipy.sparse.linalg as spla
 from ..interface.behaviour import bonds
 from ..propagator.protocol import MassFactor
 from .assembly import Assembly
-from .layout import Array
+from .layout import Array, Group
 from .standing import standing_points, standing_tractions
 
 _ROUND_OFF = 1e-12
+_BALANCED = 1e-7  # what a static start leaves unbalanced is no reason to accelerate anything
 
 
 def start(assembly: Assembly) -> tuple[Array, Array]:
@@ -29,7 +31,11 @@ def start(assembly: Assembly) -> tuple[Array, Array]:
         p.initial_unbalance(traction[c]) for p, c in zip(propagators, assembly.channels, strict=True)
     ]
     # a preload and its balance cancel to round-off: no reason to factorise the mass
-    level = _ROUND_OFF * assembly.characteristic_traction * float(assembly.layout.area.sum())
+    level = (
+        (_BALANCED if assembly.start_tractions else _ROUND_OFF)
+        * assembly.characteristic_traction
+        * float(assembly.layout.area.sum())
+    )
     ground = np.zeros(assembly.layout.n_flat)
     assembly.ground_acceleration(ground, 0)
     moving = ground.any() or any(np.abs(u).max(initial=0.0) > level for u in unbalance)
@@ -69,8 +75,15 @@ def _known_tractions(assembly: Assembly, traction: Array) -> None:
         block = group.block(traction)
         block[0, :, 0], block[1, :, 0] = -group.preload, group.preload
     groups = [g for g in assembly.layout.groups if g.behaviour.compliant]
-    if not groups:
-        return
+    if groups:
+        _compliant_tractions(assembly, groups, traction)
+    for i, known in assembly.start_tractions.items():
+        traction[assembly.layout.channels(i, 0)] = known
+        traction[assembly.layout.channels(i, 1)] = -known
+
+
+def _compliant_tractions(assembly: Assembly, groups: list[Group], traction: Array) -> None:
+    """Write what compliant interfaces carry in the present state."""
     u, v = assembly.displacement(), assembly.gather([p.channel_velocity() for p in assembly.propagators])
     assembly.ground_velocity(v, 0)
     u -= assembly.scheme.gap_lead(assembly.dt) * v

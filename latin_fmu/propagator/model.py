@@ -119,7 +119,14 @@ class SubstructureModel:
 
     def with_factor(self, kind: FactorKind) -> SubstructureModel:
         """The same model, factorised in another way; what was reduced already is kept."""
-        other = replace(self, factor=kind)
+        return self._sharing(replace(self, factor=kind))
+
+    def displaced(self, displacement: Array) -> SubstructureModel:
+        """The same model with other initial displacements (n_full,), m; what was reduced already is kept."""
+        return self._sharing(replace(self, displacement=displacement))
+
+    def _sharing(self, other: SubstructureModel) -> SubstructureModel:
+        """``other`` with the matrices reduced so far, which are its own too."""
         for key in ("reduced", "reduced_stiffness", "at_interface"):
             if key in self.__dict__:
                 other.__dict__[key] = self.__dict__[key]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -18,7 +18,7 @@ from ..propagator import Propagator, StaticPropagator, make_propagator
 from ..time_scheme import QuasiStatic, TimeScheme, make_scheme
 from .arrival import arrival_times, marched_share
 from .body import Body, build_bodies, locking_remarks
-from .boundaries import Boundary, Periodic
+from .boundaries import Periodic
 from .checks import (
     boundaries_of,
     characteristic_traction,
@@ -27,16 +27,18 @@ from .checks import (
     redundancy_remarks,
     sampling_remarks,
 )
-from .conditions import Conditions, build_conditions
+from .conditions import Conditions
 from .cost import Prediction, predict
 from .fields import split_face
+from .initial_state import InitialState
 from .models import ModelClass, model_classes, side_impedance
 from .pairing import build_interface
 from .propagator_choice import chosen_propagators, unstable_steps
 from .resting import cut_by_arrival
-from .rigid import rigid_conditions
+from .rigid import conditions_on
 from .schema import Scene
 from .solver_settings import WHOLE, Anderson, Uniform
+from .static_start import start_problems, starts_static, static_state
 from .statics import side_stiffness, static_traction, unheld
 from .timeline import Timeline
 
@@ -51,7 +53,7 @@ class Built:
     """A scene turned into operators, ready to run.
 
     The assembly stands at t = 0 with the instants of the scene; ``timeline`` can give it others. ``predict`` tells
-    what the run should cost.
+    what the run should cost; ``start`` is the equilibrium that the motion starts from, None where there is none.
     """
 
     assembly: Assembly
@@ -61,6 +63,7 @@ class Built:
     warnings: tuple[str, ...]
     timeline: Timeline
     predict: Callable[[], Prediction | None] = lambda: None
+    start: InitialState | None = None
 
 
 @dataclass(frozen=True)
@@ -113,14 +116,16 @@ class Prepared:
         size = static_traction if isinstance(self.scheme, QuasiStatic) else characteristic_traction
         return size(self.scene, self.bodies, self.time)
 
-    def build(self) -> Built:
-        """Factorise and condense the substructures and tie them together."""
-        scene, scheme, layout, units = self.scene, self.scheme, self.layout, self.units
+    def build(self, start: InitialState | None = None) -> Built:
+        """Factorise and condense the substructures and tie them together; ``start``: not from the values given."""
+        scene, scheme, units = self.scene, self.scheme, self.units
+        layout = self.layout if start is None else Layout(units)  # its gaps are handed over
         settings, without_factor = chosen_propagators(scene, self.classes)
+        classes = self.classes if start is None else start.displaced(self.classes)
         static = isinstance(scheme, QuasiStatic)
         impedance = self.impedance.copy()
         propagators: list[Propagator] = []
-        for c in self.classes:
+        for c in classes:
             twin = None if c.twin is None else propagators[c.twin]
             propagators.append(
                 StaticPropagator(c.members, self.dt, scene.output.energy, impedance[c.channels[:, 0]])
@@ -131,7 +136,7 @@ class Prepared:
             raise SceneError(problems, "the scene cannot be built")
         assembly = Assembly(
             propagators,
-            [c.channels for c in self.classes],
+            [c.channels for c in classes],
             units,
             layout,
             impedance,
@@ -145,6 +150,8 @@ class Prepared:
             "tolerance": REST * scene.solver.tolerance,
         }[scene.solver.skip_at_rest]
         assembly.rest_traction = level * (assembly.characteristic_traction if level > 0 else 1.0)
+        if start is not None:
+            start.hand_over(assembly)
         timeline = self.timeline
         timeline.begin(assembly, self.time, {}, assembly.ground_start)
         if not static and any(body.rigid for body in self.bodies.values()):
@@ -152,7 +159,10 @@ class Prepared:
         output = scene.output
         wanted = Wanted(output.fields, output.stress, output.energy, output.every)
         warnings = (*self.remarks, *without_factor, *([] if static else unresolved_sides(assembly)))
-        return Built(assembly, settings_of(scene), wanted, self.info, warnings, timeline, self.prediction)
+        warnings += () if start is None else start.remarks
+        return Built(
+            assembly, settings_of(scene), wanted, self.info, warnings, timeline, self.prediction, start
+        )
 
     def prediction(self) -> Prediction | None:
         """Predicted cost of the run; None where no model is made for it (quasi-static scenes)."""
@@ -161,14 +171,20 @@ class Prepared:
         return predict(self.classes, chosen_propagators(self.scene, self.classes)[0], len(self.time) - 1)
 
 
-def build(scene: Scene) -> Built:
-    """Meshes, matrices, interfaces and factors of a scene.
+def build(scene: Scene, amplitudes: Mapping[str, float] | None = None) -> Built:
+    """Meshes, matrices, interfaces and factors of a scene, and the equilibrium it starts from where it asks for one.
+
+    Parameters
+    ----------
+    amplitudes : for a static start, of loads that are set from outside (their start value where left out).
 
     Raises
     ------
-    SceneError : meshes that cannot be read, unknown faces, faces that do not fit; all at once.
+    SceneError : meshes that cannot be read, unknown faces, faces that do not fit, all at once; no equilibrium.
     """
-    return prepare(scene).build()
+    prepared = prepare(scene)
+    start = static_state(prepared, amplitudes or {}) if starts_static(scene) else None
+    return prepared.build(start)
 
 
 def prepare(scene: Scene) -> Prepared:
@@ -179,7 +195,7 @@ def prepare(scene: Scene) -> Prepared:
     if problems:
         raise SceneError(problems, "the scene cannot be built")
     conditions = {
-        name: _conditions(body, boundaries_of(scene, name), problems) for name, body in bodies.items()
+        name: conditions_on(body, boundaries_of(scene, name), problems) for name, body in bodies.items()
     }
     found = [build_interface(n, i, bodies, problems) for n, i in scene.interface.items()]
     if problems:
@@ -188,7 +204,9 @@ def prepare(scene: Scene) -> Prepared:
     remarks: list[str] = []
     initial_problems(scene, units, problems, remarks)
     if scene.time.quasi_static and not problems:
-        problems += unheld(bodies, conditions, units)
+        problems += unheld(bodies, conditions, units, "quasi_static")
+    if starts_static(scene) and not problems:
+        problems += start_problems(scene, bodies, conditions, units)
     if problems:
         raise SceneError(problems, "the scene cannot be built")
     layout = Layout(units)
@@ -204,11 +222,6 @@ def prepare(scene: Scene) -> Prepared:
         *([] if scene.time.quasi_static else sampling_remarks(scene, time)),
     ]  # fmt: skip
     return Prepared(scene, bodies, conditions, units, layout, classes, scheme, time, tuple(remarks))
-
-
-def _conditions(body: Body, boundaries: dict[str, Boundary], problems: list[Problem]) -> Conditions:
-    held = build_conditions(body, boundaries, problems)
-    return rigid_conditions(body, held, boundaries, problems) if body.rigid else held
 
 
 def scheme_of(scene: Scene) -> TimeScheme:

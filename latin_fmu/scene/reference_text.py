@@ -48,6 +48,11 @@ Quasi-static   time.quasi_static = true leaves inertia out: every step is an equ
                its end. At t = 0 nothing acts but preloads; loads that do not start from zero come with the
                first step. Time only orders the increments (a viscous_joint alone feels its pace). What nothing
                holds is an error; where contact and friction cannot hold the loads, the run stops there.
+Static start   time.start = "static" solves the equilibrium under what acts at t = 0 first: loads at a(0) (a step
+               or pulse that starts at 0 is a shock and not in it), body forces, preloads, displaced faces; faces
+               driven by a velocity and the ground stand still. The motion starts from its displacements,
+               tractions, gaps, stick and slip. Substructures with an initial velocity are not in it. What
+               nothing holds, or friction cannot hold, is an error.
 Boundaries     fixed and symmetry block displacement; velocity and displacement prescribe value * a(t) along
                the components. One condition per face and component. Loads on one face add up.
 Absorbing      Half of a traction on an absorbing face goes into its dashpots: a traction 2 t launches a

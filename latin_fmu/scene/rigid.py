@@ -20,7 +20,7 @@ from ..fem.rigid import RigidBody, rigid_body
 from ..propagator import LoadTerm, SubstructureModel
 from .body import Body
 from .boundaries import Boundary, Periodic
-from .conditions import Conditions
+from .conditions import Conditions, build_conditions
 
 _ROUND_OFF = 1e-9
 
@@ -52,6 +52,12 @@ class RigidConditions(Conditions):
             la.solve(free.T @ mass @ free, free.T @ mass @ wanted, assume_a="pos") if n_free else np.zeros(0)
         )
         return np.concatenate([found, driven])
+
+
+def conditions_on(body: Body, boundaries: dict[str, Boundary], problems: list[Problem]) -> Conditions:
+    """Conditions of a body, elastic or rigid, from the boundaries on its faces."""
+    held = build_conditions(body, boundaries, problems)
+    return rigid_conditions(body, held, boundaries, problems) if body.rigid else held
 
 
 def rigid_conditions(

@@ -88,8 +88,12 @@ class Scene(Table):
 
     def text(self) -> str:
         """The effective scene as TOML, defaults written out; reading it back gives an equal scene."""
+        return toml_text(self.tables())
+
+    def tables(self) -> dict[str, Any]:
+        """The effective scene as tables (fresh ones), of the shape that ``scene_from_dict`` reads."""
         data = self.model_dump(exclude_none=True)
         for interface in data["interface"].values():
             for key in MEANINGLESS.get(interface["behaviour"], ()):
                 interface.pop(key, None)
-        return toml_text(data)
+        return data

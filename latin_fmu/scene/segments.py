@@ -18,8 +18,11 @@ from ..latin.record import InterfaceHistory, SubstructureHistory, Timings, Windo
 from ..latin.recorder import Recorder
 from ..latin.status import status
 from ..latin.windows import Run
-from .build import build
+from ..propagator import Propagator
+from .build import prepare
+from .laws import InputLaw
 from .schema import Scene
+from .static_start import starts_static, static_state
 
 _SAME_STEP, _STEPS_KEPT = 1e-9, 8
 _RUNNING = ("friction_dissipation", "contact_dissipation", "ground_work", "joint_dissipation")
@@ -72,7 +75,8 @@ class SegmentedRun:
     def __init__(self, scene: Scene, tolerance: float | None = None) -> None:
         self.scene = scene
         with one_thread():
-            self.built = build(scene)
+            self._prepared = prepare(scene)
+            self.built = self._prepared.build()  # a static start waits for the loads
         if tolerance is not None:
             factor = tolerance / self.built.settings.tolerance
             settings = self.built.settings
@@ -82,6 +86,8 @@ class SegmentedRun:
                     settings, tolerance=tolerance, force_tolerance=factor * settings.force_tolerance
                 ),
             )
+        self._inputs = [n for n, load in scene.load.items() if isinstance(load.law, InputLaw)]
+        self._amplitudes: dict[str, float] | None = None  # that the static start was found for
         self.timings = Timings()
         self.time = 0.0
         self._running: dict[str, float] = {}  # interface energies so far
@@ -90,8 +96,30 @@ class SegmentedRun:
         self._stored: float | None = None  # energy at t = 0
         self._steps: list[float] = []
         self._kind = hashlib.sha256(scene.text().encode()).hexdigest()
-        self._where = {
-            name: (p, m) for p in self.built.assembly.propagators for m, name in enumerate(p.names)
+
+    def settle(self, amplitudes: Mapping[str, float]) -> None:
+        """Where the scene starts from a static equilibrium, make it that for these amplitudes of loads set from outside
+        (others have their start value); before the first segment.
+
+        Raises
+        ------
+        SceneError : there is none; nothing has changed.
+        """
+        wanted = self._at_start(amplitudes)
+        if wanted == self._amplitudes or not starts_static(self.scene):
+            return
+        before = self.built
+        with one_thread():
+            found = self._prepared.build(static_state(self._prepared, wanted))
+        self.built = replace(found, settings=before.settings, wanted=before.wanted)
+        self._amplitudes, self._run = wanted, None
+
+    def _at_start(self, amplitudes: Mapping[str, float]) -> dict[str, float]:
+        """Amplitudes at t = 0 of all loads that are set from outside."""
+        start = np.zeros(1)
+        return {
+            n: float(amplitudes[n] if n in amplitudes else self.scene.load[n].law.sample(start)[0])
+            for n in self._inputs
         }
 
     def advance(
@@ -123,6 +151,8 @@ class SegmentedRun:
         return segment
 
     def _solve(self, time: Array, loads: Mapping[str, Array]) -> Segment:
+        if self._run is None:
+            self.settle({name: float(values[0]) for name, values in loads.items()})
         built, assembly = self.built, self.built.assembly
         step = self._known_step(float(time[1] - time[0]))
         built.timeline.begin(assembly, time, loads, self._ground, step)
@@ -168,13 +198,21 @@ class SegmentedRun:
 
     def displacement(self, substructure: str) -> Array:
         """Displacements of all nodes of a substructure at the present time, (n_node, 3), m."""
-        propagator, member = self._where[substructure]
+        propagator, member = self._place(substructure)
         return propagator.full_displacement(member)
 
     def velocity(self, substructure: str) -> Array:
         """Velocities of all nodes of a substructure at the present time, (n_node, 3), m s-1."""
-        propagator, member = self._where[substructure]
+        propagator, member = self._place(substructure)
         return propagator.full_velocity(member)
+
+    def _place(self, substructure: str) -> tuple[Propagator, int]:
+        """Its propagator and its number there."""
+        return next(
+            (p, p.names.index(substructure))
+            for p in self.built.assembly.propagators
+            if substructure in p.names
+        )
 
     # -- snapshots ------------------------------------------------------------------------------------------------
     def snapshot(self) -> bytes:
@@ -192,6 +230,7 @@ class SegmentedRun:
         if tree is None:
             self.reset()
             return
+        self.settle(tree["start"] or {})
         if self._run is None:  # not started yet: a start gives it what a run needs
             assembly = self.built.assembly
             recorder = Recorder(assembly, self.built.wanted, self.built.info)
@@ -212,6 +251,7 @@ class SegmentedRun:
         state = self._run.state
         return {
             "time": self.time,
+            "start": self._amplitudes,
             "running": dict(self._running),
             "f_hat": state.f_hat,
             "w_hat": state.w_hat,

@@ -25,6 +25,9 @@ def static_problems(raw: Any) -> Iterator[Problem]:
         HHT().model_dump(),
     ):  # but for the default
         yield _refused("time.scheme", "a time scheme integrates inertia", scheme, "leave the scheme out")
+    start = time.get("start")
+    if (start.get("type", "static") if isinstance(start, dict) else start) == "static":
+        yield _refused("time.start", "every step is an equilibrium already", start, "leave the start out")
     for name, table in named_tables(raw, "substructure").items():
         for key in ("initial_velocity", "initial_spin"):
             if _moves(table.get(key)):

@@ -77,13 +77,14 @@ def static_traction(scene: Scene, bodies: dict[str, Body], time: Array) -> float
 
 
 def unheld(
-    bodies: dict[str, Body], conditions: dict[str, Conditions], units: list[InterfaceUnit]
+    bodies: dict[str, Body], conditions: dict[str, Conditions], units: list[InterfaceUnit], because: str
 ) -> list[Problem]:
     """A problem for every group of substructures that could move as rigid bodies without any interface, pressed
     together as it may be, feeling it: statics cannot say where they are.
 
     The six motions of each body that its conditions allow, q, are free where all relative motions at the interfaces
-    (normal ones; tangential ones with friction) vanish: the null space of their sum of squares.
+    (normal ones; tangential ones with friction) vanish: the null space of their sum of squares. ``because`` : the key
+    that asks for statics.
     """
     motions = {name: _allowed(body, conditions[name]) for name, body in bodies.items()}
     ends = np.cumsum([m.shape[1] for m in motions.values()])
@@ -102,7 +103,7 @@ def unheld(
         squares += relative.T @ relative / unit.geometry.n_point
     values, vectors = la.eigh(squares)
     free = vectors[:, values < _HELD * max(float(values[-1]), 1e-300)] if values[-1] > 0 else vectors
-    return _told(free, where, motions)
+    return _told(free, where, motions, because)
 
 
 def _allowed(body: Body, held: Conditions) -> Array:
@@ -124,7 +125,7 @@ def _allowed(body: Body, held: Conditions) -> Array:
     return allowed
 
 
-def _told(free: Array, where: dict[str, slice], motions: dict[str, Array]) -> list[Problem]:
+def _told(free: Array, where: dict[str, slice], motions: dict[str, Array], because: str) -> list[Problem]:
     """Problems from the free motions (columns)."""
     problems = []
     for name, rows in where.items():
@@ -138,7 +139,7 @@ def _told(free: Array, where: dict[str, slice], motions: dict[str, Array]) -> li
                 "nothing holds it, so that a static position does not exist",
                 f"it can move {', '.join(ways)}" if ways else "it can turn",
                 remedy="hold it with a boundary (fixed or symmetry with one component is enough), give it an interface "
-                "with friction or a perfect one, or leave quasi_static out",
+                f"with friction or a perfect one, or leave {because} out",
             )
         )
     return problems

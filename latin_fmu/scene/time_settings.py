@@ -53,6 +53,34 @@ Scheme = Annotated[
 ]
 
 
+class GivenStart(Table):
+    """The initial displacements and velocities of the substructures, which are free of stress but for preloads."""
+
+    type: Literal["given"] = "given"
+
+
+class StaticStart(Table):
+    """The static equilibrium under all that acts at t = 0: loads at their value there, body forces, preloads,
+    prescribed displacements. Displacements, stresses, interface tractions, gaps and the state of friction are taken
+    over, so that loads which stay move nothing. Motions of faces and ground begin at t = 0; substructures with an
+    initial velocity take no part and start as given."""
+
+    type: Literal["static"] = "static"
+    increments: Annotated[
+        Count,
+        about("steps in which the loads are raised (friction depends on the way)", "1", ge=1, le=10_000),
+    ] = 5
+
+
+Start = Annotated[
+    Annotated[GivenStart | StaticStart, Field(discriminator="type")],
+    BeforeValidator(
+        tagged_or("static"),
+        json_schema_input_type=Literal["given", "static"] | GivenStart | StaticStart,
+    ),
+]
+
+
 class Time(Table):
     """The interval [0, end], cut into equal steps. It has exactly one of `step` and `instants`."""
 
@@ -64,6 +92,8 @@ class Time(Table):
     scheme: Annotated[Scheme, about("time scheme; that of the explicit propagator where it is chosen")] = (
         HHT()
     )
+
+    start: Annotated[Start, about("initial state: as given, or a static equilibrium")] = GivenStart()
 
     quasi_static: Annotated[
         Flag,
