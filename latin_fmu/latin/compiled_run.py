@@ -24,6 +24,7 @@ from .settings import Settings
 from .slide_probes import SlideProbes
 from .stopping import AT_REST, PATIENCE, RANK, RECENT, STALL_ACCELERATED, STALL_PLAIN, TANGENTIAL_FLOOR
 from .threads import Threads
+from .unchanged import negligible
 
 if TYPE_CHECKING:
     from ..march.work import Limits
@@ -219,5 +220,5 @@ def _limits(settings: Settings, tangential: bool, rest_traction: float) -> Limit
     return Limits(
         settings.tolerance, settings.force_tolerance, AT_REST, settings.max_iterations, PATIENCE, RECENT,
         STALL_ACCELERATED if settings.anderson_depth else STALL_PLAIN, TANGENTIAL_FLOOR, settings.relaxation, RANK,
-        int(tangential), rest_traction,
+        int(tangential), rest_traction, negligible(settings),
     )  # fmt: skip

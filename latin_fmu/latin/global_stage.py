@@ -16,6 +16,7 @@ from .coarse import Coarse
 from .kernels import respond
 from .layout import Array
 from .resting import Resting
+from .unchanged import Answers
 
 
 class GlobalStage:
@@ -24,11 +25,19 @@ class GlobalStage:
     Parameters
     ----------
     assembly : with the search direction bound to its propagators. k : (n_flat,). n : instants of the window.
-    coarse : coarse problem bound to k, None where there is none.
+    coarse : coarse problem bound to k, None where there is none. answers : what the substructures have answered in this
+        window, None where they are always asked.
     """
 
-    def __init__(self, assembly: Assembly, k: Array, n: int, coarse: Coarse | None = None) -> None:
-        self.assembly, self.k, self.n, self._coarse = assembly, k, n, coarse
+    def __init__(
+        self,
+        assembly: Assembly,
+        k: Array,
+        n: int,
+        coarse: Coarse | None = None,
+        answers: Answers | None = None,
+    ) -> None:
+        self.assembly, self.k, self.n, self._coarse, self.answers = assembly, k, n, coarse, answers
         self.first = assembly.propagators[0].state.instant + 1
         self.marched = 0  # substructure-instants marched
         self.condensed = 0  # substructure-instants solved through the condensed operator
@@ -44,8 +53,8 @@ class GlobalStage:
     def balanced(self, q: Array) -> tuple[Array, Array]:
         """q as it acts (a coarse problem changes it) and W at the channels for q; all (n, n_flat)."""
         if self.n > 1:
-            return q, self._march(q, None)
-        w = self._condensed(q)
+            return q, self._march(q, None) if self.answers is None else self._march_changed(q, self.answers)
+        w = self._condensed(q, self.answers)
         self.condensed += self._solved
         if self._coarse is None:
             return q, w
@@ -65,7 +74,7 @@ class GlobalStage:
             free[0, channels] += propagator.operators.admittance @ (self.k[channels] * free[0, channels])
         return free
 
-    def _condensed(self, q: Array) -> Array:
+    def _condensed(self, q: Array, answers: Answers | None = None) -> Array:
         assembly = self.assembly
         if self._w_0 is None:
             self._w_0 = self._march_one.predict()
@@ -75,10 +84,14 @@ class GlobalStage:
         for c, (propagator, channels, w_0) in enumerate(
             zip(assembly.propagators, assembly.channels, self._w_0, strict=True)
         ):
-            if self._march_one.stays(c, q[0, channels]):
-                continue
-            respond(propagator.response, w_0, channels, q[0], w[0])
-            self._solved += len(propagator.names)
+            if not self._march_one.stays(c, q[0, channels]):
+                if answers is not None and answers.first_changed(c, channels, q) == 1:
+                    w[0, channels] = answers.answer(channels, slice(0, 1))[0]
+                    continue
+                respond(propagator.response, w_0, channels, q[0], w[0])
+                self._solved += len(propagator.names)
+            if answers is not None:
+                answers.keep(c, channels, 0, q, w)
         return w
 
     def _march(self, q: Array, after: Callable[[int], None] | None) -> Array:
@@ -98,6 +111,30 @@ class GlobalStage:
                 w[i, channels] = velocity
             if after is not None:
                 after(i)
+        return w
+
+    def _march_changed(self, q: Array, answers: Answers) -> Array:
+        """W (n, n_flat) for q, each class from the first instant on that has changed."""
+        assembly, w = self.assembly, np.zeros_like(q)
+        for i in range(self.n):
+            assembly.ground_velocity(w[i], self.first + i)
+        for c, (propagator, channels) in enumerate(zip(assembly.propagators, assembly.channels, strict=True)):
+            changed = answers.first_changed(c, channels, q)
+            w[:changed, channels] = answers.answer(channels, slice(0, changed))
+            if changed == self.n:
+                continue
+            begin, state = answers.state_before(c, changed)
+            propagator.restore(self._start[c] if state is None else state)
+            for i in range(begin, self.n):
+                if answers.wants_state(i):
+                    answers.keep_state(c, i, propagator.snapshot())
+                free = self._march_one.predict_one(c)
+                incoming = q[i, channels]
+                velocity = propagator.respond(free, incoming)
+                self.marched += self._march_one.commit(c, incoming - propagator.k * velocity, account=False)
+                if i >= changed:
+                    w[i, channels] = velocity
+            answers.keep(c, channels, changed, q, w)
         return w
 
     def commit(self, q: Array, f_hat: Array, after: Callable[[int], None]) -> None:
@@ -133,3 +170,5 @@ class GlobalStage:
         """Back to the start of the window."""
         self.assembly.restore(self._start)
         self._w_0 = None
+        if self.answers is not None:
+            self.answers.forget()

@@ -26,14 +26,17 @@ class Resting:
 
     def predict(self) -> list[Array]:
         """W_0 of every class at the next instant."""
-        self._resting = [
-            self._assembly.rest_traction >= 0 and rests(propagator)
-            for propagator in self._assembly.propagators
-        ]
-        return [
-            np.zeros((p.n_channel, len(p.names))) if resting else p.predict()
-            for p, resting in zip(self._assembly.propagators, self._resting, strict=True)
-        ]
+        return [self.predict_one(c) for c in range(len(self._resting))]
+
+    def predict_one(self, c: int) -> Array:
+        """W_0 (n_channel, n_member) of class c at its next instant."""
+        propagator = self._assembly.propagators[c]
+        self._resting[c] = self._assembly.rest_traction >= 0 and rests(propagator)
+        return (
+            np.zeros((propagator.n_channel, len(propagator.names)))
+            if self._resting[c]
+            else propagator.predict()
+        )
 
     def stays(self, c: int, incoming: Array) -> bool:
         """Whether class c is at rest and does not see ``incoming`` either (F + k W at its channels, Pa)."""

@@ -21,6 +21,7 @@ class Settings:
     quasi_static : no inertia.
     direct_bonds : windows of one instant with perfect interfaces only are solved without iteration.
     threads : cores for the substructures (windows of one instant).
+    skip_unchanged : substructures are not asked again for what they have answered (``unchanged``).
     sequential_start : a window of several instants starts from a sequential pass (else from its initial values).
     """
 
@@ -35,3 +36,4 @@ class Settings:
     quasi_static: bool = False
     direct_bonds: bool = True
     threads: int = 1
+    skip_unchanged: bool = True

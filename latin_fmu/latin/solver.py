@@ -155,6 +155,8 @@ class WindowSolver:
         merits = _Merits(settings)
         accelerator = self._accelerator(settings.anderson_depth)
         while True:
+            if stage.answers is not None:
+                stage.answers.begin(scales.field if stage.n == 1 or best is None else best.scales.field)
             now, mismatch = self._evaluate(stage, q, opening, scales)
             record.error_indicator.append(now.error)
             record.force_mismatch.append(mismatch)

@@ -27,6 +27,7 @@ from .resting import Resting
 from .settings import Settings
 from .solver import Direction, Iterate, Observer, WindowSolver
 from .start import start
+from .unchanged import Answers, negligible
 
 # A window that fails with an indicator above this holds no answer worth going on from.
 HOPELESS = 0.3
@@ -165,7 +166,7 @@ class Run:
         guess = self._sequential_guess(n) if n > 1 and self.settings.sequential_start else None
         direction = self.direction(n)
         self._bind(direction)
-        stage = GlobalStage(assembly, direction.k, n, direction.coarse)
+        stage = GlobalStage(assembly, direction.k, n, direction.coarse, self._answers(direction, n))
         q = direction.incoming(*guess) if guess is not None else self._warm_start(direction, stage)
 
         def report(iteration: int, error: float) -> None:
@@ -193,6 +194,13 @@ class Run:
                 return record
         self._commit(stage, accepted, record)
         return record
+
+    def _answers(self, direction: Direction, n: int) -> Answers | None:
+        """Answers of the classes over the next window, where those are to be kept."""
+        enough = negligible(self.settings)
+        if enough < 0.0:
+            return None
+        return Answers(n, direction.indicator.weights[0], enough, len(self.assembly.propagators))
 
     def _again(self, stage: GlobalStage, opening: Opening, record: WindowRecord) -> Array:
         """Another first guess of q (1, n_flat) without inertia."""

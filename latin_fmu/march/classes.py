@@ -33,6 +33,7 @@ _SCRATCH = (
     "inner_answer",
     "free_a",
     "w_free",
+    "seen",
     "channel",
     "answer",
 )
@@ -208,7 +209,7 @@ class ClassTable:
         self._point(c, "below", np.zeros((factor.tallest + 1, m)))
         for name in _SCRATCH:
             size = {"inner": row["n_inner"], "inner_answer": row["n_inner"], "free_a": row["n_inner"]}.get(
-                name, row["n_channel"] if name in ("w_free", "channel", "answer") else row["n"]
+                name, row["n_channel"] if name in ("w_free", "seen", "channel", "answer") else row["n"]
             )
             self._point(c, name, np.zeros((int(size), padded(m) if name == "sweep" else m)))
         self._point(c, "tile", np.zeros((max(propagator.n_dof, len(flat)) + SPARE) * LANES))

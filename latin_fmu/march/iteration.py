@@ -189,9 +189,17 @@ def iterate(
     On success ``work`` holds the accepted iterate and ``work.scales`` what it leaves.
     """
     reached, ratio, count = np.empty(3), 1.0, -1
+    enough = limits.unchanged * work.scales[0] / len(classes)
     for iteration in range(limits.max_iterations):
         for c in range(len(classes)):
-            work.marched[1] += respond(classes[c], work.q, work.w, limits.rest_traction)
+            work.marched[1] += respond(
+                classes[c],
+                work.q,
+                work.w,
+                limits.rest_traction,
+                flat.weights[0],
+                enough if iteration > 0 else -1.0,
+            )
         for g in range(len(flat.ground)):
             work.w[flat.ground[g]] = flat.ground_velocity[instant, g]
         for j in range(len(work.q)):

@@ -114,22 +114,33 @@ def predict(row: Any, scheme: Any, instant: int) -> None:
 
 
 @kernel
-def respond(row: Any, q: Array, w: Array, level: float) -> int:
+def respond(row: Any, q: Array, w: Array, level: float, weights: Array, enough: float) -> int:
     """W at the channels of the class for q, both flat over the assembly; substructures solved.
 
-    A class at rest answers zero as long as q is not above ``level``.
+    A class at rest answers zero as long as q is not above ``level``; one whose q has changed by no more than ``enough``
+    in the squared norm of ``weights`` since it answered keeps its answer (see ``latin.unchanged``).
     """
     m, n_live = row.m, row.n_live
     size = n_live * m
     channels, live = integers(row.channels, row.n_channel * m), integers(row.live, n_live)
+    seen, change = floats(row.seen, row.n_channel * m), 0.0
     if integers(row.rest, 2)[1] == 1:
         largest = 0.0
         for at in range(row.n_channel * m):
             largest = max(largest, abs(q[channels[at]]))
         if largest <= level:
             for at in range(row.n_channel * m):
+                seen[at] = q[channels[at]]
                 w[channels[at]] = 0.0
             return 0
+    if enough >= 0.0:
+        for at in range(row.n_channel * m):
+            moved = q[channels[at]] - seen[at]
+            change += weights[channels[at]] * moved * moved
+        if change <= enough:
+            return 0
+    for at in range(row.n_channel * m):
+        seen[at] = q[channels[at]]
     k, area, w_free = (
         floats(row.k, row.n_channel),
         floats(row.area, row.n_channel),

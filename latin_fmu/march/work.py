@@ -87,6 +87,7 @@ class Limits(NamedTuple):
     rank: float
     tangential: int
     rest_traction: float  # see ``latin.resting``
+    unchanged: float  # see ``latin.unchanged.negligible``
 
 
 class History(NamedTuple):

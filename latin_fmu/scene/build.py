@@ -247,5 +247,6 @@ def settings_of(scene: Scene) -> Settings:
         quasi_static=scene.time.quasi_static,
         direct_bonds=solver.bonds == "direct",
         threads=solver.threads,
+        skip_unchanged=solver.skip_unchanged,
         sequential_start=solver.window == WHOLE and solver.start == "sequential",
     )

@@ -121,6 +121,13 @@ class Solver(Table):
             "1e-13 or tolerance / 100 of the tractions the loads can bring"
         ),
     ] = "round_off"
+    skip_unchanged: Annotated[
+        bool,
+        about(
+            "in an iteration, substructures that see what they have answered before, to a hundredth of tolerance, are "
+            "not solved again"
+        ),
+    ] = True
     bonds: Annotated[
         Literal["direct", "iterate"],
         about(

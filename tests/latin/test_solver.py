@@ -44,7 +44,9 @@ class Scripted(WindowSolver):
 
     def go(self) -> tuple[Iterate, WindowRecord]:
         record = WindowRecord(1, 1)
-        stage: Any = SimpleNamespace(n=2)  # of a longer window: the fall-back of one instant does not apply
+        stage: Any = SimpleNamespace(
+            n=2, answers=None
+        )  # of a longer window: the fall-back of one instant does not apply
         accepted = self.solve(stage, np.zeros((1, 1)), None, SCALES, record, 0)  # type: ignore[arg-type]
         return accepted, record
 
