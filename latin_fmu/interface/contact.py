@@ -58,8 +58,9 @@ class Contact:
         pressure = -traction[..., 0]
         status = np.full(pressure.shape, SLIP, dtype=np.int8)
         if traction.shape[-1] > 1:
-            shear = np.hypot(traction[..., 1], traction[..., 2])
-            status[shear < _ON_CONE * parameters[:, 0] * pressure] = STICK
+            shear2 = traction[..., 1] ** 2 + traction[..., 2] ** 2
+            limit = _ON_CONE * parameters[:, 0] * pressure
+            status[(shear2 < limit * limit) & (limit > 0)] = STICK
         status[pressure <= 0] = SEPARATION
         return status
 

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from ..march.work import Limits
     from .windows import Run
 
-_LONGEST = 64  # instants per call
+_FIRST, _LONGEST = 16, 512  # instants of the first call, which tells how long they take, and of any
 _SECONDS = 0.2  # aimed at per call, so that progress is told and an interruption is heard
 
 
@@ -128,9 +128,8 @@ class CompiledRun:
         """Solve up to n windows of one instant; how many converged (fewer: the next one needs the long road)."""
         run, work, state = self._run, self._work, self._run.state
         assembly, recorder = run.assembly, run.recorder
-        n = min(n, _LONGEST, recorder.instants_unseen())
-        if self._per_instant > 0:
-            n = min(n, max(1, int(_SECONDS / self._per_instant)))
+        longest = max(1, int(_SECONDS / self._per_instant)) if self._per_instant > 0 else _FIRST
+        n = min(n, _LONGEST, longest, recorder.instants_unseen())
         before = clock.perf_counter()
         self._enter()
         first = assembly.propagators[0].state.instant + 1
@@ -207,11 +206,14 @@ class CompiledRun:
                 reach[:] = jumps * self._scheme.layer_rate
 
     def _tell(self, first: int, done: int) -> None:
-        windows = self._run.state.windows
-        for step, used in enumerate(self._counts[:done].tolist()):
-            errors, mismatches = self._errors[step, :used].tolist(), self._mismatches[step, :used].tolist()
-            instant = first + step
-            windows.append(WindowRecord(instant, instant, errors, mismatches, [], True, used - 1))
+        counts = self._counts[:done]
+        most = int(counts.max(initial=0))
+        errors, mismatches = self._errors[:done, :most].tolist(), self._mismatches[:done, :most].tolist()
+        told = zip(range(first, first + done), counts.tolist(), errors, mismatches, strict=True)
+        self._run.state.windows += [
+            WindowRecord(i, i, error[:used], mismatch[:used], [], True, used - 1)
+            for i, used, error, mismatch in told
+        ]
 
 
 def _limits(settings: Settings, tangential: bool, rest_traction: float) -> Limits:

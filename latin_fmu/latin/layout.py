@@ -128,6 +128,7 @@ class Layout:
     def channels(self, interface: int, side: int) -> Index:
         """Flat indices (n_point, n_component) of one side of an interface."""
         group = self._group_of[interface]
-        numbers = np.arange(group.start, group.stop).reshape(2, group.n_point, group.n_component)
-        picked: Index = numbers[side, group.members[interface]]
+        points, width = group.members[interface], group.n_component
+        first = group.start + (side * group.n_point + points.start) * width
+        picked: Index = np.arange(first, first + (points.stop - points.start) * width).reshape(-1, width)
         return picked

@@ -103,7 +103,7 @@ class SubstructureHistory:
     energy: dict[str, Array] | None
 
 
-@dataclass
+@dataclass(slots=True)
 class WindowRecord:
     """How the iteration went in one window.
 

@@ -264,8 +264,10 @@ def interface_history(
         velocity = velocity + kept - np.einsum("tspi,pi,pj->tspj", kept, normal, normal)
     power = None
     if unit.behaviour.opens and n_component > 1:
-        slip = w_hat[:, 1, :, 1:] - w_hat[:, 0, :, 1:]
-        power = (f_hat[..., 1:] * slip).sum(axis=-1) @ geometry.areas
+        density = np.zeros(f_hat.shape[:-1])
+        for c in range(1, n_component):
+            density += f_hat[..., c] * (w_hat[:, 1, :, c] - w_hat[:, 0, :, c])
+        power = density @ geometry.areas
     layer, joint_power = as_layer(unit.behaviour), None
     layer_energy = None if layer is None else layer.stored_energy(f_hat, parameters) @ geometry.areas
     if unit.behaviour.compliant and layer is None:
@@ -287,7 +289,18 @@ def interface_history(
 def _in_global_axes(values: Array, frames: Array) -> Array:
     """Vectors (..., n_point, n_component) in the axes of their points, frames (n_point, n_component, 3), turned."""
     if len(frames) and (frames == frames[0]).all():
-        planar: Array = values @ frames[0]
-        return planar
+        return _in_one_frame(values, frames[0])
     turned: Array = np.einsum("...pc,pci->...pi", values, frames)
     return turned
+
+
+def _in_one_frame(values: Array, frame: Array) -> Array:
+    """Vectors (..., n_component) in one frame (n_component, 3), turned."""
+    if (np.count_nonzero(frame, axis=0) <= 1).all():  # along the global axes: nothing to add up
+        turned = np.empty((*values.shape[:-1], 3))
+        for axis, column in enumerate(frame.T):
+            row = int(np.argmax(np.abs(column)))
+            np.multiply(values[..., row], column[row], out=turned[..., axis])
+        return turned
+    product: Array = values.reshape(-1, len(frame)) @ frame  # one product instead of one per instant
+    return product.reshape(*values.shape[:-1], 3)

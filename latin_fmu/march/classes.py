@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,13 +14,17 @@ from ..propagator.cholesky.kernels import routines
 from ..propagator.direct import DirectPropagator, State
 from ..propagator.march import March
 from .lanes import LANES, SPARE, TILED, padded
-from .views import address, kernel, record
+from .packing import is_diagonal, lower_pattern, lower_values, rows_of
+from .terms import Terms
+from .views import address, record
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+Row = dict[str, int]
 
 _MATRICES = ("mass", "stiffness", "damping", "trace", "spread", "probe")
 _TERMS = ("force", "inertia", "velocity", "displacement", "acceleration")
+_LINE = 8  # numbers in a line of the cache
 _STATE = ("u", "v", "a", "residual")
 # scratch: name -> rows (per member)
 _SCRATCH = (
@@ -59,69 +62,6 @@ come and go drives it. ``plain_inverse``, ``plain_response``: the Schur inverse,
 ``dense_trace``: trace and transpose dense."""
 
 
-@dataclass(frozen=True)
-class Terms:
-    """Patterns times histories: sum over t of amplitudes[instant, t] x values on rows (row x members + member)."""
-
-    starts: Index
-    rows: Index
-    values: Array
-    amplitudes: Array
-
-    @classmethod
-    def of(cls, patterns: Sequence[tuple[Index, Array]], amplitudes: Sequence[Array], n_time: int) -> Terms:
-        """From (rows, values) per term and its history (n_time,)."""
-        sizes = [len(rows) for rows, _ in patterns]
-        starts = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
-        rows = np.concatenate([np.zeros(0, dtype=np.int64), *(r for r, _ in patterns)]).astype(np.int64)
-        values = np.concatenate([np.zeros(0), *(v for _, v in patterns)])
-        table = np.stack(amplitudes, axis=1) if amplitudes else np.zeros((n_time, 0))
-        return cls(starts, rows, values, np.ascontiguousarray(table, dtype=float))
-
-
-@kernel
-def lower_half(
-    starts: Index, columns: Index, values: Array
-) -> tuple[Array, Index, NDArray[np.uint32], Array]:
-    """Diagonal and strict lower triangle (compressed rows) of a symmetric matrix in compressed rows."""
-    n = len(starts) - 1
-    count = 0
-    for i in range(n):
-        for e in range(starts[i], starts[i + 1]):
-            count += columns[e] < i
-    diagonal, first = np.zeros(n), np.zeros(n + 1, dtype=np.int64)
-    column, value = np.empty(count, dtype=np.uint32), np.empty(count)
-    count = 0
-    for i in range(n):
-        for e in range(starts[i], starts[i + 1]):
-            if columns[e] < i:
-                column[count], value[count] = columns[e], values[e]
-                count += 1
-            elif columns[e] == i:
-                diagonal[i] += values[e]
-        first[i + 1] = count
-    return diagonal, first, column, value
-
-
-def packed_rows(matrix: Array, m: int) -> Array:
-    """A symmetric matrix as ``products.dense`` wants it for m members: its lower triangle row by row, or whole."""
-    if m > 1:
-        return np.ascontiguousarray(matrix)
-    return packed(matrix)
-
-
-@kernel
-def packed(matrix: Array) -> Array:
-    """Lower triangle, row by row."""
-    n = len(matrix)
-    out, at = np.empty(n * (n + 1) // 2), 0
-    for i in range(n):
-        for j in range(i + 1):
-            out[at + j] = matrix[i, j]
-        at += i + 1
-    return out
-
-
 class ClassTable:
     """Rows of the propagators of an assembly and the arrays behind them.
 
@@ -143,136 +83,165 @@ class ClassTable:
         self.rows = np.zeros(len(propagators), dtype=CLASS)
         self._propagators = list(propagators)
         self._normal = np.zeros(0, dtype=bool) if normal is None else normal
-        self._alive: list[list[Any]] = [[] for _ in propagators]  # what the addresses point to
-        self._state: list[dict[str, Array]] = []
-        self._rest: list[Index] = []
+        self._alive: dict[int, tuple[int, Any]] = {}  # what the addresses point to
+        self._begun: list[list[Any]] = [[] for _ in propagators]  # the same, of the present segment
+        self._state: list[Array] = []  # (4, n, m): see _STATE
+        self._rest = np.zeros((len(propagators), 2), dtype=np.int64)
         self.probed: list[Array] = []
+        self._patterns: dict[int, Any] = {}  # index arrays that substructures share are converted once
         for c, (propagator, flat, probe) in enumerate(zip(propagators, channels, probes, strict=True)):
-            self._fixed(c, propagator, flat, probe)
+            found = dict.fromkeys(CLASS.names, 0)  # type: ignore[arg-type]
+            self._fixed(found, propagator, flat, probe)
+            found["rest"] = address(self._rest[c])
+            self.rows[c] = tuple(found.values())
 
-    def _point(self, c: int, name: str, array: NDArray[Any]) -> None:
-        self._alive[c].append(array)
-        self.rows[c][name] = address(array)
+    def _point(self, found: Row, name: str, array: NDArray[Any]) -> None:
+        known = self._alive.get(id(array))
+        if known is None:
+            known = self._alive[id(array)] = address(array), array
+        found[name] = known[0]
 
-    def _matrix(self, c: int, name: str, matrix: sp.csr_array | None) -> None:
+    def _matrix(self, found: Row, name: str, matrix: sp.csr_array | None) -> None:
         if matrix is None:
             return
-        self.rows[c][f"{name}_n"] = matrix.shape[0]
-        self._point(c, f"{name}_starts", matrix.indptr.astype(np.int64))
-        self._point(c, f"{name}_columns", matrix.indices.astype(np.uint32))
-        self._point(c, f"{name}_values", np.ascontiguousarray(matrix.data, dtype=float))
+        pattern = self._patterns.get(id(matrix))
+        if pattern is None:
+            pattern = matrix.indptr.astype(np.int64), matrix.indices.astype(np.uint32), matrix
+            self._patterns[id(matrix)] = pattern
+        found[f"{name}_n"] = matrix.shape[0]
+        self._point(found, f"{name}_starts", pattern[0])
+        self._point(found, f"{name}_columns", pattern[1])
+        self._point(found, f"{name}_values", np.ascontiguousarray(matrix.data, dtype=float))
 
-    def _symmetric(self, c: int, name: str, matrix: sp.csr_array | None) -> None:
+    def _symmetric(self, found: Row, name: str, matrix: sp.csr_array | None) -> None:
         """Half of a symmetric matrix, all of it for several members (see ``products.add_symmetric``)."""
         if matrix is None:
             return
-        if self.rows[c]["m"] >= TILED:
-            self._matrix(c, name, matrix)
+        if found["m"] >= TILED:
+            self._matrix(found, name, matrix)
             return
-        pattern = matrix.indptr.astype(np.int64), matrix.indices.astype(np.int64)
-        diagonal, starts, columns, values = lower_half(*pattern, matrix.data)
-        self.rows[c][f"{name}_n"] = matrix.shape[0]
-        self._point(c, f"{name}_diagonal", diagonal)
-        self._point(c, f"{name}_starts", starts)
-        self._point(c, f"{name}_columns", columns)
-        self._point(c, f"{name}_values", values)
+        held = self._patterns.get(id(matrix.indices))
+        if held is None:
+            held = self._patterns[id(matrix.indices)] = lower_pattern(matrix), matrix.indices
+        lower, n = held[0], matrix.shape[0]
+        values = np.empty(n + len(lower.places))
+        lower_values(lower.places, lower.on_diagonal, matrix.data, values[:n], values[n:])
+        found[f"{name}_n"] = n
+        self._point(found, f"{name}_starts", lower.starts)
+        self._point(found, f"{name}_columns", lower.columns)
+        self._point(found, f"{name}_diagonal", values)
+        found[f"{name}_values"] = found[f"{name}_diagonal"] + 8 * n
 
     def _fixed(
-        self, c: int, propagator: DirectPropagator | March[Any], flat: Index, probe: sp.csr_array | None
+        self, found: Row, propagator: DirectPropagator | March[Any], flat: Index, probe: sp.csr_array | None
     ) -> None:
         """All that stays as long as step and search direction do."""
-        row, ops = self.rows[c], propagator.operators
+        ops = propagator.operators
         factor = ops.factor
         assert isinstance(factor, CholeskyFactor)
         shape, m = factor.symbolic, flat.shape[1]
-        row["n"], row["m"], row["n_inner"], row["n_channel"] = propagator.n_dof, m, len(ops.dofs), len(flat)
-        row["n_interior"], row["n_super"] = shape.n_interior, len(shape.first) - 1
-        live = np.flatnonzero(ops.compliance.any(axis=1)).astype(np.int64)  # the others cannot move
-        row["n_live"] = len(live)
-        row["n_massless"], row["tallest"] = len(ops.massless), factor.tallest
-        row["grouped"] = factor.grouped
-        row["n_rows"], row["n_panels"] = len(shape.rows), factor.panels.size
+        live = np.flatnonzero(ops.compliance.diagonal())  # the others cannot move
+        sizes = {
+            "n": propagator.n_dof, "m": m, "n_inner": len(ops.dofs), "n_channel": len(flat), "n_live": len(live),
+            "n_interior": shape.n_interior, "n_super": len(shape.first) - 1, "n_massless": len(ops.massless),
+            "n_probe": 0 if probe is None else probe.shape[0], "tallest": factor.tallest,
+            "grouped": int(factor.grouped), "n_rows": len(shape.rows), "n_panels": factor.panels.size,
+        }  # fmt: skip
+        found.update(sizes)
         for name, array in (
             ("routines", routines(factor.dtype)), ("first", shape.first), ("row_start", shape.row_start),
             ("rows", shape.rows), ("panel_start", shape.panel_start), ("panels", factor.panels),
-            ("order", shape.order),
-            ("dofs", ops.dofs), ("area", ops.area), ("massless", ops.massless.astype(np.int64)),
-            ("k", np.ascontiguousarray(propagator.k[:, 0])),
-            ("live", live), ("channels", np.ascontiguousarray(flat)),
+            ("order", shape.order), ("dofs", ops.dofs), ("area", ops.area), ("massless", ops.massless),
+            ("k", np.ascontiguousarray(propagator.k[:, 0])), ("live", live),
+            ("channels", np.ascontiguousarray(flat)),
         ):  # fmt: skip
-            self._point(c, name, array)
+            self._point(found, name, array)
         for name, matrix in (("mass", ops.mass), ("stiffness", ops.stiffness), ("damping", ops.damping)):
-            self._symmetric(c, name, matrix)
-        self._products(c, propagator, live, flat)
-        self._matrix(c, "probe", probe)
-        row["n_probe"] = 0 if probe is None else probe.shape[0]
-        self._point(c, "below", np.zeros((factor.tallest + 1, m)))
-        for name in _SCRATCH:
-            size = {"inner": row["n_inner"], "inner_answer": row["n_inner"], "free_a": row["n_inner"]}.get(
-                name, row["n_channel"] if name in ("w_free", "seen", "channel", "answer") else row["n"]
-            )
-            self._point(c, name, np.zeros((int(size), padded(m) if name == "sweep" else m)))
-        self._point(c, "tile", np.zeros((max(propagator.n_dof, len(flat)) + SPARE) * LANES))
-        for name in ("vectors", "answers"):
-            self._point(c, name, np.zeros((2 * m, len(live))))
-        self._state.append({name: np.zeros((int(row["n"]), m)) for name in _STATE})
-        self._rest.append(np.zeros(2, dtype=np.int64))
-        for name in _STATE:
-            self._point(c, name, self._state[c][name])
-        self._point(c, "rest", self._rest[c])
+            self._symmetric(found, name, matrix)
+        self._products(found, propagator, live, flat)
+        self._matrix(found, "probe", probe)
+        self._scratch(found)
+
+    def _scratch(self, found: Row) -> None:
+        """One block for all that the kernels write."""
+        m, n, n_channel, n_inner = found["m"], found["n"], found["n_channel"], found["n_inner"]
+        lengths = dict.fromkeys(("w_free", "seen", "channel", "answer"), n_channel)
+        lengths |= dict.fromkeys(("inner", "inner_answer", "free_a"), n_inner)
+        sizes = {name: m * lengths.get(name, n) for name in _SCRATCH}
+        sizes |= {"vectors": 2 * m * found["n_live"], "answers": 2 * m * found["n_live"]}
+        sizes |= {"sweep": padded(m) * n, "below": m * (found["tallest"] + 1)}
+        sizes["tile"] = (max(n, n_channel) + SPARE) * LANES
+        starts, end = {}, 0
+        for name, size in ((name, n * m) for name in _STATE):
+            starts[name], end = end, end + size
+        for name, size in sizes.items():
+            end = -(-end // _LINE) * _LINE
+            starts[name], end = end, end + size
+        block = np.zeros(end)
+        self._point(found, _STATE[0], block)
+        base = found[_STATE[0]]
+        for name, start in starts.items():
+            found[name] = base + 8 * start
+        self._state.append(block[: 4 * n * m].reshape(4, n, m))
         self.probed.append(np.zeros((0, 0, m)))
 
-    def _products(self, c: int, propagator: DirectPropagator | March[Any], live: Index, flat: Index) -> None:
+    def _products(
+        self, found: Row, propagator: DirectPropagator | March[Any], live: Index, flat: Index
+    ) -> None:
         """Matrices of the interface, as diagonals or tables where they are; C by its blocks between normal and between
         tangential channels, all that norms of one or the other need."""
-        row, ops, m = self.rows[c], propagator.operators, flat.shape[1]
-        response = propagator.response[np.ix_(live, live)] / ops.area[live]
-        compliance = ops.compliance[np.ix_(live, live)]
-        row["plain_inverse"] = plain = _is_diagonal(ops.factor.schur_inverse)
-        self._point(c, "schur_inverse", _rows(ops.factor.schur_inverse, m, plain))
-        row["plain_response"] = plain = _is_diagonal(response) and _is_diagonal(compliance)
-        self._point(c, "response", _rows(response, m, plain))
+        ops, m = propagator.operators, flat.shape[1]
+        inverse, every = ops.factor.schur_inverse, np.arange(found["n_inner"])
+        found["plain_inverse"] = plain = is_diagonal(inverse)
+        self._point(found, "schur_inverse", rows_of(inverse, every, m, plain))
+        found["plain_response"] = plain = is_diagonal(propagator.condensed) and is_diagonal(ops.compliance)
+        self._point(found, "response", rows_of(propagator.condensed, live, m, plain))
         normal = self._normal[flat[live]]
         assert (normal == normal[:, :1]).all(), "identical substructures with unlike interfaces"
-        blocks = [np.flatnonzero(normal[:, 0] == which) for which in (True, False)] if len(live) else []
-        row["n_normal"] = len(blocks[0]) if blocks else 0
-        self._point(c, "measured", np.concatenate([np.zeros(0, dtype=np.int64), *(live[b] for b in blocks)]))
-        tables = [_rows(compliance[np.ix_(b, b)], m, plain).ravel() for b in blocks]
-        self._point(c, "compliance", np.concatenate([np.zeros(0), *tables]))
+        blocks = [live[normal[:, 0]], live[~normal[:, 0]]]
+        found["n_normal"] = len(blocks[0])
+        self._point(found, "measured", np.concatenate(blocks))
+        tables = [rows_of(ops.compliance, block, m, plain).ravel() for block in blocks]
+        self._point(found, "compliance", np.concatenate(tables))
         if isinstance(ops.trace, np.ndarray):
-            row["dense_trace"] = 1
-            self._point(c, "trace_table", np.ascontiguousarray(ops.trace))
-            self._point(c, "spread_table", np.ascontiguousarray(ops.trace.T))
+            found["dense_trace"] = 1
+            self._point(found, "trace_table", np.ascontiguousarray(ops.trace))
+            self._point(found, "spread_table", np.ascontiguousarray(ops.trace.T))
         else:
-            self._matrix(c, "trace", ops.trace)
-            self._matrix(c, "spread", sp.csr_array(ops.trace.T))
+            self._matrix(found, "trace", ops.trace)
+            self._matrix(found, "spread", propagator.members[0].spread)
 
     def begin(self, n_time: int) -> None:
         """Take up the histories that the propagators have begun."""
         for c, propagator in enumerate(self._propagators):
-            forcing = propagator.forcing
+            row, forcing = self.rows[c], propagator.forcing
             constant, terms = forcing.sums(propagator.members[0].trace)
-            self._point(c, "constant", constant)
-            self.rows[c]["driven"] = forcing.moves or constant.any()
+            row["driven"] = forcing.moves or constant.any()
+            held: dict[str, NDArray[Any]] = {"constant": constant}
             for name, sums in terms.items():
+                row[f"{name}_n"] = len(sums.patterns)
+                if not sums.patterns:
+                    continue
                 amplitudes = sums.amplitudes
                 if propagator.scheme.explicit:  # loads act with their mean over the step
                     amplitudes = [np.concatenate([a[:1], 0.5 * (a[1:] + a[:-1])]) for a in amplitudes]
-                found = Terms.of(sums.patterns, amplitudes, n_time)
-                self.rows[c][f"{name}_n"] = len(found.starts) - 1
-                self._point(c, f"{name}_starts", found.starts)
-                self._point(c, f"{name}_rows", found.rows)
-                self._point(c, f"{name}_values", found.values)
-                self._point(c, f"{name}_amplitudes", found.amplitudes)
-            self.probed[c] = np.zeros((n_time, int(self.rows[c]["n_probe"]), int(self.rows[c]["m"])))
-            self._point(c, "probed", self.probed[c])
+                now = Terms.of(sums.patterns, amplitudes)
+                held |= {
+                    f"{name}_{part}": getattr(now, part)
+                    for part in ("starts", "rows", "values", "amplitudes")
+                }
+            held["probed"] = self.probed[c] = np.zeros((n_time, int(row["n_probe"]), int(row["m"])))
+            for name, array in held.items():
+                row[name] = address(array)
+            self._begun[c] = list(held.values())
 
     def take_up(self) -> None:
         """Copy the states of the propagators in."""
-        for propagator, own, rest in zip(self._propagators, self._state, self._rest, strict=True):
-            for name, array in own.items():
-                array[...] = getattr(propagator.state, name)
-            rest[0] = not any(array.any() for array in own.values())
+        for c, (propagator, own) in enumerate(zip(self._propagators, self._state, strict=True)):
+            state = propagator.state
+            for into, name in zip(own, _STATE, strict=True):
+                into[...] = getattr(state, name)
+            self._rest[c, 0] = not own.any()
 
     def store(self, steps: int, tractions: Sequence[Array | None]) -> None:
         """Copy the states back after so many instants (fresh arrays: states are never changed in place).
@@ -280,14 +249,4 @@ class ClassTable:
         ``tractions`` : per class those of the last instant where its energy is to be accounted for, else None.
         """
         for propagator, own, traction in zip(self._propagators, self._state, tractions, strict=True):
-            arrays = (own[name].copy() for name in _STATE)
-            propagator.take(State(propagator.state.instant + steps, *arrays), traction)
-
-
-def _is_diagonal(matrix: Array) -> bool:
-    """Whether a square matrix has nothing beside its diagonal."""
-    return int(np.count_nonzero(matrix)) == int(np.count_nonzero(np.diagonal(matrix)))
-
-
-def _rows(matrix: Array, m: int, diagonal: bool) -> Array:
-    return np.ascontiguousarray(np.diagonal(matrix)) if diagonal else packed_rows(matrix, m)
+            propagator.take(State(propagator.state.instant + steps, *own.copy()), traction)

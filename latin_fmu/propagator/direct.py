@@ -16,14 +16,13 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import scipy.linalg as la
 import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 
-from ..errors import SolverError
 from ..time_scheme import TimeScheme
 from .energy import EnergyMeter
 from .forcing import Forcing
+from .interface_matrices import with_dashpots
 from .model import Array, Histories, SubstructureModel
 from .operators import Operators, build_operators
 
@@ -80,7 +79,7 @@ class DirectPropagator:
         self._use(dt)
         self._area = self.operators.area[:, None]
         self._trace = self.operators.trace
-        self._trace_t = sp.csr_array(self._trace.T)
+        self._trace_t = self.members[0].spread
         self._free: tuple[Array, Array, Array, Array] | None = None
 
     def _use(self, dt: float) -> None:
@@ -96,7 +95,9 @@ class DirectPropagator:
             del self._kept[: -_STEPS_KEPT + 1]
             self._kept.append((dt, self.operators))
         self.k: Array = np.zeros((self.n_channel, 1))
-        self.response: Array = self.operators.admittance  # Y for k = 0, until ``bind``
+        # Y per force instead of traction: symmetric; for k = 0 until ``bind``
+        self.condensed: Array = self.operators.compliance
+        self._response: Array | None = None
 
     def begin(self, histories: Sequence[Histories], dt: float) -> None:
         """Set the histories of a run, or of the segment that goes on from the present state.
@@ -143,8 +144,12 @@ class DirectPropagator:
     def initial_unbalance(self, traction: Array) -> Array:
         """M a of the free dofs at t = 0 under tractions (n_channel, n_member); (n_dof, n_member), N."""
         ops, state = self.operators, self.state
-        unbalance: Array = self.forcing.at(0) - ops.stiffness @ state.u + self._nodal(traction)
-        if ops.damping is not None:
+        unbalance: Array = self.forcing.at(0)
+        if state.u.any():
+            unbalance -= ops.stiffness @ state.u
+        if traction.any():
+            unbalance += self._nodal(traction)
+        if ops.damping is not None and state.v.any():
             unbalance -= ops.damping @ state.v
         inertia = self.forcing.inertia(0)
         return unbalance if inertia is None else unbalance - inertia
@@ -181,24 +186,16 @@ class DirectPropagator:
     # -- search direction -------------------------------------------------------------------------------------
     def bind(self, k: Array) -> None:
         """Search direction k (n_channel,), Pa s m-1: builds Y once."""
-        compliance, area = self.operators.compliance, self.operators.area
-        # Y = (1 + C a k)^-1 C a, symmetrised through sqrt(a k): C a = velocity per traction.
-        self.k, self.response = k[:, None], np.zeros((0, 0))
-        if not len(k):
-            return
-        root = np.sqrt(area * k)
-        scaled = root[:, None] * compliance
-        system = scaled * root
-        system.flat[:: len(k) + 1] += 1.0
-        _, inner, failed = la.lapack.dposv(system, scaled, lower=1, overwrite_a=1)
-        if (
-            failed
-        ):  # the identity plus a positive semidefinite matrix: only numbers that are no numbers get here
-            raise SolverError(
-                "condensation: the admittance of the interfaces is not positive; check the material"
-            )
-        condensed = compliance - scaled.T @ inner
-        self.response = 0.5 * (condensed + condensed.T) * area
+        self.k, self._response = k[:, None], None
+        ops = self.operators
+        self.condensed = with_dashpots(ops.trace, ops.gain, ops.factor.schur, ops.area * k)
+
+    @property
+    def response(self) -> Array:
+        """Y = (D^-1 + k)^-1 for the k of the last ``bind`` (0 before), velocities per traction."""
+        if self._response is None:
+            self._response = self.condensed * self.operators.area
+        return self._response
 
     # -- one instant --------------------------------------------------------------------------------------------
     def predict(self) -> Array:

@@ -42,8 +42,7 @@ class Forcing:
         self._n = members[0].expansion.shape[1]
         self._reduced = []  # per member and load: dofs and values
         for member in members:
-            patterns = [np.asarray(member.expansion.T @ load.pattern) for load in member.loads]
-            self._reduced.append([(np.flatnonzero(p).astype(np.int64), p) for p in patterns])
+            self._reduced.append([(np.flatnonzero(p).astype(np.int64), p) for p in member.reduced_loads])
         self._motion = [_Motion(m, scheme) if m.imposed_pattern.shape[1] else None for m in members]
         self.moves = any(m is not None for m in self._motion)
         self._zero = np.zeros((self.n_full, len(members)))
@@ -55,7 +54,7 @@ class Forcing:
         self._terms: list[tuple[int, Index, Array, Array]] = []
         for column, (loads, history) in enumerate(zip(self._reduced, histories, strict=True)):
             for (dofs, pattern), amplitude in zip(loads, history.amplitudes, strict=True):
-                if np.ptp(amplitude) == 0.0:
+                if (amplitude == amplitude[0]).all():
                     self._constant[:, column] += pattern * amplitude[0]
                 elif len(dofs):
                     self._terms.append((column, dofs, pattern[dofs], amplitude))

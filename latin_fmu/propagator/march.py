@@ -137,7 +137,9 @@ class March(ABC, Generic[Ops]):
             self._kept = [*self._kept[-_STEPS_KEPT + 1 :], (dt, found)]
         self.dt, self.operators = dt, found
         self.k: Array = np.zeros((self.n_channel, 1))
-        self.response: Array = found.admittance  # Y for k = 0, until ``bind``
+        # Y per force instead of traction: symmetric; for k = 0 until ``bind``
+        self.condensed: Array = found.compliance
+        self._response: Array | None = None
 
     def begin(self, histories: Sequence[Histories], dt: float) -> None:
         """Set the histories of a run, or of the segment that goes on from the present state."""
@@ -193,8 +195,15 @@ class March(ABC, Generic[Ops]):
         system = np.eye(len(k)) + root[:, None] * compliance * root
         inner = la.cho_solve(la.cho_factor(system), root[:, None] * compliance)
         condensed = compliance - (compliance * root) @ inner
-        self.k = k[:, None]
-        self.response = 0.5 * (condensed + condensed.T) * area
+        self.k, self._response = k[:, None], None
+        self.condensed = 0.5 * (condensed + condensed.T)
+
+    @property
+    def response(self) -> Array:
+        """Y for the k of the last ``bind`` (0 before)."""
+        if self._response is None:
+            self._response = self.condensed * self.operators.area
+        return self._response
 
     def respond(self, w_0: Array, q: Array) -> Array:
         """W = W_0 + Y q, (n_channel, n_member)."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
@@ -9,6 +10,13 @@ from typing import Literal
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
+
+from .operator_pattern import OperatorPattern
+
+# what depends neither on the way a model is factorised nor on its initial values
+_KEPT = (
+    "reduced", "reduced_stiffness", "reduced_loads", "at_interface", "spread", "operator_pattern", "massless",
+)  # fmt: skip
 
 Array = NDArray[np.float64]
 FactorKind = Literal["float64", "float32", "cg"]
@@ -99,6 +107,21 @@ class SubstructureModel:
         """P^T K P alone, (n, n)."""
         return self._reduce(self.stiffness)
 
+    @cached_property
+    def operator_pattern(self) -> OperatorPattern:
+        """Pattern of the operators of a march: M, K and, where there is one, C."""
+        return OperatorPattern(_present(self))
+
+    @cached_property
+    def massless(self) -> NDArray[np.int64]:
+        """Reduced dofs without mass."""
+        return np.flatnonzero(self.reduced[0].diagonal() <= 0.0).astype(np.int64)
+
+    @cached_property
+    def reduced_loads(self) -> list[Array]:
+        """Load patterns on the reduced dofs, (n,) each, N."""
+        return [np.asarray(self.expansion.T @ load.pattern) for load in self.loads]
+
     @property
     def inertia(self) -> sp.csr_array:
         """The mass matrix, of a model that has one."""
@@ -114,6 +137,11 @@ class SubstructureModel:
         rank = None if self.ordering is None else reduced_rank(self.expansion, self.ordering)
         return dofs, sp.csr_array(trace[:, dofs]), rank
 
+    @cached_property
+    def spread(self) -> sp.csr_array:
+        """Transpose of the trace: forces on the interface dofs (n_gamma, n_channel) from forces on the channels."""
+        return sp.csr_array(self.at_interface[1].T)
+
     def _reduce(self, matrix: sp.csr_array) -> sp.csr_array:
         return sp.csr_array(self.expansion.T @ matrix @ self.expansion)
 
@@ -127,7 +155,7 @@ class SubstructureModel:
 
     def _sharing(self, other: SubstructureModel) -> SubstructureModel:
         """``other`` with the matrices reduced so far, which are its own too."""
-        for key in ("reduced", "reduced_stiffness", "at_interface"):
+        for key in _KEPT:
             if key in self.__dict__:
                 other.__dict__[key] = self.__dict__[key]
         return other
@@ -144,3 +172,30 @@ def reduced_rank(expansion: sp.csr_array, rank: Array) -> Array:
     reduced = np.zeros(expansion.shape[1])
     np.maximum.at(reduced, coo.coords[1], rank[coo.coords[0]])
     return reduced
+
+
+def share_patterns(models: Sequence[SubstructureModel]) -> None:
+    """Let models whose reduced matrices have equal patterns hold them once (values stay their own)."""
+    known: dict[tuple[int, ...], list[SubstructureModel]] = {}
+    for model in models:
+        matrices = _present(model)
+        like = known.setdefault(tuple(m.nnz for m in matrices), [])
+        same = next((k for k in like if _same_patterns(_present(k), matrices)), None)
+        if same is None:
+            like.append(model)
+            continue
+        for matrix, first in zip(matrices, _present(same), strict=True):
+            matrix.indptr, matrix.indices = first.indptr, first.indices
+        model.__dict__["operator_pattern"] = same.operator_pattern
+
+
+def _present(model: SubstructureModel) -> list[sp.csr_array]:
+    mass, damping, stiffness = model.reduced
+    return [mass, stiffness] if damping is None else [mass, stiffness, damping]
+
+
+def _same_patterns(first: Sequence[sp.csr_array], second: Sequence[sp.csr_array]) -> bool:
+    return all(
+        np.array_equal(a.indptr, b.indptr) and np.array_equal(a.indices, b.indices)
+        for a, b in zip(first, second, strict=True)
+    )

@@ -11,6 +11,7 @@ from ..time_scheme import TimeScheme
 from .cholesky import InterfaceFactor, interface_factor
 from .condensed import Index
 from .conjugate_gradients import IterativeFactor
+from .interface_matrices import seen_by_channels
 from .model import Array, SubstructureModel
 
 
@@ -25,7 +26,7 @@ class Operators:
     trace : (n_channel, n_gamma) from interface dofs to channels. area : (n_channel,).
     compliance : (n_channel, n_channel) velocities of the channels at the new instant per unit of nodal force
         on the channels, m s-1 N-1, symmetric: T D T^T.
-    massless : dofs without mass.
+    massless : dofs without mass. gain : velocities of the interface dofs per S^-1 times force, of the time scheme.
     """
 
     mass: sp.csr_array
@@ -37,6 +38,7 @@ class Operators:
     area: Array
     compliance: Array
     massless: Index
+    gain: float
 
     @property
     def admittance(self) -> Array:
@@ -47,27 +49,20 @@ class Operators:
 def build_operators(model: SubstructureModel, scheme: TimeScheme, dt: float) -> Operators:
     """Factorise and condense (once per class and time step)."""
     mass, damping, stiffness = model.reduced
+    dofs, trace, rank = model.at_interface
     c_mass, c_damping, c_stiffness = scheme.operator(dt)
-    a = c_mass * mass + c_stiffness * stiffness
+    factors, matrices = [c_mass, c_stiffness], [mass, stiffness]
     if damping is not None:
-        a = a + c_damping * damping
-    dofs, local, rank = model.at_interface
-    matrix = sp.csr_array(a)
+        factors, matrices = [*factors, c_damping], [*matrices, damping]
+    pattern = model.operator_pattern
+    matrix = pattern.sum(factors, matrices)
     factor: InterfaceFactor
     if model.factor == "cg":
         factor = IterativeFactor(matrix, dofs)
     else:
-        factor = interface_factor(matrix, dofs, rank, np.dtype(model.factor))
+        factor = interface_factor(matrix, dofs, rank, np.dtype(model.factor), pattern.analyses)
     gain = scheme.interface_gain(dt) * scheme.force_weight
-    compliance = gain * (local @ (local @ factor.schur_inverse).T)
     return Operators(
-        mass,
-        damping,
-        stiffness,
-        factor,
-        dofs,
-        local,
-        model.channel_area,
-        0.5 * (compliance + compliance.T),
-        np.flatnonzero(mass.diagonal() <= 0.0),
-    )
+        mass, damping, stiffness, factor, dofs, trace, model.channel_area,
+        seen_by_channels(trace, gain, factor.schur_inverse), model.massless, gain,
+    )  # fmt: skip

@@ -71,7 +71,7 @@ class StaticPropagator(March[StaticOperators]):
         self.k, trace = k[:, None], self.operators.trace
         self._inverse = self.operators.on_springs(k / self.dt)
         condensed = trace @ (trace @ self._inverse).T / self.dt
-        self.response = 0.5 * (condensed + condensed.T) * self.operators.area
+        self.condensed, self._response = 0.5 * (condensed + condensed.T), None
 
     # -- one increment ----------------------------------------------------------------------------------------
     def predict(self) -> Array:

@@ -12,6 +12,7 @@ from ..errors import Problem, SceneError
 from ..fem.massless import without_contact_mass
 from ..latin.layout import Array, Index, InterfaceUnit, Layout
 from ..propagator import LoadTerm, SubstructureModel
+from ..propagator.model import share_patterns
 from ..time_scheme import QuasiStatic, TimeScheme
 from .body import Body
 from .conditions import Conditions
@@ -51,6 +52,7 @@ def model_classes(
         # with the matrices: no part of the factorisation
         _ = models[0].reduced_stiffness if models[0].mass is None else models[0].reduced
         found.append(ModelClass(models, np.stack([c for _, c in members], axis=1)))
+    share_patterns([c.members[0] for c in found if c.members[0].mass is not None])
     return found
 
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import scipy.linalg.lapack as lapack
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from ...errors import SolverError
+from ..operator_pattern import Analyses
+from .dense import invert, mirror
 from .kernels import routines
 from .numeric import OUTSIDE_PATTERN, factorise
 from .sweeps import backward_many, backward_one, forward_many, forward_one
@@ -33,6 +34,7 @@ class CholeskyFactor:
     matrix : (n, n). last : sorted dofs of the interface. rank : (n,) elimination order for the others, or None for
         minimum degree. dtype : float64, or float32 to store the factor in half the memory (S stays in float64).
     symbolic : analysis of another matrix with the same pattern and interface, to be used again.
+    analyses : those made so far for matrices with this pattern.
 
     Attributes
     ----------
@@ -50,8 +52,15 @@ class CholeskyFactor:
         rank: Array | None = None,
         dtype: Any = np.float64,
         symbolic: Symbolic | None = None,
+        analyses: Analyses | None = None,
     ) -> None:
-        self.symbolic = shape = shared_analysis(Pattern(matrix, last, rank)) if symbolic is None else symbolic
+        if symbolic is None and analyses is not None:
+            symbolic = analyses.find(last, rank)
+        if symbolic is None:
+            symbolic = shared_analysis(Pattern(matrix, last, rank))
+            if analyses is not None:
+                analyses.add(last, rank, symbolic)
+        self.symbolic = shape = symbolic
         self.dtype: np.dtype[Any] = np.dtype(dtype)
         if self.dtype not in (np.float64, np.float32):
             raise ValueError(f"dtype of the factor: {self.dtype}; allowed: float64, float32")
@@ -60,17 +69,15 @@ class CholeskyFactor:
         self.panels: NDArray[Any] = np.empty(shape.panel_start[-1], dtype=self.dtype)
         self._one = self.dtype.type(1.0)
         self._routines = routines(self.dtype)
-        below = np.diff(shape.row_start)
         self.grouped = self.panels.nbytes <= _CACHE
-        self.tallest = int(below.max(initial=0))
+        self.tallest = shape.tallest
         pattern = (shape.first, shape.row_start, shape.rows, shape.panel_start)
         self._sweep = (*pattern, self.panels, shape.order)
         _check_finite(matrix)
-        schur = np.ascontiguousarray(matrix[self.last][:, self.last].toarray())
+        self.schur: Array = np.zeros((len(self.last), len(self.last)))
         failed = factorise(
-            routines(np.dtype(np.float64)), matrix.indptr.astype(np.int64), matrix.indices.astype(np.int64),
-            matrix.data, shape.order, shape.position, *pattern, shape.n_children, shape.is_root, shape.stack_size,
-            self.panels, schur,
+            routines(np.dtype(np.float64)), matrix.indptr, matrix.indices, matrix.data, shape.order, shape.position,
+            *pattern, shape.n_children, shape.is_root, shape.stack_size, self.panels, self.schur,
         )  # fmt: skip
         if failed == OUTSIDE_PATTERN:
             raise SolverError(
@@ -78,18 +85,10 @@ class CholeskyFactor:
             )
         if failed >= 0:
             raise _not_definite(int(shape.order[failed]))
-        self.schur: Array = _mirrored(schur)
-        self.schur_inverse: Array = self._inverse()
-
-    def _inverse(self) -> Array:
-        """S^-1, symmetric."""
-        if not len(self.last):
-            return np.zeros((0, 0))
-        root, info = lapack.dpotrf(self.schur.T, lower=0)  # the transpose is in the order that LAPACK wants
-        if info:
-            raise _not_definite(int(self.last[info - 1]))
-        inverse, _ = lapack.dpotri(root, lower=0, overwrite_c=1)
-        return _mirrored(inverse.T)
+        mirror(self.schur)
+        self.schur_inverse: Array = self.schur.copy()
+        if failed := invert(routines(np.dtype(np.float64)), self.schur_inverse):
+            raise _not_definite(int(self.last[failed - 1]))
 
     def forward(self, b: Array) -> tuple[Array, Array]:
         """(y, c) of the class docstring for b (n, m); y is in elimination order and of use to ``backward`` only."""
@@ -141,13 +140,6 @@ class CholeskyFactor:
         return int(
             self.panels.nbytes + self.symbolic.rows.nbytes + self.schur.nbytes + self.schur_inverse.nbytes
         )
-
-
-def _mirrored(lower: Array) -> Array:
-    """The symmetric matrix with this lower triangle, rows contiguous."""
-    full: Array = np.tril(lower)
-    full += np.tril(lower, -1).T
-    return full
 
 
 def _check_finite(matrix: sp.csr_array) -> None:

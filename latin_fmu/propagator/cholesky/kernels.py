@@ -35,9 +35,17 @@ def kernel(function: Function) -> Function:
 
 @cache
 def routines(dtype: np.dtype[Any]) -> NDArray[np.int64]:
-    """Addresses (6,) of potrf, trsm, syrk, trtri, trmm, gemm for float64 or float32."""
+    """Addresses (7,) of potrf, trsm, syrk, trtri, trmm, gemm, potri for float64 or float32."""
     letter = "s" if dtype == np.float32 else "d"
-    names = ("lapack:potrf", "blas:trsm", "blas:syrk", "lapack:trtri", "blas:trmm", "blas:gemm")
+    names = (
+        "lapack:potrf",
+        "blas:trsm",
+        "blas:syrk",
+        "lapack:trtri",
+        "blas:trmm",
+        "blas:gemm",
+        "lapack:potri",
+    )
     found = []
     for name in names:
         library, routine = name.split(":")

@@ -66,8 +66,8 @@ def _eliminate(routines: Index, panel: Array, width: int, below: int, update: Ar
 @kernel
 def factorise(
     routines: Index,
-    pointers: Index,
-    neighbours: Index,
+    pointers: Any,
+    neighbours: Any,
     values: Array,
     order: Index,
     position: Index,
@@ -81,13 +81,18 @@ def factorise(
     panels: Any,
     schur: Array,
 ) -> int:
-    """Fill ``panels`` (flat, float64 or float32) and take the updates from the lower triangle of ``schur``.
+    """Fill ``panels`` (flat, float64 or float32) and the lower triangle of ``schur`` (zero on entry).
 
     ``pointers, neighbours, values`` : the matrix by rows. ``order, position`` : position -> dof and its inverse.
     Returns -1, the position of a pivot that is not positive, or ``OUTSIDE_PATTERN``.
     """
     n_super = len(first) - 1
     n_interior = first[n_super]
+    for j in range(n_interior, len(order)):
+        for entry in range(pointers[order[j]], pointers[order[j] + 1]):
+            i = position[neighbours[entry]]
+            if n_interior <= i <= j:
+                schur[j - n_interior, i - n_interior] += values[entry]
     widest = 0
     for s in range(n_super):
         widest = max(
@@ -107,7 +112,9 @@ def factorise(
         panel = work[: (width + below) * width]
         panel[:] = 0.0
         update = stack[top : top + below * below]
-        update[:] = 0.0
+        for i in range(below):  # its lower triangle is all that is ever looked at
+            for j in range(i + 1):
+                update[i * below + j] = 0.0
         for i in range(width):
             where[begin + i] = i
         for i in range(below):
@@ -138,8 +145,10 @@ def factorise(
                 for j in range(i + 1):
                     schur[own[i] - n_interior, own[j] - n_interior] += update[i * below + j]
         elif below > 0:
-            for i in range(below * below):
-                stack[base + i] = update[i]
+            if base < top:
+                for i in range(below):
+                    for j in range(i + 1):
+                        stack[base + i * below + j] = update[i * below + j]
             waiting[n_waiting] = s
             offset[s] = base
             n_waiting += 1

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 import scipy.sparse as sp
@@ -46,6 +46,11 @@ class Symbolic:
     n_children: Index
     is_root: NDArray[np.bool_]
     stack_size: int
+
+    @cached_property
+    def tallest(self) -> int:
+        """Most rows below one supernode."""
+        return int(np.diff(self.row_start).max(initial=0))
 
 
 class Pattern:

@@ -1,0 +1,91 @@
+"""Dense matrices of the interface against NumPy: what channels see, with and without dashpots, and whole faces."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+from latin_fmu.errors import SolverError
+from latin_fmu.propagator import interface_matrices
+from latin_fmu.propagator.interface_matrices import resistance, seen_by_channels, with_dashpots
+
+Array = np.ndarray
+
+
+@pytest.fixture(params=[True, False], ids=["compiled", "NumPy"], autouse=True)
+def road(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Both roads, where there is a compiler."""
+    if request.param and not interface_matrices.COMPILES:
+        pytest.skip("compilation is off")
+    monkeypatch.setattr(interface_matrices, "COMPILES", request.param)
+
+
+def definite(n: int, seed: int) -> Array:
+    root = np.random.default_rng(seed).normal(size=(n, n))
+    matrix: Array = root @ root.T + 0.1 * np.eye(n)
+    return matrix
+
+
+def trace(n_channel: int, n: int, kind: str) -> sp.csr_array:
+    """Turned axes, a channel that is held (no entry), or several entries per channel."""
+    rng = np.random.default_rng(7)
+    if kind == "turned":
+        dense = np.zeros((n_channel, n))
+        dense[np.arange(n_channel), rng.permutation(max(n, n_channel))[:n_channel] % n] = rng.choice(
+            [-1.0, 1.0], n_channel
+        )
+        dense[1] = 0.0
+    else:
+        dense = np.where(rng.random((n_channel, n)) < 0.3, rng.normal(size=(n_channel, n)), 0.0)
+    return sp.csr_array(dense)
+
+
+@pytest.mark.parametrize("kind", ["turned", "mixed"])
+@pytest.mark.parametrize(("n_channel", "n"), [(0, 0), (1, 1), (12, 9), (9, 9), (40, 71)])
+def test_seen_by_channels(kind: str, n_channel: int, n: int) -> None:
+    if n_channel < 2:
+        kind = "mixed"
+    matrix, t = definite(n, 1), trace(n_channel, n, kind)
+    found = seen_by_channels(t, 0.7, matrix)
+    expected = 0.7 * t.toarray() @ matrix @ t.toarray().T
+    np.testing.assert_allclose(found, expected, atol=1e-13 * np.abs(expected).max(initial=1.0))
+    np.testing.assert_array_equal(found, found.T)
+
+
+@pytest.mark.parametrize("kind", ["turned", "mixed"])
+@pytest.mark.parametrize(("n_channel", "n"), [(12, 9), (40, 71)])
+def test_with_dashpots_is_the_condensed_compliance(kind: str, n_channel: int, n: int) -> None:
+    """(1 + C d)^-1 C for dashpots that may be 0 and for a compliance that need not be invertible."""
+    schur, t = definite(n, 2), trace(n_channel, n, kind)
+    dashpots = np.random.default_rng(3).uniform(0.0, 5.0, n_channel)
+    dashpots[::4] = 0.0
+    compliance = seen_by_channels(t, 0.3, np.linalg.inv(schur))
+    found = with_dashpots(t, 0.3, schur, dashpots)
+    expected = np.linalg.solve(np.eye(n_channel) + compliance * dashpots, compliance)
+    np.testing.assert_allclose(found, expected, atol=1e-11 * np.abs(expected).max())
+    np.testing.assert_array_equal(found, found.T)
+
+
+def test_numbers_that_are_no_numbers_are_refused() -> None:
+    schur = definite(6, 4)
+    schur[2, 1] = schur[1, 2] = np.nan
+    with pytest.raises(SolverError, match="not positive"):
+        with_dashpots(trace(6, 6, "turned"), 1.0, schur, np.ones(6))
+
+
+def test_resistance_of_a_face() -> None:
+    """1^T C^-1 1 of the rows that can move; rows held do not count, nor do faces of such rows alone."""
+    compliance = np.zeros((8, 8))
+    moving = np.array([0, 2, 3, 5, 7])
+    compliance[np.ix_(moving, moving)] = definite(5, 5)
+    rows = np.array([1, 5, 2, 6, 7])
+    kept = np.array([5, 2, 7])
+    expected = np.linalg.inv(compliance[np.ix_(kept, kept)]).sum()
+    assert resistance(compliance, rows) == pytest.approx(expected, rel=1e-12)
+    assert resistance(compliance, np.array([1, 6])) == 0.0
+
+
+def test_resistance_of_points_that_move_together() -> None:
+    """A singular block (two channels on one dof) still answers a uniform velocity."""
+    assert resistance(np.array([[2.0, 2.0], [2.0, 2.0]]), np.arange(2)) == pytest.approx(0.5)

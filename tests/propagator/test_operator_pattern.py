@@ -1,0 +1,72 @@
+"""Sums of matrices on their common pattern against those of SciPy, and models that hold equal patterns once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+from latin_fmu.propagator.model import share_patterns
+from latin_fmu.propagator.operator_pattern import Analyses, OperatorPattern
+
+Make = Callable[..., Any]
+
+
+def sparse(seed: int, density: float, n: int = 30) -> sp.csr_array:
+    rng = np.random.default_rng(seed)
+    return sp.csr_array(
+        sp.random_array((n, n), density=density, rng=rng, data_sampler=lambda size: rng.normal(size=size))
+    )
+
+
+@pytest.mark.parametrize("densities", [(0.2,), (0.1, 0.2), (0.0, 0.3), (0.3, 0.0, 0.1), (0.05, 0.05, 0.05)])
+def test_sum(densities: tuple[float, ...]) -> None:
+    """To the last bit, and again with other numbers in the same places."""
+    matrices = [sparse(i, d) for i, d in enumerate(densities)]
+    pattern = OperatorPattern(matrices)
+    for seed in (1, 2):
+        factors = np.random.default_rng(seed).normal(size=len(matrices)).tolist()
+        expected = sum(
+            (f * m for f, m in zip(factors[1:], matrices[1:], strict=True)), factors[0] * matrices[0]
+        )
+        np.testing.assert_array_equal(pattern.sum(factors, matrices).toarray(), expected.toarray())
+        for matrix in matrices:
+            matrix.data = np.random.default_rng(seed + 5).normal(size=matrix.nnz)
+
+
+def test_places_of_a_part_and_numbers_that_cancel() -> None:
+    """A pattern within the other; entries that add up to zero stay in the pattern."""
+    whole = sp.csr_array(np.array([[2.0, 1.0, 0.0], [1.0, 3.0, 4.0], [0.0, 4.0, 5.0]]))
+    part = sp.csr_array(np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 4.0], [0.0, 0.0, 1.0]]))
+    pattern = OperatorPattern([part, whole])
+    found = pattern.sum([-1.0, 1.0], [part, whole])
+    assert found.nnz == whole.nnz
+    np.testing.assert_array_equal(found.toarray(), whole.toarray() - part.toarray())
+
+
+def test_analyses_are_told_apart() -> None:
+    known, rank = Analyses(), np.arange(4.0)
+    known.add(np.array([1, 2]), rank, "ranked")
+    known.add(np.array([1, 2]), None, "not ranked")
+    assert known.find(np.array([1, 2]), rank.copy()) == "ranked"
+    assert known.find(np.array([1, 2]), None) == "not ranked"
+    assert known.find(np.array([1, 3]), rank) is None
+    assert known.find(np.array([1, 2]), rank[::-1]) is None
+
+
+def test_equal_patterns_are_held_once(model: Make, changed: Make) -> None:
+    """Values stay their own, other patterns too."""
+    first, other = model("held").model, model("everything").model
+    stiffer = changed(model("held"), {"stiffness": 2.0 * first.stiffness}).model
+    before = [m.toarray() for m in stiffer.reduced if m is not None]
+    share_patterns([first, other, stiffer])
+    assert stiffer.reduced[2].indices is first.reduced[2].indices
+    assert stiffer.operator_pattern is first.operator_pattern
+    assert other.operator_pattern is not first.operator_pattern
+    after = [m.toarray() for m in stiffer.reduced if m is not None]
+    for was, now in zip(before, after, strict=True):
+        np.testing.assert_array_equal(now, was)
+    np.testing.assert_array_equal(stiffer.reduced[2].toarray(), 2.0 * first.reduced[2].toarray())
