@@ -6,6 +6,7 @@ twice per instance, and hosts instantiate to look.
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import ctypes
 import importlib.util
@@ -89,16 +90,26 @@ class Adapter:
 
 
 def pin_library(resources: str) -> None:
-    """Keep the exporter's library in memory once the host unloads it (Linux).
+    """Keep the exporter's library in memory once the host unloads it, and let it end in good order (Linux).
 
-    It starts a thread of its own, which may still run inside it then: now and then a host died at its exit.
+    It starts a thread of its own, which may still run inside it when it is unloaded. Kept to the end of the process, it
+    gives back its hold on the interpreter twice: first as a static object, then from its unload function, which writes
+    into memory already freed ("corrupted double-linked list", after all is done). Called once before, while the
+    interpreter ends, that function leaves nothing to give back.
     """
     if not hasattr(os, "RTLD_NODELETE"):
         return
     binaries = Path(resources).parent / "binaries"
     for library in (*binaries.glob("linux64/*.so"), *binaries.glob("x86_64-linux/*.so")):
-        with contextlib.suppress(OSError):  # a host that moved the binaries: nothing is lost
-            ctypes.CDLL(str(library), mode=os.RTLD_NOW | os.RTLD_NODELETE)
+        if str(library) in _pinned:
+            continue
+        with contextlib.suppress(OSError, AttributeError):  # a host that moved the binaries: nothing is lost
+            pinned = ctypes.CDLL(str(library), mode=os.RTLD_NOW | os.RTLD_NODELETE)
+            _pinned.add(str(library))
+            atexit.register(pinned.finalizePythonInterpreter)
+
+
+_pinned: set[str] = set()  # libraries, by path
 
 
 def relocate(package: str, resources: str) -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -53,20 +51,3 @@ def opened(fmus, tmp_path) -> Iterator[Callable[..., Host]]:
     yield open_fmu
     for host in hosts:
         host.close()
-
-
-def pytest_sessionfinish(session: pytest.Session, exitstatus: int) -> None:
-    """Kept for ``pytest_unconfigure``."""
-    session.config.stash[_STATUS] = int(exitstatus)
-
-
-@pytest.hookimpl(trylast=True)
-def pytest_unconfigure(config: pytest.Config) -> None:
-    """Leave without the clean-up of the interpreter: with libraries of FMU exporters in the process it may abort after
-    every test has passed."""
-    sys.stdout.flush()
-    sys.stderr.flush()
-    os._exit(config.stash.get(_STATUS, 1))
-
-
-_STATUS = pytest.StashKey[int]()
