@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -171,18 +171,16 @@ class ClassTable:
         sizes |= {"vectors": 2 * m * found["n_live"], "answers": 2 * m * found["n_live"]}
         sizes |= {"sweep": padded(m) * n, "below": m * (found["tallest"] + 1)}
         sizes["tile"] = (max(n, n_channel) + SPARE) * LANES
-        starts, end = {}, 0
-        for name, size in ((name, n * m) for name in _STATE):
-            starts[name], end = end, end + size
-        for name, size in sizes.items():
-            end = -(-end // _LINE) * _LINE
-            starts[name], end = end, end + size
+        states = len(_STATE) * n * m
+        starts, end = places({"state": states, **sizes})
         block = np.zeros(end)
         self._point(found, _STATE[0], block)
         base = found[_STATE[0]]
-        for name, start in starts.items():
-            found[name] = base + 8 * start
-        self._state.append(block[: 4 * n * m].reshape(4, n, m))
+        for i, name in enumerate(_STATE):
+            found[name] = base + 8 * i * n * m
+        for name in sizes:
+            found[name] = base + 8 * starts[name]
+        self._state.append(block[:states].reshape(-1, n, m))
         self.probed.append(np.zeros((0, 0, m)))
 
     def _products(
@@ -250,3 +248,12 @@ class ClassTable:
         """
         for propagator, own, traction in zip(self._propagators, self._state, tractions, strict=True):
             propagator.take(State(propagator.state.instant + steps, *own.copy()), traction)
+
+
+def places(sizes: Mapping[str, int]) -> tuple[dict[str, int], int]:
+    """Where arrays of so many numbers go in one block, each on a line of the cache of its own, and how long it is."""
+    starts, end = {}, 0
+    for name, size in sizes.items():
+        starts[name] = -(-end // _LINE) * _LINE
+        end = starts[name] + size
+    return starts, end
