@@ -125,7 +125,9 @@ class CostModel:
             min(range(len(runs)), key=work.__getitem__),
             max(range(len(runs)), key=work.__getitem__),
         )
-        rate = max((runs[large].cpu - runs[small].cpu) / (work[large] - work[small]), 1e-9)
+        if not runs[large].cpu > runs[small].cpu:  # the first run of a process also pays for loading kernels
+            return cls(0.0, runs[large].cpu / work[large], exponent)
+        rate = (runs[large].cpu - runs[small].cpu) / (work[large] - work[small])
         return cls(max(runs[small].cpu - rate * work[small], 0.0), rate, exponent)
 
     def seconds(self, mesh: float, time: float) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -28,7 +29,7 @@ class Ladder:
     Attributes
     ----------
     scene : in short windows, with the tolerance to be used. tell : hears each run as it is done.
-    seconds : CPU seconds of all runs. solution : of the last run kept whole.
+    seconds : CPU seconds of all runs. solution : of the run last asked for with its output.
     """
 
     scene: Scene
@@ -36,7 +37,8 @@ class Ladder:
     seconds: float = 0.0
     solution: Solution | None = None
     _runs: dict[Resolution, Run] = field(default_factory=dict)
-    _kept: Resolution | None = None
+    _dearer: set[Resolution] = field(default_factory=set)
+    _last: tuple[Resolution, Output, Solution] | None = None
 
     @property
     def refines_mesh(self) -> bool:
@@ -68,33 +70,57 @@ class Ladder:
                 found.append(f)
         return found
 
-    def run(self, resolution: Resolution, output: Output | None = None) -> Run:
-        """The run at a resolution; with ``output`` its whole solution is kept, with these results.
+    def made(self, resolution: Resolution) -> bool:
+        """Whether there is a run at a resolution."""
+        return resolution in self._runs
+
+    def run(self, resolution: Resolution) -> Run:
+        """The run at a resolution, with no output but what its quantities need.
 
         Raises
         ------
         LatinError : the scene cannot be built or solved there.
         """
-        if resolution in self._runs and (output is None or self._kept == resolution):
-            return self._runs[resolution]
+        if resolution not in self._runs:
+            self._runs[resolution] = self._solved(at_resolution(self.scene, resolution), resolution)
+        return self._runs[resolution]
+
+    def whole(self, resolution: Resolution, output: Output) -> Run:
+        """The run with the output asked for, kept as ``solution``: the one made last where it holds all of it.
+
+        Raises
+        ------
+        LatinError : the scene cannot be built or solved there.
+        """
         scene = at_resolution(self.scene, resolution)
-        if output is not None:
-            fields = output.fields or bool(scene.sensor)
-            scene = scene.model_copy(update={"output": output.model_copy(update={"fields": fields})})
+        output = output.model_copy(update={"fields": output.fields or bool(self.scene.sensor)})
+        kept = output.fields and (output.every > 1 or not scene.output.fields)
+        if output.stress or output.energy or kept:
+            scene = scene.model_copy(update={"output": output})
+        if self._last is None or self._last[:2] != (resolution, scene.output):
+            run = self._solved(scene, resolution, ", with its output")
+            if resolution not in self._runs:
+                self._runs[resolution] = run
+                self._dearer.add(resolution)
+        assert self._last is not None
+        self.solution = self._last[2]
+        return self._runs[resolution]
+
+    def _solved(self, scene: Scene, resolution: Resolution, note: str = "") -> Run:
+        start = clock.process_time()
         solution = api.solve(scene)
-        run = as_run(self.scene, solution, resolution, solution.timings.total)
+        run = as_run(self.scene, solution, resolution, clock.process_time() - start)
         self.seconds += run.cpu
-        label = f"{run.cpu:7.2f} s  mesh x {resolution.mesh:.3g}, steps x {resolution.time:.3g}"
+        self._last = resolution, scene.output, solution
+        label = f"{run.cpu:7.2f} s  mesh x {resolution.mesh:.3g}, steps x {resolution.time:.3g}{note}"
         self.tell(label if run.converged else f"{label}: {run.status}")
-        if output is not None:
-            self.solution, self._kept = solution, resolution
-        self._runs[resolution] = run
         return run
 
     @property
     def runs(self) -> list[Run]:
-        """All runs made, cheapest first."""
-        return sorted(self._runs.values(), key=lambda run: run.cpu)
+        """The runs made without output, one a resolution, cheapest first."""
+        lean = (run for at, run in self._runs.items() if at not in self._dearer)
+        return sorted(lean, key=lambda run: run.cpu)
 
 
 def step_ratio(scene: Scene) -> float:

@@ -1,4 +1,4 @@
-"""The error of a run of a ladder, from the runs at a half, a quarter and an eighth of its resolution."""
+"""The error of a run of a ladder, from the coarser runs the search has made anyway."""
 
 from __future__ import annotations
 
@@ -7,43 +7,49 @@ import math
 from ..errors import LatinError
 from .bench import told
 from .differences import relative, same_way
-from .extrapolation import Differences, Judged, judge, observed_order
+from .extrapolation import ORDER_BAND, Judged, observed_order
 from .kinds import FIRST_CONTACT, PEAK_FORCE, SEPARATION, Kind, kind_of
 from .ladder import Ladder
-from .refinement import Resolution, at_resolution
+from .refinement import at_resolution
 from .runs import Run
 from .sampling import sampling_error
 
 _SAFETY = 1.15
 _STEADY, _LEAST_ORDER, _LARGEST_ORDER = 0.35, 0.3, 2.0
+_BEFORE, _RINGING = 0.5, 2.0  # weights of the last change but one, and of the ringing of a peak
 
 
 def ladder_error(ladder: Ladder, factor: float, quantity: str) -> Judged:
     """Estimated relative error of a quantity at a factor.
 
-    Where the orders of both triples of runs agree and the quantity goes one way through all four: 1.15 x half /
-    (r^p - 1), p the smaller order. Elsewhere as for any run, with the companion whose mesh alone is coarser. Infinite
-    where there are no two coarser runs.
+    The run with half the resolution is made where there is none yet; those with a quarter and an eighth count where
+    they have been made. The error is ``Kind.change`` x the change by the last refinement, and half the change before
+    at least; where four runs go one way and agree on the order p, 1.15 x change / (r^p - 1), p the smaller order.
+    It is an estimate where the order observed is the expected one or steady, else a bound. Infinite where there is
+    no coarser run.
     """
     chain = _chain(ladder, factor)
-    if len(chain) < 3:
+    if len(chain) < 2:
         return Judged(math.inf, math.nan, bound_only=True)
     kind = kind_of(quantity)
     scene = at_resolution(ladder.scene, ladder.at(factor))
     sampling = 0.0 if kind in (FIRST_CONTACT, SEPARATION) else sampling_error(scene)
     iteration = kind.iteration * scene.solver.tolerance
-    steady = _steady(chain, quantity)
-    if steady is not None and kind is not PEAK_FORCE:
-        return Judged(max(steady.error, sampling) + iteration, steady.order, steady.bound_only)
-    return judge(kind, _differences(ladder, factor, chain, quantity, kind, sampling, iteration))
+    found = _steady(chain, quantity) if kind is not PEAK_FORCE else None
+    if found is None:
+        found = _by_change(chain, quantity, kind)
+    return Judged(max(found.error, sampling) + iteration, found.order, found.bound_only)
 
 
 def _chain(ladder: Ladder, factor: float) -> list[Run]:
-    """The run at a factor and the coarser ones, up to the first that cannot be made or does not converge."""
+    """The run at a factor, that at its half, and the coarser ones already made; up to the first without an answer."""
     found: list[Run] = []
     for f in ladder.chain(factor):
+        at = ladder.at(f)
+        if len(found) >= 2 and not ladder.made(at):
+            break
         try:
-            run = ladder.run(ladder.at(f))
+            run = ladder.run(at)
         except LatinError as error:
             ladder.tell(f"no coarser run: {told(error)}")
             break
@@ -51,6 +57,22 @@ def _chain(ladder: Ladder, factor: float) -> list[Run]:
             break
         found.append(run)
     return found
+
+
+def _by_change(chain: list[Run], quantity: str, kind: Kind) -> Judged:
+    """The error from the change by the last refinement, brought to a refinement by two at the expected order."""
+    fine = chain[0].measured
+    change = relative(quantity, fine, fine, chain[1].measured)
+    ratio = chain[0].resolution.time / chain[1].resolution.time
+    error = kind.change * change * (2.0**kind.order - 1.0) / (ratio**kind.order - 1.0)
+    order = math.nan
+    if len(chain) > 2:
+        error = max(error, _BEFORE * relative(quantity, fine, chain[1].measured, chain[2].measured))
+        if same_way(quantity, *(run.measured for run in chain[:3])):
+            order = _order(chain[:3], chain, quantity)[0]
+    if kind is PEAK_FORCE:
+        error = max(error, _RINGING * fine.ringing[quantity.rpartition(".")[0]])
+    return Judged(error, order, not abs(order - kind.order) <= ORDER_BAND)
 
 
 def _steady(chain: list[Run], quantity: str) -> Judged | None:
@@ -74,24 +96,3 @@ def _order(triple: list[Run], chain: list[Run], quantity: str) -> tuple[float, f
     second = relative(quantity, scale, half.measured, quarter.measured)
     time = fine.resolution.time
     return observed_order(first, second, (time / half.resolution.time, time / quarter.resolution.time)), first
-
-
-def _differences(
-    ladder: Ladder, factor: float, chain: list[Run], quantity: str, kind: Kind, sampling: float, iteration: float
-) -> Differences:  # fmt: skip
-    fine, half, quarter = (run.measured for run in chain[:3])
-    time = chain[0].resolution.time
-    steps = math.nan
-    if ladder.refines_mesh:
-        only = ladder.run(Resolution(chain[1].resolution.mesh, ladder.at(factor).time))
-        steps = relative(quantity, fine, half, only.measured)
-    return Differences(
-        half=relative(quantity, fine, fine, half),
-        quarter=relative(quantity, fine, half, quarter),
-        steps=steps,
-        same_way=same_way(quantity, fine, half, quarter),
-        ratios=(time / chain[1].resolution.time, time / chain[2].resolution.time),
-        ringing=fine.ringing[quantity.rpartition(".")[0]] if kind is PEAK_FORCE else 0.0,
-        sampling=sampling,
-        iteration=iteration,
-    )

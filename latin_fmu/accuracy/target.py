@@ -25,9 +25,13 @@ from .runs import Run
 Tell = Callable[[str], None]
 
 _LOOSEST, _TIGHTEST = 1e-2, 1e-9
+_STARTS = (0.35, 0.5, 0.71, 1.0, 1.41, 2.0, 2.83, 4.0)
+"""Resolutions to start from: the first that has a coarser run; errors of still coarser ones tell nothing."""
 _MARGIN = 0.95  # of the target, aimed at
-_LEAP = 3.0  # largest refinement trusted to an extrapolation
-_ROUNDS = 12
+_LEAP, _GROWTH = 3.0, 4.0  # the next run at most this much finer, and this many times dearer than all before:
+# more is not trusted to an extrapolation
+_LEAST = 1.2  # least refinement
+_ROUNDS = 16
 _STUCK = 1.15  # a refinement by 2 that gains less than this is no convergence
 
 
@@ -69,9 +73,11 @@ class Choice:
 def choose(scene: Scene, target: float, limit: float, tell: Tell) -> Choice:
     """Mesh, time step and tolerance for a relative error ``target`` of ``scene.accuracy.quantity``.
 
-    A coarse and a once-refined run (a quarter and a half of the scene's resolution), their extrapolated error, then
-    the refinement it asks for; its own error is judged before it is accepted. The target holds for the largest error
-    where the quantity belongs to several interfaces. LATIN stops at a tenth of the target.
+    A coarse and a once-refined run (a sixth and a third of the scene's resolution), their extrapolated error, then
+    the refinement it asks for; its own error is judged before it is accepted. Runs grow geometrically, so that
+    those made on the way cost a fraction of the last; they are made without output, the last is made again with it
+    where the scene asks for more than the quantities need. The target holds for the largest error where the quantity
+    belongs to several interfaces. LATIN stops at a tenth of the target.
 
     Parameters
     ----------
@@ -98,9 +104,9 @@ class _Search:
         self.tried: dict[float, tuple[str, Judged]] = {}
 
     def run(self) -> Choice:
-        factor = self._start()
+        factor, trusted = self._start(), False
         for _ in range(_ROUNDS):
-            why = self._try(factor)
+            why = self._try(factor, trusted)
             if why:
                 return self._refused(why)
             quantity, judged = self.tried[factor]
@@ -110,40 +116,57 @@ class _Search:
                 return self._refused(
                     f"{quantity} does not converge: {percent(judged.error)} is the best bound after refinements"
                 )
-            wanted = factor * self._refinement(judged)
-            factor = self._next(factor, wanted)
+            factor, trusted = self._next(factor, self._wanted(factor, quantity, judged))
         return self._refused("the target is not met after many refinements")
 
     def _start(self) -> float:
-        """Half the scene's resolution (more where that leaves no coarser runs to learn from)."""
-        for wanted in (0.5, 0.71, 1.0, 1.41, 2.0, 2.83, 4.0):
+        """A third of the scene's resolution (more where that leaves no coarser run to learn from)."""
+        for wanted in _STARTS:
             factor = self.ladder.factor(wanted)
-            if len(self.ladder.chain(factor)) >= 3:
+            if len(self.ladder.chain(factor)) >= 2:
                 return factor
-        return self.ladder.factor(4.0)
+        return self.ladder.factor(_STARTS[-1])
 
-    def _refinement(self, judged: Judged) -> float:
-        """Refinement that brings the error to the target at the observed order; cautious where there is none."""
-        order = judged.order if 0.3 <= judged.order <= 2.0 else 0.7
-        return float((judged.error / (_MARGIN * self.target)) ** (1.0 / order))
+    def _wanted(self, factor: float, quantity: str, judged: Judged) -> float:
+        """The factor that brings the error to the target at the observed order, at the expected one where none is."""
+        order = judged.order if 0.3 <= judged.order <= 2.0 else kind_of(quantity).order
+        refinement = (judged.error / (_MARGIN * self.target)) ** (1.0 / order)
+        return factor * float(max(refinement, _LEAST))
 
-    def _next(self, factor: float, wanted: float) -> float:
-        """The wanted factor, or a step towards it where it is too far to be trusted."""
-        wanted = max(wanted, 1.25 * factor)
-        if 1.8 * factor < wanted <= 2.0 * factor:
-            wanted = 2.0 * factor  # the runs made so far are then those it is judged by
-        leap = wanted if wanted <= _LEAP * factor else 2.0 * factor
-        new = self.ladder.factor(leap)
-        while new <= factor:
-            leap *= 1.1
-            new = self.ladder.factor(leap)
-        return new
+    def _next(self, factor: float, wanted: float) -> tuple[float, bool]:
+        """The next factor, and whether it is trusted to reach the target.
 
-    def _try(self, factor: float) -> str:
-        """Run a factor and judge it; a sentence where that cannot be done."""
+        The wanted one, as far as ``_LEAP`` and ``_GROWTH`` allow; twice the factor where that is cheaper than the
+        wanted one with a new coarser run to judge it by.
+        """
+        model, double = self._model(), self.ladder.factor(2.0 * factor)
+
+        def cost(f: float) -> float:
+            at = self.ladder.at(f)
+            return model.seconds(at.mesh, at.time)
+
+        new, trusted = min(wanted, _LEAP * factor), wanted <= _LEAP * factor
+        while new > _LEAST * factor and cost(new) > _GROWTH * self.ladder.seconds:
+            new, trusted = max(0.93 * new, _LEAST * factor), False
+        while (found := self.ladder.factor(new)) <= factor:
+            new *= 1.1
+        half = self.ladder.factor(0.5 * found)
+        if found <= double and cost(double) <= cost(found) + (0.0 if self._made(half) else cost(half)):
+            return double, trusted or double >= wanted
+        return found, trusted
+
+    def _made(self, factor: float) -> bool:
+        return self.ladder.made(self.ladder.at(factor))
+
+    def _model(self) -> CostModel:
+        return CostModel.fitted(self.scene, self.ladder.runs)
+
+    def _try(self, factor: float, trusted: bool) -> str:
+        """Run a factor, with its output where it is ``trusted`` to be the last, and judge it; a sentence where that
+        cannot be done."""
         at = self.ladder.at(factor)
         if self.ladder.runs:
-            foreseen = CostModel.fitted(self.scene, self.ladder.runs).seconds(at.mesh, at.time)
+            foreseen = self._model().seconds(at.mesh, at.time)
             if foreseen > self.limit:
                 return (
                     f"the next run would take about {foreseen:.0f} CPU s, above the limit of {self.limit:g} s"
@@ -152,7 +175,10 @@ class _Search:
                 return f"the next run would need about {need / 1e9:.0f} GB of memory"
             self.tell(f"foreseen {foreseen:.2g} CPU s for mesh x {at.mesh:.3g}, steps x {at.time:.3g}")
         try:
-            run = self.ladder.run(at, self.scene.output)
+            coarser = self.ladder.chain(factor)[1:2]
+            for f in coarser:
+                self.ladder.run(self.ladder.at(f))
+            run = self.ladder.whole(at, self.scene.output) if trusted else self.ladder.run(at)
             if not run.converged:
                 return f"mesh x {at.mesh:.3g}: {run.status}"
             names = [q for q in run.measured.values if wanted_by(self.scene, q)]
@@ -199,7 +225,7 @@ class _Search:
 
     def _choice(self, factor: float, quantity: str, judged: Judged, sentence: str, reached: bool) -> Choice:
         at = self.ladder.at(factor)
-        run = self.ladder.run(at, self.scene.output)
+        run = self.ladder.whole(at, self.scene.output)
         solution = self.ladder.solution
         if solution is not None:
             solution = replace(solution, estimate=self._estimate(factor, run))

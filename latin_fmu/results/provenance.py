@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import platform
 from datetime import UTC, datetime
+from functools import cache
 from importlib import metadata
 
 PAPER = (
@@ -23,12 +24,17 @@ def provenance() -> dict[str, str]:
     """Versions, source and time of creation, ready to be root attributes of a results file."""
     now = datetime.now(UTC).isoformat(timespec="seconds")
     version = package_version()
-    libraries = {f"{name}_version": metadata.version(name) for name in ("numpy", "scipy", "xarray")}
     return {
         "source": f"latin_fmu {version}: LATIN method",
         "history": f"{now} computed by latin_fmu {version}",
         "references": PAPER,
         "latin_fmu_version": version,
         "python_version": platform.python_version(),
-        **libraries,
+        **_libraries(),
     }
+
+
+@cache
+def _libraries() -> dict[str, str]:
+    """Versions of the libraries, read from their metadata once (a millisecond each: as much as a small run)."""
+    return {f"{name}_version": metadata.version(name) for name in ("numpy", "scipy", "xarray")}

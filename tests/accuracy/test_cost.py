@@ -101,6 +101,14 @@ def test_cost_model_follows_two_runs() -> None:
     assert model.seconds(4.0, 4.0) == pytest.approx(0.1 + 0.2 * 16)
 
 
+def test_cost_model_survives_a_dear_first_run() -> None:
+    """The first run of a process also pays for loading kernels: a cost that falls with the work foresees nothing; all
+    of that of the larger run is then taken for work."""
+    rows = [made_up(f, f, cpu=cpu) for f, cpu in ((1.0, 0.5), (2.0, 0.1))]
+    model = CostModel.fitted(shipped("impact_bar"), [r.run for r in rows if r.run is not None])
+    assert model.seconds(4.0, 4.0) == pytest.approx(0.4)
+
+
 @pytest.fixture
 def small(monkeypatch: pytest.MonkeyPatch) -> None:
     """Few tolerances and windows: the command in seconds."""

@@ -65,12 +65,65 @@ def test_runs_that_agree_on_an_order_extrapolate() -> None:
     """Impulse of the impact bar: error falls with the order 0.7; the estimate lies between 1 and 2 times the truth."""
     known = impact_bar()
     ladder = Ladder(known.scene, lambda _: None)
+    for factor in ladder.chain(0.5):
+        ladder.run(ladder.at(factor))
     judged = ladder_error(ladder, 0.5, "wall.impulse")
     true = ladder.run(ladder.at(0.5)).measured.error("wall.impulse", known.exact)
     assert not judged.bound_only
     assert 0.4 < judged.order < 1.0
     assert true <= judged.error <= 2.0 * true
     assert len(ladder.runs) == 4
+
+
+def test_two_runs_make_a_bound() -> None:
+    """2.5 times the change of the impulse by a refinement by two (half of 35 elements are 18), and the iteration."""
+    known = impact_bar()
+    ladder = Ladder(known.scene, lambda _: None)
+    judged = ladder_error(ladder, 0.35, "wall.impulse")
+    assert len(ladder.runs) == 2
+    assert judged.bound_only
+    half, fine = (run.measured.values["wall.impulse"] for run in ladder.runs)
+    change = abs(fine - half) / fine / (35 / 18 - 1.0)
+    assert judged.error == pytest.approx(2.5 * change + 0.5 * known.scene.solver.tolerance, rel=1e-6)
+    true = abs(fine / 200.0 - 1.0)
+    assert true <= judged.error
+
+
+def searched(settings: list[str]) -> tuple[Choice, list[str]]:
+    """What is chosen for 5 % on the impulse of the impact bar, and the runs told."""
+    told: list[str] = []
+    scene = latin_fmu.load_scene(MODELS / "impact_bar/scene.toml", settings)
+    choice = choose(scene, 0.05, 60.0, told.append)
+    return choice, [line for line in told if " s  mesh x" in line]
+
+
+def test_the_search_makes_no_run_twice() -> None:
+    """Two coarse runs are enough for 5 %; where the scene asks for no output the last is the answer, else it is made
+    once more with its output."""
+    bare, runs = searched(["output.energy=false", "output.fields=false"])
+    assert bare.reached
+    assert len(runs) == 2
+    assert not any("with its output" in line for line in runs)
+    full, runs = searched([])
+    assert len(runs) == 3
+    assert "with its output" in runs[-1]
+    assert full.resolution == bare.resolution
+    assert full.solution is not None
+    assert full.solution.outcome.energy is not None
+
+
+def test_the_search_grows_towards_a_sharper_target() -> None:
+    """Runs of the search with their halves, each finer than those before; the last costs more than all others."""
+    told: list[str] = []
+    scene = latin_fmu.load_scene(
+        MODELS / "impact_bar/scene.toml", ["output.energy=false", "output.fields=false"]
+    )
+    choice = choose(scene, 0.005, 60.0, told.append)
+    assert choice.reached
+    elements = [float(line.split("mesh x ")[1].split(",")[0]) for line in told if " s  mesh x" in line]
+    assert len(set(elements)) == len(elements)
+    assert max(elements) == elements[-1] == pytest.approx(choice.resolution.mesh, rel=1e-2)
+    assert sum(e**2 for e in elements[:-1]) < elements[-1] ** 2
 
 
 def test_the_command_line_aims(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
