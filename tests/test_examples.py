@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import json
 from pathlib import Path
 from types import ModuleType
 
@@ -34,6 +35,7 @@ def test_every_example_is_tested_here() -> None:
     assert names == {
         "waves_in_bars",
         "crushing_friction",
+        "crushing_reference",
         "convergence_friction",
         "price_of_friction",
         "price_of_effects",
@@ -78,6 +80,29 @@ def test_crushing_friction(example: ModuleType, tmp_path: Path) -> None:
     assert numbers["passes_ratio"] < 1.5
     assert numbers["normal_error_at_last_iteration"] < 2e-3
     assert numbers["friction_error_at_last_iteration"] < 1e-2
+
+
+@pytest.mark.parametrize("example", ["crushing_reference"], indirect=True)
+def test_crushing_reference(example: ModuleType, tmp_path: Path) -> None:
+    """Half as fine, the values are those of the file beside the scene, its errors and those told granted."""
+    numbers = example.main(["--quick", "-o", str(tmp_path)])
+    assert _figures(tmp_path) == {"crushing_reference.png"}
+    shipped, made = (
+        json.loads((folder / "reference.json").read_text()) for folder in (example.SCENE.parent, tmp_path)
+    )
+    assert made["holds_for"] == shipped["holds_for"]
+    for quantity, value in shipped["values"].items():
+        key = quantity.rpartition(".")[2]
+        error = shipped["errors"][quantity] + numbers[f"error_of_{key}"]
+        assert numbers[key] == pytest.approx(value, rel=error), quantity
+        assert error < 0.25
+    for key, error in (
+        ("impulse", 1e-3),
+        ("first_contact", 2e-2),
+        ("separation", 5e-3),
+        ("peak_force", 2e-2),
+    ):
+        assert numbers[f"error_of_{key}"] < error
 
 
 @pytest.mark.parametrize("example", ["convergence_friction"], indirect=True)

@@ -1,9 +1,11 @@
-"""The reference of a study: exact quantities declared with a model, or the finest run that can be paid."""
+"""The reference of a study: quantities declared with a model, exact or from refined runs, or the finest run that can
+be paid."""
 
 from __future__ import annotations
 
 import hashlib
 import json
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -11,14 +13,15 @@ from typing import Any, Final
 import numpy as np
 
 from ..errors import Problem, SceneError
-from ..results.estimates import ErrorEstimate
+from ..results.estimates import ErrorEstimate, QuantityEstimate
 from ..scene.schema import Scene
 from .force import Force
+from .kinds import FLOOR, kind_of
 from .measured import Measured, of_force
 from .refinement import Resolution
 
 FILE: Final = "reference.json"
-"""Name of the file with exact quantities, beside the scene file."""
+"""Name of the file with quantities known better than any run of a study, beside the scene file."""
 
 _PHYSICS: Final = ("material", "substructure", "interface", "boundary", "load", "sensor")
 
@@ -30,7 +33,7 @@ class Reference:
     Attributes
     ----------
     measured : its quantities. exact : closed form, else a run. text : where it comes from.
-    own_error : estimated error of a run taken as reference, resolution : its resolution; None for an exact one.
+    own_error : estimated error of what is not exact. resolution : of a run of the study taken as reference.
     """
 
     measured: Measured
@@ -54,10 +57,11 @@ def physics_of(scene: Scene) -> str:
 
 
 def declared(scene: Scene) -> Reference | None:
-    """The exact quantities declared beside a scene; None where there are none for this physics.
+    """The quantities declared beside a scene; None where there are none for this physics.
 
-    The file has ``scene`` (name), ``source`` (text), ``holds_for`` (see ``physics_of``), ``[values]`` (quantities by
-    name) and ``[force.INTERFACE]`` with ``time`` and ``value`` (N): linear pieces, a time met twice is a jump.
+    The file has ``scene`` (name), ``source`` (text), ``holds_for`` (see ``physics_of``), ``values`` (quantities by
+    name) and ``force`` by interface with ``time`` and ``value`` (N): linear pieces, a time met twice is a jump.
+    Quantities that are not exact have their relative errors by name in ``errors``, all of them.
 
     Raises
     ------
@@ -70,7 +74,10 @@ def declared(scene: Scene) -> Reference | None:
         data = json.loads(file.read_text(encoding="utf-8"))
         if data["scene"] != scene.name or data["holds_for"] != physics_of(scene):
             return None
-        return Reference(_measured(data, scene.time.end), True, f"exact: {data['source']}")
+        measured = _measured(data, scene.time.end)
+        own = _own_error(measured, data["errors"]) if "errors" in data else None
+        text = f"{'exact' if own is None else 'refined runs'}: {data['source']}"
+        return Reference(measured, own is None, text, own)
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise SceneError([_unusable(file, error)], "the reference cannot be used") from error
 
@@ -87,6 +94,18 @@ def _measured(data: dict[str, Any], end: float) -> Measured:
     return found
 
 
+def _own_error(measured: Measured, errors: dict[str, float]) -> ErrorEstimate:
+    """The declared errors, one for every quantity (KeyError where one is missing)."""
+    found = []
+    for quantity, value in measured.values.items():
+        kind, error = kind_of(quantity), float(errors[quantity])
+        if not 0.0 < error < 1.0:
+            raise ValueError(f"error of {quantity} is {error:g}, not between 0 and 1")
+        none = math.nan
+        found.append(QuantityEstimate(quantity, value, kind.unit, error, none, kind.order, True, none, none))
+    return ErrorEstimate(tuple(found), (), 0.0, FLOOR)
+
+
 def _unusable(file: Path, error: Exception) -> Problem:
-    return Problem(str(file), f"not a usable reference: {type(error).__name__}: {error}",
-                   allowed='TOML with scene, source, holds_for, [values], [force.NAME] time and value')  # fmt: skip
+    allowed = "JSON with scene, source, holds_for, values, force (NAME: time, value), errors where not exact"
+    return Problem(str(file), f"not a usable reference: {type(error).__name__}: {error}", allowed=allowed)
