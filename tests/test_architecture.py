@@ -91,7 +91,9 @@ def called(module: Path) -> Iterator[tuple[str, int]]:
             if isinstance(node.func, ast.Name):
                 yield node.func.id, node.lineno
             elif isinstance(node.func, ast.Attribute):
-                yield node.func.attr, node.lineno
+                of = node.func.value
+                if not (isinstance(of, ast.Name) and of.id == "builder"):  # instructions of the compiler's back end
+                    yield node.func.attr, node.lineno
 
 
 def numerical(module: Path) -> bool:

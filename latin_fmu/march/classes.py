@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from ..propagator.cholesky.factor import CholeskyFactor
 from ..propagator.cholesky.kernels import routines
-from ..propagator.direct import DirectPropagator, State
+from ..propagator.direct import DirectPropagator
 from ..propagator.march import March
+from ..propagator.resumable import Motion
 from .lanes import LANES, SPARE, TILED, padded
 from .packing import is_diagonal, lower_pattern, lower_values, rows_of
 from .terms import Terms
@@ -247,7 +248,7 @@ class ClassTable:
         ``tractions`` : per class those of the last instant where its energy is to be accounted for, else None.
         """
         for propagator, own, traction in zip(self._propagators, self._state, tractions, strict=True):
-            propagator.take(State(propagator.state.instant + steps, *own.copy()), traction)
+            propagator.take(Motion(propagator.state.instant + steps, *own.copy()), traction)
 
 
 def places(sizes: Mapping[str, int]) -> tuple[dict[str, int], int]:

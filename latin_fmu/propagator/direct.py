@@ -6,14 +6,13 @@ One instant, in terms of the incoming quantity q = F_hat + k W_hat of the linear
     respond(q)   W = W_0 + Y q,  Y = (D^-1 + k)^-1 condensed on the channels, k the search direction
     commit(F)    ends the instant with the tractions F on the channels
 
-State: plain arrays (n_dof, n_member); identical substructures are members of one class and are solved together.
+Motion: plain arrays (n_dof, n_member); identical substructures are members of one class and are solved together.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 import scipy.sparse as sp
@@ -25,28 +24,15 @@ from .forcing import Forcing
 from .interface_matrices import with_dashpots
 from .model import Array, Histories, SubstructureModel
 from .operators import Operators, build_operators
+from .resumable import Motion, Resumable
 
 _STEPS_KEPT = 4
-
-
-@dataclass
-class State:
-    """Motion of all members at one instant (reduced dofs, one column per member).
-
-    ``residual`` is f - C v - K u with the interface tractions in f; ``instant`` the time index.
-    """
-
-    instant: int
-    u: Array
-    v: Array
-    a: Array
-    residual: Array
 
 
 _HEAVY = 1e30
 
 
-class DirectPropagator:
+class DirectPropagator(Resumable):
     """March of a class of identical substructures (module docstring).
 
     Parameters
@@ -56,7 +42,6 @@ class DirectPropagator:
     twin : propagator of other substructures with the same operators and scheme, to share them.
     """
 
-    state: State
     operators: Operators
     dt: float
 
@@ -74,8 +59,6 @@ class DirectPropagator:
         self.forcing = Forcing(members, scheme)
         self.meter = EnergyMeter(members, self.forcing, scheme) if energy else None
         self._kept: list[tuple[float, Operators]] = [] if twin is None else twin._kept
-        self._begun = False
-        self._resumed: list[tuple[Array, Array]] | None = None
         self._use(dt)
         self._area = self.operators.area[:, None]
         self._trace = self.operators.trace
@@ -128,17 +111,17 @@ class DirectPropagator:
         """Reduced dofs of one member."""
         return int(self.operators.mass.shape[0])
 
-    def _initial_state(self) -> State:
+    def _initial_state(self) -> Motion:
         """Initial values; accelerations come with ``start``."""
         if not any(m.displacement.any() or m.velocity.any() for m in self.members) and not self.forcing.moves:
             rest = [np.zeros((self.n_dof, len(self.members))) for _ in range(4)]
-            return State(0, *rest)
+            return Motion(0, *rest)
         p = self.members[0].expansion
         pick = sp.csr_array(p.T.multiply(1 / np.maximum(p.sum(axis=0), 1)[:, None]))
         imposed_u, imposed_v = self.forcing.imposed_u(0), self.forcing.imposed_v(0)
         u = pick @ (np.stack([m.displacement for m in self.members], axis=1) - imposed_u)
         v = pick @ (np.stack([m.velocity for m in self.members], axis=1) - imposed_v)
-        return State(0, u, v, np.zeros_like(u), np.zeros_like(u))
+        return Motion(0, u, v, np.zeros_like(u), np.zeros_like(u))
 
     # -- start -----------------------------------------------------------------------------------------------
     def initial_unbalance(self, traction: Array) -> Array:
@@ -178,8 +161,11 @@ class DirectPropagator:
         a start at rest in equilibrium."""
         unbalance = self.initial_unbalance(traction)
         inertia = self.forcing.inertia(0)
-        self.state.residual = unbalance if inertia is None else unbalance + inertia
-        self.state.a = np.zeros_like(unbalance) if factor is None else factor.solve(unbalance)
+        self.state = replace(
+            self.state,
+            a=np.zeros_like(unbalance) if factor is None else factor.solve(unbalance),
+            residual=unbalance if inertia is None else unbalance + inertia,
+        )
         if self.meter is not None:
             self.meter.start(self.state, self._nodal(traction))
 
@@ -259,12 +245,12 @@ class DirectPropagator:
         if scheme.memory_weight:
             residual += scheme.memory_weight * state.residual
         residual /= scheme.force_weight
-        self.state = State(state.instant + 1, u, v, a, residual)
+        self.state = Motion(state.instant + 1, u, v, a, residual)
         self._free = None
         if self.meter is not None and account:
             self.meter.advance(self.state, self._nodal(traction))
 
-    def take(self, state: State, traction: Array | None) -> None:
+    def take(self, state: Motion, traction: Array | None) -> None:
         """Take up the state of a later instant, marched elsewhere; its energy is accounted for where ``traction``
         (n_channel, n_member), Pa, of that one step is given."""
         self.state, self._free = state, None
@@ -293,48 +279,3 @@ class DirectPropagator:
     def _at_channels(self, field: Array, imposed: Array | None) -> Array:
         values: Array = self._trace @ field[self.operators.dofs]
         return values if imposed is None else values + imposed
-
-    def full_displacement(self, member: int) -> Array:
-        """Displacements of all nodes, (n_node, 3), m."""
-        return self._full(self.state.u, self.forcing.imposed_u(self.state.instant), member)
-
-    def full_velocity(self, member: int) -> Array:
-        """Velocities of all nodes, (n_node, 3), m s-1."""
-        return self._full(self.state.v, self.forcing.imposed_v(self.state.instant), member)
-
-    def _full(self, field: Array, imposed: Array, member: int) -> Array:
-        model = self.members[member]
-        return model.node_values(model.expansion @ field[:, member] + imposed[:, member])
-
-    # -- windows --------------------------------------------------------------------------------------------------
-    def snapshot(self) -> tuple[State, object]:
-        """All that determines the next instants."""
-        return self.state, None if self.meter is None else self.meter.snapshot()
-
-    def restart(self) -> None:
-        """Back to the initial values; ``begin`` must follow."""
-        self._begun, self._resumed = False, None
-        self.forcing.resume([None] * len(self.members))
-
-    def tree(self) -> dict[str, object]:
-        """The present state as plain arrays: all that the next segment needs."""
-        state = self.state
-        motions = [[u, a] for u, a in self.forcing.end(state.instant)]
-        meter = None if self.meter is None else self.meter.tree()
-        arrays = {"u": state.u, "v": state.v, "a": state.a, "residual": state.residual}
-        return {**arrays, "motions": motions, "meter": meter}
-
-    def resume(self, tree: dict[str, Any]) -> None:
-        """Take up a state given by ``tree``; ``begin`` must follow."""
-        self.state = State(0, tree["u"], tree["v"], tree["a"], tree["residual"])
-        self._resumed = [(u, a) for u, a in tree["motions"]]
-        if self.meter is not None:
-            self.meter.resume(tree["meter"])
-        self._free = None
-
-    def restore(self, snapshot: tuple[State, object]) -> None:
-        """Back to a snapshot (states are never changed in place)."""
-        self.state = snapshot[0]
-        if self.meter is not None:
-            self.meter.restore(snapshot[1])
-        self._free = None

@@ -19,9 +19,10 @@ from ..time_scheme import TimeScheme
 from .cholesky import InterfaceFactor, interface_factor
 from .condensed import Index
 from .explicit_energy import ExplicitMeter
-from .march import March, Motion
+from .march import March
 from .model import Array, Histories, SubstructureModel
 from .protocol import MassFactor
+from .resumable import Motion
 from .stable_step import stable_step
 
 _ROUND_OFF = 1e-9
@@ -204,11 +205,6 @@ class ExplicitPropagator(March[ExplicitOperators]):
         self._free = None
         if self.meter is not None and account:
             self.meter.advance(self.state, self._nodal(traction))
-
-    def restore(self, snapshot: tuple[Motion, object]) -> None:
-        """Back to a snapshot."""
-        super().restore(snapshot)
-        self._free = None
 
 
 def lumped(matrix: sp.csr_array, nodal: bool) -> sp.csr_array:

@@ -15,8 +15,8 @@ import scipy.sparse as sp
 
 from .energy import TERMS
 from .forcing import Forcing
-from .march import Motion
 from .model import Array, SubstructureModel
+from .resumable import Motion
 
 
 class ExplicitMeter:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
@@ -20,54 +20,9 @@ from .condensed import Index
 from .forcing import Forcing
 from .model import Array, Histories, SubstructureModel
 from .protocol import InterfaceOperators, MassFactor
+from .resumable import Meter, Motion, Resumable
 
 _STEPS_KEPT = 4
-
-
-class Meter(Protocol):
-    """Account of energies as a march uses it (``energy.EnergyMeter``)."""
-
-    dt: float
-
-    @property
-    def totals(self) -> dict[str, Array]:
-        """Terms at the present instant."""
-        ...
-
-    def start(self, state: Any, interface: Array) -> None:
-        """Energies at t = 0."""
-        ...
-
-    def advance(self, state: Any, interface: Array) -> None:
-        """Add the step that ends in ``state``."""
-        ...
-
-    def snapshot(self) -> object:
-        """State of the account."""
-        ...
-
-    def restore(self, snapshot: object) -> None:
-        """Back to a snapshot."""
-        ...
-
-    def tree(self) -> dict[str, object]:
-        """State as plain arrays."""
-        ...
-
-    def resume(self, tree: dict[str, Any]) -> None:
-        """Take up such a state."""
-        ...
-
-
-@dataclass(frozen=True)
-class Motion:
-    """Displacements, velocities, accelerations and residual forces (n_dof, n_member) at an instant."""
-
-    instant: int
-    u: Array
-    v: Array
-    a: Array
-    residual: Array
 
 
 class MarchOperators(InterfaceOperators, Protocol):
@@ -82,7 +37,7 @@ class MarchOperators(InterfaceOperators, Protocol):
 Ops = TypeVar("Ops", bound=MarchOperators)
 
 
-class March(ABC, Generic[Ops]):
+class March(Resumable, ABC, Generic[Ops]):
     """March of a class of identical substructures (module docstring; rules in ``protocol``).
 
     Parameters
@@ -90,7 +45,6 @@ class March(ABC, Generic[Ops]):
     members : models with equal matrices and traces. scheme, dt : time scheme and step, s. meter : account of energies.
     """
 
-    state: Motion
     dt: float
     operators: Ops
 
@@ -102,8 +56,6 @@ class March(ABC, Generic[Ops]):
         self.scheme, self.meter = scheme, meter
         self.forcing = Forcing(members, scheme)
         self._kept: list[tuple[float, Ops]] = []
-        self._begun = False
-        self._resumed: list[tuple[Array, Array]] | None = None
         self._use(dt)
 
     @abstractmethod
@@ -255,49 +207,6 @@ class March(ABC, Generic[Ops]):
         values: Array = self.operators.trace @ field[dofs]
         return values if imposed is None else values + imposed
 
-    def full_displacement(self, member: int) -> Array:
-        """Displacements of all nodes, (n_node, 3), m."""
-        return self._full(self.state.u, self.forcing.imposed_u(self.state.instant), member)
-
-    def full_velocity(self, member: int) -> Array:
-        """Velocities of all nodes, (n_node, 3), m s-1."""
-        return self._full(self.state.v, self.forcing.imposed_v(self.state.instant), member)
-
-    def _full(self, field: Array, imposed: Array, member: int) -> Array:
-        model = self.members[member]
-        return model.node_values(model.expansion @ field[:, member] + imposed[:, member])
-
     def remarks(self) -> list[str]:
         """What a reader of the results should know of this propagator's accuracy."""
         return []
-
-    # -- windows and segments -----------------------------------------------------------------------------------
-    def snapshot(self) -> tuple[Motion, object]:
-        """All that determines the next instants."""
-        return self.state, None if self.meter is None else self.meter.snapshot()
-
-    def restore(self, snapshot: tuple[Motion, object]) -> None:
-        """Back to a snapshot."""
-        self.state = snapshot[0]
-        if self.meter is not None:
-            self.meter.restore(snapshot[1])
-
-    def restart(self) -> None:
-        """Back to the initial values; ``begin`` must follow."""
-        self._begun, self._resumed = False, None
-        self.forcing.resume([None] * len(self.members))
-
-    def tree(self) -> dict[str, object]:
-        """The present state as plain arrays: all that the next segment needs."""
-        state = self.state
-        motions = [[u, a] for u, a in self.forcing.end(state.instant)]
-        meter = None if self.meter is None else self.meter.tree()
-        arrays = {"u": state.u, "v": state.v, "a": state.a, "residual": state.residual}
-        return {**arrays, "motions": motions, "meter": meter}
-
-    def resume(self, tree: dict[str, Any]) -> None:
-        """Take up a state given by ``tree``; ``begin`` must follow."""
-        self.state = Motion(0, tree["u"], tree["v"], tree["a"], tree["residual"])
-        self._resumed = [(u, a) for u, a in tree["motions"]]
-        if self.meter is not None:
-            self.meter.resume(tree["meter"])

@@ -25,9 +25,10 @@ from ..time_scheme import TimeScheme
 from .cholesky import InterfaceFactor, interface_factor
 from .condensed import Index
 from .energy import EnergyMeter
-from .march import March, Motion
+from .march import March
 from .model import Array, LoadTerm, SubstructureModel
 from .reduction import reduce_model
+from .resumable import Motion
 
 _SAMPLED = 4  # every so many instants the error is looked at
 
@@ -204,11 +205,6 @@ class ReducedPropagator(March[ReducedOperators]):
             f"reduced to {self.n_mode} modes, {', '.join(self.names)}: estimated error of the interface velocities "
             f"{100 * share:.2g} % (root mean square over the run); that of contact forces is smaller"
         ]
-
-    def restore(self, snapshot: tuple[Motion, object]) -> None:
-        """Back to a snapshot."""
-        super().restore(snapshot)
-        self._free = None
 
 
 def reduced_members(members: Sequence[SubstructureModel], n_mode: int) -> list[SubstructureModel]:

@@ -18,8 +18,9 @@ from typing import NoReturn
 import numpy as np
 
 from ..time_scheme.quasi_static import QuasiStatic
-from .march import March, Motion
+from .march import March
 from .model import Array, SubstructureModel
+from .resumable import Motion
 from .static_energy import StaticEnergyMeter
 from .static_operators import StaticOperators, build_static_operators
 
