@@ -92,7 +92,9 @@ def called(module: Path) -> Iterator[tuple[str, int]]:
                 yield node.func.id, node.lineno
             elif isinstance(node.func, ast.Attribute):
                 of = node.func.value
-                if not (isinstance(of, ast.Name) and of.id == "builder"):  # instructions of the compiler's back end
+                if not (
+                    isinstance(of, ast.Name) and of.id == "builder"
+                ):  # instructions of the compiler's back end
                     yield node.func.attr, node.lineno
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from ..compiled import COMPILES
 from ..propagator import DirectPropagator, Propagator
+from ..propagator.diagonal import DiagonalFactor
 from ..propagator.march import March
 from .assembly import Assembly
 from .error_indicator import Scales
@@ -44,9 +45,11 @@ def marches(assembly: Assembly) -> bool:
 
 
 def _in_double(factor: object) -> bool:
-    """Whether it is the package's own factor, in double precision."""
+    """Whether it is one of the package's own factors, in double precision."""
     from ..propagator.cholesky.factor import CholeskyFactor
 
+    if isinstance(factor, DiagonalFactor):
+        return True
     return isinstance(factor, CholeskyFactor) and factor.dtype == np.float64
 
 

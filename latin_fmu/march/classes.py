@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ..propagator.cholesky.factor import CholeskyFactor
 from ..propagator.cholesky.kernels import routines
+from ..propagator.diagonal import DiagonalFactor
 from ..propagator.direct import DirectPropagator
 from ..propagator.march import March
 from ..propagator.resumable import Motion
@@ -139,22 +140,21 @@ class ClassTable:
         """All that stays as long as step and search direction do."""
         ops = propagator.operators
         factor = ops.factor
-        assert isinstance(factor, CholeskyFactor)
-        shape, m = factor.symbolic, flat.shape[1]
+        m = flat.shape[1]
         live = np.flatnonzero(ops.compliance.diagonal())  # the others cannot move
         sizes = {
             "n": propagator.n_dof, "m": m, "n_inner": len(ops.dofs), "n_channel": len(flat), "n_live": len(live),
-            "n_interior": shape.n_interior, "n_super": len(shape.first) - 1, "n_massless": len(ops.massless),
-            "n_probe": 0 if probe is None else probe.shape[0], "tallest": factor.tallest,
-            "grouped": int(factor.grouped), "n_rows": len(shape.rows), "n_panels": factor.panels.size,
+            "n_massless": len(ops.massless), "n_probe": 0 if probe is None else probe.shape[0],
         }  # fmt: skip
         found.update(sizes)
+        if isinstance(factor, DiagonalFactor):
+            self._without_inside(found)
+        else:
+            assert isinstance(factor, CholeskyFactor)
+            self._factor(found, factor)
         for name, array in (
-            ("routines", routines(factor.dtype)), ("first", shape.first), ("row_start", shape.row_start),
-            ("rows", shape.rows), ("panel_start", shape.panel_start), ("panels", factor.panels),
-            ("order", shape.order), ("dofs", ops.dofs), ("area", ops.area), ("massless", ops.massless),
-            ("k", np.ascontiguousarray(propagator.k[:, 0])), ("live", live),
-            ("channels", np.ascontiguousarray(flat)),
+            ("dofs", ops.dofs), ("area", ops.area), ("massless", ops.massless), ("live", live),
+            ("k", np.ascontiguousarray(propagator.k[:, 0])), ("channels", np.ascontiguousarray(flat)),
         ):  # fmt: skip
             self._point(found, name, array)
         for name, matrix in (("mass", ops.mass), ("stiffness", ops.stiffness), ("damping", ops.damping)):
@@ -162,6 +162,29 @@ class ClassTable:
         self._products(found, propagator, live, flat)
         self._matrix(found, "probe", probe)
         self._scratch(found)
+
+    def _factor(self, found: Row, factor: CholeskyFactor) -> None:
+        """What the sweeps read."""
+        shape = factor.symbolic
+        sizes = {
+            "n_interior": shape.n_interior, "n_super": len(shape.first) - 1, "tallest": factor.tallest,
+            "grouped": int(factor.grouped), "n_rows": len(shape.rows), "n_panels": factor.panels.size,
+        }  # fmt: skip
+        found.update(sizes)
+        for name, array in (
+            ("routines", routines(factor.dtype)), ("first", shape.first), ("row_start", shape.row_start),
+            ("rows", shape.rows), ("panel_start", shape.panel_start), ("panels", factor.panels),
+            ("order", shape.order),
+        ):  # fmt: skip
+            self._point(found, name, array)
+
+    def _without_inside(self, found: Row) -> None:
+        """The same where all dofs are kept for last: no supernode at all."""
+        nothing = np.zeros(1, dtype=np.int64)
+        for name in ("first", "row_start", "rows", "panel_start", "panels"):
+            self._point(found, name, nothing)
+        self._point(found, "routines", routines(np.dtype(np.float64)))
+        self._point(found, "order", np.arange(found["n"]))
 
     def _scratch(self, found: Row) -> None:
         """One block for all that the kernels write."""
@@ -190,9 +213,13 @@ class ClassTable:
         """Matrices of the interface, as diagonals or tables where they are; C by its blocks between normal and between
         tangential channels, all that norms of one or the other need."""
         ops, m = propagator.operators, flat.shape[1]
-        inverse, every = ops.factor.schur_inverse, np.arange(found["n_inner"])
-        found["plain_inverse"] = plain = is_diagonal(inverse)
-        self._point(found, "schur_inverse", rows_of(inverse, every, m, plain))
+        if isinstance(ops.factor, DiagonalFactor):
+            found["plain_inverse"] = 1
+            self._point(found, "schur_inverse", ops.factor.inverse)
+        else:
+            inverse, every = ops.factor.schur_inverse, np.arange(found["n_inner"])
+            found["plain_inverse"] = plain = is_diagonal(inverse)
+            self._point(found, "schur_inverse", rows_of(inverse, every, m, plain))
         found["plain_response"] = plain = is_diagonal(propagator.condensed) and is_diagonal(ops.compliance)
         self._point(found, "response", rows_of(propagator.condensed, live, m, plain))
         normal = self._normal[flat[live]]
@@ -208,7 +235,7 @@ class ClassTable:
             self._point(found, "spread_table", np.ascontiguousarray(ops.trace.T))
         else:
             self._matrix(found, "trace", ops.trace)
-            self._matrix(found, "spread", propagator.members[0].spread)
+            self._matrix(found, "spread", ops.spread)
 
     def begin(self, n_time: int) -> None:
         """Take up the histories that the propagators have begun."""

@@ -62,7 +62,7 @@ class DirectPropagator(Resumable):
         self._use(dt)
         self._area = self.operators.area[:, None]
         self._trace = self.operators.trace
-        self._trace_t = self.members[0].spread
+        self._trace_t = self.operators.spread
         self._free: tuple[Array, Array, Array, Array] | None = None
 
     def _use(self, dt: float) -> None:

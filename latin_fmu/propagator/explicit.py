@@ -8,7 +8,7 @@ has the equations, ``stable_step`` the longest step).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
@@ -18,14 +18,17 @@ from ..errors import SolverError
 from ..time_scheme import TimeScheme
 from .cholesky import InterfaceFactor, interface_factor
 from .condensed import Index
+from .diagonal import DiagonalFactor
 from .explicit_energy import ExplicitMeter
+from .interface_matrices import seen_by_channels, seen_of_diagonal
+from .lumping import lumped
 from .march import March
 from .model import Array, Histories, SubstructureModel
 from .protocol import MassFactor
 from .resumable import Motion
-from .stable_step import stable_step
+from .stable_step import StableStep
 
-_ROUND_OFF = 1e-9
+_NONE = np.zeros(0, dtype=np.int64)
 
 
 @dataclass(frozen=True)
@@ -34,11 +37,11 @@ class ExplicitOperators:
 
     Attributes
     ----------
-    inverse : (M + dt/2 C_d)^-1, (n, n). diagonal : its diagonal (n,), None where there is more to it.
-    The others : see ``Operators``.
+    inverse : (M + dt/2 C_d)^-1, (n, n), None where it is diagonal. diagonal : its diagonal (n,), None where there is
+        more to it. dofs : all where it is diagonal, else those of the interface. The others : see ``Operators``.
     """
 
-    inverse: sp.csr_array
+    inverse: sp.csr_array | None
     diagonal: Array | None
     mass: sp.csr_array
     damping: sp.csr_array | None
@@ -46,6 +49,7 @@ class ExplicitOperators:
     factor: InterfaceFactor
     dofs: Index
     trace: sp.csr_array
+    spread: sp.csr_array
     area: Array
     compliance: Array
     massless: Index
@@ -59,7 +63,7 @@ class ExplicitOperators:
         """(M + dt/2 C_d)^-1 f for f (n, m)."""
         if self.diagonal is not None:
             return self.diagonal[:, None] * force
-        solved: Array = self.inverse @ force
+        solved: Array = self.inverse @ force  # type: ignore[operator]  # there is one or the other
         return solved
 
 
@@ -73,7 +77,7 @@ class ExplicitPropagator(March[ExplicitOperators]):
 
     Attributes
     ----------
-    stable_step : longest stable step, s.
+    stability : which steps are stable.
     """
 
     def __init__(
@@ -81,7 +85,8 @@ class ExplicitPropagator(March[ExplicitOperators]):
     ) -> None:
         rigid = members[0].nodal is not None  # a few unknowns, no stiffness: taken as they are
         if not rigid:
-            members = [replace(m, mass=lumped(m.inertia, nodal=False)) for m in members]
+            first = members[0].with_lumped_mass
+            members = [first, *(m.with_mass(first.inertia) for m in members[1:])]
         model, p = members[0], members[0].expansion
         self._mass, self._damping, self._stiffness = model.reduced
         self._dashpots: sp.csr_array | None = None
@@ -89,8 +94,9 @@ class ExplicitPropagator(March[ExplicitOperators]):
         if model.damping is not None and self._damping is not None:
             self._dashpots = model.damping if rigid else lumped(model.damping, nodal=True)
             lagged = sp.csr_array(self._damping - p.T @ self._dashpots @ p)
-        self.stable_step = (
-            float("inf") if rigid else stable_step(self._mass.diagonal(), self._stiffness, lagged)
+        nothing = np.zeros(0)  # a rigid body has no stiffness
+        self.stability = StableStep(
+            nothing if rigid else self._mass.diagonal(), self._stiffness, None if rigid else lagged
         )
         super().__init__(members, scheme, dt, None)
         if energy:
@@ -104,33 +110,43 @@ class ExplicitPropagator(March[ExplicitOperators]):
         ------
         SolverError : the step is not stable.
         """
-        if dt > self.stable_step * (1 + _ROUND_OFF):
+        if not self.stability.allows(dt):
             raise SolverError(
                 f"explicit propagator, {', '.join(self.names)}: step {dt:.6g} s; allowed: at most "
-                f"{self.stable_step:.6g} s, the stable one; take smaller steps, or an implicit propagator"
+                f"{self.stability.longest:.6g} s, the stable one; take smaller steps, or an implicit propagator"
             )
         super().begin(histories, dt)
         self._free = None
 
     def _build(self, dt: float) -> ExplicitOperators:
-        model = self.members[0]
-        p = model.expansion
-        held = self._mass
+        model, held = self.members[0], self._mass
         if self._dashpots is not None:
+            p = model.expansion
             held = sp.csr_array(held + 0.5 * dt * (p.T @ self._dashpots @ p))
-        held.eliminate_zeros()
-        diagonal = 1.0 / held.diagonal() if held.nnz == held.shape[0] else None
-        inverse = sp.csr_array(
-            sp.diags_array(diagonal) if diagonal is not None else spla.inv(sp.csc_matrix(held))
-        )
-        trace = sp.csc_array(model.trace @ p)
-        dofs = np.flatnonzero(np.diff(trace.indptr)).astype(np.int64)
-        local = sp.csr_array(trace[:, dofs])
-        compliance = dt * (local @ inverse[dofs][:, dofs] @ local.T).toarray()
-        symmetric = 0.5 * (compliance + compliance.T)
+            held.eliminate_zeros()
+        same = (self._mass, self._damping, self._stiffness)
+        if held.nnz == held.shape[0]:
+            factor = DiagonalFactor(held.diagonal())
+            trace, spread, inverse = model.reduced_trace, model.reduced_spread, factor.inverse
+            compliance = seen_of_diagonal(trace, dt, inverse)
+            return ExplicitOperators(
+                None,
+                inverse,
+                *same,
+                factor,
+                factor.last,
+                trace,
+                spread,
+                model.channel_area,
+                compliance,
+                _NONE,
+            )
+        dofs, trace, _ = model.at_interface
+        full = sp.csr_array(spla.inv(sp.csc_matrix(held)))
+        compliance = seen_by_channels(trace, dt, full[dofs][:, dofs].toarray())
         return ExplicitOperators(
-            inverse, diagonal, self._mass, self._damping, self._stiffness, interface_factor(held, dofs), dofs,
-            local, model.channel_area, symmetric, np.zeros(0, dtype=np.int64),
+            full, None, *same, interface_factor(held, dofs), dofs, trace, model.spread, model.channel_area,
+            compliance, _NONE,
         )  # fmt: skip
 
     @property
@@ -141,8 +157,12 @@ class ExplicitPropagator(March[ExplicitOperators]):
     # -- start ------------------------------------------------------------------------------------------------
     def initial_unbalance(self, traction: Array) -> Array:
         """M a of the free dofs at t = 0 (the masses of driven dofs are their own)."""
-        unbalance: Array = self.forcing.at(0) - self._stiffness @ self.state.u + self._nodal(traction)
-        if self._damping is not None:
+        unbalance: Array = self.forcing.at(0)
+        if self.state.u.any():
+            unbalance -= self._stiffness @ self.state.u
+        if traction.any():
+            unbalance += self._nodal(traction)
+        if self._damping is not None and self.state.v.any():
             unbalance -= self._damping @ self.state.v
         return unbalance
 
@@ -205,23 +225,3 @@ class ExplicitPropagator(March[ExplicitOperators]):
         self._free = None
         if self.meter is not None and account:
             self.meter.advance(self.state, self._nodal(traction))
-
-
-def lumped(matrix: sp.csr_array, nodal: bool) -> sp.csr_array:
-    """Row sums over the nodes: (3 n_node, 3 n_node) -> the same shape, diagonal, or ``nodal`` 3 x 3 blocks.
-
-    Blocks keep what couples the components of one node (oblique dashpots). Rigid translations give the same forces
-    before and after; a stiffness-proportional damping gives none.
-    """
-    coo = sp.coo_array(matrix)
-    rows, columns = coo.coords
-    onto = 3 * (rows // 3) + columns % 3
-    if not nodal:
-        kept = rows == onto  # mass and stiffness of one component; consistent masses have no other
-        rows, onto, data = rows[kept], onto[kept], coo.data[kept]
-    else:
-        data = coo.data
-    summed = sp.csr_array(sp.coo_array((data, (rows, onto)), shape=matrix.shape))
-    summed.data[np.abs(summed.data) <= 1e-12 * np.abs(summed.data).max(initial=0.0)] = 0.0
-    summed.eliminate_zeros()
-    return summed

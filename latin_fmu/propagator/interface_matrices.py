@@ -19,6 +19,7 @@ import scipy.sparse as sp
 from ..compiled import COMPILES
 from ..errors import SolverError
 from .condensed import Array, Index
+from .operator_pattern import with_data
 
 _STILL = 1e-12  # admittances below this share of the largest are round-off of held directions
 
@@ -33,6 +34,41 @@ def seen_by_channels(trace: sp.csr_array, gain: float, matrix: Array) -> Array:
         return found
     product = gain * (trace @ (trace @ matrix).T)
     symmetric: Array = 0.5 * (product + product.T)
+    return symmetric
+
+
+def seen_of_diagonal(trace: sp.csr_array, gain: float, diagonal: Array) -> Array:
+    """The same for X = diag(``diagonal``); diagonal itself where every channel sees a dof of its own."""
+    weighted = gain * trace.data * diagonal[trace.indices]
+    entries = np.diff(trace.indptr)
+    if entries.max(initial=0) <= 1 and np.bincount(trace.indices).max(initial=0) <= 1:
+        seen_there = np.zeros(trace.shape[0])
+        seen_there[entries > 0] = weighted * trace.data
+        return np.diag(seen_there)
+    product = (with_data(trace, weighted) @ trace.T).toarray()
+    symmetric: Array = 0.5 * (product + product.T)
+    return symmetric
+
+
+def condensed(compliance: Array, dashpots: Array) -> Array:
+    """(1 + C d)^-1 C, symmetric, from the compliance C alone; any d >= 0 (n_channel,), N s m-1.
+
+    Raises
+    ------
+    SolverError : as ``with_dashpots``.
+    """
+    diagonal = compliance.diagonal()
+    if np.count_nonzero(compliance) == np.count_nonzero(diagonal):
+        return np.diag(diagonal / (1.0 + diagonal * dashpots))
+    root = np.sqrt(dashpots)
+    scaled = root[:, None] * compliance
+    system = scaled * root
+    system.flat[:: len(root) + 1] += 1.0
+    _, inner, failed = lapack.dposv(system, scaled, lower=1, overwrite_a=1)
+    if failed:  # the identity plus a positive semidefinite matrix: only numbers that are no numbers get here
+        raise _not_positive()
+    found = compliance - scaled.T @ inner
+    symmetric: Array = 0.5 * (found + found.T)
     return symmetric
 
 
@@ -57,9 +93,7 @@ def with_dashpots(trace: sp.csr_array, gain: float, schur: Array, dashpots: Arra
         inverse = lapack.dpotri(root, lower=1)[0]
         inverse = np.tril(inverse) + np.tril(inverse, -1).T
     if failed or not np.isfinite(np.diagonal(inverse)).all():
-        raise SolverError(
-            "condensation: the admittance of the interfaces is not positive; check the material"
-        )
+        raise _not_positive()
     return seen_by_channels(trace, gain, inverse)
 
 
@@ -78,3 +112,7 @@ def resistance(compliance: Array, rows: Index) -> float:
             return found
     block = compliance[moving[:, None], moving]
     return float(la.lstsq(block, np.ones(len(moving)))[0].sum())
+
+
+def _not_positive() -> SolverError:
+    return SolverError("condensation: the admittance of the interfaces is not positive; check the material")

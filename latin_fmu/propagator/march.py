@@ -12,12 +12,12 @@ from dataclasses import replace
 from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
-import scipy.linalg as la
 import scipy.sparse as sp
 
 from ..time_scheme import TimeScheme
 from .condensed import Index
 from .forcing import Forcing
+from .interface_matrices import condensed
 from .model import Array, Histories, SubstructureModel
 from .protocol import InterfaceOperators, MassFactor
 from .resumable import Meter, Motion, Resumable
@@ -108,6 +108,8 @@ class March(Resumable, ABC, Generic[Ops]):
 
     def _initial(self) -> Motion:
         """Initial values; accelerations come with ``start``."""
+        if not any(m.displacement.any() or m.velocity.any() for m in self.members) and not self.forcing.moves:
+            return Motion(0, *np.zeros((4, self.n_dof, len(self.members))))
         p = self.members[0].expansion
         share = sp.csr_array(p.T.multiply(1 / np.maximum(p.sum(axis=0), 1)[:, None]))
         u = share @ (np.stack([m.displacement for m in self.members], axis=1) - self.forcing.imposed_u(0))
@@ -142,13 +144,9 @@ class March(Resumable, ABC, Generic[Ops]):
 
     def bind(self, k: Array) -> None:
         """Search direction k (n_channel,), Pa s m-1: Y = (1 + C a k)^-1 C a, symmetrised through sqrt(a k)."""
-        compliance, area = self.operators.compliance, self.operators.area
-        root = np.sqrt(area * k)
-        system = np.eye(len(k)) + root[:, None] * compliance * root
-        inner = la.cho_solve(la.cho_factor(system), root[:, None] * compliance)
-        condensed = compliance - (compliance * root) @ inner
+        ops = self.operators
         self.k, self._response = k[:, None], None
-        self.condensed = 0.5 * (condensed + condensed.T)
+        self.condensed = condensed(ops.compliance, ops.area * k)
 
     @property
     def response(self) -> Array:

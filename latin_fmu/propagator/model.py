@@ -11,12 +11,15 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from .lumping import diagonal_matrix, lumped, reduced_diagonal
 from .operator_pattern import OperatorPattern
 
 # what depends neither on the way a model is factorised nor on its initial values
-_KEPT = (
-    "reduced", "reduced_stiffness", "reduced_loads", "at_interface", "spread", "operator_pattern", "massless",
+_KEPT = frozenset(
+    ("reduced", "reduced_stiffness", "reduced_loads", "reduced_trace", "reduced_spread", "at_interface", "spread",
+     "operator_pattern", "massless", "with_lumped_mass")
 )  # fmt: skip
+_OF_MASS = frozenset(("reduced", "operator_pattern", "massless", "with_lumped_mass"))
 
 Array = NDArray[np.float64]
 FactorKind = Literal["float64", "float32", "cg"]
@@ -129,10 +132,20 @@ class SubstructureModel:
         return self.mass
 
     @cached_property
+    def reduced_trace(self) -> sp.csr_array:
+        """Trace from all reduced dofs to the channels, (n_channel, n)."""
+        return sp.csr_array(self.trace @ self.expansion)
+
+    @cached_property
+    def reduced_spread(self) -> sp.csr_array:
+        """Its transpose, (n, n_channel)."""
+        return sp.csr_array(self.reduced_trace.T)
+
+    @cached_property
     def at_interface(self) -> tuple[NDArray[np.int64], sp.csr_array, Array | None]:
         """Reduced dofs that the channels see (n_gamma,), the trace from them (n_channel, n_gamma), and the elimination
         rank of the reduced dofs (n,) where the ordering is known."""
-        trace = sp.csc_array(self.trace @ self.expansion)
+        trace = sp.csc_array(self.reduced_trace)
         dofs = np.flatnonzero(np.diff(trace.indptr)).astype(np.int64)
         rank = None if self.ordering is None else reduced_rank(self.expansion, self.ordering)
         return dofs, sp.csr_array(trace[:, dofs]), rank
@@ -153,9 +166,21 @@ class SubstructureModel:
         """The same model with other initial displacements (n_full,), m; what was reduced already is kept."""
         return self._sharing(replace(self, displacement=displacement))
 
-    def _sharing(self, other: SubstructureModel) -> SubstructureModel:
-        """``other`` with the matrices reduced so far, which are its own too."""
-        for key in _KEPT:
+    def with_mass(self, mass: sp.csr_array) -> SubstructureModel:
+        """The same model with another mass (n_full, n_full), kg; what was reduced already is kept but for the mass."""
+        return self._sharing(replace(self, mass=mass), _KEPT - _OF_MASS)
+
+    @cached_property
+    def with_lumped_mass(self) -> SubstructureModel:
+        """The same model with a lumped mass, made once; it need not have its matrices reduced anew."""
+        other = self.with_mass(lumped(self.inertia, nodal=False))
+        mass = reduced_diagonal(self.expansion, other.inertia.diagonal())
+        other.__dict__["reduced"] = (diagonal_matrix(mass), *self.reduced[1:])
+        return other
+
+    def _sharing(self, other: SubstructureModel, names: frozenset[str] | None = None) -> SubstructureModel:
+        """``other`` with what was reduced so far under these names (all), which is its own too."""
+        for key in _KEPT if names is None else names:
             if key in self.__dict__:
                 other.__dict__[key] = self.__dict__[key]
         return other

@@ -61,12 +61,12 @@ class OperatorPattern:
     @cached_property
     def _found(self) -> tuple[sp.csr_array, list[Index | None]]:
         """Matrix of zeros with the common pattern; where the entries of each matrix are, None where they are all."""
-        filled = [_with_data(m, np.ones(m.nnz)) for m in self._given]
+        filled = [with_data(m, np.ones(m.nnz)) for m in self._given]
         numbers: sp.csr_array = sum(filled[1:], filled[0])
         numbers.sort_indices()
         numbers.data = np.arange(1.0, numbers.nnz + 1)
         places = [None if m.nnz == numbers.nnz else _picked(numbers, m) for m in filled]
-        return _with_data(numbers, np.zeros(numbers.nnz)), places
+        return with_data(numbers, np.zeros(numbers.nnz)), places
 
     def sum(self, factors: Sequence[float], matrices: Sequence[sp.csr_array]) -> sp.csr_array:
         """Sum of factors times matrices, which have the patterns of those given at first, in their order."""
@@ -77,7 +77,7 @@ class OperatorPattern:
                 data += factor * matrix.data
             else:
                 data[places] += factor * matrix.data
-        return _with_data(empty, data)
+        return with_data(empty, data)
 
 
 def _picked(numbers: sp.csr_array, pattern: sp.csr_array) -> Index:
@@ -86,7 +86,7 @@ def _picked(numbers: sp.csr_array, pattern: sp.csr_array) -> Index:
     return found
 
 
-def _with_data(matrix: sp.csr_array, data: Array) -> sp.csr_array:
+def with_data(matrix: sp.csr_array, data: Array) -> sp.csr_array:
     """A matrix of the same pattern, which it shares: nothing is checked or sorted again."""
     found = copy.copy(matrix)
     found.data = data

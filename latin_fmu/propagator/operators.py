@@ -23,7 +23,7 @@ class Operators:
     ----------
     mass, damping, stiffness : reduced matrices (n, n).
     factor : factor of A, interface dofs last. dofs : (n_gamma,) interface dofs.
-    trace : (n_channel, n_gamma) from interface dofs to channels. area : (n_channel,).
+    trace : (n_channel, n_gamma) from interface dofs to channels. spread : its transpose. area : (n_channel,).
     compliance : (n_channel, n_channel) velocities of the channels at the new instant per unit of nodal force
         on the channels, m s-1 N-1, symmetric: T D T^T.
     massless : dofs without mass. gain : velocities of the interface dofs per S^-1 times force, of the time scheme.
@@ -35,6 +35,7 @@ class Operators:
     factor: InterfaceFactor
     dofs: Index
     trace: sp.csr_array
+    spread: sp.csr_array
     area: Array
     compliance: Array
     massless: Index
@@ -63,6 +64,6 @@ def build_operators(model: SubstructureModel, scheme: TimeScheme, dt: float) -> 
         factor = interface_factor(matrix, dofs, rank, np.dtype(model.factor), pattern.analyses)
     gain = scheme.interface_gain(dt) * scheme.force_weight
     return Operators(
-        mass, damping, stiffness, factor, dofs, trace, model.channel_area,
+        mass, damping, stiffness, factor, dofs, trace, model.spread, model.channel_area,
         seen_by_channels(trace, gain, factor.schur_inverse), model.massless, gain,
     )  # fmt: skip

@@ -43,15 +43,16 @@ def propagator_settings(scene: Scene) -> PropagatorSettings:
 def unstable_steps(propagators: list[Propagator], scene: Scene, dt: float) -> list[Problem]:
     """The explicit march with a step that is too long."""
     explicit = [p for p in propagators if isinstance(p, ExplicitPropagator)]
-    shortest = min(explicit, key=lambda p: p.stable_step, default=None)
-    if shortest is None or dt <= shortest.stable_step:
+    if all(p.stability.allows(dt) for p in explicit):
         return []
+    shortest = min(explicit, key=lambda p: p.stability.longest)
+    longest = shortest.stability.longest
     return [
         Problem(
             "time.step" if scene.time.step is not None else "time.instants",
             f"the step is longer than the stable one of the explicit propagator (substructure {shortest.names[0]})",
-            f"a step of {dt:.6g} s", f"at most {shortest.stable_step:.6g} s",
-            f"give [time] instants = {int(np.ceil(scene.time.end / shortest.stable_step))} or more, "
+            f"a step of {dt:.6g} s", f"at most {longest:.6g} s",
+            f"give [time] instants = {int(np.ceil(scene.time.end / longest))} or more, "
             "or choose an implicit propagator",
         )
     ]  # fmt: skip

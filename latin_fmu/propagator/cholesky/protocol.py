@@ -12,18 +12,27 @@ Index = NDArray[np.int64]
 
 
 class InterfaceFactor(Protocol):
-    """Factor of a symmetric positive definite matrix, interface dofs last.
+    """Factor of a symmetric positive definite matrix, interface dofs last."""
 
-    Attributes
-    ----------
-    interior, last : dofs of the inside in elimination order, and of the interface. schur : (n_last, n_last) matrix S
-        left on the interface when the inside is eliminated. schur_inverse : its inverse.
-    """
+    @property
+    def interior(self) -> Index:
+        """Dofs of the inside in elimination order."""
+        ...
 
-    interior: Index
-    last: Index
-    schur: Array
-    schur_inverse: Array
+    @property
+    def last(self) -> Index:
+        """Dofs of the interface."""
+        ...
+
+    @property
+    def schur(self) -> Array:
+        """(n_last, n_last) matrix S left on the interface when the inside is eliminated."""
+        ...
+
+    @property
+    def schur_inverse(self) -> Array:
+        """Its inverse."""
+        ...
 
     def forward(self, b: Array) -> tuple[Array, Array]:
         """(y, c) for b (n, m): S x_last = c is what the interface sees; y is for ``backward`` only."""
