@@ -268,3 +268,48 @@ def changed() -> Callable[..., Driven]:
         return Driven(replace(driven.model, **(model or {})), replace(driven.histories, **(histories or {})))
 
     return change
+
+
+@pytest.fixture
+def admittance_columns() -> Callable[..., dict[int, Array]]:
+    """Change of the channel velocities of one instant for a traction 1 on some channels, by channel."""
+
+    def columns(propagator: Any) -> dict[int, Array]:
+        n = propagator.n_channel
+        found = {}
+        for j in (-1, 0, 4, n - 1):  # -1: none
+            traction = np.zeros((n, 1))
+            if j >= 0:
+                traction[j] = 1.0
+            snapshot = propagator.snapshot()
+            propagator.predict()
+            propagator.commit(traction)
+            found[j] = propagator.channel_velocity()[:, 0]
+            propagator.restore(snapshot)
+        free = found.pop(-1)
+        return {j: column - free for j, column in found.items()}
+
+    return columns
+
+
+@pytest.fixture
+def unbalanced() -> Callable[..., float]:
+    """Largest error of the energy balance over a march with given tractions, relative to the largest term."""
+
+    def march(propagator: Any, tractions: Array) -> float:
+        start, worst = dict(propagator.meter.totals), 0.0
+        for traction in tractions:
+            propagator.predict()
+            propagator.commit(traction)
+            now = propagator.meter.totals
+            change = {t: now[t] - start[t] for t in now}
+            balance = (
+                change["kinetic"] + change["elastic"] + change["damping_dissipation"] + change["scheme_dissipation"]
+                - change["work_of_loads"] - change["interface_work"]
+            )  # fmt: skip
+            worst = max(
+                worst, float((np.abs(balance) / np.max([np.abs(v) for v in now.values()], axis=0)).max())
+            )
+        return worst
+
+    return march

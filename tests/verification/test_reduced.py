@@ -7,9 +7,8 @@ import pytest
 
 import latin_fmu
 from latin_fmu.errors import SceneError
-from latin_fmu.scene.segments import SegmentedRun
 
-from .blocks import solve, stack
+from .blocks import segments_and_snapshots, solve, stack
 from .test_explicit import closes
 
 
@@ -78,17 +77,7 @@ def test_stress_and_sensors_come_from_the_whole_mesh():
 
 def test_segments_and_snapshots_are_exact():
     scene = latin_fmu.scene_from_dict(stack(2, "contact", 0.3, propagator={"type": "reduced", "modes": 30}))
-    whole = latin_fmu.solve(scene)
-    run = SegmentedRun(scene)
-    run.advance(scene.time.end / 3, 20)
-    kept = run.snapshot()
-    parts = [run.advance(scene.time.end * 2 / 3, 20), run.advance(scene.time.end, 20)]
-    traction = whole.interfaces["i1"].traction
-    assert np.abs(parts[1].interfaces["i1"].traction - traction[40:]).max() <= 1e-7 * np.abs(traction).max()
-    other = SegmentedRun(scene)
-    other.restore(kept)
-    again = other.advance(scene.time.end * 2 / 3, 20)
-    np.testing.assert_array_equal(again.interfaces["i1"].traction, parts[0].interfaces["i1"].traction)
+    segments_and_snapshots(scene, 1e-7)
 
 
 def test_rigid_bodies_stay_as_they_are():
