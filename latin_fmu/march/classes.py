@@ -49,7 +49,7 @@ CLASS = record(
         "tallest", "grouped", "driven", "routines", "first", "row_start", "rows", "panel_start", "panels", "n_rows",
         "n_panels", "order", "schur_inverse", "dofs", "area", "live", "measured", "massless", "k", "response",
         "compliance", "channels", "below", "rest", "constant", "probed", "plain_inverse", "plain_response",
-        "dense_trace", "trace_table", "spread_table",
+        "dense_trace", "trace_table", "normal_table", "spread_table",
         *_STATE, *_SCRATCH, "vectors", "answers", "tile",
         *(f"{m}_{part}" for m in _MATRICES for part in ("n", "diagonal", "starts", "columns", "values")),
         *(f"{t}_{part}" for t in _TERMS for part in ("n", "starts", "rows", "values", "amplitudes")),
@@ -61,7 +61,7 @@ per dof are (n, m). Matrices are compressed rows (``starts``, ``columns``, ``val
 tangential ones, both in the order of ``measured``), terms likewise (see ``Terms``). ``rest`` is 1
 while the class has not moved, and 1 where it is passed over at this instant, ``driven`` 1 where more than loads that
 come and go drives it. ``plain_inverse``, ``plain_response``: the Schur inverse, Y and C by their diagonals;
-``dense_trace``: trace and transpose dense."""
+``dense_trace``: trace, its rows for normal channels, and transpose dense."""
 
 
 class ClassTable:
@@ -232,6 +232,7 @@ class ClassTable:
         if isinstance(ops.trace, np.ndarray):
             found["dense_trace"] = 1
             self._point(found, "trace_table", np.ascontiguousarray(ops.trace))
+            self._point(found, "normal_table", ops.trace[blocks[0]])
             self._point(found, "spread_table", np.ascontiguousarray(ops.trace.T))
         else:
             self._matrix(found, "trace", ops.trace)

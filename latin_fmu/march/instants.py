@@ -77,10 +77,10 @@ def commit_some(classes: Any, scheme: Any, instant: int, work: Any, which: Any) 
     for c in which:
         marched += commit(classes[c], scheme, instant, work.f_hat)
         probe(classes[c], instant)
-        read_displacement(classes[c], instant, scheme.gap_lead, 0.0, work.displacement)
+        read_displacement(classes[c], instant, scheme.gap_lead, 0.0, True, work.displacement)
         if len(work.layer) > 0:
             read_displacement(
-                classes[c], instant, scheme.gap_lead + scheme.layer_v, scheme.layer_a, work.layer
+                classes[c], instant, scheme.gap_lead + scheme.layer_v, scheme.layer_a, False, work.layer
             )
     return marched
 

@@ -153,16 +153,21 @@ def product(n: int, matrix_at: int, plain: int, m: int, x: Array, out: Array, sc
 
 
 @kernel
-def add_trace(row: Any, x: Array, out: Array) -> None:
-    """out (n_channel m,) += T x for x (n_inner m,)."""
+def add_trace(row: Any, x: Array, out: Array, normal: bool) -> None:
+    """out (n_channel m,) += T x for x (n_inner m,); ``normal``: a dense T is taken at its normal channels alone."""
     if row.dense_trace == 0:
         add_matrix(row.n_channel, row.trace_starts, row.trace_columns, row.trace_values, row.m, x, out)
         return
-    m, table = row.m, table_of_floats(row.trace_table, row.n_channel, row.n_inner)
-    if m == 1:
-        out += np.dot(table, x)
-    else:
-        out += np.dot(table, x.reshape(row.n_inner, m)).reshape(-1)
+    n, m = (row.n_normal if normal else row.n_channel), row.m
+    table = table_of_floats(row.normal_table if normal else row.trace_table, n, row.n_inner)
+    found = np.dot(table, x) if m == 1 else np.dot(table, x.reshape(row.n_inner, m)).reshape(-1)
+    if not normal:
+        out += found
+        return
+    at = integers(row.measured, n)
+    for i in range(n):
+        for j in range(m):
+            out[at[i] * m + j] += found[i * m + j]
 
 
 @kernel

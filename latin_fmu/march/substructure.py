@@ -106,7 +106,7 @@ def predict(row: Any, scheme: Any, instant: int) -> None:
                 + scheme.interface_gain * free_a[i * m + j]
             )  # fmt: skip
     w_free[:] = 0.0
-    add_trace(row, reached, w_free)
+    add_trace(row, reached, w_free, False)
     add_terms(
         row.velocity_n, row.velocity_starts, row.velocity_rows, row.velocity_values, row.velocity_amplitudes,
         instant, 1.0, w_free,
@@ -229,8 +229,9 @@ def commit(row: Any, scheme: Any, instant: int, traction: Array) -> int:
 
 
 @kernel
-def read_displacement(row: Any, instant: int, of_v: float, of_a: float, out: Array) -> None:
-    """u + of_v v + of_a a of the channels (of_v, of_a in s, s2) into ``out`` (n_flat,)."""
+def read_displacement(row: Any, instant: int, of_v: float, of_a: float, gaps: bool, out: Array) -> None:
+    """u + of_v v + of_a a of the channels (of_v, of_a in s, s2) into ``out`` (n_flat,); ``gaps``: only the normal
+    channels need to be right."""
     m, n_channel, n_inner = row.m, row.n_channel, row.n_inner
     channels, dofs = integers(row.channels, n_channel * m), integers(row.dofs, n_inner)
     u, inner, answer = (
@@ -255,7 +256,7 @@ def read_displacement(row: Any, instant: int, of_v: float, of_a: float, out: Arr
             row.acceleration_n, row.acceleration_starts, row.acceleration_rows, row.acceleration_values,
             row.acceleration_amplitudes, instant, of_a, answer,
         )  # fmt: skip
-    add_trace(row, inner, answer)
+    add_trace(row, inner, answer, gaps)
     add_terms(
         row.displacement_n, row.displacement_starts, row.displacement_rows, row.displacement_values,
         row.displacement_amplitudes, instant, 1.0, answer,

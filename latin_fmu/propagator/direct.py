@@ -172,6 +172,8 @@ class DirectPropagator(Resumable):
     # -- search direction -------------------------------------------------------------------------------------
     def bind(self, k: Array) -> None:
         """Search direction k (n_channel,), Pa s m-1: builds Y once."""
+        if np.array_equal(k, self.k[:, 0]):
+            return
         self.k, self._response = k[:, None], None
         ops = self.operators
         self.condensed = with_dashpots(ops.trace, ops.gain, ops.factor.schur, ops.area * k)

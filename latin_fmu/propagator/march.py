@@ -144,6 +144,8 @@ class March(Resumable, ABC, Generic[Ops]):
 
     def bind(self, k: Array) -> None:
         """Search direction k (n_channel,), Pa s m-1: Y = (1 + C a k)^-1 C a, symmetrised through sqrt(a k)."""
+        if np.array_equal(k, self.k[:, 0]):
+            return
         ops = self.operators
         self.k, self._response = k[:, None], None
         self.condensed = condensed(ops.compliance, ops.area * k)

@@ -24,6 +24,7 @@ import scipy.sparse as sp
 from ..time_scheme import TimeScheme
 from .cholesky import InterfaceFactor, interface_factor
 from .condensed import Index
+from .diagonal import DiagonalFactor
 from .energy import EnergyMeter
 from .march import March
 from .model import Array, LoadTerm, SubstructureModel
@@ -109,10 +110,12 @@ class ReducedPropagator(March[ReducedOperators]):
         compliance = scheme.interface_gain(dt) * scheme.force_weight * (trace @ scaled)
         dofs = np.arange(len(diagonal))
         symmetric = 0.5 * (compliance + compliance.T)
-        operator = sp.csr_array(np.diag(a) if damp is None else np.diag(a) + c_damping * damp)
+        factor: InterfaceFactor = DiagonalFactor(a)
+        if damp is not None:
+            factor = interface_factor(sp.csr_array(np.diag(a) + c_damping * damp), dofs)
         return ReducedOperators(
-            diagonal, damp, inverse, mass, damping, stiffness, interface_factor(operator, dofs), dofs, trace,
-            model.channel_area, symmetric, np.zeros(0, dtype=np.int64),
+            diagonal, damp, inverse, mass, damping, stiffness, factor, dofs, trace, model.channel_area, symmetric,
+            np.zeros(0, dtype=np.int64),
         )  # fmt: skip
 
     @property
@@ -124,7 +127,9 @@ class ReducedPropagator(March[ReducedOperators]):
     def initial_unbalance(self, traction: Array) -> Array:
         """M a at t = 0."""
         ops, state = self.operators, self.state
-        unbalance: Array = self.forcing.at(0) - ops.diagonal[:, None] * state.u + self._nodal(traction)
+        unbalance: Array = self.forcing.at(0) - ops.diagonal[:, None] * state.u
+        if traction.any():
+            unbalance += self._nodal(traction)
         if ops.damp is not None:
             unbalance -= ops.damp @ state.v
         inertia = self.forcing.inertia(0)

@@ -93,6 +93,7 @@ def test_respond_is_a_march_with_dashpots(kind: str, model: Make, tractions: Mak
     m = model(kind)
     propagator = started([m])
     k = np.random.default_rng(3).uniform(0.0, 4.0, propagator.n_channel)
+    propagator.bind(0.5 * k)  # one direction after another
     propagator.bind(k)
     d = propagator.operators.admittance
     np.testing.assert_allclose(
