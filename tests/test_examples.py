@@ -38,6 +38,7 @@ def test_every_example_is_tested_here() -> None:
         "crushing_reference",
         "convergence_friction",
         "price_of_friction",
+        "price_of_accuracy",
         "price_of_effects",
         "against_calculix",
         "against_siconos",
@@ -129,6 +130,16 @@ def test_static_friction(example: ModuleType, tmp_path: Path) -> None:
     assert numbers["loss_error"] < 3e-3
     assert numbers["iterations_8"] < 1.3 * numbers["iterations_2"]
     assert numbers["iterations_8_without_coarse"] > 1.5 * numbers["iterations_8"]
+
+
+@pytest.mark.parametrize("example", ["price_of_accuracy"], indirect=True)
+def test_price_of_accuracy(example: ModuleType, tmp_path: Path) -> None:
+    """Times are told, not asserted; what is reached is true."""
+    numbers = example.main(["--quick", "-o", str(tmp_path)])
+    assert _figures(tmp_path) == {"price_of_accuracy.png"}
+    assert numbers["cases"] == numbers["reached"] == numbers["true_error_below_target"] == 2
+    assert numbers["not_reached_by_the_study"] == 0
+    assert 0.0 < numbers["median_ratio_own_scheme"] < 20.0
 
 
 @pytest.mark.parametrize("example", ["price_of_effects"], indirect=True)

@@ -110,16 +110,17 @@ class Price:
     error: float
 
 
-def price(study: Study, quantity: str, target: float) -> Price:
-    """What a target costs, over all variants refined in mesh and step together.
+def price(study: Study, quantity: str, target: float, variant: str | None = None) -> Price:
+    """What a target costs, over all variants refined in mesh and step together (or one of them).
 
-    Against a run as reference its own estimated error is added: what it cannot tell is not claimed.
+    Against a reference that is not exact its own error is added: what it cannot tell is not claimed.
     """
     best: Row | None = None
     own = study.reference.own_error
     doubt = 0.0 if own is None else own[quantity].error
-    for variant in dict.fromkeys(r.variant for r in study.rows if r.series == TOGETHER):
-        for row in reversed(study.of(TOGETHER, variant)):
+    tried = dict.fromkeys(r.variant for r in study.rows if r.series == TOGETHER)
+    for name in tried if variant is None else (variant,):
+        for row in reversed(study.of(TOGETHER, name)):
             error = study.error(row, quantity)
             if row.run is None or math.isnan(error):
                 continue

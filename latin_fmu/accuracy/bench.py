@@ -116,19 +116,18 @@ class CostModel:
 
     @classmethod
     def fitted(cls, scene: Scene, runs: list[Run]) -> CostModel:
-        """From runs at different resolutions (at least one)."""
+        """From runs at different resolutions (at least one): the largest and the cheapest.
+
+        The first run of a process also pays for loading kernels: it may be neither the smallest nor cheap.
+        """
         exponent = exponent_of(scene)
         work = [r.resolution.mesh**exponent * r.resolution.time for r in runs]
-        if len(runs) == 1:
-            return cls(0.0, runs[0].cpu / work[0], exponent)
-        small, large = (
-            min(range(len(runs)), key=work.__getitem__),
-            max(range(len(runs)), key=work.__getitem__),
-        )
-        if not runs[large].cpu > runs[small].cpu:  # the first run of a process also pays for loading kernels
+        large = max(range(len(runs)), key=work.__getitem__)
+        cheap = min(range(len(runs)), key=lambda i: runs[i].cpu)
+        if work[cheap] == work[large]:
             return cls(0.0, runs[large].cpu / work[large], exponent)
-        rate = (runs[large].cpu - runs[small].cpu) / (work[large] - work[small])
-        return cls(max(runs[small].cpu - rate * work[small], 0.0), rate, exponent)
+        rate = (runs[large].cpu - runs[cheap].cpu) / (work[large] - work[cheap])
+        return cls(max(runs[cheap].cpu - rate * work[cheap], 0.0), rate, exponent)
 
     def seconds(self, mesh: float, time: float) -> float:
         """Foreseen CPU seconds at a resolution."""

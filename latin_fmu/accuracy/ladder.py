@@ -38,7 +38,7 @@ class Ladder:
     solution: Solution | None = None
     _runs: dict[Resolution, Run] = field(default_factory=dict)
     _dearer: set[Resolution] = field(default_factory=set)
-    _last: tuple[Resolution, Output, Solution] | None = None
+    _finest: tuple[Resolution, Output, Solution] | None = None
 
     @property
     def refines_mesh(self) -> bool:
@@ -82,11 +82,15 @@ class Ladder:
         LatinError : the scene cannot be built or solved there.
         """
         if resolution not in self._runs:
-            self._runs[resolution] = self._solved(at_resolution(self.scene, resolution), resolution)
+            scene = at_resolution(self.scene, resolution)
+            run, solution = self._solved(scene, resolution)
+            self._runs[resolution] = run
+            if self._finest is None or resolution.time >= self._finest[0].time:
+                self._finest = resolution, scene.output, solution
         return self._runs[resolution]
 
     def whole(self, resolution: Resolution, output: Output) -> Run:
-        """The run with the output asked for, kept as ``solution``: the one made last where it holds all of it.
+        """The run with the output asked for, kept as ``solution``: the finest made where it holds all of it.
 
         Raises
         ------
@@ -97,24 +101,23 @@ class Ladder:
         kept = output.fields and (output.every > 1 or not scene.output.fields)
         if output.stress or output.energy or kept:
             scene = scene.model_copy(update={"output": output})
-        if self._last is None or self._last[:2] != (resolution, scene.output):
-            run = self._solved(scene, resolution, ", with its output")
+        if self._finest is None or self._finest[:2] != (resolution, scene.output):
+            run, solution = self._solved(scene, resolution, ", with its output")
+            self._finest = resolution, scene.output, solution
             if resolution not in self._runs:
                 self._runs[resolution] = run
                 self._dearer.add(resolution)
-        assert self._last is not None
-        self.solution = self._last[2]
+        self.solution = self._finest[2]
         return self._runs[resolution]
 
-    def _solved(self, scene: Scene, resolution: Resolution, note: str = "") -> Run:
+    def _solved(self, scene: Scene, resolution: Resolution, note: str = "") -> tuple[Run, Solution]:
         start = clock.process_time()
         solution = api.solve(scene)
         run = as_run(self.scene, solution, resolution, clock.process_time() - start)
         self.seconds += run.cpu
-        self._last = resolution, scene.output, solution
         label = f"{run.cpu:7.2f} s  mesh x {resolution.mesh:.3g}, steps x {resolution.time:.3g}{note}"
         self.tell(label if run.converged else f"{label}: {run.status}")
-        return run
+        return run, solution
 
     @property
     def runs(self) -> list[Run]:

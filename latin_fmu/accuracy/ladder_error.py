@@ -16,19 +16,23 @@ from .sampling import sampling_error
 
 _SAFETY = 1.15
 _STEADY, _LEAST_ORDER, _LARGEST_ORDER = 0.35, 0.3, 2.0
-_BEFORE, _RINGING = 0.5, 2.0  # weights of the last change but one, and of the ringing of a peak
+_RINGING = 2.0  # weight of the ringing of a peak
 
 
-def ladder_error(ladder: Ladder, factor: float, quantity: str) -> Judged:
+def ladder_error(ladder: Ladder, factor: float, quantity: str, needed: int = 2) -> Judged:
     """Estimated relative error of a quantity at a factor.
 
-    The run with half the resolution is made where there is none yet; those with a quarter and an eighth count where
-    they have been made. The error is ``Kind.change`` x the change by the last refinement, and half the change before
-    at least; where four runs go one way and agree on the order p, 1.15 x change / (r^p - 1), p the smaller order.
-    It is an estimate where the order observed is the expected one or steady, else a bound. Infinite where there is
-    no coarser run.
+    Two runs: ``Kind.change`` x what the last refinement changed. Three: the larger of ``Kind.changes`` x the last two
+    changes. Four that go one way and agree on the order p: 1.15 x change / (r^p - 1), p the smaller order. It is an
+    estimate where the order observed is the expected one or steady, else a bound. Infinite where there is no coarser
+    run.
+
+    Parameters
+    ----------
+    needed : runs made where there are none yet, the one at ``factor`` and those with a half and a quarter of its
+        resolution; coarser ones count where they have been made.
     """
-    chain = _chain(ladder, factor)
+    chain = _chain(ladder, factor, needed)
     if len(chain) < 2:
         return Judged(math.inf, math.nan, bound_only=True)
     kind = kind_of(quantity)
@@ -41,12 +45,12 @@ def ladder_error(ladder: Ladder, factor: float, quantity: str) -> Judged:
     return Judged(max(found.error, sampling) + iteration, found.order, found.bound_only)
 
 
-def _chain(ladder: Ladder, factor: float) -> list[Run]:
-    """The run at a factor, that at its half, and the coarser ones already made; up to the first without an answer."""
+def _chain(ladder: Ladder, factor: float, needed: int) -> list[Run]:
+    """The run at a factor and the coarser ones, those needed and those already made, up to the first without answer."""
     found: list[Run] = []
     for f in ladder.chain(factor):
         at = ladder.at(f)
-        if len(found) >= 2 and not ladder.made(at):
+        if len(found) >= needed and not ladder.made(at):
             break
         try:
             run = ladder.run(at)
@@ -60,19 +64,25 @@ def _chain(ladder: Ladder, factor: float) -> list[Run]:
 
 
 def _by_change(chain: list[Run], quantity: str, kind: Kind) -> Judged:
-    """The error from the change by the last refinement, brought to a refinement by two at the expected order."""
-    fine = chain[0].measured
-    change = relative(quantity, fine, fine, chain[1].measured)
-    ratio = chain[0].resolution.time / chain[1].resolution.time
-    error = kind.change * change * (2.0**kind.order - 1.0) / (ratio**kind.order - 1.0)
-    order = math.nan
+    """The error from what the last refinement changed, and the one before where it is known."""
+    fine, last, order = chain[0].measured, _change(chain[0], chain[:2], quantity, kind), math.nan
+    error = kind.change * last
     if len(chain) > 2:
-        error = max(error, _BEFORE * relative(quantity, fine, chain[1].measured, chain[2].measured))
+        before = _change(chain[0], chain[1:3], quantity, kind)
+        error = max(kind.changes[0] * last, kind.changes[1] * before)
         if same_way(quantity, *(run.measured for run in chain[:3])):
             order = _order(chain[:3], chain, quantity)[0]
     if kind is PEAK_FORCE:
         error = max(error, _RINGING * fine.ringing[quantity.rpartition(".")[0]])
     return Judged(error, order, not abs(order - kind.order) <= ORDER_BAND)
+
+
+def _change(scale: Run, pair: list[Run], quantity: str, kind: Kind) -> float:
+    """Relative change between two runs, brought to a refinement by two at the expected order."""
+    fine, coarse = pair
+    ratio = fine.resolution.time / coarse.resolution.time
+    change = relative(quantity, scale.measured, fine.measured, coarse.measured)
+    return float(change * (2.0**kind.order - 1.0) / (ratio**kind.order - 1.0))
 
 
 def _steady(chain: list[Run], quantity: str) -> Judged | None:

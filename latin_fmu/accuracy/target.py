@@ -12,7 +12,7 @@ from ..latin.wanted_accuracy import tolerance_for
 from ..results.estimates import ErrorEstimate, QuantityEstimate
 from ..results.solution import Solution
 from ..scene.schema import Scene
-from .bench import CostModel, told
+from .bench import CostModel, exponent_of, told
 from .extrapolation import Judged
 from .kinds import FLOOR, kind_of
 from .ladder import Ladder
@@ -28,8 +28,11 @@ _LOOSEST, _TIGHTEST = 1e-2, 1e-9
 _STARTS = (0.35, 0.5, 0.71, 1.0, 1.41, 2.0, 2.83, 4.0)
 """Resolutions to start from: the first that has a coarser run; errors of still coarser ones tell nothing."""
 _MARGIN = 0.95  # of the target, aimed at
-_LEAP, _GROWTH = 3.0, 4.0  # the next run at most this much finer, and this many times dearer than all before:
-# more is not trusted to an extrapolation
+_LEAP, _GROWTH = (
+    3.0,
+    25.0,
+)  # the next run at most this much finer, and this many times dearer: more is not trusted
+_NEARLY_TWICE = 1.7
 _LEAST = 1.2  # least refinement
 _ROUNDS = 16
 _STUCK = 1.15  # a refinement by 2 that gains less than this is no convergence
@@ -136,27 +139,16 @@ class _Search:
     def _next(self, factor: float, wanted: float) -> tuple[float, bool]:
         """The next factor, and whether it is trusted to reach the target.
 
-        The wanted one, as far as ``_LEAP`` and ``_GROWTH`` allow; twice the factor where that is cheaper than the
-        wanted one with a new coarser run to judge it by.
+        The wanted one, as far as an extrapolation is trusted; twice the factor where that is little more, because the
+        runs made so far are then those it is judged by. Measured times play no part: a search gives one answer.
         """
-        model, double = self._model(), self.ladder.factor(2.0 * factor)
-
-        def cost(f: float) -> float:
-            at = self.ladder.at(f)
-            return model.seconds(at.mesh, at.time)
-
-        new, trusted = min(wanted, _LEAP * factor), wanted <= _LEAP * factor
-        while new > _LEAST * factor and cost(new) > _GROWTH * self.ladder.seconds:
-            new, trusted = max(0.93 * new, _LEAST * factor), False
+        longest = min(_LEAP, _GROWTH ** (1.0 / (1.0 + exponent_of(self.scene))))
+        new = factor * min(wanted / factor, longest)
+        if _NEARLY_TWICE * factor < new < 2.0 * factor:
+            new = 2.0 * factor
         while (found := self.ladder.factor(new)) <= factor:
             new *= 1.1
-        half = self.ladder.factor(0.5 * found)
-        if found <= double and cost(double) <= cost(found) + (0.0 if self._made(half) else cost(half)):
-            return double, trusted or double >= wanted
-        return found, trusted
-
-    def _made(self, factor: float) -> bool:
-        return self.ladder.made(self.ladder.at(factor))
+        return found, wanted <= found
 
     def _model(self) -> CostModel:
         return CostModel.fitted(self.scene, self.ladder.runs)
@@ -184,10 +176,13 @@ class _Search:
             names = [q for q in run.measured.values if wanted_by(self.scene, q)]
             if not names:
                 return f"no quantity {self.scene.accuracy.quantity} in this scene"
-            found = [(q, ladder_error(self.ladder, factor, q)) for q in names]
+            for needed in (2, 3):  # the third is cheap, and not wanted where two are enough
+                found = [(q, ladder_error(self.ladder, factor, q, needed)) for q in names]
+                self.tried[factor] = max(found, key=lambda pair: pair[1].error)
+                if self.tried[factor][1].error <= self.target:
+                    break
         except LatinError as error:
             return told(error)
-        self.tried[factor] = max(found, key=lambda pair: pair[1].error)
         quantity, judged = self.tried[factor]
         order = "" if math.isnan(judged.order) else f", observed order {judged.order:.1f}"
         self.tell(

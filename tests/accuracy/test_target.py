@@ -89,6 +89,19 @@ def test_two_runs_make_a_bound() -> None:
     assert true <= judged.error
 
 
+def test_three_runs_hold_the_last_change_against_the_one_before() -> None:
+    """Separation of the impact bar: 1.4 times the last change or 1.2 times the one before (35, 18, 9 elements)."""
+    known = impact_bar()
+    ladder = Ladder(known.scene, lambda _: None)
+    judged = ladder_error(ladder, 0.35, "wall.separation", needed=3)
+    assert len(ladder.runs) == 3
+    coarse, half, fine = (run.measured.values["wall.separation"] for run in ladder.runs)
+    last, before = abs(fine - half) / (35 / 18 - 1.0), abs(half - coarse) / (18 / 9 - 1.0)
+    assert 1.2 * before > 1.4 * last  # here the last one is the smaller by chance
+    assert judged.error == pytest.approx(1.2 * before / fine + 0.3 * known.scene.solver.tolerance, rel=1e-6)
+    assert abs(fine * 6 / 7 - 1.0) <= judged.error  # it leaves at 7/6
+
+
 def searched(settings: list[str]) -> tuple[Choice, list[str]]:
     """What is chosen for 5 % on the impulse of the impact bar, and the runs told."""
     told: list[str] = []
