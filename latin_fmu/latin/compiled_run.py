@@ -19,7 +19,6 @@ from .assembly import Assembly
 from .error_indicator import Scales
 from .layout import Array
 from .local_stage import left
-from .record import WindowRecord
 from .recorder import Recorder
 from .settings import Settings
 from .slide_probes import SlideProbes
@@ -209,14 +208,7 @@ class CompiledRun:
                 reach[:] = jumps * self._scheme.layer_rate
 
     def _tell(self, first: int, done: int) -> None:
-        counts = self._counts[:done]
-        most = int(counts.max(initial=0))
-        errors, mismatches = self._errors[:done, :most].tolist(), self._mismatches[:done, :most].tolist()
-        told = zip(range(first, first + done), counts.tolist(), errors, mismatches, strict=True)
-        self._run.state.windows += [
-            WindowRecord(i, i, error[:used], mismatch[:used], [], True, used - 1)
-            for i, used, error, mismatch in told
-        ]
+        self._run.state.windows.told(first, self._counts[:done], self._errors[:done], self._mismatches[:done])
 
 
 def _limits(settings: Settings, tangential: bool, rest_traction: float) -> Limits:

@@ -6,6 +6,7 @@ fields those of the linear stage (they satisfy equilibrium exactly); their dista
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -175,7 +176,7 @@ class Outcome:
     time: Array
     interfaces: dict[str, InterfaceHistory]
     substructures: dict[str, SubstructureHistory]
-    windows: list[WindowRecord]
+    windows: Sequence[WindowRecord]
     interface_indicator: dict[str, float]
     converged: bool
     status: str

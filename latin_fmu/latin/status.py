@@ -8,13 +8,14 @@ from .assembly import Assembly
 from .layout import Array
 from .record import WindowRecord
 from .settings import Settings
+from .window_list import WindowList
 
 
 def status(
-    assembly: Assembly, settings: Settings, windows: list[WindowRecord], interface_indicator: Array | None
+    assembly: Assembly, settings: Settings, windows: WindowList, interface_indicator: Array | None
 ) -> tuple[bool, str]:
     """Whether every window converged, and a sentence that says so or names the worst place."""
-    failed = [w for w in windows if not w.converged]
+    failed = windows.failed()
     if not failed:
         return True, _converged(settings, windows)
     first, worst = failed[0], max(failed, key=lambda w: w.final_error)
@@ -47,11 +48,10 @@ def _where(assembly: Assembly, interface_indicator: Array | None) -> str:
     return f"; worst interface {unit.name}" + (f" (friction coefficient {friction:g})" if friction else "")
 
 
-def _converged(settings: Settings, windows: list[WindowRecord]) -> str:
-    most = max((w.iterations for w in windows), default=0)
-    helped = sum(1 for w in windows if w.fallbacks)
+def _converged(settings: Settings, windows: WindowList) -> str:
+    helped = windows.fallen()
     sentence = (
-        f"converged: {len(windows)} window(s), at most {most} iteration(s) "
+        f"converged: {len(windows)} window(s), at most {windows.most_iterations()} iteration(s) "
         f"to sqrt(eta) <= {settings.tolerance:g}"
     )
     return sentence + (f", fall-backs used in {helped}" if helped else "")

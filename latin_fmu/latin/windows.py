@@ -28,6 +28,7 @@ from .settings import Settings
 from .solver import Direction, Iterate, Observer, WindowSolver
 from .start import start
 from .unchanged import Answers, negligible
+from .window_list import WindowList
 
 # A window that fails with an indicator above this holds no answer worth going on from.
 HOPELESS = 0.3
@@ -42,7 +43,7 @@ class RunState:
     f_hat: Array
     w_hat: Array
     scales: Scales
-    windows: list[WindowRecord] = field(default_factory=list)
+    windows: WindowList = field(default_factory=WindowList)
     marched: int = 0  # substructure-instants
     condensed: int = 0
     interface_indicator: Array | None = None
@@ -95,7 +96,7 @@ class Run:
         if any(a is not b for a, b in zip(operators, self._operators, strict=True)):
             self._directions.clear()
             self._bound, self._bonds, self._compiled, self._operators = None, None, None, operators
-        self.state.windows, self.state.interface_indicator, self.stopped = [], None, False
+        self.state.windows, self.state.interface_indicator, self.stopped = WindowList(), None, False
         self.recorder = recorder
         self._gaps = recorder.start(self.assembly, self.state.f_hat, self.state.w_hat)
         if self._compiled is not None:
@@ -266,8 +267,7 @@ class Run:
             self.advance(1, number, count)
             if self.stopped:
                 break
-        parts = self.state.windows[done:]
-        del self.state.windows[done:]
+        parts = self.state.windows.cut(done)
         record.converged = all(p.converged for p in parts)
         worst = max(parts, key=lambda p: (not p.converged, p.final_error))
         record.error_indicator.append(worst.final_error)
@@ -283,7 +283,7 @@ class Run:
         observer, progress = self._observer, self._progress
         self._observer = self._progress = None
         tape = _Tape()
-        self.recorder, self.state = tape, replace(state, windows=[])  # type: ignore[assignment]
+        self.recorder, self.state = tape, replace(state, windows=WindowList())  # type: ignore[assignment]
         gaps = self._gaps
         try:
             for _ in range(n):

@@ -90,7 +90,6 @@ class ClassTable:
         self._state: list[Array] = []  # (4, n, m): see _STATE
         self._rest = np.zeros((len(propagators), 2), dtype=np.int64)
         self.probed: list[Array] = []
-        self._patterns: dict[int, Any] = {}  # index arrays that substructures share are converted once
         for c, (propagator, flat, probe) in enumerate(zip(propagators, channels, probes, strict=True)):
             found = dict.fromkeys(CLASS.names, 0)  # type: ignore[arg-type]
             self._fixed(found, propagator, flat, probe)
@@ -106,25 +105,24 @@ class ClassTable:
     def _matrix(self, found: Row, name: str, matrix: sp.csr_array | None) -> None:
         if matrix is None:
             return
-        pattern = self._patterns.get(id(matrix))
-        if pattern is None:
-            pattern = matrix.indptr.astype(np.int64), matrix.indices.astype(np.uint32), matrix
-            self._patterns[id(matrix)] = pattern
         found[f"{name}_n"] = matrix.shape[0]
-        self._point(found, f"{name}_starts", pattern[0])
-        self._point(found, f"{name}_columns", pattern[1])
+        self._point(found, f"{name}_starts", matrix.indptr.astype(np.int64))
+        self._point(found, f"{name}_columns", matrix.indices.astype(np.uint32))
         self._point(found, f"{name}_values", np.ascontiguousarray(matrix.data, dtype=float))
 
-    def _symmetric(self, found: Row, name: str, matrix: sp.csr_array | None) -> None:
-        """Half of a symmetric matrix, all of it for several members (see ``products.add_symmetric``)."""
+    def _symmetric(
+        self, found: Row, name: str, matrix: sp.csr_array | None, known: dict[int, tuple[Any, Any]]
+    ) -> None:
+        """Half of a symmetric matrix, all of it for several members (see ``products.add_symmetric``); ``known`` keeps
+        the halves of patterns."""
         if matrix is None:
             return
         if found["m"] >= TILED:
             self._matrix(found, name, matrix)
             return
-        held = self._patterns.get(id(matrix.indices))
+        held = known.get(id(matrix.indices))
         if held is None:
-            held = self._patterns[id(matrix.indices)] = lower_pattern(matrix), matrix.indices
+            held = known[id(matrix.indices)] = lower_pattern(matrix), matrix.indices
         lower, n = held[0], matrix.shape[0]
         values = np.empty(n + len(lower.places))
         lower_values(lower.places, lower.on_diagonal, matrix.data, values[:n], values[n:])
@@ -158,7 +156,7 @@ class ClassTable:
         ):  # fmt: skip
             self._point(found, name, array)
         for name, matrix in (("mass", ops.mass), ("stiffness", ops.stiffness), ("damping", ops.damping)):
-            self._symmetric(found, name, matrix)
+            self._symmetric(found, name, matrix, propagator.members[0].operator_pattern.forms)
         self._products(found, propagator, live, flat)
         self._matrix(found, "probe", probe)
         self._scratch(found)

@@ -38,18 +38,21 @@ class Coefficients(NamedTuple):
 
 def coefficients(scheme: TimeScheme, dt: float, rest_traction: float) -> Coefficients:
     """Read the factors off the scheme's own functions, which are linear."""
-    zero, one = np.zeros(1), np.ones(1)
+    zero, one = np.zeros(()), np.ones(())
     # explicit: half of the step is made before the forces are known, half after
     late = 0.5 * dt if scheme.explicit else 0.0
     u_v, _ = scheme.predict(zero, one, zero, dt)
     u_a, v_a = scheme.predict(zero, zero, one, dt)
-    reached = [scheme.interface_velocity(u_old, u, v, dt) for u_old, u, v in np.eye(3)[:, :, None]]
+    reached = [
+        scheme.interface_velocity(u_old, u, v, dt)
+        for u_old, u, v in ((one, zero, zero), (zero, one, zero), (zero, zero, one))
+    ]
     layer_v, layer_a = (scheme.layer_jump(zero, *v_a, dt)[0] for v_a in ((one, zero), (zero, one)))
     return Coefficients(
-        dt, float(u_v[0]) - late, float(u_a[0]), float(v_a[0]), scheme.velocity_gain(dt), scheme.displacement_gain(dt),
+        dt, float(u_v) - late, float(u_a), float(v_a), scheme.velocity_gain(dt), scheme.displacement_gain(dt),
         scheme.interface_gain(dt), scheme.force_weight, scheme.memory_weight,
-        float(reached[0][0]), float(reached[1][0]), float(reached[2][0]),
-        late, scheme.gap_lead(dt), float(layer_v[0]), float(layer_a[0]), 1 / scheme.layer_jump(zero, zero, zero, dt)[1],
+        float(reached[0]), float(reached[1]), float(reached[2]),
+        late, scheme.gap_lead(dt), float(layer_v), float(layer_a), 1 / scheme.layer_jump(zero, zero, zero, dt)[1],
         rest_traction,
     )  # fmt: skip
 

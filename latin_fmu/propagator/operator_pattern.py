@@ -51,12 +51,14 @@ class OperatorPattern:
 
     Attributes
     ----------
-    analyses : of operators with this pattern.
+    analyses : of operators with this pattern. forms : what else is made of the index arrays of the matrices, by the
+        ``id`` of one of them, and that array.
     """
 
     def __init__(self, matrices: Sequence[sp.csr_array]) -> None:
         self._given = list(matrices)
         self.analyses = Analyses()
+        self.forms: dict[int, tuple[Any, Any]] = {}
 
     @cached_property
     def _found(self) -> tuple[sp.csr_array, list[Index | None]]:

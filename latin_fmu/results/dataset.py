@@ -22,7 +22,7 @@ has. What a run does not have (the gap of a perfect connection, fields nobody as
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -147,7 +147,7 @@ def _describe_mesh(dataset: xr.Dataset, cell_type: str) -> None:
             variable.attrs.update(mesh="mesh", location="volume" if name == "stress" else "node")
 
 
-def convergence_dataset(windows: list[WindowRecord], time: Array, passes: float) -> xr.Dataset:
+def convergence_dataset(windows: Sequence[WindowRecord], time: Array, passes: float) -> xr.Dataset:
     """Group ``convergence``: curves padded with NaN to the longest window (at least one column)."""
     columns: Columns = {"passes": ((), float(passes))}
     if not windows:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time as clock
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -63,7 +64,7 @@ class Solution:
         return self.outcome.substructures
 
     @property
-    def windows(self) -> list[WindowRecord]:
+    def windows(self) -> Sequence[WindowRecord]:
         """How the iteration went in each window."""
         return self.outcome.windows
 

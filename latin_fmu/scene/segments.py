@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -42,7 +42,7 @@ class Segment:
     time: Array
     interfaces: dict[str, InterfaceHistory]
     substructures: dict[str, SubstructureHistory]
-    windows: list[WindowRecord]
+    windows: Sequence[WindowRecord]
     converged: bool
     accepted: bool
     status: str

@@ -1,0 +1,53 @@
+"""Records of windows that are written out when somebody looks, against plain lists of records."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from latin_fmu.latin.record import WindowRecord
+from latin_fmu.latin.window_list import WindowList
+
+
+@pytest.fixture
+def both() -> tuple[WindowList, list[WindowRecord]]:
+    """A list with windows of both kinds, and what it should hold."""
+    errors = np.array([[0.5, 1e-4, np.nan], [1e-5, 7.0, 7.0], [0.3, 0.2, 1e-4]])
+    found, counts = WindowList(), np.array([2, 1, 3])
+    first = WindowRecord(1, 4, [0.1, 0.01], [np.nan, 0.5], ["relaxation 1/2"], False, 1)
+    found.append(first)
+    found.told(5, counts, errors, 2.0 * errors)
+    last = WindowRecord(8, 8, [0.1], [0.2], [], True, 0)
+    found.append(last)
+    told = [
+        WindowRecord(5 + i, 5 + i, row[:n].tolist(), (2.0 * row[:n]).tolist(), [], True, int(n) - 1)
+        for i, (n, row) in enumerate(zip(counts, errors.copy(), strict=True))
+    ]
+    errors[:] = -1.0  # the tables of a march are used again
+    return found, [first, *told, last]
+
+
+def test_reads_like_a_list(both: tuple[WindowList, list[WindowRecord]]) -> None:
+    found, expected = both
+    assert len(found) == 5
+    assert list(found) == expected
+    assert found[-2] == expected[-2]
+    assert found[1:4] == expected[1:4]
+    assert found[2] is found[2]
+    with pytest.raises(IndexError):
+        found[5]
+
+
+def test_summaries_look_at_nothing(both: tuple[WindowList, list[WindowRecord]]) -> None:
+    found, expected = both
+    assert found.failed() == expected[:1]
+    assert found.fallen() == 1
+    assert found.most_iterations() == 3
+    assert WindowList().most_iterations() == 0
+    assert not WindowList()
+
+
+def test_cut(both: tuple[WindowList, list[WindowRecord]]) -> None:
+    found, expected = both
+    assert found.cut(2) == expected[2:]
+    assert list(found) == expected[:2]
