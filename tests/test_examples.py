@@ -10,6 +10,12 @@ from types import ModuleType
 import numpy as np
 import pytest
 
+from latin_fmu.propagator.cost import MANY
+from latin_fmu.propagator.seconds import SECONDS
+from latin_fmu.scene.build import prepare
+from latin_fmu.scene.run_cost import set_up
+from latin_fmu.scene.run_sizes import run_sizes
+
 from .verification.oracles import cases
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
@@ -40,6 +46,7 @@ def test_every_example_is_tested_here() -> None:
         "price_of_friction",
         "price_of_accuracy",
         "price_of_effects",
+        "cost_model",
         "against_calculix",
         "against_siconos",
         "static_friction",
@@ -151,3 +158,42 @@ def test_price_of_effects(example: ModuleType, tmp_path: Path) -> None:
     assert numbers["chain_marched_exact"] == 1.0
     assert numbers["chain_marched_tolerance"] < 0.5
     assert all(0.0 < value < 20.0 for name, value in numbers.items() if "_over_" in name)
+
+
+@pytest.mark.parametrize("example", ["cost_model"], indirect=True)
+def test_cost_model(example: ModuleType, tmp_path: Path) -> None:
+    """Times of a shared machine are told, not asserted."""
+    numbers = example.main(["--quick", "-o", str(tmp_path)])
+    assert _figures(tmp_path) == {"cost_model.png"}
+    assert numbers["scenes"] > 30
+    assert 1.0 <= numbers["typical_factor"] <= numbers["worst_factor"]
+
+
+@pytest.mark.parametrize("example", ["benchmark_fit"], indirect=True)
+def test_the_fit_finds_the_seconds_that_made_the_times(
+    example: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Times made up from other seconds than those of the package: the fit tells every run what it took."""
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+    scenes = importlib.import_module("benchmark_scenes")
+    known = scenes.benchmarks(quick=True)
+    for pair in scenes.pairs(3, 40):
+        known |= {f"{pair.name} on": scenes.scene(pair.on), f"{pair.name} off": scenes.scene(pair.off)}
+    slow = {name: (2.0 + i % 3) * value for i, (name, value) in enumerate(SECONDS.items())}
+    slow |= {name: 0.5 * slow[name.removeprefix(MANY)] for name in slow if name.startswith(MANY)}
+    runs = []
+    for one in known.values():
+        sizes = run_sizes(prepare(one))
+        made = example.Measured(sizes, 0.0, 0.0, 0.0, sizes.iterations, 1.0)
+        counted = set_up(sizes)
+        parts = [
+            sum(slow[n] * v for n, v in counted.items() if n in names)
+            for names in (example.PREPARATION, example.OPERATORS)
+        ]
+        _, march = example.predicted(made.known, slow)
+        runs.append(example.Measured(sizes, *parts, march, sizes.iterations, 1.0))
+    found = example.fitted(runs)
+    for run in runs:
+        assert example.predicted(run.known, found) == pytest.approx(
+            (run.preparation + run.operators, run.march), rel=0.02
+        )

@@ -142,6 +142,34 @@ def test_friction_counts_two_thirds_of_the_unknowns() -> None:
     assert without["friction"].unknowns == 0
 
 
+@pytest.mark.parametrize(
+    ("path", "value", "effect"),
+    [
+        ("material.steel.rayleigh_stiffness", 1e-9, "damping"),
+        ("substructure.a.body_force", [0.0, 0.0, 1.0], "body force"),
+        ("output.energy", True, "energy balance"),
+        ("output.stress", True, "stress"),
+        ("output.fields", True, "interior history"),
+    ],
+)
+def test_the_cost_of_an_effect_is_the_difference_to_the_scene_without(
+    path: str, value: Any, effect: str
+) -> None:
+    """What explain tells of one scene is what the predictions of two scenes differ by."""
+    plain, scene = tables(), tables()
+    *holders, key = path.split(".")
+    table: Any = scene
+    for holder in holders:
+        table = table.setdefault(holder, {})
+    table[key] = value
+    with_it, without = told(scene), told(plain)
+    cost = next(e.cost for e in with_it.effects if e.name == effect)
+    difference = with_it.prediction["cpu_seconds_instant"] - without.prediction["cpu_seconds_instant"]
+    assert cost > 0
+    assert cost == pytest.approx(difference, rel=1e-9)
+    assert next(e.cost for e in without.effects if e.name == effect) == 0.0
+
+
 # -- suggestions --------------------------------------------------------------------------------------------------
 def suggested(scene: dict[str, Any], word: str) -> bool:
     return any(word in s.what for s in told(scene).suggestions)

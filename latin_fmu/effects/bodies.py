@@ -2,23 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+from ..propagator.seconds import SECONDS
 from ..scene.boundaries import Absorbing, PrescribedDisplacement, PrescribedVelocity
 from ..scene.time_settings import StaticStart
 from .effect import Effect
-from .sizes import SPARSE, Sizes
+from .sizes import Sizes
 
 
 def inertia(sizes: Sizes) -> Effect:
     """Mass times acceleration."""
     off = bool(getattr(sizes.scene.time, "quasi_static", False))
-    entries = sum(c.n_member * c.mass for c in sizes.classes)
+    entries = sum(c.n_member * c.size.mass_entries for c in sizes.classes)
     if off:
         return Effect("inertia", False, ("time.quasi_static",), "a sequence of equilibria is asked for",
                       "time.quasi_static = false")  # fmt: skip
     return Effect(
         "inertia", True, ("time.scheme",), f"motion is integrated by the scheme {sizes.scene.time.scheme.type}",
         "time.quasi_static = true (loads slow against the waves)", kernels=("mass product",), memory=12 * entries,
-        cost=SPARSE * entries,
+        cost=sizes.saved(sizes.run.resized(mass_entries=0.0)),
     )  # fmt: skip
 
 
@@ -33,10 +36,10 @@ def elasticity(sizes: Sizes) -> Effect:
     return Effect(
         "elastic bodies", True, tuple(f"substructure.{n}" for n in elastic), reason,
         "rigid = true on bodies that only move",
-        unknowns=sum(c.n_member * c.n_dof for c in classes),
+        unknowns=sum(c.n_member * c.size.unknowns for c in classes),
         kernels=("factorisation", "half solves", "stiffness product"),
-        memory=sum(8 * c.factor + 12 * c.stiffness for c in classes),
-        cost=sum(c.march - c.n_member * SPARSE * c.mass for c in classes),
+        memory=int(sum(8 * (c.size.factor_entries + c.size.interface**2) + 12 * c.size.entries for c in classes)),
+        cost=sizes.saved(sizes.run.resized(entries=0.0, factor_entries=0.0)),
     )  # fmt: skip
 
 
@@ -50,8 +53,8 @@ def rigidity(sizes: Sizes) -> Effect:
     return Effect(
         "rigid bodies", True, tuple(f"substructure.{n}.rigid" for n in rigid),
         f"{len(rigid)} substructure(s) of six unknowns at most", "rigid = false",
-        unknowns=sum(c.n_member * c.n_dof for c in classes), kernels=("rigid march",),
-        cost=sum(c.march for c in classes),
+        unknowns=sum(c.n_member * c.size.unknowns for c in classes), kernels=("rigid march",),
+        cost=sizes.saved(replace(sizes.run, classes=tuple(c for c in sizes.classes if not c.rigid))),
     )  # fmt: skip
 
 
@@ -65,12 +68,13 @@ def damping(sizes: Sizes) -> Effect:
         for key in ("rayleigh_mass", "rayleigh_stiffness")
         if getattr(m, key) > 0
     )
-    entries = sum(c.n_member * c.damping for c in sizes.classes)
+    entries = sum(c.n_member * c.size.damping_entries for c in sizes.classes)
     if not keys:
         return Effect("damping", False, ("material.*.rayleigh_mass", "material.*.rayleigh_stiffness"),
                       "no material has any", "rayleigh_mass or rayleigh_stiffness > 0")  # fmt: skip
     return Effect("damping", True, keys, f"{len(keys)} Rayleigh coefficient(s)", "set them to 0",
-                  kernels=("damping product",), memory=12 * entries, cost=2 * SPARSE * entries)  # fmt: skip
+                  kernels=("damping product",), memory=12 * entries,
+                  cost=sizes.saved(sizes.run.resized(damping_entries=0.0)))  # fmt: skip
 
 
 def absorbing_ends(sizes: Sizes) -> Effect:
@@ -86,7 +90,7 @@ def absorbing_ends(sizes: Sizes) -> Effect:
     )
     return Effect("absorbing ends", True, tuple(f"boundary.{n}" for n in found), f"dashpots on {nodes} nodes",
                   "remove the boundary", kernels=("damping product",), memory=12 * 9 * nodes,
-                  cost=2 * SPARSE * 9 * nodes)  # fmt: skip
+                  cost=SECONDS["sparse"] * 9 * nodes)  # fmt: skip
 
 
 def body_force(sizes: Sizes) -> Effect:
@@ -94,9 +98,10 @@ def body_force(sizes: Sizes) -> Effect:
     keys = tuple(
         f"substructure.{n}.body_force" for n, s in sizes.scene.substructure.items() if any(s.body_force)
     )
-    return _driven(
+    found = _driven(
         sizes, "body force", keys, "substructure.*.body_force", "a constant nodal force", "a body_force"
     )
+    return replace(found, cost=sizes.saved(replace(sizes.run, unbalanced=False))) if keys else found
 
 
 def loads(sizes: Sizes) -> Effect:
@@ -125,10 +130,10 @@ def static_start(sizes: Sizes) -> Effect:
     if not isinstance(start, StaticStart):
         return Effect("static start", False, ("time.start",), "bodies start as given",
                       'time.start = "static" (bolts, weight, dead loads first)')  # fmt: skip
-    n = sum(c.n_member * c.n_dof for c in sizes.classes)
+    n = sizes.n_dof
     return Effect("static start", True, ("time.start",), f"an equilibrium in {start.increments} increment(s) before "
                   "the first instant", 'time.start = "given"', kernels=("static factorisation", "static solution"),
-                  memory=8 * n)  # fmt: skip
+                  memory=8 * n, cost=sizes.saved(replace(sizes.run, increments=0)))  # fmt: skip
 
 
 def prescribed_motion(sizes: Sizes) -> Effect:
@@ -150,5 +155,4 @@ def prescribed_motion(sizes: Sizes) -> Effect:
 def _driven(sizes: Sizes, name: str, keys: tuple[str, ...], none: str, what: str, on: str) -> Effect:
     if not keys:
         return Effect(name, False, (none,), "the scene has none", on)
-    return Effect(name, True, keys, what, "remove it", kernels=("forcing",), memory=8 * sizes.n_dof,
-                  cost=1e-9 * sizes.n_dof)  # fmt: skip
+    return Effect(name, True, keys, what, "remove it", kernels=("forcing",), memory=8 * sizes.n_dof)  # fmt: skip

@@ -9,9 +9,6 @@ from ..scene.solver_settings import WHOLE, Anderson
 from .effect import Effect
 from .sizes import Sizes
 
-_FACTORISATION = 3e-10  # seconds per multiplication of a factorisation
-_READING = 0.3  # seconds of reading, meshing and assembling whatever the size
-
 
 def choices(sizes: Sizes) -> dict[str, str]:
     """Window, search direction, acceleration, propagator, in words."""
@@ -51,35 +48,15 @@ def choices(sizes: Sizes) -> dict[str, str]:
 
 
 def prediction(sizes: Sizes, effects: list[Effect]) -> dict[str, Any]:
-    """Predicted cost of the run: CPU seconds of set-up and instants, and memory, orders of magnitude."""
-    extra = sum(
-        e.cost for e in effects if e.on and e.name in ("interior history", "stress", "energy balance")
-    )
-    instant = sizes.march + sizes.iterating + extra
-    passes = _passes(sizes)
-    instants = sizes.n_instant * (sizes.march * passes + sizes.iterating + extra)
-    factor = sum(_factor_work(c.factor, c.n_dof) for c in sizes.classes)
+    """Predicted cost of the run: CPU seconds of set-up and instants (``scene.run_cost``), and memory."""
     memory = sizes.factor_bytes + sum(e.memory for e in effects if e.on and e.name not in ("elastic bodies",))
     return {
-        "cpu_seconds_set_up": round(_READING + factor, 3),
-        "cpu_seconds_instants": round(instants, 3),
-        "cpu_seconds_instant": instant,
+        "cpu_seconds_set_up": round(sizes.cost.set_up, 4),
+        "cpu_seconds_instants": round(sizes.cost.march, 4),
+        "cpu_seconds_instant": sizes.instant,
         "memory_bytes": int(memory),
         "unknowns": sizes.n_dof,
         "interface_unknowns": sizes.n_flat,
         "instants": sizes.n_instant,
         "iterations_per_instant": sizes.iterations,
     }
-
-
-def _factor_work(entries: int, n: int) -> float:
-    """Multiplications of a factorisation, from the entries of its columns taken as equal."""
-    return _FACTORISATION * entries * entries / max(n, 1)
-
-
-def _passes(sizes: Sizes) -> float:
-    """Marches of the substructures per instant."""
-    window = sizes.scene.solver.window
-    if window == 1 or not sizes.prepared.units:
-        return 1.0
-    return 3.0 if window == WHOLE and sizes.scene.solver.start == "sequential" else 2 * sizes.iterations

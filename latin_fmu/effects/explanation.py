@@ -80,7 +80,7 @@ class Explanation:
         return textwrap.fill(
             f"{self.scene}: {p['unknowns']} unknowns, {p['interface_unknowns']} interface unknowns, {p['instants']} "
             f"instants; predicted {total:.2g} s of CPU time ({p['cpu_seconds_set_up']:.2g} s set-up) and "
-            f"{_bytes(p['memory_bytes'])} (orders of magnitude)",
+            f"{_bytes(p['memory_bytes'])} on the machine the cost model was fitted on",
             _WIDTH,
         )
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from ..interface.behaviour import bonds
 from ..latin.layout import InterfaceUnit
 from .effect import Effect
-from .sizes import LOCAL, Sizes
+from .sizes import Sizes
 
 
 def contact(sizes: Sizes) -> Effect:
@@ -93,12 +93,23 @@ def _interface(
     """An effect that adds ``n`` interface unknowns: its share of the iteration goes with them."""
     if not found:
         return Effect(name, False, (f"interface.*.{key}",), "no interface asks for it", on)
-    total = max(sizes.n_flat, 1)
-    # products with condensed operators grow with the square of the unknowns: what would go with these n
-    left = ((total - n) / total) ** 2
-    products = sum(c.response for c in sizes.classes) * (1 - left)
+    share = 1 - (1 - n / max(sizes.n_flat, 1)) ** 2
     return Effect(
         name, True, tuple(f"interface.{u.name}.{key}" for u in found), reason, off, unknowns=n, kernels=(kernel,),
-        memory=int(8 * n * (2 * sizes.n_instant + 30) + 24 * sum(c.n_channel**2 for c in sizes.classes) * (1 - left)),
-        cost=sizes.iterations * (products + LOCAL * n),
+        memory=int(8 * n * (2 * sizes.n_instant + 30) + sum(24 * c.size.channels**2 for c in sizes.classes) * share),
+        cost=_cost(sizes, found, n),
     )  # fmt: skip
+
+
+def _cost(sizes: Sizes, found: list[InterfaceUnit], n: int) -> float:
+    """What ``n`` unknowns of these interfaces add to an instant, s: of a contact with friction, the tangential ones
+    what friction costs, the normal ones the rest."""
+    if not n:
+        return 0.0
+    everything = sum(2 * u.geometry.n_point * u.behaviour.n_component for u in found)
+    whole = sizes.saved(sizes.without(found))
+    if n == everything:
+        return whole
+    friction = sizes.saved(sizes.without_friction([u for u in found if u.behaviour.n_component > 1]))
+    tangential = sum(2 * u.geometry.n_point * (u.behaviour.n_component - 1) for u in found)
+    return friction if n == tangential else max(0.0, whole - friction)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from .effect import Effect
-from .sizes import SPARSE, Sizes
+from dataclasses import replace
 
-_PER_CELL = 6e-7  # seconds of the mean stress of an element
+from .effect import Effect
+from .sizes import Sizes
 
 
 def fields(sizes: Sizes) -> Effect:
@@ -17,7 +17,7 @@ def fields(sizes: Sizes) -> Effect:
         "interior history", True, ("output.fields", "output.every"),
         f"displacements and velocities of {nodes} nodes at {sizes.n_stored} instants", "output.fields = false",
         kernels=("field storage",), memory=48 * nodes * sizes.n_stored,
-        cost=1e-8 * nodes / sizes.scene.output.every,
+        cost=sizes.saved(replace(sizes.run, fields=False)),
     )  # fmt: skip
 
 
@@ -29,7 +29,7 @@ def stress(sizes: Sizes) -> Effect:
     return Effect(
         "stress", True, ("output.stress", "output.every"), f"{cells} elements at {sizes.n_stored} instants",
         "output.stress = false", kernels=("stress recovery",), memory=48 * cells * sizes.n_stored,
-        cost=_PER_CELL * cells / sizes.scene.output.every,
+        cost=sizes.saved(replace(sizes.run, stress=False)),
     )  # fmt: skip
 
 
@@ -37,10 +37,9 @@ def energy(sizes: Sizes) -> Effect:
     """Energy balance."""
     if not sizes.scene.output.energy:
         return Effect("energy balance", False, ("output.energy",), "not asked for", "output.energy = true")
-    entries = sum(c.n_member * (2 * c.mass + c.stiffness + c.damping) for c in sizes.classes)
     return Effect(
         "energy balance", True, ("output.energy",), "every term from the fields of every instant",
         "output.energy = false", kernels=("energy meter",),
         memory=8 * (sizes.n_instant + 1) * 7 * (1 + sum(c.n_member for c in sizes.classes)),
-        cost=SPARSE * entries + 1e-8 * sizes.n_dof,
+        cost=sizes.saved(replace(sizes.run, energy=False)),
     )  # fmt: skip

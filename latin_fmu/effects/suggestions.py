@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 
 from ..fem.elasticity import wave_speeds
 from ..scene.arrival import arrival_times, marched_share
 from ..scene.fields import GROUND, split_face
+from ..scene.run_sizes import ClassSizes, RunSizes
 from .effect import Effect, Suggestion
-from .sizes import LOCAL, Sizes
+from .sizes import Sizes
 
 TINY_FRICTION = 1e-3
 STIFF = 1e3  # times the wave impedance of every neighbour
@@ -33,8 +35,9 @@ def _friction(sizes: Sizes, _: list[Effect], instant: float) -> Iterator[Suggest
     for name, interface in sizes.scene.interface.items():
         mu = interface.friction_coefficient
         if 0 < mu < TINY_FRICTION:
-            n = next(u.geometry.n_point for u in sizes.prepared.units if u.name == name)
-            saved = sizes.iterations * (LOCAL * 4 * n + 8 / 9 * sum(c.response for c in sizes.classes))
+            unit = next(u for u in sizes.prepared.units if u.name == name)
+            n = unit.geometry.n_point
+            saved = sizes.saved(sizes.without_friction([unit]))
             yield Suggestion(
                 f"interface {name}: friction with mu = {mu:g} changes forces by less than {100 * mu:.2g} %; without it "
                 f"{4 * n} of {sizes.n_flat} interface unknowns are gone",
@@ -114,10 +117,18 @@ def _rigid(sizes: Sizes, _: list[Effect], instant: float) -> Iterator[Suggestion
         own = next(c for c, k in zip(sizes.classes, sizes.prepared.classes, strict=True)
                    if name in [m.name for m in k.members])  # fmt: skip
         yield Suggestion(
-            f"substructure {name}: {why}; as a rigid body it has 6 unknowns instead of {own.n_dof}",
+            f"substructure {name}: {why}; as a rigid body it has 6 unknowns instead of {own.size.unknowns}",
             (f"substructure.{name}.rigid=true",),
-            max(0.0, 1 - own.march / own.n_member / instant),
+            max(0.0, 1 - sizes.saved(_rigidified(sizes, own)) / instant),
         )
+
+
+def _rigidified(sizes: Sizes, one: ClassSizes) -> RunSizes:
+    """The run with one substructure of a class without elasticity."""
+    rest = [c for c in sizes.classes if c is not one]
+    fewer = [replace(one, size=replace(one.size, members=one.n_member - 1))] if one.n_member > 1 else []
+    stiff = replace(one.size, members=1, entries=0, mass_entries=36, factor_entries=0.0, unknowns=6)
+    return replace(sizes.run, classes=(*rest, *fewer, replace(one, size=stiff)))
 
 
 def _kept(_: Sizes, effects: list[Effect], instant: float) -> Iterator[Suggestion]:
@@ -179,7 +190,9 @@ def _late(sizes: Sizes, _: list[Effect], instant: float) -> Iterator[Suggestion]
         f"{never} of {len(arrival)} substructures are not reached by a wave before the end, others late: passing over "
         f"what is at rest (to a hundredth of the tolerance) marches about {100 * share:.0f} % of all instants",
         ("solver.skip_at_rest=tolerance",),
-        1 - (1 - share) * sizes.march / instant,
+        1
+        - sizes.saved(replace(sizes.run, classes=tuple(replace(c, marched=share) for c in sizes.classes)))
+        / instant,
     )
 
 

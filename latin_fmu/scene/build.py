@@ -28,14 +28,15 @@ from .checks import (
     sampling_remarks,
 )
 from .conditions import Conditions
-from .cost import Prediction, predict
 from .fields import split_face
 from .initial_state import InitialState
 from .models import ModelClass, model_classes, side_impedance
 from .pairing import build_interface
+from .prediction import Prediction, predict
 from .propagator_choice import chosen_propagators, unstable_steps
 from .resting import cut_by_arrival
 from .rigid import conditions_on
+from .run_sizes import run_sizes
 from .schema import Scene
 from .solver_settings import WHOLE, Anderson, Uniform
 from .static_start import start_problems, starts_static, static_state
@@ -164,11 +165,9 @@ class Prepared:
             assembly, settings_of(scene), wanted, self.info, warnings, timeline, self.prediction, start
         )
 
-    def prediction(self) -> Prediction | None:
-        """Predicted cost of the run; None where no model is made for it (quasi-static scenes)."""
-        if isinstance(self.scheme, QuasiStatic):
-            return None
-        return predict(self.classes, chosen_propagators(self.scene, self.classes)[0], len(self.time) - 1)
+    def prediction(self) -> Prediction:
+        """Predicted cost of the run."""
+        return predict(run_sizes(self))
 
 
 def build(scene: Scene, amplitudes: Mapping[str, float] | None = None) -> Built:

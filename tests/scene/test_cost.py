@@ -12,10 +12,13 @@ import latin_fmu
 from latin_fmu.compiled import COMPILES
 from latin_fmu.memory import physical_memory
 from latin_fmu.propagator.cost import cost, factor_bytes, size_of
+from latin_fmu.propagator.seconds import SECONDS
 from latin_fmu.propagator.settings import PropagatorSettings
 from latin_fmu.results.summary import summary
 from latin_fmu.scene.build import prepare
-from latin_fmu.scene.cost import fitting, predict
+from latin_fmu.scene.cost import fitting, memory_needed
+from latin_fmu.scene.run_cost import march, run_cost, set_up
+from latin_fmu.scene.run_sizes import run_sizes
 
 
 def scene(elements: int, **solver: Any) -> latin_fmu.Scene:
@@ -65,12 +68,56 @@ def test_what_is_larger_costs_more() -> None:
     assert cost("direct", sizes[2], precision="float32").memory < cost("direct", sizes[2]).memory
 
 
+def test_operations_of_an_instant_are_counted() -> None:
+    """By hand, for two blocks with friction and factors of their own: both half solves, three sparse products, two
+    products with the Schur inverse, one with the condensed operator per iteration and one for the mismatch."""
+    prepared = prepare(scene(4))
+    sizes = run_sizes(prepared)
+    counts, n = march(sizes), prepared.scene.time.n_step
+    parts = [size_of(c.members[0], 1) for c in prepared.classes]
+    assert len(parts) == 2
+    assert counts["sweep"] == n * sum(2 * p.factor_entries for p in parts)
+    matrices = [c.members[0].reduced for c in prepared.classes]
+    assert counts["sparse"] == n * sum(k.nnz + m.nnz for m, _, k in matrices)
+    dense = sum(2 * p.interface**2 + (sizes.iterations + 1) * p.channels**2 for p in parts)
+    assert counts["dense"] == pytest.approx(n * dense)
+    assert counts["history"] == n * prepared.layout.n_flat
+    assert set_up(sizes)["cube"] == sum(p.interface**3 + 3 * p.channels**3 for p in parts)
+    found = {name for name, count in counts.items() if count}
+    assert not found & {"energy", "field", "stress", "probe_value", "call", "many_sweep"}
+    assert set(counts) | set(set_up(sizes)) <= set(SECONDS)
+    assert run_cost(sizes).total == pytest.approx(
+        sum(SECONDS[k] * v for part in (counts, set_up(sizes)) for k, v in part.items())
+    )
+
+
+def test_what_is_kept_is_counted() -> None:
+    tables = scene(4).tables()
+    tables["output"] |= {"fields": True, "stress": True, "energy": True, "every": 3}
+    prepared = prepare(latin_fmu.scene_from_dict(tables))
+    counts, n = march(run_sizes(prepared)), prepared.scene.time.n_step
+    stored, bodies = n // 3 + 1, prepared.bodies.values()
+    matrices = [c.members[0].reduced for c in prepared.classes]
+    assert counts["energy"] == 2 * n
+    assert counts["energy_entry"] == n * sum(k.nnz + m.nnz for m, _, k in matrices)
+    assert counts["field"] == counts["stress"] == 2 * stored
+    assert counts["field_node"] == stored * sum(b.mesh.n_node for b in bodies)
+    assert counts["stress_cell"] == stored * sum(len(b.mesh.cells) for b in bodies)
+
+
+def test_a_body_that_nothing_reaches_is_not_counted() -> None:
+    tables = scene(4).tables()
+    moving = march(run_sizes(prepare(latin_fmu.scene_from_dict(tables))))
+    tables["interface"] = {}
+    lone = march(run_sizes(prepare(latin_fmu.scene_from_dict(tables))))
+    assert 0.4 * moving["vector"] < lone["vector"] < 0.6 * moving["vector"]
+
+
 def test_predicted_and_real_seconds_are_of_one_size() -> None:
     """A factor of ten on whatever machine the tests run, for direct and explicit marches of 2 x 2200 unknowns."""
     for propagator in ("direct", "explicit"):
         prepared = prepare(scene(8, propagator=propagator))
         prediction = prepared.prediction()
-        assert prediction is not None
         assert prediction.kind == propagator
         latin_fmu.api.run(prepared.build())  # kernels
         built = prepared.build()
@@ -82,7 +129,6 @@ def test_predicted_and_real_seconds_are_of_one_size() -> None:
 
 def test_explicit_and_reduced_are_suggested_never_chosen() -> None:
     prediction = prepare(scene(14)).prediction()
-    assert prediction is not None
     assert prediction.kind == "direct"
     assert [kind for kind, _, _ in prediction.cheaper()] == ["explicit", "reduced"]
     assert all("another answer" in what and 0 < factor < 0.4 for _, what, factor in prediction.cheaper())
@@ -92,7 +138,7 @@ def test_explicit_and_reduced_are_suggested_never_chosen() -> None:
 def test_conjugate_gradients_where_factors_do_not_fit() -> None:
     classes = prepare(scene(6)).classes
     direct = PropagatorSettings("direct")
-    needed = predict(classes, direct, 1).memory
+    needed = memory_needed(classes, direct)
     assert fitting(classes, direct, 2 * needed).kind == "direct"
     assert fitting(classes, direct, 1.2 * needed).kind == "cg"  # 70 % of it may be taken
     assert fitting(classes, PropagatorSettings("explicit"), 1.0).kind == "explicit"
