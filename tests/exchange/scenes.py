@@ -79,4 +79,8 @@ def random_state(equations: Equations, seed: int) -> tuple[np.ndarray, Modes]:
     """States of the sizes expected, and the discrete states that go with them."""
     rng = np.random.default_rng(seed)
     y = 0.1 * rng.normal(size=equations.n_state) * equations.nominals()
-    return y, equations.modes_at(0.0, y)
+    modes = equations.modes_at(0.0, y)
+    if not modes.closed.any():  # shapes have no sign of their own: the mirrored state presses
+        y[: equations.system.n] *= -1.0
+        modes = equations.modes_at(0.0, y)
+    return y, modes
