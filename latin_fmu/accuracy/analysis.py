@@ -9,7 +9,7 @@ from .bench import Row
 from .differences import relative, same_way
 from .extrapolation import observed_order
 from .kinds import FLOOR
-from .study import SPACE, TIGHT, TIME, TOGETHER, TOLERANCE, Study
+from .study import REDUCTION, SPACE, TIGHT, TIME, TOGETHER, TOLERANCE, Study
 
 NEGLIGIBLE = 0.1
 """An iteration error below this share of the whole one no longer matters."""
@@ -17,13 +17,17 @@ NEGLIGIBLE = 0.1
 
 @dataclass(frozen=True)
 class Sources:
-    """Relative error of a quantity at the scene's own resolution by source, and observed orders (NaN: none)."""
+    """Relative error of a quantity at the scene's own resolution by source, and observed orders (NaN: none).
+
+    ``reduction``: what the modes left out of reduced substructures change; NaN where none is reduced.
+    """
 
     quantity: str
     total: float
     space: float
     time: float
     iteration: float
+    reduction: float
     order_together: float
     order_space: float
     order_time: float
@@ -38,6 +42,7 @@ def sources(study: Study, quantity: str) -> Sources:
         _remaining(study.of(SPACE), quantity, mesh=True),
         _remaining(study.of(TIME), quantity, mesh=False),
         _iteration(study, own, quantity),
+        _reduction(study, own, quantity),
         _order(_with_reference(study), quantity, mesh=False),
         _order(study.of(SPACE), quantity, mesh=True),
         _order(study.of(TIME), quantity, mesh=False),
@@ -74,6 +79,14 @@ def _iteration(study: Study, own: Row | None, quantity: str) -> float:
     if own is None or own.run is None or tight is None or tight.run is None:
         return math.nan
     return relative(quantity, tight.run.measured, own.run.measured, tight.run.measured)
+
+
+def _reduction(study: Study, own: Row | None, quantity: str) -> float:
+    """Distance between the run as written and the same without reduction."""
+    whole = next((r.run for r in study.rows if r.series == REDUCTION and not r.failure), None)
+    if own is None or own.run is None or whole is None:
+        return math.nan
+    return relative(quantity, whole.measured, own.run.measured, whole.measured)
 
 
 def _order(rows: list[Row], quantity: str, mesh: bool) -> float:

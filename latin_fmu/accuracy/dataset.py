@@ -14,7 +14,7 @@ from .bench import Row
 from .kinds import kind_of
 from .study import Study
 
-_SOURCES = ("total", "space", "time", "iteration", "order_together", "order_space", "order_time")
+_SOURCES = ("total", "space", "time", "iteration", "reduction", "order_together", "order_space", "order_time")
 
 
 def datatree(study: Study) -> xr.DataTree:

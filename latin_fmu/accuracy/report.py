@@ -15,7 +15,7 @@ TARGETS = (0.05, 0.01, 0.002)
 """Accuracies whose price is told."""
 
 _SPLIT: tuple[str, ...] = (
-    "quantity", "error as written", "mesh", "time step", "iteration", "order", "mesh alone", "step alone"
+    "quantity", "error as written", "mesh", "time step", "iteration", "reduction", "order", "mesh alone", "step alone"
 )  # fmt: skip
 
 
@@ -157,7 +157,7 @@ def _price_data(found: Price) -> dict[str, Any]:
 
 
 def _source(s: Sources) -> tuple[str, ...]:
-    shares = (percent(e) for e in (s.total, s.space, s.time, s.iteration))
+    shares = (percent(e) for e in (s.total, s.space, s.time, s.iteration, s.reduction))
     orders = ("-" if math.isnan(p) else f"{p:.1f}" for p in (s.order_together, s.order_space, s.order_time))
     return (s.quantity, *shares, *orders)
 

@@ -17,13 +17,14 @@ from .reference import Reference, declared
 from .refinement import Resolution, at_resolution, counts_that_vary, meshed_by_the_program
 from .runs import Run
 from .sampling import aligned
-from .variants import Variant, changed, directions_of, main_variant, variants_of
+from .variants import Variant, changed, directions_of, main_variant, unreduced, variants_of
 
-TOGETHER, SPACE, TIME, TOLERANCE, WINDOWS, REFERENCE = (
+TOGETHER, SPACE, TIME, TOLERANCE, REDUCTION, WINDOWS, REFERENCE = (
     "together",
     "space",
     "time",
     "tolerance",
+    "reduction",
     "windows",
     "reference",
 )
@@ -82,9 +83,9 @@ class Study:
 def study(scene: Scene, budget: float, tell: Tell) -> Study:
     """Run the study of a scene in about ``budget`` CPU seconds.
 
-    Mesh and step together for every scheme and propagator; mesh alone, step alone and tolerance for the scene's own;
-    windows against search directions on a coarse mesh. The reference is declared with the model or the finest run
-    that a third of the budget pays.
+    Mesh and step together for every scheme and propagator; mesh alone, step alone and tolerance for the scene's own,
+    and where it is reduced, the same without reduction; windows against search directions on a coarse mesh. The
+    reference is declared with the model or the finest run that a third of the budget pays.
 
     Raises
     ------
@@ -106,6 +107,8 @@ def study(scene: Scene, budget: float, tell: Tell) -> Study:
             runs += [] if run is None else [run]
     found = Study(scene, main.name, reference or _finest(scene, bench, main, runs))
     _separate(scene, bench, main)
+    if (whole := unreduced(scene)) is not None:
+        bench.run(REDUCTION, whole, _at(scene, 1.0))
     _map(scene, bench, main)
     _others(scene, bench, factors)
     _windows(scene, bench, found)

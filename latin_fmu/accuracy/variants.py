@@ -31,6 +31,14 @@ def main_variant(scene: Scene) -> Variant:
     return Variant(_name(scene), in_short_windows(scene))
 
 
+def unreduced(scene: Scene) -> Variant | None:
+    """The scene marched without reduction, everything else as it is; None where nothing is reduced."""
+    if scene.solver.propagator.type != "reduced":
+        return None
+    direct = changed(in_short_windows(scene), {"solver": {"propagator": "direct"}})
+    return Variant(_name(direct), direct)
+
+
 def variants_of(scene: Scene) -> list[Variant]:
     """Every other way to march the scene, then the scene as written where it is one whole window.
 
@@ -38,7 +46,9 @@ def variants_of(scene: Scene) -> list[Variant]:
     """
     short = in_short_windows(scene)
     own = (scene.time.scheme.type, scene.solver.propagator.type)
-    found = [
+    whole = unreduced(scene)
+    found = [] if whole is None else [whole]
+    found += [
         _changed(short, tag, {"time": {"scheme": tag}, "solver": {"propagator": "automatic"}})
         for tag in _tags(Time, "scheme")
         if tag != own[0] and "static" not in tag

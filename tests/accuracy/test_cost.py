@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,11 +17,13 @@ from latin_fmu.accuracy.bench import Bench, CostModel, Row
 from latin_fmu.accuracy.measured import Measured
 from latin_fmu.accuracy.reference import Reference
 from latin_fmu.accuracy.refinement import Resolution
-from latin_fmu.accuracy.runs import Run
-from latin_fmu.accuracy.study import SPACE, TIGHT, TIME, TOGETHER, TOLERANCE, Study
-from latin_fmu.accuracy.variants import variants_of
+from latin_fmu.accuracy.report import as_text
+from latin_fmu.accuracy.runs import Run, run_at
+from latin_fmu.accuracy.study import REDUCTION, SPACE, TIGHT, TIME, TOGETHER, TOLERANCE, Study
+from latin_fmu.accuracy.variants import unreduced, variants_of
 from latin_fmu.cli import main
 from latin_fmu.latin.record import Timings
+from latin_fmu.scene.reader import load_scene
 from latin_fmu.scene.time_settings import MasslessContact
 from latin_fmu.time_scheme.registry import SCHEMES
 
@@ -58,6 +61,9 @@ def test_sources_are_separated(linear: Study) -> None:
     assert found.space == pytest.approx(0.04, rel=0.02)
     assert found.time == pytest.approx(0.01, rel=0.02)
     assert found.iteration == pytest.approx(0.3e-3, rel=0.02)
+    assert math.isnan(found.reduction)
+    linear.rows.append(replace(made_up(1.0, 1.0, left=-0.02), series=REDUCTION, variant="whole"))
+    assert sources(linear, Q).reduction == pytest.approx(0.02)
     assert found.order_together == pytest.approx(1.0, abs=0.01)
     assert found.order_space == pytest.approx(1.0, abs=0.01)
     assert found.order_time == pytest.approx(1.0, abs=0.01)
@@ -160,6 +166,27 @@ def test_the_command_writes_page_figure_and_dataset(
         assert tree["runs"].sizes["run"] == len(told["runs"])
         errors = tree["runs"]["error"].sel(quantity="wall.impulse").values
         assert np.isfinite(errors).sum() == sum(r["failure"] is None for r in told["runs"])
+
+
+@pytest.mark.usefixtures("small")
+def test_what_a_reduction_costs_is_told_apart(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two modes against all: the distance to the same march by factors, both solved here once more; the curve of the
+    march by factors stands beside that of the modes."""
+    monkeypatch.setattr(study_module, "_windows", lambda *_: None)
+    settings = ["substructure.bar.box.elements=[1, 1, 32]", "time.instants=128", "output.energy=false"]
+    file = MODELS / "impact_bar/scene.toml"
+    few = ["solver.propagator={type = 'reduced', modes = 2}"]
+    found = study_module.study(load_scene(file, [*settings, *few]), 3.0, lambda _: None)
+    reduced, whole = (run_at(load_scene(file, [*settings, *s]), Resolution()) for s in (few, []))
+    value, expected = (r.measured.values["wall.impulse"] for r in (reduced, whole))
+    told = sources(found, "wall.impulse")
+    assert told.reduction == pytest.approx(abs(value - expected) / expected, rel=1e-9)
+    assert told.reduction > 0.02
+    assert f"{100 * told.reduction:.2g} %" in as_text(found)
+    assert found.of(TOGETHER, "hht -0.1")
+    direct = load_scene(file, settings)
+    assert unreduced(direct) is None
+    assert unreduced(found.scene).scene.solver.propagator.type == "direct"
 
 
 def test_the_target_folder_is_checked_before_the_run(

@@ -78,9 +78,8 @@ def thrown(**changes: Any) -> Scene:
 def random_state(equations: Equations, seed: int) -> tuple[np.ndarray, Modes]:
     """States of the sizes expected, and the discrete states that go with them."""
     rng = np.random.default_rng(seed)
-    y = 0.1 * rng.normal(size=equations.n_state) * equations.nominals()
-    modes = equations.modes_at(0.0, y)
-    if not modes.closed.any():  # shapes have no sign of their own: the mirrored state presses
-        y[: equations.system.n] *= -1.0
+    while True:  # shapes have no sign of their own: whether a state presses is not known beforehand
+        y = 0.1 * rng.normal(size=equations.n_state) * equations.nominals()
         modes = equations.modes_at(0.0, y)
-    return y, modes
+        if modes.closed.any():
+            return y, modes
