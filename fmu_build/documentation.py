@@ -30,7 +30,11 @@ of it, a fifth of its value is taken for sqrt(eta). It goes before the parameter
 sqrt(eta) itself (FMI 2; the FMI 3 exporter does not hand it on: use the parameter).</li>
 <li>Energies are outputs where the scene says <code>output.energy = true</code>: their terms are followed at every
 instant, which can take longer than the solution itself, so that nobody gets them unasked.</li>
-<li>With <code>resultsFile</code> a netCDF file is written at termination; it holds accepted steps only.</li>
+<li>With <code>resultsFile</code> a netCDF file is written at termination; it holds accepted steps only. With
+<code>estimateError = 1</code> it also tells, in its group <code>accuracy</code>, the estimated error of each quantity
+(impulse, contact instants, ...): mesh and time step are coarsened and what was exchanged is run again, which takes a
+fifth of the simulation in solids, as long again in bars. Outputs carry no estimate of their own: it needs the whole
+history.</li>
 <li>A load in the scene should have the size expected, so that its amplitude is about 1: tolerances are relative to the
 loads of the scene, and a load of 1 Pa times 10<sup>8</sup> asks for more digits than there are.</li>
 <li>The scene's own time laws count from the start of the simulation.</li>

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -12,8 +12,14 @@ from ..errors import InputError, Problem
 from ..latin.record import Array
 from ..scene.laws import InputLaw
 from ..scene.schema import Scene
+from .accepted import AcceptedStep
 from .history_file import Histories, check_history
-from .variables import HOLD, LINE, input_loads
+from .variables import HOLD, LINE, RATE, input_loads
+
+Curve = tuple[tuple[float, ...], tuple[float, ...]]
+"""Times, s, strictly increasing, and amplitudes between which a load was linear."""
+
+_JUMP: Final = 1e-7  # of a step: how far apart the two times of a jump are written
 
 
 class Loads:
@@ -84,6 +90,15 @@ class Loads:
         """Values at ``begin``; the present ones before."""
         return {name: pair[0] for name, pair in self._initial.items()} or dict(self.value)
 
+    def curves(self, end: float) -> dict[str, Curve]:
+        """The histories, and constants from 0 to ``end``, s, for loads without."""
+        found: dict[str, Curve] = {
+            name: ((0.0, end), (value, value)) for name, value in self.initial_values().items()
+        }
+        for name, (times, values) in self.histories.items():
+            found[name] = (tuple(map(float, times)), tuple(map(float, values)))
+        return found
+
     def amplitudes(self, h: float, n: int, rule: int) -> dict[str, Array]:
         """Amplitudes (n + 1,) over a step of h, s, in n parts. rule : HOLD, RATE or LINE."""
         return {name: self._amplitude(name, h, n, rule) for name in self._start}
@@ -121,3 +136,25 @@ def _start_value(scene: Scene, name: str) -> float:
     law = scene.load[name].law
     assert isinstance(law, InputLaw)
     return law.start_value
+
+
+def curves_of(steps: Sequence[AcceptedStep], rule: int, before: Mapping[str, Curve]) -> dict[str, Curve]:
+    """What loads did over accepted steps, times from the start of the first one.
+
+    Parameters
+    ----------
+    rule : HOLD, RATE or LINE. before : curves whose last value is that of the start.
+    """
+    t0 = steps[0].start
+    found: dict[str, Curve] = {}
+    for name, (_, given) in before.items():
+        times, values = [0.0], [given[-1] if rule == LINE else steps[0].value[name]]
+        for step in steps:
+            value, h = step.value[name], step.end - step.start
+            if rule != LINE and value != values[-1]:
+                times.append(times[-1] + _JUMP * h)
+                values.append(value)
+            times.append(step.end - t0)
+            values.append(value + step.rate[name] * h if rule == RATE else value)
+        found[name] = (tuple(times), tuple(values))
+    return found

@@ -40,6 +40,11 @@ def check_results_file(values: Values) -> None:
         check_target(target)
 
 
+def estimate_wanted(values: Values) -> bool:
+    """Whether the errors of what was solved are to be estimated at the end."""
+    return bool(values.number("estimateError"))
+
+
 def push_loads(values: Values, session: Session) -> None:
     """Inputs to the session."""
     for name in session.loads:

@@ -13,7 +13,7 @@ import numpy as np
 from ..errors import LatinError
 from ..latin.blob import decode, encode
 from .guarded import DISCARD, WARNING, Log, guarded
-from .parameters import check_results_file, push_histories, push_loads, settings_of
+from .parameters import check_results_file, estimate_wanted, push_histories, push_loads, settings_of
 from .values import Values
 from .variable import Variable
 
@@ -107,6 +107,8 @@ class Participant:
     @guarded(False)
     def _initialize(self) -> bool:
         check_results_file(self._values)
+        if estimate_wanted(self._values) and not self._values.text("resultsFile"):
+            self.log(WARNING, "estimateError has no effect without resultsFile, where the estimate is told")
         session = self._session_for(self.settings())
         session.reset()
         push_loads(self._values, session)
@@ -150,7 +152,7 @@ class Participant:
         if target and self._ready and self._session is not None:
             from ..results.netcdf import write_netcdf
 
-            write_netcdf(self._session.dataset(), target)
+            write_netcdf(self._session.dataset(estimate=estimate_wanted(self._values)), target)
         return True
 
     # -- states ---------------------------------------------------------------------------------------------------

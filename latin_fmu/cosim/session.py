@@ -20,9 +20,10 @@ import xarray as xr
 from ..errors import InputError, LatinError, Problem
 from ..latin.blob import decode, encode
 from ..latin.record import Array, InterfaceHistory
+from ..results.estimates import ErrorEstimate
 from ..scene.schema import Scene
 from .accepted import AcceptedStep, Chain
-from .loads import Loads
+from .loads import Curve, Loads
 from .prescribed import Prescribed
 from .settings import Settings
 from .step_report import StepReport, refused, why_not
@@ -173,11 +174,26 @@ class Session:
         run = None if self._engine is None else self._engine.run
         return () if run is None else run.built.warnings
 
-    def dataset(self) -> xr.DataTree:
-        """Accepted steps as a DataTree: that of a run, and group ``exchange`` with inputs and outputs by step."""
+    def given_curves(self) -> dict[str, Curve]:
+        """Loads set from outside when the session was initialized: histories, else constants."""
+        return self._loads.curves(self.scene.time.end)
+
+    def estimate_error(self) -> ErrorEstimate:
+        """Estimated relative error of every quantity of the steps kept (prescribed mode: of the whole interval), from
+        coarser runs of what was solved; takes as long as these."""
+        from .session_error import session_error
+
+        return session_error(self, self._engine)
+
+    def dataset(self, estimate: bool = False) -> xr.DataTree:
+        """Accepted steps as a DataTree: that of a run, and group ``exchange`` with inputs and outputs by step; where
+        wanted group ``accuracy`` with the estimated errors."""
         from .exchange_dataset import session_tree
 
-        return session_tree(self, self._engine)
+        tree = session_tree(self, self._engine)
+        if estimate:
+            tree["/accuracy"] = xr.DataTree(self.estimate_error().dataset())
+        return tree
 
     # -- state ----------------------------------------------------------------------------------------------------
     def snapshot(self) -> bytes:

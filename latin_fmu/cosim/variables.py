@@ -96,6 +96,11 @@ def _parameters(scene: Scene) -> Iterator[Variable]:
         "resultsFile", "string", "",
         "netCDF file written when the simulation is terminated, holding accepted steps only; nothing where empty",
     )  # fmt: skip
+    yield parameter(
+        "estimateError", "integer", 0,
+        "1: coarser runs, made when the simulation is terminated, tell the error of each quantity in the results file",
+        minimum=0, maximum=1,
+    )  # fmt: skip
 
 
 def _inputs(scene: Scene, name: str) -> Iterator[Variable]:

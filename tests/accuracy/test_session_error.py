@@ -1,0 +1,160 @@
+"""The estimated error of a session: that of the plain run it amounts to, and above the true one."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import latin_fmu
+from latin_fmu.accuracy.kinds import FLOOR
+from latin_fmu.cosim import Session, Settings
+from latin_fmu.cosim.accepted import AcceptedStep
+from latin_fmu.cosim.loads import curves_of
+from latin_fmu.cosim.participant import Participant
+from latin_fmu.cosim.variables import HOLD, LINE, PRESCRIBED, RATE, table_of
+from latin_fmu.results.estimates import ErrorEstimate
+from latin_fmu.scene.schema import Scene
+
+from ..verification.known_answers import Known, smooth_pulse
+
+END, STEPS = 6.0, 100
+KNOWN = smooth_pulse(0.05)
+
+
+def with_law(known: Known, law: object) -> Scene:
+    """The scene of a known answer with another law of its load, and fields for its sensors."""
+    data = tomllib.loads(known.scene.text())
+    data["load"]["push"]["law"] = law
+    data["output"] = {"fields": True}
+    return latin_fmu.scene_from_dict(data)
+
+
+def pulse(times: np.ndarray) -> np.ndarray:
+    """Half a sine of two seconds: the load of the known answer."""
+    return np.sin(np.pi * np.minimum(times / 2.0, 1.0)).round(15)
+
+
+def driven(rule: int, steps: int = STEPS, last: float = 1.0) -> Session:
+    """A windowed session that hands the pulse over step by step; the last step is ``last`` times as long."""
+    session = Session(with_law(KNOWN, "input"), Settings(interpolation=rule))
+    session.initialize()
+    h = END / STEPS
+    for i in range(steps):
+        now, then = pulse(np.array([i * h, (i + 1) * h]))
+        session.set_load("push", float(then if rule == LINE else now), float(then - now) / h)
+        report = session.step(i * h, h if i < steps - 1 else last * h)
+        assert report.accepted, report.message
+    return session
+
+
+def check_true(estimate: ErrorEstimate, session: Session) -> None:
+    """Every estimated error is at least the true one, errors below 0.1 % counted as that."""
+    assert {q.quantity for q in estimate.quantities} >= set(KNOWN.quantities)
+    for quantity in KNOWN.quantities:
+        owner, _, key = quantity.rpartition(".")
+        told = estimate[quantity]
+        if key not in ("force_history", "displacement"):
+            true = abs(told.value - KNOWN.exact.values[quantity]) / KNOWN.exact.scales[quantity]
+            assert max(told.error, FLOOR) >= true, quantity
+        assert owner in ("meet", *session.scene.sensor)
+
+
+def test_windowed_estimate_is_that_of_the_plain_run() -> None:
+    """Straight lines between communication points: a table, solved here as a plain scene and judged there."""
+    session = driven(LINE)
+    estimate = session.estimate_error()
+    check_true(estimate, session)
+    times = np.linspace(0.0, END, STEPS + 1)
+    plain = with_law(KNOWN, {"type": "table", "times": times.tolist(), "values": pulse(times).tolist()})
+    expected = latin_fmu.estimate_error(plain, latin_fmu.solve(plain))
+    assert len(estimate.quantities) == len(expected.quantities) == 7
+    for ours, theirs in zip(estimate.quantities, expected.quantities, strict=True):
+        assert ours.quantity == theirs.quantity
+        assert ours.value == pytest.approx(theirs.value, rel=1e-6)
+        assert ours.error == pytest.approx(theirs.error, rel=1e-3, abs=1e-6), ours.quantity
+
+
+def test_prescribed_estimate_is_that_of_the_plain_run() -> None:
+    times = np.linspace(0.0, END, STEPS + 1)
+    session = Session(with_law(KNOWN, "input"), Settings(mode=PRESCRIBED))
+    session.set_history("push", times, pulse(times))
+    session.initialize()
+    plain = with_law(KNOWN, {"type": "table", "times": times.tolist(), "values": pulse(times).tolist()})
+    estimate = session.estimate_error()
+    check_true(estimate, session)
+    expected = latin_fmu.estimate_error(plain, latin_fmu.solve(plain))
+    assert [q.error for q in estimate.quantities] == pytest.approx(
+        [q.error for q in expected.quantities], rel=1e-9
+    )
+
+
+@pytest.mark.parametrize("rule", [HOLD, RATE])
+def test_jumps_at_communication_points_are_covered(rule: int) -> None:
+    """A staircase, and lines from value and rate: the estimate grants what coarser steps make of the jumps."""
+    session = driven(rule)
+    estimate = session.estimate_error()
+    scales, exact = KNOWN.exact.scales, KNOWN.exact.values
+    if rule == RATE:
+        check_true(estimate, session)
+    true = abs(estimate["meet.impulse"].value - exact["meet.impulse"]) / scales["meet.impulse"]
+    assert max(estimate["meet.impulse"].error, FLOOR) >= true
+
+
+@pytest.mark.parametrize("rule", [HOLD, RATE, LINE])
+def test_curves_keep_the_impulse_of_the_steps(rule: int) -> None:
+    """The area below a curve is that of what was set, whatever the jumps."""
+    rng = np.random.default_rng(7)
+    ends = 2.0 + np.concatenate([[0.0], np.cumsum(rng.uniform(0.1, 0.3, 6))])
+    value, rate = rng.normal(size=6), rng.normal(size=6)
+    steps = [
+        AcceptedStep(a, b, np.zeros(1), {"p": float(v)}, {"p": float(r)}, None)
+        for a, b, v, r in zip(ends[:-1], ends[1:], value, rate, strict=True)
+    ]
+    times, values = curves_of(steps, rule, {"p": ((0.0, 9.0), (0.4, 0.4))})["p"]
+    assert np.all(np.diff(times) > 0.0)
+    assert times[0] == 0.0
+    assert times[-1] == pytest.approx(ends[-1] - 2.0)
+    h, before = np.diff(ends), np.concatenate([[0.4], value[:-1]])
+    areas = {HOLD: value * h, RATE: value * h + 0.5 * rate * h**2, LINE: 0.5 * (before + value) * h}
+    assert np.trapezoid(values, times) == pytest.approx(areas[rule].sum(), rel=1e-5)
+
+
+def test_what_is_not_known_is_not_estimated() -> None:
+    """Nothing solved; steps of another length at the end, left out; a state restored elsewhere."""
+    fresh = Session(with_law(KNOWN, "input"))
+    assert fresh.estimate_error().quantities == ()
+    assert "nothing was solved" in fresh.estimate_error().remarks[0]
+    uneven = driven(LINE, steps=60, last=0.37)
+    remark = uneven.estimate_error().remarks[-1]
+    assert remark == f"steps of unequal length: estimated up to {59 * END / STEPS:.6g} s after the start"
+    moved = Session(uneven.scene, uneven.settings)
+    moved.restore(uneven.snapshot())
+    assert "a state was restored" in moved.estimate_error().remarks[0]
+
+
+def test_the_host_finds_the_estimate_in_the_results_file(tmp_path: Path) -> None:
+    """Asked for by a parameter; without a results file a warning says that there is no place for it."""
+    scene = with_law(KNOWN, "input")
+    heard: list[str] = []
+    participant = Participant(table_of(scene), lambda: scene, lambda _, text: heard.append(text))
+    place = {v.name: i for i, v in enumerate(participant.table)}
+    participant.set([place["estimateError"]], [1])
+    assert participant.initialize()
+    assert any("no effect without resultsFile" in text for text in heard)
+    participant.clear()
+    heard.clear()
+    file = tmp_path / "session.nc"
+    participant.set([place["estimateError"], place["load.push.value"]], [1, 0.5])
+    participant.set_texts([place["resultsFile"]], [str(file)])
+    assert participant.initialize()
+    for i in range(20):
+        assert participant.step(0.1 * i, 0.1)
+    assert participant.terminate()
+    assert not heard
+    tree = latin_fmu.open_results(file)
+    assert float(tree["accuracy"]["relative_error"].sel(quantity="meet.impulse")) > 0.0
+    assert tree["exchange"].sizes["time"] == 20
+    tree.close()
