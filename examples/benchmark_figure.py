@@ -24,6 +24,7 @@ LABELS = {
     "reduced": "reduced, set-up apart",
     "reduced_batched": "reduced, identical blocks together, set-up apart",
 }
+_APART = 1.25  # of two labels
 LINES = ("-", "--", ":")
 MARKERS = ("o", "s", "^")
 
@@ -93,10 +94,13 @@ def curves(axis: Axes, rows: Sequence[Row], over: str) -> None:
 def slender(axis: Axes, rows: Sequence[Row]) -> None:
     """P1: one point for each mesh and propagator."""
     meshes = list(dict.fromkeys(r["case"].split()[1] for r in rows))
-    for row in rows:
-        place = meshes.index(row["case"].split()[1])
-        axis.plot([place], [row["ratio"]], "o", color=COLOURS[row["propagator"]], markersize=8)
-        axis.annotate(f"  {row['ratio']:.2f}", (place, row["ratio"]), va="center")
+    for place, mesh in enumerate(meshes):
+        above = 0.0
+        for row in sorted((r for r in rows if r["case"].split()[1] == mesh), key=lambda r: r["ratio"]):
+            ratio = row["ratio"]
+            axis.plot([place], [ratio], "o", color=COLOURS[row["propagator"]], markersize=8)
+            above = max(ratio, _APART * above)  # labels of points that lie together: one above the other
+            axis.annotate(f"  {ratio:.2f}", (place, above), va="center")
     axis.set_xticks(range(len(meshes)), meshes)
     axis.set(xlabel="elements in a bar", xlim=(-0.5, max(len(meshes), 1) - 0.3))
     axis.set_title("P1: slender bars", loc="left")
