@@ -202,7 +202,7 @@ class ClassTable:
             found[name] = base + 8 * i * n * m
         for name in sizes:
             found[name] = base + 8 * starts[name]
-        self._state.append(block[:states].reshape(-1, n, m))
+        self._state.append(block[:states].reshape(len(_STATE), n, m))
         self.probed.append(np.zeros((0, 0, m)))
 
     def _products(
