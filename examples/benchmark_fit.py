@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import nnls
 
+from latin_fmu.assembly.run_cost import march, set_up
+from latin_fmu.assembly.run_sizes import RunSizes
 from latin_fmu.propagator.cost import MANY, Counts, seconds
 from latin_fmu.propagator.seconds import SECONDS
-from latin_fmu.scene.run_cost import march, set_up
-from latin_fmu.scene.run_sizes import RunSizes
 
 PREPARATION = ("run", "body", "interface", "cell", "unknown")
 OPERATORS = ("class", "flop", "cube", "square", "solved")

@@ -12,12 +12,12 @@ import numpy as np
 import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 
+from latin_fmu.assembly.build import Prepared
+from latin_fmu.assembly.merge import Merged, merge
 from latin_fmu.compiled import COMPILES
 from latin_fmu.propagator import DirectPropagator
 from latin_fmu.propagator.cholesky import interface_factor
 from latin_fmu.propagator.model import reduced_rank
-from latin_fmu.scene.build import Prepared
-from latin_fmu.scene.merge import Merged, merge
 
 NOTHING = np.zeros((0, 1))
 

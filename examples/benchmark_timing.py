@@ -19,8 +19,8 @@ from threadpoolctl import threadpool_limits
 
 import latin_fmu
 from latin_fmu.api import run
+from latin_fmu.assembly.build import Built, Prepared, prepare
 from latin_fmu.latin.record import Outcome
-from latin_fmu.scene.build import Built, Prepared, prepare
 
 
 def prepared(case: Case, solver: dict[str, Any]) -> Prepared:

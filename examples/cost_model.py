@@ -28,9 +28,9 @@ from threadpoolctl import threadpool_limits
 
 import latin_fmu
 from latin_fmu.api import run
+from latin_fmu.assembly.build import prepare
+from latin_fmu.assembly.run_sizes import run_sizes
 from latin_fmu.effects.explanation import explain
-from latin_fmu.scene.build import prepare
-from latin_fmu.scene.run_sizes import run_sizes
 
 FACTOR = 1.5  # aimed at for totals
 SMALL = 0.05  # shares below are noise

@@ -19,7 +19,7 @@ from example_tools import BLUE, ORANGE, options, save, table, tidy
 from matplotlib.figure import Figure
 
 import latin_fmu
-from latin_fmu.scene.build import build
+from latin_fmu.assembly.build import build
 
 Tables = dict[str, Any]
 STEEL = {"young_modulus": 210e9, "poisson_ratio": 0.3, "density": 7800.0}

@@ -45,7 +45,7 @@ from benchmark_timing import (
 from example_tools import save
 
 from latin_fmu.api import run
-from latin_fmu.scene.build import Prepared
+from latin_fmu.assembly.build import Prepared
 
 OWN = {"propagator": "direct", "share_identical": False}
 VARIANTS: dict[str, dict[str, Any]] = {

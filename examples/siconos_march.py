@@ -16,10 +16,10 @@ import scipy.sparse as sp
 from example_tools import Array
 from siconos_contact import Contacts
 
+from latin_fmu.assembly.build import Prepared
 from latin_fmu.propagator import SubstructureModel
 from latin_fmu.propagator.cholesky import interface_factor
 from latin_fmu.propagator.model import reduced_rank
-from latin_fmu.scene.build import Prepared
 
 THETA = 0.5
 

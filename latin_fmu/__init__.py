@@ -9,13 +9,13 @@ exerts on a side; N points from side E to side E'. Two groups of equations, sati
 =====================================================================  ==========================================
 equations                                                              module
 =====================================================================  ==========================================
-(1)-(5)    kinematics, initial values, equilibrium, elasticity         fem, scene.body, scene.conditions
+(1)-(5)    kinematics, initial values, equilibrium, elasticity         fem, assembly.body, assembly.conditions
 (6), (15)  an interface behaviour and its contract                     interface.behaviour
 (7)        perfect connection                                          interface.perfect
 (8)-(14)   linear stage: F - F_hat = -k (W - W_hat), dashpots k        latin.global_stage, propagator.direct
 (12)-(17)  search directions k                                         latin.search_direction
 (15)-(17)  local stage: F_hat - F = k (W_hat - W), point by point      latin.local_stage
-(18)-(19)  points, normals, gap of an interface                        interface.geometry, scene.pairing
+(18)-(19)  points, normals, gap of an interface                        interface.geometry, assembly.pairing
 (20)-(23)  unilateral contact with Coulomb friction                    interface.contact
 (24)       error indicator                                             latin.error_indicator
            loop, acceleration, fall-backs; windows                     latin.solver, latin.acceleration, latin.windows

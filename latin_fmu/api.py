@@ -5,6 +5,7 @@ from __future__ import annotations
 import time as clock
 from typing import Protocol
 
+from .assembly.build import Built, build
 from .blas_threads import one_thread
 from .latin.drift import drift_remarks
 from .latin.record import Outcome, Timings
@@ -16,7 +17,6 @@ from .memory import peak_memory
 from .observe import Iteration, Observer
 from .propagator.remarks import accuracy_remarks
 from .results.solution import Solution
-from .scene.build import Built, build
 from .scene.schema import Scene
 
 

@@ -24,6 +24,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("march",),
     ("latin",),
     ("scene", "results"),
+    ("assembly",),
     ("observe", "progress"),
     ("api",),
     ("accuracy",),

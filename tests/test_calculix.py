@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu.scene.build import Prepared, build, prepare
-from latin_fmu.scene.merge import bonded
+from latin_fmu.assembly.build import Prepared, build, prepare
+from latin_fmu.assembly.merge import bonded
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 

@@ -10,11 +10,11 @@ from types import ModuleType
 import numpy as np
 import pytest
 
+from latin_fmu.assembly.build import prepare
+from latin_fmu.assembly.run_cost import set_up
+from latin_fmu.assembly.run_sizes import run_sizes
 from latin_fmu.propagator.cost import MANY
 from latin_fmu.propagator.seconds import SECONDS
-from latin_fmu.scene.build import prepare
-from latin_fmu.scene.run_cost import set_up
-from latin_fmu.scene.run_sizes import run_sizes
 
 from .verification.oracles import cases
 

@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 
+from latin_fmu.assembly.build import build
 from latin_fmu.cli import main
 from latin_fmu.effects import Explanation, explain
 from latin_fmu.effects.registry import EFFECTS
-from latin_fmu.scene.build import build
 from latin_fmu.scene.lines import key_lines, line_of
 from latin_fmu.scene.reader import scene_from_dict
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu.scene.segments import SegmentedRun
+from latin_fmu.assembly.segments import SegmentedRun
 
 MODELS = Path(__file__).parents[1] / "models"
 

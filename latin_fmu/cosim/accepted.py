@@ -8,8 +8,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from weakref import WeakValueDictionary
 
+from ..assembly.segments import Segment
 from ..latin.record import Array
-from ..scene.segments import Segment
 
 
 @dataclass(frozen=True)

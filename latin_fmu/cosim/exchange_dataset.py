@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
+from ..assembly.segments import Segment
 from ..latin.record import Array, InterfaceHistory, Outcome, SubstructureHistory, Timings, WindowRecord
 from ..results.dataset import AXES, datatree
 from ..results.provenance import provenance
-from ..scene.segments import Segment
 from .accepted import AcceptedStep
 from .prescribed import Prescribed
 from .variable import Variable

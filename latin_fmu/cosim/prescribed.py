@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..assembly.build import Built
+from ..assembly.segments import Segment, SegmentedRun
 from ..errors import SolverError
 from ..latin.blob import encode
 from ..latin.record import Array, InterfaceHistory
-from ..scene.build import Built
 from ..scene.schema import Scene
-from ..scene.segments import Segment, SegmentedRun
 from .history_file import Histories
 from .loads import Loads
 from .reading import Motion, impulses, rows_of, series_of

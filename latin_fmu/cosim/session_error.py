@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 from ..accuracy.estimate import estimate_error
 from ..accuracy.kinds import FLOOR
 from ..accuracy.refinement import with_tolerance
+from ..assembly.segments import Segment
 from ..results.estimates import ErrorEstimate
 from ..results.solution import Solution
 from ..scene.point_laws import TableLaw
 from ..scene.schema import Scene
-from ..scene.segments import Segment
 from .exchange_dataset import joined
 from .loads import Curve, curves_of
 from .prescribed import Prescribed

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from ..assembly.segments import Segment, SegmentedRun
 from ..errors import SolverError
 from ..latin.record import Array, InterfaceHistory, Timings
 from ..latin.recorder import Recorder
 from ..latin.windows import Run
 from ..scene.schema import Scene
-from ..scene.segments import Segment, SegmentedRun
 from .loads import Loads
 from .reading import impulses, rows_of, series_of
 from .sensors import motion_now, places_of

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..scene.propagator_choice import chosen_propagators
+from ..assembly.propagator_choice import chosen_propagators
 from ..scene.solver_settings import WHOLE, Anderson
 from .effect import Effect
 from .sizes import Sizes
@@ -48,7 +48,7 @@ def choices(sizes: Sizes) -> dict[str, str]:
 
 
 def prediction(sizes: Sizes, effects: list[Effect]) -> dict[str, Any]:
-    """Predicted cost of the run: CPU seconds of set-up and instants (``scene.run_cost``), and memory."""
+    """Predicted cost of the run: CPU seconds of set-up and instants (``assembly.run_cost``), and memory."""
     memory = sizes.factor_bytes + sum(e.memory for e in effects if e.on and e.name not in ("elastic bodies",))
     return {
         "cpu_seconds_set_up": round(sizes.cost.set_up, 4),

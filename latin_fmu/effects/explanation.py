@@ -6,7 +6,7 @@ import textwrap
 from dataclasses import dataclass
 from typing import Any
 
-from ..scene.build import prepare
+from ..assembly.build import prepare
 from ..scene.lines import key_lines, line_of
 from ..scene.schema import Scene
 from .choices import choices, prediction

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
 
+from ..assembly.build import Prepared
+from ..assembly.run_cost import RunCost, march_saved, run_cost
+from ..assembly.run_sizes import CONTACT, ClassSizes, RunSizes, expected_iterations, run_sizes
 from ..latin.layout import InterfaceUnit
-from ..scene.build import Prepared
-from ..scene.run_cost import RunCost, march_saved, run_cost
-from ..scene.run_sizes import CONTACT, ClassSizes, RunSizes, expected_iterations, run_sizes
 
 
 class Sizes:

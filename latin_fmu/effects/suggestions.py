@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..assembly.arrival import arrival_times, marched_share
+from ..assembly.run_sizes import ClassSizes, RunSizes
 from ..fem.elasticity import wave_speeds
-from ..scene.arrival import arrival_times, marched_share
 from ..scene.fields import GROUND, split_face
-from ..scene.run_sizes import ClassSizes, RunSizes
 from .effect import Effect, Suggestion
 from .sizes import Sizes
 

@@ -8,11 +8,11 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
+from ..assembly.build import Prepared
+from ..assembly.merge import merge
 from ..latin.layout import InterfaceUnit
 from ..propagator import SubstructureModel
-from ..scene.build import Prepared
 from ..scene.fields import GROUND, split_face
-from ..scene.merge import merge
 
 
 @dataclass(frozen=True)

@@ -6,16 +6,16 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from ..assembly.build import Prepared, prepare
+from ..assembly.checks import characteristic_traction
+from ..assembly.models import side_impedance
+from ..assembly.static_start import starts_static
 from ..errors import Problem, SceneError
 from ..fem.nearest import nearest
 from ..latin.layout import Array, InterfaceUnit
 from ..scene.boundaries import PrescribedDisplacement, PrescribedVelocity
-from ..scene.build import Prepared, prepare
-from ..scene.checks import characteristic_traction
 from ..scene.fields import GROUND
-from ..scene.models import side_impedance
 from ..scene.schema import Scene
-from ..scene.static_start import starts_static
 from ..scene.time_settings import HHT
 from .bodies import bonded_bodies, is_bond
 from .bonds import bond_of

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from latin_fmu.assembly.build import prepare
 from latin_fmu.errors import SceneError
 from latin_fmu.exchange.bodies import bonded_bodies
 from latin_fmu.exchange.contacts import Cut
@@ -13,7 +14,6 @@ from latin_fmu.exchange.patches import patches
 from latin_fmu.exchange.reduce import reduced_system
 from latin_fmu.exchange.static_check import deflections
 from latin_fmu.exchange.system import ReducedSystem
-from latin_fmu.scene.build import prepare
 
 from .scenes import SIZE, pair, rods, thrown
 

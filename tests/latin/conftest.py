@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
+from latin_fmu.assembly.build import Built, build
 from latin_fmu.latin.record import Timings
 from latin_fmu.latin.recorder import Recorder
 from latin_fmu.latin.windows import Run
-from latin_fmu.scene.build import Built, build
 from latin_fmu.scene.reader import scene_from_dict
 
 Tables = dict[str, Any]

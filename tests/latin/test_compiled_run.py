@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import latin_fmu
+from latin_fmu.assembly.segments import SegmentedRun
 from latin_fmu.compiled import COMPILES
 from latin_fmu.latin import compiled_run, windows
 from latin_fmu.latin.threads import dealt
-from latin_fmu.scene.segments import SegmentedRun
 
 pytestmark = pytest.mark.skipif(not COMPILES, reason="compilation is off")
 

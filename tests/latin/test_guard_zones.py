@@ -14,12 +14,12 @@ import pytest
 from numpy.typing import NDArray
 
 import latin_fmu
+from latin_fmu.assembly.segments import SegmentedRun
 from latin_fmu.compiled import COMPILES
 from latin_fmu.latin.compiled_run import CompiledRun
 from latin_fmu.latin.recorder import Recorder
 from latin_fmu.march import classes, groups, work
 from latin_fmu.march.views import address
-from latin_fmu.scene.segments import SegmentedRun
 
 pytestmark = pytest.mark.skipif(not COMPILES, reason="compilation is off")
 

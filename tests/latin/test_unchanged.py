@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import latin_fmu
+from latin_fmu.assembly.build import build
 from latin_fmu.latin import windows
 from latin_fmu.latin.global_stage import GlobalStage
 from latin_fmu.latin.settings import Settings
 from latin_fmu.latin.solver import Direction
 from latin_fmu.latin.unchanged import Answers, negligible
-from latin_fmu.scene.build import build
 
 Tables = dict[str, Any]
 

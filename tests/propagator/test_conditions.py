@@ -12,10 +12,10 @@ import pytest
 import scipy.linalg as la
 
 from latin_fmu.api import run
+from latin_fmu.assembly.build import Built, build
 from latin_fmu.errors import SceneError
 from latin_fmu.latin.record import Outcome
 from latin_fmu.propagator import DirectPropagator, Histories
-from latin_fmu.scene.build import Built, build
 from latin_fmu.scene.reader import scene_from_dict
 from latin_fmu.time_scheme import make_scheme
 

@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 
 import latin_fmu
+from latin_fmu.assembly.build import prepare
+from latin_fmu.assembly.cost import fitting, memory_needed
+from latin_fmu.assembly.run_cost import march, run_cost, set_up
+from latin_fmu.assembly.run_sizes import run_sizes
 from latin_fmu.compiled import COMPILES
 from latin_fmu.memory import physical_memory
 from latin_fmu.propagator.cost import cost, factor_bytes, size_of
 from latin_fmu.propagator.seconds import SECONDS
 from latin_fmu.propagator.settings import PropagatorSettings
 from latin_fmu.results.summary import summary
-from latin_fmu.scene.build import prepare
-from latin_fmu.scene.cost import fitting, memory_needed
-from latin_fmu.scene.run_cost import march, run_cost, set_up
-from latin_fmu.scene.run_sizes import run_sizes
 
 
 def scene(elements: int, **solver: Any) -> latin_fmu.Scene:
@@ -146,7 +146,7 @@ def test_conjugate_gradients_where_factors_do_not_fit() -> None:
 
 
 def test_the_choice_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("latin_fmu.scene.cost.physical_memory", lambda: 1000)
+    monkeypatch.setattr("latin_fmu.assembly.cost.physical_memory", lambda: 1000)
     automatic, asked = latin_fmu.solve(scene(2)), latin_fmu.solve(scene(2, propagator="direct"))
     assert any("conjugate gradients" in w for w in automatic.warnings)
     assert not any("conjugate gradients" in w for w in asked.warnings)

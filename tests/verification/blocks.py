@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 import latin_fmu
-from latin_fmu.scene.segments import SegmentedRun
+from latin_fmu.assembly.segments import SegmentedRun
 
 from .oracles.contact_march import Body, ContactFace
 from .oracles.hexahedra import Block, Solid, merged

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 import latin_fmu
+from latin_fmu.assembly.build import build
 from latin_fmu.fem.stress import MeanStress
 from latin_fmu.latin import windows
 from latin_fmu.latin.assembly import Assembly
 from latin_fmu.latin.local_stage import LocalStage
 from latin_fmu.propagator.energy import EnergyMeter
 from latin_fmu.scene import body as body_module
-from latin_fmu.scene.build import build
 
 Tables = dict[str, Any]
 
@@ -173,7 +173,7 @@ def test_bonds_that_say_the_same_twice_are_solved_too() -> None:
 
 def test_bonds_to_moving_ground_and_a_change_of_step() -> None:
     """Bonded to ground at constant speed: the block follows; the operators follow the step."""
-    from latin_fmu.scene.segments import SegmentedRun
+    from latin_fmu.assembly.segments import SegmentedRun
 
     tables = scene()
     del tables["load"]

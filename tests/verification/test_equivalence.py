@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu.scene.build import build, prepare
-from latin_fmu.scene.merge import bonded
+from latin_fmu.assembly.build import build, prepare
+from latin_fmu.assembly.merge import bonded
 
 from .blocks import apart, solve, stack
 from .blocks import bonded as bonded_reference

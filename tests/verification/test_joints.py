@@ -144,7 +144,7 @@ def test_soft_impact_is_elastic(window: Any) -> None:
 
 def test_step_length_may_change_between_segments() -> None:
     """The layer takes its displacements from the bodies: nothing is lost where a run is cut and the step changes."""
-    from latin_fmu.scene.segments import SegmentedRun
+    from latin_fmu.assembly.segments import SegmentedRun
 
     tables = spring()
     end = tables["time"]["end"]

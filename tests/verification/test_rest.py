@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import latin_fmu
+from latin_fmu.assembly.arrival import arrival_times
+from latin_fmu.assembly.build import build, prepare
+from latin_fmu.assembly.resting import cut_by_arrival
 from latin_fmu.effects import explain
-from latin_fmu.scene.arrival import arrival_times
-from latin_fmu.scene.build import build, prepare
-from latin_fmu.scene.resting import cut_by_arrival
 
 LENGTH, STEEL = 0.02, {"young_modulus": 210e9, "poisson_ratio": 0.3, "density": 7800.0}
 SPEED = np.sqrt(210e9 * 0.7 / (1.3 * 0.4) / 7800.0)

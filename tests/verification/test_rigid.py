@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from latin_fmu import api
+from latin_fmu.assembly.build import build
 from latin_fmu.errors import SceneError
 from latin_fmu.fem.elasticity import element_basis, mass
 from latin_fmu.fem.mesh import Mesh, box_mesh
 from latin_fmu.fem.rigid import rigid_body
-from latin_fmu.scene.build import build
 from latin_fmu.scene.reader import scene_from_dict
 
 from .oracles import sliding_block

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu.scene.build import build
+from latin_fmu.assembly.build import build
 
 from .blocks import stack
 

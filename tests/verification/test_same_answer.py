@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import latin_fmu
+from latin_fmu.assembly.segments import SegmentedRun
 from latin_fmu.errors import SceneError
-from latin_fmu.scene.segments import SegmentedRun
 
 from .blocks import solve, stack
 from .test_explicit import closes

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import latin_fmu
+from latin_fmu.assembly.segments import SegmentedRun
 from latin_fmu.cosim.session import Session
 from latin_fmu.effects.explanation import explain
-from latin_fmu.scene.segments import SegmentedRun
 
 Tables = dict[str, Any]
 STEEL = {"young_modulus": 210e9, "poisson_ratio": 0.3, "density": 7800.0}

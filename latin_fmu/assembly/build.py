@@ -15,10 +15,13 @@ from ..latin.recorder import SubstructureInfo, Wanted
 from ..latin.search_direction import SearchDirection, inertial_impedance, unresolved_sides
 from ..latin.settings import Settings
 from ..propagator import Propagator, StaticPropagator, make_propagator
+from ..scene.boundaries import Periodic
+from ..scene.fields import split_face
+from ..scene.schema import Scene
+from ..scene.solver_settings import WHOLE, Anderson, Uniform
 from ..time_scheme import QuasiStatic, TimeScheme, make_scheme
 from .arrival import arrival_times, marched_share
 from .body import Body, build_bodies, locking_remarks
-from .boundaries import Periodic
 from .checks import (
     boundaries_of,
     characteristic_traction,
@@ -28,7 +31,6 @@ from .checks import (
     sampling_remarks,
 )
 from .conditions import Conditions
-from .fields import split_face
 from .initial_state import InitialState
 from .models import ModelClass, model_classes, side_impedance
 from .pairing import build_interface
@@ -37,8 +39,6 @@ from .propagator_choice import chosen_propagators, unstable_steps
 from .resting import cut_by_arrival
 from .rigid import conditions_on
 from .run_sizes import run_sizes
-from .schema import Scene
-from .solver_settings import WHOLE, Anderson, Uniform
 from .static_start import start_problems, starts_static, static_state
 from .statics import side_stiffness, static_traction, unheld
 from .timeline import Timeline

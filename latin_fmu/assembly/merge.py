@@ -19,7 +19,7 @@ from ..latin.assembly import Assembly
 from ..latin.layout import InterfaceUnit
 from ..latin.recorder import SubstructureInfo
 from ..propagator import DirectPropagator, Histories, LoadTerm, SubstructureModel
-from .fields import split_face
+from ..scene.fields import split_face
 from .timeline import Timeline
 
 

@@ -21,18 +21,18 @@ from ..latin.recorder import Recorder
 from ..latin.status import status
 from ..latin.windows import Run
 from ..propagator import StaticPropagator
+from ..scene.fields import GROUND, split_face
+from ..scene.schema import Scene
+from ..scene.static_scene import resting, something_acts, static_interfaces, static_scene
+from ..scene.time_settings import StaticStart
 from ..time_scheme import QuasiStatic
 from .body import Body
 from .checks import boundaries_of
 from .conditions import Conditions
-from .fields import GROUND, split_face
 from .initial_state import InitialState
 from .models import model_classes
 from .rigid import conditions_on
-from .schema import Scene
-from .static_scene import resting, something_acts, static_interfaces, static_scene
 from .statics import unheld
-from .time_settings import StaticStart
 
 if TYPE_CHECKING:
     from .build import Built, Prepared

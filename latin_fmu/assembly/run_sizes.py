@@ -13,10 +13,10 @@ from ..interface.behaviour import bonds
 from ..latin.layout import InterfaceUnit
 from ..propagator.cost import Precision, Size, size_of
 from ..propagator.settings import Kind
+from ..scene.schema import Scene
+from ..scene.solver_settings import WHOLE
 from .arrival import arrival_times, marched_share
 from .propagator_choice import chosen_propagators
-from .schema import Scene
-from .solver_settings import WHOLE
 
 if TYPE_CHECKING:
     from .build import Prepared

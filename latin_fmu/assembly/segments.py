@@ -19,9 +19,9 @@ from ..latin.recorder import Recorder
 from ..latin.status import status
 from ..latin.windows import Run
 from ..propagator import Propagator
+from ..scene.laws import InputLaw
+from ..scene.schema import Scene
 from .build import prepare
-from .laws import InputLaw
-from .schema import Scene
 from .static_start import starts_static, static_state
 
 _SAME_STEP, _STEPS_KEPT = 1e-9, 8

@@ -10,8 +10,7 @@ import scipy.sparse as sp
 from ..errors import Problem
 from ..fem.mesh import Array, Index
 from ..fem.nearest import nearest
-from .body import Body
-from .boundaries import (
+from ..scene.boundaries import (
     AXES,
     Absorbing,
     Boundary,
@@ -21,8 +20,9 @@ from .boundaries import (
     PrescribedVelocity,
     Symmetry,
 )
-from .fields import split_face
-from .laws import TimeLaw
+from ..scene.fields import split_face
+from ..scene.laws import TimeLaw
+from .body import Body
 
 _FLAT = 1e-6  # a symmetry face may leave its plane by this fraction
 _PAIRING = 1e-3  # periodic faces: lateral distance of a pair over the spacing of points

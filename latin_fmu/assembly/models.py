@@ -13,12 +13,12 @@ from ..fem.massless import without_contact_mass
 from ..latin.layout import Array, Index, InterfaceUnit, Layout
 from ..propagator import LoadTerm, SubstructureModel
 from ..propagator.model import share_patterns
+from ..scene.fields import GROUND, split_face
+from ..scene.schema import Scene
 from ..time_scheme import QuasiStatic, TimeScheme
 from .body import Body
 from .conditions import Conditions
-from .fields import GROUND, split_face
 from .rigid import RigidConditions, rigid_model
-from .schema import Scene
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,11 @@ from ..errors import Problem
 from ..propagator import Propagator
 from ..propagator.explicit import ExplicitPropagator
 from ..propagator.settings import Kind, PropagatorSettings
+from ..scene.propagator_relations import CENTRAL
+from ..scene.propagator_settings import AutomaticPropagator, ReducedPropagator
+from ..scene.schema import Scene
 from .cost import fitting
 from .models import ModelClass
-from .propagator_relations import CENTRAL
-from .propagator_settings import AutomaticPropagator, ReducedPropagator
-from .schema import Scene
 
 
 def chosen_propagators(scene: Scene, classes: list[ModelClass]) -> tuple[PropagatorSettings, list[str]]:

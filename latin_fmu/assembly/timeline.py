@@ -9,8 +9,8 @@ import numpy as np
 from ..fem.mesh import Array
 from ..latin.assembly import Assembly, GroundState
 from ..propagator import Histories, SubstructureModel
+from ..scene.schema import Scene
 from .conditions import Conditions
-from .schema import Scene
 
 
 class Timeline:

@@ -9,13 +9,13 @@ from ..errors import Problem
 from ..fem.elasticity import lame
 from ..fem.mesh import Array
 from ..latin.layout import InterfaceUnit, Layout
+from ..scene.boundaries import PrescribedDisplacement, PrescribedVelocity
+from ..scene.fields import GROUND, split_face
+from ..scene.schema import Scene
 from .body import Body
-from .boundaries import PrescribedDisplacement, PrescribedVelocity
 from .checks import boundaries_of, largest_amplitude
 from .conditions import Conditions, Motion
-from .fields import GROUND, split_face
 from .rigid import RigidConditions
-from .schema import Scene
 
 _HELD = 1e-10  # a rigid motion with less relative motion at interfaces than this (squared) is free
 

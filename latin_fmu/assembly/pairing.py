@@ -12,10 +12,10 @@ from ..fem.nearest import nearest
 from ..interface import Behaviour, InterfaceGeometry, make_behaviour
 from ..interface.geometry import local_frames
 from ..latin.layout import InterfaceUnit
+from ..scene.fields import split_face
+from ..scene.interface_keys import PARAMETERS, TAKES
+from ..scene.interfaces import Interface
 from .body import Body
-from .fields import split_face
-from .interface_keys import PARAMETERS, TAKES
-from .interfaces import Interface
 
 _MATCHING = 1e-3  # lateral distance of paired points over the spacing of points
 _TOUCHING = 1e-9  # a distance along N below this fraction of the face is no gap

@@ -16,9 +16,9 @@ from ..fem.mesh_file import read_mesh
 from ..fem.ordering import nested_dissection
 from ..fem.rigid import rigid_body
 from ..fem.stress import MeanStress
-from .materials import Material
-from .schema import Scene
-from .substructures import Substructure
+from ..scene.materials import Material
+from ..scene.schema import Scene
+from ..scene.substructures import Substructure
 
 # plain 8-node hexahedra lock: nearly incompressible material, bending with elements long against the thickness
 LOCKING_POISSON, SLENDER, LONG_ELEMENT = 0.45, 10.0, 0.6

@@ -10,12 +10,12 @@ import numpy as np
 from ..errors import Problem
 from ..fem.mesh import Array
 from ..latin.layout import InterfaceUnit
+from ..scene.boundaries import Boundary, Periodic, PrescribedDisplacement, PrescribedVelocity
+from ..scene.fields import GROUND, split_face
+from ..scene.laws import InputLaw, TimeLaw, sampled_impulse_error
+from ..scene.schema import Scene
 from .body import Body
-from .boundaries import Boundary, Periodic, PrescribedDisplacement, PrescribedVelocity
 from .conditions import Motion
-from .fields import GROUND, split_face
-from .laws import InputLaw, TimeLaw, sampled_impulse_error
-from .schema import Scene
 
 _SAMPLING = 1e-3  # relative error of a sampled impulse that is worth a remark
 

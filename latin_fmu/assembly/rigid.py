@@ -18,8 +18,8 @@ from ..errors import Problem
 from ..fem.mesh import Array
 from ..fem.rigid import RigidBody, rigid_body
 from ..propagator import LoadTerm, SubstructureModel
+from ..scene.boundaries import Boundary, Periodic
 from .body import Body
-from .boundaries import Boundary, Periodic
 from .conditions import Conditions, build_conditions
 
 _ROUND_OFF = 1e-9

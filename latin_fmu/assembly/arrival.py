@@ -17,11 +17,11 @@ import numpy as np
 from ..fem.mesh import Array
 from ..fem.nearest import nearest
 from ..latin.layout import InterfaceUnit
+from ..scene.boundaries import PrescribedDisplacement, PrescribedVelocity
+from ..scene.fields import GROUND, split_face
+from ..scene.laws import InputLaw, TimeLaw
+from ..scene.schema import Scene
 from .body import Body
-from .boundaries import PrescribedDisplacement, PrescribedVelocity
-from .fields import GROUND, split_face
-from .laws import InputLaw, TimeLaw
-from .schema import Scene
 
 SHARE, STEPS = 0.35, 6
 """A body is marched from (1 - SHARE) of the arrival time, STEPS steps earlier still (measured: a chain of blocks of ten
