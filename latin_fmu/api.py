@@ -15,7 +15,7 @@ from .latin.status import status
 from .latin.windows import Run
 from .memory import peak_memory
 from .observe import Iteration, Observer
-from .propagator.remarks import accuracy_remarks
+from .propagator.base import accuracy_remarks
 from .results.solution import Solution
 from .scene.schema import Scene
 
@@ -99,12 +99,10 @@ def run(
         warnings=(*built.warnings, *drift_remarks(assembly), *accuracy_remarks(assembly.propagators)),
         settings=march.choices() | ({} if built.start is None else {"start": built.start.told}),
     )
-    # the stages are timed with the wall clock, which costs nothing to read, and share the CPU time in proportion
+    # the march is timed with the wall clock, which costs nothing to read, and has its share of the CPU time
     cpu = clock.process_time() - begin
-    share = cpu / (clock.perf_counter() - begin_wall)
-    timings.global_stage *= share
-    timings.local_stage *= share
-    timings.other = cpu - timings.global_stage - timings.local_stage
+    timings.march *= cpu / (clock.perf_counter() - begin_wall)
+    timings.other = cpu - timings.march
     timings.wall = clock.perf_counter() - wall
     timings.peak_memory = peak_memory()
     return outcome

@@ -75,3 +75,42 @@ def native(n_integer: int, n_float: int) -> Callable[[Callable[..., None]], Call
         return lambda: int(made().address) if COMPILES else 0
 
     return declare
+
+
+_FAST = {"reassoc", "contract", "nsz"}
+
+
+PLAIN = os.environ.get("KERNELS_PLAIN") == "1"
+
+
+def kernel(function: Function) -> Function:
+    if PLAIN:
+        return function
+    from numba import njit
+    return cast(Function, njit(nogil=True, fastmath=_FAST, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)(function))
+
+
+def ordered_kernel(function: Function) -> Function:
+    if PLAIN:
+        return function
+    import numba
+    numba.config.SLP_VECTORIZE = 1
+    return cast(Function, numba.njit(nogil=True, fastmath={"contract", "nsz"}, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)(function))
+
+
+def entry(*signatures: str, **types: Any) -> Callable[[Function], Function]:
+    def declare(function: Function) -> Function:
+        if PLAIN:
+            return function
+        import numba
+        numba.config.SLP_VECTORIZE = 1
+        made = numba.njit(nogil=True, fastmath=_FAST, error_model="numpy")(function)
+        store = store_of(Path(__file__).parent)
+        if store is not None:
+            keep(made, store)
+        return made
+    return declare
+
+
+def fields(*a: Any, **k: Any) -> None:
+    return None

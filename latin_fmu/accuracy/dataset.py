@@ -67,7 +67,7 @@ def _runs(study: Study) -> xr.Dataset:
         ),
         "cpu": ([_of(r, lambda run: run.cpu) for r in rows], "s", "CPU time, set-up included, output not"),
     }
-    for part in ("setup", "global_stage", "local_stage", "other", "output"):
+    for part in ("setup", "march", "other", "output"):
         seconds = [_of(r, lambda run, part=part: getattr(run.timings, part)) for r in rows]
         numbers[f"cpu_{part}"] = (seconds, "s", f"CPU time: {part.replace('_', ' ')}")
     for name, (values, unit, meaning) in numbers.items():

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _MARKS: Final = "osD^vP*X"
-_PARTS: Final = (("setup", "set-up"), ("global_stage", "global stage"), ("local_stage", "local stage"),
+_PARTS: Final = (("setup", "set-up"), ("march", "march"),
                  ("other", "other"), ("output", "output"))  # fmt: skip
 
 

@@ -13,7 +13,6 @@ from ..blas_threads import one_thread
 from ..fem.mesh import Array
 from ..latin.assembly import GroundState
 from ..latin.blob import decode, encode
-from ..latin.error_indicator import Scales
 from ..latin.record import InterfaceHistory, SubstructureHistory, Timings, WindowRecord
 from ..latin.recorder import Recorder
 from ..latin.status import status
@@ -248,28 +247,24 @@ class SegmentedRun:
 
     def _tree(self) -> dict[str, object]:
         assert self._run is not None
-        state = self._run.state
+        image = self._run.image
         return {
             "time": self.time,
             "start": self._amplitudes,
             "running": dict(self._running),
-            "f_hat": state.f_hat,
-            "w_hat": state.w_hat,
-            "field": state.scales.field,
-            "force": list(state.scales.force),
+            "fields": {name: image.field(name, size).copy() for name, size in self._run.handed_on()},
             "stored": self._stored,
             "steps": self._steps,
             "ground": {str(i): list(g) for i, g in self._ground.items()},
-            "propagators": [p.tree() for p in self.built.assembly.propagators],
+            "propagators": [p.get_state() for p in self.built.assembly.propagators],
         }
 
     def _resume(self, tree: dict[str, Any]) -> None:
         assert self._run is not None
-        state = self._run.state
         self.time, self._running = tree["time"], dict(tree["running"])
-        state.f_hat, state.w_hat = tree["f_hat"], tree["w_hat"]
-        state.scales = Scales(tree["field"], (tree["force"][0], tree["force"][1]))
+        for name, size in self._run.handed_on():
+            self._run.image.field(name, size)[:] = tree["fields"][name]
         self._stored, self._steps = tree["stored"], list(tree["steps"])
         self._ground = {int(i): GroundState(*g) for i, g in tree["ground"].items()}
         for propagator, part in zip(self.built.assembly.propagators, tree["propagators"], strict=True):
-            propagator.resume(part)
+            propagator.set_state(part)

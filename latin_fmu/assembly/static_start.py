@@ -111,7 +111,7 @@ def _handed(built: Built, run: Run, amplitudes: Mapping[str, float], tolerance: 
     assembly, displacement = built.assembly, {}
     for p in assembly.propagators:
         assert isinstance(p, StaticPropagator)
-        imposed = p.forcing.imposed_u(p.state.instant)
+        imposed = p.forcing.imposed_u(p.instant)
         for j, member in enumerate(p.members):
             displacement[member.name] = member.expansion @ p.state.u[:, j] + imposed[:, j]
     traction, closure = {}, {}
@@ -119,7 +119,7 @@ def _handed(built: Built, run: Run, amplitudes: Mapping[str, float], tolerance: 
     for i, unit in enumerate(assembly.interfaces):
         group = assembly.layout.group(i)
         points = group.members[i]
-        traction[unit.name] = group.block(run.state.f_hat)[0, points]
+        traction[unit.name] = group.block(run.f_hat)[0, points]
         if unit.behaviour.opens and not unit.behaviour.elastic:
             closure[unit.name] = np.where(traction[unit.name][:, 0] < 0.0, gaps[id(group)][points], 0.0)
     windows = run.state.windows

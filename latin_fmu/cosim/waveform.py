@@ -18,7 +18,7 @@ from typing import Protocol
 import numpy as np
 
 from ..errors import InputError, Problem, SolverError
-from ..latin.acceleration import Anderson
+from ..kernels.acceleration import Anderson
 from ..latin.record import Array
 from .step_report import StepReport
 
@@ -147,7 +147,7 @@ class WaveformMaster:
             if mismatch <= self._tolerance:
                 self._before, self.force = self.force, force
                 return MasterReport(iteration, mismatch, force)
-            force = accelerator.next(force[None], residual[None])[0]
+            force = accelerator.next(force, residual)
         self._rewind(states)
         raise SolverError(
             f"the step at {t:g} s: velocities differ by {mismatch:.3g} after {self._max} iterations"

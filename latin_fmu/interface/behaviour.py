@@ -22,9 +22,8 @@ Rules
 5. Parameters travel per point, (n_point, n_parameter), so that interfaces of one kind are solved together.
 6. A ``compliant`` behaviour has a definite traction also where both sides are held (z = 0): it follows from the jumps
    alone, at the start of a run too. The others give no traction there.
-7. A behaviour may offer ``native``, which returns the address of ``local`` for the compiled march (see
-   ``compiled.native``): pointers to the integers n_point, n_component, n_parameter and to rate, jump, z, reach (of rule
-   3), parameters, traction. Without it the march goes instant by instant through ``local``.
+7. ``local`` may be written in plain NumPy: the Python driver calls it. A behaviour with ``compiled = True`` has its law
+   in ``kernels.laws`` under its name, and ``local`` applies it; the compiled driver needs that.
 """
 
 from __future__ import annotations

@@ -14,13 +14,12 @@ contact indicator C_n = w / 2 of (20), and G is G_n of (21).
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
-from ..compiled import carray, compiled, native
+from ..kernels.laws import CONTACT, apply_law
 from .behaviour import SEPARATION, SLIP, STICK, Array, Status
 
 # A stuck point whose traction is this close to the cone counts as slipping.
@@ -33,7 +32,7 @@ class Contact:
 
     friction_coefficient: float = 0.0
     name: ClassVar[str] = "contact"
-    native: ClassVar[Callable[[], int]] = staticmethod(lambda: _native())
+    compiled: ClassVar[bool] = True
     opens: ClassVar[bool] = True
     compliant: ClassVar[bool] = False
     elastic: ClassVar[bool] = False
@@ -49,8 +48,8 @@ class Contact:
 
     @staticmethod
     def local(jump: Array, z: Array, reach: Array, rate: float, parameters: Array) -> Array:
-        """Explicit solution per point (module docstring); compiled when numba is there."""
-        return _kernel(jump, z, reach, parameters)
+        """Explicit solution per point (module docstring)."""
+        return apply_law(CONTACT, jump, z, reach, rate, parameters)
 
     @staticmethod
     def status(traction: Array, parameters: Array) -> Status:
@@ -63,56 +62,3 @@ class Contact:
             status[(shear2 < limit * limit) & (limit > 0)] = STICK
         status[pressure <= 0] = SEPARATION
         return status
-
-
-def contact_numpy(jump: Array, z: Array, reach: Array, parameters: Array) -> Array:
-    """NumPy twin of the compiled kernel, same arguments as ``Contact.local`` without ``rate``."""
-    traction = np.zeros_like(jump)
-    closing = np.maximum(0.0, -(jump[:, 0] + reach))
-    pressure = np.divide(closing, z[:, 0], out=np.zeros_like(closing), where=z[:, 0] > 0)
-    traction[:, 0] = -pressure
-    if jump.shape[1] > 1:
-        shear = jump[:, 1:]
-        norm = np.hypot(shear[:, 0], shear[:, 1])
-        limit = parameters[:, 0] * pressure * z[:, 1]  # velocity that the cone can stop
-        scale = np.divide(limit, norm, out=np.ones_like(norm), where=norm > limit)
-        free = z[:, 1] > 0
-        traction[free, 1:] = (scale[:, None] * shear)[free] / z[free, 1:]
-    return traction
-
-
-@compiled(contact_numpy)
-def _kernel(jump: Array, z: Array, reach: Array, parameters: Array) -> Array:
-    traction = np.zeros_like(jump)
-    n_component = jump.shape[1]
-    for p in range(jump.shape[0]):
-        closing = -(jump[p, 0] + reach[p])
-        if closing <= 0.0 or z[p, 0] <= 0.0:
-            continue
-        pressure = closing / z[p, 0]
-        traction[p, 0] = -pressure
-        if n_component > 1 and z[p, 1] > 0.0:
-            norm = np.hypot(jump[p, 1], jump[p, 2])
-            limit = parameters[p, 0] * pressure * z[p, 1]
-            scale = 1.0 if norm <= limit else limit / norm
-            traction[p, 1] = scale * jump[p, 1] / z[p, 1]
-            traction[p, 2] = scale * jump[p, 2] / z[p, 1]
-    return traction
-
-
-@native(3, 6)
-def _native(
-    n_point: Any,
-    n_component: Any,
-    n_parameter: Any,
-    _rate: Any,
-    jump: Any,
-    z: Any,
-    reach: Any,
-    parameters: Any,
-    traction: Any,
-) -> None:
-    n, shape = n_point[0], (n_point[0], n_component[0])
-    carray(traction, shape)[...] = _kernel(
-        carray(jump, shape), carray(z, (n, 2)), carray(reach, (n,)), carray(parameters, (n, n_parameter[0]))
-    )

@@ -12,13 +12,12 @@ perfect connection. Massless, without thickness; a preload enters as an initial 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
-from ..compiled import carray, compiled, native
+from ..kernels.laws import ELASTIC_LAYER, apply_law
 from .behaviour import STICK, Array, Status
 
 
@@ -32,7 +31,7 @@ class ElasticLayer:
     opens: ClassVar[bool] = False
     compliant: ClassVar[bool] = True
     elastic: ClassVar[bool] = True
-    native: ClassVar[Callable[[], int]] = staticmethod(lambda: _native())
+    compiled: ClassVar[bool] = True
 
     @property
     def n_component(self) -> int:
@@ -45,8 +44,8 @@ class ElasticLayer:
 
     @staticmethod
     def local(jump: Array, z: Array, reach: Array, rate: float, parameters: Array) -> Array:
-        """Explicit solution per point (module docstring); compiled when numba is there."""
-        return _kernel(jump, z, reach, rate, parameters)
+        """Explicit solution per point (module docstring)."""
+        return apply_law(ELASTIC_LAYER, jump, z, reach, rate, parameters)
 
     @staticmethod
     def status(traction: Array, parameters: Array) -> Status:
@@ -60,37 +59,3 @@ class ElasticLayer:
         flexibility = np.divide(1.0, stiffness, out=np.zeros_like(stiffness), where=stiffness > 0)
         energy: Array = 0.5 * (flexibility * traction**2).sum(axis=-1)
         return energy
-
-
-def layer_numpy(jump: Array, z: Array, reach: Array, rate: float, parameters: Array) -> Array:
-    """NumPy twin of the compiled kernel, same arguments as ``ElasticLayer.local``."""
-    columns = [0, *[1] * (jump.shape[1] - 1)]
-    stiffness, both = parameters[:, columns], z[:, columns]
-    traction: Array = stiffness * (jump + reach) / (rate + stiffness * both)
-    return traction
-
-
-@compiled(layer_numpy)
-def _kernel(jump: Array, z: Array, reach: Array, rate: float, parameters: Array) -> Array:
-    traction = np.empty_like(jump)
-    for p in range(jump.shape[0]):
-        for c in range(jump.shape[1]):
-            kind = min(c, 1)
-            stiffness = parameters[p, kind]
-            traction[p, c] = stiffness * (jump[p, c] + reach[p, c]) / (rate + stiffness * z[p, kind])
-    return traction
-
-
-@native(3, 6)
-def _native(
-    n_point: Any, n_component: Any, n_parameter: Any, rate: Any, jump: Any, z: Any, reach: Any, parameters: Any,
-    traction: Any,
-) -> None:  # fmt: skip
-    n, shape = n_point[0], (n_point[0], n_component[0])
-    carray(traction, shape)[...] = _kernel(
-        carray(jump, shape),
-        carray(z, (n, 2)),
-        carray(reach, shape),
-        rate[0],
-        carray(parameters, (n, n_parameter[0])),
-    )

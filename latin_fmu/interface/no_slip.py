@@ -16,13 +16,12 @@ iteration converges, where a huge friction coefficient (stick from the first tra
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
-from ..compiled import carray, compiled, native
+from ..kernels.laws import NO_SLIP, apply_law
 from .behaviour import SEPARATION, STICK, Array, Status
 
 
@@ -32,7 +31,7 @@ class NoSlip:
 
     touch: float = 0.0
     name: ClassVar[str] = "no_slip"
-    native: ClassVar[Callable[[], int]] = staticmethod(lambda: _native())
+    compiled: ClassVar[bool] = True
     opens: ClassVar[bool] = True
     compliant: ClassVar[bool] = False
     elastic: ClassVar[bool] = False
@@ -49,55 +48,10 @@ class NoSlip:
     @staticmethod
     def local(jump: Array, z: Array, reach: Array, rate: float, parameters: Array) -> Array:
         """Explicit solution per point (module docstring)."""
-        return _kernel(jump, z, reach, rate, parameters)
+        return apply_law(NO_SLIP, jump, z, reach, rate, parameters)
 
     @staticmethod
     def status(traction: Array, parameters: Array) -> Status:
         """Stick where there is any traction."""
         loaded = (traction[..., 0] < 0) | (traction[..., 1:] != 0).any(axis=-1)
         return np.where(loaded, STICK, SEPARATION).astype(np.int8)
-
-
-def no_slip_numpy(jump: Array, z: Array, reach: Array, rate: float, parameters: Array) -> Array:
-    """NumPy twin of the compiled kernel."""
-    traction = np.zeros_like(jump)
-    closing = np.maximum(0.0, -(jump[:, 0] + reach))
-    traction[:, 0] = -np.divide(closing, z[:, 0], out=np.zeros_like(closing), where=z[:, 0] > 0)
-    held = (reach <= rate * parameters[:, 0]) & (z[:, 1] > 0)
-    traction[held, 1:] = jump[held, 1:] / z[held, 1:]
-    return traction
-
-
-@compiled(no_slip_numpy)
-def _kernel(jump: Array, z: Array, reach: Array, rate: float, parameters: Array) -> Array:
-    traction = np.zeros_like(jump)
-    for p in range(jump.shape[0]):
-        closing = -(jump[p, 0] + reach[p])
-        if closing > 0.0 and z[p, 0] > 0.0:
-            traction[p, 0] = -closing / z[p, 0]
-        if reach[p] <= rate * parameters[p, 0] and z[p, 1] > 0.0:
-            for c in range(1, jump.shape[1]):
-                traction[p, c] = jump[p, c] / z[p, 1]
-    return traction
-
-
-@native(3, 6)
-def _native(
-    n_point: Any,
-    n_component: Any,
-    n_parameter: Any,
-    rate: Any,
-    jump: Any,
-    z: Any,
-    reach: Any,
-    parameters: Any,
-    traction: Any,
-) -> None:
-    n, shape = n_point[0], (n_point[0], n_component[0])
-    carray(traction, shape)[...] = _kernel(
-        carray(jump, shape),
-        carray(z, (n, 2)),
-        carray(reach, (n,)),
-        rate[0],
-        carray(parameters, (n, n_parameter[0])),
-    )

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
-from ..compiled import carray, compiled, native
+from ..kernels.laws import PERFECT, apply_law
 from .behaviour import STICK, Array, Status
 
 
@@ -17,7 +16,7 @@ class Perfect:
     """Bonded faces: equal velocities, opposite tractions."""
 
     name: ClassVar[str] = "perfect"
-    native: ClassVar[Callable[[], int]] = staticmethod(lambda: _native())
+    compiled: ClassVar[bool] = True
     opens: ClassVar[bool] = False
     compliant: ClassVar[bool] = False
     elastic: ClassVar[bool] = False
@@ -35,44 +34,9 @@ class Perfect:
     def local(jump: Array, z: Array, reach: Array, rate: float, parameters: Array) -> Array:
         """F_hat = (s' - s) / (z + z'): the traction that closes the velocity jump. Where both sides are held
         (z + z' = 0) the traction is not determined and is set to zero."""
-        return _kernel(jump, z)
+        return apply_law(PERFECT, jump, z, reach, rate, parameters)
 
     @staticmethod
     def status(traction: Array, parameters: Array) -> Status:
         """Always stuck."""
         return np.full(traction.shape[:-1], STICK, dtype=np.int8)
-
-
-def perfect_numpy(jump: Array, z: Array) -> Array:
-    """NumPy twin of the compiled kernel."""
-    traction = np.zeros_like(jump)
-    np.divide(jump[:, :1], z[:, :1], out=traction[:, :1], where=z[:, :1] > 0)
-    np.divide(jump[:, 1:], z[:, 1:], out=traction[:, 1:], where=z[:, 1:] > 0)
-    return traction
-
-
-@compiled(perfect_numpy)
-def _kernel(jump: Array, z: Array) -> Array:
-    traction = np.zeros_like(jump)
-    for p in range(jump.shape[0]):
-        for c in range(jump.shape[1]):
-            stiff = z[p, min(c, 1)]
-            if stiff > 0.0:
-                traction[p, c] = jump[p, c] / stiff
-    return traction
-
-
-@native(3, 6)
-def _native(
-    n_point: Any,
-    n_component: Any,
-    _n_parameter: Any,
-    _rate: Any,
-    jump: Any,
-    z: Any,
-    _reach: Any,
-    _parameters: Any,
-    traction: Any,
-) -> None:
-    shape = (n_point[0], n_component[0])
-    carray(traction, shape)[...] = _kernel(carray(jump, shape), carray(z, (n_point[0], 2)))

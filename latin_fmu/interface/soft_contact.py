@@ -13,13 +13,12 @@ energy it stores; k_n -> infinity is ``contact``.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
-from ..compiled import carray, compiled, native
+from ..kernels.laws import SOFT_CONTACT, apply_law
 from .behaviour import Array, Status
 from .contact import Contact
 
@@ -34,7 +33,7 @@ class SoftContact:
     opens: ClassVar[bool] = True
     compliant: ClassVar[bool] = True
     elastic: ClassVar[bool] = True
-    native: ClassVar[Callable[[], int]] = staticmethod(lambda: _native())
+    compiled: ClassVar[bool] = True
 
     @property
     def n_component(self) -> int:
@@ -47,8 +46,8 @@ class SoftContact:
 
     @staticmethod
     def local(jump: Array, z: Array, reach: Array, rate: float, parameters: Array) -> Array:
-        """Explicit solution per point (module docstring); compiled when numba is there."""
-        return _kernel(jump, z, reach, rate, parameters)
+        """Explicit solution per point (module docstring)."""
+        return apply_law(SOFT_CONTACT, jump, z, reach, rate, parameters)
 
     @staticmethod
     def status(traction: Array, parameters: Array) -> Status:
@@ -60,52 +59,3 @@ class SoftContact:
         """P^2 / (2 k_n) per area, J m-2."""
         energy: Array = 0.5 * traction[..., 0] ** 2 / parameters[:, 1]
         return energy
-
-
-def soft_numpy(jump: Array, z: Array, reach: Array, rate: float, parameters: Array) -> Array:
-    """NumPy twin of the compiled kernel, same arguments as ``SoftContact.local``."""
-    traction = np.zeros_like(jump)
-    stiffness = parameters[:, 1]
-    pressure = stiffness * np.maximum(0.0, -(jump[:, 0] + reach[:, 0])) / (rate + stiffness * z[:, 0])
-    traction[:, 0] = -pressure
-    if jump.shape[1] > 1:
-        shear = jump[:, 1:]
-        norm = np.hypot(shear[:, 0], shear[:, 1])
-        limit = parameters[:, 0] * pressure * z[:, 1]  # velocity that the cone can stop
-        scale = np.divide(limit, norm, out=np.ones_like(norm), where=norm > limit)
-        free = z[:, 1] > 0
-        traction[free, 1:] = (scale[:, None] * shear)[free] / z[free, 1:]
-    return traction
-
-
-@compiled(soft_numpy)
-def _kernel(jump: Array, z: Array, reach: Array, rate: float, parameters: Array) -> Array:
-    traction = np.zeros_like(jump)
-    for p in range(jump.shape[0]):
-        closing = -(jump[p, 0] + reach[p, 0])
-        if closing <= 0.0:
-            continue
-        pressure = parameters[p, 1] * closing / (rate + parameters[p, 1] * z[p, 0])
-        traction[p, 0] = -pressure
-        if jump.shape[1] > 1 and z[p, 1] > 0.0:
-            norm = np.hypot(jump[p, 1], jump[p, 2])
-            limit = parameters[p, 0] * pressure * z[p, 1]
-            scale = 1.0 if norm <= limit else limit / norm
-            traction[p, 1] = scale * jump[p, 1] / z[p, 1]
-            traction[p, 2] = scale * jump[p, 2] / z[p, 1]
-    return traction
-
-
-@native(3, 6)
-def _native(
-    n_point: Any, n_component: Any, n_parameter: Any, rate: Any, jump: Any, z: Any, reach: Any, parameters: Any,
-    traction: Any,
-) -> None:  # fmt: skip
-    n, shape = n_point[0], (n_point[0], n_component[0])
-    carray(traction, shape)[...] = _kernel(
-        carray(jump, shape),
-        carray(z, (n, 2)),
-        carray(reach, shape),
-        rate[0],
-        carray(parameters, (n, n_parameter[0])),
-    )

@@ -8,13 +8,12 @@ is the perfect connection, and c = rho c_p on a face against the ground lets nor
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
-from ..compiled import carray, compiled, native
+from ..kernels.laws import VISCOUS_JOINT, apply_law
 from .behaviour import STICK, Array, Status
 
 
@@ -28,7 +27,7 @@ class ViscousJoint:
     opens: ClassVar[bool] = False
     compliant: ClassVar[bool] = True
     elastic: ClassVar[bool] = False
-    native: ClassVar[Callable[[], int]] = staticmethod(lambda: _native())
+    compiled: ClassVar[bool] = True
 
     @property
     def n_component(self) -> int:
@@ -41,40 +40,10 @@ class ViscousJoint:
 
     @staticmethod
     def local(jump: Array, z: Array, reach: Array, rate: float, parameters: Array) -> Array:
-        """Explicit solution per point (module docstring); compiled when numba is there."""
-        return _kernel(jump, z, parameters)
+        """Explicit solution per point (module docstring)."""
+        return apply_law(VISCOUS_JOINT, jump, z, reach, rate, parameters)
 
     @staticmethod
     def status(traction: Array, parameters: Array) -> Status:
         """Always stuck."""
         return np.full(traction.shape[:-1], STICK, dtype=np.int8)
-
-
-def joint_numpy(jump: Array, z: Array, parameters: Array) -> Array:
-    """NumPy twin of the compiled kernel, same arguments as ``ViscousJoint.local`` without ``reach`` and ``rate``."""
-    columns = [0, *[1] * (jump.shape[1] - 1)]
-    viscosity, both = parameters[:, columns], z[:, columns]
-    traction: Array = viscosity * jump / (1.0 + viscosity * both)
-    return traction
-
-
-@compiled(joint_numpy)
-def _kernel(jump: Array, z: Array, parameters: Array) -> Array:
-    traction = np.empty_like(jump)
-    for p in range(jump.shape[0]):
-        for c in range(jump.shape[1]):
-            kind = min(c, 1)
-            viscosity = parameters[p, kind]
-            traction[p, c] = viscosity * jump[p, c] / (1.0 + viscosity * z[p, kind])
-    return traction
-
-
-@native(3, 6)
-def _native(
-    n_point: Any, n_component: Any, n_parameter: Any, _rate: Any, jump: Any, z: Any, _reach: Any, parameters: Any,
-    traction: Any,
-) -> None:  # fmt: skip
-    n, shape = n_point[0], (n_point[0], n_component[0])
-    carray(traction, shape)[...] = _kernel(
-        carray(jump, shape), carray(z, (n, 2)), carray(parameters, (n, n_parameter[0]))
-    )

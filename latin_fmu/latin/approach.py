@@ -15,24 +15,25 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..propagator import StaticPropagator
+from ..kernels import entries
+from ..propagator.image import Image
 from .assembly import Assembly
-from .error_indicator import Scales
-from .global_stage import GlobalStage
+from .direction import Direction
 from .layout import Array
-from .local_stage import Opening
-from .record import Timings, WindowRecord
+from .record import WindowRecord
+from .run_image import rules
 from .settings import Settings
-from .solver import Direction, WindowSolver
+from .solver import Stages, WindowSolver
 
 APPROACH = "a first look on soft springs"
 _FAR = 0.3  # the load crosses less than this part of the largest gap in one iteration
 _ROUGHLY, _ITERATIONS = 1e-2, 12
+_SOFT = -1  # the soft search direction among those of the image
 
 
-def softening(assembly: Assembly, k: Array, opening: Opening) -> float | None:
+def softening(assembly: Assembly, k: Array, gaps: list[Array]) -> float | None:
     """Factor on k (n_flat,) that lets the loads close the largest gap at once; None where k does."""
-    gap = max((float(g.max(initial=0.0)) for g in opening.gap), default=0.0)
+    gap = max((float(g.max(initial=0.0)) for g in gaps), default=0.0)
     if gap <= 0.0 or assembly.characteristic_traction <= 0.0:
         return None
     crossed = assembly.characteristic_traction / float(k.max()) * assembly.dt / gap
@@ -40,45 +41,29 @@ def softening(assembly: Assembly, k: Array, opening: Opening) -> float | None:
 
 
 def second_guess(
-    direction: Direction, settings: Settings, f_hat: Array, opening: Opening, scales: Scales, timings: Timings
-) -> tuple[str, Array, Array]:  # fmt: skip
-    """Where the first guess has led nowhere: a name, F_hat and W_hat (n_flat,) of the next increment.
+    assembly: Assembly, settings: Settings, image: Image, stages: Stages, f_hat: Array, gaps: list[Array]
+) -> tuple[str, Array]:
+    """Where the first guess has led nowhere: a name and q (n_flat,) of the next increment.
 
-    From rest with the last tractions ``f_hat``, or a first look on soft springs where there is far to travel. The
-    propagators are left bound to ``direction``.
+    From rest with the last tractions ``f_hat``, or a first look on soft springs where there is far to travel; propagators
+    and image are left bound to the soft direction then.
     """
-    assembly = direction.assembly
-    factor = softening(assembly, direction.k, opening)
+    direction = stages.direction
+    factor = softening(assembly, direction.k, gaps)
     if factor is None:
-        return "from rest", f_hat, np.zeros_like(f_hat)
+        return "from rest", f_hat
     wanted = replace(settings.search_direction, factor=factor * settings.search_direction.factor)
     rough = replace(settings, search_direction=wanted, tolerance=max(_ROUGHLY, settings.tolerance),
-                    force_tolerance=np.inf, max_iterations=_ITERATIONS)  # fmt: skip
+                    force_tolerance=np.inf, max_iterations=_ITERATIONS)
     soft = Direction(assembly, rough, 1)
     soft.bind()
-    stage = GlobalStage(assembly, soft.k, 1, soft.coarse)
-    instant = assembly.propagators[0].state.instant + 1
-    found = WindowSolver(soft, rough, timings).solve(
-        stage, np.zeros((1, len(f_hat))), opening, scales, WindowRecord(instant, instant), 0
-    )
-    stage.rewind()
-    direction.bind()
-    return APPROACH, found.f_hat[0], found.w_hat[0]
-
-
-def continuation(assembly: Assembly) -> float:
-    """How far the next increment of the loads continues the last one: the part of it along the last, 0 ... 1."""
-    instant = assembly.propagators[0].state.instant
-    if instant == 0:  # the start of a run has no velocities, that of a segment goes on
-        return 1.0
-    along = size = change = 0.0
-    for propagator in assembly.propagators:
-        assert isinstance(propagator, StaticPropagator)
-        before, last, coming = (propagator.forcing.at(i) for i in (instant - 1, instant, instant + 1))
-        along += float(np.vdot(coming - last, last - before))
-        size += float(np.vdot(last - before, last - before))
-        change += float(np.vdot(coming - last, coming - last))
-    ground = [float(np.vdot(v[instant + 1], v[instant])) for v in assembly.ground.values()]
-    if size == 0.0 or change == 0.0:
-        return float(any(g > 0.0 for g in ground))
-    return min(max(along / size, 0.0), 1.0)
+    image.bind(_SOFT, soft.run_fields(), soft.group_fields(), afresh=True)
+    image.set(**rules(rough))
+    looking = Stages(image, soft, 1, stages.first)
+    for c in range(len(image.propagators)):
+        image.predict(c, stages.first)
+    image.call(entries.OPEN, 1, stages.first - 1)
+    looking.field("q")[...] = 0.0
+    found = WindowSolver(rough).solve(looking, WindowRecord(stages.first, stages.first), 0)
+    image.set(**rules(settings))
+    return APPROACH, direction.incoming(found.f_hat[0], found.w_hat[0])

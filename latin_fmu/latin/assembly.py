@@ -116,6 +116,11 @@ class Assembly:
         return np.flatnonzero(rigid)
 
     @property
+    def instant(self) -> int:
+        """Time index of the present state."""
+        return self.propagators[0].instant
+
+    @property
     def n_instant(self) -> int:
         """Number of steps."""
         return len(self.time) - 1
@@ -180,6 +185,14 @@ class Assembly:
             np.concatenate(displacement, axis=1),
         )
 
+    def ground_accelerations(self) -> Array:
+        """Accelerations (n_time, n) of the channels of the ground, as ``ground_tables`` orders them, m s-2."""
+        tables = [np.zeros((len(self.time), 0))]
+        for i, (_, frames) in self._ground_frames.items():
+            slopes = np.stack([self._ground_acceleration(i, t) for t in range(len(self.time))])
+            tables.append(np.einsum("pci,ti->tpc", frames, slopes).reshape(len(self.time), -1))
+        return np.concatenate(tables, axis=1)
+
     def ground_end(self, instant: int) -> dict[int, GroundState]:
         """State of the ground at an instant, for the next segment."""
         return {
@@ -190,7 +203,7 @@ class Assembly:
     def displacement(self) -> Array:
         """Displacement of every channel in the present state of the propagators, as gaps are read from."""
         u = self.gather([p.channel_displacement() for p in self.propagators])
-        instant = self.propagators[0].state.instant
+        instant = self.instant
         self.ground_displacement(u, instant)
         lead = self.scheme.gap_lead(self.dt)
         if lead and self._ground_frames:  # the propagators' displacements are that far ahead
@@ -199,20 +212,8 @@ class Assembly:
             u += lead * ahead
         return u
 
-    def rates(self) -> tuple[Array, Array]:
-        """Velocity and acceleration of every channel in the present state of the propagators."""
-        instant = self.propagators[0].state.instant
-        v = self.gather([p.channel_velocity() for p in self.propagators])
-        a = self.gather([p.channel_acceleration() for p in self.propagators])
-        self.ground_velocity(v, instant)
-        self.ground_acceleration(a, instant)
-        return v, a
-
-    def snapshot(self) -> list[object]:
-        """State of every propagator."""
-        return [p.snapshot() for p in self.propagators]
-
-    def restore(self, snapshot: Sequence[object]) -> None:
-        """Back to a snapshot."""
-        for propagator, state in zip(self.propagators, snapshot, strict=True):
-            propagator.restore(state)
+    def gaps(self) -> list[Array]:
+        """Gap (n_point,) of each group in the present state of the substructures, m."""
+        u = self.displacement()
+        jumps = [group.block(u) for group in self.layout.groups]
+        return [g.gap + j[1, :, 0] - j[0, :, 0] for g, j in zip(self.layout.groups, jumps, strict=True)]

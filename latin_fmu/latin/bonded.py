@@ -18,7 +18,6 @@ from ..interface.behaviour import bonds
 from ..propagator.cholesky import interface_factor
 from .assembly import Assembly
 from .layout import Array
-from .resting import Resting
 
 _SHIFT, _PRECISE, _REFINEMENTS, _SOLVED = 1e-10, 1e-13, 8, 1e-8
 _DENSE = 1500  # interface unknowns up to which the bonds are one dense operator
@@ -41,8 +40,7 @@ class Bonds:
     """The bonds of an assembly as one linear system, for its present time step."""
 
     def __init__(self, assembly: Assembly) -> None:
-        self.assembly, self.marched = assembly, 0
-        self._march_one = Resting(assembly)
+        self.assembly = assembly
         every = range(len(assembly.interfaces))
         self._first, self._second = (
             np.concatenate([assembly.layout.channels(i, side).ravel() for i in every]) for side in (0, 1)
@@ -110,24 +108,11 @@ class Bonds:
                 velocity[member] += propagator.operators.admittance @ traction[member]
         return traction + k[:, None] * velocity
 
-    def instant(self) -> tuple[Array, Array, float] | None:
-        """March one instant: tractions and velocities (n_flat,) of the channels, and the jump left (relative); None,
-        and nothing has moved, where the system could not be solved. ``marched`` counts substructure-instants."""
-        assembly = self.assembly
-        free = assembly.gather(self._march_one.predict())
-        instant = assembly.propagators[0].state.instant + 1
-        assembly.ground_velocity(free, instant)
-        traction, left = self.tractions(free)
-        if not left <= _SOLVED:  # NaN included
-            return None
-        for c, channels in enumerate(assembly.channels):
-            self.marched += self._march_one.commit(c, traction[channels])
-        velocity = assembly.gather([p.channel_velocity() for p in assembly.propagators])
-        assembly.ground_velocity(velocity, instant)
-        return traction, velocity, left
-
-    def bind(self) -> None:
-        """Let ``predict`` give the velocities without any traction."""
-        for propagator in self.assembly.propagators:
-            if propagator.k.any():
-                propagator.bind(np.zeros(propagator.n_channel))
+    def guess(self, free: Array, k: Array) -> Array:
+        """q = F + k W (n_flat,) of the bonds for the velocities ``free`` without tractions."""
+        traction, _ = self.tractions(free)
+        velocity = free.copy()
+        for propagator, channels in zip(self.assembly.propagators, self.assembly.channels, strict=True):
+            velocity[channels] += propagator.operators.admittance @ traction[channels]
+        q: Array = traction + k * velocity
+        return q

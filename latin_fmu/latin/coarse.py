@@ -47,20 +47,18 @@ class Coarse:
         self._answer = sp.csr_array(answers)
         operator = (self._balance @ (self._incoming - sp.diags_array(k) @ self._answer)).toarray()
         self._inverse = _pseudo_inverse(0.5 * (operator + operator.T))
-        self._k = k
 
     @property
     def size(self) -> int:
         """Number of unknowns."""
         return len(self._inverse)
 
-    def balance(self, q: Array, w: Array) -> None:
-        """Bring q and the answer W of the substructures to it, (n_flat,) each, to balance (in place)."""
-        if not self.size:
-            return
-        motion = -(self._inverse @ (self._balance @ (q - self._k * w)))
-        q += np.asarray(self._incoming @ motion)
-        w += np.asarray(self._answer @ motion)
+    def fields(self) -> dict[str, Array | sp.csr_array]:
+        """What the kernels bring q and the W of the substructures to balance with."""
+        return {
+            "coarse_inverse": self._inverse, "coarse_balance": self._balance, "coarse_incoming": self._incoming,
+            "coarse_answer": self._answer,
+        }
 
 
 def _motions(assembly: Assembly, k: Array) -> sp.csr_array:

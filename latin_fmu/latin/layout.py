@@ -67,17 +67,6 @@ class Group:
         """End of the block in the flat vector."""
         return self.start + 2 * self.n_point * self.n_component
 
-    def reach(self, left: Array, dt: float, span: float, deepest: float = 0.0) -> tuple[Array, float]:
-        """``reach`` and ``rate`` of the behaviour (``interface.behaviour``, rule 3).
-
-        left : the gap at the start of the instant (n_point,), m, or, for an elastic behaviour, the displacement
-        (n_point, n_component) that it sees if the velocities of the sides are equal at its end. span : what it sees
-        more per jump of velocity there, s (``TimeScheme.layer_jump``). deepest : gaps below count as this one, m.
-        """
-        if self.behaviour.elastic:
-            return left / span, 1 / span
-        return np.maximum(left, deepest) / dt, 1 / dt
-
     def block(self, flat: Array) -> Array:
         """View (..., 2, n_point, n_component) of flat vectors (..., n_flat)."""
         view: Array = flat[..., self.start : self.stop].reshape(

@@ -20,7 +20,6 @@ import numpy as np
 
 from .assembly import Assembly
 from .layout import Array, Group, Index
-from .local_stage import span
 
 _SWEEPS, _WORK = 300, 100_000  # sweeps, and sweeps x points, at most
 _ENOUGH = 1e-7  # relative change of the tractions in one sweep
@@ -98,35 +97,36 @@ class PointByPoint:
                 own[component] += side.columns[side.neighbours == flat, component].sum()
         return _Point(group, g, p, sides, np.array([[own[0], own[1:].max(initial=0.0)]]))
 
-    def free_velocity(self, w_0: Array, k: Array) -> Array:
-        """Velocities without any traction, from the response W_0 to q = 0 with dashpots k; both (n_flat,)."""
-        free = w_0.copy()
-        for admittance, channels in zip(self._admittances, self.assembly.channels, strict=True):
-            free[channels] += admittance @ (k[channels] * w_0[channels])
-        return free
-
-    def solve(self, free: Array, f_hat: Array, gaps: list[Array]) -> tuple[Array, Array]:
-        """Tractions and velocities (n_flat,) from a first guess of the tractions; ``gaps`` as for the local stage."""
-        f, v, times = f_hat.copy(), free.copy(), (self.assembly.dt, span(self.assembly))
+    def solve(
+        self, free: Array, f_hat: Array, reaches: list[Array], rates: tuple[float, float]
+    ) -> tuple[Array, Array]:
+        """Tractions and velocities (n_flat,) from the velocities ``free`` without tractions and a first guess of the
+        tractions; ``reaches`` per group and ``rates`` (of elastic behaviours the second): see ``interface.behaviour``."""
+        f, v = f_hat.copy(), free.copy()
         for admittance, channels in zip(self._admittances, self.assembly.channels, strict=True):
             v[channels] += admittance @ f[channels]
         for _ in range(min(_SWEEPS, _WORK // max(len(self._points), 1) + 1)):
             before = f.copy()
             for point in self._points:
-                self._settle(point, f, v, gaps, times)
+                self._settle(point, f, v, reaches, rates)
             if np.linalg.norm(f - before) <= _ENOUGH * np.linalg.norm(f):
                 break
         return f, v
 
     @staticmethod
-    def _settle(point: _Point, f: Array, v: Array, gaps: list[Array], times: tuple[float, float]) -> None:
+    def _settle(
+        point: _Point, f: Array, v: Array, reaches: list[Array], rates: tuple[float, float]
+    ) -> None:
         """One point, everything else held: f and v are brought up to date."""
         first, second = (side.channels for side in point.sides)
         group, old = point.group, f[first]
         z = np.where(np.arange(len(old)) == 0, point.z[0, 0], point.z[0, 1])
-        reach, rate = group.reach(gaps[point.group_index][point.index : point.index + 1], *times)
+        reach = reaches[point.group_index][point.index : point.index + 1]
+        elastic = group.behaviour.elastic
+        if not elastic:
+            reach = reach.reshape(-1)
         new = group.behaviour.local(
-            (v[second] - v[first] + z * old)[None], point.z, reach, rate,
+            (v[second] - v[first] + z * old)[None], point.z, reach, rates[int(elastic)],
             group.parameters[point.index : point.index + 1],
         )[0]  # fmt: skip
         step = new - old

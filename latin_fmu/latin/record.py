@@ -141,12 +141,11 @@ class WindowRecord:
 class Timings:
     """CPU seconds of the process by part, and the peak memory in bytes.
 
-    ``predicted`` : what the cost model says of the march (global and local stages and what is around them); 0: nothing.
+    ``march`` : the iteration over all windows. ``predicted`` : what the cost model says of it; 0: nothing.
     """
 
     setup: float = 0.0
-    global_stage: float = 0.0
-    local_stage: float = 0.0
+    march: float = 0.0
     other: float = 0.0
     output: float = 0.0
     wall: float = 0.0
@@ -156,7 +155,7 @@ class Timings:
     @property
     def total(self) -> float:
         """Sum of the CPU times."""
-        return self.setup + self.global_stage + self.local_stage + self.other + self.output
+        return self.setup + self.march + self.other + self.output
 
 
 @dataclass(frozen=True)

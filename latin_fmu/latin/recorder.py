@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..interface.behaviour import SEPARATION, as_layer
-from ..propagator.energy import TERMS
+from ..kernels.energy import TERMS
+from ..propagator.image import Image
 from .assembly import Assembly
 from .interface_energy import ground_work, impact_losses, yielding_terms
 from .layout import Array, InterfaceUnit
-from .local_stage import read_gaps
 from .record import InterfaceHistory, SubstructureHistory
 from .slide_probes import SlideProbes
 
@@ -63,53 +63,40 @@ class Recorder:
             if u.behaviour.n_component == 1
         }
         self._where = {name: (p, m) for p in assembly.propagators for m, name in enumerate(p.names)}
+        self._classes = range(len(assembly.propagators))
+        self._numbers = {name: c for c, p in enumerate(assembly.propagators) for name in p.names}
         self._stored: dict[str, dict[str, list[Array]]] = {name: {} for name in self._where}
         self._stored_time: list[float] = []
-        self._energy: dict[str, list[Array]] = {name: [] for name in self._where}
+        self._energy: list[list[Array]] = [[] for _ in assembly.propagators]  # (n, 6, n_member) each
         self._instant = 0
 
-    def start(self, assembly: Assembly, traction: Array, velocity: Array) -> list[Array] | None:
-        """Keep t = 0; the gaps there, None where nothing can open."""
-        self._instant = 0
-        return self._store(assembly, traction, velocity)
+    def start(self, assembly: Assembly, image: Image, probes: SlideProbes) -> None:
+        """Keep t = 0, the first row of the image's output."""
+        self._instant = -1
+        self.kept(assembly, image, probes, 1)
 
-    def keep(self, assembly: Assembly, f_hat: Array, w_hat: Array) -> list[Array] | None:
-        """Keep the next accepted instant; the gaps there."""
-        self._instant += 1
-        return self._store(assembly, f_hat, w_hat)
-
-    def _store(self, assembly: Assembly, f_hat: Array, w_hat: Array) -> list[Array] | None:
-        i = self._instant
-        self.f_hat[i], self.w_hat[i] = f_hat, w_hat
-        gaps = read_gaps(assembly) if any(g is not None for g in self.gaps) else None
-        if gaps is not None:
-            for gap, now in zip(self.gaps, gaps, strict=True):
-                if gap is not None:
-                    gap[i] = now
-        for index, history in self._slide.items():
-            self._side_velocities(assembly, index, history[i], i)
-        self._store_wanted(assembly, i)
-        return gaps
-
-    def _store_wanted(self, assembly: Assembly, i: int) -> None:
-        """Energies and fields of the instant i, where the substructures stand."""
+    def kept(self, assembly: Assembly, image: Image, probes: SlideProbes, n: int, row: int = 0) -> None:
+        """Keep the next n instants, rows of the image's output from ``row`` on."""
+        rows, now = slice(row, row + n), slice(self._instant + 1, self._instant + 1 + n)
+        self.f_hat[now] = image.field("history_f", image.rows, image.n_flat)[rows]
+        self.w_hat[now] = image.field("history_w", image.rows, image.n_flat)[rows]
+        gaps = image.field("history_gap", image.rows, int(image.run[0]["n_point"]))[rows]
+        at = 0
+        for group, gap in zip(assembly.layout.groups, self.gaps, strict=True):
+            if gap is not None:
+                gap[now] = gaps[:, at : at + group.n_point]
+            at += group.n_point
+        if self._slide:
+            probes.read(assembly, now, [image.output(c, "probed", "n_probe")[rows] for c in self._classes], self._slide)
         if self._wanted.energy:
-            for name, (propagator, member) in self._where.items():
-                assert propagator.meter is not None
-                self._energy[name].append(np.array([propagator.meter.totals[t][member] for t in TERMS]))
-        if (self._wanted.fields or self._wanted.stress) and i % self._wanted.every == 0:
-            self._store_fields(float(assembly.time[i]))
-
-    # -- the compiled road: histories are written by the kernels ------------------------------------------------
-    @property
-    def wants_energy(self) -> bool:
-        """Whether energies are kept (at every instant)."""
-        return self._wanted.energy
+            for c, kept in enumerate(self._energy):
+                kept.append(image.output(c, "energies", 6)[rows].copy())
+        self._instant += n
+        if (self._wanted.fields or self._wanted.stress) and self._instant % self._wanted.every == 0:
+            self._store_fields(float(assembly.time[self._instant]))
 
     def instants_unseen(self) -> int:
         """Instants that may pass before the recorder has to see the substructures again."""
-        if self._wanted.energy:
-            return 1
         if self._wanted.fields or self._wanted.stress:
             return self._wanted.every - self._instant % self._wanted.every
         return len(self.f_hat)
@@ -119,21 +106,10 @@ class Recorder:
         """Interfaces whose tangential velocities come from the substructures."""
         return sorted(self._slide)
 
-    def kept(self, assembly: Assembly, steps: int, probes: SlideProbes, probed: Sequence[Array]) -> None:
-        """Instants whose fields and gaps the kernels have written; ``probed`` (n_time, n_probe, n_member) per class."""
-        probes.read(assembly, slice(self._instant + 1, self._instant + steps + 1), probed, self._slide)
-        self._instant += steps
-        self._store_wanted(assembly, self._instant)
-
-    def _side_velocities(self, assembly: Assembly, index: int, out: Array, instant: int) -> None:
-        unit = assembly.interfaces[index]
-        for side, face in enumerate(unit.sides):
-            trace = unit.geometry.traces[side]
-            if trace is None:
-                out[side] = assembly.ground[index][instant]
-            else:
-                propagator, member = self._where[face.split(".")[0]]
-                out[side] = (trace @ propagator.full_velocity(member).ravel()).reshape(-1, 3)
+    def _member_energy(self, name: str) -> Array:
+        """Terms (n_time, 6) of a substructure, J."""
+        member, c = self._where[name][1], self._numbers[name]
+        return np.concatenate([part[:, :, member] for part in self._energy[c]])
 
     def _store_fields(self, time: float) -> None:
         self._stored_time.append(time)
@@ -194,7 +170,7 @@ class Recorder:
             stored = {key: np.stack(values) for key, values in self._stored[name].items()}
             energy = None
             if self._wanted.energy:
-                table = np.stack(self._energy[name])
+                table = self._member_energy(name)
                 energy = {term: table[:, j] for j, term in enumerate(TERMS)}
             histories[name] = SubstructureHistory(
                 name, info.nodes, info.cells, info.cell_type, time,
@@ -213,10 +189,8 @@ class Recorder:
         if not self._wanted.energy:
             return None
         n = self._instant + 1
-        total = {
-            t: sum((np.stack(e)[:, j] for e in self._energy.values()), np.zeros(n))
-            for j, t in enumerate(TERMS)
-        }
+        tables = [self._member_energy(name) for name in self._where]
+        total = {t: sum((table[:, j] for table in tables), np.zeros(n)) for j, t in enumerate(TERMS)}
         histories = list(self.interfaces(assembly).values())
         total["friction_dissipation"] = np.zeros(n)
         for history in histories:

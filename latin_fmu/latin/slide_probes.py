@@ -1,4 +1,4 @@
-"""Tangential velocities of frictionless interfaces, read off the substructures by the compiled march.
+"""Tangential velocities of frictionless interfaces, read off the substructures.
 
 Such interfaces carry no tangential unknowns; every point needs the velocity of its node on each side.
 """
@@ -6,13 +6,9 @@ Such interfaces carry no tangential unknowns; every point needs the velocity of 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
-
 import numpy as np
 import scipy.sparse as sp
 
-from ..propagator import DirectPropagator
-from ..propagator.march import March
 from .assembly import Assembly
 from .layout import Array
 
@@ -22,7 +18,7 @@ class SlideProbes:
 
     Parameters
     ----------
-    propagators : those of the assembly. interfaces : numbers of the interfaces without tangential unknowns.
+    interfaces : numbers of the interfaces without tangential unknowns.
 
     Attributes
     ----------
@@ -33,10 +29,9 @@ class SlideProbes:
     def __init__(
         self,
         assembly: Assembly,
-        propagators: Sequence[DirectPropagator | March[Any]],
         interfaces: Sequence[int],
     ) -> None:
-        self._propagators = propagators
+        propagators = self._propagators = assembly.propagators
         self._ground: list[int] = []
         self._places: list[tuple[int, int, slice, int, int]] = []  # class, member, rows, interface, side
         faces: list[list[sp.csr_array]] = [[] for _ in propagators]
@@ -68,9 +63,10 @@ class SlideProbes:
     def read(
         self, assembly: Assembly, instants: slice, probed: Sequence[Array], slide: Mapping[int, Array]
     ) -> None:
-        """Write the instants into ``slide``, (n_time, 2, n_point, 3) per interface."""
+        """Write the velocities ``probed`` (n, n_probe, n_member) per class at n instants into ``slide``, (n_time, 2,
+        n_point, 3) per interface."""
         for c, member, rows, i, side in self._places:
-            values = probed[c][instants, rows, member]
+            values = probed[c][:, rows, member]
             forcing, trace = self._propagators[c].forcing, self._traces[c]
             if forcing.moves and trace is not None:
                 part = sp.csr_array(trace[rows])

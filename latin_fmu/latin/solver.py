@@ -1,55 +1,47 @@
-"""The LATIN loop over one window, with its fall-back chain.
+"""The LATIN loop over one window from Python, with its fall-back chain.
 
-global stage -> local stage -> indicator, until both the indicator and the force mismatch are below tolerance.
-An acceleration that stalls gives way to relaxation 1/2 from the best iterate; the best iterate, never the last,
-is what a window that does not converge returns.
+The stages are those of ``kernels.iteration``, called one by one: for observers, laws written in Python, factors that the
+kernels do not hold, and windows in which the iteration stalls. A stalled acceleration gives way to Newton's method
+(without inertia), to relaxation 1/2 from the best iterate, and in windows of one instant to a solution point by point;
+the best iterate, never the last, is what a window that does not converge returns.
 """
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
-from .acceleration import Anderson, Relaxation, Slide
-from .assembly import Assembly
-from .coarse import Coarse
-from .error_indicator import Indicator, Scales
-from .global_stage import GlobalStage
-from .kernels import outgoing
+from ..kernels import entries
+from ..kernels.iteration import BEST, BROKEN, CONVERGED, PATIENCE, STALLED
+from ..propagator.image import Image
+from .direction import Direction
 from .layout import Array
-from .local_stage import LocalStage, Opening
 from .newton import newton
-from .point_by_point import PointByPoint
-from .record import Timings, WindowRecord
-from .search_direction import channel_k
+from .record import WindowRecord
 from .settings import Settings
-from .stopping import AT_REST, PATIENCE, RECENT, STALL_ACCELERATED, STALL_PLAIN
 
 RELAXED, POINT_BY_POINT, NEWTON = "relaxation 1/2", "points one after the other", "Newton-Krylov"
 _NEWTON = 3  # iterations of the Newton-Krylov fall-back, in max_iterations
-_LONGEST_STATIC = 20.0  # step of the acceleration without inertia, in lengths of the residual
 _LAST_WORD = 20  # iterations after the last fall-back
 
 
 @dataclass
 class Iterate:
-    """One iterate of a window; arrays (n, n_flat)."""
+    """One iterate of a window; arrays (n, n_flat); ``measures`` as ``kernels.records`` lists them."""
 
     q: Array
     f_hat: Array
     w_hat: Array
     residual: Array
     error: float
-    scales: Scales
+    measures: Array
 
 
 @dataclass(frozen=True)
 class IterationEvent:
-    """What an observer sees after each iteration (fields of the window's instants).
+    """What an observer is given after each iteration (fields of the window's instants).
 
     ``f_hat``, ``w_hat`` : (n, n_flat) local-stage tractions and velocities. ``trial`` marches the linear stage
     of this iterate, calling its argument at each instant.
@@ -67,135 +59,179 @@ class IterationEvent:
 Observer = Callable[[IterationEvent], None]
 
 
-class _Merits:
-    """How far each iterate is from both tolerances (1: met); where the mismatch is not known it is taken in
-    proportion to the indicator, with the ratio of the last iterate that knows it."""
+class Slide:
+    """Relaxation 1/2 with run-ups, for bodies that slide or topple back to where they stick under a small excess of
+    force: the residual is the same iteration after iteration, and so is the step.
 
-    def __init__(self, settings: Settings) -> None:
-        self._settings, self._ratio = settings, 1.0
-        self._errors: list[float] = []
-        self._known: list[float] = []
+    Every ``PERIOD`` iterations that changed nothing the last step is taken many times at once, twice as many as the
+    time before; the relaxations in between take out what else the run-up has stirred up.
 
-    @property
-    def values(self) -> list[float]:
-        """Merit of every iterate so far."""
-        pairs = zip(self._errors, self._known, strict=True)
-        return [known if np.isfinite(known) else self._ratio * error for error, known in pairs]
+    Parameters
+    ----------
+    metric : (n_flat,) area / k.
+    """
 
-    def add(self, error: float, mismatch: float) -> bool:
-        """Add an iterate; True where it is the best so far."""
-        merit = error / self._settings.tolerance if np.isfinite(error) else np.inf
-        known = max(merit, mismatch / self._settings.force_tolerance) if np.isfinite(mismatch) else np.nan
-        if np.isfinite(known) and merit > 0:
-            self._ratio = known / merit
-        self._errors.append(merit)
-        self._known.append(known)
-        values = self.values
-        return bool(np.isfinite(merit) and values[-1] <= min(values))
+    PERIOD, SAME = 8, 0.05
+
+    def __init__(self, metric: Array) -> None:
+        self._metric = metric
+        self._steps, self._size, self._times = 0, np.inf, 8.0
+
+    def factor(self, residual: Array) -> float:
+        """Factor on the residual (n, n_flat) of the next step."""
+        self._steps += 1
+        if self._steps % self.PERIOD:
+            return 0.5
+        size = float(np.vdot(self._metric * residual, residual)) ** 0.5
+        same, self._size = abs(size - self._size) < self.SAME * size, size
+        if not same:
+            return 0.5
+        self._times *= 2.0
+        return 0.5 * self._times
 
 
-class Direction:
-    """Everything that depends on the search direction, for windows of ``n`` instants."""
+class Stages:
+    """The stages of one window of ``n`` instants that starts with instant ``first``, on the image of a run."""
 
-    def __init__(self, assembly: Assembly, settings: Settings, n: int) -> None:
-        self.assembly = assembly
-        self.k, self.choice = channel_k(assembly, settings.search_direction, n)
-        self.local = LocalStage(assembly, self.k)
-        self.indicator = Indicator(assembly, self.k)
-        self.weight = np.sqrt(assembly.layout.area * self.local.z)
-        self.coarse: Coarse | None = None  # without inertia, from ``bind``
+    def __init__(self, image: Image, direction: Direction, n: int, first: int) -> None:
+        self.image, self.direction, self.n, self.first = image, direction, n, first
+        self._groups = direction.assembly.layout.groups
+        self._whole = image.factored and all(g["law"] >= 0 for g in image.groups)
+        self._size = n * image.n_flat
 
-    @cached_property
-    def points(self) -> PointByPoint:
-        """Gauss-Seidel over the points, built where it is needed."""
-        return PointByPoint(self.assembly)
+    def field(self, name: str) -> Array:
+        """A field (n, n_flat) of the window, a view."""
+        return self.image.field(name, self.n, self.image.n_flat)
 
-    def bind(self) -> None:
-        """Condense the propagators on this direction."""
-        for propagator, channels in zip(self.assembly.propagators, self.assembly.channels, strict=True):
-            propagator.bind(self.k[channels[:, 0]])
-        if self.assembly.quasi_static:
-            self.coarse = Coarse(self.assembly, self.k)
+    def evaluate(self, iteration: int) -> None:
+        """One linear and one local stage from the q of the image, measured."""
+        image, n = self.image, self.n
+        if self._whole:
+            image.call(entries.STAGE, n, self.first, iteration)
+            return
+        if n > 1 and not image.factored:
+            image.sweep(n, self.first)
+        image.call(entries.LINEAR_STAGE, n, self.first, iteration)
+        for i in range(n):
+            image.call(entries.OUTGOING, i)
+            for g in range(len(self._groups)):
+                image.call(entries.PREPARE, g, i)
+                if image.groups[g]["law"] >= 0:
+                    image.call(entries.POINTS, g)
+                else:
+                    self._law(g)
+                image.call(entries.FINISH, g, i, n)
+        image.call(entries.MEASURE, n)
 
-    def incoming(self, f_hat: Array, w_hat: Array) -> Array:
-        """q = F_hat + k W_hat."""
-        q: Array = f_hat + self.k * w_hat
-        return q
+    def _law(self, g: int) -> None:
+        """The law of a group as its behaviour states it in Python."""
+        image, group = self.image, self._groups[g]
+        shape = group.n_point, group.n_component
+        elastic = group.behaviour.elastic
+        reach = image.group_field(g, "reach", *(shape if elastic else shape[:1]))
+        rate = image.run[0]["layer_rate"] if elastic else 1.0 / image.run[0]["dt"]
+        z = self.direction.group_fields()[g]["z_sum"]
+        traction = group.behaviour.local(image.group_field(g, "jump", *shape).copy(), z, reach.copy(), float(rate), group.parameters)
+        image.group_field(g, "traction", *shape)[...] = traction
+
+    def judge(self, phase: int, iteration: int, accelerated: bool) -> int:
+        """See ``kernels.iteration.judge``."""
+        return self.image.call(entries.JUDGE, self.n, phase, iteration, int(accelerated))
+
+    def measures(self) -> Array:
+        """Measures of the last iterate."""
+        return self.image.field("measure", 8).copy()
+
+    def iterate(self) -> Iterate:
+        """A copy of the last iterate."""
+        fields = [self.field(name).copy() for name in ("q", "local_f", "local_w", "r")]
+        measures = self.measures()
+        return Iterate(*fields, float(measures[0]), measures)
+
+    def put(self, iterate: Iterate) -> None:
+        """Make an iterate the last one."""
+        for name, values in zip(("q", "local_f", "local_w", "r"), (iterate.q, iterate.f_hat, iterate.w_hat, iterate.residual), strict=True):
+            self.field(name)[...] = values
+        self.image.field("measure", 8)[:] = iterate.measures
 
 
 class WindowSolver:
-    """Iterates one window from the present state of the propagators."""
+    """Iterates one window from the present state of the propagators.
+
+    Parameters
+    ----------
+    observer : called after each iteration. progress : called with iteration and indicator after each iteration.
+    trial : marches the linear stage of the last iterate without consequences (``Run.trial``).
+    """
 
     def __init__(
         self,
-        direction: Direction,
         settings: Settings,
-        timings: Timings,
         observer: Observer | None = None,
         progress: Callable[[int, float], None] | None = None,
+        trial: Callable[[Stages, Callable[[int], None]], None] | None = None,
     ) -> None:
-        self._direction, self._settings, self._timings = direction, settings, timings
-        self._observer, self._progress = observer, progress
+        self._settings, self._observer, self._progress, self._trial = settings, observer, progress, trial
         self._static = settings.quasi_static
 
-    def solve(
-        self,
-        stage: GlobalStage,
-        q: Array,
-        opening: Opening,
-        scales: Scales,
-        record: WindowRecord,
-        number: int,
-    ) -> Iterate:
-        """Iterate from q (n, n_flat); fills ``record`` and returns the accepted (else the best) iterate."""
-        settings = self._settings
+    def solve(self, stages: Stages, record: WindowRecord, number: int) -> Iterate:
+        """Iterate from the q of the image; fills ``record`` and returns the accepted (else the best) iterate, which is
+        the last one of the image then."""
+        settings, static = self._settings, self._static
         best: Iterate | None = None
-        phase_start, before = 0, len(record.fallbacks)
-        limit = record.iterations + settings.max_iterations
-        merits = _Merits(settings)
-        accelerator = self._accelerator(settings.anderson_depth)
+        phase, before = 0, len(record.fallbacks)
+        limit, iteration, steps = record.iterations + settings.max_iterations, 0, 0
+        slide: Slide | None = None
+        accelerated, relaxed = settings.anderson_depth > 0, settings.anderson_depth == 0
         while True:
-            if stage.answers is not None:
-                stage.answers.begin(scales.field if stage.n == 1 or best is None else best.scales.field)
-            now, mismatch = self._evaluate(stage, q, opening, scales)
-            record.error_indicator.append(now.error)
-            record.force_mismatch.append(mismatch)
-            self._tell(number, record, now, stage)
-            if merits.add(now.error, mismatch) or best is None:
-                best, record.accepted = now, record.iterations - 1
-            met = now.error <= settings.tolerance and mismatch <= settings.force_tolerance
-            # A warm start within tolerance is not accepted as it is: step after step its lag would add up.
-            if met and (stage.n > 1 or record.iterations > 1 or now.error <= AT_REST * settings.tolerance):
-                record.converged, record.accepted = True, record.iterations - 1
-                return now
-            if not np.isfinite(now.error):
+            stages.evaluate(iteration)
+            measures = stages.measures()
+            record.error_indicator.append(float(measures[0]))
+            record.force_mismatch.append(float(measures[1]))
+            found = stages.judge(phase, iteration, accelerated and not relaxed)
+            if found & (BEST | CONVERGED) or best is None:
+                best, record.accepted = stages.iterate(), record.iterations - 1
+            self._report(number, record, stages)
+            iteration += 1
+            if found & CONVERGED:
+                record.converged = True
                 return best
+            if found & BROKEN:
+                break
             exhausted = record.iterations >= limit
-            progress = merits.values[phase_start:]
-            accelerated = isinstance(accelerator, Anderson)
-            # without inertia a body may take many equal steps back to where it sticks
-            patient = self._static and not accelerated
-            if not exhausted and (patient or not self._stalled(progress, accelerated)):
-                q = accelerator.next(now.q, now.residual)
+            patient = static and relaxed  # a body may take many equal steps back to where it sticks
+            if not exhausted and (patient or not found & STALLED):
+                self._step(stages, steps, slide, relaxed and record.fallbacks[before:] != [])
+                steps += 1
                 continue
-            fallback = self._fallback(stage, record.fallbacks[before:], exhausted)
+            fallback = self._fallback(stages, record.fallbacks[before:], exhausted)
             if fallback is None:
-                return best
+                break
             record.fallbacks.append(fallback)
-            phase_start = record.iterations
+            phase, steps = iteration, 0
+            relaxed = fallback == RELAXED or settings.anderson_depth == 0
             if fallback == NEWTON:
-                accelerator = self._accelerator(settings.anderson_depth)
-                q = self._newton(stage, best, opening, scales, record)
+                self._newton(stages, best, record)
                 limit = record.iterations + settings.max_iterations
             elif fallback == RELAXED:
-                accelerator = Slide(self._direction.weight) if self._static else Relaxation(0.5)
-                q = accelerator.next(best.q, best.residual)
+                slide = Slide(stages.direction.metric) if static else None
+                stages.put(best)
+                self._step(stages, 0, slide, True)
             else:
                 limit = record.iterations + _LAST_WORD
-                accelerator = self._accelerator(settings.anderson_depth)
-                q = self._point_by_point(stage, best, opening)
+                self._point_by_point(stages, best)
+        stages.put(best)
+        return best
 
-    def _fallback(self, stage: GlobalStage, used: list[str], exhausted: bool) -> str | None:
+    def _step(self, stages: Stages, steps: int, slide: Slide | None, halved: bool) -> None:
+        """The next q of the image."""
+        if halved:
+            factor = 0.5 if slide is None else slide.factor(stages.field("r"))
+            stages.field("q")[...] += factor * stages.field("r")
+        else:
+            stages.image.call(entries.NEXT, stages.n, steps)
+
+    def _fallback(self, stages: Stages, used: list[str], exhausted: bool) -> str | None:
         """The next fall-back, None when there is none left."""
         if self._static and NEWTON not in used and self._settings.max_iterations >= PATIENCE:
             return NEWTON
@@ -203,81 +239,49 @@ class WindowSolver:
             return RELAXED
         wanted = self._settings.max_iterations >= PATIENCE  # fewer: a look at the iteration, not an answer
         # without inertia a floating body has no admittance to go from point to point with
-        wanted = wanted and stage.n == 1 and not self._static
+        wanted = wanted and stages.n == 1 and not self._static
         return POINT_BY_POINT if wanted and POINT_BY_POINT not in used else None
 
-    def _point_by_point(self, stage: GlobalStage, best: Iterate, opening: Opening) -> Array:
-        """q (1, n_flat) of the solution point by point."""
-        clock = time.perf_counter()
-        points, k = self._direction.points, self._direction.k
-        free = points.free_velocity(stage.free(), k)
-        f_hat, w_hat = points.solve(free, best.f_hat[0], opening.gap)
-        self._timings.local_stage += time.perf_counter() - clock
-        return self._direction.incoming(f_hat, w_hat)[None]
+    def _point_by_point(self, stages: Stages, best: Iterate) -> None:
+        """q of the solution point by point."""
+        image, direction = stages.image, stages.direction
+        image.call(entries.FREE_MOTION, stages.first)
+        free = image.field("w", image.n_flat).copy()
+        reaches = [
+            image.group_field(g, "reach", group.n_point, group.n_component if group.behaviour.elastic else 1).copy()
+            for g, group in enumerate(direction.assembly.layout.groups)
+        ]
+        rates = float(1.0 / image.run[0]["dt"]), float(image.run[0]["layer_rate"])
+        f_hat, w_hat = direction.points.solve(free, best.f_hat[0], reaches, rates)
+        stages.field("q")[0] = direction.incoming(f_hat, w_hat)
 
-    def _newton(
-        self, stage: GlobalStage, best: Iterate, opening: Opening, scales: Scales, record: WindowRecord
-    ) -> Array:
-        """q (1, n_flat) where Newton's method has come to; each of its products counts as an iteration."""
+    def _newton(self, stages: Stages, best: Iterate, record: WindowRecord) -> None:
+        """q where Newton's method has come to; each of its products counts as an iteration."""
 
         def evaluate(q: Array) -> tuple[Array, Array]:
-            now, mismatch = self._evaluate(stage, q, opening, scales)
-            record.error_indicator.append(now.error)
-            record.force_mismatch.append(mismatch)
-            return now.q, now.residual
+            stages.field("q")[...] = q
+            stages.evaluate(1)
+            measures = stages.measures()
+            record.error_indicator.append(float(measures[0]))
+            record.force_mismatch.append(float(measures[1]))
+            return stages.field("q").copy(), stages.field("r").copy()
 
-        settings = self._settings
-        weight = np.where(self._direction.k > 0, self._direction.weight, 0.0)
-        return newton(evaluate, best.q, weight, settings.tolerance, _NEWTON * settings.max_iterations)
+        settings, direction = self._settings, stages.direction
+        weight = np.where(direction.k > 0, np.sqrt(direction.metric), 0.0)
+        stages.field("q")[...] = newton(evaluate, best.q, weight, settings.tolerance, _NEWTON * settings.max_iterations)
 
-    def _accelerator(self, depth: int) -> Anderson | Relaxation | Slide:
-        if depth == 0:
-            return Relaxation(self._settings.relaxation)
-        longest = _LONGEST_STATIC if self._static else np.inf
-        return Anderson(self._direction.weight, depth, self._settings.relaxation, longest)
-
-    def _evaluate(
-        self, stage: GlobalStage, q: Array, opening: Opening, scales: Scales
-    ) -> tuple[Iterate, float]:
-        """One global and one local stage from q, measured."""
-        direction, timings, settings = self._direction, self._timings, self._settings
-        clock = time.perf_counter()
-        q, w = stage.balanced(q)
-        after_global = time.perf_counter()
-        timings.global_stage += after_global - clock
-        f, s = np.empty_like(q), np.empty_like(q)
-        outgoing(q, w, direction.k, direction.local.z, f, s)
-        if len(s) == 1:
-            f_hat, w_hat = direction.local.instant(s[0], opening.gap)
-            f_hat, w_hat = f_hat[None], w_hat[None]
-        else:
-            f_hat, w_hat, _ = direction.local.window(s, opening)
-        timings.local_stage += time.perf_counter() - after_global
-        residual, measure = direction.indicator.field(q, (f, w, f_hat, w_hat), scales)
-        mismatch, reached = float("nan"), measure.scales
-        if measure.value <= settings.tolerance:
-            forces = direction.indicator.mismatch(residual, f_hat, measure.scales)
-            mismatch, reached = forces.value, forces.scales
-        return Iterate(q, f_hat, w_hat, residual, measure.value, reached), mismatch
-
-    @staticmethod
-    def _stalled(errors: list[float], accelerated: bool) -> bool:
-        if len(errors) < PATIENCE:
-            return False
-        bound = STALL_ACCELERATED if accelerated else STALL_PLAIN
-        return min(errors[-RECENT:]) > bound * min(errors[:-RECENT])
-
-    def _tell(self, number: int, record: WindowRecord, now: Iterate, stage: GlobalStage) -> None:
+    def _report(self, number: int, record: WindowRecord, stages: Stages) -> None:
+        error = record.error_indicator[-1]
         if self._progress is not None:
-            self._progress(record.iterations, now.error)
+            self._progress(record.iterations, error)
         if self._observer is None:
             return
+        f_hat, w_hat = stages.field("local_f").copy(), stages.field("local_w").copy()
 
         def trial(after: Callable[[int], None]) -> None:
-            stage.trial(now.q, now.f_hat, after)
+            assert self._trial is not None
+            self._trial(stages, after)
 
         self._observer(
-            IterationEvent(
-                number, record.iterations, now.error, record.force_mismatch[-1], now.f_hat, now.w_hat, trial
-            )
+            IterationEvent(number, record.iterations, error, record.force_mismatch[-1], f_hat, w_hat, trial)
         )

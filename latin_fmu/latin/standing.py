@@ -17,10 +17,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..interface import Contact
-from ..propagator.protocol import MassFactor
+from ..propagator.base import MassFactor
 from .assembly import Assembly
 from .layout import Array
-from .local_stage import read_gaps
 from .point_by_point import PointByPoint
 
 _STILL = 1e-9  # of the largest velocity, or of the size of the interface
@@ -55,7 +54,8 @@ def standing_tractions(
         if group.n_component > 1:
             sliding = group.block(velocity)[1, :, 1:] - group.block(velocity)[0, :, 1:]
             group.block(free)[1, :, 1:] += sliding / (_STILL * assembly.dt)
-    found, _ = solver.solve(free, known, [np.zeros(g.n_point) for g in assembly.layout.groups])
+    closed = [np.zeros((g.n_point, 1)) for g in assembly.layout.groups]
+    found, _ = solver.solve(free, known, closed, (1.0 / assembly.dt, 0.0))
     added[solver.channels] = found[solver.channels] - known[solver.channels]
     return added
 
@@ -71,7 +71,7 @@ def standing_points(assembly: Assembly) -> set[tuple[int, int]]:
     assembly.ground_velocity(velocity, 0)
     level = _STILL * float(np.abs(velocity).max(initial=0.0))
     found = set()
-    for g, (group, gap) in enumerate(zip(assembly.layout.groups, read_gaps(assembly), strict=True)):
+    for g, (group, gap) in enumerate(zip(assembly.layout.groups, assembly.gaps(), strict=True)):
         if not isinstance(group.behaviour, Contact):
             continue
         moving = group.block(velocity)[..., 0]

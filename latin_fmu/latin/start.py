@@ -11,7 +11,7 @@ import numpy as np
 import scipy.sparse.linalg as spla
 
 from ..interface.behaviour import bonds
-from ..propagator.protocol import MassFactor
+from ..propagator.base import MassFactor
 from .assembly import Assembly
 from .layout import Array, Group
 from .standing import standing_points, standing_tractions

@@ -19,7 +19,7 @@ def status(
     if not failed:
         return True, _converged(settings, windows)
     first, worst = failed[0], max(failed, key=lambda w: w.final_error)
-    reached = assembly.propagators[0].state.instant
+    reached = assembly.instant
     sentence = (
         f"not converged in {len(failed)} of {len(windows)} window(s), first at t = "
         f"{assembly.time[first.first_instant]:.6g} s (instant {first.first_instant}): {_reached(settings, worst)} "

@@ -42,10 +42,18 @@ class Threads:
         """Whether there is anything to share out."""
         return self._pool is not None
 
-    def each(self, work: Callable[[Index], int | None]) -> int:
-        """Do the work for every class; sum of what it returns."""
+    def each(self, work: Callable[[int], object]) -> None:
+        """Do the work for every class."""
+
+        def all_of(hand: Index) -> None:
+            for c in hand:
+                work(int(c))
+
         if self._pool is None:
-            return sum(work(hand) or 0 for hand in self._hands)
-        others = [self._pool.submit(work, hand) for hand in self._hands[1:]]
-        mine = work(self._hands[0]) or 0
-        return mine + sum(other.result() or 0 for other in others)
+            for hand in self._hands:
+                all_of(hand)
+            return
+        others = [self._pool.submit(all_of, hand) for hand in self._hands[1:]]
+        all_of(self._hands[0])
+        for other in others:
+            other.result()

@@ -13,7 +13,7 @@ from .record import WindowRecord
 
 
 class WindowList(Sequence[WindowRecord]):
-    """Records of windows in order; see ``told`` for those that exist as numbers only."""
+    """Records of windows in order; see ``keep`` for those that exist as numbers only."""
 
     def __init__(self) -> None:
         self._records: list[WindowRecord | tuple[int, int, Array, Array]] = []
@@ -22,7 +22,7 @@ class WindowList(Sequence[WindowRecord]):
         """Add a window."""
         self._records.append(record)
 
-    def told(self, first: int, counts: Index, errors: Array, mismatches: Array) -> None:
+    def keep(self, first: int, counts: Index, errors: Array, mismatches: Array) -> None:
         """Add converged windows of one instant, from the instant ``first`` on.
 
         Parameters

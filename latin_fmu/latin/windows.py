@@ -1,48 +1,52 @@
-"""Successive windows over [0, T]: hand-over of state, warm start, fall-back to windows of one instant.
+"""Successive windows over [0, T]: two drivers on the same stages, hand-over of state, fall-backs.
 
-A window starts from the state of the substructures, the opening read from their displacements, and the last
-interface tractions and velocities as first guess. One window over the whole interval is the method as published;
-windows of one instant (the default) need the fewest passes.
+A window starts from the state of the substructures, the gaps read from their displacements, and the last interface
+tractions and velocities as first guess. One window over the whole interval is the method as published; windows of one
+instant (the default) need the fewest passes.
+
+The compiled driver solves many windows of one instant in one call (``kernels.instants``); the Python driver takes the
+stages one by one, for observers, longer windows, laws written in Python and windows in which the iteration stalls. Both
+run the same functions in the same order on the same numbers.
 """
 
 from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from .approach import APPROACH, continuation, second_guess
+from ..kernels import entries
+from ..propagator.image import Image
+from .approach import APPROACH, second_guess
 from .assembly import Assembly
 from .bonded import Bonds, all_bonded
-from .compiled_run import CompiledRun, marches
-from .error_indicator import Scales
-from .global_stage import GlobalStage
+from .direction import Direction
 from .layout import Array
-from .local_stage import Opening, left, read_gaps, read_opening
 from .record import Timings, WindowRecord
 from .recorder import Recorder
-from .resting import Resting
+from .run_image import histories, make_image
 from .settings import Settings
-from .solver import Direction, Iterate, Observer, WindowSolver
+from .slide_probes import SlideProbes
+from .solver import Iterate, Observer, Stages, WindowSolver
 from .start import start
-from .unchanged import Answers, negligible
+from .threads import Threads
 from .window_list import WindowList
 
-# A window that fails with an indicator above this holds no answer worth going on from.
+# Stop the run if a window ends with sqrt(eta) above this value.
 HOPELESS = 0.3
+_FIRST = 16  # instants of the first call, which tells how long they take
+_SECONDS = 0.2  # aimed at per call, so that progress is shown and an interruption is heard
+_ONE, _LONG, _BONDS = 1, 2, 3  # search directions: windows of one instant, longer ones, perfect interfaces at once
 
 Progress = Callable[[int, int, int, float], None]  # windows done, windows, iteration, indicator
 
 
 @dataclass
 class RunState:
-    """Everything besides the propagators that the next window needs."""
+    """How the windows went so far."""
 
-    f_hat: Array
-    w_hat: Array
-    scales: Scales
     windows: WindowList = field(default_factory=WindowList)
     marched: int = 0  # substructure-instants
     condensed: int = 0
@@ -70,194 +74,302 @@ class Run:
         self.assembly, self.settings, self.recorder, self.timings = assembly, settings, recorder, timings
         self._observer, self._progress = observer, progress
         self.stopped = False
-        self._directions: dict[bool, Direction] = {}
-        self._bound: Direction | None = None
-        self._bonds: Bonds | None = None
-        self._operators = [p.operators for p in assembly.propagators]
-        self._compiled: CompiledRun | None = None
+        self.state = RunState()
         traction, velocity = start(assembly)
-        self.state = RunState(traction, velocity, self.direction(1).indicator.floor())
-        self._gaps: list[Array] | None = recorder.start(assembly, traction, velocity)
+        self._set_up(traction, velocity, None)
+        self.image.call(entries.OPEN_ACCOUNTS)
+        self._begin_recording()
+
+    # -- the image ----------------------------------------------------------------------------------------------
+    def _set_up(self, traction: Array, velocity: Array, scales: Array | None) -> None:
+        """Image and search directions for the operators of now; ``scales``: largest norms met, None for negligible
+        ones."""
+        assembly = self.assembly
+        self._operators = [p.operators for p in assembly.propagators]
+        self._directions: dict[int, Direction] = {}
+        self._bonds: Bonds | None = None
+        self._single = _ONE  # direction of windows of one instant
+        first = self.direction(1)
+        first.bind()
+        self._probes = SlideProbes(assembly, self.recorder.sliding)
+        self.image = make_image(assembly, self.settings, first, self._probes)
+        self.image.begin(len(assembly.time), histories(assembly))
+        self.f_hat[:], self.w_hat[:] = traction, velocity
+        self._use(_ONE)
+        if scales is None:
+            scales = self._negligible()
+        self.image.field("scales", 3)[:] = scales
+        self._threads = Threads([float(r["n_panels"] * r["m"]) for r in self.image.classes], self.settings.threads)
+        self._per_instant, self._refused = 0.0, False
+
+    def _negligible(self) -> Array:
+        """Scales of negligible fields, relative to the largest load: eta's denominator, normal and tangential forces."""
+        image, level = self.image, self.direction(1).level
+        image.field("local_f", image.n_flat)[:], image.field("r", image.n_flat)[:] = level, 0.0
+        measures = image.field("measure", 8)
+        measures[:] = 0.0
+        if image.n_flat:
+            image.call(entries.FORCES, 1)
+        tiny = np.finfo(float).tiny
+        weights = self.direction(1).weights[1, self.assembly.layout.normal]
+        fields = float(level.max(initial=0.0)) ** 2 * float(weights.sum())
+        force = max(float(measures[3]), tiny)
+        return np.array([max(fields, tiny), force, force])
+
+    @property
+    def f_hat(self) -> Array:
+        """Tractions of the last accepted instant (n_flat,), a view, Pa."""
+        return self.image.field("f_hat", self.image.n_flat)
+
+    @property
+    def w_hat(self) -> Array:
+        """Velocities of the last accepted instant (n_flat,), a view, m s-1."""
+        return self.image.field("w_hat", self.image.n_flat)
+
+    def handed_on(self) -> list[tuple[str, int]]:
+        """Names and sizes of the fields of the image that the next segment starts from, beside the propagators' states."""
+        return [("f_hat", self.image.n_flat), ("w_hat", self.image.n_flat), ("scales", 3), ("carry", 1)]
 
     def direction(self, n: int) -> Direction:
         """Search direction for windows of n instants (kept: one for n = 1, one for longer windows)."""
-        if (n == 1) not in self._directions:
-            self._directions[n == 1] = Direction(self.assembly, self.settings, n)
-        return self._directions[n == 1]
+        key = _ONE if n == 1 else _LONG
+        if key not in self._directions:
+            self._directions[key] = Direction(self.assembly, self.settings, n)
+        return self._directions[key]
 
-    def _bind(self, direction: Direction) -> None:
-        if self._bound is not direction:
-            direction.bind()
-            self._bound = direction
+    def _use(self, key: int) -> None:
+        """Let propagators and image use a search direction."""
+        direction = self.direction(2 if key == _LONG else 1)
+        direction.bind()
+        if key == _BONDS:
+            self.image.bind(key)
+        else:
+            self.image.bind(key, direction.run_fields(), direction.group_fields())
 
     def resume(self, recorder: Recorder) -> None:
         """Go on after the assembly has begun a new segment of time."""
+        self.recorder = recorder
+        self.state.windows, self.state.interface_indicator, self.stopped = WindowList(), None, False
         operators = [p.operators for p in self.assembly.propagators]
         if any(a is not b for a, b in zip(operators, self._operators, strict=True)):
-            self._directions.clear()
-            self._bound, self._bonds, self._compiled, self._operators = None, None, None, operators
-        self.state.windows, self.state.interface_indicator, self.stopped = WindowList(), None, False
-        self.recorder = recorder
-        self._gaps = recorder.start(self.assembly, self.state.f_hat, self.state.w_hat)
-        if self._compiled is not None:
-            self._compiled.begin(recorder)
+            f_hat, w_hat = self.f_hat.copy(), self.w_hat.copy()
+            self._set_up(f_hat, w_hat, self.image.field("scales", 3).copy())
+        else:
+            self.image.begin(len(self.assembly.time), histories(self.assembly))
+        self.image.field("worst", len(self.assembly.interfaces))[:] = 0.0
+        self._begin_recording()
+
+    def _begin_recording(self) -> None:
+        self.image.set(first_row=0)
+        self.image.call(entries.READ_START)
+        self.recorder.start(self.assembly, self.image, self._probes)
 
     def choices(self) -> dict[str, str]:
         """What was chosen automatically."""
-        kinds = {True: "windows of one instant", False: "longer windows"}
+        kinds = {_ONE: "windows of one instant", _LONG: "longer windows"}
         if self._bonds is not None:
             return {"bonds": "one linear solve per instant"}
-        return {f"search direction, {kinds[one]}": d.choice for one, d in self._directions.items()}
+        return {f"search direction, {kinds[key]}": d.choice for key, d in self._directions.items()}
 
+    def gaps(self) -> list[Array]:
+        """Gaps (n_point,) of each group at the present instant."""
+        groups = self.assembly.layout.groups
+        return [self.image.group_field(g, "gap", group.n_point).copy() for g, group in enumerate(groups)]
+
+    # -- windows ------------------------------------------------------------------------------------------------
     def all(self) -> None:
         """Solve every window of the interval; stops after one whose best iterate is far from any answer."""
         total = self.assembly.n_instant
         length = self.settings.window or total
         count = -(-total // length)
-        compiled = self._compiled_road() if length == 1 else None
+        if self._bonds is None and self.settings.direct_bonds and all_bonded(self.assembly):
+            self._solve_bonds_at_once()
+        self._use(_LONG if length > 1 else self._single)
+        compiled = length == 1 and self._observer is None and self._compiles()
         number = 0
         while number < count and not self.stopped:
-            done = 0 if compiled is None else compiled.advance(count - number)
+            done = self._march(count - number) if compiled else 0
             number += done
             if done and self._progress is not None:
                 last = self.state.windows[-1]
                 self._progress(number - 1, count, last.iterations, last.final_error)
-            if number < count and (compiled is None or compiled.refused):
+            if number < count and (not compiled or self._refused):
                 self.advance(min(length, total - number * length), number, count)
                 number += 1
 
-    def _compiled_road(self) -> CompiledRun | None:
-        """The compiled march, where nothing asks for the long road."""
-        assembly = self.assembly
-        if self._observer is not None or not marches(assembly):
-            return None
-        direction, at_once = self.direction(1), None
-        if self._bonds_directly():
-            if self._bonds is None:
-                self._bonds = Bonds(assembly)
-            if self._compiled is None and (at_once := self._bonds.incoming(direction.k)) is None:
-                return None
-        self._bind(direction)
-        if self._compiled is None:
-            self._compiled = CompiledRun(self, at_once)
-        return self._compiled
+    def _compiles(self) -> bool:
+        """Whether the kernels hold every factor, know every law, and the bonds where those are solved at once."""
+        if self._bonds is not None and self._single != _BONDS:
+            return False
+        return self.image.factored and all(g["law"] >= 0 for g in self.image.groups)
 
-    def gaps(self) -> list[Array]:
-        """Gaps (n_point,) of each group at the present instant."""
-        return read_gaps(self.assembly) if self._gaps is None else self._gaps
+    def _march(self, n: int) -> int:
+        """Solve up to n windows of one instant in one call; how many converged (fewer: the next one needs a
+        fall-back)."""
+        image, recorder, assembly = self.image, self.recorder, self.assembly
+        longest = max(1, int(_SECONDS / self._per_instant)) if self._per_instant > 0 else _FIRST
+        n = min(n, image.rows, longest, recorder.instants_unseen())
+        first, before = assembly.instant + 1, clock.perf_counter()
+        image.set(first_row=first)
+        done = self._march_together(first, n) if self._threads.several else image.call(entries.MARCH, first, n)
+        if done:
+            self._step_to(first + done - 1)
+            recorder.kept(assembly, image, self._probes, done)
+            self._keep_curves(first, done)
+        self._refused = done < n
+        self._count(before)
+        self._per_instant = (clock.perf_counter() - before) / max(done, 1)
+        return done
 
-    def take_gaps(self, gaps: list[Array]) -> None:
-        """Gaps that the compiled march has reached."""
-        self._gaps = gaps
+    def _march_together(self, first: int, n: int) -> int:
+        """The same with the substructures on several threads; same functions, same order within a substructure."""
+        image = self.image
+        for call in range(n):
+            instant = first + call
+            self._threads.each(lambda c, at=instant: image.call(entries.PREDICT, c, at))  # type: ignore[misc]
+            if not image.call(entries.SOLVE, instant, call):
+                return call
+            self._threads.each(lambda c, at=instant: image.call(entries.END_CLASS, c, at))  # type: ignore[misc]
+            image.call(entries.END_INSTANT, instant)
+        return n
 
-    def count(self, marched: int, condensed: int) -> None:
-        """Add substructure-instants marched, and solved through the condensed operator."""
+    def _step_to(self, instant: int) -> None:
+        for propagator in self.assembly.propagators:
+            propagator.instant = instant
+            propagator.sample()
+
+    def _keep_curves(self, first: int, done: int) -> None:
+        most = self.settings.max_iterations
+        counts = self.image.counts("iterations", done)
+        errors, mismatches = (self.image.field(name, done, most) for name in ("errors", "mismatches"))
+        self.state.windows.keep(first, counts, errors, mismatches)
+        self._take_indicator()
+
+    def _take_indicator(self) -> None:
+        if self.assembly.interfaces:
+            self.state.interface_indicator = self.image.field("worst", len(self.assembly.interfaces)).copy()
+
+    def _count(self, before: float) -> None:
+        """Add the work and the time since ``before``."""
+        marched, condensed = self.image.marched()
         self.state.marched += marched
         self.state.condensed += condensed
+        self.timings.march += clock.perf_counter() - before
 
     def advance(self, n: int, number: int, count: int) -> WindowRecord:
-        """Solve the next window of n instants."""
-        if not self.assembly.interfaces:
-            return self._free(n)
-        if n == 1 and self._bonds_directly() and (solved := self._bonded()) is not None:
-            return solved
-        assembly, state = self.assembly, self.state
-        first = assembly.propagators[0].state.instant + 1
+        """Solve the next window of n instants from Python."""
+        before, image, state = clock.perf_counter(), self.image, self.state
+        first = self.assembly.instant + 1
         record = WindowRecord(first, first + n - 1)
+        if not self.assembly.interfaces:
+            self._free(first, n, record)
+            self._count(before)
+            return record
         guess = self._sequential_guess(n) if n > 1 and self.settings.sequential_start else None
-        direction = self.direction(n)
-        self._bind(direction)
-        stage = GlobalStage(assembly, direction.k, n, direction.coarse, self._answers(direction, n))
-        q = direction.incoming(*guess) if guess is not None else self._warm_start(direction, stage)
+        self._use(_LONG if n > 1 else self._single)
+        stages = Stages(image, self.direction(n), n, first)
 
         def report(iteration: int, error: float) -> None:
             if self._progress is not None:
                 self._progress(number, count, iteration, error)
 
-        solver = WindowSolver(direction, self.settings, self.timings, self._observer, report)
-        opening = self._opening(n)
-        accepted = solver.solve(stage, q, opening, state.scales, record, number)
-        if assembly.quasi_static and not record.converged:
-            accepted = solver.solve(
-                stage, self._again(stage, opening, record), opening, state.scales, record, number
-            )
+        solver = WindowSolver(self.settings, self._observer, report, self._trial)
+        self._begin_window(stages)
+        if guess is not None:
+            stages.field("q")[...] = guess
+        accepted = solver.solve(stages, record, number)
+        if self.assembly.quasi_static and not record.converged:
+            self._guess_again(stages, record)
+            accepted = solver.solve(stages, record, number)
         if not record.converged and n > 1:
-            stage.rewind()
-            self._count(stage)
+            image.call(entries.REWIND)
+            self._count(before)
             return self._one_by_one(record, n, number, count)
         if not record.converged:
-            accepted.scales = state.scales  # a failed iterate must not loosen the windows that follow
             # NaN included; without inertia a state that is no equilibrium leads nowhere
-            self.stopped = assembly.quasi_static or not accepted.error <= HOPELESS
+            self.stopped = self.assembly.quasi_static or not accepted.error <= HOPELESS
             if self.stopped:
-                stage.rewind()
+                image.call(entries.REWIND)
                 state.windows.append(record)
+                self._count(before)
                 return record
-        self._commit(stage, accepted, record)
+        self._end_window(stages, accepted, record)
+        self._count(before)
         return record
 
-    def _answers(self, direction: Direction, n: int) -> Answers | None:
-        """Answers of the classes over the next window, where those are to be kept."""
-        enough = negligible(self.settings)
-        if enough < 0.0:
-            return None
-        return Answers(n, direction.indicator.weights[0], enough, len(self.assembly.propagators))
+    def _begin_window(self, stages: Stages) -> None:
+        """State at the start, free responses of one instant, first guess."""
+        image = self.image
+        image.call(entries.BEGIN)
+        image.call(entries.OPEN, stages.n, stages.first - 1)
+        if stages.n == 1:
+            for c in range(len(image.propagators)):
+                image.predict(c, stages.first)
+            image.call(entries.FIRST_GUESS, stages.first)
+            if self._bonds is not None and self._single != _BONDS:  # too many for one matrix, or redundant
+                image.call(entries.FREE_MOTION, stages.first)
+                stages.field("q")[0] = self._bonds.guess(image.field("w", image.n_flat).copy(), stages.direction.k)
+            return
+        stages.field("q")[...] = stages.direction.incoming(self.f_hat, self.w_hat)
 
-    def _again(self, stage: GlobalStage, opening: Opening, record: WindowRecord) -> Array:
-        """Another first guess of q (1, n_flat) without inertia."""
-        state, direction = self.state, self.direction(1)
-        stage.rewind()
-        name, f_hat, w_hat = second_guess(
-            direction, self.settings, state.f_hat, opening, state.scales, self.timings
+    def _end_window(self, stages: Stages, accepted: Iterate, record: WindowRecord) -> None:
+        """Move the substructures to the end of the window and keep its fields."""
+        image, n, first = self.image, stages.n, stages.first
+        scales = image.field("scales", 3).copy()
+        image.call(entries.ACCEPT, n)
+        if not record.converged:
+            image.field("scales", 3)[:] = scales  # a failed iterate must not loosen the windows that follow
+        image.field("carry", 1)[0] = float(APPROACH not in record.fallbacks)  # bodies that travelled far have arrived
+        if n > 1:
+            image.call(entries.REWIND)
+        image.set(first_row=first)
+        self._march_accepted(stages, lambda _: None)
+        self._step_to(first + n - 1)
+        self._take_indicator()
+        self.state.windows.append(record)
+
+    def _march_accepted(self, stages: Stages, after: Callable[[int], None], keep: bool = True) -> None:
+        """March the window with the accepted iterate; ``after(i)`` is called at its instants."""
+        image, n, first = self.image, stages.n, stages.first
+        for i in range(n):
+            if n == 1:
+                for c in range(len(image.propagators)):
+                    image.end(c, first)
+                image.call(entries.END_INSTANT, first)
+            elif image.factored:
+                image.call(entries.END_WINDOW, first + i, i)
+            else:
+                image.end_window_instant(first + i, i)
+            self._move(first + i)
+            if keep:
+                self.recorder.kept(self.assembly, image, self._probes, 1, i)
+            after(i)
+
+    def _move(self, instant: int) -> None:
+        for propagator in self.assembly.propagators:
+            propagator.instant = instant
+
+    def _trial(self, stages: Stages, after: Callable[[int], None]) -> None:
+        """March the linear stage of the last iterate, and put everything back."""
+        image = self.image
+        kept, begun, row = image.moving.copy(), self.assembly.instant, int(image.run[0]["first_row"])
+        if stages.n > 1:
+            image.call(entries.REWIND)
+        image.set(first_row=stages.first)
+        self._march_accepted(stages, after, keep=False)
+        image.moving[:] = kept
+        image.set(first_row=row)
+        self._move(begun)
+
+    def _guess_again(self, stages: Stages, record: WindowRecord) -> None:
+        """Another first guess of q without inertia."""
+        name, q = second_guess(
+            self.assembly, self.settings, self.image, stages, self.f_hat.copy(), self.gaps()
         )
         record.fallbacks.append(name)
-        return direction.incoming(f_hat, w_hat)[None]
-
-    def _opening(self, n: int) -> Opening:
-        """Opening at the start of a window; one instant needs the gaps alone, known from the last one kept."""
-        if n > 1:
-            return read_opening(self.assembly)
-        return Opening(left(self.assembly, self.gaps()), [], [])
-
-    def _warm_start(self, direction: Direction, stage: GlobalStage) -> Array:
-        """First guess of q (n, n_flat): the last value; where nothing touched, the free motion, which is the answer as
-        long as nothing does (an instant of open contacts costs one check).
-
-        No extrapolation: accepted within the tolerance as it is, it would feed its own error and gain energy.
-        """
-        state, w_hat = self.state, self.state.w_hat
-        if state.windows and APPROACH in state.windows[-1].fallbacks:
-            w_hat = np.zeros_like(w_hat)  # bodies that have travelled far have arrived
-        elif self.assembly.quasi_static:
-            w_hat = continuation(self.assembly) * w_hat
-        elif stage.n == 1 and not state.f_hat.any():
-            return direction.incoming(state.f_hat, stage.free_velocity())
-        return np.repeat(direction.incoming(state.f_hat, w_hat)[None], stage.n, axis=0)
-
-    def _commit(self, stage: GlobalStage, accepted: Iterate, record: WindowRecord) -> None:
-        state, recorder = self.state, self.recorder
-        before = clock.perf_counter()
-
-        def keep(i: int) -> None:
-            self._gaps = recorder.keep(self.assembly, accepted.f_hat[i], accepted.w_hat[i])
-
-        stage.commit(accepted.q, accepted.f_hat, keep)
-        self.timings.global_stage += clock.perf_counter() - before
-        self._count(stage)
-        local = (
-            self._bound.indicator.per_interface(accepted.residual, accepted.scales) if self._bound else None
-        )
-        if local is not None:
-            worst = state.interface_indicator
-            state.interface_indicator = local if worst is None else np.maximum(worst, local)
-        state.scales = accepted.scales
-        state.f_hat, state.w_hat = accepted.f_hat[-1], accepted.w_hat[-1]
-        state.windows.append(record)
-
-    def _count(self, stage: GlobalStage) -> None:
-        self.state.marched += stage.marched
-        self.state.condensed += stage.condensed
-        stage.marched = stage.condensed = 0
+        self._use(self._single)
+        self._begin_window(stages)
+        stages.field("q")[...] = q
 
     def _one_by_one(self, record: WindowRecord, n: int, number: int, count: int) -> WindowRecord:
         """Fall-back: the window as windows of one instant."""
@@ -276,76 +388,74 @@ class Run:
         self.state.windows.append(record)
         return record
 
-    def _sequential_guess(self, n: int) -> tuple[Array, Array] | None:
-        """F_hat, W_hat (n, n_flat) of a pass with windows of one instant; everything is put back after it."""
-        assembly, state, recorder = self.assembly, self.state, self.recorder
-        snapshot = assembly.snapshot()
-        observer, progress = self._observer, self._progress
+    def _sequential_guess(self, n: int) -> Array | None:
+        """q (n, n_flat) of a pass with windows of one instant; everything is put back after it."""
+        image, state = self.image, self.state
+        kept, begun = image.state.copy(), self.assembly.instant
+        observer, progress, recorder, windows = self._observer, self._progress, self.recorder, state.windows
+        indicator = state.interface_indicator
         self._observer = self._progress = None
-        tape = _Tape()
-        self.recorder, self.state = tape, replace(state, windows=WindowList())  # type: ignore[assignment]
-        gaps = self._gaps
+        tape = _Tape(image.n_flat)
+        self.recorder, state.windows = tape, WindowList()  # type: ignore[assignment]
         try:
-            for _ in range(n):
-                self.advance(1, 0, 1)
-                if self.stopped:
-                    break
-            state.marched, state.condensed = self.state.marched, self.state.condensed
+            self._use(self._single)
+            done, spent = 0, self.timings.march
+            while done < n and not self.stopped:
+                marched = self._march(n - done) if self._compiles() else 0
+                done += marched
+                if done < n and (marched == 0 or self._refused):
+                    self.advance(1, 0, 1)
+                    done += 1
+            self.timings.march = spent  # counted by the window
         finally:
-            self.recorder, self.state, self._gaps = recorder, state, gaps
+            self.recorder, state.windows, state.interface_indicator = recorder, windows, indicator
             self._observer, self._progress = observer, progress
-            assembly.restore(snapshot)
+            image.state[:] = kept
+            self._move(begun)
         if self.stopped:  # no guess to be had: start from the last values
             self.stopped = False
             return None
-        return np.stack(tape.f_hat), np.stack(tape.w_hat)
+        direction = self.direction(n)
+        return direction.incoming(np.concatenate(tape.f_hat), np.concatenate(tape.w_hat))
 
-    def _bonds_directly(self) -> bool:
-        """Whether an instant is one linear solve: all interfaces perfect, nobody watches an iteration."""
-        return self.settings.direct_bonds and self._observer is None and all_bonded(self.assembly)
+    def _solve_bonds_at_once(self) -> None:
+        """All interfaces are perfect: start every instant with the solution of its bonds, one linear solve."""
+        self._bonds = Bonds(self.assembly)
+        direction = self.direction(1)
+        operator = self._bonds.incoming(direction.k)
+        if operator is not None:
+            fields = {**direction.run_fields(), "direct_bonds": 1, "bonds": operator}
+            self.image.bind(_BONDS, fields, direction.group_fields())
+            self._single = _BONDS
 
-    def _bonded(self) -> WindowRecord | None:
-        """One instant of an assembly whose interfaces are all perfect; None where it has to be iterated."""
-        state, before = self.state, clock.perf_counter()
-        if self._bonds is None:
-            self._bonds = Bonds(self.assembly)
-        self._bonds.bind()
-        self._bound = None
-        solved = self._bonds.instant()
-        if solved is None:
-            return None
-        state.f_hat, state.w_hat, left = solved
-        self._gaps = self.recorder.keep(self.assembly, state.f_hat, state.w_hat)
-        last = self.assembly.propagators[0].state.instant
-        record = WindowRecord(last, last, [left], [left], converged=True)
-        state.windows.append(record)
-        state.marched += self._bonds.marched
-        self._bonds.marched = 0
-        self.timings.global_stage += clock.perf_counter() - before
-        return record
-
-    def _free(self, n: int) -> WindowRecord:
+    def _free(self, first: int, n: int, record: WindowRecord) -> None:
         """No interface at all: march."""
-        propagators, bodies = self.assembly.propagators, Resting(self.assembly)
-        for _ in range(n):
-            bodies.predict()
-            for c, propagator in enumerate(propagators):
-                self.state.marched += bodies.commit(c, np.zeros((0, len(propagator.names))))
-            self.recorder.keep(self.assembly, np.zeros(0), np.zeros(0))
-        last = propagators[0].state.instant
-        record = WindowRecord(last - n + 1, last, [0.0], [0.0], converged=True)
+        image = self.image
+        for i in range(n):
+            image.set(first_row=first + i)
+            for c in range(len(image.propagators)):
+                image.predict(c, first + i)
+                image.end(c, first + i)
+            image.call(entries.END_INSTANT, first + i)
+            self._step_to(first + i)
+            self.recorder.kept(self.assembly, image, self._probes, 1)
+        record.error_indicator, record.force_mismatch, record.converged = [0.0], [0.0], True
         self.state.windows.append(record)
-        return record
 
 
 class _Tape:
     """Recorder of a sequential pass."""
 
-    def __init__(self) -> None:
+    def __init__(self, n_flat: int) -> None:
+        self._n = n_flat
         self.f_hat: list[Array] = []
         self.w_hat: list[Array] = []
 
-    def keep(self, assembly: Assembly, f_hat: Array, w_hat: Array) -> None:  # noqa: ARG002, as Recorder.keep
-        """Keep one instant."""
-        self.f_hat.append(f_hat)
-        self.w_hat.append(w_hat)
+    def instants_unseen(self) -> int:
+        """No limit."""
+        return 1 << 30
+
+    def kept(self, assembly: Assembly, image: Image, probes: SlideProbes, n: int, row: int = 0) -> None:  # noqa: ARG002
+        """Keep the fields of n instants."""
+        self.f_hat.append(image.field("history_f", image.rows, self._n)[row : row + n].copy())
+        self.w_hat.append(image.field("history_w", image.rows, self._n)[row : row + n].copy())

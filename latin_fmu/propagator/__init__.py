@@ -1,8 +1,8 @@
 """Substructures in time: how a class of identical substructures answers interface tractions, instant by instant."""
 
+from .base import Propagator
 from .direct import DirectPropagator
 from .model import Histories, LoadTerm, SubstructureModel
-from .protocol import Propagator
 from .registry import PROPAGATORS, make_propagator
 from .settings import PropagatorSettings
 from .static import StaticPropagator

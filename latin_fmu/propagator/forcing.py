@@ -46,10 +46,11 @@ class Forcing:
         self._motion = [_Motion(m, scheme) if m.imposed_pattern.shape[1] else None for m in members]
         self.moves = any(m is not None for m in self._motion)
         self._zero = np.zeros((self.n_full, len(members)))
+        self.n_time, self.token = 0, object()  # instants of the segment, and what tells it from others
 
     def begin(self, histories: Sequence[Histories], dt: float) -> None:
         """Set what drives the members over the instants of a run or segment; motions go on where they are."""
-        self._histories = list(histories)
+        self.n_time, self.token = len(histories[0].time), object()
         self._constant = np.zeros((self._n, len(self.members)))
         self._terms: list[tuple[int, Index, Array, Array]] = []
         for column, (loads, history) in enumerate(zip(self._reduced, histories, strict=True)):
@@ -103,35 +104,37 @@ class Forcing:
         zero = np.zeros(self._constant.shape[0])
         return np.stack([zero if m is None else m.reduced_inertia(instant) for m in self._motion], axis=1)
 
-    def sums(self, trace: sp.csr_array) -> tuple[Array, dict[str, Sum]]:
-        """What ``at``, ``inertia`` and ``channel_displacement``, ``_velocity``, ``_acceleration`` compute, in parts.
+    def sums(self, trace: sp.csr_array, dashpots: sp.csr_array | None = None) -> tuple[Array, dict[str, Sum]]:
+        """What ``at``, ``inertia``, ``loads`` and the channels compute, in parts for the kernels.
 
         Parameters
         ----------
-        trace : (n_channel, n_full) of the class.
+        trace : (n_channel, n_full) of the class. dashpots : lumped damping (n_full, n_full) of an explicit class.
 
         Returns
         -------
         Constant force (n, n_member), and the sums ``force``, ``inertia``, ``velocity``, ``displacement``,
-        ``acceleration``.
+        ``acceleration``, and ``work`` (loads alone). In an explicit scheme the forces that drive the step to an instant
+        are the mean of the loads over it, and those of motions in the middle of it.
         """
-        members = len(self.members)
-        sums = {name: Sum() for name in ("force", "inertia", "velocity", "displacement", "acceleration")}
+        members, explicit = len(self.members), self._scheme.explicit
+        names = ("force", "inertia", "velocity", "displacement", "acceleration", "work")
+        sums = {name: Sum() for name in names}
         for column, dofs, values, amplitude in self._terms:
-            sums["force"].patterns.append((dofs * members + column, values))
-            sums["force"].amplitudes.append(amplitude)
-        for column, motion in enumerate(self._motion):
+            rows = dofs * members + column
+            sums["work"].patterns.append((rows, values))
+            sums["work"].amplitudes.append(amplitude)
+            sums["force"].patterns.append((rows, values))
+            sums["force"].amplitudes.append(_mean_over_steps(amplitude) if explicit else amplitude)
+        for column, (motion, member) in enumerate(zip(self._motion, self.members, strict=True)):
             if motion is not None:
-                motion.add_to(sums, trace @ motion.pattern, column, members)
+                lumped = None if dashpots is None else member.expansion.T @ (dashpots @ motion.pattern)
+                motion.add_to(sums, trace @ motion.pattern, column, members, lumped)
         return self._constant, sums
 
-    def full_external(self, instant: int) -> Array:
-        """External forces on the full dofs (n_full, n_member), prescribed motions not included, N."""
-        force = self._zero.copy()
-        for column, (member, history) in enumerate(zip(self.members, self._histories, strict=True)):
-            for load, amplitude in zip(member.loads, history.amplitudes, strict=True):
-                force[:, column] += amplitude[instant] * load.pattern
-        return force
+    def motion_table(self) -> Array:
+        """Displacements, velocities and accelerations of the prescribed motions, (3, n_time, n_motion, n_member)."""
+        return np.stack([np.stack(m.histories) for m in self._motion if m is not None], axis=-1)
 
     def imposed_u(self, instant: int) -> Array:
         """Prescribed displacements, (n_full, n_member), m."""
@@ -164,6 +167,12 @@ class Forcing:
         return self.members[0].trace @ self.imposed_a(instant) if self.moves else None
 
 
+def _mean_over_steps(amplitude: Array) -> Array:
+    """Mean over the step that ends at each instant."""
+    mean: Array = np.concatenate([amplitude[:1], 0.5 * (amplitude[1:] + amplitude[:-1])])
+    return mean
+
+
 class _Motion:
     """Prescribed motions of one member: histories consistent with the time scheme."""
 
@@ -185,6 +194,7 @@ class _Motion:
             free, _ = self._scheme.predict(u[i], v[i], a[i], dt)
             u[i + 1] = free + self._scheme.displacement_gain(dt) * a[i + 1]
         self.histories = (u, v, a)
+        self._dt = dt
 
     def at(self, instant: int) -> tuple[Array, Array]:
         return self.histories[0][instant], self.histories[2][instant]
@@ -201,14 +211,24 @@ class _Motion:
             force += self._damping @ v
         return force
 
-    def add_to(self, sums: dict[str, Sum], at_channels: Array, column: int, members: int) -> None:
-        """Add the parts of this motion; ``at_channels`` (n_channel, n_motion) its shapes at the channels."""
+    def add_to(
+        self, sums: dict[str, Sum], at_channels: Array, column: int, members: int, lumped: Array | None
+    ) -> None:
+        """Add the parts of this motion; ``at_channels`` (n_channel, n_motion) its shapes at the channels, ``lumped``
+        (n, n_motion) the lumped damping of an explicit class on them."""
         u, v, a = self.histories
+        before, middle, step = v, u, np.zeros_like(v)
+        if self._scheme.explicit:
+            before = np.concatenate([v[:1], v[:-1]])
+            middle = np.concatenate([u[:1], u[:-1]]) + 0.5 * self._dt * before
+            step = 0.5 * (v - before)
         for k in range(self.pattern.shape[1]):
-            sums["force"].add(-self._stiffness[:, k], column, members, u[:, k])
+            sums["force"].add(-self._stiffness[:, k], column, members, middle[:, k])
             if self._damping is not None:
-                sums["force"].add(-self._damping[:, k], column, members, v[:, k])
-            if self._mass is not None:
+                sums["force"].add(-self._damping[:, k], column, members, before[:, k])
+            if lumped is not None:
+                sums["force"].add(-lumped[:, k], column, members, step[:, k])
+            if self._mass is not None and not self._scheme.explicit:
                 sums["inertia"].add(self._mass[:, k], column, members, a[:, k])
             sums["velocity"].add(at_channels[:, k], column, members, v[:, k])
             sums["displacement"].add(at_channels[:, k], column, members, u[:, k])

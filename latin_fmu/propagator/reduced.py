@@ -22,14 +22,12 @@ import scipy.linalg as la
 import scipy.sparse as sp
 
 from ..time_scheme import TimeScheme
+from .base import Propagator
 from .cholesky import InterfaceFactor, interface_factor
 from .condensed import Index
 from .diagonal import DiagonalFactor
-from .energy import EnergyMeter
-from .march import March
 from .model import Array, LoadTerm, SubstructureModel
 from .reduction import reduce_model
-from .resumable import Motion
 
 _SAMPLED = 4  # every so many instants the error is looked at
 
@@ -40,13 +38,11 @@ class ReducedOperators:
 
     Attributes
     ----------
-    diagonal : (m,) of the stiffness. damp : (m, m) damping or None. inverse : A^-1, (m,) where A is diagonal, else
-        (m, m). dofs : all. trace : (n_channel, m). The others : see ``Operators``.
+    diagonal : (m,) of the stiffness. damp : (m, m) damping or None. dofs : all. trace : (n_channel, m). The others : see ``Operators``.
     """
 
     diagonal: Array
     damp: Array | None
-    inverse: Array
     mass: sp.csr_array
     damping: sp.csr_array | None
     stiffness: sp.csr_array
@@ -62,13 +58,6 @@ class ReducedOperators:
         """T D T^T diag(area)."""
         return self.compliance * self.area
 
-    def accelerate(self, force: Array) -> Array:
-        """A^-1 f for f (m, n_member)."""
-        if self.inverse.ndim == 1:
-            return self.inverse[:, None] * force
-        solved: Array = self.inverse @ force
-        return solved
-
 
 class _Unit:
     """Solver with the unit matrix."""
@@ -78,7 +67,7 @@ class _Unit:
         return b
 
 
-class ReducedPropagator(March[ReducedOperators]):
+class ReducedPropagator(Propagator):
     """March of a class of identical substructures in Ritz coordinates (module docstring).
 
     Parameters
@@ -87,14 +76,13 @@ class ReducedPropagator(March[ReducedOperators]):
         for energies. n_mode : elastic modes of the basis.
     """
 
+    operators: ReducedOperators
+
     def __init__(
         self, members: Sequence[SubstructureModel], scheme: TimeScheme, dt: float, energy: bool, n_mode: int
     ) -> None:
         self.n_mode = n_mode
-        super().__init__(reduced_members(members, n_mode), scheme, dt, None)
-        if energy:
-            self.meter = EnergyMeter(self.members, self.forcing, scheme)
-        self._free: tuple[Array, Array, Array] | None = None
+        super().__init__(reduced_members(members, n_mode), scheme, dt, energy)
         self._beyond = self._all = 0.0  # squares of interface velocities, summed over instants
 
     def _build(self, dt: float) -> ReducedOperators:
@@ -114,14 +102,9 @@ class ReducedPropagator(March[ReducedOperators]):
         if damp is not None:
             factor = interface_factor(sp.csr_array(np.diag(a) + c_damping * damp), dofs)
         return ReducedOperators(
-            diagonal, damp, inverse, mass, damping, stiffness, factor, dofs, trace, model.channel_area, symmetric,
+            diagonal, damp, mass, damping, stiffness, factor, dofs, trace, model.channel_area, symmetric,
             np.zeros(0, dtype=np.int64),
         )  # fmt: skip
-
-    @property
-    def compiles(self) -> bool:
-        """Yes."""
-        return True
 
     # -- start ------------------------------------------------------------------------------------------------
     def initial_unbalance(self, traction: Array) -> Array:
@@ -139,67 +122,12 @@ class ReducedPropagator(March[ReducedOperators]):
         """Solver with M."""
         return _Unit()
 
-    def initial_channels(self, factor: _Unit, unbalance: Array) -> tuple[Array, Array]:
-        """Channel accelerations at t = 0, and T M^-1 T^T."""
-        trace = self.operators.trace
-        free = self._at(self.operators.dofs, factor.solve(unbalance), self.forcing.channel_acceleration(0))
-        return free, trace @ trace.T
-
-    # -- one instant ------------------------------------------------------------------------------------------
-    def predict(self) -> Array:
-        """Free response of the next instant; W_0 (n_channel, n_member), m s-1."""
-        ops, scheme, dt, state = self.operators, self.scheme, self.dt, self.state
-        u, v = scheme.predict(state.u, state.v, state.a, dt)
-        force = self.forcing.at(state.instant + 1)
-        force -= ops.diagonal[:, None] * u
-        if ops.damp is not None:
-            force -= ops.damp @ v
-        force *= scheme.force_weight
-        if scheme.memory_weight:
-            force -= scheme.memory_weight * state.residual
-        inertia = self.forcing.inertia(state.instant + 1)
-        if inertia is not None:
-            force -= inertia
-        a = ops.accelerate(force)
-        self._free = (u, v, a)
-        reached = scheme.interface_velocity(state.u, u, v, dt) + scheme.interface_gain(dt) * a
-        velocity: Array = ops.trace @ reached
-        imposed = self.forcing.channel_velocity(state.instant + 1)
-        return self._with_dashpots(velocity if imposed is None else velocity + imposed)
-
-    def commit(self, traction: Array, account: bool = True) -> None:
-        """End the instant with channel tractions (n_channel, n_member), Pa; ``account``: count its energy."""
-        assert self._free is not None, "commit without predict"
-        ops, scheme, dt, state = self.operators, self.scheme, self.dt, self.state
-        u, v, a = self._free
-        force = self._interface_force(traction)
-        a = a + ops.accelerate(scheme.force_weight * force)
-        v = v + scheme.velocity_gain(dt) * a
-        u = u + scheme.displacement_gain(dt) * a
-        inertia = self.forcing.inertia(state.instant + 1)
-        residual = a if inertia is None else a + inertia
-        if scheme.memory_weight:
-            residual = residual + scheme.memory_weight * state.residual
-        self.state = Motion(state.instant + 1, u, v, a, residual / scheme.force_weight)
-        self._free = None
-        if self.meter is not None and account:
-            self.meter.advance(self.state, force)
-
-        if account and self.state.instant % _SAMPLED == 0:
-            self._measure()
-
-    def _measure(self) -> None:
+    def sample(self) -> None:
         """Add the share of what is not a mode in the interface velocity (see the module docstring)."""
         ops, v = self.operators, self.state.v
         first = int((ops.diagonal == 0.0).sum()) + self.n_mode
         self._beyond += float(np.square(ops.trace[:, first:] @ v[first:]).sum())
         self._all += float(np.square(ops.trace @ v).sum())
-
-    def take(self, state: Any, traction: Array | None) -> None:
-        """See ``March.take``."""
-        super().take(state, traction)
-        self._free = None
-        self._measure()
 
     def remarks(self) -> list[str]:
         """The error that the reduction brings."""

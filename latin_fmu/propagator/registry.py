@@ -6,11 +6,11 @@ from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 
 from ..time_scheme import TimeScheme
+from .base import Propagator
 from .cg import CgPropagator
 from .direct import DirectPropagator
 from .explicit import ExplicitPropagator
 from .model import SubstructureModel
-from .protocol import Propagator
 from .reduced import ReducedPropagator
 from .settings import PropagatorSettings
 

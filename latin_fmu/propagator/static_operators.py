@@ -50,6 +50,11 @@ class StaticOperators:
     compliance: Array
 
     @property
+    def massless(self) -> Index:
+        """Dofs without mass: none is marked."""
+        return np.zeros(0, dtype=np.int64)
+
+    @property
     def admittance(self) -> Array:
         """Velocities of the channels per unit of traction, on the springs, m3 N-1 s-1."""
         return self.compliance * self.area

@@ -190,8 +190,7 @@ def _root_attributes(
         "converged": np.int8(outcome.converged),
         "warnings": "\n".join(outcome.warnings),
         "cpu_seconds_set_up": timings.setup,
-        "cpu_seconds_global_stage": timings.global_stage,
-        "cpu_seconds_local_stage": timings.local_stage,
+        "cpu_seconds_march": timings.march,
         "cpu_seconds_other": timings.other,
         "peak_memory_bytes": np.int64(timings.peak_memory),
     }

@@ -37,8 +37,7 @@ def cpu_seconds(timings: Timings) -> dict[str, float | None]:
     """CPU seconds of the process by part, and their sum."""
     parts = {
         "set_up": timings.setup,
-        "global_stage": timings.global_stage,
-        "local_stage": timings.local_stage,
+        "march": timings.march,
         "other": timings.other,
         "output": timings.output,
         "total": timings.total,

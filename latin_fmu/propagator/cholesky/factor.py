@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -9,11 +10,12 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from ...errors import SolverError
+from ...kernels.lanes import LANES, SPARE, TILED
+from ...kernels.sweeps import backward_one, backward_tile, forward_one, forward_tile
 from ..operator_pattern import Analyses
 from .dense import invert, mirror
 from .kernels import routines
 from .numeric import OUTSIDE_PATTERN, factorise
-from .sweeps import backward_many, backward_one, forward_many, forward_one
 from .symbolic import Array, Index, Pattern, Symbolic, shared_analysis
 
 # Panels beyond this many bytes do not stay in the cache from one sweep to the next (see ``sweeps``).
@@ -67,12 +69,10 @@ class CholeskyFactor:
         self.last = np.asarray(last, dtype=np.int64)
         self.interior = shape.order[: shape.n_interior]
         self.panels: NDArray[Any] = np.empty(shape.panel_start[-1], dtype=self.dtype)
-        self._one = self.dtype.type(1.0)
-        self._routines = routines(self.dtype)
         self.grouped = self.panels.nbytes <= _CACHE
         self.tallest = shape.tallest
         pattern = (shape.first, shape.row_start, shape.rows, shape.panel_start)
-        self._sweep = (*pattern, self.panels, shape.order)
+        self._sweep = (*pattern, self.panels)
         _check_finite(matrix)
         self.schur: Array = np.zeros((len(self.last), len(self.last)))
         failed = factorise(
@@ -95,28 +95,33 @@ class CholeskyFactor:
         n, m = b.shape
         n_interior = self.symbolic.n_interior
         self._check_rows("b", n, n_interior + len(self.last))
-        b = np.ascontiguousarray(b)
-        if m == 1:
-            x = np.empty(n)
-            forward_one(self.grouped, *self._sweep, b.reshape(-1), x)
-            return x[:n_interior, None], x[n_interior:, None]
-        work, scratch = self._workspace(m)
-        forward_many(self._routines, self._one, *self._sweep, b, work, scratch)
-        return work[:n_interior], work[n_interior:].astype(np.float64, copy=False)
+        x = self._swept(b[self.symbolic.order], forward_one, forward_tile)
+        return x[:n_interior], x[n_interior:]
 
     def backward(self, y: Array, x_last: Array) -> Array:
         """Full solution (n, m) from ``forward`` and the interface values (n_last, m)."""
-        n, m = len(self.symbolic.order), x_last.shape[1]
         self._check_rows("y", len(y), self.symbolic.n_interior)
         self._check_rows("x_last", len(x_last), len(self.last))
-        x_last = np.ascontiguousarray(x_last)
-        out = np.empty((n, m))
-        if m == 1:
-            x = np.empty(n)
-            backward_one(self.grouped, *self._sweep, y.reshape(-1), x_last.reshape(-1), x, out.reshape(-1))
-            return out
-        work, scratch = self._workspace(m)
-        backward_many(self._routines, self._one, *self._sweep, y, x_last, work, scratch, out)
+        x = self._swept(np.concatenate([y, x_last]), backward_one, backward_tile)
+        out = np.empty_like(x)
+        out[self.symbolic.order] = x
+        return out
+
+    def _swept(self, x: Array, one: Callable[..., None], tile: Callable[..., None]) -> Array:
+        """One substitution for x (n, m) in elimination order: members one by one, or eight at a time."""
+        n, m = x.shape
+        if m < TILED:
+            columns = np.ascontiguousarray(x.T, dtype=float)
+            for column in columns:
+                one(self.grouped, *self._sweep, column)
+            return np.ascontiguousarray(columns.T)
+        out, tail = np.empty((n, m)), np.empty(SPARE * LANES)
+        for first in range(0, m, LANES):
+            lanes = min(m - first, LANES)
+            part = np.zeros((n, LANES))
+            part[:, :lanes] = x[:, first : first + lanes]
+            tile(*self._sweep, part.reshape(-1), tail)
+            out[:, first : first + lanes] = part[:, :lanes]
         return out
 
     @staticmethod
@@ -124,10 +129,6 @@ class CholeskyFactor:
         """The compiled sweeps do not look at sizes."""
         if given != expected:
             raise ValueError(f"{name} has {given} rows; allowed: {expected}")
-
-    def _workspace(self, m: int) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Vectors (n, m), and the part of them below one supernode."""
-        return np.empty((len(self.symbolic.order), m), self.dtype), np.empty((self.tallest, m), self.dtype)
 
     def solve(self, b: Array) -> Array:
         """A^-1 b for b (n, m)."""

@@ -1,0 +1,106 @@
+"""The one door of compiled code to a run: ``call(pools, action, a, b, c)``.
+
+Every action is a function of the modules beside this one. They share one entry, so that the code which they have in
+common is compiled once.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from ..compiled import entry, fields
+from .acceleration import next_iterate
+from .indicator import accept, force_residual
+from .instants import after_class, end_class, end_instant, first_guess, free_motion, march_instants, solve_instant
+from .iteration import judge, linear_stage, measure, stage
+from .local_stage import finish, open_window, outgoing, prepare, solve_points
+from .records import CLASS, GROUP, RUN, Pools
+from .substructure import advance, commit, free_load, free_velocity, interface_load, linear_response, predict
+from .sweep import begin_window, rewind
+from .windows import end_window_instant, open_accounts, read_start
+
+(
+    MARCH, PREDICT, SOLVE, END_CLASS, END_INSTANT, FIRST_GUESS, FREE_MOTION, STAGE, LINEAR_STAGE, OUTGOING, PREPARE, POINTS,
+    FINISH, MEASURE, JUDGE, NEXT, OPEN, BEGIN, REWIND, END_WINDOW, ACCEPT, READ_START, OPEN_ACCOUNTS, FREE_LOAD,
+    FREE_VELOCITY, INTERFACE_LOAD, ADVANCE, COMMIT, RESPOND, FORCES,
+    AFTER,
+) = range(31)
+"""Actions, in the order of ``call``."""
+
+_ITEM: Final = "f8[::1], i8[::1]"
+POOLS: Final = fields(
+    Pools,
+    f"run[::1], classes[::1], groups[::1], {_ITEM}, u4[::1], f4[::1], {_ITEM}",
+    run=RUN, classes=CLASS, groups=GROUP,
+)
+
+
+@entry("pools, i8, i8, i8, i8, i8 -> i8", pools=POOLS)
+def call(pools: Any, action: int, a: int, b: int, c: int, d: int) -> int:
+    """Do an action with its arguments; what it returns, 0 where it returns nothing."""
+    run = pools.run[0]
+    if action == MARCH:
+        return march_instants(pools, a, b)
+    if action == PREDICT:
+        predict(pools, a, b)
+    elif action == SOLVE:
+        return int(solve_instant(pools, a, b))
+    elif action == END_CLASS:
+        end_class(pools, a, b)
+    elif action == END_INSTANT:
+        end_instant(pools, a)
+    elif action == FIRST_GUESS:
+        first_guess(pools, a)
+    elif action == FREE_MOTION:
+        free_motion(pools, a, pools.moving[run.w : run.w + run.n_flat])
+    elif action == STAGE:
+        stage(pools, a, b, c)
+    elif action == LINEAR_STAGE:
+        linear_stage(pools, a, b, c)
+    elif action == OUTGOING:
+        outgoing(pools, a)
+    elif action == PREPARE:
+        prepare(pools, a, b)
+    elif action == POINTS:
+        solve_points(pools, a)
+    elif action == FINISH:
+        finish(pools, a, b, c)
+    elif action == MEASURE:
+        measure(pools, a)
+    elif action == JUDGE:
+        return judge(pools, a, b, c, d == 1)
+    elif action == NEXT:
+        next_iterate(pools, a, b)
+    elif action == OPEN:
+        open_window(pools, a, b)
+    elif action == BEGIN:
+        begin_window(pools)
+    elif action == REWIND:
+        rewind(pools)
+    elif action == END_WINDOW:
+        end_window_instant(pools, a, b)
+    elif action == ACCEPT:
+        accept(pools, a)
+    elif action == READ_START:
+        read_start(pools)
+    elif action == OPEN_ACCOUNTS:
+        open_accounts(pools)
+    elif action == FREE_LOAD:
+        free_load(pools, a, b)
+    elif action == FREE_VELOCITY:
+        free_velocity(pools, a, b)
+    elif action == INTERFACE_LOAD:
+        return int(interface_load(pools, a, b, pools.moving[run.local_f : run.local_f + run.n_flat]))
+    elif action == ADVANCE:
+        advance(pools, a, b)
+    elif action == COMMIT:
+        return commit(pools, a, b, pools.moving[run.local_f : run.local_f + run.n_flat])
+    elif action == AFTER:
+        at = run.f if d == 1 else run.local_f
+        after_class(pools, a, b, pools.moving[at + c * run.n_flat : at + (c + 1) * run.n_flat], True)
+    elif action == FORCES:
+        force_residual(pools, a)
+    else:
+        n = run.n_flat
+        linear_response(pools, a, pools.moving[run.q + b * n : run.q + (b + 1) * n], pools.moving[run.w + b * n : run.w + (b + 1) * n])
+    return 0

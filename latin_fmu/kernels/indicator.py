@@ -1,0 +1,135 @@
+"""Error indicator (24) and force residual: when to stop.
+
+    eta = ||s - s_hat||^2 / (||s||^2 + ||s_hat||^2),  ||s||^2 = sum of int F Z^-1 F + int W Z W
+
+over interfaces, sides and the instants of the window, Z the material impedance of the side whatever k is used;
+``error_indicator`` is sqrt(eta). Without inertia the denominator leaves out the velocities: a body may travel far under
+next to no force. By E+, F_hat - F = r/2 and W_hat - W = r/(2k) with the residual r = (F_hat + k W_hat) - q.
+
+The indicator is blind to shear and to soft sides of a contrast. The run stops on both it and the force residual: nodal
+forces f of F - F_hat in the norm sqrt(f . C f) of the admittance C of one instant (the velocity error that they would
+cause), normal and tangential parts each against its own largest value so far.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..compiled import kernel
+from .lanes import LANES, SPARE, TILED
+from .products import product, symmetric_size, two_norms
+
+Array = NDArray[np.float64]
+
+TANGENTIAL_FLOOR = 1e-2
+"""Smallest scale of tangential forces over that of normal ones."""
+
+
+@kernel
+def error_indicator(pools: Any, window: int) -> float:
+    """Residual r of q and sqrt(eta) over the window; ``measure[2]``: the scale of the fields that it would leave."""
+    run, work, direction = pools.run[0], pools.moving, pools.fixed
+    n = run.n_flat
+    weights, k = direction[run.weights : run.weights + 3 * n], direction[run.k : run.k + n]
+    difference, size = 0.0, 0.0
+    for i in range(window):
+        at = i * n
+        q, r = work[run.q + at : run.q + at + n], work[run.r + at : run.r + at + n]
+        f, w = work[run.f + at : run.f + at + n], work[run.w + at : run.w + at + n]
+        f_hat, w_hat = work[run.local_f + at : run.local_f + at + n], work[run.local_w + at : run.local_w + at + n]
+        for j in range(n):
+            rest = f_hat[j] + k[j] * w_hat[j] - q[j]
+            r[j] = rest
+            difference += weights[j] * rest * rest
+            size += weights[n + j] * (f[j] * f[j] + f_hat[j] * f_hat[j])
+            size += weights[2 * n + j] * (w[j] * w[j] + w_hat[j] * w_hat[j])
+    measure, scales = work[run.measure : run.measure + 8], pools.moving[run.scales : run.scales + 3]
+    measure[2] = max(scales[0], size / window)
+    measure[0] = np.sqrt(difference / window / measure[2])
+    measure[1] = np.nan
+    measure[3], measure[4] = scales[1], scales[2]
+    return float(measure[0])
+
+
+@kernel
+def force_residual(pools: Any, window: int) -> float:
+    """Largest relative force residual over the instants of the window; ``measure[3:5]``: the scales of normal and
+    tangential forces that it would leave."""
+    run, work = pools.run[0], pools.moving
+    measure, total = work[run.measure : run.measure + 8], work[run.norms : run.norms + 4]
+    parts, error_n, error_t = 1 + run.tangential, 0.0, 0.0
+    for i in range(window):
+        total[:] = 0.0
+        for c in range(len(pools.classes)):
+            row = pools.classes[c]
+            start, at = 0, 0
+            for part in range(parts):
+                n = row.n_normal if part == 0 else row.n_live - row.n_normal
+                if n > 0:
+                    _add_norms(pools, c, i, start, n, row.compliance + at, 2 * part)
+                start += n
+                at += symmetric_size(n, row.plain_response, row.m)
+        for part in range(parts):
+            measure[3 + part] = max(measure[3 + part], np.sqrt(max(total[2 * part], 0.0)))
+        error_n = max(error_n, np.sqrt(max(total[1], 0.0)))
+        if parts == 2:
+            error_t = max(error_t, np.sqrt(max(total[3], 0.0)))
+    measure[4] = max(measure[4], TANGENTIAL_FLOOR * measure[3])
+    measure[1] = max(error_n / measure[3], error_t / measure[4] if parts == 2 else 0.0)
+    return float(measure[1])
+
+
+@kernel
+def _add_norms(pools: Any, c: int, i: int, start: int, n: int, compliance: int, into: int) -> None:
+    """Add x C x of the nodal forces and of their half residuals on the n channels ``measured`` from ``start`` on."""
+    row, run, work = pools.classes[c], pools.run[0], pools.moving
+    m = row.m
+    channels = pools.fixed_int[row.channels : row.channels + row.n_channel * m]
+    measured = pools.fixed_int[row.measured + start : row.measured + start + n]
+    area = pools.fixed[run.area : run.area + run.n_flat]
+    f_hat = work[run.local_f + i * run.n_flat : run.local_f + (i + 1) * run.n_flat]
+    r = work[run.r + i * run.n_flat : run.r + (i + 1) * run.n_flat]
+    x = work[row.vectors : row.vectors + 2 * m * n]
+    table = pools.fixed[compliance : compliance + symmetric_size(n, row.plain_response, m)]
+    force, half = 0.0, 0.0
+    if m < TILED and row.plain_response == 0:  # two rows (2, n) per member
+        for j in range(m):
+            for e in range(n):
+                at = channels[measured[e] * m + j]
+                x[e], x[n + e] = area[at] * f_hat[at], 0.5 * area[at] * r[at]
+            own, other = two_norms(n, table, x)
+            force += own
+            half += other
+    else:  # all vectors as members of one product (n, 2 m)
+        for e in range(n):
+            for j in range(m):
+                at = channels[measured[e] * m + j]
+                x[e * 2 * m + 2 * j], x[e * 2 * m + 2 * j + 1] = area[at] * f_hat[at], 0.5 * area[at] * r[at]
+        y = work[row.answers : row.answers + 2 * m * n]
+        product(n, table, row.plain_response, 2 * m, x, y, work[row.tile : row.tile + (n + SPARE) * LANES])
+        for e in range(n * m):
+            force += x[2 * e] * y[2 * e]
+            half += x[2 * e + 1] * y[2 * e + 1]
+    work[run.norms + into] += force
+    work[run.norms + into + 1] += half
+
+
+@kernel
+def accept(pools: Any, window: int) -> None:
+    """Take over the scales of the accepted iterate, and bring the largest indicator of each interface up to date."""
+    run, work, state = pools.run[0], pools.moving, pools.moving
+    n = run.n_flat
+    for e in range(3):
+        state[run.scales + e] = work[run.measure + 2 + e]
+    share = work[run.shares : run.shares + run.n_interface]
+    share[:] = 0.0
+    weights, interface = pools.fixed[run.weights : run.weights + n], pools.fixed_int[run.interface : run.interface + n]
+    for i in range(window):
+        r = work[run.r + i * n : run.r + (i + 1) * n]
+        for j in range(n):
+            share[interface[j]] += weights[j] * r[j] * r[j] / window
+    for e in range(run.n_interface):
+        state[run.worst + e] = max(state[run.worst + e], np.sqrt(share[e] / state[run.scales]))

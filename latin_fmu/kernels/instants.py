@@ -1,0 +1,145 @@
+"""From one instant to the next: first guess, solution, end of the instant; many instants in one call."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..compiled import kernel
+from .energy import account
+from .indicator import accept
+from .iteration import iterate
+from .local_stage import open_window, read_gaps
+from .products import add_dense
+from .substructure import commit, predict, probe, read_channels
+
+Array = NDArray[np.float64]
+
+
+@kernel
+def march_instants(pools: Any, first: int, n: int) -> int:
+    """Solve up to n windows of one instant from the instant ``first`` on; number of those that converged before one that
+    did not (which leaves state and output as they were at its start)."""
+    for call in range(n):
+        instant = first + call
+        for c in range(len(pools.classes)):
+            predict(pools, c, instant)
+        if not solve_instant(pools, instant, call):
+            return call
+        for c in range(len(pools.classes)):
+            end_class(pools, c, instant)
+        end_instant(pools, instant)
+    return n
+
+
+@kernel
+def solve_instant(pools: Any, instant: int, call: int) -> bool:
+    """Iterate over the instant whose free responses are known; whether it converged."""
+    run, work = pools.run[0], pools.moving
+    open_window(pools, 1, instant - 1)
+    if run.n_flat == 0:
+        pools.moving[run.errors + call * run.max_iterations] = 0.0
+        pools.moving[run.mismatches + call * run.max_iterations] = 0.0
+        pools.moving_int[run.iterations + call] = 1
+        return True
+    first_guess(pools, instant)
+    solved = work[run.counts + 1]
+    used = iterate(pools, 1, instant, call)
+    pools.moving_int[run.iterations + call] = used
+    if used <= 0:
+        work[run.counts + 1] = solved  # the Python driver counts its own
+        return False
+    accept(pools, 1)
+    return True
+
+
+@kernel
+def first_guess(pools: Any, instant: int) -> None:
+    """q of the first iterate of an instant: of the last fields; where nothing touched, of the free motion, the answer as
+    long as nothing does. With ``direct_bonds`` the solution itself.
+
+    No extrapolation: accepted within the tolerance as it is, it would feed its own error and gain energy.
+    """
+    run, work, state, direction = pools.run[0], pools.moving, pools.moving, pools.fixed
+    n = run.n_flat
+    q, k = work[run.q : run.q + n], direction[run.k : run.k + n]
+    if run.direct_bonds == 1:
+        w = work[run.w : run.w + n]
+        free_motion(pools, instant, w)
+        q[:] = 0.0
+        add_dense(n, n, direction[run.bonds : run.bonds + n * n], 1, w, q)
+        return
+    touched, carry = False, state[run.carry]
+    if run.static == 1:
+        carry *= pools.moving[run.continuation + instant]
+    for j in range(n):
+        q[j] = state[run.f_hat + j] + k[j] * carry * state[run.w_hat + j]
+        touched = touched or state[run.f_hat + j] != 0.0
+    if touched or run.static == 1:
+        return
+    w = work[run.w : run.w + n]
+    free_motion(pools, instant, w)
+    for j in range(n):
+        q[j] = k[j] * w[j]
+    return True
+
+
+@kernel
+def free_motion(pools: Any, instant: int, w: Array) -> None:
+    """Velocities (N,) of the channels without tractions, after ``predict``."""
+    run = pools.run[0]
+    for c in range(len(pools.classes)):
+        row = pools.classes[c]
+        for at in range(row.n_channel * row.m):
+            w[pools.fixed_int[row.channels + at]] = pools.moving[row.w_free + at]
+    for e in range(run.n_ground):
+        w[pools.fixed_int[run.ground + e]] = pools.moving[run.ground_velocity + instant * run.n_ground + e]
+
+
+@kernel
+def end_class(pools: Any, c: int, instant: int) -> None:
+    """End an instant solved as a window of its own for one class: motion, energies, probed velocities, displacements of
+    its channels. The tractions of the local stage act, so that action equals reaction to round-off; a class without
+    inertia takes the incoming quantity, which says where a floating body stands."""
+    run, work, row = pools.run[0], pools.moving, pools.classes[c]
+    flat = work[run.local_f : run.local_f + run.n_flat]
+    incoming = work[run.q : run.q + run.n_flat] if run.static == 1 else flat
+    marched = commit(pools, c, instant, incoming)
+    work[row.marched] += marched
+    acting = work[run.f : run.f + run.n_flat] if run.static == 1 else flat
+    after_class(pools, c, instant, acting, marched > 0)
+
+
+@kernel
+def after_class(pools: Any, c: int, instant: int, tractions: Array, marched: bool) -> None:
+    """What is read off a class at the end of an instant with tractions (N,)."""
+    run, work = pools.run[0], pools.moving
+    account(pools, c, instant, tractions, marched)
+    probe(pools, c, instant)
+    displacement = work[run.displacement : run.displacement + run.n_flat]
+    read_channels(pools, c, instant, 1.0, run.gap_lead, 0.0, True, displacement)
+    if run.layers == 1:
+        layer = work[run.layer : run.layer + run.n_flat]
+        read_channels(pools, c, instant, 1.0, run.gap_lead + run.layer_v, run.layer_a, False, layer)
+
+
+@kernel
+def end_instant(pools: Any, instant: int) -> None:
+    """Gaps at the end of an instant, and its accepted fields among histories and as the start of the next one."""
+    keep_fields(pools, instant, 0)
+    read_gaps(pools, instant)
+
+
+@kernel
+def keep_fields(pools: Any, instant: int, i: int) -> None:
+    """Keep the local-stage fields of instant i of the window."""
+    run, work, state, output = pools.run[0], pools.moving, pools.moving, pools.moving
+    n = run.n_flat
+    f_hat, w_hat = work[run.local_f + i * n : run.local_f + (i + 1) * n], work[run.local_w + i * n : run.local_w + (i + 1) * n]
+    row = instant - run.first_row
+    to_f, to_w = run.history_f + row * n, run.history_w + row * n
+    for j in range(n):
+        state[run.f_hat + j], state[run.w_hat + j] = f_hat[j], w_hat[j]
+        output[to_f + j], output[to_w + j] = f_hat[j], w_hat[j]

@@ -1,0 +1,170 @@
+"""The LATIN loop over one window: linear stage, local stage, indicator, next iterate.
+
+``stage`` is one iteration up to its measures, ``judge`` what they mean; ``iterate`` repeats both until the window has
+converged, stalled or run out of iterations. The Python driver calls the same functions one by one.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..compiled import kernel
+from .acceleration import next_iterate
+from .indicator import error_indicator, force_residual
+from .local_stage import finish, outgoing, prepare, solve_points
+from .products import add_rows
+from .sweep import sweep
+from .substructure import respond
+
+Array = NDArray[np.float64]
+
+PATIENCE, RECENT = 12, 6
+"""Iterations before a stall is looked for, and iterations that have to bring progress."""
+STALL_ACCELERATED, STALL_PLAIN = 0.7, 0.99
+"""Fraction of the best merit before that the recent ones have to fall below, with acceleration and without."""
+AT_REST = 1e-2
+"""Fraction of the tolerance below which nothing happens and the first iterate is the answer."""
+CONVERGED, BEST, STALLED, BROKEN = 1, 2, 4, 8
+"""What ``judge`` finds, as bits: both tolerances met; best iterate so far; no progress; numbers out of range."""
+
+
+@kernel
+def linear_stage(pools: Any, window: int, first: int, iteration: int) -> None:
+    """W of the linear stage (8)-(14) over the window that starts with instant ``first``, for the q of ``work``.
+
+    One instant is condensed on the interfaces: W = W_0 + Y q. Several instants are marched anew.
+    """
+    run, work = pools.run[0], pools.moving
+    solved = 0
+    for c in range(len(pools.classes)):
+        if window == 1:
+            solved += respond(pools, c, 0, iteration > 0 and run.reuse >= 0.0)
+        elif pools.classes[c].factored == 1:  # the Python driver marches the others
+            work[run.counts] += sweep(pools, c, window, first)
+    work[run.counts + 1] += solved
+    for i in range(window):
+        w = work[run.w + i * run.n_flat : run.w + (i + 1) * run.n_flat]
+        at = run.ground_velocity + (first + i) * run.n_ground
+        for e in range(run.n_ground):
+            w[pools.fixed_int[run.ground + e]] = pools.moving[at + e]
+    if run.n_coarse > 0:
+        _balance(pools)
+
+
+@kernel
+def _balance(pools: Any) -> None:
+    """Bring q and the W of the substructures to balance in the mean of every interface (``latin.coarse``)."""
+    run, work, direction = pools.run[0], pools.moving, pools.fixed
+    n, size = run.n_flat, run.n_coarse
+    q, w, k = work[run.q : run.q + n], work[run.w : run.w + n], direction[run.k : run.k + n]
+    rest = work[run.s : run.s + n]  # written by ``outgoing`` after this
+    for j in range(n):
+        rest[j] = q[j] - k[j] * w[j]
+    total, motion = work[run.coarse : run.coarse + size], work[run.coarse + size : run.coarse + 2 * size]
+    total[:] = 0.0
+    starts = pools.fixed_int[run.coarse_balance_starts : run.coarse_balance_starts + size + 1]
+    add_rows(
+        size, starts, pools.fixed_col[run.coarse_balance_columns : run.coarse_balance_columns + starts[size]],
+        direction[run.coarse_balance_values : run.coarse_balance_values + starts[size]], 1.0, 1, rest, total,
+    )
+    for i in range(size):
+        line = direction[run.coarse_inverse + i * size : run.coarse_inverse + (i + 1) * size]
+        now = 0.0
+        for j in range(size):
+            now -= line[j] * total[j]
+        motion[i] = now
+    starts = pools.fixed_int[run.coarse_incoming_starts : run.coarse_incoming_starts + n + 1]
+    add_rows(
+        n, starts, pools.fixed_col[run.coarse_incoming_columns : run.coarse_incoming_columns + starts[n]],
+        direction[run.coarse_incoming_values : run.coarse_incoming_values + starts[n]], 1.0, 1, motion, q,
+    )
+    starts = pools.fixed_int[run.coarse_answer_starts : run.coarse_answer_starts + n + 1]
+    add_rows(
+        n, starts, pools.fixed_col[run.coarse_answer_columns : run.coarse_answer_columns + starts[n]],
+        direction[run.coarse_answer_values : run.coarse_answer_values + starts[n]], 1.0, 1, motion, w,
+    )
+
+
+@kernel
+def measure(pools: Any, window: int) -> None:
+    """sqrt(eta) into ``measure[0]`` and, where that is below tolerance, the force residual into ``measure[1]``."""
+    if error_indicator(pools, window) <= pools.run[0].tolerance:
+        force_residual(pools, window)
+
+
+@kernel
+def stage(pools: Any, window: int, first: int, iteration: int) -> None:
+    """One iteration from the q of ``work``: fields of both stages, residual, measures."""
+    linear_stage(pools, window, first, iteration)
+    for i in range(window):
+        outgoing(pools, i)
+        for g in range(len(pools.groups)):
+            prepare(pools, g, i)
+            solve_points(pools, g)
+            finish(pools, g, i, window)
+    measure(pools, window)
+
+
+@kernel
+def judge(pools: Any, window: int, phase: int, iteration: int, accelerated: bool) -> int:
+    """What the measures of an iteration mean, as bits of CONVERGED, BEST, STALLED and BROKEN.
+
+    The merit of an iterate is its distance from both tolerances (1: met); where the force residual is not known it is
+    taken in proportion to the indicator, with the ratio of the last iterate that knows it. The iteration has stalled
+    where the best of the RECENT merits since the iteration ``phase`` is not enough below the best before.
+    """
+    run, work = pools.run[0], pools.moving
+    numbers = work[run.measure : run.measure + 8]
+    merits = work[run.merits : run.merits + 2 * (iteration + 1)]
+    error, forces = numbers[0], numbers[1]
+    if iteration == 0:
+        numbers[5], numbers[6] = 1.0, pools.moving[run.scales]
+    merit, known = error / run.tolerance, np.nan
+    if np.isfinite(forces) and np.isfinite(merit):
+        known = max(merit, forces / run.force_tolerance)
+        if merit > 0.0:
+            numbers[5] = known / merit
+    merits[2 * iteration], merits[2 * iteration + 1] = merit, known
+    met = error <= run.tolerance and forces <= run.force_tolerance
+    # a warm start within tolerance is not accepted as it is: step after step its lag would add up
+    if met and (window > 1 or iteration > 0 or error <= AT_REST * run.tolerance):
+        return CONVERGED | BEST
+    if not np.isfinite(error):
+        return BROKEN
+    best, before, recent = np.inf, np.inf, np.inf
+    for i in range(iteration + 1):
+        now = merits[2 * i + 1] if np.isfinite(merits[2 * i + 1]) else numbers[5] * merits[2 * i]
+        if i < iteration:
+            best = min(best, now)
+        elif now <= best:
+            best = -1.0  # the last one is the best
+        if phase <= i <= iteration - RECENT:
+            before = min(before, now)
+        elif i > iteration - RECENT:
+            recent = min(recent, now)
+    found = 0
+    if best == -1.0:
+        found, numbers[6] = BEST, numbers[2]
+    if iteration + 1 - phase >= PATIENCE and recent > (STALL_ACCELERATED if accelerated else STALL_PLAIN) * before:
+        found |= STALLED
+    return found
+
+
+@kernel
+def iterate(pools: Any, window: int, first: int, call: int) -> int:
+    """Iterate from the q of ``work``; iterations used where the window converged, else minus that number."""
+    run = pools.run[0]
+    for iteration in range(run.max_iterations):
+        stage(pools, window, first, iteration)
+        pools.moving[run.errors + call * run.max_iterations + iteration] = pools.moving[run.measure]
+        pools.moving[run.mismatches + call * run.max_iterations + iteration] = pools.moving[run.measure + 1]
+        found = judge(pools, window, 0, iteration, run.depth > 0)
+        if found & CONVERGED:
+            return iteration + 1
+        if found & (STALLED | BROKEN):
+            return -(iteration + 1)
+        next_iterate(pools, window, iteration)
+    return -int(run.max_iterations)

@@ -1,0 +1,223 @@
+"""Local stage (15)-(17): every interface point on its own, instant after instant.
+
+With s = W - F / k of both sides the law gives F_hat, and the search direction E+ gives W_hat = s + F_hat / k. The time
+law of contact is end-of-instant: with G the gap at the start of the instant,
+
+    0 <= max(G, 0) / dt + d_new   perp   P_new >= 0.
+
+Inside a window of several instants the gap follows the displacement recursion of the time scheme, which removes the
+half-step bias that G + dt d gives the closing instant of an accelerated body; taking max(G, 0) never pushes a penetrated
+point out, so that it adds no energy. The penetration left is at most dt/2 times the closing velocity.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..compiled import kernel
+from .laws import apply
+from .substructure import read_channels
+
+Array = NDArray[np.float64]
+
+
+@kernel
+def outgoing(pools: Any, i: int) -> None:
+    """F = q - k W of the linear stage (12), (13) and s = W - F / k at instant i of the window."""
+    run, work, direction = pools.run[0], pools.moving, pools.fixed
+    n, at = run.n_flat, i * run.n_flat
+    q, w = work[run.q + at : run.q + at + n], work[run.w + at : run.w + at + n]
+    f, s = work[run.f + at : run.f + at + n], work[run.s + at : run.s + at + n]
+    k, z = direction[run.k : run.k + n], direction[run.z : run.z + n]
+    for j in range(n):
+        traction = q[j] - k[j] * w[j]
+        f[j] = traction
+        s[j] = w[j] - z[j] * traction
+
+
+@kernel
+def prepare(pools: Any, g: int, i: int) -> None:
+    """What the law of a group works on at instant i of the window: ``jump`` and ``reach``."""
+    group, run, work = pools.groups[g], pools.run[0], pools.moving
+    size = group.n_point * group.n_component
+    s = work[run.s + i * run.n_flat : run.s + (i + 1) * run.n_flat]
+    jump, first, second = work[group.jump : group.jump + size], group.start, group.start + size
+    for j in range(size):
+        jump[j] = s[second + j] - s[first + j]
+    width = group.n_component if group.elastic == 1 else 1
+    count = group.n_point * width
+    start = work[group.opening + 3 * count : group.opening + 4 * count]
+    reach = work[group.reach : group.reach + count]
+    if group.elastic == 1:
+        for j in range(count):
+            reach[j] = start[j] * run.layer_rate
+    else:
+        rate = 1.0 / run.dt
+        for j in range(count):
+            reach[j] = max(start[j], run.deepest) * rate
+
+
+@kernel
+def solve_points(pools: Any, g: int) -> None:
+    """Tractions of a group whose law is compiled."""
+    group, run, work = pools.groups[g], pools.run[0], pools.moving
+    h, n_parameter = group.n_component, group.n_parameter
+    width = h if group.elastic == 1 else 1
+    rate = run.layer_rate if group.elastic == 1 else 1.0 / run.dt
+    for p in range(group.n_point):
+        apply(
+            group.law,
+            work[group.jump + p * h : group.jump + (p + 1) * h],
+            pools.fixed[group.z_sum + 2 * p : group.z_sum + 2 * p + 2],
+            work[group.reach + p * width : group.reach + (p + 1) * width],
+            rate,
+            pools.fixed[group.parameters + p * n_parameter : group.parameters + (p + 1) * n_parameter],
+            work[group.traction + p * h : group.traction + (p + 1) * h],
+        )
+
+
+@kernel
+def finish(pools: Any, g: int, i: int, window: int) -> None:
+    """F_hat and W_hat of both sides at instant i; in a window of several instants the opening that follows."""
+    group, run, work = pools.groups[g], pools.run[0], pools.moving
+    size, at = group.n_point * group.n_component, i * run.n_flat
+    s, z = work[run.s + at : run.s + at + run.n_flat], pools.fixed[run.z : run.z + run.n_flat]
+    f_hat = work[run.local_f + at : run.local_f + at + run.n_flat]
+    w_hat = work[run.local_w + at : run.local_w + at + run.n_flat]
+    traction = work[group.traction : group.traction + size]
+    first, second = group.start, group.start + size
+    for j in range(size):
+        f_hat[first + j] = traction[j]
+        f_hat[second + j] = -traction[j]
+        w_hat[first + j] = s[first + j] + z[first + j] * traction[j]
+        w_hat[second + j] = s[second + j] - z[second + j] * traction[j]
+    if window > 1:
+        _follow(pools, g, w_hat)
+
+
+@kernel
+def _follow(pools: Any, g: int, w_hat: Array) -> None:
+    """Opening of the next instant of the window from the velocities W_hat of this one."""
+    group, run, work = pools.groups[g], pools.run[0], pools.moving
+    if group.opens == 0 and group.elastic == 0:
+        return
+    h = group.n_component
+    size = group.n_point * h
+    width = h if group.elastic == 1 else 1
+    count = group.n_point * width
+    at = group.opening
+    gap, velocity = work[at : at + count], work[at + count : at + 2 * count]
+    rate, start = work[at + 2 * count : at + 3 * count], work[at + 3 * count : at + 4 * count]
+    for p in range(group.n_point):
+        for c in range(width):
+            j = p * width + c
+            moved = w_hat[group.start + size + p * h + c] - w_hat[group.start + p * h + c]
+            gap[j] += run.opening_v * velocity[j] + run.opening_a * rate[j] + run.opening_new * moved
+            rate[j] = run.rate_v * velocity[j] + run.rate_a * rate[j] + run.rate_new * moved
+            velocity[j] = moved
+            start[j] = gap[j]
+            if group.elastic == 1:
+                start[j] += run.layer_v * velocity[j] + run.layer_a * rate[j]
+
+
+@kernel
+def open_window(pools: Any, window: int, instant: int) -> None:
+    """What the groups start from at the first instant of a window; ``instant``: the present one.
+
+    One instant: the gaps and layer jumps that the instant before has left. Several: opening, its velocity and its
+    acceleration in the present motion of the substructures.
+    """
+    run, work = pools.run[0], pools.moving
+    for g in range(len(pools.groups)):
+        group = pools.groups[g]
+        width = group.n_component if group.elastic == 1 else 1
+        count = group.n_point * width
+        kept = group.layer if group.elastic == 1 else group.gap
+        start = work[group.opening + 3 * count : group.opening + 4 * count]
+        for j in range(count):
+            start[j] = pools.moving[kept + j]
+    if window == 1:
+        return
+    flat = work[run.displacement : run.displacement + run.n_flat]
+    for kind in range(3):
+        of_u, of_v, of_a = 0.0, 0.0, 0.0
+        if kind == 0:
+            of_u, of_v = 1.0, run.gap_lead
+        elif kind == 1:
+            of_v = 1.0
+        else:
+            of_a = 1.0
+        for c in range(len(pools.classes)):
+            read_channels(pools, c, instant, of_u, of_v, of_a, False, flat)
+        _ground(pools, instant, kind, flat)
+        for g in range(len(pools.groups)):
+            _jumps(pools, g, kind, flat)
+    for g in range(len(pools.groups)):
+        group = pools.groups[g]
+        if group.elastic == 1:
+            count = group.n_point * group.n_component
+            at = group.opening
+            for j in range(count):
+                work[at + 3 * count + j] = (
+                    work[at + j] + run.layer_v * work[at + count + j] + run.layer_a * work[at + 2 * count + j]
+                )
+
+
+@kernel
+def _ground(pools: Any, instant: int, kind: int, flat: Array) -> None:
+    """Displacement (``kind`` 0), velocity (1) or acceleration (2) of the ground into a flat vector."""
+    run = pools.run[0]
+    at = run.ground_displacement
+    if kind == 1:
+        at = run.ground_velocity
+    elif kind == 2:
+        at = run.ground_acceleration
+    for e in range(run.n_ground):
+        flat[pools.fixed_int[run.ground + e]] = pools.moving[at + instant * run.n_ground + e]
+
+
+@kernel
+def _jumps(pools: Any, g: int, kind: int, flat: Array) -> None:
+    """Jumps of the sides of a group into ``opening[kind]``: along N, or all components of elastic groups."""
+    group = pools.groups[g]
+    h = group.n_component
+    size = group.n_point * h
+    width = h if group.elastic == 1 else 1
+    out = pools.moving[group.opening + kind * group.n_point * width : group.opening + (kind + 1) * group.n_point * width]
+    for p in range(group.n_point):
+        for c in range(width):
+            out[p * width + c] = flat[group.start + size + p * h + c] - flat[group.start + p * h + c]
+        if kind == 0:
+            out[p * width] += pools.fixed[group.initial_gap + p]
+
+
+@kernel
+def read_gaps(pools: Any, instant: int) -> None:
+    """Gaps at the end of an instant from the displacements of the substructures (no drift), kept; what elastic groups
+    start from at the next one."""
+    run, work = pools.run[0], pools.moving
+    displacement = work[run.displacement : run.displacement + run.n_flat]
+    layer = work[run.layer : run.layer + run.n_flat]
+    for e in range(run.n_ground):
+        at = pools.fixed_int[run.ground + e]
+        displacement[at] = pools.moving[run.ground_displacement + instant * run.n_ground + e]
+        if run.layers == 1:
+            layer[at] = pools.moving[run.ground_layer + instant * run.n_ground + e]
+    for g in range(len(pools.groups)):
+        group = pools.groups[g]
+        n_point, h = group.n_point, group.n_component
+        gap, second = pools.moving[group.gap : group.gap + n_point], group.start + n_point * h
+        initial = pools.fixed[group.initial_gap : group.initial_gap + n_point]
+        at = run.history_gap + (instant - run.first_row) * run.n_point + group.first_point
+        for p in range(n_point):
+            gap[p] = initial[p] + displacement[second + p * h] - displacement[group.start + p * h]
+            pools.moving[at + p] = gap[p]
+        if group.elastic == 1:
+            start = pools.moving[group.layer : group.layer + n_point * h]
+            for j in range(n_point * h):
+                start[j] = layer[second + j] - layer[group.start + j]
+            for p in range(n_point):
+                start[p * h] += initial[p]

@@ -1,0 +1,182 @@
+"""Matrix products of a march, vectors flat (rows x members); see ``records`` for the forms of the matrices."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..compiled import kernel
+from .lanes import TILED, dense_product, sparse_product
+
+Array = NDArray[np.float64]
+
+
+@kernel
+def add_symmetric(
+    n: int, diagonal: Array, starts: Any, columns: Any, values: Array, factor: float, m: int, x: Array, out: Array,
+    scratch: Array,
+) -> None:
+    """out (n m,) += factor A x for a symmetric A: its diagonal and strict lower triangle in compressed rows, all of it
+    from ``lanes.TILED`` members on. Two members are taken one after the other: half the matrix on numbers that lie
+    together is faster than whole rows on both.
+    """
+    if m >= TILED:
+        sparse_product(n, starts, columns, values, factor, m, x, out, scratch)
+        return
+    if m == 1:
+        _half_product(n, diagonal, starts, columns, values, factor, x, out)
+        return
+    own, total = scratch[:n], scratch[n : 2 * n]
+    for j in range(m):
+        for i in range(n):
+            own[i] = x[i * m + j]
+            total[i] = 0.0
+        _half_product(n, diagonal, starts, columns, values, factor, own, total)
+        for i in range(n):
+            out[i * m + j] += total[i]
+
+
+@kernel
+def _half_product(
+    n: int, diagonal: Array, starts: Any, columns: Any, values: Array, factor: float, x: Array, out: Array
+) -> None:
+    """out (n,) += factor A x for one vector; see ``add_symmetric``."""
+    for i in range(n):
+        column, value = columns[starts[i] : starts[i + 1]], values[starts[i] : starts[i + 1]]
+        own = factor * x[i]
+        total = diagonal[i] * x[i]
+        for e in range(len(column)):
+            total += value[e] * x[column[e]]
+            out[column[e]] += value[e] * own
+        out[i] += factor * total
+
+
+@kernel
+def add_rows(n: int, starts: Any, columns: Any, values: Array, factor: float, m: int, x: Array, out: Array) -> None:
+    """out (n m,) += factor A x for A in compressed rows."""
+    for i in range(n):
+        column, value = columns[starts[i] : starts[i + 1]], values[starts[i] : starts[i + 1]]
+        line = out[i * m : i * m + m]
+        for e in range(len(column)):
+            now, at = factor * value[e], np.int64(column[e]) * m
+            for j in range(m):
+                line[j] += now * x[at + j]
+
+
+@kernel
+def add_transposed(
+    n: int, starts: Any, columns: Any, values: Array, factor: float, m: int, x: Array, out: Array
+) -> None:
+    """out += factor A^T x for A (n, ...) in compressed rows, x (n m,)."""
+    for i in range(n):
+        column, value = columns[starts[i] : starts[i + 1]], values[starts[i] : starts[i + 1]]
+        line = x[i * m : i * m + m]
+        for e in range(len(column)):
+            now, at = factor * value[e], np.int64(column[e]) * m
+            for j in range(m):
+                out[at + j] += now * line[j]
+
+
+@kernel
+def add_dense(rows: int, columns: int, table: Array, m: int, x: Array, out: Array) -> None:
+    """out (rows m,) += A x for a dense A (rows, columns)."""
+    if m == 1:
+        for i in range(rows):
+            line, total = table[i * columns : (i + 1) * columns], 0.0
+            for k in range(columns):
+                total += line[k] * x[k]
+            out[i] += total
+        return
+    for i in range(rows):
+        line, into = table[i * columns : (i + 1) * columns], out[i * m : i * m + m]
+        for k in range(columns):
+            value, own = line[k], x[k * m : k * m + m]
+            for j in range(m):
+                into[j] += value * own[j]
+
+
+@kernel
+def packed_product(n: int, a: Array, x: Array, out: Array) -> None:
+    """out = A x, A given by the rows of its lower triangle one after the other: half the memory to read, which is
+    what a product with a matrix that does not stay in the cache costs. Two rows at a time."""
+    at, i = 0, 0
+    while i + 2 <= n:
+        first, second = a[at : at + i], a[at + i + 1 : at + 2 * i + 1]
+        corner, below, last = a[at + i], a[at + 2 * i + 1], a[at + 2 * i + 2]
+        x0, x1 = x[i], x[i + 1]
+        t0, t1 = corner * x0 + below * x1, below * x0 + last * x1
+        known, into = x[:i], out[:i]
+        for j in range(i):
+            t0 += first[j] * known[j]
+            t1 += second[j] * known[j]
+            into[j] += first[j] * x0 + second[j] * x1
+        out[i], out[i + 1] = t0, t1
+        at += 2 * i + 3
+        i += 2
+    if i < n:
+        first, t0 = a[at : at + i], a[at + i] * x[i]
+        for j in range(i):
+            t0 += first[j] * x[j]
+            out[j] += first[j] * x[i]
+        out[i] = t0
+
+
+@kernel
+def symmetric_size(n: int, plain: int, m: int) -> int:
+    """Numbers that a symmetric dense matrix (n, n) takes for m members: its diagonal, its lower triangle or all of it."""
+    if plain == 1:
+        return n
+    return n * n if m >= TILED else n * (n + 1) // 2
+
+
+@kernel
+def product(n: int, matrix: Array, plain: int, m: int, x: Array, out: Array, scratch: Array) -> None:
+    """out (n m,) = A x for a symmetric dense A, kept as ``symmetric_size`` says."""
+    if plain == 1:
+        for i in range(n):
+            for j in range(m):
+                out[i * m + j] = matrix[i] * x[i * m + j]
+    elif m == 1:
+        packed_product(n, matrix, x, out)
+    elif m >= TILED:
+        dense_product(n, matrix, m, x, out, scratch)
+    else:
+        own, total = scratch[:n], scratch[n : 2 * n]
+        for j in range(m):
+            for i in range(n):
+                own[i] = x[i * m + j]
+            packed_product(n, matrix, own, total)
+            for i in range(n):
+                out[i * m + j] = total[i]
+
+
+@kernel
+def two_norms(n: int, a: Array, x: Array) -> tuple[float, float]:
+    """x A x of the two rows of x (2, n), A packed (``packed_product``)."""
+    x0, x1 = x[:n], x[n : 2 * n]
+    first, second, at = 0.0, 0.0, 0
+    for i in range(n):
+        line = a[at : at + i]
+        t0 = t1 = 0.0
+        for j in range(i):
+            t0 += line[j] * x0[j]
+            t1 += line[j] * x1[j]
+        corner = a[at + i]
+        first += x0[i] * (2.0 * t0 + corner * x0[i])
+        second += x1[i] * (2.0 * t1 + corner * x1[i])
+        at += i + 1
+    return first, second
+
+
+@kernel
+def add_terms(
+    n: int, starts: Any, rows: Any, values: Array, amplitudes: Array, factor: float, out: Array
+) -> None:
+    """out += factor x sum of patterns (starts, rows, values) times their amplitudes (n,) at an instant."""
+    for t in range(n):
+        now = factor * amplitudes[t]
+        if now != 0.0:
+            for e in range(starts[t], starts[t + 1]):
+                out[rows[e]] += now * values[e]

@@ -1,0 +1,323 @@
+"""What a run holds in numbers: pools, and records that say what lies where in them.
+
+======  =========  ===============================================================  ================================
+block   pool       holds                                                            changes
+======  =========  ===============================================================  ================================
+fixed   constants  factors, K, M, C, compliances, traces, areas, patterns of loads  with the time step
+fixed   direction  k, responses Y(k), weights of the error indicator                with the search direction
+moving  histories  amplitudes of loads and prescribed motions, motion of grounds    with the segment of time
+moving  state      all that the next instant depends on                             every instant
+moving  work       scratch of the iteration                                         every iteration; thrown away
+moving  output     fields, gaps, probes, energies of the instants                   written once per instant
+======  =========  ===============================================================  ================================
+
+A block is one allocation, a pool a range of it; a snapshot is a copy of the range of the state. Blocks are seen as
+float64, int64, uint32 or float32 numbers. A record holds sizes, and for every array the position of its first number in
+its block; kernels slice. There is no address in a record: blocks can be copied, saved, mapped and shared.
+
+Dimensions: n dofs of a member, m members of a class, g interface dofs, c channels (interface unknowns) of a member,
+N = n_flat channels of the assembly, p points of a group, h components per point, T instants of the segment, w instants of the longest window, R rows of output.
+Arrays over members have the member as last index. A channel is one interface unknown in the local frame: one
+component (N, t1 or t2) at one point of one side of one interface.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Field = tuple[str, str]  # name, meaning with shape, pool and unit
+
+DIRECT, EXPLICIT, STATIC = 0, 1, 2
+"""Kinds of motion of a class: implicit (a reduced body is one), central differences, without inertia."""
+
+LINE: Final = 8
+"""Numbers in a line of the cache: arrays begin on one."""
+
+# an array of matrix entries in compressed rows: starts (rows + 1,) int64, columns uint32, values
+_MATRIX: Final = (
+    ("{0}_rows", "rows of {1}, 0 where there is none"),
+    ("{0}_starts", "constants, int64 (rows + 1,): first entry of each row of {1}"),
+    ("{0}_columns", "constants, uint32: columns of the entries"),
+    ("{0}_values", "constants: the entries"),
+)
+_HALF: Final = (*_MATRIX, ("{0}_diagonal", "constants (n,): diagonal where only the strict lower triangle is kept"))
+_TERM: Final = (
+    ("{0}_terms", "number of patterns of {1}"),
+    ("{0}_starts", "histories, int64 (terms + 1,): first entry of each pattern"),
+    ("{0}_rows", "histories, int64: rows x members + member of the entries"),
+    ("{0}_values", "histories: the entries"),
+    ("{0}_amplitudes", "histories (T, terms): factor of each pattern at the instants"),
+)
+
+
+def _fields(template: tuple[Field, ...], name: str, meaning: str) -> tuple[Field, ...]:
+    return tuple((key.format(name), text.format(name, meaning)) for key, text in template)
+
+
+CLASS_FIELDS: Final[tuple[Field, ...]] = (
+    # sizes
+    ("n", "dofs of a member"),
+    ("m", "members"),
+    ("n_inner", "interface dofs g"),
+    ("n_channel", "channels c of a member"),
+    ("n_live", "channels that can move"),
+    ("n_normal", "normal channels among those"),
+    ("n_interior", "dofs that the factor eliminates"),
+    ("n_super", "supernodes of the factor"),
+    ("n_massless", "dofs without mass"),
+    ("n_probe", "rows of the probe"),
+    ("n_motion", "prescribed motions of a member"),
+    # kinds
+    ("kind", "DIRECT, EXPLICIT or STATIC"),
+    ("factored", "1 where the kernels hold the factor; 0 where the Python driver solves"),
+    ("single", "1 where the panels are float32"),
+    ("grouped", "1 where four rows of a panel are taken at a time (factor within the cache)"),
+    ("driven", "1 where more than loads that come and go drives the class"),
+    ("accounted", "1 where energies are accounted for"),
+    ("dense_trace", "1 where the trace is a dense matrix"),
+    ("plain_inverse", "1 where S^-1 is diagonal"),
+    ("plain_response", "1 where Y and C are diagonal"),
+    # factor L of the operator of the march, interface dofs last
+    ("order", "constants, int64 (n,): dof of each place in elimination order"),
+    ("first", "constants, int64 (n_super + 1,): first column of each supernode"),
+    ("row_start", "constants, int64 (n_super + 1,): first row below each supernode"),
+    ("rows", "constants, int64: rows below the supernodes"),
+    ("n_rows", "their number"),
+    ("panel_start", "constants, int64 (n_super + 1,): first number of each panel"),
+    ("panels", "constants: panels [L11^-1; L21]"),
+    ("n_panels", "their size"),
+    ("schur_inverse", "constants (g, g) packed or (g,): S^-1, accelerations of interface dofs per force, kg-1"),
+    # interface
+    ("dofs", "constants, int64 (g,): interface dofs"),
+    ("area", "constants (c,): areas, m2"),
+    ("channels", "constants, int64 (c, m): place of the channels among those of the assembly"),
+    ("live", "constants, int64 (n_live,): channels that can move"),
+    ("measured", "constants, int64 (n_live,): the same, normal ones first"),
+    ("compliance", "constants: C = T D T^T between normal, then between tangential channels, m s-1 N-1"),
+    ("massless", "constants, int64 (n_massless,): dofs without mass"),
+    ("trace_table", "constants (c, g): T where it is dense"),
+    ("normal_table", "constants (n_normal, g): its rows of normal channels"),
+    ("spread_table", "constants (g, c): its transpose"),
+    ("k", "direction (c,): search direction, Pa s m-1"),
+    ("response", "direction (n_live, n_live) packed or (n_live,): Y per nodal force, m s-1 N-1"),
+    ("spring_inverse", "direction (g, g) packed: (S + T^T a k/dt T)^-1 of a STATIC class, m N-1"),
+    # state
+    ("state", "state: first number of the class, n_state in all"),
+    ("n_state", "their number: rest flag and motion"),
+    ("rest", "state (1,): 1 while nothing has moved"),
+    ("u", "state (n, m): displacements, m"),
+    ("v", "state (n, m): velocities, m s-1"),
+    ("a", "state (n, m): accelerations, m s-2"),
+    ("residual", "state (n, m): forces of the scheme's memory, N"),
+    ("energy", "state: first number of the account of energies, n_energy in all"),
+    ("n_energy", "their number"),
+    ("totals", "state (6, m): terms of the account, J (``energy.TERMS``)"),
+    ("past", "state (11, n + n_motion, m): fields and forces of the last two instants"),
+    # work
+    ("marched", "work (1,): substructure-instants marched"),
+    ("passed", "work (1,): 1 where the class is passed over at this instant"),
+    ("u_free", "work (n, m): displacements without interface forces, m"),
+    ("v_free", "work (n, m): velocities likewise, m s-1"),
+    ("load", "work (n, m): forces of the instant, N"),
+    ("mass_a", "work (n, m): M a, N"),
+    ("sweep", "work (n, m), in tiles from TILED members on: half solution"),
+    ("inner", "work (g, m)"),
+    ("inner_answer", "work (g, m)"),
+    ("free_a", "work (g, m): accelerations of the interface dofs without interface forces, m s-2"),
+    ("w_free", "work (c, m): velocities of the channels without interface forces, m s-1"),
+    ("w_damped", "work (c, m): velocities that the dashpots k act on, m s-1 (w_free but for STATIC classes)"),
+    ("seen", "work (w, c, m): q of the last solves, Pa"),
+    ("answered", "work (w, c, m): W of the last solves, m s-1"),
+    ("known", "work (1,): 1 where those are of this window"),
+    ("kept_states", "work (isqrt(w) + 1, n_state): states inside a window of several instants"),
+    ("channel", "work (c, m)"),
+    ("answer", "work (c, m)"),
+    ("vectors", "work (2 m, n_live)"),
+    ("answers", "work (2 m, n_live)"),
+    ("tile", "work ((max(n, c) + SPARE) x LANES,)"),
+    ("extended", "work (8, n + n_motion, m): scratch of the account of energies"),
+    # histories
+    ("constant", "histories (n, m): constant forces, N"),
+    ("motions", "histories (3, T, n_motion, m): prescribed displacements, velocities, accelerations"),
+    ("work_loads", "histories (n, m): constant part of the loads that work, N"),
+    # output
+    ("probed", "output (R, n_probe, m): velocities of the probed rows, m s-1"),
+    ("energies", "output (R, 6, m): terms of the account, J"),
+    *_fields(_HALF, "mass", "M"),
+    *_fields(_HALF, "stiffness", "K"),
+    *_fields(_HALF, "damping", "the damping C"),
+    *_fields(_HALF, "dashpots", "the lumped damping of an EXPLICIT class"),
+    *_fields(_MATRIX, "border_mass", "M between prescribed motions and dofs, then among motions (n_motion, n + n_motion)"),
+    *_fields(_MATRIX, "border_stiffness", "K likewise"),
+    *_fields(_MATRIX, "border_damping", "C likewise"),
+    *_fields(_MATRIX, "border_dashpots", "lumped damping likewise"),
+    *_fields(_MATRIX, "trace", "T from interface dofs to channels"),
+    *_fields(_MATRIX, "spread", "T^T"),
+    *_fields(_MATRIX, "probe", "velocities kept at every instant, from all dofs"),
+    *_fields(_TERM, "force", "the forces on the dofs, prescribed motions included, N"),
+    *_fields(_TERM, "inertia", "the inertia of prescribed motions, N"),
+    *_fields(_TERM, "velocity", "channel velocities of prescribed motions, m s-1"),
+    *_fields(_TERM, "displacement", "their displacements, m"),
+    *_fields(_TERM, "acceleration", "their accelerations, m s-2"),
+    *_fields(_TERM, "work", "loads alone, that work on the dofs, N"),
+)
+"""A class of identical substructures."""
+
+GROUP_FIELDS: Final[tuple[Field, ...]] = (
+    ("law", "code of the law (``local_stage.LAWS``), -1 where the Python driver calls it"),
+    ("elastic", "1 where the law depends on the jump of displacement"),
+    ("opens", "1 where the group has gaps"),
+    ("start", "first channel of the group: block (2, p, h)"),
+    ("n_point", "points p"),
+    ("n_component", "components per point h"),
+    ("n_parameter", "parameters per point"),
+    ("first_point", "number of its first point among those of all groups"),
+    ("parameters", "constants (p, n_parameter)"),
+    ("initial_gap", "constants (p,): gap along N at t = 0, m"),
+    ("z_sum", "direction (p, 2): 1/k of both sides, normal and tangential, m3 N-1 s-1"),
+    ("gap", "state (p,): gap, m"),
+    ("layer", "state (p, h) of elastic groups: jump that the next instant starts from, m"),
+    ("reach", "work (p,) or (p, h): see ``interface.behaviour``, rule 3"),
+    ("jump", "work (p, h): free velocity of E' relative to E, m s-1"),
+    ("traction", "work (p, h): on side E, Pa"),
+    ("opening", "work (4, p, h or 1): opening inside a window with its velocity and acceleration, and at its start"),
+)
+"""Interfaces of one law and number of components, their points one after the other."""
+
+RUN_FIELDS: Final[tuple[Field, ...]] = (
+    ("n_flat", "channels N of the assembly"),
+    ("n_point", "points of all groups"),
+    ("n_interface", "interfaces"),
+    ("n_time", "instants T of the segment"),
+    ("first_row", "instant that row 0 of the output holds; it has R rows"),
+    ("n_ground", "channels of moving or resting ground"),
+    ("depth", "differences kept by the acceleration, 0 for none"),
+    ("longest_window", "instants w that fields of work have room for"),
+    ("max_iterations", "iterations per window"),
+    ("tangential", "1 where there are tangential channels"),
+    ("layers", "1 where there are elastic groups"),
+    ("static", "1 without inertia"),
+    ("direct_bonds", "1 where q follows from the free velocities at once (``bonds``)"),
+    ("n_coarse", "unknowns of the coarse problem, 0 where there is none"),
+    ("area", "constants (N,): areas, m2"),
+    ("interface", "constants, int64 (N,): number of the interface"),
+    ("ground", "constants, int64 (n_ground,): channels of ground"),
+    ("k", "direction (N,): search direction, Pa s m-1"),
+    ("z", "direction (N,): 1/k, 0 where k is, m3 N-1 s-1"),
+    ("weights", "direction (3, N): of r^2, F^2 and W^2 in the error indicator"),
+    ("metric", "direction (N,): squared weights of q in the acceleration"),
+    ("bonds", "direction (N, N): q from the free velocities where all interfaces are perfect"),
+    ("coarse_inverse", "direction (n_coarse, n_coarse)"),
+    *((k.replace("constants", "direction"), t.replace("constants", "direction")) for k, t in (
+        *_fields(_MATRIX, "coarse_balance", "sums of forces over an interface (n_coarse, N)"),
+        *_fields(_MATRIX, "coarse_incoming", "q of coarse motions (N, n_coarse)"),
+        *_fields(_MATRIX, "coarse_answer", "W of coarse motions (N, n_coarse)"),
+    )),
+    ("ground_velocity", "histories (T, n_ground), m s-1"),
+    ("ground_displacement", "histories (T, n_ground), m, ahead by ``gap_lead``"),
+    ("ground_layer", "histories (T, n_ground): what elastic groups start from, m"),
+    ("continuation", "histories (T,): how far the loads go on as they did, without inertia; 0 ... 1"),
+    ("ground_acceleration", "histories (T, n_ground), m s-2"),
+    ("f_hat", "state (N,): tractions of the last instant, Pa"),
+    ("w_hat", "state (N,): velocities likewise, m s-1"),
+    ("scales", "state (3,): largest norms met: fields, normal and tangential forces"),
+    ("carry", "state (1,): share of the last velocities in the first guess of the next instant"),
+    ("worst", "state (n_interface,): largest indicator of each interface"),
+    ("counts", "work (2,): substructure-instants marched in windows of several instants, and solved through Y"),
+    ("q", "work (w, N): incoming quantity F + k W, Pa"),
+    ("w", "work (w, N): velocities of the linear stage, m s-1"),
+    ("f", "work (w, N): tractions of the linear stage, Pa"),
+    ("s", "work (w, N): W - F / k, m s-1"),
+    ("local_f", "work (w, N): tractions of the local stage, Pa"),
+    ("local_w", "work (w, N): velocities of the local stage, m s-1"),
+    ("r", "work (w, N): residual F_hat + k W_hat - q, Pa"),
+    ("last_q", "work (w, N)"),
+    ("last_r", "work (w, N)"),
+    ("dq", "work (depth, w, N): differences of iterates"),
+    ("dr", "work (depth, w, N): differences of residuals"),
+    ("gram", "work (depth, depth): their weighted products"),
+    ("least", "work (depth + 3, depth): scratch of the least-squares problem"),
+    ("coarse", "work (2, n_coarse)"),
+    ("displacement", "work (N,): displacements that gaps are read from, m"),
+    ("layer", "work (N,): displacements that layers start from, m"),
+    ("acceleration", "work (N,)"),
+    ("shares", "work (n_interface,)"),
+    ("norms", "work (4,)"),
+    ("merits", "work (3 max_iterations + 64, 2): distance from the tolerance of each iterate, by eta and with the force residual"),
+    ("measure", "work (8,): error, force residual, scales reached (3), ratio of merits, scale of the best iterate"),
+    ("errors", "output (R, max_iterations): sqrt(eta) of the iterations"),
+    ("mismatches", "output (calls, max_iterations): force residual likewise"),
+    ("iterations", "output, int64 (R,)"),
+    ("history_f", "output (R, N): accepted tractions, Pa"),
+    ("history_w", "output (R, N): accepted velocities, m s-1"),
+    ("history_gap", "output (R, n_point): gaps, m"),
+)
+"""The run as a whole: sizes and arrays."""
+
+RUN_NUMBERS: Final[tuple[Field, ...]] = (
+    ("dt", "time step, s"),
+    ("u_v", "weight of v in u_free, s"),
+    ("u_a", "weight of a in u_free, s2"),
+    ("v_a", "weight of a in v_free, s"),
+    ("velocity_gain", "dv/da, s"),
+    ("displacement_gain", "du/da, s2"),
+    ("interface_gain", "dW/da, s"),
+    ("force_weight", "weight of the forces of the new instant"),
+    ("memory_weight", "weight of the residual of the old instant"),
+    ("w_u_old", "weight of the old u in W, s-1"),
+    ("w_u", "weight of u_free in W, s-1"),
+    ("w_v", "weight of v_free in W"),
+    ("u_late", "weight of v_free in the new displacement, s"),
+    ("gap_lead", "how far ahead displacements are that gaps are read from, s"),
+    ("layer_v", "weight of v in what layers start from, s"),
+    ("layer_a", "weight of a in what layers start from, s2"),
+    ("layer_rate", "1 / (displacement that layers see per velocity of the new instant), s-1"),
+    ("opening_v", "weight of the old opening velocity in the new opening, s"),
+    ("opening_a", "weight of the old opening acceleration, s2"),
+    ("opening_new", "weight of the new opening velocity, s"),
+    ("rate_v", "weight of the old opening velocity in the new opening acceleration, s-1"),
+    ("rate_a", "weight of the old opening acceleration"),
+    ("rate_new", "weight of the new opening velocity, s-1"),
+    ("energy_before", "weight of the forces of instant n - 1 in the work of the step n, n + 1"),
+    ("energy_old", "weight of those of n"),
+    ("energy_new", "weight of those of n + 1"),
+    ("energy_a_old", "weight of the old acceleration in the work of inertia"),
+    ("energy_a_new", "weight of the new one"),
+    ("inertia_dissipation", "factor of a_w . M Da in the energy of the scheme, s2"),
+    ("deepest", "gaps below count as this one, m"),
+    ("tolerance", "on sqrt(eta)"),
+    ("force_tolerance", "on the force residual"),
+    ("relaxation", "factor on the residual"),
+    ("longest_step", "longest step of the acceleration in lengths of the residual"),
+    ("rest_traction", "classes at rest stay there up to this traction, Pa; below 0: none does"),
+    ("reuse", "squared relative change of q up to which a solve is reused; below 0: never"),
+)
+"""The run as a whole: the time scheme for the step, and the rules of the iteration."""
+
+
+def _dtype(integers: tuple[Field, ...], numbers: tuple[Field, ...] = ()) -> np.dtype[Any]:
+    fields = [(name, np.int64) for name, _ in integers] + [(name, np.float64) for name, _ in numbers]
+    return np.dtype(fields)
+
+
+CLASS: Final = _dtype(CLASS_FIELDS)
+GROUP: Final = _dtype(GROUP_FIELDS)
+RUN: Final = _dtype(RUN_FIELDS, RUN_NUMBERS)
+
+
+class Pools(NamedTuple):
+    """Records and the two blocks of memory as kernels take them; names with an ending are views of the same block."""
+
+    run: NDArray[Any]  # (1,) of RUN
+    classes: NDArray[Any]  # (n_class,) of CLASS
+    groups: NDArray[Any]  # (n_group,) of GROUP
+    fixed: Array  # constants and direction
+    fixed_int: NDArray[np.int64]
+    fixed_col: NDArray[np.uint32]
+    fixed_single: NDArray[np.float32]
+    moving: Array  # histories, state, work, output
+    moving_int: NDArray[np.int64]

@@ -1,0 +1,422 @@
+"""One class of substructures over one instant, Eqs. (9)-(14); arrays of a class are flat (rows x members).
+
+With the scheme's predictors u_free, v_free and A the operator of the march, one instant of a DIRECT or EXPLICIT class is
+
+    A a = w (f - K u_free - C v_free) - w_memory R_old - M a_imposed + w T^T area F,   w = ``force_weight``
+    W = w_free + Y area (q - k w_free)                     the linear stage F = q - k W on the dashpots k
+    v = v_free + velocity_gain a,  u = u_free + u_late v_free + displacement_gain a
+
+A STATIC class stands on the springs k/dt of the search direction,
+
+    (K + T^T area k/dt T) (u_new - u) = f_new - K u + T^T area q,   W = T (u_new - u) / dt,
+
+whose operator is regular for a floating body too. ``predict`` and ``commit`` consist of the parts before and after the
+solution with A, for factors that the kernels do not hold (``factored`` 0).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..compiled import kernel
+from .lanes import LANES, SPARE, TILED, padded
+from .matrices import (
+    add_damping, add_mass, add_spread, add_stiffness, add_trace, forces, imposed, inertia, springs, tile_of,
+)
+from .products import add_rows, product, symmetric_size
+from .records import STATIC
+from .sweeps import backward_one, backward_tile, forward_one, forward_tile
+
+Array = NDArray[np.float64]
+
+
+@kernel
+def predict(pools: Any, c: int, instant: int) -> None:
+    """Free response of the new ``instant``; leaves w_free, free_a and the half solution of the load."""
+    free_load(pools, c, instant)
+    if pools.moving[pools.classes[c].passed] == 0.0:
+        forward(pools, c)
+        free_velocity(pools, c, instant)
+
+
+@kernel
+def resting(pools: Any, c: int, instant: int) -> bool:
+    """Whether the class has not moved, and nothing but its interfaces drives it at this instant."""
+    row = pools.classes[c]
+    if row.driven == 1 or pools.run[0].rest_traction < 0.0 or pools.moving[row.rest] == 0.0:
+        return False
+    at = row.force_amplitudes + row.force_terms * instant
+    for t in range(row.force_terms):  # noqa: SIM110, kernels have no generators
+        if pools.moving[at + t] != 0.0:
+            return False
+    return True
+
+
+@kernel
+def free_load(pools: Any, c: int, instant: int) -> None:
+    """Predictors of the scheme and the load on the right of A; ``passed`` is set where the class rests."""
+    row, run, state, work = pools.classes[c], pools.run[0], pools.moving, pools.moving
+    m, size = row.m, row.n * row.m
+    u, v, a = state[row.u : row.u + size], state[row.v : row.v + size], state[row.a : row.a + size]
+    u_free, v_free = work[row.u_free : row.u_free + size], work[row.v_free : row.v_free + size]
+    load = work[row.load : row.load + size]
+    work[row.passed] = 1.0 if resting(pools, c, instant) else 0.0
+    if work[row.passed] == 1.0:
+        u_free[:] = 0.0
+        v_free[:] = 0.0
+        load[:] = 0.0
+        work[row.free_a : row.free_a + row.n_inner * m] = 0.0
+        work[row.w_free : row.w_free + row.n_channel * m] = 0.0
+        return
+    constant = pools.moving[row.constant : row.constant + size]
+    for i in range(size):
+        load[i] = constant[i]
+    forces(pools, c, instant, load)
+    if row.kind == STATIC:
+        for i in range(size):
+            u_free[i] = u[i]
+        add_stiffness(pools, c, -1.0, u, load)
+        return
+    for i in range(size):
+        u_free[i] = u[i] + run.u_v * v[i] + run.u_a * a[i]
+        v_free[i] = v[i] + run.v_a * a[i]
+    add_stiffness(pools, c, -1.0, u_free, load)
+    add_damping(pools, c, -1.0, v_free, load)
+    residual = state[row.residual : row.residual + size]
+    for i in range(size):
+        load[i] = run.force_weight * load[i] - run.memory_weight * residual[i]
+    inertia(pools, c, instant, -1.0, load)
+
+
+@kernel
+def forward(pools: Any, c: int) -> None:
+    """Half solve of the load: the inside stays in ``sweep`` (in tiles from TILED members on), the interface part goes to
+    ``inner``."""
+    row, work, constants, numbers = pools.classes[c], pools.moving, pools.fixed, pools.fixed_int
+    n, m, n_interior, n_inner, n_super = row.n, row.m, row.n_interior, row.n_inner, row.n_super
+    first, row_start = numbers[row.first : row.first + n_super + 1], numbers[row.row_start : row.row_start + n_super + 1]
+    panel_start = numbers[row.panel_start : row.panel_start + n_super + 1]
+    rows, order = numbers[row.rows : row.rows + row.n_rows], numbers[row.order : row.order + n]
+    panels = constants[row.panels : row.panels + (0 if row.single == 1 else row.n_panels)]
+    single = pools.fixed_single[row.panels : row.panels + (row.n_panels if row.single == 1 else 0)]
+    load, inner = work[row.load : row.load + n * m], work[row.inner : row.inner + n_inner * m]
+    if m < TILED:
+        for j in range(m):
+            x = work[row.sweep + n * j : row.sweep + n * (j + 1)]
+            for i in range(n):
+                x[i] = load[order[i] * m + j]
+            if row.single == 1:
+                forward_one(row.grouped == 1, first, row_start, rows, panel_start, single, x)
+            else:
+                forward_one(row.grouped == 1, first, row_start, rows, panel_start, panels, x)
+            for i in range(n_inner):
+                inner[i * m + j] = x[n_interior + i]
+        return
+    tail = work[row.tile : row.tile + SPARE * LANES]
+    for start in range(0, m, LANES):
+        x = work[row.sweep + n * start : row.sweep + n * (start + LANES)]
+        lanes = min(m - start, LANES)
+        for i in range(n):
+            at = order[i] * m + start
+            for j in range(lanes):
+                x[i * LANES + j] = load[at + j]
+            for j in range(lanes, LANES):
+                x[i * LANES + j] = 0.0
+        if row.single == 1:
+            forward_tile(first, row_start, rows, panel_start, single, x, tail)
+        else:
+            forward_tile(first, row_start, rows, panel_start, panels, x, tail)
+        for i in range(n_inner):
+            for j in range(lanes):
+                inner[i * m + start + j] = x[(n_interior + i) * LANES + j]
+
+
+@kernel
+def free_velocity(pools: Any, c: int, instant: int) -> None:
+    """Velocities of the channels without tractions, from the interface part of the half solution in ``inner``."""
+    row, run, work, state = pools.classes[c], pools.run[0], pools.moving, pools.moving
+    m, n_inner, size = row.m, row.n_inner, row.n_channel * row.m
+    inner, reached = work[row.inner : row.inner + n_inner * m], work[row.inner_answer : row.inner_answer + n_inner * m]
+    free_a, w_free = work[row.free_a : row.free_a + n_inner * m], work[row.w_free : row.w_free + size]
+    dofs = pools.fixed_int[row.dofs : row.dofs + n_inner]
+    tile = tile_of(row, work)
+    w_free[:] = 0.0
+    if row.kind == STATIC:
+        for i in range(n_inner * m):
+            free_a[i] = inner[i]  # what the interface carries of the load
+        springs(pools, c, inner, reached)
+        for i in range(n_inner * m):
+            reached[i] /= run.dt
+        add_trace(pools, c, reached, w_free, False)
+        damped = work[row.w_damped : row.w_damped + size]
+        damped[:] = 0.0
+        imposed(pools, c, instant, 1, 1.0, damped)
+        for i in range(size):
+            w_free[i] += damped[i]
+        return
+    inverse = pools.fixed[row.schur_inverse : row.schur_inverse + symmetric_size(n_inner, row.plain_inverse, m)]
+    product(n_inner, inverse, row.plain_inverse, m, inner, free_a, tile)
+    for i in range(n_inner):
+        for j in range(m):
+            at = dofs[i] * m + j
+            reached[i * m + j] = (
+                run.w_u_old * state[row.u + at]
+                + run.w_u * work[row.u_free + at]
+                + run.w_v * work[row.v_free + at]
+                + run.interface_gain * free_a[i * m + j]
+            )
+    add_trace(pools, c, reached, w_free, False)
+    imposed(pools, c, instant, 1, 1.0, w_free)
+
+
+@kernel
+def respond(pools: Any, c: int, row_of_window: int, reuse: bool) -> int:
+    """W at the channels of the class for q of one instant of the window: w_free + Y area (q - k w_damped); number of
+    substructures solved for.
+
+    A class at rest responds with zero as long as q stays below ``rest_traction``. With ``reuse`` a class whose q has
+    changed by no more than a hundredth of the tolerance since its last solve, in the norm of the error indicator and as
+    its share of all classes, keeps that solution.
+    """
+    row, run, work = pools.classes[c], pools.run[0], pools.moving
+    m, n_live, size = row.m, row.n_live, row.n_channel * row.m
+    channels = pools.fixed_int[row.channels : row.channels + size]
+    q = work[run.q + row_of_window * run.n_flat : run.q + (row_of_window + 1) * run.n_flat]
+    w = work[run.w + row_of_window * run.n_flat : run.w + (row_of_window + 1) * run.n_flat]
+    seen = work[row.seen + row_of_window * size : row.seen + (row_of_window + 1) * size]
+    answered = work[row.answered + row_of_window * size : row.answered + (row_of_window + 1) * size]
+    if work[row.passed] == 1.0:
+        largest = 0.0
+        for at in range(size):
+            largest = max(largest, abs(q[channels[at]]))
+        if largest <= run.rest_traction:
+            for at in range(size):
+                seen[at], answered[at] = q[channels[at]], 0.0
+                w[channels[at]] = 0.0
+            return 0
+    if reuse:
+        weights, change = pools.fixed[run.weights : run.weights + run.n_flat], 0.0
+        for at in range(size):
+            moved = q[channels[at]] - seen[at]
+            change += weights[channels[at]] * moved * moved
+        if change <= run.reuse * pools.moving[run.scales] / len(pools.classes):
+            for at in range(size):
+                w[channels[at]] = answered[at]
+            return 0
+    linear_response(pools, c, q, w)
+    for at in range(size):
+        seen[at], answered[at] = q[channels[at]], w[channels[at]]
+    return int(m)
+
+
+@kernel
+def linear_response(pools: Any, c: int, q: Array, w: Array) -> None:
+    """W = w_free + Y area (q - k w_damped) at the channels of the class, both (N,)."""
+    row, work = pools.classes[c], pools.moving
+    m, n_live, size = row.m, row.n_live, row.n_channel * row.m
+    channels = pools.fixed_int[row.channels : row.channels + size]
+    live, area = pools.fixed_int[row.live : row.live + n_live], pools.fixed[row.area : row.area + row.n_channel]
+    k, w_free = pools.fixed[row.k : row.k + row.n_channel], work[row.w_free : row.w_free + size]
+    damped = work[row.w_damped : row.w_damped + size]
+    incoming, answer = work[row.channel : row.channel + n_live * m], work[row.answer : row.answer + n_live * m]
+    tile = tile_of(row, work)
+    for i in range(n_live):
+        for j in range(m):
+            at = live[i] * m + j
+            incoming[i * m + j] = area[live[i]] * (q[channels[at]] - k[live[i]] * damped[at])
+    plain = row.plain_response
+    product(n_live, pools.fixed[row.response : row.response + symmetric_size(n_live, plain, m)], plain, m, incoming,
+            answer, tile)
+    for at in range(size):
+        w[channels[at]] = w_free[at]
+    for i in range(n_live):
+        for j in range(m):
+            w[channels[live[i] * m + j]] += answer[i * m + j]
+
+
+@kernel
+def commit(pools: Any, c: int, instant: int, flat: Array) -> int:
+    """End the instant with tractions (STATIC: incoming quantities q) flat (N,) over the assembly; number of substructures
+    marched."""
+    if not interface_load(pools, c, instant, flat):
+        return 0
+    backward(pools, c)
+    advance(pools, c, instant)
+    return int(pools.classes[c].m)
+
+
+@kernel
+def interface_load(pools: Any, c: int, instant: int, flat: Array) -> bool:
+    """Interface values of the solution in ``inner_answer``; False where the class goes on resting."""
+    row, run, work = pools.classes[c], pools.run[0], pools.moving
+    m, n_inner, size = row.m, row.n_inner, row.n_channel * row.m
+    channels, area = pools.fixed_int[row.channels : row.channels + size], pools.fixed[row.area : row.area + row.n_channel]
+    nodal, largest = work[row.channel : row.channel + size], 0.0
+    for i in range(row.n_channel):
+        for j in range(m):
+            now = flat[channels[i * m + j]]
+            nodal[i * m + j] = area[i] * now
+            largest = max(largest, abs(now))
+    if work[row.passed] == 1.0:
+        if largest <= run.rest_traction:
+            return False
+        work[row.sweep : row.sweep + row.n * padded(m)] = 0.0
+        work[row.passed] = 0.0
+    pools.moving[row.rest] = 0.0
+    inner, last = work[row.inner : row.inner + n_inner * m], work[row.inner_answer : row.inner_answer + n_inner * m]
+    free_a = work[row.free_a : row.free_a + n_inner * m]
+    tile = tile_of(row, work)
+    inner[:] = 0.0
+    if row.kind == STATIC:
+        moved = work[row.w_damped : row.w_damped + size]  # the prescribed part of the channel velocities
+        for i in range(row.n_channel):
+            for j in range(m):
+                nodal[i * m + j] -= area[i] * pools.fixed[row.k + i] * moved[i * m + j]
+        add_spread(pools, c, nodal, inner)
+        for i in range(n_inner * m):
+            inner[i] += free_a[i]
+        springs(pools, c, inner, last)
+        return True
+    for i in range(size):
+        nodal[i] *= run.force_weight
+    add_spread(pools, c, nodal, inner)
+    inverse = pools.fixed[row.schur_inverse : row.schur_inverse + symmetric_size(n_inner, row.plain_inverse, m)]
+    product(n_inner, inverse, row.plain_inverse, m, inner, last, tile)
+    for i in range(n_inner * m):
+        last[i] += free_a[i]
+    return True
+
+
+@kernel
+def backward(pools: Any, c: int) -> None:
+    """Full solution in ``load`` from ``sweep`` and the interface values in ``inner_answer``."""
+    row, work, constants, numbers = pools.classes[c], pools.moving, pools.fixed, pools.fixed_int
+    n, m, n_interior, n_inner, n_super = row.n, row.m, row.n_interior, row.n_inner, row.n_super
+    first, row_start = numbers[row.first : row.first + n_super + 1], numbers[row.row_start : row.row_start + n_super + 1]
+    panel_start = numbers[row.panel_start : row.panel_start + n_super + 1]
+    rows, order = numbers[row.rows : row.rows + row.n_rows], numbers[row.order : row.order + n]
+    panels = constants[row.panels : row.panels + (0 if row.single == 1 else row.n_panels)]
+    single = pools.fixed_single[row.panels : row.panels + (row.n_panels if row.single == 1 else 0)]
+    out, last = work[row.load : row.load + n * m], work[row.inner_answer : row.inner_answer + n_inner * m]
+    if m < TILED:
+        for j in range(m):
+            x = work[row.sweep + n * j : row.sweep + n * (j + 1)]
+            for i in range(n_inner):
+                x[n_interior + i] = last[i * m + j]
+            if row.single == 1:
+                backward_one(row.grouped == 1, first, row_start, rows, panel_start, single, x)
+            else:
+                backward_one(row.grouped == 1, first, row_start, rows, panel_start, panels, x)
+            for i in range(n):
+                out[order[i] * m + j] = x[i]
+        return
+    tail = work[row.tile : row.tile + SPARE * LANES]
+    for start in range(0, m, LANES):
+        x = work[row.sweep + n * start : row.sweep + n * (start + LANES)]
+        lanes = min(m - start, LANES)
+        for i in range(n_inner):
+            for j in range(lanes):
+                x[(n_interior + i) * LANES + j] = last[i * m + start + j]
+        if row.single == 1:
+            backward_tile(first, row_start, rows, panel_start, single, x, tail)
+        else:
+            backward_tile(first, row_start, rows, panel_start, panels, x, tail)
+        for i in range(n):
+            for j in range(lanes):
+                out[order[i] * m + start + j] = x[i * LANES + j]
+
+
+@kernel
+def advance(pools: Any, c: int, instant: int) -> None:
+    """Motion at the end of the instant from the solution in ``load``: accelerations (STATIC: displacements of the
+    increment)."""
+    row, run, work, state = pools.classes[c], pools.run[0], pools.moving, pools.moving
+    m, size = row.m, row.n * row.m
+    u, v, a = state[row.u : row.u + size], state[row.v : row.v + size], state[row.a : row.a + size]
+    u_free, v_free = work[row.u_free : row.u_free + size], work[row.v_free : row.v_free + size]
+    solved = work[row.load : row.load + size]
+    if row.kind == STATIC:
+        for i in range(size):
+            u[i] = u_free[i] + solved[i]
+            v[i] = solved[i] / run.dt
+        return
+    massless = pools.fixed_int[row.massless : row.massless + row.n_massless]
+    for e in range(row.n_massless):
+        for j in range(m):
+            v[massless[e] * m + j] = u[massless[e] * m + j]
+    for i in range(size):
+        a[i] = solved[i]
+    for e in range(row.n_massless):  # statics alone moves them: a velocity that means something, and no memory
+        for j in range(m):
+            at = massless[e] * m + j
+            u_new = u_free[at] + run.u_late * v_free[at] + run.displacement_gain * a[at]
+            solved[at] = (u_new - v[at]) / run.dt
+    for i in range(size):
+        u[i] = u_free[i] + run.u_late * v_free[i] + run.displacement_gain * a[i]
+        v[i] = v_free[i] + run.velocity_gain * a[i]
+    for e in range(row.n_massless):
+        for j in range(m):
+            at = massless[e] * m + j
+            v[at] = solved[at]
+            a[at] = 0.0
+    if run.memory_weight == 0.0 and row.accounted == 0:
+        return
+    mass_a, residual = work[row.mass_a : row.mass_a + size], state[row.residual : row.residual + size]
+    mass_a[:] = 0.0
+    add_mass(pools, c, 1.0, a, mass_a)
+    for i in range(size):
+        residual[i] = run.memory_weight * residual[i] + mass_a[i]
+    inertia(pools, c, instant, 1.0, residual)
+    for i in range(size):
+        residual[i] /= run.force_weight
+
+
+# -- reading the motion -------------------------------------------------------------------------------------------
+@kernel
+def read_channels(
+    pools: Any, c: int, instant: int, of_u: float, of_v: float, of_a: float, normal: bool, out: Array
+) -> None:
+    """of_u u + of_v v + of_a a of the channels into ``out`` (N,); ``normal``: only normal channels need be right."""
+    row, work, state = pools.classes[c], pools.moving, pools.moving
+    m, n_inner, size = row.m, row.n_inner, row.n_channel * row.m
+    channels, dofs = pools.fixed_int[row.channels : row.channels + size], pools.fixed_int[row.dofs : row.dofs + n_inner]
+    inner, answer = work[row.inner : row.inner + n_inner * m], work[row.answer : row.answer + size]
+    for i in range(n_inner):
+        for j in range(m):
+            at = dofs[i] * m + j
+            inner[i * m + j] = of_u * state[row.u + at]
+            if of_v != 0.0:
+                inner[i * m + j] += of_v * state[row.v + at]
+            if of_a != 0.0:
+                inner[i * m + j] += of_a * state[row.a + at]
+    answer[:] = 0.0
+    add_trace(pools, c, inner, answer, normal)
+    if of_u != 0.0:
+        imposed(pools, c, instant, 0, of_u, answer)
+    if of_v != 0.0:
+        imposed(pools, c, instant, 1, of_v, answer)
+    if of_a != 0.0:
+        imposed(pools, c, instant, 2, of_a, answer)
+    for at in range(size):
+        out[channels[at]] = answer[at]
+
+
+@kernel
+def probe(pools: Any, c: int, instant: int) -> None:
+    """Keep the velocities of the probed rows."""
+    row = pools.classes[c]
+    size = row.n_probe * row.m
+    if size == 0:
+        return
+    at = row.probed + size * (instant - pools.run[0].first_row)
+    out = pools.moving[at : at + size]
+    out[:] = 0.0
+    starts = pools.fixed_int[row.probe_starts : row.probe_starts + row.n_probe + 1]
+    add_rows(
+        row.n_probe, starts, pools.fixed_col[row.probe_columns : row.probe_columns + starts[row.n_probe]],
+        pools.fixed[row.probe_values : row.probe_values + starts[row.n_probe]], 1.0, row.m,
+        pools.moving[row.v : row.v + row.n * row.m], out,
+    )

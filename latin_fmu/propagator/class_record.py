@@ -1,0 +1,256 @@
+"""The record of a class of identical substructures, and its arrays in the blocks of memory (``kernels.records``)."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from ..kernels.lanes import LANES, SPARE, TILED, padded
+from ..kernels.pool import Block
+from ..kernels.records import DIRECT, EXPLICIT, STATIC
+from .cholesky.factor import CholeskyFactor
+from .condensed import Index
+from .diagonal import DiagonalFactor
+from .forcing import Sum
+from .model import Array
+
+Row = dict[str, int]
+_NONE = np.zeros(1, dtype=np.int64)
+
+
+class LowerPattern(NamedTuple):
+    """Strict lower triangle of a symmetric pattern in compressed rows; ``places`` of its entries and of the diagonal in
+    the whole matrix (``on_diagonal`` -1 where there is no entry)."""
+
+    starts: Index
+    columns: NDArray[np.uint32]
+    places: Index
+    on_diagonal: Index
+
+
+def lower_pattern(matrix: sp.csr_array) -> LowerPattern:
+    """Lower triangle of the pattern of a symmetric matrix (n, n), no entry twice."""
+    n = matrix.shape[0]
+    rows = np.repeat(np.arange(n), np.diff(matrix.indptr))
+    columns = matrix.indices.astype(np.int64)
+    places = np.flatnonzero(columns < rows)
+    on_diagonal = np.full(n, -1, dtype=np.int64)
+    diagonal = np.flatnonzero(columns == rows)
+    on_diagonal[rows[diagonal]] = diagonal
+    starts = np.zeros(n + 1, dtype=np.int64)
+    np.cumsum(np.bincount(rows[places], minlength=n), out=starts[1:])
+    return LowerPattern(starts, columns[places].astype(np.uint32), places, on_diagonal)
+
+
+def put_matrix(block: Block, row: Row, name: str, matrix: sp.csr_array | None) -> None:
+    """A matrix in compressed rows."""
+    if matrix is None or matrix.shape[0] == 0:
+        return
+    row[f"{name}_rows"] = int(matrix.shape[0])
+    row[f"{name}_starts"] = block.put(matrix.indptr, np.int64)
+    row[f"{name}_columns"] = block.put(matrix.indices, np.uint32)
+    row[f"{name}_values"] = block.put(matrix.data)
+
+
+def put_symmetric(
+    block: Block, row: Row, name: str, matrix: sp.csr_array | None, known: dict[int, tuple[Any, Any]]
+) -> None:
+    """A symmetric matrix (n, n): its diagonal and strict lower triangle, all of it where members are taken eight at a
+    time; ``known`` keeps the halves of patterns."""
+    if matrix is None:
+        return
+    if row["m"] >= TILED:
+        put_matrix(block, row, name, matrix)
+        return
+    held = known.get(id(matrix.indices))
+    if held is None:
+        held = known[id(matrix.indices)] = lower_pattern(matrix), matrix.indices
+    lower: LowerPattern = held[0]
+    diagonal = np.where(lower.on_diagonal >= 0, matrix.data[np.maximum(lower.on_diagonal, 0)], 0.0)
+    row[f"{name}_rows"] = int(matrix.shape[0])
+    row[f"{name}_starts"] = block.put(lower.starts, np.int64)
+    row[f"{name}_columns"] = block.put(lower.columns, np.uint32)
+    row[f"{name}_values"] = block.put(matrix.data[lower.places])
+    row[f"{name}_diagonal"] = block.put(diagonal)
+
+
+def put_terms(block: Block, row: Row, name: str, sums: Sum) -> None:
+    """Patterns times histories: sum over t of amplitudes[instant, t] x values on rows (row x members + member)."""
+    row[f"{name}_terms"] = len(sums.patterns)
+    if not sums.patterns:
+        return
+    row[f"{name}_starts"] = block.put(np.cumsum([0, *(len(rows) for rows, _ in sums.patterns)]), np.int64)
+    row[f"{name}_rows"] = block.put(np.concatenate([rows for rows, _ in sums.patterns]), np.int64)
+    row[f"{name}_values"] = block.put(np.concatenate([values for _, values in sums.patterns]))
+    row[f"{name}_amplitudes"] = block.put(np.stack(sums.amplitudes, axis=1))
+
+
+def is_diagonal(matrix: Array) -> bool:
+    """Whether a matrix has nothing beside its diagonal."""
+    return not np.count_nonzero(matrix) > np.count_nonzero(matrix.diagonal())
+
+
+def symmetric(matrix: Array, picked: Index, m: int, diagonal: bool) -> Array:
+    """Picked rows and columns of a symmetric matrix as ``products.product`` reads them for m members: the diagonal
+    alone, the lower triangle row by row, or whole."""
+    if diagonal:
+        return np.ascontiguousarray(np.diagonal(matrix)[picked])
+    chosen = matrix if len(picked) == len(matrix) else matrix[np.ix_(picked, picked)]
+    if m >= TILED:
+        return np.ascontiguousarray(chosen)
+    lower: Array = chosen[np.tril_indices(len(picked))]
+    return lower
+
+
+def constants(block: Block, propagator: Any, flat: Index, probe: sp.csr_array | None, normal: NDArray[np.bool_]) -> Row:
+    """Sizes of a class and all that stays as long as the time step does, put into the fixed block.
+
+    Parameters
+    ----------
+    propagator : of the class. flat : (n_channel, m) places of its channels. probe : (n_probe, n) rows whose velocities
+    are kept, or None. normal : (n_flat,) True where a channel is normal to its interface.
+    """
+    ops, m = propagator.operators, flat.shape[1]
+    factor = ops.factor
+    live = np.flatnonzero(ops.compliance.diagonal())  # the others cannot move
+    static = propagator.scheme.name == "quasi_static"
+    motions = propagator.members[0].imposed_pattern.shape[1]
+    row: Row = {
+        "n": propagator.n_dof, "m": m, "n_inner": len(ops.dofs), "n_channel": len(flat), "n_live": len(live),
+        "n_massless": len(ops.massless), "n_probe": 0 if probe is None else int(probe.shape[0]), "n_motion": motions,
+        "kind": STATIC if static else EXPLICIT if propagator.scheme.explicit else DIRECT,
+        "accounted": int(propagator.energy),
+    }
+    _factor(block, row, factor)
+    row["dofs"], row["area"] = block.put(ops.dofs, np.int64), block.put(ops.area)
+    row["massless"], row["live"] = block.put(ops.massless, np.int64), block.put(live, np.int64)
+    row["channels"] = block.put(np.ascontiguousarray(flat), np.int64)
+    forms = propagator.members[0].operator_pattern.forms if not static else {}
+    for name, matrix in (("mass", None if static else ops.mass), ("stiffness", ops.stiffness)):
+        put_symmetric(block, row, name, matrix, forms)
+    put_symmetric(block, row, "damping", None if static else ops.damping, forms)
+    put_matrix(block, row, "probe", probe)
+    if propagator.energy:
+        _borders(block, row, propagator)
+    inverse = factor.inverse if isinstance(factor, DiagonalFactor) else factor.schur_inverse
+    if not static:
+        row["plain_inverse"] = plain = int(inverse.ndim == 1 or is_diagonal(inverse))
+        every = np.arange(row["n_inner"])
+        row["schur_inverse"] = block.put(inverse if inverse.ndim == 1 else symmetric(inverse, every, m, bool(plain)))
+    row["plain_response"] = plain = int(is_diagonal(propagator.condensed) and is_diagonal(ops.compliance))
+    is_normal = normal[flat[live]]
+    assert (is_normal == is_normal[:, :1]).all(), "identical substructures with unlike interfaces"
+    blocks = [live[is_normal[:, 0]], live[~is_normal[:, 0]]] if len(live) else [live, live]
+    row["n_normal"] = len(blocks[0])
+    row["measured"] = block.put(np.concatenate(blocks), np.int64)
+    row["compliance"] = block.put(
+        np.concatenate([symmetric(ops.compliance, part, m, bool(plain)).ravel() for part in blocks])
+    )
+    if isinstance(ops.trace, np.ndarray):
+        row["dense_trace"] = 1
+        row["trace_table"], row["spread_table"] = block.put(ops.trace), block.put(np.ascontiguousarray(ops.trace.T))
+        row["normal_table"] = block.put(ops.trace[blocks[0]])
+    else:
+        put_matrix(block, row, "trace", ops.trace)
+        put_matrix(block, row, "spread", sp.csr_array(ops.trace.T))
+        row.setdefault("trace_starts", block.put(np.zeros(row["n_channel"] + 1, dtype=np.int64), np.int64))
+        row.setdefault("spread_starts", block.put(np.zeros(row["n_inner"] + 1, dtype=np.int64), np.int64))
+    return row
+
+
+def _factor(block: Block, row: Row, factor: Any) -> None:
+    """What the substitutions read; a diagonal matrix has all dofs on the interface and no supernode."""
+    row["factored"] = 1
+    if isinstance(factor, CholeskyFactor):
+        shape = factor.symbolic
+        row |= {
+            "n_interior": shape.n_interior, "n_super": len(shape.first) - 1, "grouped": int(factor.grouped),
+            "n_rows": len(shape.rows), "n_panels": factor.panels.size, "single": int(factor.dtype == np.float32),
+        }
+        for name, array in (
+            ("first", shape.first), ("row_start", shape.row_start), ("rows", shape.rows),
+            ("panel_start", shape.panel_start), ("order", shape.order),
+        ):
+            row[name] = block.put(array, np.int64)
+        row["panels"] = block.put(factor.panels, np.float32 if factor.dtype == np.float32 else np.float64)
+        return
+    row["factored"] = int(isinstance(factor, DiagonalFactor))
+    for name in ("first", "row_start", "rows", "panel_start"):
+        row[name] = block.put(_NONE, np.int64)
+    row["order"] = block.put(np.arange(row["n"]), np.int64)
+
+
+def _borders(block: Block, row: Row, propagator: Any) -> None:
+    """Matrices between prescribed motions and dofs, for the account of energies; the lumped damping."""
+    model = propagator.members[0]
+    dashpots = propagator.dashpots
+    p, shapes = model.expansion, model.imposed_pattern
+    if dashpots is not None:
+        reduced = sp.csr_array(p.T @ dashpots @ p)
+        put_symmetric(block, row, "dashpots", reduced, {})
+    if not row["n_motion"]:
+        return
+    matrices = {"mass": model.mass, "stiffness": model.stiffness, "damping": model.damping, "dashpots": dashpots}
+    for name, matrix in matrices.items():
+        if matrix is None:
+            matrix = sp.csr_array((model.n_full, model.n_full))
+        with_dofs = sp.csr_array(shapes.T @ (matrix @ p))
+        border = sp.csr_array(sp.hstack([with_dofs, sp.csr_array(shapes.T @ (matrix @ shapes))]))
+        put_matrix(block, row, f"border_{name}", border)
+
+
+def direction(block: Block, row: Row, propagator: Any, constant: Row) -> None:
+    """Search direction and responses of a class, put into the fixed block behind the constants ``constant``."""
+    m = constant["m"]
+    live = np.flatnonzero(propagator.operators.compliance.diagonal())
+    row["k"] = block.put(propagator.k[:, 0].copy())
+    row["response"] = block.put(symmetric(propagator.condensed, live, m, bool(constant["plain_response"])))
+    if constant["kind"] == STATIC:
+        every = np.arange(constant["n_inner"])
+        row["spring_inverse"] = block.put(symmetric(propagator.spring_inverse, every, m, False))
+
+
+def state(block: Block, row: Row) -> None:
+    """Places of the motion and of the account of energies."""
+    size, wide = row["n"] * row["m"], (row["n"] + row["n_motion"]) * row["m"]
+    row["state"] = row["rest"] = block.reserve(1)
+    for name in ("u", "v", "a", "residual"):
+        row[name] = block.reserve(size)
+    row["n_state"] = block.size - row["state"]
+    row["energy"] = row["totals"] = block.reserve(6 * row["m"] * row["accounted"])
+    row["past"] = block.reserve(11 * wide * row["accounted"])
+    row["n_energy"] = block.size - row["energy"]
+
+
+def work(block: Block, row: Row, window: int, stride: int) -> None:
+    """Places of the scratch; states are kept every ``stride`` instants of windows of at most ``window`` instants."""
+    n, m, c, g = row["n"], row["m"], row["n_channel"], row["n_inner"]
+    wide = (n + row["n_motion"]) * m
+    sizes = {
+        "marched": 1, "passed": 1, "u_free": n * m, "v_free": n * m, "load": n * m, "mass_a": n * m,
+        "sweep": padded(m) * n, "inner": g * m, "inner_answer": g * m, "free_a": g * m, "w_free": c * m,
+        "seen": window * c * m, "answered": window * c * m, "known": 1,
+        "kept_states": row["n_state"] * (window // stride + 1) if window > 1 else 0,
+        "channel": c * m, "answer": c * m, "vectors": 2 * m * row["n_live"], "answers": 2 * m * max(row["n_live"], c),
+        "tile": (max(n, c) + SPARE) * LANES, "extended": 8 * wide * row["accounted"],
+    }
+    for name, size in sizes.items():
+        row[name] = block.reserve(size)
+    row["w_damped"] = block.reserve(c * m) if row["kind"] == STATIC else row["w_free"]
+
+
+def histories(block: Block, row: Row, propagator: Any) -> None:
+    """What drives the class over a segment of time."""
+    forcing, m = propagator.forcing, row["m"]
+    constant, terms = forcing.sums(propagator.members[0].trace, propagator.dashpots)
+    row["driven"] = int(row["kind"] == STATIC or forcing.moves or bool(constant.any()))
+    row["constant"] = block.put(constant)
+    for name, sums in terms.items():
+        put_terms(block, row, name, sums)
+    row["work_loads"] = row["constant"]
+    if row["n_motion"]:
+        row["motions"] = block.put(forcing.motion_table())
+    assert constant.shape == (row["n"], m)

@@ -1,0 +1,332 @@
+"""The image of a run: records and blocks of memory that hold everything its kernels read and write.
+
+The layout is that of ``kernels.records``. ``fixed`` is filled when the operators of a time step and the search directions
+are known; ``moving`` holds state, work, output and the histories of the present segment, in this order, so that a new
+segment changes its end only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from math import isqrt
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from ..compiled import PLAIN
+from ..kernels import entries
+from ..kernels.pool import Block, grown
+from ..kernels.records import CLASS, GROUP, RUN, Pools
+from . import class_record
+from .condensed import Index
+from .model import Array
+
+Fields = dict[str, Any]
+_OUTPUT = 2_000_000  # numbers of output kept at a time, about
+_ROWS = (16, 512)  # and rows at least and at most
+
+
+def coefficients(scheme: Any, dt: float) -> Fields:
+    """Numbers of ``records.RUN_NUMBERS`` that a time scheme brings for a step: the factors of its linear recursions,
+    read off its own functions."""
+    zero, one = np.zeros(1), np.ones(1)
+    late = 0.5 * dt if scheme.explicit else 0.0  # half of the step is made before the forces are known, half after
+    u_v, _ = scheme.predict(zero, one, zero, dt)
+    u_a, v_a = scheme.predict(zero, zero, one, dt)
+    w = [
+        scheme.interface_velocity(u_old, u, v, dt)
+        for u_old, u, v in ((one, zero, zero), (zero, one, zero), (zero, zero, one))
+    ]
+    layer_v, layer_a = (scheme.layer_jump(zero, *va, dt)[0] for va in ((one, zero), (zero, one)))
+    follow = [
+        scheme.advance_opening(zero, v, a, new, dt) for v, a, new in ((one, zero, zero), (zero, one, zero), (zero, zero, one))
+    ]
+    forces, accelerations = scheme.energy_weights()
+    numbers = {
+        "dt": dt, "u_v": u_v - late, "u_a": u_a, "v_a": v_a, "velocity_gain": scheme.velocity_gain(dt),
+        "displacement_gain": scheme.displacement_gain(dt), "interface_gain": scheme.interface_gain(dt),
+        "force_weight": scheme.force_weight, "memory_weight": scheme.memory_weight, "w_u_old": w[0], "w_u": w[1],
+        "w_v": w[2], "u_late": late, "gap_lead": scheme.gap_lead(dt), "layer_v": layer_v, "layer_a": layer_a,
+        "layer_rate": 1 / scheme.layer_jump(zero, zero, zero, dt)[1],
+        "opening_v": follow[0][0], "opening_a": follow[1][0], "opening_new": follow[2][0],
+        "rate_v": follow[0][1], "rate_a": follow[1][1], "rate_new": follow[2][1],
+        "energy_before": forces[0], "energy_old": forces[1], "energy_new": forces[2],
+        "energy_a_old": accelerations[0], "energy_a_new": accelerations[1],
+        "inertia_dissipation": scheme.inertia_dissipation(dt),
+    }
+    return {name: float(np.asarray(value).reshape(-1)[0]) for name, value in numbers.items()}
+
+
+class Image:
+    """Records and blocks of the classes of substructures of a run, and of what stands between them.
+
+    Parameters
+    ----------
+    propagators : one per class, begun. channels : per class the places (n_channel, m) of its channels among ``n_flat``.
+    normal : (n_flat,) True where a channel is normal to its interface. probes : per class rows (n_probe, n) whose
+    velocities are kept, or None. run, groups : further fields of the records, arrays among them (``constants`` by name).
+    numbers : fields of the run beside those of the time scheme.
+    window : instants of the longest window.
+    """
+
+    def __init__(
+        self,
+        propagators: Sequence[Any],
+        channels: Sequence[Index],
+        normal: NDArray[np.bool_],
+        probes: Sequence[sp.csr_array | None] | None = None,
+        run: Mapping[str, Any] | None = None,
+        groups: Sequence[Mapping[str, Any]] = (),
+        window: int = 1,
+    ) -> None:
+        self.propagators, self.n_flat, self.window = list(propagators), len(normal), window
+        self.channels = list(channels)
+        first = self.propagators[0]
+        self.run = np.zeros(1, dtype=RUN)
+        self.classes = np.zeros(len(self.propagators), dtype=CLASS)
+        self.groups = np.zeros(len(groups), dtype=GROUP)
+        self._fixed, self._directions = Block(), {}
+        self._run: Fields = {
+            "n_flat": self.n_flat, "longest_window": window, "max_iterations": 1,
+            "reuse": -1.0, "rest_traction": -1.0, "relaxation": 1.0, "longest_step": np.inf,
+            **coefficients(first.scheme, first.dt), **self._placed(run or {}, self._fixed),
+        }
+        self._groups = [self._placed(group, self._fixed) for group in groups]
+        self._rows = [
+            class_record.constants(self._fixed, p, flat, None if probes is None else probes[c], normal)
+            for c, (p, flat) in enumerate(zip(self.propagators, channels, strict=True))
+        ]
+        self.fixed = np.zeros(self._fixed.size)
+        self._current: int | None = None
+        self._half: dict[int, Array] = {}
+        self._written = False
+        self._lay_out_moving()
+        for c, propagator in enumerate(self.propagators):
+            propagator.attach(self, c)
+
+    @staticmethod
+    def _placed(fields: Mapping[str, Any], block: Block) -> Fields:
+        """Numbers as they are, arrays and matrices by their places in a block."""
+        placed: Fields = {}
+        for name, value in fields.items():
+            if isinstance(value, np.ndarray):
+                placed[name] = block.put(value, np.int64 if value.dtype.kind in "iub" else np.float64)
+            elif sp.issparse(value):
+                class_record.put_matrix(block, placed, name, value)
+            else:
+                placed[name] = value
+        return placed
+
+    # -- the moving block ---------------------------------------------------------------------------------------
+    def _lay_out_moving(self) -> None:
+        """Places of state, work and output."""
+        n, run, block = self.n_flat, self._run, Block()
+        n_interface = int(run.get("n_interface", 0))
+        for row in self._rows:
+            class_record.state(block, row)
+        points = 0
+        for group in self._groups:
+            size = group["n_point"] * (group["n_component"] if group["elastic"] else 1)
+            group["gap"] = block.reserve(group["n_point"])
+            group["layer"] = block.reserve(size if group["elastic"] else 0)
+            group["first_point"], points = points, points + group["n_point"]
+        run["n_point"] = points
+        for name, size in (("f_hat", n), ("w_hat", n), ("scales", 3), ("carry", 1), ("worst", n_interface)):
+            run[name] = block.reserve(size)
+        self._n_state = block.size
+        stride = isqrt(self.window) + 1
+        for row in self._rows:
+            class_record.work(block, row, self.window, stride)
+        for group in self._groups:
+            points, h = group["n_point"], group["n_component"]
+            size = points * (h if group["elastic"] else 1)
+            group["jump"], group["traction"] = block.reserve(points * h), block.reserve(points * h)
+            group["reach"], group["opening"] = block.reserve(size), block.reserve(4 * size)
+        depth, most, wide = int(run.get("depth", 0)), run["max_iterations"], self.window * n
+        sizes = dict.fromkeys(("q", "w", "f", "s", "local_f", "local_w", "r", "last_q", "last_r"), wide)
+        sizes |= {"dq": depth * wide, "dr": depth * wide, "gram": depth * depth, "least": (depth + 3) * depth}
+        sizes |= {"coarse": 2 * int(run.get("n_coarse", 0)), "displacement": n, "layer": n, "acceleration": n}
+        sizes |= {"shares": n_interface, "norms": 4, "merits": 6 * most + 128, "measure": 8, "counts": 2}
+        for name, size in sizes.items():
+            run[name] = block.reserve(size)
+        per_row = 2 * n + run["n_point"] + 2 * most + 1
+        per_row += sum(row["m"] * (row["n_probe"] + 6 * row["accounted"]) for row in self._rows)
+        self.rows = max(min(max(_OUTPUT // max(per_row, 1), _ROWS[0]), _ROWS[1]), self.window)
+        for row in self._rows:
+            row["probed"] = block.reserve(self.rows * row["n_probe"] * row["m"])
+            row["energies"] = block.reserve(self.rows * 6 * row["m"] * row["accounted"])
+        for name, size in (
+            ("errors", most), ("mismatches", most), ("iterations", 1), ("history_f", n), ("history_w", n),
+            ("history_gap", run["n_point"]),
+        ):
+            run[name] = block.reserve(self.rows * size)
+        self._tail = block.size
+        self.moving = np.zeros(self._tail)
+        self.moving[run["carry"]] = 1.0
+        for row in self._rows:
+            self.moving[row["rest"]] = 1.0
+
+    def begin(self, n_time: int, histories: Mapping[str, Array]) -> None:
+        """Take over what drives the classes over a segment of time, and ``histories`` of the run."""
+        block = Block(self._tail)
+        self._run["n_time"] = n_time
+        for row, propagator in zip(self._rows, self.propagators, strict=True):
+            class_record.histories(block, row, propagator)
+        self._run |= {name: block.put(values) for name, values in histories.items()}
+        self.moving = grown(self.moving, block.size)
+        block.fill(self.moving)
+        self._written = False
+
+    # -- directions ---------------------------------------------------------------------------------------------
+    def bind(
+        self, key: int, run: Mapping[str, Any] | None = None, groups: Sequence[Mapping[str, Any]] = (),
+        afresh: bool = False,
+    ) -> None:
+        """Let the kernels use a search direction: that under ``key``, or, where there is none yet (or ``afresh``), the one
+        bound to the propagators with these fields of the records."""
+        if afresh or key not in self._directions:
+            self._current = None
+            rows: list[Fields] = []
+            for propagator, constant in zip(self.propagators, self._rows, strict=True):
+                rows.append({})
+                class_record.direction(self._fixed, rows[-1], propagator, constant)
+            self._directions[key] = (
+                self._placed(run or {}, self._fixed), rows, [self._placed(group, self._fixed) for group in groups],
+            )
+        if key != self._current:
+            self._current = key
+            own_run, own_rows, own_groups = self._directions[key]
+            self._run |= own_run
+            for into, fields in zip((*self._rows, *self._groups), (*own_rows, *own_groups), strict=False):
+                into.update(fields)
+        self._written = False
+
+    def _write_records(self) -> None:
+        self.fixed = grown(self.fixed, self._fixed.size)
+        self._fixed.fill(self.fixed)
+        for record, fields in zip(
+            (*self.run, *self.classes, *self.groups), (self._run, *self._rows, *self._groups), strict=True
+        ):
+            for name, value in fields.items():
+                record[name] = value
+        kind = np.recarray if PLAIN else np.ndarray  # plain Python reads fields as attributes
+        fixed, moving = self.fixed, self.moving
+        self.pools = Pools(
+            self.run.view(kind), self.classes.view(kind), self.groups.view(kind),
+            fixed, fixed.view(np.int64), fixed.view(np.uint32), fixed.view(np.float32), moving, moving.view(np.int64),
+        )
+        self._written = True
+
+    # -- use ----------------------------------------------------------------------------------------------------
+    def call(self, action: int, a: int = 0, b: int = 0, c: int = 0, d: int = 0) -> int:
+        """Let the kernels do an action of ``kernels.entries``."""
+        if not self._written:
+            self._write_records()
+        return int(entries.call(self.pools, action, a, b, c, d))
+
+    # factors that the kernels do not hold are solved with here, between the kernels' halves of an instant
+    def predict(self, c: int, instant: int) -> None:
+        """Free response of a class at an instant."""
+        if self._rows[c]["factored"]:
+            self.call(entries.PREDICT, c, instant)
+            return
+        self.call(entries.FREE_LOAD, c, instant)
+        if self._of(c, "passed", 1)[0] == 0.0:
+            row, factor = self._rows[c], self.propagators[c].operators.factor
+            self._half[c], inner = factor.forward(self._of(c, "load", row["n"], row["m"]))
+            self._of(c, "inner", row["n_inner"], row["m"])[:] = inner
+            self.call(entries.FREE_VELOCITY, c, instant)
+
+    def end(self, c: int, instant: int) -> None:
+        """End an instant of a class with the tractions of the local stage (without inertia: with q)."""
+        if self._rows[c]["factored"]:
+            self.call(entries.END_CLASS, c, instant)
+        else:
+            self._commit(c, instant)
+            self.call(entries.AFTER, c, instant)
+
+    def _commit(self, c: int, instant: int) -> None:
+        row = self._rows[c]
+        rested = bool(self._of(c, "passed", 1)[0])
+        if not self.call(entries.INTERFACE_LOAD, c, instant):
+            return
+        y = np.zeros_like(self._half[c]) if rested else self._half[c]
+        last = self._of(c, "inner_answer", row["n_inner"], row["m"])
+        self._of(c, "load", row["n"], row["m"])[:] = self.propagators[c].operators.factor.backward(y, last)
+        self.call(entries.ADVANCE, c, instant)
+        self._of(c, "marched", 1)[0] += row["m"]
+
+    def sweep(self, window: int, first: int) -> None:
+        """March the classes without a factor here over a window, with the q of the image."""
+        for c in (c for c, row in enumerate(self._rows) if not row["factored"]):
+            row = self._rows[c]
+            self._of(c, "rest", row["n_state"])[:] = self._of(c, "kept_states", row["n_state"])
+            flat = self.channels[c].ravel()
+            for i in range(window):
+                self.predict(c, first + i)
+                self.call(entries.RESPOND, c, i)
+                self._tractions(i, flat)
+                self._commit(c, first + i)
+
+    def _tractions(self, i: int, flat: Index) -> None:
+        """F = q - k W of the linear stage at some channels and instant i of the window, as the tractions that act."""
+        n = self.n_flat
+        q, w = self.field("q", self.window, n)[i, flat], self.field("w", self.window, n)[i, flat]
+        at = self._run["k"]
+        self.field("local_f", n)[flat] = q - self.fixed[at : at + n][flat] * w
+
+    def _of(self, c: int, name: str, *shape: int) -> Array:
+        at = self._rows[c][name]
+        return self.moving[at : at + int(np.prod(shape, dtype=np.int64))].reshape(shape)
+
+    @property
+    def factored(self) -> bool:
+        """Whether the kernels hold every factor."""
+        return all(row["factored"] for row in self._rows)
+
+    def set(self, **fields: float) -> None:
+        """Change numbers of the run."""
+        self._run |= fields
+        for name, value in fields.items():
+            self.run[0][name] = value
+
+    def field(self, name: str, *shape: int) -> Array:
+        """An array of the run in the moving block, a view of this shape."""
+        at = self._run[name]
+        return self.moving[at : at + int(np.prod(shape, dtype=np.int64))].reshape(shape)
+
+    def counts(self, name: str, n: int) -> Index:
+        """The same for integers."""
+        at = self._run[name]
+        return self.moving[at : at + n].view(np.int64)
+
+    def row(self, c: int) -> Fields:
+        """Sizes and places of a class."""
+        return self._rows[c]
+
+    def group_field(self, g: int, name: str, *shape: int) -> Array:
+        """An array of a group in the moving block."""
+        at = self._groups[g][name]
+        return self.moving[at : at + int(np.prod(shape, dtype=np.int64))].reshape(shape)
+
+    def output(self, c: int, name: str, width: str | int) -> Array:
+        """An output (rows, width, m) of a class; ``width`` : a number, or the name of a size."""
+        row = self._rows[c]
+        return self._of(c, name, self.rows, row[width] if isinstance(width, str) else width, row["m"])
+
+    @property
+    def state(self) -> Array:
+        """All that the next instant depends on, one range of the moving block."""
+        return self.moving[: self._n_state]
+
+    def marched(self) -> tuple[int, int]:
+        """Substructure-instants marched, and solved through the condensed operator, since the last time."""
+        total = self.field("counts", 2)
+        marched, solved = int(total[0]), int(total[1])
+        total[:] = 0.0
+        for row in self._rows:
+            marched += int(self.moving[row["marched"]])
+            self.moving[row["marched"]] = 0.0
+        return marched, solved
