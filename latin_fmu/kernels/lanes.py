@@ -22,10 +22,12 @@ SPARE: Final = 4
 """Rows of eight that scratch has beyond those of the dofs."""
 
 
-@kernel
 def padded(m: int) -> int:
     """Numbers per row of a vector of m members in tiles, m where it is not kept in tiles."""
     return m if m < TILED else (m + LANES - 1) // LANES * LANES
+
+
+tile_width = kernel(padded)  # the same from other kernels
 
 
 @kernel

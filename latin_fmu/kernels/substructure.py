@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiled import kernel
-from .lanes import LANES, SPARE, TILED, padded
+from .lanes import LANES, SPARE, TILED, tile_width
 from .matrices import (
     add_damping, add_mass, add_spread, add_stiffness, add_trace, forces, imposed, inertia, springs, tile_of,
 )
@@ -263,7 +263,7 @@ def interface_load(pools: Any, c: int, instant: int, flat: Array) -> bool:
     if work[row.passed] == 1.0:
         if largest <= run.rest_traction:
             return False
-        work[row.sweep : row.sweep + row.n * padded(m)] = 0.0
+        work[row.sweep : row.sweep + row.n * tile_width(m)] = 0.0
         work[row.passed] = 0.0
     pools.moving[row.rest] = 0.0
     inner, last = work[row.inner : row.inner + n_inner * m], work[row.inner_answer : row.inner_answer + n_inner * m]
