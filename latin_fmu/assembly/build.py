@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from ..errors import Problem, SceneError
+from ..fem.mesh import padded_cells
 from ..latin.assembly import Assembly
 from ..latin.layout import Array, InterfaceUnit, Layout
 from ..latin.recorder import SubstructureInfo, Wanted
@@ -93,8 +94,8 @@ class Prepared:
         return {
             n: SubstructureInfo(
                 b.mesh.nodes,
-                b.mesh.cells,
-                b.mesh.cell_type,
+                padded_cells(b.mesh.blocks),
+                " ".join(b.mesh.cell_types),
                 b.shape.stress if stress and not b.rigid else None,
             )
             for n, b in self.bodies.items()

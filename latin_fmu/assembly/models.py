@@ -167,9 +167,10 @@ def _signature(model: SubstructureModel, body: Body) -> bytes:
     """Equal for substructures whose operators are equal (loads, initial values and place do not count)."""
     digest = hashlib.sha256()
     size = float(body.mesh.extent().max())
-    digest.update(repr((body.shape.material, body.mesh.cell_type, f"{size:.9e}")).encode())
+    digest.update(repr((body.shape.material, body.mesh.cell_types, f"{size:.9e}")).encode())
     digest.update(np.round((body.mesh.nodes - body.mesh.nodes[0]) / size, 9).astype("f8").tobytes())
-    digest.update(body.mesh.cells.tobytes())
+    for block in body.mesh.blocks:
+        digest.update(block.cells.tobytes())
     for matrix in (model.expansion, model.trace):
         matrix.sort_indices()
         index = (matrix.indptr.astype(np.int64), matrix.indices.astype(np.int64))

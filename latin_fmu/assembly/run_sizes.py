@@ -127,8 +127,8 @@ def run_sizes(prepared: Prepared) -> RunSizes:
         body = prepared.bodies[c.members[0].name]
         marched = float(np.mean([share[m.name] for m in c.members]))
         size = size_of(c.members[0], len(c.members))
-        classes.append(ClassSizes(size, body.mesh.n_node, len(body.mesh.cells), body.rigid, marched))
-    shapes = {id(b.shape): len(b.mesh.cells) for b in prepared.bodies.values() if not b.rigid}
+        classes.append(ClassSizes(size, body.mesh.n_node, body.mesh.n_cell, body.rigid, marched))
+    shapes = {id(b.shape): b.mesh.n_cell for b in prepared.bodies.values() if not b.rigid}
     window = scene.time.n_step if scene.solver.window == WHOLE else int(scene.solver.window)
     sequential = scene.solver.window == WHOLE and scene.solver.start == "sequential"
     at_once = solved_at_once(scene, units)

@@ -14,12 +14,13 @@ _HEX_TO_SKFEM = (0, 4, 3, 1, 7, 5, 2, 6)
 
 def element_basis(mesh: Mesh, order: int = 3) -> skfem.Basis:
     """Scalar linear basis of the mesh; ``order`` 3 is 2 x 2 x 2 Gauss points on hexahedra."""
-    if mesh.cell_type == "hexahedron":
+    (block,) = mesh.blocks
+    if block.cell_type == "hexahedron":
         shape = skfem.MeshHex(
-            np.ascontiguousarray(mesh.nodes.T), np.ascontiguousarray(mesh.cells[:, list(_HEX_TO_SKFEM)].T)
+            np.ascontiguousarray(mesh.nodes.T), np.ascontiguousarray(block.cells[:, list(_HEX_TO_SKFEM)].T)
         )
         return skfem.Basis(shape, skfem.ElementHex1(), intorder=order)
-    tets = skfem.MeshTet(np.ascontiguousarray(mesh.nodes.T), np.ascontiguousarray(mesh.cells.T))
+    tets = skfem.MeshTet(np.ascontiguousarray(mesh.nodes.T), np.ascontiguousarray(block.cells.T))
     return skfem.Basis(tets, skfem.ElementTetP1(), intorder=2)
 
 

@@ -35,9 +35,21 @@ class Face:
 
 def face(mesh: Mesh, name: str) -> Face:
     """Nodal integrals of the named face (2 x 2 Gauss points on quadrilaterals, exact on triangles)."""
-    facets = mesh.faces[name]
-    corners = mesh.nodes[facets]
-    if facets.shape[1] == 3:
+    blocks = mesh.faces[name].blocks
+    nodes = mesh.faces[name].nodes
+    areas = np.zeros(len(nodes))
+    vector_areas = np.zeros((len(nodes), 3))
+    for block in blocks:
+        scalar, vector = _facet_integrals(mesh.nodes[block.facets])
+        at = np.searchsorted(nodes, block.facets)
+        np.add.at(areas, at, scalar)
+        np.add.at(vector_areas, at, vector)
+    return Face(nodes, areas, vector_areas)
+
+
+def _facet_integrals(corners: Array) -> tuple[Array, Array]:
+    """int psi_a dA (n_facet, n_corner) and int psi_a n dA (n_facet, n_corner, 3) of facets with these corners."""
+    if corners.shape[1] == 3:
         normal = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         vector = np.repeat(normal[:, None] / 3, 3, axis=1)
         scalar = np.repeat(np.linalg.norm(normal, axis=1)[:, None] / 3, 3, axis=1)
@@ -52,10 +64,4 @@ def face(mesh: Mesh, name: str) -> Face:
             normal = np.cross(np.einsum("a,fai->fi", d_xi, corners), np.einsum("a,fai->fi", d_eta, corners))
             vector += normal[:, None] * psi[None, :, None]
             scalar += np.linalg.norm(normal, axis=1)[:, None] * psi
-    nodes, inverse = np.unique(facets, return_inverse=True)
-    inverse = inverse.reshape(facets.shape)
-    areas = np.zeros(len(nodes))
-    vector_areas = np.zeros((len(nodes), 3))
-    np.add.at(areas, inverse, scalar)
-    np.add.at(vector_areas, inverse, vector)
-    return Face(nodes.astype(np.int64), areas, vector_areas)
+    return scalar, vector

@@ -11,7 +11,8 @@ import meshio
 import numpy as np
 
 from ..errors import MeshError, Problem
-from .mesh import CELL_FACES, Array, Index, Mesh
+from .cells import CELL_FACES
+from .mesh import Array, Index, Mesh
 
 _VOLUME = ("hexahedron", "tetra")
 _SURFACE: Final = {"quad": "hexahedron", "triangle": "tetra"}
@@ -44,7 +45,7 @@ def read_mesh(path: Path, group: str | None = None, scale: float = 1.0) -> Mesh:
     cells = _oriented(nodes, cells, cell_type, where)
     renumber = np.full(len(file.points), -1, dtype=np.int64)
     renumber[node_ids] = np.arange(len(node_ids))
-    return Mesh(nodes, cells, cell_type, _named_faces(file, names, renumber, cells, cell_type))
+    return Mesh.uniform(nodes, cell_type, cells, _named_faces(file, names, renumber, cells, cell_type))
 
 
 def load(path: Path) -> meshio.Mesh:

@@ -21,6 +21,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from ..fem.mesh import cell_blocks
 from ..latin.record import Array
 from .files import check_folder, unwritable
 
@@ -41,7 +42,7 @@ class _Piece:
     """What one .vtu file holds, in the terms of meshio."""
 
     points: Array
-    cells: list[tuple[str, NDArray[np.integer[Any]]]]
+    cells: list[tuple[str, NDArray[np.int64]]]
     point_data: dict[str, NDArray[Any]]
     cell_data: dict[str, list[NDArray[Any]]]
 
@@ -135,14 +136,14 @@ def _children(tree: xr.DataTree, group: str) -> Iterator[tuple[str, xr.Dataset]]
 
 def _substructure_piece(instant: xr.Dataset) -> _Piece:
     points = np.stack([instant[f"node_{axis}"].values for axis in "xyz"], axis=1)
-    cells = instant["cell_nodes"].values
-    kind = str(instant["mesh"].attrs["cell_type"])
+    cells = [(b.cell_type, b.cells) for b in cell_blocks(instant["cell_nodes"].values)]
     point_data = {name: _plain(instant[name]) for name in ("displacement", "velocity") if name in instant}
-    cell_data = {}
+    cell_data: dict[str, list[NDArray[Any]]] = {}
     if "stress" in instant:
         stress = _plain(instant["stress"].sel(stress_component=_VTK_TENSOR))
-        cell_data = {"stress": [stress], "von_mises": [_von_mises(stress)]}
-    return _Piece(points, [(kind, cells)], point_data, cell_data)
+        ends = np.cumsum([len(c) for _, c in cells])[:-1]
+        cell_data = {"stress": np.split(stress, ends), "von_mises": np.split(_von_mises(stress), ends)}
+    return _Piece(points, cells, point_data, cell_data)
 
 
 def _interface_piece(instant: xr.Dataset) -> _Piece:

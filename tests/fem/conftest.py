@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from latin_fmu.fem.mesh import CELL_FACES, Array, Index, Mesh, box_mesh
+from latin_fmu.fem.cells import CELL_FACES
+from latin_fmu.fem.mesh import Array, Index, Mesh, box_mesh
 
 ORIGIN, SIZE = np.array([0.3, -0.2, 0.1]), np.array([1.0, 0.8, 1.5])
 # Six tetrahedra of a hexahedron around the diagonal 0-6; neighbours cut their common face alike.
@@ -33,14 +34,14 @@ def distorted(mesh: Mesh, amplitude: float, boundary: bool) -> Mesh:
 
 def tetrahedra(mesh: Mesh) -> Mesh:
     """Each hexahedron cut in six; faces cut with them."""
-    cells = np.concatenate([mesh.cells[:, list(corner)] for corner in KUHN])
+    cells = np.concatenate([mesh.blocks[0].cells[:, list(corner)] for corner in KUHN])
     facets = {tuple(sorted(f)): f for local in CELL_FACES["tetra"] for f in cells[:, list(local)].tolist()}
     faces = {}
     for name, quads in mesh.faces.items():
-        allowed = [set(q) for q in quads.tolist()]
+        allowed = [set(q) for q in quads.blocks[0].facets.tolist()]
         on_face = [f for key, f in facets.items() if any(set(key) <= q for q in allowed)]
         faces[name] = np.array(on_face, dtype=np.int64)
-    return Mesh(mesh.nodes, cells, "tetra", faces)
+    return Mesh.uniform(mesh.nodes, "tetra", cells, faces)
 
 
 @pytest.fixture

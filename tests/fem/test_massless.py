@@ -12,7 +12,7 @@ from latin_fmu.fem.mesh import box_mesh
 
 def bodies(elements, faces):
     mesh = box_mesh(np.zeros(3), np.array([1.0, 2.0, 3.0]), elements)
-    nodes = np.unique(np.concatenate([mesh.faces[f].ravel() for f in faces]))
+    nodes = np.unique(np.concatenate([mesh.faces[f].nodes for f in faces]))
     full = mass(element_basis(mesh), 7.0)
     return mesh, nodes, full
 

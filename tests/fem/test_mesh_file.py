@@ -19,11 +19,18 @@ SURFACE = {"hexahedron": "quad", "tetra": "triangle"}
 Write = Callable[..., Path]
 
 
+def facets(mesh: Mesh, name: str) -> np.ndarray:
+    """Facets of a face of one kind."""
+    (block,) = mesh.faces[name].blocks
+    return block.facets
+
+
 def groups_of(mesh: Mesh, **faces: str) -> dict[str, Any]:
     """The volume as group "part" and some faces of the box under new names."""
-    groups: dict[str, Any] = {"part": (mesh.cell_type, mesh.cells)}
+    (block,) = mesh.blocks
+    groups: dict[str, Any] = {"part": (block.cell_type, block.cells)}
     for name, box_face in faces.items():
-        groups[name] = (SURFACE[mesh.cell_type], mesh.faces[box_face])
+        groups[name] = (SURFACE[block.cell_type], facets(mesh, box_face))
     return groups
 
 
@@ -32,8 +39,8 @@ def test_volume_and_faces_come_back(straight: Mesh, written: Write) -> None:
     for group in ("part", None):
         mesh = read_mesh(path, group)
         np.testing.assert_array_equal(mesh.nodes, straight.nodes)
-        np.testing.assert_array_equal(mesh.cells, straight.cells)
-        assert mesh.cell_type == straight.cell_type
+        np.testing.assert_array_equal(mesh.blocks[0].cells, straight.blocks[0].cells)
+        assert mesh.cell_types == straight.cell_types
         assert set(mesh.faces) == {"foot", "top"}
         for name, box_face in (("foot", "zmin"), ("top", "zmax")):
             ours, theirs = face(mesh, name), face(straight, box_face)
@@ -53,13 +60,13 @@ def two_parts(cell: str) -> tuple[np.ndarray, dict[str, Any]]:
     lower, upper = (box_mesh(np.array([0.0, 0.0, z]), np.ones(3), (2, 2, 2)) for z in (0.0, 1.0))
     shift = lower.n_node
     renumber = np.arange(upper.n_node) + shift
-    bottom, top = np.unique(upper.faces["zmin"]), np.unique(lower.faces["zmax"])
+    bottom, top = upper.faces["zmin"].nodes, lower.faces["zmax"].nodes
     renumber[bottom] = top
     nodes = np.concatenate([lower.nodes, upper.nodes])
     groups = {
-        "lower": (cell, lower.cells), "upper": (cell, renumber[upper.cells]),
-        "base": ("quad", lower.faces["zmin"]), "middle": ("quad", lower.faces["zmax"]),
-        "roof": ("quad", renumber[upper.faces["zmax"]]),
+        "lower": (cell, lower.blocks[0].cells), "upper": (cell, renumber[upper.blocks[0].cells]),
+        "base": ("quad", facets(lower, "zmin")), "middle": ("quad", facets(lower, "zmax")),
+        "roof": ("quad", renumber[facets(upper, "zmax")]),
     }  # fmt: skip
     return nodes, groups
 
@@ -78,11 +85,11 @@ def test_a_group_takes_its_own_nodes_and_the_faces_it_touches(written: Write) ->
 
 def test_inverted_cells_are_turned(straight: Mesh, written: Write) -> None:
     """Same shape, mirrored numbering: volumes become positive again, faces stay outwards."""
-    mirror = [0, 3, 2, 1, 4, 7, 6, 5] if straight.cell_type == "hexahedron" else [0, 2, 1, 3]
-    cells = straight.cells.copy()
+    mirror = [0, 3, 2, 1, 4, 7, 6, 5] if straight.cell_types == ("hexahedron",) else [0, 2, 1, 3]
+    cells = straight.blocks[0].cells.copy()
     cells[::2] = cells[::2][:, mirror]
     groups = groups_of(straight, top="zmax")
-    groups["part"] = (straight.cell_type, cells)
+    groups["part"] = (straight.cell_types[0], cells)
     groups["top"] = (groups["top"][0], groups["top"][1][:, ::-1])
     mesh = read_mesh(written(straight.nodes, groups))
     basis = element_basis(mesh)
@@ -127,12 +134,12 @@ def test_mixed_cells_are_refused_in_one_group_but_not_in_two(box: Mesh, msh: Wri
     groups = {**groups_of(box), "bit": ("tetra", tetra)}
     path = msh(box.nodes, groups)
     refused(lambda: read_mesh(path), "tetra", "hexahedron")
-    assert read_mesh(path, "part").cell_type == "hexahedron"
-    assert read_mesh(path, "bit").cell_type == "tetra"
+    assert read_mesh(path, "part").cell_types == ("hexahedron",)
+    assert read_mesh(path, "bit").cell_types == ("tetra",)
 
 
 def test_a_surface_alone_is_no_volume(box: Mesh, written: Write) -> None:
-    path = written(box.nodes, {"top": ("quad", box.faces["zmax"])})
+    path = written(box.nodes, {"top": ("quad", facets(box, "zmax"))})
     refused(lambda: read_mesh(path), "no volume cells")
 
 
@@ -159,7 +166,7 @@ def test_coordinates_must_be_finite(box: Mesh, written: Write, value: float) -> 
 
 def test_a_facet_named_twice_counts_once(box: Mesh, written: Write) -> None:
     groups = groups_of(box, top="zmax")
-    groups["top"] = ("quad", np.concatenate([box.faces["zmax"], box.faces["zmax"][:, ::-1]]))
+    groups["top"] = ("quad", np.concatenate([facets(box, "zmax"), facets(box, "zmax")[:, ::-1]]))
     surface = face(read_mesh(written(box.nodes, groups)), "top")
     assert surface.areas.sum() == pytest.approx(0.8, rel=1e-12)
 
@@ -196,8 +203,8 @@ def test_styles_of_abaqus_files(tmp_path: Path, style: str) -> None:
 
     text = INP_STYLES[style].format(
         nodes="*NODE\n" + rows(mesh.nodes, 1, 0),
-        cells=rows(mesh.cells, 1, 1),
-        quads=rows(mesh.faces["zmax"], 101, 1),
+        cells=rows(mesh.blocks[0].cells, 1, 1),
+        quads=rows(facets(mesh, "zmax"), 101, 1),
     )
     path = tmp_path / "part.inp"
     path.write_text(text)
@@ -207,10 +214,10 @@ def test_styles_of_abaqus_files(tmp_path: Path, style: str) -> None:
         except MeshError:
             assert style in ("set_before_a_later_block", "set_of_sets")
             continue
-        assert len(found.cells) == 8
-        for name, facets in found.faces.items():
+        assert found.n_cell == 8
+        for name, face_found in found.faces.items():
             assert name in ("top", "Surface1", "b")
-            assert len(facets) == 4
+            assert face_found.n_facet == 4
 
 
 def test_missing_file_and_folder(tmp_path: Path) -> None:
