@@ -13,7 +13,8 @@ from latin_fmu.errors import MeshError
 from latin_fmu.fem.elasticity import element_basis, mass
 from latin_fmu.fem.faces import face
 from latin_fmu.fem.mesh import Mesh, box_mesh
-from latin_fmu.fem.mesh_file import load, read_mesh
+from latin_fmu.fem.mesh_file import read_mesh
+from latin_fmu.mesh_files.reading import read_content
 
 SURFACE = {"hexahedron": "quad", "tetra": "triangle"}
 Write = Callable[..., Path]
@@ -222,7 +223,7 @@ def test_styles_of_abaqus_files(tmp_path: Path, style: str) -> None:
 
 def test_missing_file_and_folder(tmp_path: Path) -> None:
     refused(lambda: read_mesh(tmp_path / "none.msh"), "none.msh", "no such mesh file")
-    refused(lambda: load(tmp_path), tmp_path.name)
+    refused(lambda: read_content(tmp_path), tmp_path.name)
 
 
 GARBAGE = (b"", b"\n", b"hello", b"\x00\xff\xfe" * 200, b"$MeshFormat\n4.1 0 8\n",
