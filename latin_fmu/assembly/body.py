@@ -9,7 +9,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..errors import MeshError, Problem
-from ..fem.elasticity import body_load, element_basis, mass, stiffness, wave_speeds
+from ..fem.elasticity import body_load, mass, stiffness, wave_speeds
+from ..fem.elements import Elements
 from ..fem.faces import Face, face
 from ..fem.mesh import Array, Mesh, box_mesh
 from ..fem.mesh_file import read_mesh
@@ -31,15 +32,20 @@ class Shape:
         self.mesh, self.material = mesh, material
 
     @cached_property
+    def elements(self) -> Elements:
+        """Elements of the mesh."""
+        return Elements(self.mesh)
+
+    @cached_property
     def mass(self) -> sp.csr_array:
         """Mass (3 n_node, 3 n_node), assembled where it is asked for."""
-        return mass(element_basis(self.mesh), self.material.density)
+        return mass(self.elements, self.material.density)
 
     @cached_property
     def stiffness(self) -> sp.csr_array:
         """Stiffness (3 n_node, 3 n_node)."""
         m = self.material
-        return stiffness(element_basis(self.mesh), m.young_modulus, m.poisson_ratio)
+        return stiffness(self.elements, m.young_modulus, m.poisson_ratio)
 
     @cached_property
     def rank(self) -> Array:
@@ -50,11 +56,11 @@ class Shape:
     def stress(self) -> MeanStress:
         """Stress recovery: displacements (n_node, 3) to mean stress (n_cell, 6), Pa."""
         m = self.material
-        return MeanStress(element_basis(self.mesh), m.young_modulus, m.poisson_ratio)
+        return MeanStress(self.elements, m.young_modulus, m.poisson_ratio)
 
     def body_load(self, force: Array) -> Array:
         """Nodal forces (3 n_node,) of a uniform body force, N."""
-        return body_load(element_basis(self.mesh), force)
+        return body_load(self.elements, force)
 
     @property
     def impedances(self) -> tuple[float, float]:

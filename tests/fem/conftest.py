@@ -10,12 +10,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from latin_fmu.fem.cells import CELL_FACES
 from latin_fmu.fem.mesh import Array, Index, Mesh, box_mesh
 
-ORIGIN, SIZE = np.array([0.3, -0.2, 0.1]), np.array([1.0, 0.8, 1.5])
-# Six tetrahedra of a hexahedron around the diagonal 0-6; neighbours cut their common face alike.
-KUHN = ((0, 1, 2, 6), (0, 2, 3, 6), (0, 3, 7, 6), (0, 7, 4, 6), (0, 4, 5, 6), (0, 5, 1, 6))
+from .meshes import ORIGIN, SIZE, cut
 
 Groups = Mapping[str, tuple[str, Index]]  # name -> type of cell, connectivity
 Writer = Callable[[Path, Array, Groups], None]
@@ -32,18 +29,6 @@ def distorted(mesh: Mesh, amplitude: float, boundary: bool) -> Mesh:
     return replace(mesh, nodes=mesh.nodes + shift)
 
 
-def tetrahedra(mesh: Mesh) -> Mesh:
-    """Each hexahedron cut in six; faces cut with them."""
-    cells = np.concatenate([mesh.blocks[0].cells[:, list(corner)] for corner in KUHN])
-    facets = {tuple(sorted(f)): f for local in CELL_FACES["tetra"] for f in cells[:, list(local)].tolist()}
-    faces = {}
-    for name, quads in mesh.faces.items():
-        allowed = [set(q) for q in quads.blocks[0].facets.tolist()]
-        on_face = [f for key, f in facets.items() if any(set(key) <= q for q in allowed)]
-        faces[name] = np.array(on_face, dtype=np.int64)
-    return Mesh.uniform(mesh.nodes, "tetra", cells, faces)
-
-
 @pytest.fixture
 def box() -> Mesh:
     """3 x 3 x 3 hexahedra."""
@@ -53,15 +38,13 @@ def box() -> Mesh:
 @pytest.fixture(params=["hexahedron", "tetra"])
 def straight(request: pytest.FixtureRequest, box: Mesh) -> Mesh:
     """The box, interior nodes distorted, with either type of cell."""
-    mesh = distorted(box, 0.25, boundary=False)
-    return mesh if request.param == "hexahedron" else tetrahedra(mesh)
+    return distorted(cut(box, request.param), 0.25, boundary=False)
 
 
 @pytest.fixture(params=["hexahedron", "tetra"])
 def warped(request: pytest.FixtureRequest, box: Mesh) -> Mesh:
     """The box with all nodes distorted: faces of hexahedra are no longer plane."""
-    mesh = distorted(box, 0.2, boundary=True)
-    return mesh if request.param == "hexahedron" else tetrahedra(mesh)
+    return distorted(cut(box, request.param), 0.2, boundary=True)
 
 
 GMSH_TYPE = {

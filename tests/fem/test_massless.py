@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from latin_fmu.fem.elasticity import element_basis, mass
+from latin_fmu.fem.elasticity import mass
+from latin_fmu.fem.elements import Elements
 from latin_fmu.fem.massless import without_contact_mass
 from latin_fmu.fem.mesh import box_mesh
 
@@ -13,7 +14,7 @@ from latin_fmu.fem.mesh import box_mesh
 def bodies(elements, faces):
     mesh = box_mesh(np.zeros(3), np.array([1.0, 2.0, 3.0]), elements)
     nodes = np.unique(np.concatenate([mesh.faces[f].nodes for f in faces]))
-    full = mass(element_basis(mesh), 7.0)
+    full = mass(Elements(mesh), 7.0)
     return mesh, nodes, full
 
 

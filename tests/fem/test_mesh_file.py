@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from latin_fmu.errors import MeshError
-from latin_fmu.fem.elasticity import element_basis, mass
+from latin_fmu.fem.elasticity import mass
+from latin_fmu.fem.elements import Elements
 from latin_fmu.fem.faces import face
 from latin_fmu.fem.mesh import Mesh, box_mesh
 from latin_fmu.fem.mesh_file import read_mesh
@@ -93,9 +94,9 @@ def test_inverted_cells_are_turned(straight: Mesh, written: Write) -> None:
     groups["part"] = (straight.cell_types[0], cells)
     groups["top"] = (groups["top"][0], groups["top"][1][:, ::-1])
     mesh = read_mesh(written(straight.nodes, groups))
-    basis = element_basis(mesh)
-    assert basis.dx.min() > 0
-    assert basis.dx.sum() == pytest.approx(1.2, rel=1e-12)
+    basis = Elements(mesh)
+    assert basis.volume.min() > 0
+    assert basis.volume.sum() == pytest.approx(1.2, rel=1e-12)
     assert mass(basis, 1.0).sum() == pytest.approx(3 * 1.2, rel=1e-12)
     assert face(mesh, "top").vector_areas.sum(axis=0)[2] == pytest.approx(0.8, rel=1e-12)
 

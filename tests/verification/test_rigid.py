@@ -12,7 +12,8 @@ import pytest
 from latin_fmu import api
 from latin_fmu.assembly.build import build
 from latin_fmu.errors import SceneError
-from latin_fmu.fem.elasticity import element_basis, mass
+from latin_fmu.fem.elasticity import mass
+from latin_fmu.fem.elements import Elements
 from latin_fmu.fem.mesh import Mesh, box_mesh
 from latin_fmu.fem.rigid import rigid_body
 from latin_fmu.scene.reader import scene_from_dict
@@ -59,7 +60,7 @@ def test_mass_is_the_consistent_one_of_the_mesh(cell: str) -> None:
     else:
         mesh = replace(mesh, nodes=nodes)
     body = rigid_body(mesh, 7800.0)
-    full = mass(element_basis(mesh), 7800.0)
+    full = mass(Elements(mesh), 7800.0)
     np.testing.assert_allclose(body.mass, body.modes.T @ (full @ body.modes), rtol=1e-12, atol=1e-12)
 
 
