@@ -12,6 +12,7 @@ from ..mesh_files.content import MeshContent, listed
 from ..mesh_files.reading import read_content
 from .mesh import Array, CellBlock, FacetSet, Index, Mesh, boundary
 
+_FAR = 1e60  # m; products of three such lengths are still numbers
 _VOLUME = ("hexahedron", "tetra")
 
 
@@ -34,7 +35,7 @@ def mesh_of(content: MeshContent, where: str, group: str | None = None, scale: f
     chosen = _volume_cells(content, group, where)
     node_ids, inverse = np.unique(np.concatenate([c.ravel() for c in chosen.values()]), return_inverse=True)
     nodes = np.ascontiguousarray(content.points[node_ids], dtype=float) * scale
-    if not np.all(np.isfinite(nodes)):
+    if not np.all(np.abs(nodes) < _FAR):
         raise MeshError([Problem(where, "node coordinates are not finite")], "unusable mesh")
     blocks, start = [], 0
     for cell_type, cells in chosen.items():

@@ -170,7 +170,8 @@ def _placed(points: Array, card: Card, problems: Problems) -> Array:
         if count == 3 and 0 < len(values) <= 3:
             points = points + np.concatenate([values, np.zeros(3 - len(values))])
         elif count == 7 and len(values) == 7 and np.any(values[3:6] != values[:3]):
-            points = _turned(points, values[:3], values[3:6] - values[:3], math.radians(values[6]))
+            with np.errstate(all="ignore"):  # absurd numbers make nodes that are not finite, refused later
+                points = _turned(points, values[:3], values[3:6] - values[:3], math.radians(values[6]))
         else:
             allowed = (
                 "x, y, z of the translation"

@@ -105,7 +105,11 @@ def _complete(card: Card, include: Include, problems: Problems, depth: int) -> I
             "files include each other too deeply", card.name("INPUT"), f"{_DEEPEST} levels", line=card.line
         )
     else:
-        yield from cards(include(card.name("INPUT")), include, problems, depth + 1)
+        name, outer = card.name("INPUT"), problems.where
+        text = include(name)
+        problems.where = f"{outer}, in {name}"  # lines are counted in that file now
+        yield from cards(text, include, problems, depth + 1)
+        problems.where = outer
 
 
 def nodes_of(card: Card, problems: Problems) -> tuple[Index, Array]:

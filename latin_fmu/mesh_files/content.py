@@ -69,26 +69,18 @@ class MeshContent:
         members = {name: keys for name, keys in members.items() if len(keys)}
         fine: list[str] = []
         taken = np.zeros(0, dtype=np.int64)
-        for name in sorted(
-            members, key=lambda n: len(members[n])
-        ):  # smallest first: a set of sets comes last
+        # smallest first, so that a set of sets comes last; of equal ones the last in the file, which the user named
+        # (gmsh writes Volume1 with the elements, and the physical group after them)
+        late_first = dict.fromkeys(reversed(members))
+        for name in sorted(late_first, key=lambda n: len(members[n])):
             inside = np.isin(members[name], taken)
             if inside.all():
                 continue
             if inside.any():
-                known = ", ".join(members)
-                raise MeshError(
-                    [
-                        Problem(
-                            where,
-                            "the volume groups overlap, so they cannot all be parts",
-                            name,
-                            f"parts = a list out of: {known}",
-                            "list the groups that are parts",
-                        )
-                    ],
-                    "unusable mesh",
-                )
+                what = "the volume groups overlap, so they cannot all be parts"
+                known = f"parts = a list out of: {listed(members)}"
+                problem = Problem(where, what, name, known, "list the groups that are parts")
+                raise MeshError([problem], "unusable mesh")
             fine.append(name)
             taken = np.concatenate([taken, members[name]])
         return tuple(name for name in self.volumes if name in fine)

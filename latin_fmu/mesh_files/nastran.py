@@ -83,8 +83,11 @@ def _entries(
             if depth >= _DEEPEST:
                 problems.add("files include each other too deeply", line, f"{_DEEPEST} levels", line=number)
             else:
-                inner = include(line[7:].strip().strip("'\""))
+                name, outer = line[7:].strip().strip("'\""), problems.where
+                inner = include(name)
+                problems.where = f"{outer}, in {name}"  # lines are counted in that file now
                 yield from _entries(inner, include, problems, names, depth + 1)
+                problems.where = outer
             continue
         fields = _fields(line)
         entry = (number, [fields[0].upper().rstrip("*"), *fields[1:]])
@@ -156,7 +159,10 @@ class _Deck:
                 "nodes in a coordinate system of their own are not read", f"GRID {fields[1]}, CP = {fields[2]}",
                 "CP = 0 or blank", "export the nodes in the basic coordinate system", line,
             )  # fmt: skip
-        self.nodes[int(fields[1])] = (_number(fields[3]), _number(fields[4]), _number(fields[5]))
+        label = int(fields[1])
+        if not 0 < label < 2**62:
+            raise ValueError("not a label")
+        self.nodes[label] = (_number(fields[3]), _number(fields[4]), _number(fields[5]))
 
     def _solid(self, line: int, name: str, fields: list[str]) -> None:
         corners, all_nodes = _SOLIDS[name]
@@ -166,6 +172,8 @@ class _Deck:
     def _element(
         self, line: int, name: str, owner: int, nodes: list[int], counts: tuple[int, ...], solid: bool
     ) -> None:
+        if not all(0 < n < 2**62 for n in (*nodes, owner)):
+            raise ValueError("not a label")
         if len(nodes) not in counts:
             allowed = " or ".join(map(str, counts))
             self.problems.add(f"wrong number of nodes of a {name}", len(nodes), allowed, line=line)
@@ -181,6 +189,8 @@ class _Deck:
             held += [n for n in self.nodes if first <= n <= last]
         else:
             held += [int(f) for f in fields[3:] if f]
+        if any(not 0 < n < 2**62 for n in held):
+            raise ValueError("not a label")
 
     def content(self) -> MeshContent:
         """Everything by rows and names."""

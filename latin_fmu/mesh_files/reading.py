@@ -15,6 +15,10 @@ from .with_meshio import read_with_meshio
 _ABAQUS: Final = (".inp",)
 _NASTRAN: Final = (".bdf", ".nas", ".fem")
 _EXODUS: Final = (".e", ".exo", ".ex2")
+_MESHIO: Final = (".msh", ".vtk", ".vtu", ".xdmf", ".xmf", ".cgns", ".med", ".mesh", ".meshb", ".h5m", ".hmf", ".avs",
+                  ".f3grid", ".mdpa", ".su2", ".ugrid", ".vol", ".node", ".ele", ".xml", ".stl", ".ply", ".obj",
+                  ".off", ".dat", ".tec", ".post", ".dato", ".gz", ".wkt", ".svg")  # fmt: skip
+_ALLOWED: Final = "msh, inp, bdf, nas, fem, vtu, vtk, e, exo, med, xdmf, mesh and others of meshio"
 MAX_BYTES: Final = 4_000_000_000
 
 
@@ -39,9 +43,9 @@ def read_content(path: Path) -> MeshContent:
         )
     suffix = path.suffix.lower()
     if suffix in _ABAQUS:
-        return read_abaqus(_text(path), path.name, lambda name: _text(path.parent / name))
+        return read_abaqus(_text(path), path.name, lambda name: _included(path, name))
     if suffix in _NASTRAN:
-        return read_nastran(_text(path), path.name, lambda name: _text(path.parent / name))
+        return read_nastran(_text(path), path.name, lambda name: _included(path, name))
     if suffix in _EXODUS:
         try:
             return read_exodus(path, path.name)
@@ -51,7 +55,23 @@ def read_content(path: Path) -> MeshContent:
             raise MeshError(
                 [Problem(path.name, f"not a usable Exodus file: {error}")], "unreadable mesh"
             ) from None
+    if suffix not in _MESHIO:
+        raise MeshError(
+            [Problem(path.name, "no reader for files of this kind", suffix or "no suffix", _ALLOWED,
+                     "export .msh, .inp or .bdf")],
+            "unreadable mesh",
+        )  # fmt: skip
     return read_with_meshio(path)
+
+
+def _included(path: Path, name: str) -> str:
+    """Text of a file that a deck includes, relative to the deck."""
+    try:
+        return _text(path.parent / name)
+    except MeshError as error:
+        what = f"the included {error.problems[0].where} cannot be read"
+        problem = Problem(path.name, what, error.problems[0].what, remedy="the path is relative to the deck")
+        raise MeshError([problem], "unreadable mesh") from None
 
 
 def _text(path: Path) -> str:
@@ -60,6 +80,4 @@ def _text(path: Path) -> str:
         return path.read_bytes().decode("utf-8-sig", "replace")
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
-        raise MeshError(
-            [Problem(str(path.name)[:80], f"the file cannot be read: {reason}")], "unreadable mesh"
-        ) from None
+        raise MeshError([Problem(path.name[:80], reason)], "unreadable mesh") from None

@@ -99,8 +99,9 @@ def _unreadable(path: Path, noise: str, error: BaseException) -> Problem:
     reason = (
         "; ".join([*reasons[:3], own] if own else reasons[:3]) or "; ".join(lines[-1:]) or "no reason given"
     )
-    known = "msh, inp, bdf, nas, vtu, vtk, e, exo, med, cgns, xdmf, mesh"
-    return Problem(path.name, f"cannot be read: {reason[:300]}", allowed=f"a mesh file ({known})")
+    return Problem(
+        path.name, f"cannot be read: {reason[:300]}", allowed=f"a whole file of the format {path.suffix}"
+    )
 
 
 def _groups(mesh: Any) -> dict[str, list[Index]]:
