@@ -37,13 +37,20 @@ class Points:
     volumes: Array
 
 
+def jacobians(nodes: Array, block: CellBlock, rule: Rule) -> Array:
+    """d x_i / d xi_j (n_cell, n_point, 3, 3) of cells at the points of a rule; ``nodes`` (n_node, 3), m."""
+    slopes = cell_functions(block.cell_type).gradients(rule.points)
+    corners = nodes[block.cells]
+    arms = corners - corners[:, :1]  # a cell far from the origin loses no digits
+    found: Array = np.einsum("pak,cai->cpik", slopes, arms, optimize=True)
+    return found
+
+
 def points_in(nodes: Array, block: CellBlock, rule: Rule) -> Points:
     """Geometry of cells at the points of a rule; ``nodes`` (n_node, 3), m."""
     functions = cell_functions(block.cell_type)
     slopes = functions.gradients(rule.points)
-    corners = nodes[block.cells]
-    arms = corners - corners[:, :1]  # a cell far from the origin loses no digits
-    jacobian = np.einsum("pak,cai->cpik", slopes, arms, optimize=True)
+    jacobian = jacobians(nodes, block, rule)
     gradients = slopes @ np.linalg.inv(jacobian)
     volumes = rule.weights * np.linalg.det(jacobian)
     return Points(block.cells, functions.values(rule.points), gradients, jacobian, volumes)

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 
 from ..errors import MeshError, Problem
 from ..mesh_files.content import MeshContent, listed
 from ..mesh_files.reading import read_content
+from .cells import CELL_FACES
 from .mesh import Array, CellBlock, FacetSet, Index, Mesh, boundary
+from .orientation import oriented
 
 _FAR = 1e60  # m; products of three such lengths are still numbers
-_VOLUME = ("hexahedron", "tetra")
+_VOLUME = tuple(CELL_FACES)
 
 
 def read_mesh(path: Path, group: str | None = None, scale: float = 1.0) -> Mesh:
@@ -41,7 +42,7 @@ def mesh_of(content: MeshContent, where: str, group: str | None = None, scale: f
     for cell_type, cells in chosen.items():
         own = inverse[start : start + cells.size].reshape(cells.shape).astype(np.int64)
         start += cells.size
-        blocks.append(CellBlock(cell_type, _oriented(nodes, own, cell_type, where)))
+        blocks.append(_right_side_out(nodes, CellBlock(cell_type, own), where))
     renumber = np.full(len(content.points), -1, dtype=np.int64)
     renumber[node_ids] = np.arange(len(node_ids))
     bare = Mesh(nodes, tuple(blocks), {})
@@ -71,11 +72,12 @@ def _volume_cells(content: MeshContent, group: str | None, where: str) -> dict[s
         raise MeshError(
             [Problem(where, "the mesh holds no volume cells", skipped or None, allowed=", ".join(_VOLUME))]
         )
-    if [t for t in blocks if t not in _VOLUME] or len(blocks) > 1:
+    unknown = {kind: len(cells) for kind, cells in blocks.items() if kind not in _VOLUME}
+    if unknown:
+        counts = ", ".join(f"{count} {kind}" for kind, count in unknown.items())
         raise MeshError(
-            [Problem(where, "cell types not supported in one substructure", ", ".join(blocks),
-                     "8-node hexahedra or 4-node tetrahedra, one type per substructure",
-                     "export linear elements, or split the part by cell type")]
+            [Problem(where, "cell types that cannot be computed with", counts, ", ".join(_VOLUME),
+                     "mesh the part with cells of these types")]
         )  # fmt: skip
     return blocks
 
@@ -87,36 +89,16 @@ def _no_group(content: MeshContent) -> str | None:
     return "leave group out to take the whole file" if content.solids else "the file holds no solid cells"
 
 
-# At each corner, the neighbours along three edges, in right-handed order.
-_CORNERS: Final = {
-    "hexahedron": (
-        (0, 1, 3, 4), (1, 2, 0, 5), (2, 3, 1, 6), (3, 0, 2, 7),
-        (4, 7, 5, 0), (5, 4, 6, 1), (6, 5, 7, 2), (7, 6, 4, 3),
-    ),
-    "tetra": ((0, 1, 2, 3),),
-}  # fmt: skip
-
-
-def _oriented(nodes: Array, cells: Index, cell_type: str, where: str) -> Index:
-    """Cells numbered inside out are turned; flat or tangled ones are refused (Jacobian at the corners)."""
-    ratios = []
-    for corner, *neighbours in _CORNERS[cell_type]:
-        a, b, c = (nodes[cells[:, i]] - nodes[cells[:, corner]] for i in neighbours)
-        volume = np.einsum("ij,ij->i", np.cross(a, b), c)
-        size = np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1) * np.linalg.norm(c, axis=1)
-        ratios.append(volume / np.where(size > 0, size, 1.0))
-    low, high = np.min(ratios, axis=0), np.max(ratios, axis=0)
-    bad = ~((low > 1e-12) | (high < -1e-12))
+def _right_side_out(nodes: Array, block: CellBlock, where: str) -> CellBlock:
+    """Cells numbered inside out are turned; flat or tangled ones are refused."""
+    cells, bad = oriented(nodes, block)
     if bad.any():
         raise MeshError(
-            [Problem(where, f"{int(bad.sum())} cells have no volume or are tangled", f"first cell {int(bad.argmax())}",
-                     "a positive Jacobian at every corner", "repair the mesh where it is distorted")]
+            [Problem(where, f"{int(bad.sum())} {block.cell_type} cells have no volume or are tangled",
+                     f"first cell {int(bad.argmax())}", "a positive Jacobian at every node and integration point",
+                     "repair the mesh where it is distorted")]
         )  # fmt: skip
-    cells = cells.copy()
-    turned = high < 0
-    swap = [0, 3, 2, 1, 4, 7, 6, 5] if cell_type == "hexahedron" else [0, 2, 1, 3]
-    cells[turned] = cells[turned][:, swap]
-    return cells
+    return CellBlock(block.cell_type, cells)
 
 
 def _named_faces(content: MeshContent, renumber: Index, surface: FacetSet) -> dict[str, FacetSet]:

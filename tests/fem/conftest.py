@@ -48,21 +48,23 @@ def warped(request: pytest.FixtureRequest, box: Mesh) -> Mesh:
 
 
 GMSH_TYPE = {
-    "triangle": 2,
-    "quad": 3,
-    "tetra": 4,
-    "hexahedron": 5,
-    "wedge": 6,
-    "pyramid": 7,
-    "hexahedron20": 17,
+    "triangle": 2, "quad": 3, "tetra": 4, "hexahedron": 5, "wedge": 6, "pyramid": 7, "triangle6": 9, "quad9": 10,
+    "tetra10": 11, "hexahedron27": 12, "quad8": 16, "hexahedron20": 17, "wedge15": 18,
+}  # fmt: skip
+# Place in the order of VTK of each node in the order of gmsh, where the two differ.
+GMSH_ORDER = {
+    "tetra10": [0, 1, 2, 3, 4, 5, 6, 7, 9, 8],
+    "hexahedron20": [*range(8), 8, 11, 16, 9, 17, 10, 18, 19, 12, 15, 13, 14],
+    "hexahedron27": [*range(8), 8, 11, 16, 9, 17, 10, 18, 19, 12, 15, 13, 14, 24, 22, 20, 21, 23, 25, 26],
 }
 ABAQUS_TYPE = {"triangle": "S3", "quad": "S4", "tetra": "C3D4", "hexahedron": "C3D8", "wedge": "C3D6",
-               "hexahedron20": "C3D20"}  # fmt: skip
+               "hexahedron20": "C3D20", "tetra10": "C3D10", "triangle6": "STRI65", "quad8": "S8R",
+               "wedge15": "C3D15"}  # fmt: skip
 
 
 def write_msh(path: Path, nodes: Array, groups: Groups) -> None:
     """Gmsh 4.1 ASCII, one entity per group."""
-    dims = {name: 2 if kind in ("triangle", "quad") else 3 for name, (kind, _) in groups.items()}
+    dims = {name: 2 if kind.startswith(("triangle", "quad")) else 3 for name, (kind, _) in groups.items()}
     tags = {name: 10 + i for i, name in enumerate(groups)}
     names = [f'{dims[n]} {tags[n]} "{n}"' for n in groups]
     span = "0 0 0 1 1 1"
@@ -79,7 +81,7 @@ def write_msh(path: Path, nodes: Array, groups: Groups) -> None:
     tag = 0
     for name, (kind, cells) in groups.items():
         lines.append(f"{dims[name]} {tags[name]} {GMSH_TYPE[kind]} {len(cells)}")
-        for cell in cells:
+        for cell in cells[:, GMSH_ORDER.get(kind, list(range(cells.shape[1])))]:
             tag += 1
             lines.append(f"{tag} " + " ".join(str(c + 1) for c in cell))
     path.write_text("\n".join([*lines, "$EndElements", ""]))
@@ -93,7 +95,11 @@ def write_inp(path: Path, nodes: Array, groups: Groups) -> None:
         lines.append(f"*ELEMENT, TYPE={ABAQUS_TYPE[kind]}, ELSET={name}")
         for cell in cells:
             tag += 1
-            lines.append(f"{tag}, " + ", ".join(str(c + 1) for c in cell))
+            words = [str(tag), *(str(c + 1) for c in cell)]
+            lines += [
+                ", ".join(words[i : i + 15]) + ("," if i + 15 < len(words) else "")
+                for i in range(0, len(words), 15)
+            ]
     path.write_text("\n".join([*lines, ""]))
 
 

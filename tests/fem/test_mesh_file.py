@@ -13,9 +13,13 @@ from latin_fmu.errors import MeshError
 from latin_fmu.fem.elasticity import mass
 from latin_fmu.fem.elements import Elements
 from latin_fmu.fem.faces import face
-from latin_fmu.fem.mesh import Mesh, box_mesh
+from latin_fmu.fem.mesh import Mesh, boundary, box_mesh
 from latin_fmu.fem.mesh_file import read_mesh
+from latin_fmu.fem.shape_functions import mirrored
 from latin_fmu.mesh_files.reading import read_content
+
+from .conftest import write_inp, write_msh
+from .meshes import SIZE, typed_box
 
 SURFACE = {"hexahedron": "quad", "tetra": "triangle"}
 Write = Callable[..., Path]
@@ -120,24 +124,60 @@ def other_cells(kind: str, corners: int) -> tuple[np.ndarray, dict[str, Any]]:
     return nodes, {"part": (kind, np.arange(corners)[None])}
 
 
-@pytest.mark.parametrize(("kind", "corners"), [("wedge", 6), ("hexahedron20", 20)])
-def test_other_cells_are_refused_with_a_remedy(kind: str, corners: int, written: Write) -> None:
-    path = written(*other_cells(kind, corners))
-    refused(lambda: read_mesh(path), kind, "8-node hexahedra", "4-node tetrahedra")
+@pytest.mark.parametrize(
+    ("kind", "corners", "write"), [("wedge15", 15, write_inp), ("pyramid", 5, write_msh)]
+)
+def test_other_cells_are_refused_with_a_remedy(kind: str, corners: int, write: Write, tmp_path: Path) -> None:
+    path = tmp_path / ("part.inp" if write is write_inp else "part.msh")
+    write(path, *other_cells(kind, corners))
+    refused(lambda: read_mesh(path), f"1 {kind}", "hexahedron", "tetra10", "mesh the part")
 
 
-def test_pyramids_are_refused_with_a_remedy(msh: Write) -> None:
-    path = msh(*other_cells("pyramid", 5))
-    refused(lambda: read_mesh(path), "pyramid", "8-node hexahedra", "4-node tetrahedra")
+@pytest.mark.parametrize(
+    ("cell_type", "writer"),
+    [(t, w) for t in ("tetra10", "hexahedron20", "hexahedron27", "wedge") for w in ("msh", "inp")
+     if (t, w) != ("hexahedron27", "inp")],
+)  # fmt: skip
+def test_every_type_of_cell_comes_back(cell_type: str, writer: str, tmp_path: Path) -> None:
+    """Cells, also those numbered inside out, faces of each kind of facet, volume."""
+    mesh = typed_box(cell_type, (2, 2, 2), shift=0.2)
+    (block,) = mesh.blocks
+    cells = block.cells.copy()
+    cells[::3] = cells[::3][:, mirrored(cell_type)]
+    groups: dict[str, Any] = {"part": (cell_type, cells)}
+    for name in ("zmax", "xmin"):
+        (facet,) = mesh.faces[name].blocks
+        groups[name] = (facet.kind, facet.facets)
+    path = tmp_path / f"part.{writer}"
+    {"msh": write_msh, "inp": write_inp}[writer](path, mesh.nodes, groups)
+    found = read_mesh(path, "part")
+    assert found.cell_types == (cell_type,)
+    assert Elements(found).volume.sum() == pytest.approx(float(np.prod(SIZE)), rel=1e-12)
+    np.testing.assert_array_equal(found.blocks[0].cells[1::3], cells[1::3])
+    for name in ("zmax", "xmin"):
+        wanted, has = (sorted(map(sorted, m.faces[name].blocks[0].facets.tolist())) for m in (mesh, found))
+        assert wanted == has
 
 
-def test_mixed_cells_are_refused_in_one_group_but_not_in_two(box: Mesh, msh: Write) -> None:
-    tetra = np.array([[0, 1, 4, 16]])
-    groups = {**groups_of(box), "bit": ("tetra", tetra)}
-    path = msh(box.nodes, groups)
-    refused(lambda: read_mesh(path), "tetra", "hexahedron")
-    assert read_mesh(path, "part").cell_types == ("hexahedron",)
-    assert read_mesh(path, "bit").cell_types == ("tetra",)
+def test_mixed_cells_are_one_body(msh: Write) -> None:
+    """Hexahedra beside wedges, the face on top made of both kinds of facets."""
+    mesh = typed_box("mixed")
+    groups: dict[str, Any] = {b.cell_type: (b.cell_type, b.cells) for b in mesh.blocks}
+    groups |= {f"top_{b.kind}": (b.kind, b.facets) for b in mesh.faces["zmax"].blocks}
+    found = read_mesh(msh(mesh.nodes, groups))
+    assert set(found.cell_types) == {"hexahedron", "wedge"}
+    assert Elements(found).volume.sum() == pytest.approx(float(np.prod(SIZE)), rel=1e-12)
+    assert boundary(found).n_facet == boundary(mesh).n_facet
+    assert {f.blocks[0].kind for f in found.faces.values()} == {"quad", "triangle"}
+
+
+def test_a_cell_with_a_middle_node_gone_astray_is_refused(tmp_path: Path) -> None:
+    mesh = typed_box("tetra10", (1, 1, 1))
+    nodes = mesh.nodes.copy()
+    first, second, middle = mesh.blocks[0].cells[2, [0, 1, 4]]
+    nodes[middle] = 0.8 * nodes[first] + 0.2 * nodes[second]
+    write_msh(tmp_path / "part.msh", nodes, {"part": ("tetra10", mesh.blocks[0].cells)})
+    refused(lambda: read_mesh(tmp_path / "part.msh"), "tetra10", "tangled", "integration point")
 
 
 def test_a_surface_alone_is_no_volume(box: Mesh, written: Write) -> None:
