@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 import scipy.sparse as sp
@@ -13,13 +14,15 @@ from ..fem.elasticity import body_load, mass, stiffness, wave_speeds
 from ..fem.elements import Elements
 from ..fem.faces import Face, face
 from ..fem.mesh import Array, Mesh, box_mesh
-from ..fem.mesh_file import read_mesh
+from ..fem.mesh_file import mesh_of
 from ..fem.ordering import nested_dissection
 from ..fem.rigid import rigid_body
 from ..fem.stress import MeanStress
+from ..mesh_files.content import MeshContent
+from ..mesh_files.reading import read_content
 from ..scene.materials import Material
 from ..scene.schema import Scene
-from ..scene.substructures import Substructure
+from ..scene.substructures import MeshFile, Substructure
 
 # plain 8-node hexahedra lock: nearly incompressible material, bending with elements long against the thickness
 LOCKING_POISSON, SLENDER, LONG_ELEMENT = 0.45, 10.0, 0.6
@@ -102,10 +105,35 @@ class Body:
         return 3 * self.mesh.n_node
 
 
+class _MeshFiles:
+    """Mesh files of a scene: each is read once, and what is wrong with it is said once."""
+
+    def __init__(self) -> None:
+        self._contents: dict[Path, MeshContent | None] = {}
+        self._said: set[Problem] = set()
+
+    def mesh(self, name: str, table: MeshFile, base_dir: Path, problems: list[Problem]) -> Mesh | None:
+        """Mesh of a substructure; None where it cannot be had, with its problems told unless they were before."""
+        path = base_dir / table.file
+        try:
+            if path not in self._contents:
+                self._contents[path] = None
+                self._contents[path] = read_content(path)
+            content = self._contents[path]
+            return None if content is None else mesh_of(content, path.name, table.group, table.scale)
+        except MeshError as error:
+            fresh = [p for p in error.problems if p not in self._said]
+            self._said.update(fresh)
+            where = f"substructure.{name}.mesh"
+            problems += [Problem(where, f"{p.where}: {p.what}", p.value, p.allowed, p.remedy) for p in fresh]
+            return None
+
+
 def build_bodies(scene: Scene, problems: list[Problem]) -> dict[str, Body]:
     """Bodies of every substructure whose mesh can be had; what is wrong with others goes to ``problems``."""
     bodies: dict[str, Body] = {}
     shapes: dict[tuple[object, ...], Shape] = {}
+    files = _MeshFiles()
     for name, description in scene.substructure.items():
         material = scene.material[description.material]
         if description.box is not None:
@@ -117,16 +145,10 @@ def build_bodies(scene: Scene, problems: list[Problem]) -> dict[str, Body]:
                 shapes[key] = Shape(unit, material)
             bodies[name] = Body(name, mesh, shapes[key], description)
         elif description.mesh is not None:
-            try:
-                mesh = read_mesh(
-                    scene.base_dir / description.mesh.file, description.mesh.group, description.mesh.scale
-                )
-            except MeshError as error:
-                problems += [
-                    Problem(f"substructure.{name}.mesh", f"{p.where}: {p.what}", p.value, p.allowed, p.remedy)
-                    for p in error.problems
-                ]
+            found = files.mesh(name, description.mesh, scene.base_dir, problems)
+            if found is None:
                 continue
+            mesh = found
             bodies[name] = Body(name, mesh, Shape(mesh, material), description)
     return bodies
 
