@@ -5,7 +5,8 @@ from __future__ import annotations
 import time as clock
 from typing import Protocol
 
-from .assembly.build import Built, build
+from .assembly.build import Built, build, prepare
+from .assembly.sizes import body_lines, size_remarks
 from .blas_threads import one_thread
 from .latin.drift import drift_remarks
 from .latin.record import Outcome, Timings
@@ -117,12 +118,14 @@ def check(scene: Scene) -> list[str]:
     ------
     SceneError : the scene cannot be built.
     """
-    built = build(scene)
+    prepared = prepare(scene)
+    built = prepared.started({})
     assembly = built.assembly
     lines = [
         f"scene {scene.name}: {assembly.n_substructure} substructure(s) in {len(assembly.propagators)} class(es), "
         f"{len(assembly.interfaces)} interface(s), {assembly.n_instant} steps of {assembly.dt:.6g} s"
     ]
+    lines += body_lines(prepared.bodies)
     lines += [
         f"  {', '.join(p.names)}: {p.n_dof} unknowns, {p.n_channel} interface channels"
         for p in assembly.propagators
@@ -132,5 +135,6 @@ def check(scene: Scene) -> list[str]:
         for u in assembly.interfaces
     ]
     lines += [] if built.start is None else [f"  start: {built.start.told}"]
-    lines += [f"warning: {w}" for w in built.warnings]
-    return [*lines, "the scene can be solved" + (", mind the warnings" if built.warnings else "")]
+    warnings = (*size_remarks(prepared.bodies), *built.warnings)
+    lines += [f"warning: {w}" for w in warnings]
+    return [*lines, "the scene can be solved" + (", mind the warnings" if warnings else "")]

@@ -166,6 +166,10 @@ class Prepared:
             assembly, settings_of(scene), wanted, self.info, warnings, timeline, self.prediction, start
         )
 
+    def started(self, amplitudes: Mapping[str, float]) -> Built:
+        """Built from the values given, or from the equilibrium where the scene starts from one (see ``build``)."""
+        return self.build(static_state(self, amplitudes) if starts_static(self.scene) else None)
+
     def prediction(self) -> Prediction:
         """Predicted cost of the run."""
         return predict(run_sizes(self))
@@ -182,9 +186,7 @@ def build(scene: Scene, amplitudes: Mapping[str, float] | None = None) -> Built:
     ------
     SceneError : meshes that cannot be read, unknown faces, faces that do not fit, all at once; no equilibrium.
     """
-    prepared = prepare(scene)
-    start = static_state(prepared, amplitudes or {}) if starts_static(scene) else None
-    return prepared.build(start)
+    return prepare(scene).started(amplitudes or {})
 
 
 def prepare(scene: Scene) -> Prepared:

@@ -14,7 +14,8 @@ consistent system works (mm, t, s, MPa ...)."""
 
 CONVENTIONS = """\
 Faces          "substructure.face". The faces of a box are xmin xmax ymin ymax zmin zmax; those of a mesh
-               file are its named surface groups. The second side of an interface may be "ground": rigid,
+               file are its named surface groups, surfaces of element faces, side sets, and node sets (facets with
+               all corners in the set). The second side of an interface may be "ground": rigid,
                unbounded, at rest unless ground_velocity is given.
 Interface      The normal N points from the first side (E) to the second (E'). Forces and tractions in the
                results are those the interface exerts on side E, in global axes: two bodies pressed together

@@ -40,7 +40,7 @@ class Box(Table):
 class MeshFile(Table):
     """A mesh read from a file (hex8 or tet4); its faces are the named surface groups of the file."""
 
-    file: Annotated[Text, about("mesh file, relative to the scene file (any format meshio reads)")]
+    file: Annotated[Text, about("mesh file, relative to the scene file (.msh, .inp, .bdf, .e, .vtu, .med ...)")]
     group: Annotated[Text | None, about("named volume group to take; the whole file where left out")] = None
     scale: Annotated[Real, about("length of one file unit (1e-3 for a mesh in mm)", "m", gt=0)] = 1.0
 
