@@ -12,14 +12,16 @@ import scipy.sparse as sp
 from ..errors import MeshError, Problem
 from ..fem.elasticity import body_load, mass, stiffness, wave_speeds
 from ..fem.elements import Elements
-from ..fem.faces import Face, face
-from ..fem.mesh import Array, Mesh, box_mesh
+from ..fem.faces import Face, face_of
+from ..fem.mesh import Array, FacetSet, Mesh, boundary, box_mesh
 from ..fem.mesh_file import mesh_of
 from ..fem.ordering import nested_dissection
 from ..fem.rigid import rigid_body
 from ..fem.stress import MeanStress
+from ..fem.surface import Surface
 from ..mesh_files.content import MeshContent
 from ..mesh_files.reading import read_content
+from ..scene.fields import ALL_OF_IT
 from ..scene.materials import Material
 from ..scene.schema import Scene
 from ..scene.substructures import MeshFile, Substructure
@@ -82,9 +84,22 @@ class Body:
     shape: Shape
     description: Substructure
 
+    @cached_property
+    def outside(self) -> FacetSet:
+        """All boundary facets."""
+        return boundary(self.mesh)
+
+    def facets(self, name: str) -> FacetSet:
+        """Facets of a named face; "*" is the whole boundary."""
+        return self.outside if name == ALL_OF_IT else self.mesh.faces[name]
+
     def face(self, name: str) -> Face:
         """Nodal integrals of a face."""
-        return face(self.mesh, name)
+        return face_of(self.mesh.nodes, self.facets(name))
+
+    def surface(self, name: str) -> Surface:
+        """A face as flat pieces."""
+        return Surface(self.mesh.nodes, self.facets(name))
 
     @property
     def rigid(self) -> bool:

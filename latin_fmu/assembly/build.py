@@ -34,7 +34,7 @@ from .checks import (
 from .conditions import Conditions
 from .initial_state import InitialState
 from .models import ModelClass, model_classes, side_impedance
-from .pairing import build_interface
+from .pairing import Messages, build_interface
 from .prediction import Prediction, predict
 from .propagator_choice import chosen_propagators, unstable_steps
 from .resting import cut_by_arrival
@@ -199,11 +199,11 @@ def prepare(scene: Scene) -> Prepared:
     conditions = {
         name: conditions_on(body, boundaries_of(scene, name), problems) for name, body in bodies.items()
     }
-    found = [build_interface(n, i, bodies, problems) for n, i in scene.interface.items()]
+    remarks: list[str] = []
+    found = [build_interface(n, i, bodies, Messages(problems, remarks)) for n, i in scene.interface.items()]
     if problems:
         raise SceneError(problems, "the scene cannot be built")
     units = [unit for unit in found if unit is not None]
-    remarks: list[str] = []
     initial_problems(scene, units, problems, remarks)
     if scene.time.quasi_static and not problems:
         problems += unheld(bodies, conditions, units, "quasi_static")

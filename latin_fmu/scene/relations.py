@@ -113,13 +113,25 @@ def _pair_problems(where: str, table: RawTable, sides: list[str]) -> Iterator[Pr
         )
     elif sides[0] == sides[1]:
         yield Problem(f"{where}.sides", "a face cannot meet itself", shown(sides), "two different faces")
-    if given(table, "ground_velocity") and GROUND not in sides:
+    for key in ("ground_velocity", "ground"):
+        if given(table, key) and GROUND not in sides:
+            yield Problem(
+                f"{where}.{key}",
+                "there is no ground on this interface",
+                None,
+                f'only where the second side is "{GROUND}"',
+            )
+    for key in ("points_from", "search"):
+        if given(table, key) and table[key] != "automatic" and GROUND in sides:
+            yield Problem(
+                f"{where}.{key}", "there is no second face on this interface", shown(table[key]), None,
+                f'remove it: the second side is "{GROUND}"',
+            )  # fmt: skip
+    if table.get("gap") in ("measured", "closed") and GROUND in sides and not given(table, "ground"):
         yield Problem(
-            f"{where}.ground_velocity",
-            "there is no ground on this interface",
-            None,
-            f'only where the second side is "{GROUND}"',
-        )
+            f"{where}.gap", "nothing to measure: the ground has no place", shown(table["gap"]), "a number >= 0 [m]",
+            "give the distance, or the place: ground = {point = [...], normal = [...]}",
+        )  # fmt: skip
 
 
 def _load_problems(raw: Any) -> Iterator[Problem]:

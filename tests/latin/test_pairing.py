@@ -77,15 +77,25 @@ def test_sides_exchanged_give_the_opposite_normal(bars_scene: Any, made: Any) ->
 
 
 def test_different_numbers_of_nodes(bars_scene: Any, bar_box: Any, made: Any) -> None:
+    """Nodes of the finer side are the points; the other side takes part by weights that sum to 1."""
     tables = bars_scene()
     tables["substructure"]["c"]["box"] = bar_box(2.0, across=2)
-    refused(made, tables, "interface.meet.sides", "4 and 9 nodes", "mesh both faces alike")
+    geometry = made(tables).assembly.interfaces[1].geometry
+    assert (geometry.n_point, geometry.owner, geometry.matching) == (9, 1, False)
+    np.testing.assert_allclose(geometry.frames[:, 0], np.tile([0.0, 0.0, 1.0], (9, 1)))
+    np.testing.assert_allclose(geometry.gap, 0.0, atol=1e-15)
+    for trace in geometry.traces:
+        np.testing.assert_allclose(trace @ np.ones(trace.shape[1]), 1.0, rtol=1e-13)
 
 
 def test_faces_beside_each_other(bars_scene: Any, made: Any) -> None:
+    """The points lie in the common part; without one the scene is refused."""
     tables = bars_scene()
     tables["substructure"]["c"]["box"]["origin"] = [0.1, 0.0, 2.0]
-    refused(made, tables, "interface.meet.sides", "do not match", "lateral distance", "mesh both faces alike")
+    geometry = made(tables).assembly.interfaces[1].geometry
+    assert geometry.areas.sum() == pytest.approx(0.4 * 0.5)
+    tables["substructure"]["c"]["box"]["origin"] = [0.6, 0.0, 2.0]
+    refused(made, tables, "interface.meet.sides", "no part in common", "common area 0", "0.1 m apart")
 
 
 def test_faces_that_look_the_same_way(bars_scene: Any, made: Any) -> None:
