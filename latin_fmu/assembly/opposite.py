@@ -11,7 +11,7 @@ import scipy.sparse as sp
 from ..fem.faces import Face, face_of
 from ..fem.facets import nodal_values
 from ..fem.mesh import Array, FacetBlock, FacetSet, Index
-from ..fem.mortar import Mortar, merged, mortar
+from ..fem.mortar import Mortar, mortar
 from ..fem.nearest import nearest
 from ..fem.surface import Surface
 from .body import Body
@@ -19,7 +19,8 @@ from .body import Body
 MATCHING = 1e-3
 """Lateral distance of paired nodes over the spacing of nodes."""
 COVERED = 0.999
-"""A face with this share of its area opposite the other one counts as wholly covered."""
+"""A face counts as wholly covered where this share of the area of its facets, as far as they meet the other face at
+all, is covered."""
 _SAME_AREA = 1e-6
 _FLAT = 1e-6
 
@@ -129,7 +130,7 @@ def by_mortar(first: Side, second: Side, owner: Owner, reach: float | None) -> O
         if made is None:
             return None
         found[side] = made
-        if made.areas.sum() >= COVERED * surfaces[side].area:
+        if made.covered >= COVERED:
             break
     else:
         side = order[0]
@@ -138,13 +139,11 @@ def by_mortar(first: Side, second: Side, owner: Owner, reach: float | None) -> O
 
 def _seen_from(side: int, found: Mortar, surfaces: tuple[Surface, ...]) -> Opposite:
     mine, theirs = surfaces[side].nodes, surfaces[1 - side].nodes
-    common = float(found.areas.sum())
-    found = merged(found, found.owner @ mine)
     points = found.owner @ mine
     normals = found.normals if side == 0 else -found.normals
     jump = (found.other @ theirs - points) * (1 if side == 0 else -1)
     traces = [sp.csr_array(sp.kron(t, sp.eye_array(3), format="csr")) for t in (found.owner, found.other)]
-    shares = tuple(common / s.area for s in surfaces)
+    shares = tuple(float(found.areas.sum()) / s.area for s in surfaces)
     return Opposite(
         points, found.areas, normals, np.einsum("pi,pi->p", jump, normals),
         (traces[side], traces[1 - side]), found.sags, side, False, (shares[0], shares[1]),

@@ -9,7 +9,7 @@ the plane of the owner's facet), with its functions phi_p (``facets``: those wit
 (Wohlmuth, SIAM J. Numer. Anal. 38 (2000) 989-1012; Popp, Gitterle, Gee, Wall, Int. J. Numer. Meth. Eng. 83 (2010)
 1428-1465). Sum psi = 1 and Sum phi = 1 give T 1 = 1 and T^T a = int phi on both sides: a uniform pressure passes
 exactly and forces balance. The psi of a sliver oscillate: owner facets that are hardly covered carry constants
-instead, and points with little area are merged into their neighbours (``merged``).
+instead, and points with little area are merged into their neighbours.
 """
 
 from __future__ import annotations
@@ -19,14 +19,15 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
-from .common_part import Cells, Mask, common_cells
+from .common_part import Cells, common_cells
 from .facets import DEGREE, changes_basis, facet_change, nodal_values, shape, slopes, triangle_quadrature
 from .mesh import Array, Index
 from .surface import Pieces, Surface
 
 SLIVER = 0.2
 """Points with less than this share of their nodal area are merged into neighbours."""
-_HARDLY = 1e-3  # covered share of a facet below which constants take the place of its dual functions
+_CONDITION = 1e6  # of the integrals of a facet, beyond which constants take the place of its dual functions
+_NOTHING = 1e-6  # a covered share, or a share of the median area of points, that counts as none
 _AFFINE = 1e-9  # a quadrilateral this close to a parallelogram is one
 _CURVED_DEGREE = 12  # of the quadrature where the functions are no polynomials in the plane
 
@@ -41,7 +42,7 @@ class Mortar:
     owner, other : (n_point, n_node) values at the points from those at the nodes of the owner's and the other's mesh.
     shares : (n_point,) covered share of the area that the point has on the whole owner face.
     sags : (n_point,) distance of the flat pieces around a point from the smooth surfaces they stand for, both sides, m.
-    neighbours : (n_point, n_point) not 0 where two points share a covered facet.
+    covered : covered share of the area of those facets of the owner that are covered at all.
     """
 
     areas: Array
@@ -50,7 +51,7 @@ class Mortar:
     other: sp.csr_array
     shares: Array
     sags: Array
-    neighbours: sp.csr_array
+    covered: float
 
     @property
     def normals(self) -> Array:
@@ -66,19 +67,23 @@ class _Points:
         self.owner, self.other = owner, other
         self.nodes = owner.facets.nodes
         n = len(self.nodes)
-        self.areas, self.whole, self.sags = np.zeros(n), np.zeros(n), np.zeros(n)
+        self.areas, self.whole, self.sags, self.covered = np.zeros((4, n))
+        self.reached = 0.0  # area of the facets that are covered at all
         self.vector_areas = np.zeros((n, 3))
         self.entries: list[tuple[Index, Index, Array]] = []  # of A T_other: points, nodes, values
         self.own: list[tuple[Index, Index, Array]] = []  # of A T_owner in the values u~
         self.changed = changes_basis(owner.facets)
 
 
-def mortar(owner: Surface, other: Surface, reach: float | None = None) -> Mortar | None:
+def mortar(
+    owner: Surface, other: Surface, reach: float | None = None, least: float = SLIVER
+) -> Mortar | None:
     """Integrals over the common part of two faces; None where they have none.
 
     Parameters
     ----------
     reach : largest distance along the owner's normal at which the faces count as opposite, m; any where None.
+    least : points with less than this share of their area are merged into neighbours.
     """
     points = _Points(owner, other)
     cells = common_cells(owner, other, reach)
@@ -86,7 +91,7 @@ def mortar(owner: Surface, other: Surface, reach: float | None = None) -> Mortar
         return None
     for number, row in enumerate(cells):
         _add_block(points, number, row)
-    return _finished(points)
+    return _finished(points, least)
 
 
 def _add_block(points: _Points, number: int, row: list[Cells]) -> None:
@@ -112,11 +117,13 @@ def _add_block(points: _Points, number: int, row: list[Cells]) -> None:
             products.append((facet, theirs.nodes[part.other], np.einsum("cga,cgb->cab", weighted, other)))
             sag = points.owner.sags[number][part.owner] + their_sags[part.other]
             np.maximum.at(points.sags, at[facet], np.repeat(sag[:, None], n, axis=1))
-    area = np.bincount(pieces.facet, pieces.areas, minlength=n_facet)
-    dual = _dual(gram, covered, covered < _HARDLY * area)
+    dual = _dual(gram, covered)
     np.add.at(points.areas, at, np.einsum("fab->fa", gram))
     np.add.at(points.vector_areas, at, dual @ normal)
     np.add.at(points.whole, at, _whole(pieces, change, n_facet))
+    area = np.bincount(pieces.facet, pieces.areas, minlength=n_facet)
+    points.reached += float(area[covered > _NOTHING * area].sum())
+    np.add.at(points.covered, at, np.repeat(covered[:, None] / n, n, axis=1))
     own = dual @ gram
     points.own.append((np.repeat(at, n, axis=1), np.tile(at, (1, n)), own.reshape(n_facet, -1)))
     for facet, nodes, product in products:
@@ -126,15 +133,17 @@ def _add_block(points: _Points, number: int, row: list[Cells]) -> None:
         points.entries.append((rows, np.tile(nodes, (1, n)), value.reshape(len(facet), -1)))
 
 
-def _dual(gram: Array, covered: Array, hardly: Mask) -> Array:
+def _dual(gram: Array, covered: Array) -> Array:
     """Coefficients C (n_facet, n, n) of psi = C phi, from int phi phi^T: C = diag(int phi) gram^-1; constants where a
-    facet is hardly covered, so that psi_p is the share of int phi_p in the covered area."""
+    facet is hardly covered (its phi are alike there), so that psi_p is the share of int phi_p in the covered area."""
     n = gram.shape[1]
     mean = gram.sum(axis=2)
     dual = np.zeros_like(gram)
-    regular = (covered > 0) & ~hardly
+    touched = np.flatnonzero(covered > 0)
+    root = np.sqrt(np.einsum("faa->fa", gram[touched]))
+    condition = np.linalg.cond(gram[touched] / (root[:, :, None] * root[:, None]))
+    regular, constant = touched[condition <= _CONDITION], touched[~(condition <= _CONDITION)]
     dual[regular] = mean[regular][:, :, None] * np.linalg.inv(gram[regular])
-    constant = (covered > 0) & hardly
     dual[constant] = np.repeat((mean[constant] / covered[constant][:, None])[:, :, None], n, axis=2)
     return dual
 
@@ -192,24 +201,52 @@ def _reference(at: Array, corners: Array, reference: Array) -> Array:
     return found
 
 
-def _finished(points: _Points) -> Mortar:
-    """Traces of the points that have an area, from the sums."""
-    n, covered = len(points.nodes), points.areas > 0
-    weights = 1.0 / points.areas[covered]
-    raw = sp.csr_array(_collected(points.own, (n, n))[covered])
-    own = _cleaned(sp.csr_array(sp.diags_array(weights) @ raw))
-    other = _collected(points.entries, (n, len(points.other.nodes)))[covered]
+def _finished(points: _Points, least: float) -> Mortar:
+    """Traces of the points from the sums; points with less than ``least`` of their area are merged into others.
+
+    A group has one pressure, its rows are the sum of those of its members (A T).
+    """
+    n, touched = len(points.nodes), np.flatnonzero(points.covered > 0)
     back = nodal_values(points.owner.facets, points.nodes)
+    own = sp.csr_array(_collected(points.own, (n, n))[touched])
+    other = sp.csr_array(_collected(points.entries, (n, len(points.other.nodes)))[touched])
+    places = (back @ points.owner.nodes[points.nodes])[touched]
+    group = _groups(points.areas[touched] / points.whole[touched], sp.csr_array(own[:, touched]), places, least)
+    joined = sp.csr_array((np.ones(len(group)), (group, np.arange(len(group)))))
+    areas = np.asarray(joined @ points.areas[touched])
+    joined = sp.csr_array(joined[areas > _NOTHING * np.median(areas)])
+    areas = np.asarray(joined @ points.areas[touched])
+    mean = sp.csr_array(sp.diags_array(1 / areas) @ joined)
     select = sp.csr_array((np.ones(n), (np.arange(n), points.nodes)), shape=(n, len(points.owner.nodes)))
+    sags = np.asarray((joined @ sp.diags_array(points.sags[touched])).max(axis=1).toarray()).ravel()
     return Mortar(
-        points.areas[covered],
-        points.vector_areas[covered],
-        sp.csr_array(own @ back @ select),
-        _cleaned(sp.csr_array(sp.diags_array(weights) @ other)),
-        points.areas[covered] / points.whole[covered],
-        points.sags[covered],
-        sp.csr_array(raw[:, covered]),
+        areas,
+        np.asarray(joined @ points.vector_areas[touched]),
+        sp.csr_array(_cleaned(sp.csr_array(mean @ own)) @ back @ select),
+        _cleaned(sp.csr_array(mean @ other)),
+        areas / np.asarray(joined @ points.whole[touched]),
+        sags,
+        points.covered.sum() / points.reached,
     )
+
+
+def _groups(shares: Array, near: sp.csr_array, places: Array, least: float) -> Index:
+    """Number of the group of each point, (n_point,), from the covered shares of their areas.
+
+    From the largest share to the smallest, the nearest neighbour with area enough takes a sliver, else the group of the
+    nearest one with a larger share; where there is none (the other face is smaller than a facet of the owner) the
+    sliver stands for its neighbours. ``near`` (n_point, n_point) has entries where two points share a covered facet.
+    """
+    taker = np.where(shares >= least, np.arange(len(shares)), -1)
+    small = np.flatnonzero(taker < 0)
+    for p in small[np.argsort(-shares[small], kind="stable")]:
+        others = near.indices[near.indptr[p] : near.indptr[p + 1]]
+        placed = others[taker[others] >= 0]
+        large = placed[taker[placed] == placed]
+        choice = large if len(large) else placed
+        nearest = choice[np.argmin(np.linalg.norm(places[choice] - places[p], axis=1))] if len(choice) else p
+        taker[p] = taker[nearest] if len(choice) else p
+    return np.unique(taker, return_inverse=True)[1].astype(np.int64)
 
 
 def _collected(entries: list[tuple[Index, Index, Array]], shape_: tuple[int, int]) -> sp.csr_array:
@@ -224,42 +261,3 @@ def _cleaned(trace: sp.csr_array) -> sp.csr_array:
     single = np.flatnonzero(np.diff(trace.indptr) == 1)
     trace.data[trace.indptr[single]] = 1.0
     return trace
-
-
-def merged(found: Mortar, places: Array, least: float = SLIVER) -> Mortar:
-    """Points with less than ``least`` of their area joined to neighbours: one pressure for all, rows weighted by area.
-
-    The nearest neighbour (at ``places`` (n_point, 3)) with area enough takes a sliver. Where there is none (the other
-    face is smaller than a facet of the owner), the point with the largest share takes its neighbours.
-    """
-    group = _groups(found, places, least)
-    n = int(group.max()) + 1
-    if n == len(group):
-        return found
-    joined = sp.csr_array((np.ones(len(group)), (group, np.arange(len(group)))), shape=(n, len(group)))
-    areas = np.asarray(joined @ found.areas)
-    weights = sp.csr_array(sp.diags_array(1 / areas) @ joined @ sp.diags_array(found.areas))
-    sags = np.zeros(n)
-    np.maximum.at(sags, group, found.sags)
-    whole = np.asarray(joined @ (found.areas / found.shares))
-    return Mortar(
-        areas, np.asarray(joined @ found.vector_areas),
-        sp.csr_array(weights @ found.owner), sp.csr_array(weights @ found.other),
-        areas / whole, sags, sp.csr_array(joined @ found.neighbours @ joined.T),
-    )  # fmt: skip
-
-
-def _groups(found: Mortar, places: Array, least: float) -> Index:
-    """Number of the group of each point, (n_point,)."""
-    taker = np.arange(len(found.areas))
-    takes = found.shares >= least
-    small = np.flatnonzero(~takes)
-    near = found.neighbours
-    for p in small[np.argsort(-found.shares[small], kind="stable")]:
-        others = near.indices[near.indptr[p] : near.indptr[p + 1]]
-        others = others[takes[others]]
-        if len(others):
-            taker[p] = others[np.argmin(np.linalg.norm(places[others] - places[p], axis=1))]
-        else:
-            takes[p] = True
-    return np.unique(taker, return_inverse=True)[1].astype(np.int64)

@@ -16,7 +16,7 @@ from latin_fmu.latin import windows
 from latin_fmu.latin.assembly import Assembly
 from latin_fmu.latin.local_stage import LocalStage
 from latin_fmu.propagator.energy import EnergyMeter
-from latin_fmu.scene import body as body_module
+from latin_fmu.assembly import body as body_module
 
 Tables = dict[str, Any]
 
