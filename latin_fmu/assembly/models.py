@@ -108,7 +108,7 @@ def _mass(body: Body, scheme: TimeScheme) -> sp.csr_array | None:
 
 def _without_contact_mass(name: str, body: Body, units: list[InterfaceUnit]) -> sp.csr_array:
     try:
-        return without_contact_mass(body.shape.mass, body.mesh, _contact_nodes(name, body, units))
+        return without_contact_mass(body.shape.mass, body.mesh, _contact_nodes(name, units))
     except ValueError as error:
         raise SceneError(
             [Problem("time.scheme", f"massless_contact, substructure {name}: {error}",
@@ -117,18 +117,19 @@ def _without_contact_mass(name: str, body: Body, units: list[InterfaceUnit]) -> 
         ) from error  # fmt: skip
 
 
-def _contact_nodes(name: str, body: Body, units: list[InterfaceUnit]) -> Index:
-    """Nodes of the faces of a substructure that may open."""
-    faces = [
-        body.face(split_face(side)[1]).nodes
+def _contact_nodes(name: str, units: list[InterfaceUnit]) -> Index:
+    """Nodes of a substructure that take part in interfaces which may open."""
+    traces = [
+        unit.geometry.traces[i]
         for unit in units
-        for side in unit.sides
+        for i, side in enumerate(unit.sides)
         if unit.behaviour.opens
         and not unit.behaviour.compliant
         and side != GROUND
         and split_face(side)[0] == name
     ]
-    return np.unique(np.concatenate(faces)) if faces else np.zeros(0, dtype=np.int64)
+    found = [np.unique(trace.indices // 3) for trace in traces if trace is not None]
+    return np.unique(np.concatenate(found)).astype(np.int64) if found else np.zeros(0, dtype=np.int64)
 
 
 def _damping(body: Body, held: Conditions) -> sp.csr_array | None:

@@ -211,7 +211,9 @@ def _finished(points: _Points, least: float) -> Mortar:
     own = sp.csr_array(_collected(points.own, (n, n))[touched])
     other = sp.csr_array(_collected(points.entries, (n, len(points.other.nodes)))[touched])
     places = (back @ points.owner.nodes[points.nodes])[touched]
-    group = _groups(points.areas[touched] / points.whole[touched], sp.csr_array(own[:, touched]), places, least)
+    group = _groups(
+        points.areas[touched] / points.whole[touched], sp.csr_array(own[:, touched]), places, least
+    )
     joined = sp.csr_array((np.ones(len(group)), (group, np.arange(len(group)))))
     areas = np.asarray(joined @ points.areas[touched])
     joined = sp.csr_array(joined[areas > _NOTHING * np.median(areas)])

@@ -52,7 +52,9 @@ def sheet(
         ]
         facets = np.concatenate([corners, np.array(middles)], axis=1)
         if kind == "quad9":
-            facets = np.column_stack([facets, [lookup[tuple(np.round(raw[f].mean(axis=0), 9))] for f in corners]])
+            facets = np.column_stack(
+                [facets, [lookup[tuple(np.round(raw[f].mean(axis=0), 9))] for f in corners]]
+            )
     return Surface(shape_of(flat), FacetSet.of(facets.astype(np.int64)))
 
 
@@ -112,10 +114,13 @@ def test_partly_covered(kind: str) -> None:
 @pytest.mark.parametrize("share", [1e-1, 1e-3, 1e-5])
 def test_slivers_leave_no_point_with_little_area(share: float) -> None:
     owner = sheet("quad", 6, 6)
-    edge = (2 + np.sqrt(2 * share)) / 6  # a strip of the next facets, whose far nodes have this share of their area
+    edge = (
+        2 + np.sqrt(2 * share)
+    ) / 6  # a strip of the next facets, whose far nodes have this share of their area
     other = sheet("quad", 5, 5, (edge, edge), (1 / 6, 1 / 6), up=False)
     raw, found = mortar(owner, other, least=0.0), mortar(owner, other)
-    assert raw is not None and found is not None
+    assert raw is not None
+    assert found is not None
     assert raw.shares.min() < share
     check_contract(found, owner, other, 1e-10)
     assert found.areas.min() > 0.2 / 36
@@ -185,7 +190,9 @@ def test_shape_functions_of_facets(kind: str) -> None:
     at = np.random.default_rng(1).random((7, 2))
     assert shape(kind, at).sum(axis=1) == pytest.approx(1.0)
     h = 1e-6
-    measured = np.stack([(shape(kind, at + h * e) - shape(kind, at - h * e)) / (2 * h) for e in np.eye(2)], axis=-1)
+    measured = np.stack(
+        [(shape(kind, at + h * e) - shape(kind, at - h * e)) / (2 * h) for e in np.eye(2)], axis=-1
+    )
     assert slopes(kind, at) == pytest.approx(measured, abs=1e-8)
 
 
