@@ -10,7 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..errors import MeshError, Problem
-from ..fem.elasticity import body_load, mass, stiffness, wave_speeds
+from ..fem.elasticity import BENDING_CELLS, body_load, lumped_mass, mass, stiffness, wave_speeds
 from ..fem.elements import Elements
 from ..fem.faces import Face, face_of
 from ..fem.mesh import Array, FacetSet, Mesh, boundary, box_mesh
@@ -26,15 +26,12 @@ from ..scene.materials import Material
 from ..scene.schema import Scene
 from ..scene.substructures import MeshFile, Substructure
 
-# plain 8-node hexahedra lock: nearly incompressible material, bending with elements long against the thickness
-LOCKING_POISSON, SLENDER, LONG_ELEMENT = 0.45, 10.0, 0.6
-
 
 class Shape:
     """Mesh and unit-material matrices, computed once per shape and material."""
 
-    def __init__(self, mesh: Mesh, material: Material) -> None:
-        self.mesh, self.material = mesh, material
+    def __init__(self, mesh: Mesh, material: Material, bending_modes: bool = False) -> None:
+        self.mesh, self.material, self.bending_modes = mesh, material, bending_modes
 
     @cached_property
     def elements(self) -> Elements:
@@ -47,10 +44,16 @@ class Shape:
         return mass(self.elements, self.material.density)
 
     @cached_property
+    def lumped_mass(self) -> Array | None:
+        """Positive masses (3 n_node,) where the row sums of the mass are not, else None."""
+        found = lumped_mass(self.elements, self.material.density)
+        return None if found is None else np.repeat(found, 3)
+
+    @cached_property
     def stiffness(self) -> sp.csr_array:
         """Stiffness (3 n_node, 3 n_node)."""
         m = self.material
-        return stiffness(self.elements, m.young_modulus, m.poisson_ratio)
+        return stiffness(self.elements, m.young_modulus, m.poisson_ratio, self.bending_modes)
 
     @cached_property
     def rank(self) -> Array:
@@ -153,41 +156,22 @@ def build_bodies(scene: Scene, problems: list[Problem]) -> dict[str, Body]:
         material = scene.material[description.material]
         if description.box is not None:
             box = description.box
-            key: tuple[object, ...] = (box.size, box.elements, material)
+            key: tuple[object, ...] = (box.size, box.elements, material, description.bending_modes)
             mesh = box_mesh(np.asarray(box.origin), np.asarray(box.size), box.elements)
             if key not in shapes:
                 unit = box_mesh(np.zeros(3), np.asarray(box.size), box.elements)
-                shapes[key] = Shape(unit, material)
+                shapes[key] = Shape(unit, material, description.bending_modes)
             bodies[name] = Body(name, mesh, shapes[key], description)
         elif description.mesh is not None:
             found = files.mesh(name, description.mesh, scene.base_dir, problems)
             if found is None:
                 continue
             mesh = found
-            bodies[name] = Body(name, mesh, Shape(mesh, material), description)
+            if description.bending_modes and not set(BENDING_CELLS) & set(mesh.cell_types):
+                problems.append(
+                    Problem(f"substructure.{name}.bending_modes", "the mesh has no 8-node hexahedra",
+                            ", ".join(mesh.cell_types), remedy="leave the key out")
+                )  # fmt: skip
+            shape = Shape(mesh, material, description.bending_modes)
+            bodies[name] = Body(name, mesh, shape, description)
     return bodies
-
-
-def locking_remarks(bodies: dict[str, Body], unbending: set[str]) -> list[str]:
-    """Warnings where plain 8-node hexahedra are known to lock; ``unbending`` names bodies that cannot bend."""
-    remarks = []
-    for name, body in bodies.items():
-        if body.rigid:
-            continue
-        nu = body.shape.material.poisson_ratio
-        if nu > LOCKING_POISSON:
-            remarks.append(
-                f"substructure {name}: Poisson's ratio {nu:g} > {LOCKING_POISSON}: linear elements lock (too stiff)"
-            )
-        box = body.description.box
-        if box is None or name in unbending:
-            continue
-        thin, slender = int(np.argmin(box.size)), int(np.argmax(box.size))
-        length = box.size[slender] / box.elements[slender]
-        if box.size[slender] > SLENDER * box.size[thin] and length > LONG_ELEMENT * box.size[thin]:
-            remarks.append(
-                f"substructure {name}: slender, with elements {length / box.size[thin]:.2g} times as long as it is "
-                f"thick: bending would be far too stiff; at most {LONG_ELEMENT:g} where it bends (waves along it are "
-                "not concerned)"
-            )
-    return remarks

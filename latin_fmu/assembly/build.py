@@ -16,13 +16,11 @@ from ..latin.recorder import SubstructureInfo, Wanted
 from ..latin.search_direction import SearchDirection, inertial_impedance, unresolved_sides
 from ..latin.settings import Settings
 from ..propagator import Propagator, StaticPropagator, make_propagator
-from ..scene.boundaries import Periodic
-from ..scene.fields import split_face
 from ..scene.schema import Scene
 from ..scene.solver_settings import WHOLE, Anderson, Uniform
 from ..time_scheme import QuasiStatic, TimeScheme, make_scheme
 from .arrival import arrival_times, marched_share
-from .body import Body, build_bodies, locking_remarks
+from .body import Body, build_bodies
 from .checks import (
     boundaries_of,
     characteristic_traction,
@@ -33,6 +31,7 @@ from .checks import (
 )
 from .conditions import Conditions
 from .initial_state import InitialState
+from .locking import locking_remarks
 from .models import ModelClass, model_classes, side_impedance
 from .pairing import Messages, build_interface
 from .prediction import Prediction, predict
@@ -218,9 +217,8 @@ def prepare(scene: Scene) -> Prepared:
     if scene.solver.skip_at_rest == "tolerance" and units:
         arrival = arrival_times(scene, bodies, units, time)
         classes = cut_by_arrival(classes, {name: marched_share(t, time) for name, t in arrival.items()})
-    unbending = {split_face(b.faces[0])[0] for b in scene.boundary.values() if isinstance(b, Periodic)}
     remarks += [
-        *redundancy_remarks(scene), *locking_remarks(bodies, unbending),
+        *redundancy_remarks(scene), *locking_remarks(scene, bodies),
         *([] if scene.time.quasi_static else sampling_remarks(scene, time)),
     ]  # fmt: skip
     return Prepared(scene, bodies, conditions, units, layout, classes, scheme, time, tuple(remarks))

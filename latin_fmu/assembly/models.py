@@ -12,6 +12,7 @@ from ..errors import Problem, SceneError
 from ..fem.massless import without_contact_mass
 from ..latin.layout import Array, Index, InterfaceUnit, Layout
 from ..propagator import LoadTerm, SubstructureModel
+from ..propagator.lumping import diagonal_matrix
 from ..propagator.model import share_patterns
 from ..scene.fields import GROUND, split_face
 from ..scene.schema import Scene
@@ -97,7 +98,7 @@ def _model(
         displacement=np.tile(body.description.initial_displacement, body.mesh.n_node),
         velocity=body.initial_velocity(),
         imposed_pattern=held.pattern, imposed_start=held.start(),
-        ordering=body.shape.rank,
+        ordering=body.shape.rank, lumped_mass=body.shape.lumped_mass, lumped_damping=_lumped_damping(body, held),
     )  # fmt: skip
     return model, flat
 
@@ -144,6 +145,15 @@ def _damping(body: Body, held: Conditions) -> sp.csr_array | None:
     return damping
 
 
+def _lumped_damping(body: Body, held: Conditions) -> sp.csr_array | None:
+    """Damping lumped with the masses of the shape, where it has its own; stiffness-proportional damping has no part."""
+    mass = body.shape.lumped_mass
+    if mass is None:
+        return None
+    damping = diagonal_matrix(body.shape.material.rayleigh_mass * mass)
+    return damping if held.dashpots is None else sp.csr_array(damping + held.dashpots)
+
+
 def _loads(scene: Scene, name: str, body: Body) -> list[LoadTerm]:
     terms = []
     if any(body.description.body_force):
@@ -168,7 +178,9 @@ def _signature(model: SubstructureModel, body: Body) -> bytes:
     """Equal for substructures whose operators are equal (loads, initial values and place do not count)."""
     digest = hashlib.sha256()
     size = float(body.mesh.extent().max())
-    digest.update(repr((body.shape.material, body.mesh.cell_types, f"{size:.9e}")).encode())
+    digest.update(
+        repr((body.shape.material, body.shape.bending_modes, body.mesh.cell_types, f"{size:.9e}")).encode()
+    )
     digest.update(np.round((body.mesh.nodes - body.mesh.nodes[0]) / size, 9).astype("f8").tobytes())
     for block in body.mesh.blocks:
         digest.update(block.cells.tobytes())

@@ -6,6 +6,7 @@ and of the cell. Wedges have their nodes 3, 4, 5 above 0, 1, 2 (Jacobian > 0), a
 
 from __future__ import annotations
 
+from itertools import combinations
 from typing import Final
 
 Local = tuple[tuple[int, ...], ...]
@@ -52,6 +53,26 @@ N_NODE: Final = {name: 1 + max(n for face in faces for n in face) for name, face
     "hexahedron27": 27  # the last node is on no face
 }
 N_CORNER: Final = {name: 1 + max(n for edge in edges for n in edge) for name, edges in CELL_EDGES.items()}
+
+
+def _links(cell_type: str) -> Local:
+    """Neighbouring nodes of a cell: half edges and what joins the middle nodes of one face; edges of linear cells."""
+    corners, edges = N_CORNER[cell_type], CELL_EDGES[cell_type]
+    if N_NODE[cell_type] == corners:
+        return edges
+    links = [(end, corners + i) for i, edge in enumerate(edges) for end in edge]
+    for face in CELL_FACES[cell_type]:
+        n = {6: 3}.get(len(face), 4)
+        middles = face[n : 2 * n]
+        if n == 3:
+            links += list(combinations(middles, 2))
+        if cell_type == "hexahedron27":
+            links += [(face[8], middle) for middle in middles] + [(face[8], 26)]
+    return tuple(links)
+
+
+CELL_LINKS: Final = {name: _links(name) for name in CELL_FACES}
+"""Pairs of neighbouring nodes."""
 
 # Kinds of facets, by their names in meshio: the number of nodes tells the kind.
 FACET_KIND: Final = {3: "triangle", 4: "quad", 6: "triangle6", 8: "quad8", 9: "quad9"}

@@ -2,9 +2,9 @@
 
     M' = R^T M R,   R: velocity of a contact node := mean of its neighbours that are none
 
-Neighbours along cell edges where there are any, else (edges and corners shared by contact faces) across the cell.
-R keeps translations, hence total mass and momentum; kinetic energy changes by the motion of one layer relative to
-the next (first order in the element).
+Neighbours along cell edges (half edges of quadratic cells) where there are any, else (edges and corners shared by
+contact faces) across the cell. R keeps translations, hence total mass and momentum; kinetic energy changes by the
+motion of one layer relative to the next (first order in the element).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from .cells import CELL_EDGES, N_NODE, Local
+from .cells import CELL_LINKS, N_NODE, Local
 from .mesh import Array, Index, Mesh
 
 _DIAGONALS: Final = {name: tuple(combinations(range(count), 2)) for name, count in N_NODE.items()}
@@ -32,7 +32,7 @@ def without_contact_mass(mass: sp.csr_array, mesh: Mesh, nodes: Index) -> sp.csr
     """
     bare = np.zeros(mesh.n_node, dtype=bool)
     bare[nodes] = True
-    pairs = _inner_neighbours(mesh, bare, CELL_EDGES)
+    pairs = _inner_neighbours(mesh, bare, CELL_LINKS)
     left = bare.copy()
     left[pairs[:, 0]] = False
     across = _inner_neighbours(mesh, left, _DIAGONALS, bare)

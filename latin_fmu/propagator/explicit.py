@@ -67,6 +67,11 @@ class ExplicitOperators:
         return solved
 
 
+def _lumped_damping(model: SubstructureModel, damping: sp.csr_array) -> sp.csr_array:
+    """Row sums of the damping over the nodes, unless the model has better ones."""
+    return lumped(damping, nodal=True) if model.lumped_damping is None else model.lumped_damping
+
+
 class ExplicitPropagator(March[ExplicitOperators]):
     """March of a class of identical substructures by central differences (module docstring).
 
@@ -92,7 +97,7 @@ class ExplicitPropagator(March[ExplicitOperators]):
         self._dashpots: sp.csr_array | None = None
         lagged: sp.csr_array | None = None
         if model.damping is not None and self._damping is not None:
-            self._dashpots = model.damping if rigid else lumped(model.damping, nodal=True)
+            self._dashpots = model.damping if rigid else _lumped_damping(model, model.damping)
             lagged = sp.csr_array(self._damping - p.T @ self._dashpots @ p)
         nothing = np.zeros(0)  # a rigid body has no stiffness
         self.stability = StableStep(
