@@ -39,6 +39,7 @@ from .propagator_choice import chosen_propagators, unstable_steps
 from .resting import cut_by_arrival
 from .rigid import conditions_on
 from .run_sizes import run_sizes
+from .search import lonely_remarks, with_found
 from .static_start import start_problems, starts_static, static_state
 from .statics import side_stiffness, static_traction, unheld
 from .timeline import Timeline
@@ -195,10 +196,13 @@ def prepare(scene: Scene) -> Prepared:
     check_faces(scene, bodies, problems)
     if problems:
         raise SceneError(problems, "the scene cannot be built")
+    remarks: list[str] = []
+    if scene.contact:
+        scene = with_found(scene, bodies, problems)
+        remarks += lonely_remarks(scene, bodies)
     conditions = {
         name: conditions_on(body, boundaries_of(scene, name), problems) for name, body in bodies.items()
     }
-    remarks: list[str] = []
     found = [build_interface(n, i, bodies, Messages(problems, remarks)) for n, i in scene.interface.items()]
     if problems:
         raise SceneError(problems, "the scene cannot be built")

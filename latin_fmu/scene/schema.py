@@ -17,6 +17,7 @@ from pydantic import (
 from ..errors import Problem, SceneError
 from .accuracy_settings import Accuracy
 from .boundaries import Boundary
+from .contacts import ContactSearch
 from .fields import BodyName, Name, Table, Text, about
 from .interface_keys import MEANINGLESS
 from .interfaces import Interface
@@ -59,6 +60,11 @@ class Scene(Table):
     ]
     substructure: Annotated[dict[BodyName, Substructure], about("substructures by name"), Field(min_length=1)]
     interface: Annotated[dict[Name, Interface], about("interfaces by name"), Field(default_factory=dict)]
+    contact: Annotated[
+        dict[Name, ContactSearch],
+        about("interfaces found between boundaries, by name of the search"),
+        Field(default_factory=dict),
+    ]
     boundary: Annotated[
         dict[Name, Boundary], about("boundary conditions by name"), Field(default_factory=dict)
     ]
