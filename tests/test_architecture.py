@@ -26,7 +26,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("latin",),
     ("scene", "results"),
     ("assembly",),
-    ("observe", "progress"),
+    ("observe", "progress", "pictures"),
     ("api",),
     ("accuracy",),
     ("cosim", "stability", "effects"),

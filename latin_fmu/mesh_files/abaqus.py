@@ -97,9 +97,11 @@ class _Deck:
             name = card.name("TYPE").upper()
             if name.startswith(("C3D", "SC", "CSS")):
                 self.problems.add(
-                    "element type not known", name or "none given",
-                    "C3D4, C3D6, C3D8, C3D10, C3D15, C3D20 and their variants, shells for faces", line=card.line,
-                )  # fmt: skip
+                    "element type not known",
+                    name or "none given",
+                    "C3D4, C3D6, C3D8, C3D10, C3D15, C3D20 and their variants, shells for faces",
+                    line=card.line,
+                )
             self.skipped[name] = self.skipped.get(name, 0) + len(card.rows)
             return
         labels, connectivity = elements_of(card, kind[1], self.problems)
@@ -230,8 +232,9 @@ class _Model:
             if not there.all():
                 bad = int(there.argmin())
                 self.problems.add(
-                    "an element names a node that no *NODE block has", f"node {connectivity.ravel()[bad]} of element "
-                    f"{labels[bad // connectivity.shape[1]]}")  # fmt: skip
+                    "an element names a node that no *NODE block has",
+                    f"node {connectivity.ravel()[bad]} of element {labels[bad // connectivity.shape[1]]}",
+                )
                 continue
             self.kinds.append(kind)
             self.first.append(self.n_element)
@@ -299,8 +302,10 @@ class _Model:
         if not there.all() and not (kind == "E" and self.deck.skipped):
             what = "node" if kind == "N" else "element"
             missing = int(wanted[~there][0])
-            self.problems.add(f"a set names an {what} that is not there".replace("an node", "a node"),
-                              f"{missing} in {self.deck.spelled.get(name, name)}")  # fmt: skip
+            self.problems.add(
+                f"a set names an {what} that is not there".replace("an node", "a node"),
+                f"{missing} in {self.deck.spelled.get(name, name)}",
+            )
         return rows[there] + start
 
     def _other(self, frame: _Frame, kind: str, text: str, path: tuple[str, ...] = ()) -> Index:
@@ -414,6 +419,9 @@ def _joined(part: _Scope, own: _Scope) -> _Scope:
     for key, members in own.sets.items():
         sets.setdefault(key, []).extend(members)
     return _Scope(
-        part.nodes + own.nodes, part.elements + own.elements, sets, {**part.surfaces, **own.surfaces},
+        part.nodes + own.nodes,
+        part.elements + own.elements,
+        sets,
+        {**part.surfaces, **own.surfaces},
         part.sections + own.sections,
-    )  # fmt: skip
+    )

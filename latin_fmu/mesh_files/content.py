@@ -15,16 +15,39 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 CORNERS: Final = {
-    "tetra": 4, "tetra10": 4, "wedge": 6, "wedge15": 6, "hexahedron": 8, "hexahedron20": 8, "hexahedron27": 8,
-    "pyramid": 5, "pyramid13": 5, "pyramid14": 5, "hexahedron24": 8, "hexahedron9": 8, "wedge18": 6,
-    "hexahedron64": 8, "tetra20": 4, "tetra14": 4, "tetra8": 4, "hexahedron125": 8, "tetra35": 4,
-}  # fmt: skip
+    "tetra": 4,
+    "tetra10": 4,
+    "wedge": 6,
+    "wedge15": 6,
+    "hexahedron": 8,
+    "hexahedron20": 8,
+    "hexahedron27": 8,
+    "pyramid": 5,
+    "pyramid13": 5,
+    "pyramid14": 5,
+    "hexahedron24": 8,
+    "hexahedron9": 8,
+    "wedge18": 6,
+    "hexahedron64": 8,
+    "tetra20": 4,
+    "tetra14": 4,
+    "tetra8": 4,
+    "hexahedron125": 8,
+    "tetra35": 4,
+}
 """Corner nodes of the solid cells that files may hold (not all of them can be computed with)."""
 
 FLAT: Final = {
-    "triangle": 3, "triangle6": 3, "triangle7": 3, "triangle10": 3, "quad": 4, "quad8": 4, "quad9": 4,
-    "quad5": 4, "quad16": 4,
-}  # fmt: skip
+    "triangle": 3,
+    "triangle6": 3,
+    "triangle7": 3,
+    "triangle10": 3,
+    "quad": 4,
+    "quad8": 4,
+    "quad9": 4,
+    "quad5": 4,
+    "quad16": 4,
+}
 """Corner nodes of the surface cells, which come first in their connectivity."""
 
 MAX_PROBLEMS: Final = 8

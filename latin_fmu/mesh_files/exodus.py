@@ -10,13 +10,27 @@ import numpy as np
 from .content import CORNERS, FLAT, Index, MeshContent, Problems
 
 _SOLIDS: Final = {
-    ("TET", 4): "tetra", ("TET", 10): "tetra10", ("HEX", 8): "hexahedron", ("HEX", 20): "hexahedron20",
-    ("WED", 6): "wedge", ("WED", 15): "wedge15", ("PYR", 5): "pyramid", ("PYR", 13): "pyramid13",
-}  # fmt: skip
+    ("TET", 4): "tetra",
+    ("TET", 10): "tetra10",
+    ("HEX", 8): "hexahedron",
+    ("HEX", 20): "hexahedron20",
+    ("WED", 6): "wedge",
+    ("WED", 15): "wedge15",
+    ("PYR", 5): "pyramid",
+    ("PYR", 13): "pyramid13",
+}
 _FLAT: Final = {
-    ("TRI", 3): "triangle", ("TRI", 6): "triangle6", ("SHE", 4): "quad", ("QUA", 4): "quad", ("SHE", 8): "quad8",
-    ("QUA", 8): "quad8", ("SHE", 9): "quad9", ("QUA", 9): "quad9", ("SHE", 3): "triangle", ("TRI", 4): "triangle",
-}  # fmt: skip
+    ("TRI", 3): "triangle",
+    ("TRI", 6): "triangle6",
+    ("SHE", 4): "quad",
+    ("QUA", 4): "quad",
+    ("SHE", 8): "quad8",
+    ("QUA", 8): "quad8",
+    ("SHE", 9): "quad9",
+    ("QUA", 9): "quad9",
+    ("SHE", 3): "triangle",
+    ("TRI", 4): "triangle",
+}
 # hexahedra of 20 nodes have the middle nodes of the vertical edges before those of the upper ones, wedges too
 _ORDER: Final = {20: (*range(12), 16, 17, 18, 19, 12, 13, 14, 15), 15: (*range(9), 12, 13, 14, 9, 10, 11)}
 # Sides of a cell by number of corners (Exodus II manual, table of element sides)

@@ -19,8 +19,13 @@ from .content import FLAT, Index, MeshContent, Problems, rows_of
 _SOLIDS: Final = {"CTETRA": (4, 10), "CPENTA": (6, 15), "CHEXA": (8, 20)}
 _SHELLS: Final = {"CTRIA3": 3, "CTRIAR": 3, "CTRIA6": 6, "CQUAD4": 4, "CQUADR": 4, "CQUAD8": 8}
 _NAMES: Final = {
-    4: "tetra", 10: "tetra10", 6: "wedge", 15: "wedge15", 8: "hexahedron", 20: "hexahedron20",
-}  # fmt: skip
+    4: "tetra",
+    10: "tetra10",
+    6: "wedge",
+    15: "wedge15",
+    8: "hexahedron",
+    20: "hexahedron20",
+}
 # nodes in the middle of the vertical edges come before those of the upper ones; in VTK after them
 _ORDER: Final = {15: (*range(9), 12, 13, 14, 9, 10, 11), 20: (*range(12), 16, 17, 18, 19, 12, 13, 14, 15)}
 _EXPONENT = re.compile(r"(?<=[0-9.])([+-])")
@@ -156,9 +161,12 @@ class _Deck:
         fields = fields + [""] * 6
         if fields[2] not in ("", "0"):
             self.problems.add(
-                "nodes in a coordinate system of their own are not read", f"GRID {fields[1]}, CP = {fields[2]}",
-                "CP = 0 or blank", "export the nodes in the basic coordinate system", line,
-            )  # fmt: skip
+                "nodes in a coordinate system of their own are not read",
+                f"GRID {fields[1]}, CP = {fields[2]}",
+                "CP = 0 or blank",
+                "export the nodes in the basic coordinate system",
+                line,
+            )
         label = int(fields[1])
         if not 0 < label < 2**62:
             raise ValueError("not a label")

@@ -15,9 +15,39 @@ from .with_meshio import read_with_meshio
 _ABAQUS: Final = (".inp",)
 _NASTRAN: Final = (".bdf", ".nas", ".fem")
 _EXODUS: Final = (".e", ".exo", ".ex2")
-_MESHIO: Final = (".msh", ".vtk", ".vtu", ".xdmf", ".xmf", ".cgns", ".med", ".mesh", ".meshb", ".h5m", ".hmf", ".avs",
-                  ".f3grid", ".mdpa", ".su2", ".ugrid", ".vol", ".node", ".ele", ".xml", ".stl", ".ply", ".obj",
-                  ".off", ".dat", ".tec", ".post", ".dato", ".gz", ".wkt", ".svg")  # fmt: skip
+_MESHIO: Final = (
+    ".msh",
+    ".vtk",
+    ".vtu",
+    ".xdmf",
+    ".xmf",
+    ".cgns",
+    ".med",
+    ".mesh",
+    ".meshb",
+    ".h5m",
+    ".hmf",
+    ".avs",
+    ".f3grid",
+    ".mdpa",
+    ".su2",
+    ".ugrid",
+    ".vol",
+    ".node",
+    ".ele",
+    ".xml",
+    ".stl",
+    ".ply",
+    ".obj",
+    ".off",
+    ".dat",
+    ".tec",
+    ".post",
+    ".dato",
+    ".gz",
+    ".wkt",
+    ".svg",
+)
 _ALLOWED: Final = "msh, inp, bdf, nas, fem, vtu, vtk, e, exo, med, xdmf, mesh and others of meshio"
 MAX_BYTES: Final = 4_000_000_000
 
@@ -57,10 +87,17 @@ def read_content(path: Path) -> MeshContent:
             ) from None
     if suffix not in _MESHIO:
         raise MeshError(
-            [Problem(path.name, "no reader for files of this kind", suffix or "no suffix", _ALLOWED,
-                     "export .msh, .inp or .bdf")],
+            [
+                Problem(
+                    path.name,
+                    "no reader for files of this kind",
+                    suffix or "no suffix",
+                    _ALLOWED,
+                    "export .msh, .inp or .bdf",
+                )
+            ],
             "unreadable mesh",
-        )  # fmt: skip
+        )
     return read_with_meshio(path)
 
 

@@ -86,11 +86,16 @@ def with_parts(raw: Any, base_dir: Path) -> tuple[Any, list[Problem]]:
     rest = {name: table for name, table in own.items() if name not in found}
     files = ", ".join(table.file for table in tables.values())
     problems = [
-        Problem(f"substructure.{name}", f"no part of this name in {files}", None, listed(found),
-                "give it a box or a mesh of its own, or one of these names")
+        Problem(
+            f"substructure.{name}",
+            f"no part of this name in {files}",
+            None,
+            listed(found),
+            "give it a box or a mesh of its own, or one of these names",
+        )
         for name, table in rest.items()
         if isinstance(table, Mapping) and not given(table, "box") and not given(table, "mesh")
-    ]  # fmt: skip
+    ]
     if problems:
         return raw, problems
     whole = {key: value for key, value in raw.items() if key != "mesh"}

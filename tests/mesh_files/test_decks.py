@@ -48,9 +48,11 @@ def test_surfaces_of_element_faces(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("kind", "nodes"),
-    [("C3D4", [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]),
-     ("C3D6", [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [0, 1, 1]])],
-)  # fmt: skip
+    [
+        ("C3D4", [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]),
+        ("C3D6", [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [0, 1, 1]]),
+    ],
+)
 def test_labels_of_tetrahedra_and_wedges(tmp_path: Path, kind: str, nodes: list[list[float]]) -> None:
     """Where the faces lie, by hand: Abaqus Analysis User's Guide, solid elements."""
     planes = {
@@ -138,10 +140,20 @@ def test_parts_without_sections_leave_gathering_sets_out(tmp_path: Path) -> None
 
 @pytest.mark.parametrize(
     ("name", "found"),
-    [("C3D8I", ("hexahedron", 8)), ("c3d20r", ("hexahedron20", 20)), ("C3D10MH", ("tetra10", 10)),
-     ("CPS6", ("triangle6", 6)), ("CPS8", ("quad8", 8)), ("S4R", ("quad", 4)), ("STRI65", ("triangle6", 6)),
-     ("SFM3D4R", ("quad", 4)), ("B31", None), ("C3D5", None), ("", None)],
-)  # fmt: skip
+    [
+        ("C3D8I", ("hexahedron", 8)),
+        ("c3d20r", ("hexahedron20", 20)),
+        ("C3D10MH", ("tetra10", 10)),
+        ("CPS6", ("triangle6", 6)),
+        ("CPS8", ("quad8", 8)),
+        ("S4R", ("quad", 4)),
+        ("STRI65", ("triangle6", 6)),
+        ("SFM3D4R", ("quad", 4)),
+        ("B31", None),
+        ("C3D5", None),
+        ("", None),
+    ],
+)
 def test_element_types(name: str, found: tuple[str, int] | None) -> None:
     assert element_type(name) == found
 

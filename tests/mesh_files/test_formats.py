@@ -27,8 +27,17 @@ def exodus(path: Path, named: bool = True) -> Path:
     box = cube()
     cells = box.blocks[0].cells
     with netCDF4.Dataset(path, "w", format="NETCDF3_64BIT_OFFSET") as data:
-        for name, size in {"num_nodes": 27, "num_dim": 3, "num_el_blk": 2, "num_side_sets": 6, "num_node_sets": 1,
-                           "len_name": 33, "four": 4, "eight": 8, "nine": 9}.items():  # fmt: skip
+        for name, size in {
+            "num_nodes": 27,
+            "num_dim": 3,
+            "num_el_blk": 2,
+            "num_side_sets": 6,
+            "num_node_sets": 1,
+            "len_name": 33,
+            "four": 4,
+            "eight": 8,
+            "nine": 9,
+        }.items():
             data.createDimension(name, size)
         for i, axis in enumerate("xyz"):
             data.createVariable(f"coord{axis}", "f8", ("num_nodes",))[:] = box.nodes[:, i]

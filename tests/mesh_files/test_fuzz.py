@@ -17,9 +17,27 @@ from .decks import instances_deck, nastran_deck, surfaces_deck
 from .test_formats import exodus
 
 SEEDS = 40
-PIECES = (b"", b",", b"\n", b"*", b"-1", b"0", b"99999999999999999999", b"1e400", b"nan", b"S9",
-          b"GENERATE", b"\xff\x00", b"*ELSET, ELSET=", b"*INSTANCE, NAME=x, PART=Bar\n", b"THRU", b"*END PART\n",
-          b"CHEXA,", b"=", b"\"")  # fmt: skip
+PIECES = (
+    b"",
+    b",",
+    b"\n",
+    b"*",
+    b"-1",
+    b"0",
+    b"99999999999999999999",
+    b"1e400",
+    b"nan",
+    b"S9",
+    b"GENERATE",
+    b"\xff\x00",
+    b"*ELSET, ELSET=",
+    b"*INSTANCE, NAME=x, PART=Bar\n",
+    b"THRU",
+    b"*END PART\n",
+    b"CHEXA,",
+    b"=",
+    b'"',
+)
 FILES: dict[str, Callable[[Path], bytes]] = {
     "surfaces.inp": lambda _: surfaces_deck().encode(),
     "instances.inp": lambda _: instances_deck().encode(),

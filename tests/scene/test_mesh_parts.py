@@ -93,16 +93,23 @@ def test_listed_parts_and_other_bodies(folder: Path) -> None:
 
 @pytest.mark.parametrize(
     ("change", "substructure", "where", "words"),
-    [({"parts": ["uper"]}, {}, "mesh.all.parts[0]", ("no such volume group", "Eall, low-er, upper")),
-     ({"parts": "all"}, {}, "mesh.all.parts", ("list of volume groups",)),
-     ({"fil": 1}, {}, "mesh.all.fil", ("unknown key",)),
-     ({"scale": 0.0}, {}, "mesh.all.scale", ("out of range",)),
-     ({"file": "none.inp"}, {}, "mesh.all.file", ("none.inp", "no such mesh file")),
-     ({}, {"uper": {}}, "substructure.uper", ("no part of this name", "low_er, upper")),
-     ({}, {"upper": {"box": {"size": [1.0] * 3, "elements": [1] * 3}}}, "substructure.upper.box", ("many parts",)),
-     ({"material": "wood"}, {}, "substructure.low_er.material", ("no material",)),
-     ({"parts": ["upper", "Eall", "low-er", "low_er"]}, {}, "mesh.all.parts", ("same name", "low-er"))],
-)  # fmt: skip
+    [
+        ({"parts": ["uper"]}, {}, "mesh.all.parts[0]", ("no such volume group", "Eall, low-er, upper")),
+        ({"parts": "all"}, {}, "mesh.all.parts", ("list of volume groups",)),
+        ({"fil": 1}, {}, "mesh.all.fil", ("unknown key",)),
+        ({"scale": 0.0}, {}, "mesh.all.scale", ("out of range",)),
+        ({"file": "none.inp"}, {}, "mesh.all.file", ("none.inp", "no such mesh file")),
+        ({}, {"uper": {}}, "substructure.uper", ("no part of this name", "low_er, upper")),
+        (
+            {},
+            {"upper": {"box": {"size": [1.0] * 3, "elements": [1] * 3}}},
+            "substructure.upper.box",
+            ("many parts",),
+        ),
+        ({"material": "wood"}, {}, "substructure.low_er.material", ("no material",)),
+        ({"parts": ["upper", "Eall", "low-er", "low_er"]}, {}, "mesh.all.parts", ("same name", "low-er")),
+    ],
+)
 def test_bad_tables(
     folder: Path, change: Tables, substructure: Tables, where: str, words: tuple[str, ...]
 ) -> None:
@@ -144,4 +151,9 @@ def test_absurd_sizes_are_warned_of(folder: Path, scale: float, size: str) -> No
 
 def test_names_of_parts() -> None:
     assert [part_name(n) for n in ("bolt", "Part-1.x", "1st", "ground", "Å")] == [
-        "bolt", "Part_1_x", "part_1st", "ground_", "part__"]  # fmt: skip
+        "bolt",
+        "Part_1_x",
+        "part_1st",
+        "ground_",
+        "part__",
+    ]
