@@ -54,7 +54,7 @@ def anderson_numpy(
     out[...] = q + relaxation * residual - np.einsum("a,aij->ij", gamma, dq[:kept] + relaxation * dr[:kept])
 
 
-@compiled(respond_numpy)
+@compiled(respond_numpy, "f8[:, ::1], f8[:, ::1], i8[:, ::1], f8[::1], f8[::1]")
 def respond(response: Array, w_0: Array, channels: Index, q: Array, w: Array) -> None:
     """See ``respond_numpy``."""
     n, members = channels.shape
@@ -68,7 +68,7 @@ def respond(response: Array, w_0: Array, channels: Index, q: Array, w: Array) ->
             w[channels[i, j]] = w_0[i, j] + answer[i, j]
 
 
-@compiled(outgoing_numpy)
+@compiled(outgoing_numpy, "f8[:, ::1], f8[:, ::1], f8[::1], f8[::1], f8[:, ::1], f8[:, ::1]")
 def outgoing(q: Array, w: Array, k: Array, z: Array, f: Array, s: Array) -> None:
     """See ``outgoing_numpy``."""
     for i in range(q.shape[0]):
@@ -94,7 +94,10 @@ def close(
     return difference, size
 
 
-@compiled(anderson_numpy)
+@compiled(
+    anderson_numpy,
+    "f8[::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, :, ::1], f8[:, :, ::1], f8[:, ::1], i8, f8, f8, f8[:, ::1]",
+)
 def anderson(
     weight: Array, q: Array, residual: Array, last_q: Array, last_r: Array, dq: Array, dr: Array, gram: Array,
     count: int, relaxation: float, rank: float, out: Array,

@@ -15,53 +15,17 @@ from ..propagator.diagonal import DiagonalFactor
 from ..propagator.direct import DirectPropagator
 from ..propagator.march import March
 from ..propagator.resumable import Motion
+from .class_row import CLASS, SCRATCH, STATE
 from .lanes import LANES, SPARE, TILED, padded
 from .packing import is_diagonal, lower_pattern, lower_values, rows_of
 from .terms import Terms
-from .views import address, record
+from .views import address
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Row = dict[str, int]
 
-_MATRICES = ("mass", "stiffness", "damping", "trace", "spread", "probe")
-_TERMS = ("force", "inertia", "velocity", "displacement", "acceleration")
 _LINE = 8  # numbers in a line of the cache
-_STATE = ("u", "v", "a", "residual")
-# scratch: name -> rows (per member)
-_SCRATCH = (
-    "u_free",
-    "v_free",
-    "load",
-    "sweep",
-    "inner",
-    "inner_answer",
-    "free_a",
-    "w_free",
-    "seen",
-    "channel",
-    "answer",
-)
-
-CLASS = record(
-    [
-        "n", "m", "n_inner", "n_channel", "n_live", "n_normal", "n_interior", "n_super", "n_massless", "n_probe",
-        "tallest", "grouped", "driven", "routines", "first", "row_start", "rows", "panel_start", "panels", "n_rows",
-        "n_panels", "order", "schur_inverse", "dofs", "area", "live", "measured", "massless", "k", "response",
-        "compliance", "channels", "below", "rest", "constant", "probed", "plain_inverse", "plain_response",
-        "dense_trace", "trace_table", "normal_table", "spread_table",
-        *_STATE, *_SCRATCH, "vectors", "answers", "tile",
-        *(f"{m}_{part}" for m in _MATRICES for part in ("n", "diagonal", "starts", "columns", "values")),
-        *(f"{t}_{part}" for t in _TERMS for part in ("n", "starts", "rows", "values", "amplitudes")),
-    ]
-)  # fmt: skip
-"""One row per class. ``n`` dofs, ``m`` members, ``n_inner`` interface dofs, ``n_live`` channels that can move; arrays
-per dof are (n, m). Matrices are compressed rows (``starts``, ``columns``, ``values``; mass, stiffness, damping: see
-``products.add_symmetric``; dense ones: see ``products.dense``; C: its block between normal channels, then that between
-tangential ones, both in the order of ``measured``), terms likewise (see ``Terms``). ``rest`` is 1
-while the class has not moved, and 1 where it is passed over at this instant, ``driven`` 1 where more than loads that
-come and go drives it. ``plain_inverse``, ``plain_response``: the Schur inverse, Y and C by their diagonals;
-``dense_trace``: trace, its rows for normal channels, and transpose dense."""
 
 
 class ClassTable:
@@ -87,7 +51,7 @@ class ClassTable:
         self._normal = np.zeros(0, dtype=bool) if normal is None else normal
         self._alive: dict[int, tuple[int, Any]] = {}  # what the addresses point to
         self._begun: list[list[Any]] = [[] for _ in propagators]  # the same, of the present segment
-        self._state: list[Array] = []  # (4, n, m): see _STATE
+        self._state: list[Array] = []  # (4, n, m): see STATE
         self._rest = np.zeros((len(propagators), 2), dtype=np.int64)
         self.probed: list[Array] = []
         for c, (propagator, flat, probe) in enumerate(zip(propagators, channels, probes, strict=True)):
@@ -189,20 +153,20 @@ class ClassTable:
         m, n, n_channel, n_inner = found["m"], found["n"], found["n_channel"], found["n_inner"]
         lengths = dict.fromkeys(("w_free", "seen", "channel", "answer"), n_channel)
         lengths |= dict.fromkeys(("inner", "inner_answer", "free_a"), n_inner)
-        sizes = {name: m * lengths.get(name, n) for name in _SCRATCH}
+        sizes = {name: m * lengths.get(name, n) for name in SCRATCH}
         sizes |= {"vectors": 2 * m * found["n_live"], "answers": 2 * m * found["n_live"]}
         sizes |= {"sweep": padded(m) * n, "below": m * (found["tallest"] + 1)}
         sizes["tile"] = (max(n, n_channel) + SPARE) * LANES
-        states = len(_STATE) * n * m
+        states = len(STATE) * n * m
         starts, end = places({"state": states, **sizes})
         block = np.zeros(end)
-        self._point(found, _STATE[0], block)
-        base = found[_STATE[0]]
-        for i, name in enumerate(_STATE):
+        self._point(found, STATE[0], block)
+        base = found[STATE[0]]
+        for i, name in enumerate(STATE):
             found[name] = base + 8 * i * n * m
         for name in sizes:
             found[name] = base + 8 * starts[name]
-        self._state.append(block[:states].reshape(len(_STATE), n, m))
+        self._state.append(block[:states].reshape(len(STATE), n, m))
         self.probed.append(np.zeros((0, 0, m)))
 
     def _products(
@@ -264,7 +228,7 @@ class ClassTable:
         """Copy the states of the propagators in."""
         for c, (propagator, own) in enumerate(zip(self._propagators, self._state, strict=True)):
             state = propagator.state
-            for into, name in zip(own, _STATE, strict=True):
+            for into, name in zip(own, STATE, strict=True):
                 into[...] = getattr(state, name)
             self._rest[c, 0] = not own.any()
 

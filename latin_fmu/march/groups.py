@@ -8,9 +8,10 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ..compiled import kernel
 from ..interface import Behaviour
 from ..propagator.cholesky.kernels import fortran
-from .views import address, floats, kernel, record
+from .views import address, floats, record
 
 Array = NDArray[np.float64]
 

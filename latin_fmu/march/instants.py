@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .groups import read_gaps, read_reach
+from ..compiled import entry, kernel
+from .class_row import CLASS
+from .groups import GROUP, read_gaps, read_reach
 from .iteration import iterate
 from .substructure import commit, predict, probe, read_displacement
-from .views import floats, integers, kernel
+from .views import floats, integers
+from .work import COEFFICIENTS, FLAT, HISTORY, LIMITS, WORK
 
 Array = NDArray[np.float64]
 
+_TYPES: Final = {
+    "rows": CLASS, "groups": GROUP, "Flat": FLAT, "Work": WORK, "Limits": LIMITS, "Scheme": COEFFICIENTS,
+    "History": HISTORY,
+}  # fmt: skip
 
-@kernel
+
+@entry("rows[::1], groups[::1], Flat, Work, Limits, Scheme, History, f8[::1], f8[:, ::1], i8, i8 -> i8", **_TYPES)
 def march_instants(
     classes: Any, groups: Any, flat: Any, work: Any, limits: Any, scheme: Any, history: Any, gap_start: Array,
     bonds: Array, first: int, n: int,
@@ -36,14 +44,14 @@ def march_instants(
     return n
 
 
-@kernel
+@entry("rows[::1], Scheme, i8, i8[::1]", **_TYPES)
 def predict_some(classes: Any, scheme: Any, instant: int, which: Any) -> None:
     """Free response of some classes; each writes into its own row only."""
     for c in which:
         predict(classes[c], scheme, instant)
 
 
-@kernel
+@entry("rows[::1], groups[::1], Flat, Work, Limits, Scheme, History, f8[:, ::1], i8, i8 -> i8", **_TYPES)
 def solve_instant(
     classes: Any, groups: Any, flat: Any, work: Any, limits: Any, scheme: Any, history: Any, bonds: Array, step: int,
     instant: int,
@@ -69,7 +77,7 @@ def solve_instant(
     return 1
 
 
-@kernel
+@entry("rows[::1], Scheme, i8, Work, i8[::1] -> i8", **_TYPES)
 def commit_some(classes: Any, scheme: Any, instant: int, work: Any, which: Any) -> int:
     """End the instant of some classes with the tractions of ``work``; substructures marched. Each class writes into its
     own row and at its own channels only."""
@@ -85,7 +93,7 @@ def commit_some(classes: Any, scheme: Any, instant: int, work: Any, which: Any) 
     return marched
 
 
-@kernel
+@entry("groups[::1], Flat, Work, Scheme, History, f8[::1], i8", **_TYPES)
 def close_instant(
     groups: Any, flat: Any, work: Any, scheme: Any, history: Any, gap_start: Array, instant: int
 ) -> None:
@@ -140,7 +148,7 @@ def accept(flat: Any, work: Any) -> None:
         work.interface_indicator[i] = max(work.interface_indicator[i], np.sqrt(share[i] / work.scales[0]))
 
 
-@kernel
+@entry("rows[::1], Scheme, i8, i8", **_TYPES)
 def march_alone(classes: Any, scheme: Any, first: int, n: int) -> None:
     """March substructures without interfaces."""
     nothing = np.zeros(1)

@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..compiled import kernel
 from .groups import local_stage
 from .least_squares import least_squares
 from .substructure import respond
-from .views import floats, integers, kernel, table_of_floats
+from .views import floats, integers, table_of_floats
 
 Array = NDArray[np.float64]
 

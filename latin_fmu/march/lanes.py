@@ -8,13 +8,12 @@ open, it makes none. Where the processor's vectors are shorter, the back end tak
 from __future__ import annotations
 
 from importlib import import_module
-from typing import Any, Final, cast
+from typing import Any, Final
 
 import numpy as np
-from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from .views import kernel
+from ..compiled import entry, kernel, lazy_intrinsic
 
 Array = NDArray[np.float64]
 
@@ -25,16 +24,28 @@ TILED: Final = 3
 SPARE: Final = 4
 """Vectors that a tile of scratch has beyond those of the dofs."""
 
-_types: Any = import_module("numba.types")
-_tools: Any = import_module("numba.core.cgutils")
-_ir: Any = import_module("llvmlite.ir")
-_real, _index, _short = _ir.DoubleType(), _ir.IntType(64), _ir.IntType(32)
-_vector = _ir.VectorType(_real, LANES)
+
+
+class _Module:
+    """A module that is imported when something of it is needed: the compiler's are needed to compile only."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(import_module(self._name), name)
+
+
+_types, _tools, _ir = _Module("numba.types"), _Module("numba.core.cgutils"), _Module("llvmlite.ir")
 _FUSED: Final = ("contract",)
 
 
+def _vector() -> Any:
+    return _ir.VectorType(_ir.DoubleType(), LANES)
+
+
 def _integer(value: int) -> Any:
-    return _ir.Constant(_index, value)
+    return _ir.Constant(_ir.IntType(64), value)
 
 
 def _at(builder: Any, address: Any, position: Any, size: int, kind: Any) -> Any:
@@ -44,18 +55,18 @@ def _at(builder: Any, address: Any, position: Any, size: int, kind: Any) -> Any:
 
 def _load(builder: Any, address: Any, position: Any) -> Any:
     """Vector ``position`` of a tile."""
-    return builder.load(_at(builder, address, position, 8 * LANES, _vector), align=8)
+    return builder.load(_at(builder, address, position, 8 * LANES, _vector()), align=8)
 
 
 def _store(builder: Any, value: Any, address: Any, position: Any) -> None:
-    builder.store(value, _at(builder, address, position, 8 * LANES, _vector), align=8)
+    builder.store(value, _at(builder, address, position, 8 * LANES, _vector()), align=8)
 
 
 def _spread(builder: Any, number: Any) -> Any:
     """The vector that has this number in every lane."""
-    undefined = _ir.Constant(_vector, _ir.Undefined)
-    first = builder.insert_element(undefined, number, _ir.Constant(_short, 0))
-    return builder.shuffle_vector(first, undefined, _ir.Constant(_ir.VectorType(_short, LANES), [0] * LANES))
+    undefined = _ir.Constant(_vector(), _ir.Undefined)
+    first = builder.insert_element(undefined, number, _ir.Constant(_ir.IntType(32), 0))
+    return builder.shuffle_vector(first, undefined, _ir.Constant(_ir.VectorType(_ir.IntType(32), LANES), [0] * LANES))
 
 
 def _add_product(builder: Any, total: Any, number: Any, vector: Any) -> Any:
@@ -70,14 +81,14 @@ def _sums(rows: int) -> Any:
     def typed(_context: Any, values: Any, stride: Any, count: Any, x: Any, out: Any) -> Any:
         def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
             values, stride, count, x, out = arguments
-            totals = [_tools.alloca_once(builder, _vector) for _ in range(rows)]
+            totals = [_tools.alloca_once(builder, _vector()) for _ in range(rows)]
             for total in totals:
-                builder.store(_ir.Constant(_vector, [0.0] * LANES), total)
+                builder.store(_ir.Constant(_vector(), [0.0] * LANES), total)
             with _tools.for_range(builder, count) as loop:
                 vector = _load(builder, x, loop.index)
                 for r, total in enumerate(totals):
                     item = builder.add(loop.index, builder.mul(stride, _integer(r)))
-                    number = builder.load(_at(builder, values, item, 8, _real))
+                    number = builder.load(_at(builder, values, item, 8, _ir.DoubleType()))
                     builder.store(_add_product(builder, builder.load(total), number, vector), total)
             for r, total in enumerate(totals):
                 _store(builder, builder.load(total), out, _integer(r))
@@ -85,7 +96,7 @@ def _sums(rows: int) -> Any:
 
         return _types.void(values, stride, count, x, out), generate
 
-    return cast(Any, intrinsic)(typed)
+    return lazy_intrinsic(typed)
 
 
 def _additions(rows: int) -> Any:
@@ -101,14 +112,14 @@ def _additions(rows: int) -> Any:
                 for r, vector in enumerate(own):
                     item = builder.add(loop.index, builder.mul(stride, _integer(r)))
                     total = _add_product(
-                        builder, total, builder.load(_at(builder, values, item, 8, _real)), vector
+                        builder, total, builder.load(_at(builder, values, item, 8, _ir.DoubleType())), vector
                     )
                 _store(builder, total, x, loop.index)
             return context.get_dummy_value()
 
         return _types.void(values, stride, count, a, x), generate
 
-    return cast(Any, intrinsic)(typed)
+    return lazy_intrinsic(typed)
 
 
 def _sparse(_context: Any, values: Any, columns: Any, count: Any, x: Any, out: Any) -> Any:
@@ -116,11 +127,11 @@ def _sparse(_context: Any, values: Any, columns: Any, count: Any, x: Any, out: A
 
     def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         values, columns, count, x, out = arguments
-        total = _tools.alloca_once(builder, _vector)
-        builder.store(_ir.Constant(_vector, [0.0] * LANES), total)
+        total = _tools.alloca_once(builder, _vector())
+        builder.store(_ir.Constant(_vector(), [0.0] * LANES), total)
         with _tools.for_range(builder, count) as loop:
-            column = builder.zext(builder.load(_at(builder, columns, loop.index, 4, _short)), _index)
-            number = builder.load(_at(builder, values, loop.index, 8, _real))
+            column = builder.zext(builder.load(_at(builder, columns, loop.index, 4, _ir.IntType(32))), _ir.IntType(64))
+            number = builder.load(_at(builder, values, loop.index, 8, _ir.DoubleType()))
             vector = _load(builder, x, column)
             builder.store(_add_product(builder, builder.load(total), number, vector), total)
         _store(builder, builder.load(total), out, _integer(0))
@@ -129,12 +140,12 @@ def _sparse(_context: Any, values: Any, columns: Any, count: Any, x: Any, out: A
     return _types.void(values, columns, count, x, out), generate
 
 
-_sparse_sum = cast(Any, intrinsic)(_sparse)
+_sparse_sum = lazy_intrinsic(_sparse)
 _sum_1, _sum_4 = _sums(1), _sums(4)
 _add_1, _add_4 = _additions(1), _additions(4)
 
 
-@kernel
+@entry("i8 -> i8")
 def padded(m: int) -> int:
     """Numbers per row of a vector of m members in tiles, m where it is not kept in tiles."""
     return m if m < TILED else (m + LANES - 1) // LANES * LANES

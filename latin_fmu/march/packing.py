@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from .views import kernel
+from ..compiled import entry
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -26,18 +26,21 @@ class LowerPattern(NamedTuple):
 
 def lower_pattern(matrix: sp.csr_array) -> LowerPattern:
     """Lower triangle of the pattern of a symmetric matrix (n, n), no entry twice."""
-    return LowerPattern(*_lower(matrix.indptr, matrix.indices))
-
-
-@kernel
-def _lower(pointers: Any, neighbours: Any) -> tuple[Index, NDArray[np.uint32], Index, Index]:
-    n, count = len(pointers) - 1, 0
+    n, most = matrix.shape[0], matrix.nnz
     starts, on_diagonal = np.zeros(n + 1, dtype=np.int64), np.full(n, -1, dtype=np.int64)
-    columns, places = (
-        np.empty(len(neighbours), dtype=np.uint32),
-        np.empty(len(neighbours), dtype=np.int64),
-    )
-    for i in range(n):
+    columns, places = np.empty(most, dtype=np.uint32), np.empty(most, dtype=np.int64)
+    pointers, neighbours = matrix.indptr.astype(np.int64, copy=False), matrix.indices.astype(np.int64, copy=False)
+    count = _lower(pointers, neighbours, starts, columns, places, on_diagonal)
+    return LowerPattern(starts, columns[:count].copy(), places[:count].copy(), on_diagonal)
+
+
+@entry("i8[::1], i8[::1], i8[::1], u4[::1], i8[::1], i8[::1] -> i8")
+def _lower(
+    pointers: Index, neighbours: Index, starts: Index, columns: NDArray[np.uint32], places: Index, on_diagonal: Index
+) -> int:
+    """Fill the arrays of a ``LowerPattern``, zero or -1 on entry; the entries below the diagonal."""
+    count = 0
+    for i in range(len(pointers) - 1):
         for e in range(pointers[i], pointers[i + 1]):
             if neighbours[e] < i:
                 columns[count], places[count] = neighbours[e], e
@@ -45,10 +48,10 @@ def _lower(pointers: Any, neighbours: Any) -> tuple[Index, NDArray[np.uint32], I
             elif neighbours[e] == i:
                 on_diagonal[i] = e
         starts[i + 1] = count
-    return starts, columns[:count].copy(), places[:count].copy(), on_diagonal
+    return count
 
 
-@kernel
+@entry("i8[::1], i8[::1], f8[::1], f8[::1], f8[::1]")
 def lower_values(places: Index, on_diagonal: Index, values: Array, diagonal: Array, below: Array) -> None:
     """Diagonal (n,) and entries below it from the entries of the whole matrix."""
     for i in range(len(on_diagonal)):
@@ -57,7 +60,7 @@ def lower_values(places: Index, on_diagonal: Index, values: Array, diagonal: Arr
         below[e] = values[places[e]]
 
 
-@kernel
+@entry("f8[:, ::1], i8[::1], f8[::1]")
 def pack(matrix: Array, picked: Index, out: Array) -> None:
     """Lower triangle of the picked rows and columns, row by row."""
     at = 0
@@ -68,7 +71,7 @@ def pack(matrix: Array, picked: Index, out: Array) -> None:
         at += i + 1
 
 
-@kernel
+@entry("f8[:, ::1] -> b1")
 def is_diagonal(matrix: Array) -> bool:
     """Whether a symmetric matrix has nothing beside its diagonal."""
     for i in range(len(matrix)):

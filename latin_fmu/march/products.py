@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..compiled import kernel
 from .lanes import LANES, SPARE, TILED, dense_product, sparse_product
-from .views import floats, indices, integers, kernel, table_of_floats
+from .views import floats, indices, integers, table_of_floats
 
 Array = NDArray[np.float64]
 

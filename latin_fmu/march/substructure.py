@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..compiled import kernel
 from .lanes import padded
 from .products import add_matrix, add_spread, add_symmetric, add_terms, add_trace, product
 from .sweeps import backward, forward
-from .views import floats, integers, kernel
+from .views import floats, integers
 
 Array = NDArray[np.float64]
 

@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..compiled import kernel
 from ..propagator.cholesky.sweeps import backward_many, backward_one, forward_many, forward_one
 from .lanes import LANES, SPARE, TILED, backward_tile, forward_tile, gather
-from .views import floats, integers, kernel, table_of_floats
+from .views import floats, integers, table_of_floats
 
 Array = NDArray[np.float64]
 

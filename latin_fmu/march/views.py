@@ -5,43 +5,30 @@ Whoever fills a table keeps the arrays alive and contiguous; the kernels never w
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from importlib import import_module
-from typing import Any, Final, TypeVar, cast
+from typing import Any
 
 import numpy as np
-from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from ..compiled import carray, jitted
-
-Function = TypeVar("Function", bound=Callable[..., Any])
-
-types: Any = import_module("numba.types")
-
-# Sums may be taken in another (fixed) order: without that they are not vectorised.
-_FAST: Final = {"reassoc", "contract", "nsz"}
+from ..compiled import carray, kernel, lazy_intrinsic
 
 
-def kernel(function: Function) -> Function:
-    """Compile for loops over floating-point numbers: kept, sums vectorised, without the interpreter lock."""
-    return jitted(function, nogil=True, fastmath=_FAST)
-
-
-def _pointer_to(item: Any) -> Any:
-    """Intrinsic from an address (int64) to a pointer to numbers of the numba type ``item``."""
+def _pointer_to(code: str) -> Any:
+    """Intrinsic from an address (int64) to a pointer to numbers of a numba type."""
 
     def typed(_typing: Any, address: Any) -> Any:
+        from numba import types
+
         def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
             return builder.inttoptr(values[0], context.get_value_type(signature.return_type))
 
-        return types.CPointer(item)(address), generate
+        return types.CPointer(getattr(types, code))(address), generate
 
-    return cast(Any, intrinsic)(typed)
+    return lazy_intrinsic(typed)
 
 
-_float64 = _pointer_to(types.float64)
-_int64, _uint32 = _pointer_to(types.int64), _pointer_to(types.uint32)
+_float64 = _pointer_to("float64")
+_int64, _uint32 = _pointer_to("int64"), _pointer_to("uint32")
 
 
 @kernel

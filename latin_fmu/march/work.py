@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..compiled import fields
 from ..time_scheme import TimeScheme
 
 Array = NDArray[np.float64]
@@ -137,3 +138,17 @@ def make_work(n_flat: int, n_interface: int, depth: int, max_iterations: int, la
         np.zeros((depth, 1, n_flat)), np.zeros((depth, 1, n_flat)), np.zeros((depth, depth)), np.zeros(3),
         np.zeros(4), np.zeros(n_interface), np.zeros(n_interface), np.zeros(2, dtype=np.int64),
     )  # fmt: skip
+
+
+COEFFICIENTS: Final = fields(Coefficients, ", ".join(["f8"] * 18))
+FLAT: Final = fields(
+    Flat,
+    "f8[::1], f8[::1], f8[::1], f8[:, ::1], f8[::1], i8[::1], i8[::1], i8[::1], f8[:, ::1], f8[:, ::1], f8[:, ::1]",
+)
+LIMITS: Final = fields(Limits, "f8, f8, f8, i8, i8, i8, f8, f8, f8, f8, i8, f8, f8")
+HISTORY: Final = fields(History, "f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], i8[::1]")
+WORK: Final = fields(
+    Work,
+    ", ".join(["f8[::1]"] * 12 + ["f8[:, :, ::1]"] * 2 + ["f8[:, ::1]"] + ["f8[::1]"] * 4 + ["i8[::1]"]),
+)
+"""Types of the tuples in signatures of kernels."""

@@ -98,7 +98,7 @@ def largest_eigenvalue(matrix: sp.csr_array, mass: Array) -> float:
     q = np.cos(1.0 + np.arange(n) * np.sqrt(2.0))
     vectors = np.stack([np.zeros(n), q / np.linalg.norm(q)])
     diagonal, beside = np.zeros(_MOST), np.zeros(_MOST)
-    entries = matrix.indptr, matrix.indices, matrix.data
+    entries = *(a.astype(np.int64, copy=False) for a in (matrix.indptr, matrix.indices)), matrix.data
     for first in range(0, min(n, _MOST - _STEPS), _STEPS):
         last = first + _STEPS
         _lanczos(*entries, inverse, vectors, diagonal, beside, first, last)
@@ -130,7 +130,10 @@ def lanczos_numpy(
         vectors[1] = after / beside[step] if beside[step] > 0.0 else 0.0
 
 
-@compiled(lanczos_numpy)
+@compiled(
+    lanczos_numpy,
+    "i8[::1], i8[::1], f8[::1], f8[::1], f8[:, ::1], f8[::1], f8[::1], i8, i8",
+)
 def _lanczos(
     pointers: Any, columns: Any, values: Array, inverse: Array, vectors: Array, diagonal: Array, beside: Array,
     first: int, last: int,

@@ -6,12 +6,13 @@ U = F22 - L21 L21^T, (r, r), to its parent. Row-major lower triangles are what L
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .kernels import LEFT, PLAIN, TRANSPOSED, UPPER, fortran, kernel
+from ...compiled import entry, kernel
+from .kernels import LEFT, PLAIN, TRANSPOSED, UPPER, fortran
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -63,11 +64,14 @@ def _eliminate(routines: Index, panel: Array, width: int, below: int, update: Ar
     fortran(routines[3], (UPPER, PLAIN, width, top, width, info.ctypes.data))
 
 
-@kernel
+_PATTERN: Final = "i8[::1], i8[::1], i8[::1], f8[::1], i8[::1], i8[::1], i8[::1], i8[::1], i8[::1], i8[::1], i8[::1], b1[::1]"
+
+
+@entry(f"{_PATTERN}, i8, f8[::1], f8[:, ::1] -> i8", f"{_PATTERN}, i8, f4[::1], f8[:, ::1] -> i8")
 def factorise(
     routines: Index,
-    pointers: Any,
-    neighbours: Any,
+    pointers: Index,
+    neighbours: Index,
     values: Array,
     order: Index,
     position: Index,

@@ -6,18 +6,22 @@ Four rows at a time are faster from cache, one after the other from memory (the 
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .kernels import PLAIN, RIGHT, TRANSPOSED, UPPER, fortran, kernel
+from ...compiled import entry
+from .kernels import PLAIN, RIGHT, TRANSPOSED, UPPER, fortran
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 
-@kernel
+_PATTERN: Final = "i8[::1], i8[::1], i8[::1], i8[::1]"
+
+
+@entry(*(f"b1, {_PATTERN}, {real}[::1], i8[::1], f8[::1], f8[::1]" for real in ("f8", "f4")))
 def forward_one(
     grouped: bool,
     first: Index,
@@ -71,7 +75,7 @@ def forward_one(
             i += 1
 
 
-@kernel
+@entry(*(f"b1, {_PATTERN}, {real}[::1], i8[::1], f8[::1], f8[::1], f8[::1], f8[::1]" for real in ("f8", "f4")))
 def backward_one(
     grouped: bool,
     first: Index,
@@ -121,7 +125,12 @@ def backward_one(
         out[order[i]] = x[i]
 
 
-@kernel
+@entry(
+    *(
+        f"i8[::1], {real}, {_PATTERN}, {real}[::1], i8[::1], f8[:, ::1], {real}[:, ::1], {real}[:, ::1]"
+        for real in ("f8", "f4")
+    )
+)
 def forward_many(
     routines: Index, one: Any, first: Index, row_start: Index, rows: Index, panel_start: Index, panels: Any,
     order: Index, b: Array, x: Any, scratch: Any,
@@ -149,7 +158,13 @@ def forward_many(
                 x[own[i], j] -= scratch[i, j]
 
 
-@kernel
+@entry(
+    *(
+        f"i8[::1], {real}, {_PATTERN}, {real}[::1], i8[::1], {real}[:, ::1], f8[:, ::1], {real}[:, ::1], "
+        f"{real}[:, ::1], f8[:, ::1]"
+        for real in ("f8", "f4")
+    )
+)
 def backward_many(
     routines: Index, one: Any, first: Index, row_start: Index, rows: Index, panel_start: Index, panels: Any,
     order: Index, y: Any, x_last: Array, x: Any, scratch: Any, out: Array,

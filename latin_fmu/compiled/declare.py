@@ -1,0 +1,185 @@
+"""Decorators of compiled functions, and the call of an entry."""
+
+from __future__ import annotations
+
+import functools
+import os
+from collections.abc import Callable
+from ctypes import byref
+from functools import cached_property
+from typing import Any, Final, TypeVar, cast
+
+from . import library, with_numba
+from .signature import Mismatch, Signature
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+COMPILES: Final = os.environ.get("LATIN_FMU_COMPILE", "1") != "0"
+
+
+class Kernel:
+    """A function that is compiled as a part of the entries that call it.
+
+    Attributes
+    ----------
+    py_func : the Python function.
+    """
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        functools.update_wrapper(self, function)
+        self.py_func = function
+
+    @cached_property
+    def dispatcher(self) -> Any:
+        """numba's compiled function, made when it is first needed."""
+        return with_numba.dispatcher(self.py_func)
+
+    @property
+    def _numba_type_(self) -> Any:
+        """What numba takes this object for where another kernel calls it."""
+        return self.dispatcher._numba_type_
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Compiled by numba: of use to tests, and where there is no library."""
+        return self.dispatcher(*arguments)
+
+
+class Entry(Kernel):
+    """A kernel that Python calls: in the library that was compiled with the wheel, or by numba.
+
+    Attributes
+    ----------
+    signatures : what it accepts. symbol : its name in the library, with the number of the signature behind it.
+    """
+
+    def __init__(self, function: Callable[..., Any], signatures: tuple[Signature, ...]) -> None:
+        super().__init__(function)
+        self.signatures = signatures
+        self.symbol = f"{_module(function).replace('.', '_')}_{function.__name__}"
+
+    @cached_property
+    def _calls(self) -> list[tuple[Callable[..., bytes], Callable[..., int], Any]]:
+        known = library.loaded()
+        if known is None:
+            return []
+        return [
+            (signature.pack, library.call_of(known, f"{self.symbol}_{number}"), library.RESULTS[signature.result])
+            for number, signature in enumerate(self.signatures)
+        ]
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Call the library; numba where there is none, or where no signature fits."""
+        for pack, call, result in self._calls:
+            try:
+                slots = pack(arguments)
+            except Mismatch:
+                continue
+            if result is None:
+                status = call(slots, None)
+                value = None
+            else:
+                out = result()
+                status = call(slots, byref(out))
+                value = out.value
+            if status:
+                raise MemoryError(f"{self.symbol}: the kernel stopped with status {status}")
+            return value
+        return self.dispatcher(*arguments)
+
+
+class Pointers:
+    """A function of pointers, called by its address: ``n_integer`` to int32 and then ``n_float`` to float64."""
+
+    def __init__(self, function: Callable[..., None], n_integer: int, n_float: int) -> None:
+        self.py_func, self.n_integer, self.n_float = function, n_integer, n_float
+        self.symbol = f"{_module(function).replace('.', '_')}_{function.__name__}"
+
+    @cached_property
+    def dispatcher(self) -> Any:
+        """numba's compiled function of pointers, for the build of the library."""
+        return with_numba.dispatcher(self.py_func)
+
+    @cached_property
+    def _made(self) -> Any:
+        return with_numba.c_function(self.py_func, self.n_integer, self.n_float)
+
+    def __call__(self) -> int:
+        """The address; 0 where compilation is off."""
+        if not COMPILES:
+            return 0
+        known = library.loaded()
+        return int(self._made.address) if known is None else library.address_of(known, self.symbol)
+
+
+class Later:
+    """An object of numba that kernels name, made when numba compiles: modules of kernels do not import numba."""
+
+    def __init__(self, make: Callable[[], Any]) -> None:
+        self._make = make
+
+    @cached_property
+    def made(self) -> Any:
+        """The object."""
+        return self._make()
+
+    @property
+    def _numba_type_(self) -> Any:
+        from numba.core.registry import cpu_target
+
+        made, context = self.made, cpu_target.typing_context
+        context.refresh()  # it may have been made after numba began to compile
+        return context.resolve_value_type(made)
+
+
+def _carray() -> Any:
+    import numba
+
+    return numba.carray
+
+
+carray: Final[Any] = Later(_carray)
+
+
+def lazy_intrinsic(define: Callable[..., Any]) -> Any:
+    """Decorator: ``numba.extending.intrinsic`` of a function that imports what it needs of numba itself."""
+
+    def make() -> Any:
+        from numba.extending import intrinsic
+
+        return cast(Any, intrinsic)(define)
+
+    return Later(make)
+
+
+def kernel(function: Function) -> Function:
+    """Decorator: a function called from other kernels."""
+    return cast(Function, Kernel(function))
+
+
+def entry(*signatures: str, **names: Any) -> Callable[[Function], Function]:
+    """Decorator: a kernel that Python calls too; see the package's docstring."""
+
+    def declare(function: Function) -> Function:
+        return cast(Function, Entry(function, tuple(Signature(text, names) for text in signatures)))
+
+    return declare
+
+
+def compiled(twin: Function, *signatures: str, **names: Any) -> Callable[[Function], Function]:
+    """Decorator: an entry (a kernel without signatures), or its NumPy ``twin`` when compilation is off."""
+
+    def choose(function: Function) -> Function:
+        if not COMPILES:
+            return twin
+        return entry(*signatures, **names)(function) if signatures else kernel(function)
+
+    return choose
+
+
+def native(n_integer: int, n_float: int) -> Callable[[Callable[..., None]], Callable[[], int]]:
+    """Decorator: address of a function of pointers, ``n_integer`` to int32 and then ``n_float`` to float64."""
+    return lambda function: Pointers(function, n_integer, n_float)
+
+
+def _module(function: Callable[..., Any]) -> str:
+    """Module of a function below the package, whatever the package is called."""
+    return function.__module__.removeprefix(f"{__package__.rsplit('.', 1)[0]}.")
