@@ -17,9 +17,9 @@ MODULES = tuple(sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py
 
 # Each layer may import those before it, never its own neighbours or those after it.
 LAYERS: tuple[tuple[str, ...], ...] = (
-    ("kernel_store",),
     ("errors", "compiled", "memory", "blas_threads"),
     ("mesh_files",),
+    ("aot",),
     ("fem", "interface", "time_scheme"),
     ("propagator",),
     ("march",),

@@ -25,7 +25,7 @@ def build(folder: Path, targets: Sequence[str]) -> list[Path]:
     wanted = {target: folder / library.file_name(target) for target in targets}
     missing = {t: path for t, path in wanted.items() if not path.is_file() or _note(path).read_text() != key}
     if missing:
-        for target, path in missing.items():
+        for path in missing.values():
             _note(path).unlink(missing_ok=True)
         _make(missing, manifest)
         for path in missing.values():
@@ -91,5 +91,5 @@ def host() -> str | None:
     from .objects import TARGETS
 
     own = library.target()
-    musl = own.startswith("linux") and not os.confstr("CS_GNU_LIBC_VERSION")  # type: ignore[attr-defined]
+    musl = own.startswith("linux") and not os.confstr("CS_GNU_LIBC_VERSION")
     return own if own in TARGETS and not musl else None

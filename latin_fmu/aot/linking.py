@@ -29,7 +29,9 @@ def link(content: bytes, manifest: str, target: Target, library: Path) -> None:
     with tempfile.TemporaryDirectory(dir=library.parent) as folder:
         made, source = Path(folder) / library.name, Path(folder) / "manifest.c"
         (Path(folder) / "kernels.o").write_bytes(content)
-        export = "__declspec(dllexport)" if "windows" in target.zig else '__attribute__((visibility("default")))'
+        export = (
+            "__declspec(dllexport)" if "windows" in target.zig else '__attribute__((visibility("default")))'
+        )
         text = manifest.replace("\n", "\\n")
         source.write_text(f'{export} const char latin_fmu_manifest[] = "{text}";\n', encoding="utf-8")
         command = [

@@ -7,7 +7,7 @@ build only, by one that keeps the code of each kernel as it is; all of them are 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from typing import Any
+from typing import Any, Final
 
 import llvmlite.binding as llvm
 from llvmlite import ir
@@ -21,7 +21,7 @@ from numba.np.numpy_support import from_dtype
 from ..compiled.declare import Entry, Pointers
 from ..compiled.signature import Argument, Block, Bundle, Scalar, Signature
 
-_NUMBERS = {"i8": types.int64, "f8": types.float64, "b1": types.boolean, "f4": types.float32}
+_NUMBERS: Final = {"i8": types.int64, "f8": types.float64, "b1": types.boolean, "f4": types.float32}
 _WORD, _STATUS = ir.IntType(64), ir.IntType(32)
 
 
@@ -93,7 +93,9 @@ def lower(context: Any, declared: Iterable[Entry | Pointers]) -> tuple[list[Any]
             calls = [(f"{item.symbol}_{i}", signature, [numba_type(a) for a in signature.arguments])
                      for i, signature in enumerate(item.signatures)]  # fmt: skip
         else:
-            pointers = [types.CPointer(types.int32)] * item.n_integer + [types.CPointer(types.float64)] * item.n_float
+            pointers = [types.CPointer(types.int32)] * item.n_integer + [
+                types.CPointer(types.float64)
+            ] * item.n_float
             calls = [(item.symbol, None, pointers)]
         for symbol, signature, arguments in calls:
             dispatcher = item.dispatcher

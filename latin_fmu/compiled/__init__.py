@@ -5,4 +5,14 @@ from __future__ import annotations
 from .declare import COMPILES, carray, compiled, entry, kernel, lazy_intrinsic, native
 from .signature import address, fields
 
-__all__ = ["COMPILES", "address", "carray", "compiled", "entry", "fields", "kernel", "lazy_intrinsic", "native"]
+__all__ = [
+    "COMPILES",
+    "address",
+    "carray",
+    "compiled",
+    "entry",
+    "fields",
+    "kernel",
+    "lazy_intrinsic",
+    "native",
+]

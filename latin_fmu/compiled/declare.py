@@ -7,10 +7,11 @@ import os
 from collections.abc import Callable
 from ctypes import byref
 from functools import cached_property
+from importlib import import_module
 from typing import Any, Final, TypeVar, cast
 
 from . import library, with_numba
-from .signature import Mismatch, Signature
+from .signature import MismatchError, Signature
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 COMPILES: Final = os.environ.get("LATIN_FMU_COMPILE", "1") != "0"
@@ -62,7 +63,11 @@ class Entry(Kernel):
         if known is None:
             return []
         return [
-            (signature.pack, library.call_of(known, f"{self.symbol}_{number}"), library.RESULTS[signature.result])
+            (
+                signature.pack,
+                library.call_of(known, f"{self.symbol}_{number}"),
+                library.RESULTS[signature.result],
+            )
             for number, signature in enumerate(self.signatures)
         ]
 
@@ -71,7 +76,7 @@ class Entry(Kernel):
         for pack, call, result in self._calls:
             try:
                 slots = pack(arguments)
-            except Mismatch:
+            except MismatchError:
                 continue
             if result is None:
                 status = call(slots, None)
@@ -131,9 +136,7 @@ class Later:
 
 
 def _carray() -> Any:
-    import numba
-
-    return numba.carray
+    return import_module("numba").carray
 
 
 carray: Final[Any] = Later(_carray)

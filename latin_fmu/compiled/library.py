@@ -1,8 +1,8 @@
 """The library of kernels that was compiled with the wheel: where it is, whether it fits, its functions.
 
 It fits where its processor extensions are there and where the sources it was compiled from are those of this package
-(a digest inside the library). It is looked for in the package, then in ``build/`` beside the package, where the build of
-a wheel leaves it in a source tree.
+(a digest inside the library). It is looked for in the package, then in ``build/`` beside the package, where the build
+of a wheel leaves it in a source tree.
 """
 
 from __future__ import annotations
@@ -23,7 +23,13 @@ PACKAGE: Final = Path(__file__).resolve().parents[1]
 RESULTS: Final = MappingProxyType(
     {None: None, "i8": ctypes.c_int64, "b1": ctypes.c_int64, "f8": ctypes.c_double}
 )
-_MARKS: Final = (b"@kernel", b"@entry", b"@compiled", b"@native", b"@lazy_intrinsic")  # sources that hold kernels
+_MARKS: Final = (
+    b"@kernel",
+    b"@entry",
+    b"@compiled",
+    b"@native",
+    b"@lazy_intrinsic",
+)  # sources that hold kernels
 _MACHINES: Final = MappingProxyType({"amd64": "x86_64", "arm64": "aarch64"})
 
 
@@ -106,6 +112,16 @@ def _search() -> ctypes.CDLL | str:
                 return found
             said = found
     return said
+
+
+def shipped() -> list[Path]:
+    """Libraries of any platform that were made from these very sources: what a copy of the package takes along."""
+    known = digest_of(PACKAGE, sources_of(PACKAGE)).encode()
+    found = {
+        path.name: path for folder in (PACKAGE.parent / "build", PACKAGE) for path in folder.glob("_kernels-*.*")
+        if path.suffix in (".so", ".dll") and known in path.read_bytes()
+    }  # fmt: skip
+    return sorted(found.values())
 
 
 def opened(path: Path, package: Path) -> ctypes.CDLL | str:

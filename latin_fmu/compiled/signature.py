@@ -11,7 +11,7 @@ import struct
 from collections.abc import Mapping, Sequence
 from ctypes import addressof, c_char
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,7 @@ _ITEMS: Final = ("i8", "f8", "b1", "f4", "i4", "u4", "u8", "u1")
 _ARGUMENT: Final = re.compile(r"\s*(\w+)\s*(?:\[((?:\s*:\s*,)*\s*::1\s*)\])?\s*(?:,|$)")
 
 
-class Mismatch(TypeError):
+class MismatchError(TypeError):
     """Arguments that a signature does not describe."""
 
 
@@ -85,7 +85,8 @@ def _argument(word: str, dimensions: str | None, names: Mapping[str, Any], text:
     if dimensions is None and known is None and word in _SCALARS:
         return Scalar(word)
     raise ValueError(
-        f"signature {text!r}: {word!r} is unknown; allowed: numbers {', '.join(_SCALARS)}, arrays such as f8[:, ::1] of "
+        f"signature {text!r}: {word!r} is unknown; allowed: numbers {', '.join(_SCALARS)}, arrays such as f8[:, ::1] "
+        f"of "
         f"{', '.join(_ITEMS)}, and names given as keywords (arrays of records, named tuples)"
     )
 
@@ -112,14 +113,14 @@ class Signature:
 
         Raises
         ------
-        Mismatch : other types, dimensions or strides than those declared.
+        MismatchError : other types, dimensions or strides than those declared.
         """
         slots: list[Any] = []
         _fill(slots, self.arguments, values)
         try:
             return self._pack(*slots)
         except struct.error as error:
-            raise Mismatch(str(error)) from error
+            raise MismatchError(str(error)) from error
 
 
 def _format(argument: Argument) -> str:
@@ -132,11 +133,13 @@ def _format(argument: Argument) -> str:
 
 def _fill(slots: list[Any], arguments: Sequence[Argument], values: Sequence[Any]) -> None:
     if len(arguments) != len(values):
-        raise Mismatch(f"{len(values)} arguments; declared: {len(arguments)}")
+        raise MismatchError(f"{len(values)} arguments; declared: {len(arguments)}")
     for number, (argument, value) in enumerate(zip(arguments, values, strict=True)):
         if type(argument) is Block:
             if type(value) is not np.ndarray or value.dtype != argument.dtype or value.ndim != argument.ndim:
-                raise Mismatch(f"argument {number + 1}: {_told(value)}; declared: {argument.dtype}, {argument.ndim}-D")
+                raise MismatchError(
+                    f"argument {number + 1}: {_told(value)}; declared: {argument.dtype}, {argument.ndim}-D"
+                )
             slots.append(address(value))
             slots.extend(value.shape)
         elif type(argument) is Scalar:
@@ -144,8 +147,10 @@ def _fill(slots: list[Any], arguments: Sequence[Argument], values: Sequence[Any]
         else:
             assert isinstance(argument, Bundle)
             if type(value) is not argument.cls:
-                raise Mismatch(f"argument {number + 1}: {_told(value)}; declared: {argument.cls.__name__}")
-            _fill(slots, argument.fields, value)
+                raise MismatchError(
+                    f"argument {number + 1}: {_told(value)}; declared: {argument.cls.__name__}"
+                )
+            _fill(slots, argument.fields, cast(Any, value))
 
 
 def _told(value: Any) -> str:
@@ -159,10 +164,12 @@ def address(array: NDArray[Any]) -> int:
 
     Raises
     ------
-    Mismatch : the array is not C-contiguous.
+    MismatchError : the array is not C-contiguous.
     """
     if not array.flags.c_contiguous:
-        raise Mismatch(f"an array of shape {array.shape} is not C-contiguous")
+        raise MismatchError(f"an array of shape {array.shape} is not C-contiguous")
     if array.dtype.fields is None and array.size and array.flags.writeable:
-        return addressof(c_char.from_buffer(array))  # twice as fast as array.ctypes; no buffers of records, slow
+        return addressof(
+            c_char.from_buffer(cast(Any, array))
+        )  # twice as fast as array.ctypes; no buffers of records, slow
     return int(array.ctypes.data)

@@ -9,7 +9,6 @@ sources in a folder named by a digest of all of them, and keeps its files there.
 
 from __future__ import annotations
 
-import hashlib
 import logging
 import os
 import shutil
@@ -19,6 +18,7 @@ import uuid
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
+from importlib import import_module
 from pathlib import Path
 from types import FunctionType
 from typing import Any, Final
@@ -33,8 +33,7 @@ KEPT: Final = 8  # folders; those not used for longest are removed
 
 def dispatcher(function: Callable[..., Any]) -> Any:
     """``numba.njit`` of a kernel, kept in the cache folder where there is one."""
-    import numba
-
+    numba: Any = import_module("numba")
     if BUILD:
         return numba.njit(**OPTIONS, **BUILD)(function)
     placed = _placed(function)
@@ -46,10 +45,11 @@ def dispatcher(function: Callable[..., Any]) -> Any:
 
 def c_function(function: Callable[..., Any], n_integer: int, n_float: int) -> Any:
     """``numba.cfunc`` of a function of so many pointers to int32 and then to float64."""
-    import numba
-
-    types: Any = numba.types
-    signature = types.void(*[types.CPointer(types.int32)] * n_integer, *[types.CPointer(types.float64)] * n_float)
+    numba: Any = import_module("numba")
+    types = numba.types
+    signature = types.void(
+        *[types.CPointer(types.int32)] * n_integer, *[types.CPointer(types.float64)] * n_float
+    )
     placed = _placed(function)
     if placed is not None:
         with suppress(RuntimeError):
@@ -69,7 +69,9 @@ def _placed(function: Callable[..., Any]) -> FunctionType | None:
         return None
     # numba names its files by the file name alone, and folders of ours are not deep
     code = function.__code__.replace(co_filename=str(folder / "_".join(source.parts)))
-    placed = FunctionType(code, function.__globals__, function.__name__, function.__defaults__, function.__closure__)
+    placed = FunctionType(
+        code, function.__globals__, function.__name__, function.__defaults__, function.__closure__
+    )
     placed.__qualname__, placed.__module__ = function.__qualname__, function.__module__
     return placed
 
@@ -82,7 +84,9 @@ def _ready(package: Path) -> Path | None:
     if fresh:
         where = "in this process only" if folder is None else f"once; kept in {folder}"
         logging.getLogger("latin_fmu").warning(
-            "%s: numba compiles the kernels now, about a minute of processor time (%s)", library.reason(), where
+            "%s: numba compiles the kernels now, about a minute of processor time (%s)",
+            library.reason(),
+            where,
         )
     return folder
 

@@ -96,7 +96,8 @@ def close(
 
 @compiled(
     anderson_numpy,
-    "f8[::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, :, ::1], f8[:, :, ::1], f8[:, ::1], i8, f8, f8, f8[:, ::1]",
+    "f8[::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, :, ::1], f8[:, :, ::1], f8[:, ::1], "
+    "i8, f8, f8, f8[:, ::1]",
 )
 def anderson(
     weight: Array, q: Array, residual: Array, last_q: Array, last_r: Array, dq: Array, dr: Array, gram: Array,

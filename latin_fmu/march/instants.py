@@ -23,7 +23,9 @@ _TYPES: Final = {
 }  # fmt: skip
 
 
-@entry("rows[::1], groups[::1], Flat, Work, Limits, Scheme, History, f8[::1], f8[:, ::1], i8, i8 -> i8", **_TYPES)
+@entry(
+    "rows[::1], groups[::1], Flat, Work, Limits, Scheme, History, f8[::1], f8[:, ::1], i8, i8 -> i8", **_TYPES
+)
 def march_instants(
     classes: Any, groups: Any, flat: Any, work: Any, limits: Any, scheme: Any, history: Any, gap_start: Array,
     bonds: Array, first: int, n: int,

@@ -25,7 +25,6 @@ SPARE: Final = 4
 """Vectors that a tile of scratch has beyond those of the dofs."""
 
 
-
 class _Module:
     """A module that is imported when something of it is needed: the compiler's are needed to compile only."""
 
@@ -66,7 +65,9 @@ def _spread(builder: Any, number: Any) -> Any:
     """The vector that has this number in every lane."""
     undefined = _ir.Constant(_vector(), _ir.Undefined)
     first = builder.insert_element(undefined, number, _ir.Constant(_ir.IntType(32), 0))
-    return builder.shuffle_vector(first, undefined, _ir.Constant(_ir.VectorType(_ir.IntType(32), LANES), [0] * LANES))
+    return builder.shuffle_vector(
+        first, undefined, _ir.Constant(_ir.VectorType(_ir.IntType(32), LANES), [0] * LANES)
+    )
 
 
 def _add_product(builder: Any, total: Any, number: Any, vector: Any) -> Any:
@@ -130,7 +131,9 @@ def _sparse(_context: Any, values: Any, columns: Any, count: Any, x: Any, out: A
         total = _tools.alloca_once(builder, _vector())
         builder.store(_ir.Constant(_vector(), [0.0] * LANES), total)
         with _tools.for_range(builder, count) as loop:
-            column = builder.zext(builder.load(_at(builder, columns, loop.index, 4, _ir.IntType(32))), _ir.IntType(64))
+            column = builder.zext(
+                builder.load(_at(builder, columns, loop.index, 4, _ir.IntType(32))), _ir.IntType(64)
+            )
             number = builder.load(_at(builder, values, loop.index, 8, _ir.DoubleType()))
             vector = _load(builder, x, column)
             builder.store(_add_product(builder, builder.load(total), number, vector), total)

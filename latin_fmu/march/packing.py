@@ -29,14 +29,22 @@ def lower_pattern(matrix: sp.csr_array) -> LowerPattern:
     n, most = matrix.shape[0], matrix.nnz
     starts, on_diagonal = np.zeros(n + 1, dtype=np.int64), np.full(n, -1, dtype=np.int64)
     columns, places = np.empty(most, dtype=np.uint32), np.empty(most, dtype=np.int64)
-    pointers, neighbours = matrix.indptr.astype(np.int64, copy=False), matrix.indices.astype(np.int64, copy=False)
+    pointers, neighbours = (
+        matrix.indptr.astype(np.int64, copy=False),
+        matrix.indices.astype(np.int64, copy=False),
+    )
     count = _lower(pointers, neighbours, starts, columns, places, on_diagonal)
     return LowerPattern(starts, columns[:count].copy(), places[:count].copy(), on_diagonal)
 
 
 @entry("i8[::1], i8[::1], i8[::1], u4[::1], i8[::1], i8[::1] -> i8")
 def _lower(
-    pointers: Index, neighbours: Index, starts: Index, columns: NDArray[np.uint32], places: Index, on_diagonal: Index
+    pointers: Index,
+    neighbours: Index,
+    starts: Index,
+    columns: NDArray[np.uint32],
+    places: Index,
+    on_diagonal: Index,
 ) -> int:
     """Fill the arrays of a ``LowerPattern``, zero or -1 on entry; the entries below the diagonal."""
     count = 0

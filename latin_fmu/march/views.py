@@ -5,6 +5,7 @@ Whoever fills a table keeps the arrays alive and contiguous; the kernels never w
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ def _pointer_to(code: str) -> Any:
     """Intrinsic from an address (int64) to a pointer to numbers of a numba type."""
 
     def typed(_typing: Any, address: Any) -> Any:
-        from numba import types
+        types: Any = import_module("numba.types")
 
         def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
             return builder.inttoptr(values[0], context.get_value_type(signature.return_type))

@@ -19,6 +19,7 @@ from ...compiled import lazy_intrinsic
 LEFT, RIGHT, UPPER = np.uint8(ord("L")), np.uint8(ord("R")), np.uint8(ord("U"))
 PLAIN, TRANSPOSED = np.uint8(ord("N")), np.uint8(ord("T"))
 
+
 @cache
 def routines(dtype: np.dtype[Any]) -> NDArray[np.int64]:
     """Addresses (7,) of potrf, trsm, syrk, trtri, trmm, gemm, potri for float64 or float32."""

@@ -75,7 +75,9 @@ def forward_one(
             i += 1
 
 
-@entry(*(f"b1, {_PATTERN}, {real}[::1], i8[::1], f8[::1], f8[::1], f8[::1], f8[::1]" for real in ("f8", "f4")))
+@entry(
+    *(f"b1, {_PATTERN}, {real}[::1], i8[::1], f8[::1], f8[::1], f8[::1], f8[::1]" for real in ("f8", "f4"))
+)
 def backward_one(
     grouped: bool,
     first: Index,

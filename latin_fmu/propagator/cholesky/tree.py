@@ -18,7 +18,9 @@ def vertex_graph(
 ) -> tuple[Index, Index]:
     """Graph of the vertices (loops left out) of a matrix by rows; ``order`` lists the dofs of each from ``start``."""
     pointers, neighbours = np.zeros(len(start), dtype=np.int64), np.empty(len(indices), dtype=np.int64)
-    filled = _vertex_graph(indptr, indices, vertex, order, start, _unmarked(len(start) - 1), pointers, neighbours)
+    filled = _vertex_graph(
+        indptr, indices, vertex, order, start, _unmarked(len(start) - 1), pointers, neighbours
+    )
     return pointers, neighbours[:filled].copy()
 
 
@@ -42,8 +44,8 @@ def _vertex_graph(
     for i in range(n):
         mark[i] = i
         for k in range(start[i], start[i + 1]):
-            for entry in range(indptr[order[k]], indptr[order[k] + 1]):
-                j = vertex[indices[entry]]
+            for place in range(indptr[order[k]], indptr[order[k] + 1]):
+                j = vertex[indices[place]]
                 if mark[j] != i:
                     mark[j] = i
                     neighbours[filled] = j
@@ -63,8 +65,8 @@ def elimination_tree(pointers: Index, neighbours: Index, n_interior: int) -> Ind
 def _elimination_tree(pointers: Index, neighbours: Index, ancestor: Index, parent: Index) -> None:
     """Fill ``parent`` (n_interior,); it and ``ancestor``, scratch, are -1 on entry."""
     for i in range(len(parent)):
-        for entry in range(pointers[i], pointers[i + 1]):
-            j = neighbours[entry]
+        for place in range(pointers[i], pointers[i + 1]):
+            j = neighbours[place]
             while j < i and j != -1:
                 above = ancestor[j]
                 ancestor[j] = i
@@ -88,8 +90,8 @@ def _column_counts(
     """Fill ``count`` (n_interior,), zero on entry; ``mark``, scratch, is -1 on entry."""
     n_interior = len(parent)
     for i in range(len(pointers) - 1):
-        for entry in range(pointers[i], pointers[i + 1]):
-            j = neighbours[entry]
+        for place in range(pointers[i], pointers[i + 1]):
+            j = neighbours[place]
             if j >= n_interior or j >= i:
                 continue
             while j != -1 and j != i and mark[j] != i:
@@ -227,8 +229,8 @@ def _supernode_rows(
 ) -> None:
     """As ``supernode_rows``; ``count`` is zero, ``mark``, scratch, -1 on entry."""
     for i in range(len(pointers) - 1):
-        for entry in range(pointers[i], pointers[i + 1]):
-            j = neighbours[entry]
+        for place in range(pointers[i], pointers[i + 1]):
+            j = neighbours[place]
             if j >= n_interior or j >= i:
                 continue
             s = owner[j]
