@@ -132,8 +132,8 @@ def _entry_wrapper(context: Any, symbol: str, signature: Signature, result: Any)
         declared = _NUMBERS[signature.result]
         out = context.cast(builder, out, result.signature.return_type, declared)
         if signature.result == "b1":
-            out = builder.zext(out, _WORD)
-        builder.store(builder.bitcast(out, _WORD), function.args[1])
+            out = builder.zext(out, ir.IntType(8))
+        builder.store(out, builder.bitcast(function.args[1], out.type.as_pointer()))
     elif result.signature.return_type != types.none:
         raise TypeError(f"{symbol} returns {result.signature.return_type}; declared: nothing")
     builder.ret(status.code)

@@ -78,16 +78,10 @@ class Entry(Kernel):
                 slots = pack(arguments)
             except MismatchError:
                 continue
-            if result is None:
-                status = call(slots, None)
-                value = None
-            else:
-                out = result()
-                status = call(slots, byref(out))
-                value = out.value
-            if status:
-                raise MemoryError(f"{self.symbol}: the kernel stopped with status {status}")
-            return value
+            out = None if result is None else result()
+            if status := call(slots, None if out is None else byref(out)):
+                raise MemoryError(f"{self.symbol}: no memory for its work arrays (status {status})")
+            return None if out is None else out.value
         return self.dispatcher(*arguments)
 
 
@@ -118,8 +112,14 @@ class Pointers:
 class Later:
     """An object of numba that kernels name, made when numba compiles: modules of kernels do not import numba."""
 
-    def __init__(self, make: Callable[[], Any]) -> None:
-        self._make = make
+    def __init__(self, make: Callable[[], Any], in_python: Callable[..., Any] | None = None) -> None:
+        self._make, self.in_python = make, in_python
+
+    def __call__(self, *arguments: Any) -> Any:
+        """The same in Python, for kernels that tests run there."""
+        if self.in_python is None:
+            raise TypeError("this function exists in compiled kernels only")
+        return self.in_python(*arguments)
 
     @cached_property
     def made(self) -> Any:
@@ -142,15 +142,16 @@ def _carray() -> Any:
 carray: Final[Any] = Later(_carray)
 
 
-def lazy_intrinsic(define: Callable[..., Any]) -> Any:
-    """Decorator: ``numba.extending.intrinsic`` of a function that imports what it needs of numba itself."""
+def lazy_intrinsic(define: Callable[..., Any], in_python: Callable[..., Any] | None = None) -> Any:
+    """Decorator: ``numba.extending.intrinsic`` of a function that imports what it needs of numba itself; ``in_python``
+    does the same where a kernel is run uncompiled."""
 
     def make() -> Any:
         from numba.extending import intrinsic
 
         return cast(Any, intrinsic)(define)
 
-    return Later(make)
+    return Later(make, in_python)
 
 
 def kernel(function: Function) -> Function:

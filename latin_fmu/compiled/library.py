@@ -21,7 +21,7 @@ from typing import Any, Final
 
 PACKAGE: Final = Path(__file__).resolve().parents[1]
 RESULTS: Final = MappingProxyType(
-    {None: None, "i8": ctypes.c_int64, "b1": ctypes.c_int64, "f8": ctypes.c_double}
+    {None: None, "i8": ctypes.c_int64, "b1": ctypes.c_bool, "f8": ctypes.c_double}
 )
 _MARKS: Final = (
     b"@kernel",

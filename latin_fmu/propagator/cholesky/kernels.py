@@ -49,8 +49,7 @@ def _address(module: str, name: str) -> int:
     return int(pointer_of(capsule, name_of(capsule)))
 
 
-@lazy_intrinsic
-def fortran(_typing: Any, address: Any, arguments: Any) -> Any:
+def _fortran(_typing: Any, address: Any, arguments: Any) -> Any:
     """Call the routine at ``address``, everything by reference.
 
     ``arguments`` is a tuple: uint64 = address of an array, int64 = an integer (passed as C int), uint8 = a letter,
@@ -76,3 +75,23 @@ def fortran(_typing: Any, address: Any, arguments: Any) -> Any:
         builder.call(builder.inttoptr(values[0], shape.as_pointer()), pointers)
 
     return types.void(address, arguments), generate
+
+
+def _fortran_in_python(address: int, arguments: tuple[Any, ...]) -> None:
+    """The same by ctypes; an integer too large for a C int is an address."""
+    pointers: list[Any] = []
+    for value in arguments:
+        if isinstance(value, np.uint8):
+            pointers.append(ctypes.byref(ctypes.c_ubyte(int(value))))
+        elif isinstance(value, np.float32):
+            pointers.append(ctypes.byref(ctypes.c_float(float(value))))
+        elif isinstance(value, float):
+            pointers.append(ctypes.byref(ctypes.c_double(value)))
+        elif value < 1 << 31:
+            pointers.append(ctypes.byref(ctypes.c_int(value)))
+        else:
+            pointers.append(ctypes.c_void_p(value))
+    ctypes.CFUNCTYPE(None)(int(address))(*pointers)
+
+
+fortran: Any = lazy_intrinsic(_fortran, _fortran_in_python)
