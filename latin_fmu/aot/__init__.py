@@ -2,6 +2,6 @@
 
 numba lowers every entry once (``lowering``), LLVM optimises all of them together and emits an object file for each
 target (``objects``), its undefined symbols are compared to a list (``symbols``), and the compiler of ``ziglang``
-links it with a few lines of C (``linking``). ``python -m latin_fmu.aot`` builds the library into ``build/`` of a source tree,
-where the package finds it: of use after a change of a kernel.
+links it with a few lines of C (``linking``). ``python -m latin_fmu.aot`` builds the library into ``build/`` of a
+source tree, where the package finds it: of use after a change of a kernel.
 """

@@ -23,7 +23,7 @@ def build(folder: Path, targets: Sequence[str]) -> list[Path]:
     manifest = "\n".join([*(source.as_posix() for source in sources), library.digest_of(package, sources)])
     key = _key(manifest)
     wanted = {target: folder / library.file_name(target) for target in targets}
-    missing = {t: path for t, path in wanted.items() if not path.is_file() or _note(path).read_text() != key}
+    missing = {t: path for t, path in wanted.items() if not _is_of(path, key)}
     if missing:
         for path in missing.values():
             _note(path).unlink(missing_ok=True)
@@ -31,6 +31,11 @@ def build(folder: Path, targets: Sequence[str]) -> list[Path]:
         for path in missing.values():
             _note(path).write_text(key)
     return list(wanted.values())
+
+
+def _is_of(path: Path, key: str) -> bool:
+    """Whether a library is there and what it depends on has not changed."""
+    return path.is_file() and _note(path).is_file() and _note(path).read_text() == key
 
 
 def _note(path: Path) -> Path:

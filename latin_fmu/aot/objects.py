@@ -9,6 +9,8 @@ from typing import Any, Final
 
 import llvmlite.binding as llvm
 
+_ENVIRONMENT: Final = "_ZN08NumbaEnv"
+
 
 @dataclass(frozen=True)
 class Target:
@@ -54,7 +56,9 @@ def joined(modules: Iterable[Any], exported: Iterable[str]) -> Any:
         whole.link_in(module, preserve=True)
     for item in (*whole.functions, *whole.global_variables):
         if not item.is_declaration and item.name not in names:
-            item.linkage = "internal"
+            # numba's pointers to Python's objects: internal ones would be taken for the null that they are here, and
+            # a kernel that uses Python would become one that fails
+            item.linkage = "linkonce_any" if item.name.startswith(_ENVIRONMENT) else "internal"
     return whole
 
 

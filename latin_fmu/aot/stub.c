@@ -71,6 +71,9 @@ void NRT_MemInfo_call_dtor(MemInfo *memory) { free(memory); }
 void *PyExc_RuntimeError;
 void Py_FatalError(const char *message) { abort(); }
 void PyErr_SetString(void *kind, const char *message) { abort(); }
+void *PyObject_Hash(void *object) { abort(); }
+void *PyTuple_Pack(intptr_t n, ...) { abort(); }
+void *PyUnicode_FromKindAndData(int kind, const void *data, intptr_t size) { abort(); }
 int numba_gil_ensure(void) { abort(); }
 void *NRT_MemInfo_new_varsize_dtor(size_t size, void *destructor) { abort(); }
 void *NRT_MemInfo_varsize_realloc(void *memory, size_t size) { abort(); }

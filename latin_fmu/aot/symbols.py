@@ -13,13 +13,27 @@ C_LIBRARY: Final = frozenset({"memset", "memcpy", "memmove", "malloc", "free", "
 
 # What stub.c defines: memory of kernels that allocate, products of ``np.dot``, and error paths that are never reached.
 STUB: Final = frozenset(
-    {
-        "NRT_Allocate", "NRT_Free", "NRT_MemInfo_alloc", "NRT_MemInfo_alloc_aligned", "NRT_MemInfo_call_dtor",
-        "NRT_MemInfo_new_varsize_dtor", "NRT_MemInfo_varsize_realloc", "PyErr_SetString", "PyExc_RuntimeError",
-        "Py_FatalError", "numba_attempt_nocopy_reshape", "numba_gil_ensure", "numba_xxdot", "numba_xxgemm",
+    [
+        "NRT_Allocate",
+        "NRT_Free",
+        "NRT_MemInfo_alloc",
+        "NRT_MemInfo_alloc_aligned",
+        "NRT_MemInfo_call_dtor",
+        "NRT_MemInfo_new_varsize_dtor",
+        "NRT_MemInfo_varsize_realloc",
+        "PyErr_SetString",
+        "PyExc_RuntimeError",
+        "Py_FatalError",
+        "PyObject_Hash",
+        "PyTuple_Pack",
+        "PyUnicode_FromKindAndData",
+        "numba_attempt_nocopy_reshape",
+        "numba_gil_ensure",
+        "numba_xxdot",
+        "numba_xxgemm",
         "numba_xxgemv",
-    }
-)  # fmt: skip
+    ]
+)
 
 
 class ForbiddenSymbolError(Exception):
