@@ -30,6 +30,7 @@ from .checks import (
     sampling_remarks,
 )
 from .conditions import Conditions
+from .held_points import without_held_directions
 from .initial_state import InitialState
 from .locking import locking_remarks
 from .models import ModelClass, model_classes, side_impedance
@@ -206,7 +207,7 @@ def prepare(scene: Scene) -> Prepared:
     found = [build_interface(n, i, bodies, Messages(problems, remarks)) for n, i in scene.interface.items()]
     if problems:
         raise SceneError(problems, "the scene cannot be built")
-    units = [unit for unit in found if unit is not None]
+    units = without_held_directions([unit for unit in found if unit is not None], bodies, conditions)
     initial_problems(scene, units, problems, remarks)
     if scene.time.quasi_static and not problems:
         problems += unheld(bodies, conditions, units, "quasi_static")

@@ -24,9 +24,14 @@ from .facets import DEGREE, changes_basis, facet_change, nodal_values, shape, sl
 from .mesh import Array, Index
 from .surface import Pieces, Surface
 
-SLIVER = 0.2
-"""Points with less than this share of their nodal area are merged into neighbours."""
+SLIVER = 0.5
+"""Points with less than this share of their nodal area are merged into neighbours: nodes beyond the common part, whose
+psi extrapolate. With 0.2 a soft block on the partly covered facets of a stiff plate took 44 iterations on average over
+forty random places, with 0.5 it took 21."""
 _CONDITION = 1e6  # of the integrals of a facet, beyond which constants take the place of its dual functions
+_INSIDE = (
+    0.95  # such a share of the area in those facets that are covered at all: at the edge of them, no sliver
+)
 _NOTHING = 1e-6  # a covered share, or a share of the median area of points, that counts as none
 _AFFINE = 1e-9  # a quadrilateral this close to a parallelogram is one
 _CURVED_DEGREE = 12  # of the quadrature where the functions are no polynomials in the plane
@@ -67,7 +72,7 @@ class _Points:
         self.owner, self.other = owner, other
         self.nodes = owner.facets.nodes
         n = len(self.nodes)
-        self.areas, self.whole, self.sags, self.covered = np.zeros((4, n))
+        self.areas, self.whole, self.near, self.sags, self.covered = np.zeros((5, n))
         self.reached = 0.0  # area of the facets that are covered at all
         self.vector_areas = np.zeros((n, 3))
         self.entries: list[tuple[Index, Index, Array]] = []  # of A T_other: points, nodes, values
@@ -120,9 +125,12 @@ def _add_block(points: _Points, number: int, row: list[Cells]) -> None:
     dual = _dual(gram, covered)
     np.add.at(points.areas, at, np.einsum("fab->fa", gram))
     np.add.at(points.vector_areas, at, dual @ normal)
-    np.add.at(points.whole, at, _whole(pieces, change, n_facet))
     area = np.bincount(pieces.facet, pieces.areas, minlength=n_facet)
-    points.reached += float(area[covered > _NOTHING * area].sum())
+    reached = covered > _NOTHING * area
+    points.reached += float(area[reached].sum())
+    whole = _whole(pieces, change, n_facet)
+    np.add.at(points.whole, at, whole)
+    np.add.at(points.near, at[reached], whole[reached])
     np.add.at(points.covered, at, np.repeat(covered[:, None] / n, n, axis=1))
     own = dual @ gram
     points.own.append((np.repeat(at, n, axis=1), np.tile(at, (1, n)), own.reshape(n_facet, -1)))
@@ -211,9 +219,9 @@ def _finished(points: _Points, least: float) -> Mortar:
     own = sp.csr_array(_collected(points.own, (n, n))[touched])
     other = sp.csr_array(_collected(points.entries, (n, len(points.other.nodes)))[touched])
     places = (back @ points.owner.nodes[points.nodes])[touched]
-    group = _groups(
-        points.areas[touched] / points.whole[touched], sp.csr_array(own[:, touched]), places, least
-    )
+    shares = points.areas[touched] / points.whole[touched]
+    shares[points.areas[touched] > _INSIDE * points.near[touched]] = 1.0
+    group = _groups(shares, sp.csr_array(own[:, touched]), places, least)
     joined = sp.csr_array((np.ones(len(group)), (group, np.arange(len(group)))))
     areas = np.asarray(joined @ points.areas[touched])
     joined = sp.csr_array(joined[areas > _NOTHING * np.median(areas)])
