@@ -51,7 +51,7 @@ def solve(scene: Scene, observer: Observer | None = None, progress: ProgressSink
     outcome = run(built, timings, observer, progress, wall)
     if outcome.converged and (prediction := built.predict()) is not None:
         timings.predicted = prediction.march
-    return Solution(outcome, scene.text(), scene.name)
+    return Solution(outcome, scene.text(), scene.name, recovered=built.recovered)
 
 
 def run(

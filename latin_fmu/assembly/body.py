@@ -17,7 +17,7 @@ from ..fem.mesh import Array, FacetSet, Mesh, boundary, box_mesh
 from ..fem.mesh_file import mesh_of
 from ..fem.ordering import nested_dissection
 from ..fem.rigid import rigid_body
-from ..fem.stress import MeanStress
+from ..fem.stress import MeanStress, Recovery
 from ..fem.surface import Surface
 from ..mesh_files.content import MeshContent
 from ..mesh_files.reading import read_content
@@ -65,6 +65,12 @@ class Shape:
         """Stress recovery: displacements (n_node, 3) to mean stress (n_cell, 6), Pa."""
         m = self.material
         return MeanStress(self.elements, m.young_modulus, m.poisson_ratio)
+
+    @cached_property
+    def recovery(self) -> Recovery:
+        """Strains of the elements and stresses at the nodes from displacements."""
+        m = self.material
+        return Recovery(self.elements, m.young_modulus, m.poisson_ratio, self.bending_modes)
 
     def body_load(self, force: Array) -> Array:
         """Nodal forces (3 n_node,) of a uniform body force, N."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -16,6 +16,7 @@ from ..latin.recorder import SubstructureInfo, Wanted
 from ..latin.search_direction import SearchDirection, inertial_impedance, unresolved_sides
 from ..latin.settings import Settings
 from ..propagator import Propagator, StaticPropagator, make_propagator
+from ..results.recovered import Recovered
 from ..scene.schema import Scene
 from ..scene.solver_settings import WHOLE, Anderson, Uniform
 from ..time_scheme import QuasiStatic, TimeScheme, make_scheme
@@ -56,7 +57,8 @@ class Built:
     """A scene turned into operators, ready to run.
 
     The assembly stands at t = 0 with the instants of the scene; ``timeline`` can give it others. ``predict`` tells
-    what the run should cost; ``start`` is the equilibrium that the motion starts from, None where there is none.
+    what the run should cost; ``start`` is the equilibrium that the motion starts from, None where there is none;
+    ``recovered`` finds more fields of the substructures from what is kept.
     """
 
     assembly: Assembly
@@ -67,6 +69,7 @@ class Built:
     timeline: Timeline
     predict: Callable[[], Prediction | None] = lambda: None
     start: InitialState | None = None
+    recovered: Mapping[str, Recovered] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -101,6 +104,15 @@ class Prepared:
             )
             for n, b in self.bodies.items()
         }
+
+    @property
+    def recovered(self) -> dict[str, Recovered]:
+        """What finds more fields of the elastic substructures, where the scene asks for them."""
+        output = self.scene.output
+        if not output.recovers:
+            return {}
+        wanted = output.strain, output.nodal_stress, output.principal_stress
+        return {n: Recovered(b.shape.recovery, *wanted) for n, b in self.bodies.items() if not b.rigid}
 
     @property
     def timeline(self) -> Timeline:
@@ -160,11 +172,19 @@ class Prepared:
         if not static and any(body.rigid for body in self.bodies.values()):
             inertial_impedance(assembly)
         output = scene.output
-        wanted = Wanted(output.fields, output.stress, output.energy, output.every)
+        wanted = Wanted(output.keeps_fields, output.stress, output.energy, output.every)
         warnings = (*self.remarks, *without_factor, *([] if static else unresolved_sides(assembly)))
         warnings += () if start is None else start.remarks
         return Built(
-            assembly, settings_of(scene), wanted, self.info, warnings, timeline, self.prediction, start
+            assembly,
+            settings_of(scene),
+            wanted,
+            self.info,
+            warnings,
+            timeline,
+            self.prediction,
+            start,
+            self.recovered,
         )
 
     def started(self, amplitudes: Mapping[str, float]) -> Built:

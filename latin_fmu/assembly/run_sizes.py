@@ -140,7 +140,7 @@ def run_sizes(prepared: Prepared) -> RunSizes:
         probed=tuple(u.geometry.n_point for u in units if u.behaviour.n_component == 1),
         n_instant=scene.time.n_step, window=window, sequential=sequential,
         static=scene.time.quasi_static, iterations=expected_iterations(scene, units), at_once=at_once,
-        fields=output.fields, stress=output.stress, energy=output.energy, every=output.every,
+        fields=output.keeps_fields, stress=output.stress, energy=output.energy, every=output.every,
         unbalanced=_unbalanced(scene), increments=start.increments if start.type == "static" else 0,
     )  # fmt: skip
 
