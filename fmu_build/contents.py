@@ -134,7 +134,6 @@ def _requirements() -> list[str]:
             "numpy",
             "scipy",
             "numba",
-            "scikit-fem",
             "meshio",
             "pydantic",
             "xarray",
