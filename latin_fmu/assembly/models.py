@@ -151,7 +151,7 @@ def _lumped_damping(body: Body, held: Conditions) -> sp.csr_array | None:
     if mass is None:
         return None
     damping = diagonal_matrix(body.shape.material.rayleigh_mass * mass)
-    return damping if held.dashpots is None else sp.csr_array(damping + held.dashpots)
+    return damping if held.lumped_dashpots is None else sp.csr_array(damping + held.lumped_dashpots)
 
 
 def _loads(scene: Scene, name: str, body: Body) -> list[LoadTerm]:

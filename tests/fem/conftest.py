@@ -63,13 +63,14 @@ ABAQUS_TYPE = {"triangle": "S3", "quad": "S4", "tetra": "C3D4", "hexahedron": "C
 
 
 def write_msh(path: Path, nodes: Array, groups: Groups) -> None:
-    """Gmsh 4.1 ASCII, one entity per group."""
+    """Gmsh 4.1 ASCII, one entity per group; "top#2" is another entity of the group "top"."""
     dims = {name: 2 if kind.startswith(("triangle", "quad")) else 3 for name, (kind, _) in groups.items()}
     tags = {name: 10 + i for i, name in enumerate(groups)}
-    names = [f'{dims[n]} {tags[n]} "{n}"' for n in groups]
+    whole = {name: tags[name.split("#")[0]] for name in groups}
+    names = [f'{dims[n]} {tags[n]} "{n}"' for n in groups if "#" not in n]
     span = "0 0 0 1 1 1"
-    surfaces = [f"{tags[n]} {span} 1 {tags[n]} 0" for n in groups if dims[n] == 2]
-    volumes = [f"{tags[n]} {span} 1 {tags[n]} 0" for n in groups if dims[n] == 3]
+    surfaces = [f"{tags[n]} {span} 1 {whole[n]} 0" for n in groups if dims[n] == 2]
+    volumes = [f"{tags[n]} {span} 1 {whole[n]} 0" for n in groups if dims[n] == 3]
     n = len(nodes)
     lines = ["$MeshFormat", "4.1 0 8", "$EndMeshFormat", "$PhysicalNames", str(len(names)), *names,
              "$EndPhysicalNames", "$Entities", f"0 0 {len(surfaces)} {len(volumes)}", *surfaces, *volumes,
