@@ -22,8 +22,8 @@ def surface(face: str) -> str:
 
 def facets(mesh: Mesh, side: str) -> Iterator[tuple[int, int]]:
     """Elements (from 0) and the numbers of their faces that make up a face of the mesh."""
-    wanted = {frozenset(f) for f in mesh.faces[side].tolist()}
-    for element, cell in enumerate(mesh.cells.tolist()):
+    wanted = {frozenset(f) for b in mesh.faces[side].blocks for f in b.facets.tolist()}
+    for element, cell in enumerate(mesh.blocks[0].cells.tolist()):
         for number, local in enumerate(FACES, 1):
             if frozenset(cell[k] for k in local) in wanted:
                 yield element, number
@@ -31,7 +31,7 @@ def facets(mesh: Mesh, side: str) -> Iterator[tuple[int, int]]:
 
 def facet_area(mesh: Mesh, side: str) -> float:
     """Mean area of the facets of a plane face made of parallelograms, m2."""
-    corner = mesh.nodes[mesh.faces[side]]
+    corner = mesh.nodes[mesh.faces[side].blocks[0].facets]
     sides = corner[:, 1] - corner[:, 0], corner[:, 3] - corner[:, 0]
     return float(np.linalg.norm(np.cross(*sides), axis=1).mean())
 

@@ -35,7 +35,7 @@ def held(ready: Prepared) -> Iterator[str]:
         elif isinstance(boundary, Symmetry):
             name, side = split_face(boundary.face)
             mesh = ready.bodies[name].mesh
-            axes = [int(np.argmin(np.ptp(mesh.nodes[np.unique(mesh.faces[side])], axis=0)))]
+            axes = [int(np.argmin(np.ptp(mesh.nodes[mesh.faces[side].nodes], axis=0)))]
         elif isinstance(boundary, PrescribedDisplacement | PrescribedVelocity):
             continue
         else:

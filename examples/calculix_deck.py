@@ -46,7 +46,7 @@ class Deck:
         self.ready, self.choices = ready, choices
         self._bodies = ready.bodies
         counts = [b.mesh.n_node for b in self._bodies.values()]
-        cells = [len(b.mesh.cells) for b in self._bodies.values()]
+        cells = [b.mesh.n_cell for b in self._bodies.values()]
         number = np.arange(sum(counts))
         if choices.bonded:
             points = np.concatenate([b.mesh.nodes for b in self._bodies.values()])
@@ -88,7 +88,7 @@ class Deck:
                     yield f"{number}, " + ", ".join(f"{x:.11e}" for x in place)
         for name, body in self._bodies.items():
             yield f"*ELEMENT, TYPE=C3D8, ELSET={name.upper()}"
-            numbered = self.node[name][body.mesh.cells]
+            numbered = self.node[name][body.mesh.blocks[0].cells]
             for i, nodes in enumerate(numbered.tolist(), self._element[name]):
                 yield ", ".join(map(str, (i, *nodes)))
 
@@ -117,7 +117,7 @@ class Deck:
             for element, number in facets(self._bodies[name].mesh, side):
                 yield f"{element + self._element[name]}, S{number}"
             yield f"*NSET, NSET=N_{surface(face)}"
-            yield from wrapped(np.unique(self.node[name][self._bodies[name].mesh.faces[side]]))
+            yield from wrapped(np.sort(self.node[name][self._bodies[name].mesh.faces[side].nodes]))
 
     def _contacts(self) -> Iterator[str]:
         for name, interface in self.ready.scene.interface.items():

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 CATEGORIES = {0: "logAll", 1: "logStatusWarning", 2: "logStatusDiscard", 3: "logStatusError"}
-NEEDED = ("numpy", "scipy", "numba", "skfem", "meshio", "pydantic", "xarray", "netCDF4", "threadpoolctl")
+NEEDED = ("numpy", "scipy", "numba", "meshio", "pydantic", "xarray", "netCDF4", "threadpoolctl")
 
 
 class Adapter:

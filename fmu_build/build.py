@@ -8,6 +8,7 @@ from typing import Literal
 
 import latin_fmu
 from latin_fmu.assembly.build import prepare
+from latin_fmu.assembly.search import completed
 from latin_fmu.cosim.table_file import table_text
 from latin_fmu.cosim.variables import table_of
 from latin_fmu.errors import InputError, Problem
@@ -64,6 +65,7 @@ def build_fmu(scene: Scene, target: str | Path, fmi: Fmi = "2", extra: Files | N
 def fmu_files(scene: Scene, fmi: Fmi) -> Files:
     """Every file of the FMU, by path inside the archive."""
     exporter = Exporter.installed(fmi)
+    scene = completed(scene)
     built = prepare(scene).build()  # also shows that it can be built
     n_point = {unit.name: unit.geometry.n_point for unit in built.assembly.interfaces}
     table = table_of(scene, n_point if fmi == "3" else None)

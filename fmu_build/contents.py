@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import latin_fmu
+from latin_fmu.compiled import library
 from latin_fmu.scene.schema import Scene
 
 from .facts import NAME
@@ -19,7 +20,7 @@ Files = dict[str, bytes]
 
 _ADAPTERS = ("__init__.py", "adapter.py", "co_simulation_adapter.py", "fmi2.py", "fmi3.py")
 _EXPORTERS = {"2": "pythonfmu", "3": "pythonfmu3"}
-_LEFT_OUT = ("cli.py", "__main__.py", "commands", "accuracy", "stability")  # nothing an FMU runs
+_LEFT_OUT = ("cli.py", "__main__.py", "commands", "accuracy", "stability", "aot")  # nothing an FMU runs
 _BARE_INIT = (
     '"""The solver inside an FMU; nothing is imported before it is needed."""\n\n__version__ = "{}"\n'
 )
@@ -77,6 +78,7 @@ def package_files(exporter: Exporter) -> Files:
         inside = path.relative_to(solver)
         if inside.parts[0] not in _LEFT_OUT:
             files[f"latin_fmu/{inside.as_posix()}"] = path.read_bytes()
+    files |= {f"latin_fmu/{path.name}": path.read_bytes() for path in library.shipped()}
     files["latin_fmu/__init__.py"] = _BARE_INIT.format(latin_fmu.__version__).encode()
     here = Path(__file__).parent
     files |= {
@@ -132,7 +134,6 @@ def _requirements() -> list[str]:
             "numpy",
             "scipy",
             "numba",
-            "scikit-fem",
             "meshio",
             "pydantic",
             "xarray",

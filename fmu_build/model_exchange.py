@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 import latin_fmu
+from latin_fmu.assembly.search import completed
 from latin_fmu.exchange.equations import Equations
 from latin_fmu.exchange.names import Names
 from latin_fmu.exchange.reduce import reduced_system
@@ -71,6 +72,7 @@ def build_model_exchange(scene: Scene, target: str | Path, n_mode: int = 12, n_p
 def model_exchange_files(scene: Scene, n_mode: int, n_patch: int) -> Files:
     """Every file of the FMU, by path inside the archive."""
     exporter = Exporter.installed("3")
+    scene = completed(scene)
     system = reduced_system(scene, n_mode, n_patch)
     names = _names(scene, system)
     package = package_files(exporter)

@@ -27,14 +27,21 @@ A run: ``solve(load_scene("scene.toml"))`` gives a ``Solution`` whose ``to_datat
 and netCDF.
 """
 
-from .accuracy.estimate import estimate_error
-from .api import check, solve
-from .errors import InputError, LatinError, MeshError, ResultsError, SceneError, SolverError
-from .observe import Iteration
-from .results.netcdf import open_results
-from .results.solution import Solution
-from .scene.reader import load_scene, scene_from_dict
-from .scene.schema import Scene
+from __future__ import annotations
+
+from importlib import import_module
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, Final
+
+if TYPE_CHECKING:
+    from .accuracy.estimate import estimate_error
+    from .api import check, solve
+    from .errors import InputError, LatinError, MeshError, ResultsError, SceneError, SolverError
+    from .observe import Iteration
+    from .results.netcdf import open_results
+    from .results.solution import Solution
+    from .scene.reader import load_scene, scene_from_dict
+    from .scene.schema import Scene
 
 __version__ = "0.1.0"
 
@@ -55,3 +62,33 @@ __all__ = [
     "scene_from_dict",
     "solve",
 ]
+
+# Where the names come from: imported when they are first used, so that a command or an FMU loads what it needs.
+_MODULES: Final = MappingProxyType(
+    {
+        **dict.fromkeys(
+            ("InputError", "LatinError", "MeshError", "ResultsError", "SceneError", "SolverError"), "errors"
+        ),
+        "Iteration": "observe",
+        "Scene": "scene.schema",
+        "Solution": "results.solution",
+        "check": "api",
+        "estimate_error": "accuracy.estimate",
+        "load_scene": "scene.reader",
+        "open_results": "results.netcdf",
+        "scene_from_dict": "scene.reader",
+        "solve": "api",
+    }
+)
+
+
+def __getattr__(name: str) -> Any:
+    module = _MODULES.get(name)
+    if module is None:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = globals()[name] = getattr(import_module(f".{module}", __name__), name)
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

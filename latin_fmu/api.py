@@ -5,9 +5,11 @@ from __future__ import annotations
 import time as clock
 from typing import Protocol
 
-from .assembly.build import Built, build
+from .assembly.build import Built, build, prepare
+from .assembly.sizes import body_lines, size_remarks
 from .blas_threads import one_thread
 from .latin.drift import drift_remarks
+from .latin.layout import InterfaceUnit
 from .latin.record import Outcome, Timings
 from .latin.recorder import Recorder
 from .latin.solver import IterationEvent
@@ -49,7 +51,7 @@ def solve(scene: Scene, observer: Observer | None = None, progress: ProgressSink
     outcome = run(built, timings, observer, progress, wall)
     if outcome.converged and (prediction := built.predict()) is not None:
         timings.predicted = prediction.march
-    return Solution(outcome, scene.text(), scene.name)
+    return Solution(outcome, scene.text(), scene.name, recovered=built.recovered)
 
 
 def run(
@@ -115,20 +117,33 @@ def check(scene: Scene) -> list[str]:
     ------
     SceneError : the scene cannot be built.
     """
-    built = build(scene)
+    prepared = prepare(scene)
+    built = prepared.started({})
     assembly = built.assembly
     lines = [
         f"scene {scene.name}: {assembly.n_substructure} substructure(s) in {len(assembly.propagators)} class(es), "
         f"{len(assembly.interfaces)} interface(s), {assembly.n_instant} steps of {assembly.dt:.6g} s"
     ]
+    lines += body_lines(prepared.bodies)
     lines += [
         f"  {', '.join(p.names)}: {p.n_dof} unknowns, {p.n_channel} interface channels"
         for p in assembly.propagators
     ]
-    lines += [
-        f"  interface {u.name}: {u.behaviour.name}, {u.geometry.n_point} points, area {u.geometry.areas.sum():.6g} m2"
-        for u in assembly.interfaces
-    ]
+    lines += [_interface_line(u, u.name not in scene.interface) for u in assembly.interfaces]
     lines += [] if built.start is None else [f"  start: {built.start.told}"]
-    lines += [f"warning: {w}" for w in built.warnings]
-    return [*lines, "the scene can be solved" + (", mind the warnings" if built.warnings else "")]
+    warnings = (*size_remarks(prepared.bodies), *built.warnings)
+    lines += [f"warning: {w}" for w in warnings]
+    return [*lines, "the scene can be solved" + (", mind the warnings" if warnings else "")]
+
+
+def _interface_line(unit: InterfaceUnit, found: bool) -> str:
+    """Sizes of an interface: points, area, gap, where the points come from; ``found`` : by a search."""
+    geometry = unit.geometry
+    area = geometry.areas.sum()
+    line = f"  interface {unit.name}: {unit.behaviour.name}, {geometry.n_point} points, area {area:.6g} m2"
+    if unit.behaviour.opens:
+        gaps = dict.fromkeys(f"{gap:.4g}" for gap in (geometry.gap.min(), geometry.gap.max()))
+        line += f", gap {' to '.join(gaps)} m"
+    if geometry.traces[1] is not None:
+        line += ", node against node" if geometry.matching else f", points of {unit.sides[geometry.owner]}"
+    return line + (", found" if found else "")

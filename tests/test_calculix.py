@@ -81,7 +81,7 @@ def test_faces_have_the_area_of_the_block(modules: dict[str, ModuleType]) -> Non
     for axis, pair in enumerate((("xmin", "xmax"), ("ymin", "ymax"), ("zmin", "zmax"))):
         for side in pair:
             corners = [
-                mesh.nodes[[mesh.cells[e][k] for k in cards.FACES[n - 1]]]
+                mesh.nodes[[mesh.blocks[0].cells[e][k] for k in cards.FACES[n - 1]]]
                 for e, n in cards.facets(mesh, side)
             ]
             area = sum(np.linalg.norm(np.cross(c[2] - c[0], c[3] - c[1])) / 2 for c in corners)

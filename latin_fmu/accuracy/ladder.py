@@ -97,9 +97,9 @@ class Ladder:
         LatinError : the scene cannot be built or solved there.
         """
         scene = at_resolution(self.scene, resolution)
-        output = output.model_copy(update={"fields": output.fields or bool(self.scene.sensor)})
+        output = output.model_copy(update={"fields": output.keeps_fields or bool(self.scene.sensor)})
         kept = output.fields and (output.every > 1 or not scene.output.fields)
-        if output.stress or output.energy or kept:
+        if output.stress or output.energy or output.recovers or kept:
             scene = scene.model_copy(update={"output": output})
         if self._finest is None or self._finest[:2] != (resolution, scene.output):
             run, solution = self._solved(scene, resolution, ", with its output")

@@ -85,4 +85,4 @@ def _scaled(elements: tuple[int, int, int], factor: float) -> tuple[int, ...]:
 
 def _lean(scene: Scene) -> object:
     fields = bool(scene.sensor)
-    return scene.output.model_copy(update={"fields": fields, "stress": False, "energy": False, "every": 1})
+    return type(scene.output)(fields=fields)

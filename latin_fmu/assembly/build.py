@@ -3,25 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
 from ..errors import Problem, SceneError
+from ..fem.mesh import padded_cells
 from ..latin.assembly import Assembly
 from ..latin.layout import Array, InterfaceUnit, Layout
 from ..latin.recorder import SubstructureInfo, Wanted
 from ..latin.search_direction import SearchDirection, inertial_impedance, unresolved_sides
 from ..latin.settings import Settings
 from ..propagator import Propagator, StaticPropagator, make_propagator
-from ..scene.boundaries import Periodic
-from ..scene.fields import split_face
+from ..results.recovered import Recovered
 from ..scene.schema import Scene
 from ..scene.solver_settings import WHOLE, Anderson, Uniform
 from ..time_scheme import QuasiStatic, TimeScheme, make_scheme
 from .arrival import arrival_times, marched_share
-from .body import Body, build_bodies, locking_remarks
+from .body import Body, build_bodies
 from .checks import (
     boundaries_of,
     characteristic_traction,
@@ -31,14 +31,17 @@ from .checks import (
     sampling_remarks,
 )
 from .conditions import Conditions
+from .held_points import without_held_directions
 from .initial_state import InitialState
+from .locking import locking_remarks
 from .models import ModelClass, model_classes, side_impedance
-from .pairing import build_interface
+from .pairing import Messages, build_interface
 from .prediction import Prediction, predict
 from .propagator_choice import chosen_propagators, unstable_steps
 from .resting import cut_by_arrival
 from .rigid import conditions_on
 from .run_sizes import run_sizes
+from .search import lonely_remarks, with_found
 from .static_start import start_problems, starts_static, static_state
 from .statics import side_stiffness, static_traction, unheld
 from .timeline import Timeline
@@ -54,7 +57,8 @@ class Built:
     """A scene turned into operators, ready to run.
 
     The assembly stands at t = 0 with the instants of the scene; ``timeline`` can give it others. ``predict`` tells
-    what the run should cost; ``start`` is the equilibrium that the motion starts from, None where there is none.
+    what the run should cost; ``start`` is the equilibrium that the motion starts from, None where there is none;
+    ``recovered`` finds more fields of the substructures from what is kept.
     """
 
     assembly: Assembly
@@ -65,6 +69,7 @@ class Built:
     timeline: Timeline
     predict: Callable[[], Prediction | None] = lambda: None
     start: InitialState | None = None
+    recovered: Mapping[str, Recovered] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -93,12 +98,21 @@ class Prepared:
         return {
             n: SubstructureInfo(
                 b.mesh.nodes,
-                b.mesh.cells,
-                b.mesh.cell_type,
+                padded_cells(b.mesh.blocks),
+                " ".join(b.mesh.cell_types),
                 b.shape.stress if stress and not b.rigid else None,
             )
             for n, b in self.bodies.items()
         }
+
+    @property
+    def recovered(self) -> dict[str, Recovered]:
+        """What finds more fields of the elastic substructures, where the scene asks for them."""
+        output = self.scene.output
+        if not output.recovers:
+            return {}
+        wanted = output.strain, output.nodal_stress, output.principal_stress
+        return {n: Recovered(b.shape.recovery, *wanted) for n, b in self.bodies.items() if not b.rigid}
 
     @property
     def timeline(self) -> Timeline:
@@ -158,12 +172,24 @@ class Prepared:
         if not static and any(body.rigid for body in self.bodies.values()):
             inertial_impedance(assembly)
         output = scene.output
-        wanted = Wanted(output.fields, output.stress, output.energy, output.every)
+        wanted = Wanted(output.keeps_fields, output.stress, output.energy, output.every)
         warnings = (*self.remarks, *without_factor, *([] if static else unresolved_sides(assembly)))
         warnings += () if start is None else start.remarks
         return Built(
-            assembly, settings_of(scene), wanted, self.info, warnings, timeline, self.prediction, start
+            assembly,
+            settings_of(scene),
+            wanted,
+            self.info,
+            warnings,
+            timeline,
+            self.prediction,
+            start,
+            self.recovered,
         )
+
+    def started(self, amplitudes: Mapping[str, float]) -> Built:
+        """Built from the values given, or from the equilibrium where the scene starts from one (see ``build``)."""
+        return self.build(static_state(self, amplitudes) if starts_static(self.scene) else None)
 
     def prediction(self) -> Prediction:
         """Predicted cost of the run."""
@@ -181,9 +207,7 @@ def build(scene: Scene, amplitudes: Mapping[str, float] | None = None) -> Built:
     ------
     SceneError : meshes that cannot be read, unknown faces, faces that do not fit, all at once; no equilibrium.
     """
-    prepared = prepare(scene)
-    start = static_state(prepared, amplitudes or {}) if starts_static(scene) else None
-    return prepared.build(start)
+    return prepare(scene).started(amplitudes or {})
 
 
 def prepare(scene: Scene) -> Prepared:
@@ -193,14 +217,17 @@ def prepare(scene: Scene) -> Prepared:
     check_faces(scene, bodies, problems)
     if problems:
         raise SceneError(problems, "the scene cannot be built")
+    remarks: list[str] = []
+    if scene.contact:
+        scene = with_found(scene, bodies, problems)
+        remarks += lonely_remarks(scene, bodies)
     conditions = {
         name: conditions_on(body, boundaries_of(scene, name), problems) for name, body in bodies.items()
     }
-    found = [build_interface(n, i, bodies, problems) for n, i in scene.interface.items()]
+    found = [build_interface(n, i, bodies, Messages(problems, remarks)) for n, i in scene.interface.items()]
     if problems:
         raise SceneError(problems, "the scene cannot be built")
-    units = [unit for unit in found if unit is not None]
-    remarks: list[str] = []
+    units = without_held_directions([unit for unit in found if unit is not None], bodies, conditions)
     initial_problems(scene, units, problems, remarks)
     if scene.time.quasi_static and not problems:
         problems += unheld(bodies, conditions, units, "quasi_static")
@@ -215,9 +242,8 @@ def prepare(scene: Scene) -> Prepared:
     if scene.solver.skip_at_rest == "tolerance" and units:
         arrival = arrival_times(scene, bodies, units, time)
         classes = cut_by_arrival(classes, {name: marched_share(t, time) for name, t in arrival.items()})
-    unbending = {split_face(b.faces[0])[0] for b in scene.boundary.values() if isinstance(b, Periodic)}
     remarks += [
-        *redundancy_remarks(scene), *locking_remarks(bodies, unbending),
+        *redundancy_remarks(scene), *locking_remarks(scene, bodies),
         *([] if scene.time.quasi_static else sampling_remarks(scene, time)),
     ]  # fmt: skip
     return Prepared(scene, bodies, conditions, units, layout, classes, scheme, time, tuple(remarks))

@@ -11,7 +11,7 @@ from ..errors import Problem
 from ..fem.mesh import Array
 from ..latin.layout import InterfaceUnit
 from ..scene.boundaries import Boundary, Periodic, PrescribedDisplacement, PrescribedVelocity
-from ..scene.fields import GROUND, split_face
+from ..scene.fields import ALL_OF_IT, GROUND, split_face
 from ..scene.laws import InputLaw, TimeLaw, sampled_impulse_error
 from ..scene.schema import Scene
 from .body import Body
@@ -42,7 +42,7 @@ def check_faces(scene: Scene, bodies: dict[str, Body], problems: list[Problem]) 
         if substructure not in bodies:
             continue
         known = sorted(bodies[substructure].mesh.faces)
-        if face not in known:
+        if face not in known and face != ALL_OF_IT:
             close = difflib.get_close_matches(face, known, 1)
             problems.append(
                 Problem(where, "unknown face", side, ", ".join(known) or "no named surface group touches this volume",

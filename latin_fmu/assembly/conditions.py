@@ -8,6 +8,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..errors import Problem
+from ..fem.dashpots import consistent_dashpots, lumped_dashpots
+from ..fem.facets import changes_basis
 from ..fem.mesh import Array, Index
 from ..fem.nearest import nearest
 from ..scene.boundaries import (
@@ -63,13 +65,14 @@ class Conditions:
     """Kinematics and dashpots of a body.
 
     expansion : (n_full, n) selection matrix. pattern : (n_full, n_motion). motions : what the columns follow.
-    dashpots : (n_full, n_full) or None.
+    dashpots : (n_full, n_full) or None. lumped_dashpots : the same coupling the components of one node only.
     """
 
     expansion: sp.csr_array
     pattern: Array
     motions: tuple[Motion, ...]
     dashpots: sp.csr_array | None
+    lumped_dashpots: sp.csr_array | None
 
     def velocity(self, time: Array, over_steps: bool = False) -> Array:
         """Velocities of the prescribed motions, (n_time, n_motion), m s-1: at the instants, or over the steps that end
@@ -117,7 +120,7 @@ class _Dofs:
 def build_conditions(body: Body, boundaries: dict[str, Boundary], problems: list[Problem]) -> Conditions:
     """Conditions on ``body`` from the boundaries that name one of its faces."""
     dofs = _Dofs(body.full_size())
-    dashpots: sp.csr_array | None = None
+    dashpots: list[tuple[sp.csr_array, sp.csr_array]] = []
     # motions last: what they drive must be neither held nor driven already, whatever the order in the scene
     for name, boundary in sorted(
         boundaries.items(), key=lambda item: isinstance(item[1], PrescribedVelocity | PrescribedDisplacement)
@@ -134,8 +137,7 @@ def build_conditions(body: Body, boundaries: dict[str, Boundary], problems: list
             if axis is not None:
                 dofs.held[3 * nodes + axis] = True
         elif isinstance(boundary, Absorbing):
-            added = _absorb(body, split_face(boundary.face)[1])
-            dashpots = added if dashpots is None else sp.csr_array(dashpots + added)
+            dashpots.append(_absorb(body, split_face(boundary.face)[1]))
         else:
             _drive(name, boundary, nodes, dofs, problems)
     return _finish(dofs, dashpots)
@@ -185,20 +187,16 @@ def _tie(body: Body, name: str, boundary: Periodic, dofs: _Dofs, problems: list[
     )  # fmt: skip
 
 
-def _absorb(body: Body, face_name: str) -> sp.csr_array:
-    """Lumped dashpots rho c_p along the normal, rho c_s across it."""
-    z_p, z_s = body.shape.impedances
-    surface = body.face(face_name)
-    n = surface.normals
-    blocks = surface.areas[:, None, None] * (z_s * np.eye(3) + (z_p - z_s) * np.einsum("pi,pj->pij", n, n))
-    dofs = 3 * surface.nodes[:, None] + np.arange(3)
-    rows = np.repeat(dofs, 3, axis=1).ravel()
-    columns = np.tile(dofs, (1, 3)).ravel()
-    size = body.full_size()
-    return sp.coo_array((blocks.ravel(), (rows, columns)), shape=(size, size)).tocsr()
+def _absorb(body: Body, face_name: str) -> tuple[sp.csr_array, sp.csr_array]:
+    """Dashpots of an absorbing face, and the same lumped."""
+    facets, impedances = body.facets(face_name), body.shape.impedances
+    lumped = lumped_dashpots(body.mesh.nodes, facets, *impedances)
+    if not changes_basis(facets):
+        return lumped, lumped
+    return consistent_dashpots(body.mesh.nodes, facets, *impedances), lumped
 
 
-def _finish(dofs: _Dofs, dashpots: sp.csr_array | None) -> Conditions:
+def _finish(dofs: _Dofs, dashpots: list[tuple[sp.csr_array, sp.csr_array]]) -> Conditions:
     n_full = len(dofs.leader)
     root = dofs.roots()
     held = np.zeros(n_full, dtype=bool)
@@ -213,4 +211,15 @@ def _finish(dofs: _Dofs, dashpots: sp.csr_array | None) -> Conditions:
     pattern = np.zeros((n_full, len(dofs.motions)))
     driven = np.flatnonzero((driver >= 0) & ~held)
     pattern[driven, driver[driven]] = 1.0
-    return Conditions(expansion, pattern, tuple(dofs.motions), dashpots)
+    consistent, lumped = (_total([pair[i] for pair in dashpots]) for i in (0, 1))
+    return Conditions(expansion, pattern, tuple(dofs.motions), consistent, lumped)
+
+
+def _total(matrices: list[sp.csr_array]) -> sp.csr_array | None:
+    """Sum of the matrices, None of none."""
+    if not matrices:
+        return None
+    total = matrices[0]
+    for matrix in matrices[1:]:
+        total = sp.csr_array(total + matrix)
+    return total

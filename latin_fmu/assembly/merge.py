@@ -13,7 +13,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
-from ..fem.mesh import Array, Mesh
+from ..fem.mesh import Array, CellBlock, Mesh, cell_blocks
 from ..fem.ordering import nested_dissection
 from ..latin.assembly import Assembly
 from ..latin.layout import InterfaceUnit
@@ -157,13 +157,15 @@ def _placed(pattern: Array, where: slice, n: int) -> Array:
     return placed
 
 
-def _rank(names: list[str], info: Mapping[str, SubstructureInfo], same: np.ndarray) -> Array | None:
-    """Elimination rank of the merged mesh; None where cell types differ."""
-    if len({info[n].cell_type for n in names}) > 1:
-        return None
+def _rank(names: list[str], info: Mapping[str, SubstructureInfo], same: np.ndarray) -> Array:
+    """Elimination rank of the merged mesh."""
     nodes = np.concatenate([info[n].nodes for n in names])
     starts = np.cumsum([0, *(len(info[n].nodes) for n in names[:-1])])
-    cells = np.concatenate([info[n].cells + s for n, s in zip(names, starts, strict=True)])
     _, kept, number = np.unique(same[::3], return_index=True, return_inverse=True)
-    rank = nested_dissection(Mesh(nodes[kept], number[cells], info[names[0]].cell_type, {}))
+    blocks = tuple(
+        CellBlock(b.cell_type, number[b.cells + start])
+        for n, start in zip(names, starts, strict=True)
+        for b in cell_blocks(info[n].cells)
+    )
+    rank = nested_dissection(Mesh(nodes[kept], blocks, {}))
     return np.repeat(rank[number], 3)

@@ -12,6 +12,7 @@ from ..errors import Problem, SceneError
 from ..fem.massless import without_contact_mass
 from ..latin.layout import Array, Index, InterfaceUnit, Layout
 from ..propagator import LoadTerm, SubstructureModel
+from ..propagator.lumping import diagonal_matrix
 from ..propagator.model import share_patterns
 from ..scene.fields import GROUND, split_face
 from ..scene.schema import Scene
@@ -97,7 +98,7 @@ def _model(
         displacement=np.tile(body.description.initial_displacement, body.mesh.n_node),
         velocity=body.initial_velocity(),
         imposed_pattern=held.pattern, imposed_start=held.start(),
-        ordering=body.shape.rank,
+        ordering=body.shape.rank, lumped_mass=body.shape.lumped_mass, lumped_damping=_lumped_damping(body, held),
     )  # fmt: skip
     return model, flat
 
@@ -108,7 +109,7 @@ def _mass(body: Body, scheme: TimeScheme) -> sp.csr_array | None:
 
 def _without_contact_mass(name: str, body: Body, units: list[InterfaceUnit]) -> sp.csr_array:
     try:
-        return without_contact_mass(body.shape.mass, body.mesh, _contact_nodes(name, body, units))
+        return without_contact_mass(body.shape.mass, body.mesh, _contact_nodes(name, units))
     except ValueError as error:
         raise SceneError(
             [Problem("time.scheme", f"massless_contact, substructure {name}: {error}",
@@ -117,18 +118,19 @@ def _without_contact_mass(name: str, body: Body, units: list[InterfaceUnit]) -> 
         ) from error  # fmt: skip
 
 
-def _contact_nodes(name: str, body: Body, units: list[InterfaceUnit]) -> Index:
-    """Nodes of the faces of a substructure that may open."""
-    faces = [
-        body.face(split_face(side)[1]).nodes
+def _contact_nodes(name: str, units: list[InterfaceUnit]) -> Index:
+    """Nodes of a substructure that take part in interfaces which may open."""
+    traces = [
+        unit.geometry.traces[i]
         for unit in units
-        for side in unit.sides
+        for i, side in enumerate(unit.sides)
         if unit.behaviour.opens
         and not unit.behaviour.compliant
         and side != GROUND
         and split_face(side)[0] == name
     ]
-    return np.unique(np.concatenate(faces)) if faces else np.zeros(0, dtype=np.int64)
+    found = [np.unique(trace.indices // 3) for trace in traces if trace is not None]
+    return np.unique(np.concatenate(found)).astype(np.int64) if found else np.zeros(0, dtype=np.int64)
 
 
 def _damping(body: Body, held: Conditions) -> sp.csr_array | None:
@@ -141,6 +143,15 @@ def _damping(body: Body, held: Conditions) -> sp.csr_array | None:
     if held.dashpots is not None:
         damping = held.dashpots if damping is None else sp.csr_array(damping + held.dashpots)
     return damping
+
+
+def _lumped_damping(body: Body, held: Conditions) -> sp.csr_array | None:
+    """Damping lumped with the masses of the shape, where it has its own; stiffness-proportional damping has no part."""
+    mass = body.shape.lumped_mass
+    if mass is None:
+        return None
+    damping = diagonal_matrix(body.shape.material.rayleigh_mass * mass)
+    return damping if held.lumped_dashpots is None else sp.csr_array(damping + held.lumped_dashpots)
 
 
 def _loads(scene: Scene, name: str, body: Body) -> list[LoadTerm]:
@@ -167,9 +178,12 @@ def _signature(model: SubstructureModel, body: Body) -> bytes:
     """Equal for substructures whose operators are equal (loads, initial values and place do not count)."""
     digest = hashlib.sha256()
     size = float(body.mesh.extent().max())
-    digest.update(repr((body.shape.material, body.mesh.cell_type, f"{size:.9e}")).encode())
+    digest.update(
+        repr((body.shape.material, body.shape.bending_modes, body.mesh.cell_types, f"{size:.9e}")).encode()
+    )
     digest.update(np.round((body.mesh.nodes - body.mesh.nodes[0]) / size, 9).astype("f8").tobytes())
-    digest.update(body.mesh.cells.tobytes())
+    for block in body.mesh.blocks:
+        digest.update(block.cells.tobytes())
     for matrix in (model.expansion, model.trace):
         matrix.sort_indices()
         index = (matrix.indptr.astype(np.int64), matrix.indices.astype(np.int64))

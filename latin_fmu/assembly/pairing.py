@@ -1,51 +1,61 @@
-"""Interfaces of a scene: pairing of the points of two faces, gap, frames and traces."""
+"""Interfaces of a scene: what is opposite each face, initial gap, frames and traces."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
-import scipy.sparse as sp
 
 from ..errors import Problem
-from ..fem.faces import Face
-from ..fem.mesh import Array, Index
+from ..fem.faces import face_of
+from ..fem.mesh import Array
 from ..fem.nearest import nearest
 from ..interface import Behaviour, InterfaceGeometry, make_behaviour
 from ..interface.geometry import local_frames
 from ..latin.layout import InterfaceUnit
-from ..scene.fields import split_face
+from ..scene.fields import GROUND, split_face
 from ..scene.interface_keys import PARAMETERS, TAKES
 from ..scene.interfaces import Interface
 from .body import Body
+from .opposite import MATCHING, Opposite, Side, by_mortar, node_by_node, on_plane, own_points
 
-_MATCHING = 1e-3  # lateral distance of paired points over the spacing of points
 _TOUCHING = 1e-9  # a distance along N below this fraction of the face is no gap
+_CLOSABLE = 1.0  # gap = "closed" spans distances up to this share of the spacing of points
+_SLIVER = 0.01  # a common part below this share of both faces is worth a remark
+
+
+@dataclass
+class Messages:
+    """What the pairing of faces has to say."""
+
+    problems: list[Problem]
+    remarks: list[str]
 
 
 def build_interface(
-    name: str, interface: Interface, bodies: dict[str, Body], problems: list[Problem]
+    name: str, interface: Interface, bodies: dict[str, Body], messages: Messages
 ) -> InterfaceUnit | None:
     """The interface ready to be solved, or None (with its problems told) when its faces do not fit."""
-    body, face_name = _side(bodies, interface.sides[0])
-    face = body.face(face_name)
-    points = body.mesh.nodes[face.nodes]
-    frames = local_frames(face.normals)
-    trace = _selection(face.nodes, body)
+    sides = [_side(bodies, side) for side in interface.sides if side != GROUND]
     if interface.against_ground:
-        other: sp.csr_array | None = None
-        gap = np.full(len(points), interface.gap or 0.0)
+        found = _on_ground(name, interface, sides[0], messages.problems)
     else:
-        paired = _pair(name, interface, bodies, face, points, problems)
-        if paired is None:
-            return None
-        partner, gap = paired
-        other = _selection(partner, _side(bodies, interface.sides[1])[0])
+        found = _opposite(name, interface, sides[0], sides[1], messages)
+    if found is None:
+        return None
+    gap = _gap(name, interface, found, messages.problems)
+    if gap is None:
+        return None
     behaviour = _behaviour(interface)
-    pressure = interface.initial_pressure(float(face.areas.sum()))
+    pressure = interface.initial_pressure(float(found.areas.sum()))
     if behaviour.elastic and pressure > 0 and interface.normal_stiffness:
         gap = gap - pressure / interface.normal_stiffness
-    geometry = InterfaceGeometry(points, face.areas, frames, gap, (trace, other))
+    frames = local_frames(found.normals)
+    geometry = InterfaceGeometry(
+        found.points, found.areas, frames, gap, found.traces, found.owner, found.matching
+    )
     if pressure > 0 and gap.max() > 0:
-        problems.append(
+        messages.problems.append(
             Problem(f"interface.{name}.preload", "a preloaded interface cannot be open", f"gap up to {gap.max():g} m",
                     remedy="close the gap of the meshes, or leave the preload out")
         )  # fmt: skip
@@ -59,87 +69,108 @@ def _behaviour(interface: Interface) -> Behaviour:
     return make_behaviour(interface.behaviour, parameters)
 
 
-def _side(bodies: dict[str, Body], side: str) -> tuple[Body, str]:
+def _side(bodies: dict[str, Body], side: str) -> Side:
     substructure, face = split_face(side)
-    return bodies[substructure], face
+    return bodies[substructure], bodies[substructure].facets(face)
 
 
-def _selection(nodes: Index, body: Body) -> sp.csr_array:
-    """(3 n_point, 3 n_node) picks the values at the nodes."""
-    columns = (3 * nodes[:, None] + np.arange(3)).ravel()
-    n = len(columns)
-    return sp.csr_array((np.ones(n), (np.arange(n), columns)), shape=(n, body.full_size()))
-
-
-def _pair(
-    name: str,
-    interface: Interface,
-    bodies: dict[str, Body],
-    face: Face,
-    points: Array,
-    problems: list[Problem],
-) -> tuple[Index, Array] | None:
-    """Node of side E' for each point of side E, and the gap along N."""
-    where = f"interface.{name}.sides"
-    body, face_name = _side(bodies, interface.sides[1])
-    other = body.face(face_name)
-    if len(other.nodes) != len(face.nodes):
-        problems.append(
-            Problem(where, "the nodes of the two faces do not match one to one",
-                    f"{len(face.nodes)} and {len(other.nodes)} nodes", remedy="mesh both faces alike")
-        )  # fmt: skip
-        return None
-    if float(face.vector_areas.sum(axis=0) @ other.vector_areas.sum(axis=0)) >= 0:
-        problems.append(Problem(where, "the two faces do not face each other", ", ".join(interface.sides)))
-        return None
-    there = body.mesh.nodes[other.nodes]
-    flat = np.abs(face.normals @ face.normals[0] - 1).max() < 1e-6
-    along = face.normals[0]
-    if flat:  # far faces pair by their lateral position
-        _, partner = nearest(points - np.outer(points @ along, along), there - np.outer(there @ along, along))
-    else:
-        _, partner = nearest(points, there)
-    jump = there[partner] - points
-    normal = np.einsum("pi,pi->p", jump, face.normals)
-    lateral = np.linalg.norm(jump - normal[:, None] * face.normals, axis=1)
-    spacing = np.sqrt(face.areas)
-    if len(np.unique(partner)) < len(partner) or (lateral > _MATCHING * spacing).any():
-        worst = float((lateral / spacing).max())
-        problems.append(
-            Problem(where, "the nodes of the two faces do not match",
-                    f"worst lateral distance {worst:.2g} of the node spacing", f"at most {_MATCHING:g}",
-                    "mesh both faces alike and place them opposite each other")
-        )  # fmt: skip
-        return None
-    gap = _gap(name, interface, normal, float(np.ptp(points, axis=0).max()), problems)
-    return (other.nodes[partner], gap) if gap is not None else None
-
-
-def _gap(
-    name: str, interface: Interface, distance: Array, size: float, problems: list[Problem]
-) -> Array | None:
-    """Initial gap (n_point,): the distance of the meshes, or the number given where they touch."""
-    negligible = _TOUCHING * size
-    if interface.behaviour == "perfect":
-        if np.abs(distance).max() > _MATCHING * size:
+def _on_ground(name: str, interface: Interface, side: Side, problems: list[Problem]) -> Opposite | None:
+    """A face against the ground: a plane that the scene places, or behind the points of a plane face."""
+    if (ground := interface.ground) is not None:
+        normal = np.asarray(ground.normal) / np.linalg.norm(ground.normal)
+        found = on_plane(side, np.asarray(ground.point), normal)
+        if found is None:
             problems.append(
-                Problem(f"interface.{name}.sides", "bonded faces must touch", f"{np.abs(distance).max():.6g} m apart",
-                        remedy='move the meshes together, or use behaviour = "contact"')
+                Problem(f"interface.{name}.ground", "no facet of the face looks at the plane", interface.sides[0],
+                        "facets within 60 degrees of it", "turn the normal: it points out of the ground")
             )  # fmt: skip
-            return None
-        return np.zeros(len(distance))
+        return found
+    body, facets = side
+    face = face_of(body.mesh.nodes, facets)
+    normals = face.normals
+    bent = float(np.abs(normals @ normals[0] - 1).max())
+    if interface.behaves_open and bent > MATCHING:
+        angle = np.degrees(np.arccos(np.clip((normals @ normals[0]).min(), -1, 1)))
+        problems.append(
+            Problem(f"interface.{name}.sides", "a curved face against ground without a place", interface.sides[0],
+                    f"a plane face (its normals differ by {angle:.2g} degrees)",
+                    "give the ground a place: ground = {point = [...], normal = [...]}")
+        )  # fmt: skip
+        return None
+    points, trace = own_points(body, facets, face)
+    return Opposite(
+        points, face.positive_areas, normals, np.zeros(len(points)), (trace, None), np.zeros(len(points))
+    )
+
+
+def _opposite(
+    name: str, interface: Interface, first: Side, second: Side, messages: Messages
+) -> Opposite | None:
+    """Two faces of bodies: nodes that match, else the part they have in common."""
+    if interface.search is None and interface.points_from == "automatic":
+        found = node_by_node(first, second)
+        if found is not None:
+            return found
+    found = by_mortar(first, second, interface.points_from, interface.search)
+    if found is None:
+        messages.problems.append(_apart(name, interface, first, second))
+    elif interface.search is None and max(found.shares) < _SLIVER:
+        messages.remarks.append(
+            f"interface {name}: the faces have {100 * max(found.shares):.2g} % of their areas in common "
+            f"({found.areas.sum():.4g} m2): are they opposite each other?"
+        )
+    return found
+
+
+def _apart(name: str, interface: Interface, first: Side, second: Side) -> Problem:
+    """Two faces without a common part."""
+    places = [body.mesh.nodes[facets.nodes] for body, facets in (first, second)]
+    distance, partner = nearest(*places)
+    normals = [face_of(body.mesh.nodes, facets).normals for body, facets in (first, second)]
+    alike = np.einsum("pi,pi->p", normals[0], normals[1][partner]) > 0.5
+    where, sides = f"interface.{name}.sides", ", ".join(interface.sides)
+    if alike.mean() > 0.5:
+        return Problem(where, "the two faces do not face each other", sides)
+    within = "" if interface.search is None else f" within {interface.search:g} m"
+    return Problem(
+        where, f"the two faces have no part in common{within}", f"{sides}: common area 0 m2, "
+        f"nearest nodes {distance.min():.4g} m apart",
+        remedy="place the meshes opposite each other (is the scale right?), or choose other faces",
+    )  # fmt: skip
+
+
+def _gap(name: str, interface: Interface, found: Opposite, problems: list[Problem]) -> Array | None:
+    """Initial gap (n_point,): the distance of the faces, 0, or the number given where they touch.
+
+    Flat facets stand for smooth surfaces: overlap below twice their distance from those (``Opposite.sags``) counts as
+    touching, and so does any distance where it is that small everywhere.
+    """
+    if interface.against_ground and interface.ground is None:
+        return np.full(len(found.points), interface.number_gap or 0.0)
+    size = float(np.ptp(found.points, axis=0).max())
+    size = max(size, float(np.sqrt(found.areas.sum())))
+    distance, negligible = found.distance, _TOUCHING * size
+    chordal = np.abs(distance) <= 2 * found.sags + negligible
+    if chordal.all():
+        distance = np.where(np.abs(distance) > negligible, 0.0, distance)
+    distance = np.where(chordal & (distance < 0), 0.0, distance)
+    if interface.behaviour == "perfect":
+        return _bonded(name, distance, size, problems)
+    if interface.gap == "closed":
+        return _closed(name, found, problems)
     if distance.min() < -negligible:
         problems.append(
             Problem(f"interface.{name}.sides", "the two faces overlap at the start", f"by {-distance.min():.6g} m",
-                    remedy="move one of the meshes apart")
+                    remedy='move one of the meshes apart, or set gap = "closed"' if "gap" in TAKES[interface.behaviour]
+                    else "move one of the meshes apart")
         )  # fmt: skip
         return None
     if "gap" not in TAKES[interface.behaviour]:  # a layer fills the distance of its faces
         return np.zeros(len(distance))
     distance = np.where(distance < negligible, 0.0, distance)
-    if interface.gap is None:
+    given = interface.number_gap
+    if given is None:
         return distance
-    given = interface.gap
     if distance.any() and np.abs(distance - given).max() > 1e-6 * max(given, float(distance.max())):
         problems.append(
             Problem(f"interface.{name}.gap", "differs from the distance of the two meshes", f"{given:g} m",
@@ -148,3 +179,27 @@ def _gap(
         )  # fmt: skip
         return None
     return np.full(len(distance), given)
+
+
+def _bonded(name: str, distance: Array, size: float, problems: list[Problem]) -> Array | None:
+    if np.abs(distance).max() <= MATCHING * size:
+        return np.zeros(len(distance))
+    problems.append(
+        Problem(f"interface.{name}.sides", "bonded faces must touch", f"{np.abs(distance).max():.6g} m apart",
+                remedy='move the meshes together, or use behaviour = "contact"')
+    )  # fmt: skip
+    return None
+
+
+def _closed(name: str, found: Opposite, problems: list[Problem]) -> Array | None:
+    """No gap, where the distance is small enough for the faces to be meant to touch."""
+    far, spacing = float(np.abs(found.distance).max()), float(np.sqrt(np.median(found.areas)))
+    if far <= _CLOSABLE * spacing:
+        return np.zeros(len(found.distance))
+    problems.append(
+        Problem(f"interface.{name}.gap", "the faces are too far apart, or overlap too much, to count as closed",
+                f"{found.distance.min():.4g} to {found.distance.max():.4g} m",
+                f"up to the node spacing, {spacing:.4g} m",
+                'move the meshes together, or use gap = "measured"')
+    )  # fmt: skip
+    return None

@@ -89,7 +89,9 @@ def rigid_conditions(
     expansion = sp.csr_array(np.eye(n_full)[:, :n_free])
     nodal = rigid.modes @ basis
     dashpots = None if held.dashpots is None else sp.csr_array(nodal.T @ (held.dashpots @ nodal))
-    return RigidConditions(expansion, np.eye(n_full)[:, n_free:], held.motions, dashpots, rigid, basis)
+    return RigidConditions(
+        expansion, np.eye(n_full)[:, n_free:], held.motions, dashpots, dashpots, rigid, basis
+    )
 
 
 def _null_space(rows: Array) -> Array:

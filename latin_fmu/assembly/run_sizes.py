@@ -127,8 +127,8 @@ def run_sizes(prepared: Prepared) -> RunSizes:
         body = prepared.bodies[c.members[0].name]
         marched = float(np.mean([share[m.name] for m in c.members]))
         size = size_of(c.members[0], len(c.members))
-        classes.append(ClassSizes(size, body.mesh.n_node, len(body.mesh.cells), body.rigid, marched))
-    shapes = {id(b.shape): len(b.mesh.cells) for b in prepared.bodies.values() if not b.rigid}
+        classes.append(ClassSizes(size, body.mesh.n_node, body.mesh.n_cell, body.rigid, marched))
+    shapes = {id(b.shape): b.mesh.n_cell for b in prepared.bodies.values() if not b.rigid}
     window = scene.time.n_step if scene.solver.window == WHOLE else int(scene.solver.window)
     sequential = scene.solver.window == WHOLE and scene.solver.start == "sequential"
     at_once = solved_at_once(scene, units)
@@ -140,7 +140,7 @@ def run_sizes(prepared: Prepared) -> RunSizes:
         probed=tuple(u.geometry.n_point for u in units if u.behaviour.n_component == 1),
         n_instant=scene.time.n_step, window=window, sequential=sequential,
         static=scene.time.quasi_static, iterations=expected_iterations(scene, units), at_once=at_once,
-        fields=output.fields, stress=output.stress, energy=output.energy, every=output.every,
+        fields=output.keeps_fields, stress=output.stress, energy=output.energy, every=output.every,
         unbalanced=_unbalanced(scene), increments=start.increments if start.type == "static" else 0,
     )  # fmt: skip
 

@@ -1,37 +1,119 @@
-"""``latin-fmu plot``: the summary figure of a results file."""
+"""``latin-fmu plot``: a scene as an assembly, or a results file as histories or bodies."""
 
 from __future__ import annotations
 
 import argparse
+import sys
 from contextlib import closing
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from ..errors import Problem, ResultsError
 from . import CONVERGED
 from .scene_arguments import AddParser
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 def register(add: AddParser) -> None:
     """Declare the subcommand."""
-    text = "draw forces, contact states and convergence of a results file"
+    text = "draw the assembly of a scene; forces, contact states and convergence of a results file; or its bodies"
     parser = add("plot", help=text, description=text.capitalize() + ".")
-    parser.add_argument("results", metavar="OUT.nc", type=Path, help="results file written by run")
+    parser.add_argument(
+        "file", metavar="FILE", type=Path, help="scene (.toml), or results file written by run (.nc)"
+    )
     parser.add_argument(
         "-o",
         "--output",
         metavar="FIGURE",
         type=Path,
-        help="png, pdf or svg (default: beside the results, as png)",
+        help="png, pdf or svg (default: beside the file, as png)",
+    )
+    parser.add_argument(
+        "--set",
+        metavar="a.b.c=value",
+        action="append",
+        default=[],
+        dest="overrides",
+        help="of a scene: change one setting; may be repeated",
+    )
+    parser.add_argument(
+        "--bodies",
+        action="store_true",
+        help="of a results file: deformed bodies and the pressure on an interface (needs output.fields = true)",
+    )
+    parser.add_argument(
+        "--interface", metavar="NAME", help="with --bodies: the interface (default: largest force)"
+    )
+    parser.add_argument(
+        "--time", metavar="S", type=float, help="with --bodies: the instant (default: largest force)"
+    )
+    parser.add_argument(
+        "--magnify", metavar="X", type=float, help="with --bodies: factor on the displacements"
     )
     parser.set_defaults(command=_plot)
 
 
 def _plot(arguments: argparse.Namespace) -> int:
-    from ..results.netcdf import open_results
-    from ..results.plots import check_figure_path, save_figure, summary_figure
+    from ..results.plots import check_figure_path, save_figure
 
-    target = arguments.output or arguments.results.with_suffix(".png")
+    target = arguments.output or arguments.file.with_suffix(".png")
     check_figure_path(target)
-    with closing(open_results(arguments.results)) as tree:
-        save_figure(summary_figure(tree), target)
+    _check_options(arguments)
+    save_figure(_scene_figure(arguments) if _is_scene(arguments.file) else _results_figure(arguments), target)
     print(f"figure: {target}")
     return CONVERGED
+
+
+def _is_scene(file: Path) -> bool:
+    return file.suffix.lower() == ".toml"
+
+
+def _scene_figure(arguments: argparse.Namespace) -> Figure:
+    from ..pictures.assembly_picture import assembly_figure
+    from ..scene.reader import load_scene
+
+    warnings: list[str] = []
+    figure = assembly_figure(load_scene(arguments.file, arguments.overrides), warnings)
+    for warning in warnings:
+        print(f"warning: {warning}", file=sys.stderr)
+    return figure
+
+
+def _results_figure(arguments: argparse.Namespace) -> Figure:
+    from ..pictures.result_picture import result_figure
+    from ..results.netcdf import open_results
+    from ..results.plots import summary_figure
+
+    with closing(open_results(arguments.file)) as tree:
+        if arguments.bodies:
+            return result_figure(tree, arguments.interface, arguments.time, arguments.magnify)
+        return summary_figure(tree)
+
+
+def _check_options(arguments: argparse.Namespace) -> None:
+    """Options that the file cannot have are refused, all at once.
+
+    Raises
+    ------
+    ResultsError : options of a scene with results, of bodies without --bodies, numbers out of range.
+    """
+    problems: list[Problem] = []
+    if arguments.overrides and not _is_scene(arguments.file):
+        problems.append(Problem("--set", "results cannot be changed", allowed="with a scene (.toml)"))
+    problems += [
+        Problem(f"--{key}", "only bodies have this", remedy="add --bodies")
+        for key in ("interface", "time", "magnify")
+        if getattr(arguments, key) is not None and not arguments.bodies
+    ]
+    if arguments.bodies and _is_scene(arguments.file):
+        problems.append(
+            Problem("--bodies", "a scene has no results", remedy="leave it out, or name a results file")
+        )
+    if arguments.magnify is not None and not 0.0 <= arguments.magnify < float("inf"):
+        problems.append(Problem("--magnify", "out of range", str(arguments.magnify), "a number >= 0"))
+    if arguments.time is not None and not arguments.time >= 0.0:
+        problems.append(Problem("--time", "out of range", str(arguments.time), "a number >= 0 [s]"))
+    if problems:
+        raise ResultsError(problems, "cannot draw")

@@ -12,6 +12,7 @@ import xarray as xr
 
 from ..assembly.segments import Segment
 from ..latin.record import Array, InterfaceHistory, Outcome, SubstructureHistory, Timings, WindowRecord
+from ..results.attributes import SCHEMA_VERSION
 from ..results.dataset import AXES, datatree
 from ..results.provenance import provenance
 from .accepted import AcceptedStep
@@ -31,10 +32,12 @@ def session_tree(session: Session, engine: Windowed | Prescribed | None) -> xr.D
     segments = _segments(engine, steps)
     if engine is None or engine.run is None or not segments:
         tree = xr.DataTree(name=session.scene.name)
-        tree.attrs = {**provenance(), "scene_name": session.scene.name, "schema_version": "1.0"}
+        tree.attrs = {**provenance(), "scene_name": session.scene.name, "schema_version": SCHEMA_VERSION}
     else:
         outcome = joined(segments, engine.run.timings, engine.run.built.warnings)
-        tree = datatree(outcome, session.scene.name, session.scene.text(), provenance())
+        tree = datatree(
+            outcome, session.scene.name, session.scene.text(), provenance(), engine.run.built.recovered
+        )
     tree["/exchange"] = xr.DataTree(exchange_dataset(session.table, steps))
     return tree
 

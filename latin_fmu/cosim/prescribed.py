@@ -159,7 +159,7 @@ def _as_asked(segment: Segment, scene: Scene) -> Segment:
     keep = slice(None, None, scene.output.every)
     asked = {}
     for name, history in segment.substructures.items():
-        if scene.output.fields:
+        if scene.output.keeps_fields:
             asked[name] = replace(
                 history, time=history.time[keep], displacement=_cut(history.displacement, keep),
                 velocity=_cut(history.velocity, keep), stress=_cut(history.stress, keep),

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from ..assembly.search import completed
 from ..errors import InputError, LatinError, Problem
 from ..latin.blob import decode, encode
 from ..latin.record import Array, InterfaceHistory
@@ -46,6 +47,7 @@ class Session:
     """
 
     def __init__(self, scene: Scene, settings: Settings | None = None) -> None:
+        scene = completed(scene)  # variables are named after interfaces
         self.settings = Settings() if settings is None else settings
         self.scene = self.settings.applied(scene)
         self.table = scalar_table(scene)

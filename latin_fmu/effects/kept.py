@@ -11,11 +11,14 @@ from .sizes import Sizes
 def fields(sizes: Sizes) -> Effect:
     """Displacement and velocity histories of the nodes."""
     nodes = sum(c.n_member * c.nodes for c in sizes.classes)
-    if not sizes.scene.output.fields:
+    output = sizes.scene.output
+    asked = tuple(f"output.{key}" for key in ("fields", "strain", "nodal_stress") if getattr(output, key))
+    if not asked:
         return Effect("interior history", False, ("output.fields",), "not asked for", "output.fields = true")
     return Effect(
-        "interior history", True, ("output.fields", "output.every"),
-        f"displacements and velocities of {nodes} nodes at {sizes.n_stored} instants", "output.fields = false",
+        "interior history", True, (*asked, "output.every"),
+        f"displacements and velocities of {nodes} nodes at {sizes.n_stored} instants",
+        ", ".join(f"{key} = false" for key in asked),
         kernels=("field storage",), memory=48 * nodes * sizes.n_stored,
         cost=sizes.saved(replace(sizes.run, fields=False)),
     )  # fmt: skip

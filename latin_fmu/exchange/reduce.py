@@ -9,6 +9,7 @@ import numpy as np
 from ..assembly.build import Prepared, prepare
 from ..assembly.checks import characteristic_traction
 from ..assembly.models import side_impedance
+from ..assembly.search import completed
 from ..assembly.static_start import starts_static
 from ..errors import Problem, SceneError
 from ..fem.nearest import nearest
@@ -41,6 +42,7 @@ def reduced_system(scene: Scene, n_mode: int = 12, n_patch: int = 4) -> ReducedS
     ------
     SceneError : the scene cannot be built, holds what this model does not know, or gives too many states.
     """
+    scene = completed(scene)
     problems = list(_unknown(scene, n_mode, n_patch))
     if problems:
         raise SceneError(problems, _HEADING)

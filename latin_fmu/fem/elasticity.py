@@ -1,26 +1,17 @@
-"""Stiffness and consistent mass of linear isotropic elasticity, Eqs. (3) and (5)."""
+"""Stiffness, mass and body loads of linear isotropic elasticity, Eqs. (3) and (5)."""
 
 from __future__ import annotations
 
 import numpy as np
 import scipy.sparse as sp
-import skfem
 
-from .mesh import Array, Mesh
+from .bending_modes import condensed
+from .element_matrices import elastic_products
+from .elements import Elements
+from .mesh import Array
 
-# scikit-fem numbers the corners of its reference hexahedron in its own order: VTK corner of each.
-_HEX_TO_SKFEM = (0, 4, 3, 1, 7, 5, 2, 6)
-
-
-def element_basis(mesh: Mesh, order: int = 3) -> skfem.Basis:
-    """Scalar linear basis of the mesh; ``order`` 3 is 2 x 2 x 2 Gauss points on hexahedra."""
-    if mesh.cell_type == "hexahedron":
-        shape = skfem.MeshHex(
-            np.ascontiguousarray(mesh.nodes.T), np.ascontiguousarray(mesh.cells[:, list(_HEX_TO_SKFEM)].T)
-        )
-        return skfem.Basis(shape, skfem.ElementHex1(), intorder=order)
-    tets = skfem.MeshTet(np.ascontiguousarray(mesh.nodes.T), np.ascontiguousarray(mesh.cells.T))
-    return skfem.Basis(tets, skfem.ElementTetP1(), intorder=2)
+BENDING_CELLS = ("hexahedron",)
+_HRZ = ("tetra10", "hexahedron20")  # row sums of their masses are negative at the corners
 
 
 def lame(young_modulus: float, poisson_ratio: float) -> tuple[float, float]:
@@ -35,44 +26,61 @@ def wave_speeds(young_modulus: float, poisson_ratio: float, density: float) -> t
     return float(np.sqrt((first + 2 * shear) / density)), float(np.sqrt(shear / density))
 
 
-def stiffness(basis: skfem.Basis, young_modulus: float, poisson_ratio: float) -> sp.csr_array:
+def stiffness(
+    elements: Elements, young_modulus: float, poisson_ratio: float, bending_modes: bool = False
+) -> sp.csr_array:
     """Stiffness K (3 n_node, 3 n_node), N m-1, dofs numbered 3 * node + component.
 
     K_(ai)(bj) = int lambda d_i phi_a d_j phi_b + mu (d_j phi_a d_i phi_b + delta_ij d_k phi_a d_k phi_b).
+
+    Parameters
+    ----------
+    bending_modes : 8-node hexahedra get the incompatible modes of ``bending_modes.py``.
     """
-    first, shear = lame(young_modulus, poisson_ratio)
-    gradient = np.stack([phi[0].grad for phi in basis.basis])  # (corner, 3, cell, point)
-    pair = np.einsum("aieq,bjeq,eq->eabij", gradient, gradient, basis.dx, optimize=True)
-    block = first * pair + shear * np.swapaxes(pair, 3, 4)
-    block += shear * np.einsum("eabkk,ij->eabij", pair, np.eye(3))
-    return _assemble(block, basis)
+    constants = lame(young_modulus, poisson_ratio)
+    parts = []
+    for block, points in elements.points():
+        with_modes = bending_modes and block.cell_type in BENDING_CELLS
+        matrix = (
+            condensed(points, *constants)
+            if with_modes
+            else elastic_products(points.gradients, points.gradients, points.volumes, *constants)
+        )
+        parts.append(matrix.transpose(0, 1, 3, 2, 4).reshape(-1, 3, 3))
+    return elements.matrix(np.concatenate(parts))
 
 
-def mass(basis: skfem.Basis, density: float) -> sp.csr_array:
+def mass(elements: Elements, density: float) -> sp.csr_array:
     """Consistent mass M (3 n_node, 3 n_node), kg."""
-    value = np.stack([np.asarray(phi[0]) for phi in basis.basis])
-    pair = density * np.einsum("aeq,beq,eq->eab", *(np.broadcast_to(value, (len(value), *basis.dx.shape)),) * 2,
-                               basis.dx, optimize=True)  # fmt: skip
-    return _assemble(np.einsum("eab,ij->eabij", pair, np.eye(3)), basis)
+    parts = []
+    for _, points in elements.points(of_products=True):
+        products = points.values[:, :, None] * points.values[:, None, :]
+        parts.append((density * points.volumes @ products.reshape(len(products), -1)).ravel())
+    return elements.matrix(np.concatenate(parts))
 
 
-def body_load(basis: skfem.Basis, force: Array) -> Array:
+def lumped_mass(elements: Elements, density: float) -> Array | None:
+    """Positive nodal masses (n_node,), kg; None where the row sums of the consistent mass are as good.
+
+    Row sums of cells that keep the corner functions positive; on tet10 and hex20 the diagonal of the consistent mass of
+    each cell, scaled to the mass of the cell (Hinton, Rock, Zienkiewicz 1976).
+    """
+    if not any(block.cell_type in _HRZ for block in elements.mesh.blocks):
+        return None
+    total = np.zeros(elements.mesh.n_node)
+    for block, points in elements.points(of_products=True):
+        if block.cell_type in _HRZ:
+            share = points.volumes @ points.values**2
+            share *= (points.volumes.sum(axis=1) / share.sum(axis=1))[:, None]
+        else:
+            share = points.volumes @ points.values
+        total += np.bincount(block.cells.ravel(), density * share.ravel(), len(total))
+    return total
+
+
+def body_load(elements: Elements, force: Array) -> Array:
     """Nodal forces (3 n_node,) of a uniform body force (3,) in N m-3."""
-    value = np.stack([np.asarray(phi[0]) for phi in basis.basis])
-    share = np.einsum("aeq,eq->ea", np.broadcast_to(value, (len(value), *basis.dx.shape)), basis.dx)
-    nodes = basis.element_dofs.T
-    load = np.zeros((basis.N, 3))
-    np.add.at(load, nodes.ravel(), share.ravel()[:, None] * np.asarray(force))
-    return load.ravel()
-
-
-def _assemble(block: Array, basis: skfem.Basis) -> sp.csr_array:
-    """Sum element blocks (cell, a, b, i, j) into a sparse matrix."""
-    n_corner = block.shape[1]
-    dofs = 3 * basis.element_dofs.T[:, :, None] + np.arange(3)  # (cell, corner, 3)
-    flat = dofs.reshape(len(dofs), 3 * n_corner)
-    rows = np.repeat(flat, 3 * n_corner, axis=1).ravel()
-    columns = np.tile(flat, (1, 3 * n_corner)).ravel()
-    values = block.transpose(0, 1, 3, 2, 4).ravel()
-    n = 3 * basis.N
-    return sp.coo_array((values, (rows, columns)), shape=(n, n)).tocsr()
+    share = np.zeros(elements.mesh.n_node)
+    for block, points in elements.points():
+        share += np.bincount(block.cells.ravel(), (points.volumes @ points.values).ravel(), len(share))
+    return np.outer(share, np.asarray(force)).ravel()

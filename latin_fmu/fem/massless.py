@@ -2,23 +2,25 @@
 
     M' = R^T M R,   R: velocity of a contact node := mean of its neighbours that are none
 
-Neighbours along cell edges where there are any, else (edges and corners shared by contact faces) across the cell.
-R keeps translations, hence total mass and momentum; kinetic energy changes by the motion of one layer relative to
-the next (first order in the element).
+Neighbours along cell edges (half edges of quadratic cells) where there are any, else (edges and corners shared by
+contact faces) across the cell. R keeps translations, hence total mass and momentum; kinetic energy changes by the
+motion of one layer relative to the next (first order in the element).
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from itertools import combinations
+from typing import Final
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from .cells import CELL_LINKS, N_NODE, Local
 from .mesh import Array, Index, Mesh
 
-_HEXAHEDRON = ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7))
-_TETRA = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
+_DIAGONALS: Final = {name: tuple(combinations(range(count), 2)) for name, count in N_NODE.items()}
 
 
 def without_contact_mass(mass: sp.csr_array, mesh: Mesh, nodes: Index) -> sp.csr_array:
@@ -28,13 +30,12 @@ def without_contact_mass(mass: sp.csr_array, mesh: Mesh, nodes: Index) -> sp.csr
     ------
     ValueError : a node has none (a body one element thick between two contacts).
     """
-    edges = _HEXAHEDRON if mesh.cell_type == "hexahedron" else _TETRA
     bare = np.zeros(mesh.n_node, dtype=bool)
     bare[nodes] = True
-    pairs = _inner_neighbours(mesh, bare, edges)
+    pairs = _inner_neighbours(mesh, bare, CELL_LINKS)
     left = bare.copy()
     left[pairs[:, 0]] = False
-    across = _inner_neighbours(mesh, left, tuple(combinations(range(mesh.cells.shape[1]), 2)), bare)
+    across = _inner_neighbours(mesh, left, _DIAGONALS, bare)
     pairs = np.concatenate([pairs, across])
     count = np.bincount(pairs[:, 0], minlength=mesh.n_node)
     kept = np.flatnonzero(count == 0)
@@ -53,11 +54,11 @@ def without_contact_mass(mass: sp.csr_array, mesh: Mesh, nodes: Index) -> sp.csr
 def _inner_neighbours(
     mesh: Mesh,
     of: NDArray[np.bool_],
-    links: tuple[tuple[int, ...], ...],
+    links: Mapping[str, Local],
     bare: NDArray[np.bool_] | None = None,
 ) -> Index:
-    """Pairs (n, 2): a node marked in ``of`` and a neighbour over one of the ``links`` that is not ``bare``."""
-    pairs = mesh.cells[:, np.array(links)].reshape(-1, 2)
+    """Pairs (n, 2): a node marked in ``of``, a neighbour over one of the ``links`` of its cell that is not ``bare``."""
+    pairs = np.concatenate([b.cells[:, np.array(links[b.cell_type])].reshape(-1, 2) for b in mesh.blocks])
     pairs = np.unique(np.concatenate([pairs, pairs[:, ::-1]]), axis=0)
     inner = ~(of if bare is None else bare)
     chosen: Index = pairs[of[pairs[:, 0]] & inner[pairs[:, 1]]]

@@ -1,21 +1,73 @@
-"""Meshes of one substructure: nodes, cells of one type, named faces."""
+"""Meshes of one substructure: nodes, blocks of cells, named faces."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .cells import CELL_FACES, CELL_OF_N_NODE, FACET_CORNERS, FACET_KIND, HEX_FACES
+
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-# Faces of the reference cells, VTK node order, oriented so that the normal points outwards.
-HEX_FACES = ((0, 4, 7, 3), (1, 2, 6, 5), (0, 1, 5, 4), (3, 7, 6, 2), (0, 3, 2, 1), (4, 5, 6, 7))
-TET_FACES = ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2))
-CELL_FACES: Final = {"hexahedron": HEX_FACES, "tetra": TET_FACES}
 BOX_FACES = ("xmin", "xmax", "ymin", "ymax", "zmin", "zmax")
+
+
+@dataclass(frozen=True)
+class CellBlock:
+    """Cells of one type.
+
+    Attributes
+    ----------
+    cell_type : a key of ``cells.CELL_FACES``. cells : (n_cell, n_node_of_type) connectivity, VTK order.
+    """
+
+    cell_type: str
+    cells: Index
+
+
+@dataclass(frozen=True)
+class FacetBlock:
+    """Facets of one kind, oriented outwards.
+
+    Attributes
+    ----------
+    kind : "triangle", "quad", "triangle6", "quad8" or "quad9". facets : (n_facet, n_node_of_kind).
+    """
+
+    kind: str
+    facets: Index
+
+    @property
+    def corners(self) -> Index:
+        """Corners of the facets, (n_facet, 3 | 4)."""
+        return self.facets[:, : FACET_CORNERS[self.kind]]
+
+
+@dataclass(frozen=True)
+class FacetSet:
+    """A face of a mesh: facets of one or several kinds."""
+
+    blocks: tuple[FacetBlock, ...]
+
+    @staticmethod
+    def of(*facets: Index) -> FacetSet:
+        """Face made of arrays (n_facet, n_node); the number of nodes tells the kind."""
+        return FacetSet(tuple(FacetBlock(FACET_KIND[f.shape[1]], f) for f in facets))
+
+    @property
+    def n_facet(self) -> int:
+        """Number of facets."""
+        return sum(len(block.facets) for block in self.blocks)
+
+    @property
+    def nodes(self) -> Index:
+        """Nodes of the face, ascending, (n_point,)."""
+        every: Index = np.unique(np.concatenate([block.facets.ravel() for block in self.blocks]))
+        return every
 
 
 @dataclass(frozen=True)
@@ -25,25 +77,82 @@ class Mesh:
     Attributes
     ----------
     nodes : (n_node, 3) coordinates, m.
-    cells : (n_cell, 8 | 4) connectivity, VTK order.
-    cell_type : "hexahedron" (8 nodes) or "tetra" (4 nodes).
-    faces : name -> (n_facet, 4 | 3) facets, oriented outwards.
+    blocks : cells by type; cells are counted through all blocks in turn.
+    faces : named faces, oriented outwards.
     """
 
     nodes: Array
-    cells: Index
-    cell_type: str
-    faces: dict[str, Index]
+    blocks: tuple[CellBlock, ...]
+    faces: dict[str, FacetSet]
+
+    @staticmethod
+    def uniform(nodes: Array, cell_type: str, cells: Index, faces: Mapping[str, Index] | None = None) -> Mesh:
+        """Mesh of one type of cells, every face of one kind of facets."""
+        named = {name: FacetSet.of(facets) for name, facets in (faces or {}).items()}
+        return Mesh(nodes, (CellBlock(cell_type, cells),), named)
 
     @property
     def n_node(self) -> int:
         """Number of nodes."""
         return len(self.nodes)
 
+    @property
+    def n_cell(self) -> int:
+        """Number of cells of all types."""
+        return sum(len(block.cells) for block in self.blocks)
+
+    @property
+    def cell_types(self) -> tuple[str, ...]:
+        """Type of each block."""
+        return tuple(block.cell_type for block in self.blocks)
+
     def extent(self) -> Array:
         """Size of the bounding box, (3,), m."""
         size: Array = np.ptp(self.nodes, axis=0)
         return size
+
+
+def boundary(mesh: Mesh) -> FacetSet:
+    """All facets that belong to one cell only, oriented outwards, in the order of blocks, local faces and cells."""
+    found: dict[str, list[Index]] = {}
+    for block in mesh.blocks:
+        for local in CELL_FACES[block.cell_type]:
+            found.setdefault(FACET_KIND[len(local)], []).append(block.cells[:, list(local)])
+    candidates = [FacetBlock(kind, np.concatenate(facets)) for kind, facets in found.items()]
+    return FacetSet(tuple(b for b in map(_single, candidates) if len(b.facets)))
+
+
+def _single(block: FacetBlock) -> FacetBlock:
+    """Facets whose corners no other facet of the block has."""
+    _, inverse, count = np.unique(
+        np.sort(block.corners, axis=1), axis=0, return_inverse=True, return_counts=True
+    )
+    return FacetBlock(block.kind, block.facets[count[inverse.ravel()] == 1])
+
+
+def padded_cells(blocks: tuple[CellBlock, ...]) -> Index:
+    """Connectivity of all blocks in one array (n_cell, widest), short rows filled with -1."""
+    if len(blocks) == 1:
+        return blocks[0].cells
+    table = np.full(
+        (sum(len(b.cells) for b in blocks), max(b.cells.shape[1] for b in blocks)), -1, dtype=np.int64
+    )
+    row = 0
+    for block in blocks:
+        table[row : row + len(block.cells), : block.cells.shape[1]] = block.cells
+        row += len(block.cells)
+    return table
+
+
+def cell_blocks(padded: Index) -> tuple[CellBlock, ...]:
+    """Runs of cells of equal type in the table of ``padded_cells`` (the number of nodes tells the type)."""
+    width = (padded >= 0).sum(axis=1)
+    starts = np.flatnonzero(np.diff(width, prepend=-1))
+    ends = np.append(starts[1:], len(width))
+    return tuple(
+        CellBlock(CELL_OF_N_NODE[int(width[a])], padded[a:b, : width[a]])
+        for a, b in zip(starts, ends, strict=True)
+    )
 
 
 def box_mesh(origin: Array, size: Array, elements: tuple[int, int, int]) -> Mesh:
@@ -73,4 +182,4 @@ def box_mesh(origin: Array, size: Array, elements: tuple[int, int, int]) -> Mesh
         name: cells[layer.ravel(order="F")][:, list(local)]
         for name, layer, local in zip(BOX_FACES, layers, HEX_FACES, strict=True)
     }
-    return Mesh(nodes, cells, "hexahedron", faces)
+    return Mesh.uniform(nodes, "hexahedron", cells, faces)

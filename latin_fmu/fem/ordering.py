@@ -13,9 +13,8 @@ _LEAF = 24
 def nested_dissection(mesh: Mesh) -> Array:
     """Elimination rank of each node, (n_node,): halves first, the nodes between them last, recursively."""
     n = mesh.n_node
-    corners = mesh.cells.shape[1]
-    rows = np.repeat(mesh.cells, corners, axis=1).ravel()
-    columns = np.tile(mesh.cells, (1, corners)).ravel()
+    rows = np.concatenate([np.repeat(b.cells, b.cells.shape[1], axis=1).ravel() for b in mesh.blocks])
+    columns = np.concatenate([np.tile(b.cells, (1, b.cells.shape[1])).ravel() for b in mesh.blocks])
     graph = sp.coo_array((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(n, n)).tocsr()
     order = np.empty(n, dtype=np.int64)
     side = np.zeros(n, dtype=np.int8)  # 1 and 2: the halves at hand

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .elasticity import element_basis
+from .elements import Elements
 from .mesh import Array, Mesh
 
 
@@ -37,9 +37,9 @@ class RigidBody:
 
 def rigid_body(mesh: Mesh, density: float) -> RigidBody:
     """Rigid motions of a mesh of uniform density, kg m-3."""
-    basis = element_basis(mesh)
-    points = np.asarray(basis.global_coordinates()).reshape(3, -1).T
-    weights = density * np.asarray(basis.dx).ravel()
+    found = list(Elements(mesh).points(of_products=True))
+    points = np.concatenate([(p.values @ mesh.nodes[p.cells]).reshape(-1, 3) for _, p in found])
+    weights = density * np.concatenate([p.volumes.ravel() for _, p in found])
     total = float(weights.sum())
     centre = weights @ points / total
     length = float(mesh.extent().max())

@@ -18,11 +18,16 @@ class InterfaceGeometry:
 
     Attributes
     ----------
-    points : (n_point, 3) on side E, m. areas : (n_point,), m2, > 0.
+    points : (n_point, 3) on the owner's side, m. areas : (n_point,), m2, > 0.
     frames : (n_point, 3, 3) rows N, t1, t2; N from E to E'.
     gap : (n_point,) initial opening along N, m.
     traces : for each side the sparse matrix (3 n_point, 3 n_node) from nodal values to values at the points
         in global axes; None for rigid ground.
+    owner : side (0 for E, 1 for E') whose nodes the points are made of. matching : whether each point is one node of
+        each side.
+
+    The traces satisfy T 1 = 1, T_E X_E = T_E' X_E' up to the gap along N (X the places of the nodes), and
+    T^T area = int phi on both sides, phi the functions of the nodes of that side.
     """
 
     points: Array
@@ -30,6 +35,8 @@ class InterfaceGeometry:
     frames: Array
     gap: Array
     traces: tuple[sp.csr_array, sp.csr_array | None]
+    owner: int = 0
+    matching: bool = True
 
     @property
     def n_point(self) -> int:

@@ -55,6 +55,11 @@ class ExplicitOperators:
         return self.compliance * self.area
 
 
+def _lumped_damping(model: SubstructureModel, damping: sp.csr_array) -> sp.csr_array:
+    """Row sums of the damping over the nodes, unless the model has better ones."""
+    return lumped(damping, nodal=True) if model.lumped_damping is None else model.lumped_damping
+
+
 class ExplicitPropagator(Propagator):
     """March of a class of identical substructures by central differences (module docstring).
 
@@ -81,7 +86,7 @@ class ExplicitPropagator(Propagator):
         self._mass, self._damping, self._stiffness = model.reduced
         lagged: sp.csr_array | None = None
         if model.damping is not None and self._damping is not None:
-            self.dashpots = model.damping if rigid else lumped(model.damping, nodal=True)
+            self.dashpots = model.damping if rigid else _lumped_damping(model, model.damping)
             lagged = sp.csr_array(self._damping - p.T @ self.dashpots @ p)
         nothing = np.zeros(0)  # a rigid body has no stiffness
         self.stability = StableStep(

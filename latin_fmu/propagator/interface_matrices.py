@@ -24,13 +24,18 @@ from .operator_pattern import with_data
 _STILL = 1e-12  # admittances below this share of the largest are round-off of held directions
 
 
+def _rows(matrix: sp.csr_array) -> tuple[Index, Index]:
+    """Pattern of a matrix by rows, in the integers of the kernels."""
+    return matrix.indptr.astype(np.int64, copy=False), matrix.indices.astype(np.int64, copy=False)
+
+
 def seen_by_channels(trace: sp.csr_array, gain: float, matrix: Array) -> Array:
     """``gain`` T X T^T for symmetric X (n, n) and T (n_channel, n); symmetric to the last bit."""
     if COMPILES:
         from .cholesky.dense import seen
 
         found = np.empty((trace.shape[0], trace.shape[0]))
-        seen(trace.indptr, trace.indices, trace.data, gain, matrix, found)
+        seen(*_rows(trace), trace.data, gain, matrix, found)
         return found
     product = gain * (trace @ (trace @ matrix).T)
     symmetric: Array = 0.5 * (product + product.T)
@@ -85,7 +90,7 @@ def with_dashpots(trace: sp.csr_array, gain: float, schur: Array, dashpots: Arra
         from .cholesky.kernels import routines
 
         inverse = np.empty_like(schur)
-        stiffened(trace.indptr, trace.indices, trace.data, springs, schur, inverse)
+        stiffened(*_rows(trace), trace.data, springs, schur, inverse)
         failed = invert(routines(np.dtype(np.float64)), inverse)
     else:
         system = schur + (trace.T @ (springs[:, None] * trace.toarray()))

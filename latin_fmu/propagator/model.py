@@ -91,6 +91,10 @@ class SubstructureModel:
     """(n_full,) elimination rank of each full dof (nested dissection of the mesh), or None."""
     factor: FactorKind = "float64"
     """How the operator of the march is factorised: Cholesky stored in that precision, or not ("cg")."""
+    lumped_mass: Array | None = field(default=None)
+    """(n_full,) masses > 0, kg, of explicit schemes where the row sums of ``mass`` are not positive, else None."""
+    lumped_damping: sp.csr_array | None = field(default=None)
+    """(n_full, n_full) what explicit schemes take of the damping at the new instant, given with ``lumped_mass``."""
     nodal: Array | None = field(default=None)
     """(3 n_node, n_full) displacements of the nodes per full dof, None where the full dofs are those of the nodes."""
 
@@ -173,7 +177,8 @@ class SubstructureModel:
     @cached_property
     def with_lumped_mass(self) -> SubstructureModel:
         """The same model with a lumped mass, made once; it need not have its matrices reduced anew."""
-        other = self.with_mass(lumped(self.inertia, nodal=False))
+        own = self.lumped_mass
+        other = self.with_mass(lumped(self.inertia, nodal=False) if own is None else diagonal_matrix(own))
         mass = reduced_diagonal(self.expansion, other.inertia.diagonal())
         other.__dict__["reduced"] = (diagonal_matrix(mass), *self.reduced[1:])
         return other

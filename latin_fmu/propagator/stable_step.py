@@ -98,10 +98,13 @@ def largest_eigenvalue(matrix: sp.csr_array, mass: Array) -> float:
     q = np.cos(1.0 + np.arange(n) * np.sqrt(2.0))
     vectors = np.stack([np.zeros(n), q / np.linalg.norm(q)])
     diagonal, beside = np.zeros(_MOST), np.zeros(_MOST)
-    entries = matrix.indptr, matrix.indices, matrix.data
+    pointers, columns = (
+        matrix.indptr.astype(np.int64, copy=False),
+        matrix.indices.astype(np.int64, copy=False),
+    )
     for first in range(0, min(n, _MOST - _STEPS), _STEPS):
         last = first + _STEPS
-        _lanczos(*entries, inverse, vectors, diagonal, beside, first, last)
+        _lanczos(pointers, columns, matrix.data, inverse, vectors, diagonal, beside, first, last)
         # residual of the Ritz vector: what leads out of the space times its last component
         value, vector = la.eigh_tridiagonal(
             diagonal[:last], beside[: last - 1], select="i", select_range=(last - 1, last - 1)
@@ -130,7 +133,10 @@ def lanczos_numpy(
         vectors[1] = after / beside[step] if beside[step] > 0.0 else 0.0
 
 
-@compiled(lanczos_numpy)
+@compiled(
+    lanczos_numpy,
+    "i8[::1], i8[::1], f8[::1], f8[::1], f8[:, ::1], f8[::1], f8[::1], i8, i8",
+)
 def _lanczos(
     pointers: Any, columns: Any, values: Array, inverse: Array, vectors: Array, diagonal: Array, beside: Array,
     first: int, last: int,

@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 
 CONVENTIONS = "CF-1.11 UGRID-1.0"
-SCHEMA_VERSION = "1.0"
+SCHEMA_VERSION = "1.1"
 """Changes its first number when a name or meaning changes, the second when something is added."""
 
 
@@ -43,6 +43,8 @@ COORDINATES: Final[Mapping[str, Meaning]] = {
     "node_y": Meaning("m", "y of the node, reference configuration"),
     "node_z": Meaning("m", "z of the node, reference configuration"),
     "stress_component": Meaning(None, "component of the symmetric stress tensor"),
+    "strain_component": Meaning(None, "component of the symmetric strain tensor"),
+    "principal": Meaning("1", "number of the principal value, largest first"),
     "window": Meaning("1", "number of the window, from 1"),
     "iteration": Meaning("1", "number of the LATIN iteration in its window, from 1"),
 }
@@ -71,7 +73,15 @@ SUBSTRUCTURE: Final[Mapping[str, Meaning]] = {
     "displacement": Meaning("m", "displacement", "linear-stage field"),
     "velocity": Meaning("m s-1", "velocity", "linear-stage field"),
     "stress": Meaning("Pa", "mean stress of the element, tension positive", "linear-stage field"),
-    "cell_nodes": Meaning(None, "nodes of each element, in VTK order"),
+    "strain": Meaning(
+        "1", "mean strain of the element", "components of the tensor: half the engineering shear"
+    ),
+    "nodal_stress": Meaning(
+        "Pa", "stress at the node, tension positive", "mean over the elements around the node, by volume"
+    ),
+    "principal_stress": Meaning("Pa", "principal values of the mean stress of the element"),
+    "nodal_principal_stress": Meaning("Pa", "principal values of the stress at the node"),
+    "cell_nodes": Meaning(None, "nodes of each element, in VTK order", "-1: the element has fewer nodes"),
     "mesh": Meaning(None, "topology of the mesh"),
 }
 

@@ -8,7 +8,9 @@
                            friction_power, layer_energy, joint_power (time); x, y, z, area, initial_gap (point);
                            normal (point, component)
     /substructures/<name>  only what the scene asked for: displacement, velocity (time, node, component);
-                           stress (time, cell, stress_component); and with any of them the mesh
+                           stress (time, cell, stress_component); strain (time, cell, strain_component);
+                           nodal_stress (time, node, stress_component); principal_stress (time, cell, principal),
+                           nodal_principal_stress (time, node, principal); and with any of them the mesh
     /substructures/<name>/energy   terms of the substructure (time), when asked for
     /convergence           error_indicator, force_mismatch (window, iteration), padded with NaN;
                            iterations, converged, first_instant, last_instant, end_time (window); passes
@@ -30,21 +32,25 @@ import xarray as xr
 
 from ..latin.record import Array, InterfaceHistory, Outcome, SubstructureHistory, WindowRecord
 from .attributes import CONVENTIONS, CONVERGENCE, ENERGY, INTERFACE, SCHEMA_VERSION, SUBSTRUCTURE, annotated
+from .recovered import LABELS, Recovered
 
 AXES: Final = ["x", "y", "z"]
 SIDES: Final = ["E", "Ep"]
-STRESSES: Final = ["xx", "yy", "zz", "yz", "xz", "xy"]
 
 Columns = dict[str, tuple[object, ...]]
 
 
 def datatree(
-    outcome: Outcome, scene_name: str, scene_text: str, provenance: Mapping[str, str]
+    outcome: Outcome,
+    scene_name: str,
+    scene_text: str,
+    provenance: Mapping[str, str],
+    recovered: Mapping[str, Recovered] | None = None,
 ) -> xr.DataTree:
     """The results of a run as a DataTree (layout: module docstring).
 
     ``provenance`` goes to the root attributes as it is; ``scene_text`` is kept whole, so that the file tells
-    how to make it again.
+    how to make it again. ``recovered`` finds more fields of the substructures it names.
     """
     groups = {"/": xr.Dataset(attrs=_root_attributes(outcome, scene_name, scene_text, provenance))}
     for name, interface in outcome.interfaces.items():
@@ -52,7 +58,8 @@ def datatree(
         groups[f"/interfaces/{name}"] = interface_dataset(interface, outcome.time, indicator)
     for name, substructure in outcome.substructures.items():
         if _has_fields(substructure):
-            groups[f"/substructures/{name}"] = substructure_dataset(substructure)
+            more = (recovered or {}).get(name)
+            groups[f"/substructures/{name}"] = substructure_dataset(substructure, more)
         if substructure.energy is not None:
             groups[f"/substructures/{name}/energy"] = _stored_energy(substructure, outcome.time)
     groups["/convergence"] = convergence_dataset(outcome.windows, outcome.time, outcome.passes)
@@ -113,7 +120,7 @@ def _stored_energy(history: SubstructureHistory, run_time: Array) -> xr.Dataset:
     return energy_dataset({name: values[nearest] for name, values in terms.items()}, history.time)
 
 
-def substructure_dataset(history: SubstructureHistory) -> xr.Dataset:
+def substructure_dataset(history: SubstructureHistory, recovered: Recovered | None = None) -> xr.Dataset:
     """Group ``substructures/<name>``: fields at the stored instants, and the mesh."""
     fields = {"displacement": history.displacement, "velocity": history.velocity}
     columns: Columns = {
@@ -121,9 +128,11 @@ def substructure_dataset(history: SubstructureHistory) -> xr.Dataset:
     }
     if history.stress is not None:
         columns["stress"] = (("time", "cell", "stress_component"), history.stress)
+    if recovered is not None:
+        columns |= recovered.columns(history)
+    used = {dim for column in columns.values() for dim in column[0]}  # type: ignore[attr-defined]
     labels: dict[str, object] = {"time": history.time, "component": AXES}
-    if history.stress is not None:
-        labels["stress_component"] = STRESSES
+    labels |= {dim: list(names) for dim, names in LABELS.items() if dim in used}
     positions = {f"node_{axis}": ("node", history.nodes[:, i]) for i, axis in enumerate(AXES)}
     columns["cell_nodes"] = (("cell", "cell_node"), history.cells)
     columns["mesh"] = ((), np.int32(0))
@@ -142,9 +151,9 @@ def _describe_mesh(dataset: xr.Dataset, cell_type: str) -> None:
         cell_type=cell_type,
     )
     dataset["cell_nodes"].attrs.update(cf_role="volume_node_connectivity", start_index=np.int32(0))
-    for name, variable in dataset.data_vars.items():
-        if name in ("displacement", "velocity", "stress"):
-            variable.attrs.update(mesh="mesh", location="volume" if name == "stress" else "node")
+    for variable in dataset.data_vars.values():
+        if "time" in variable.dims:
+            variable.attrs.update(mesh="mesh", location="volume" if "cell" in variable.dims else "node")
 
 
 def convergence_dataset(windows: Sequence[WindowRecord], time: Array, passes: float) -> xr.Dataset:

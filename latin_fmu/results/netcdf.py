@@ -14,7 +14,9 @@ from .attributes import SCHEMA_VERSION
 from .files import unwritable, written_whole
 
 _CHUNK: Final = {"time": 50, "point": 4096, "node": 4096, "cell": 4096}
-_SINGLE_PRECISION = ("displacement", "velocity", "stress")
+_SINGLE_PRECISION = (
+    "displacement", "velocity", "stress", "strain", "nodal_stress", "principal_stress", "nodal_principal_stress",
+)  # fmt: skip
 
 
 def write_netcdf(tree: xr.DataTree, path: str | Path) -> None:
@@ -55,6 +57,8 @@ def _encoding(where: str, dataset: xr.Dataset) -> dict[str, dict[str, Any]]:
         choice: dict[str, Any] = {}
         if values == "f" and not _padded(variable):
             choice["_FillValue"] = None
+        if name == "cell_nodes" and (variable.values < 0).any():
+            choice["_FillValue"] = -1
         if variable.dtype == np.float64 and where.startswith("/substructures/") and name in _SINGLE_PRECISION:
             choice["dtype"] = "float32"
         if variable.size:

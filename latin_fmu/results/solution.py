@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from .dataset import datatree
 from .estimates import ErrorEstimate
 from .netcdf import write_netcdf
 from .provenance import provenance
+from .recovered import Recovered
 from .report import report
 from .summary import summary
 
@@ -30,6 +31,7 @@ class Solution:
     scene_name : name of the scene.
     provenance : versions and time of creation, root attributes of results files.
     estimate : estimated error of each quantity; None where it was not asked for.
+    recovered : what finds more fields of the substructures, when the results are written.
     """
 
     outcome: Outcome
@@ -37,6 +39,7 @@ class Solution:
     scene_name: str
     provenance: dict[str, str] = field(default_factory=provenance)
     estimate: ErrorEstimate | None = None
+    recovered: Mapping[str, Recovered] = field(default_factory=dict)
 
     @property
     def status(self) -> str:
@@ -95,7 +98,7 @@ class Solution:
 
     def to_datatree(self) -> xr.DataTree:
         """Everything as an xarray DataTree; the layout is in the docstring of ``results.dataset``."""
-        tree = datatree(self.outcome, self.scene_name, self.scene_text, self.provenance)
+        tree = datatree(self.outcome, self.scene_name, self.scene_text, self.provenance, self.recovered)
         if self.estimate is not None and self.estimate.quantities:
             tree["accuracy"] = xr.DataTree(self.estimate.dataset())
         return tree

@@ -1,6 +1,6 @@
 """Export for ParaView: one ``.vtu`` file per part and stored instant, and one ``.pvd`` that lists them.
 
-Substructures carry displacement, velocity, stress and the von Mises stress; interfaces are clouds of points
+Substructures carry their fields, stresses with the von Mises stress; interfaces are clouds of points
 with traction, pressure, velocities, gap and contact status. Interfaces are exported at the instants at which
 the fields of the substructures are stored, so that every instant shows the whole assembly; where no field is
 stored, at all instants of the run.
@@ -21,6 +21,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from ..fem.mesh import cell_blocks
 from ..latin.record import Array
 from .files import check_folder, unwritable
 
@@ -41,7 +42,7 @@ class _Piece:
     """What one .vtu file holds, in the terms of meshio."""
 
     points: Array
-    cells: list[tuple[str, NDArray[np.integer[Any]]]]
+    cells: list[tuple[str, NDArray[np.int64]]]
     point_data: dict[str, NDArray[Any]]
     cell_data: dict[str, list[NDArray[Any]]]
 
@@ -135,14 +136,28 @@ def _children(tree: xr.DataTree, group: str) -> Iterator[tuple[str, xr.Dataset]]
 
 def _substructure_piece(instant: xr.Dataset) -> _Piece:
     points = np.stack([instant[f"node_{axis}"].values for axis in "xyz"], axis=1)
-    cells = instant["cell_nodes"].values
-    kind = str(instant["mesh"].attrs["cell_type"])
-    point_data = {name: _plain(instant[name]) for name in ("displacement", "velocity") if name in instant}
-    cell_data = {}
-    if "stress" in instant:
-        stress = _plain(instant["stress"].sel(stress_component=_VTK_TENSOR))
-        cell_data = {"stress": [stress], "von_mises": [_von_mises(stress)]}
-    return _Piece(points, [(kind, cells)], point_data, cell_data)
+    nodes = instant["cell_nodes"].values
+    table = np.nan_to_num(nodes, nan=-1).astype(np.int64)  # cells with fewer nodes, as a file gives them
+    cells = [(b.cell_type, b.cells) for b in cell_blocks(table)]
+    point_data, by_cell = _fields(instant, "node"), _fields(instant, "cell")
+    ends = np.cumsum([len(c) for _, c in cells])[:-1]
+    cell_data = {name: np.split(values, ends) for name, values in by_cell.items()}
+    return _Piece(points, cells, point_data, cell_data)
+
+
+def _fields(instant: xr.Dataset, place: str) -> dict[str, NDArray[Any]]:
+    """Fields at the nodes or cells; tensors in the order of VTK, stresses with their von Mises value."""
+    found: dict[str, NDArray[Any]] = {}
+    for name in (str(n) for n, variable in instant.data_vars.items() if variable.dims[:1] == (place,)):
+        values = instant[name]
+        for tensor in ("stress_component", "strain_component"):
+            if tensor in values.dims:
+                values = values.sel({tensor: _VTK_TENSOR})
+        if name != "cell_nodes":
+            found[name] = _plain(values)
+        if "stress_component" in values.dims:
+            found[name.replace("stress", "von_mises")] = _von_mises(found[name])
+    return found
 
 
 def _interface_piece(instant: xr.Dataset) -> _Piece:

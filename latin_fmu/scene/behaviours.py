@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
-from ..interface.registry import BEHAVIOURS
+from ..interface.registry import BEHAVIOURS, opens
+
+__all__ = ["BEHAVIOUR_NAMES", "opens"]
 
 BEHAVIOUR_NAMES = tuple(sorted(BEHAVIOURS))

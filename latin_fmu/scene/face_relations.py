@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from typing import Any
 
 from ..errors import Problem
-from .fields import NAME_PATTERN
+from .fields import ALL_OF_IT, NAME_PATTERN
 from .raw_scene import given, named_tables, parsed_face
 from .substructures import BOX_FACES
 from .wording import did_you_mean, shown
@@ -39,7 +39,7 @@ def face_problems(raw: Any, where: str, face: str) -> Iterator[Problem]:
                 where, problem.what, shown(face), problem.allowed, did_you_mean(face, known) or close
             )
         )
-    elif is_box(raw, substructure) and name not in BOX_FACES:
+    elif is_box(raw, substructure) and name not in (*BOX_FACES, ALL_OF_IT):
         yield Problem(
             where,
             f"the box {substructure!r} has no face of this name",

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated
+import sys
+from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BeforeValidator
 
-from .behaviours import BEHAVIOUR_NAMES
-from .fields import GROUND, Direction, Real, Side, Table, Text, _as_list, about, refusal
+from .behaviours import BEHAVIOUR_NAMES, opens
+from .fields import GROUND, Direction, Real, Side, Table, Text, Vector, _as_list, about, refusal
 from .laws import ConstantLaw, Law
 from .wording import did_you_mean
+
+_GAP_RULES = ("measured", "closed")
+_LARGEST = sys.float_info.max
 
 
 def _check_behaviour(name: str) -> str:
@@ -24,6 +28,23 @@ def _check_behaviour(name: str) -> str:
     return name
 
 
+def _check_gap(value: object) -> object:
+    if value is None or value in _GAP_RULES:
+        return value
+    if isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value <= _LARGEST:
+        return float(value)
+    what = (
+        "not a gap"
+        if isinstance(value, str)
+        else "out of range"
+        if isinstance(value, int | float)
+        else "must be a number"
+    )
+    remedy = did_you_mean(value, _GAP_RULES) if isinstance(value, str) else None
+    raise refusal(what, value=value, allowed='number, >= 0 [m], "measured" or "closed"', remedy=remedy)
+
+
+Gap = Annotated[float | Literal["measured", "closed"], BeforeValidator(_check_gap)]
 Behaviour = Annotated[Text, AfterValidator(_check_behaviour)]
 Sides = Annotated[tuple[Side, Side], BeforeValidator(_as_list)]
 
@@ -44,6 +65,15 @@ class GroundVelocity(Table):
         return (x / scale * factor, y / scale * factor, z / scale * factor)
 
 
+class GroundPlane(Table):
+    """Rigid ground behind a plane."""
+
+    point: Annotated[Vector, about("a point of the plane", "m")]
+    normal: Annotated[
+        Direction, about("normal of the plane, out of the ground (its length does not count)", "1")
+    ]
+
+
 class Interface(Table):
     """Two faces that meet. The normal N points from the first side (E) to the second (E')."""
 
@@ -52,10 +82,26 @@ class Interface(Table):
     friction_coefficient: Annotated[
         Real, about("Coulomb's coefficient mu (contact, soft_contact)", "1", ge=0)
     ] = 0.0
-    gap: Annotated[
-        Real | None,
+    ground: Annotated[
+        GroundPlane | None, about("place of the ground; behind the face, which must be plane, where left out")
+    ] = None
+    points_from: Annotated[
+        Literal["automatic", "E", "Ep"],
         about(
-            "initial distance along N (where it may open); measured on the meshes where left out", "m", ge=0
+            "side whose nodes give the points where nodes do not match; automatic: the side that is wholly covered, "
+            "else the one with the smaller facets"
+        ),
+    ] = "automatic"
+    search: Annotated[
+        Real | None,
+        about("only where the faces are nearer than this along N; anywhere where left out", "m", gt=0),
+    ] = None
+    gap: Annotated[
+        Gap | None,
+        about(
+            'initial distance along N (where it may open): "measured" on the meshes (also where left out), "closed" '
+            "(none, whatever they say), or a number that the meshes agree with or that sets touching meshes apart",
+            "m",
         ),
     ] = None
     preload: Annotated[
@@ -87,6 +133,16 @@ class Interface(Table):
     def against_ground(self) -> bool:
         """True where the second side is the rigid ground."""
         return self.sides[1] == GROUND
+
+    @property
+    def number_gap(self) -> float | None:
+        """The gap where it is a number, m."""
+        return None if isinstance(self.gap, str) else self.gap
+
+    @property
+    def behaves_open(self) -> bool:
+        """True where the sides may come apart."""
+        return opens(self.behaviour)
 
     def initial_pressure(self, area: float) -> float:
         """Pressure at t = 0 on a face of the given area, m2; Pa."""

@@ -50,7 +50,7 @@ def _apply(data: dict[str, Any], setting: str) -> Problem | None:
     here: Any = data
     for depth, key in enumerate(keys[:-1]):
         step = _entered(
-            here, key, path_text(keys[: depth + 1]), must_exist=depth == 1 and _has_names(keys[0])
+            here, key, path_text(keys[: depth + 1]), must_exist=depth == 1 and _has_names(data, keys[0])
         )
         if isinstance(step, Problem):
             return step
@@ -58,9 +58,10 @@ def _apply(data: dict[str, Any], setting: str) -> Problem | None:
     return _store(here, keys[-1], value, where)
 
 
-def _has_names(key: str) -> bool:
+def _has_names(data: dict[str, Any], key: str) -> bool:
+    """Whether the tables under a key must exist; parts of a mesh file need none of their own."""
     field = Scene.model_fields.get(key)
-    return field is not None and is_named(field)
+    return field is not None and is_named(field) and not (key == "substructure" and data.get("mesh"))
 
 
 def _entered(here: Any, key: str, where: str, must_exist: bool) -> tuple[Any] | Problem:

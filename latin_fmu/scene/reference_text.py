@@ -14,14 +14,27 @@ consistent system works (mm, t, s, MPa ...)."""
 
 CONVENTIONS = """\
 Faces          "substructure.face". The faces of a box are xmin xmax ymin ymax zmin zmax; those of a mesh
-               file are its named surface groups. The second side of an interface may be "ground": rigid,
-               unbounded, at rest unless ground_velocity is given.
+               file are its named surface groups, surfaces of element faces, side sets, and node sets (facets with
+               all corners in the set); "substructure.*" is the whole boundary. The second side of an interface may
+               be "ground": rigid, unbounded, at rest unless ground_velocity is given.
 Interface      The normal N points from the first side (E) to the second (E'). Forces and tractions in the
                results are those the interface exerts on side E, in global axes: two bodies pressed together
                along z, the first one below, give a negative z component.
-Gap            Distance of paired points along N, open > 0. Measured on the meshes where left out; where a
-               number is given as well it must agree. The ground has no position: its gap is the number
-               given, 0 without one.
+Meshes         Nodes of the two faces that stand opposite each other one to one are the points of the interface.
+               Else the points are those of one side (points_from: the wholly covered one, else the finer), over
+               the part that the faces have in common, and the other side takes part through integrals over it
+               (mortar). Faces may be curved and closed. Points with hardly any common area are merged into
+               their neighbours.
+Gap            Distance of the two sides along N at the points, open > 0. Measured on the meshes where left out or
+               "measured"; where a number is given the meshes must agree or touch; "closed" takes none. Flat facets
+               stand for smooth faces: an overlap below twice their distance from those counts as touching, and
+               so does every distance where none is larger.
+Ground         Without a place the ground lies behind the face, which must be plane where it may open; its gap is
+               the number given, 0 without one. With ground = {point = [...], normal = [...]}, the normal out of
+               the ground, the gap is measured from that plane.
+Contact        A table [contact.NAME] makes an interface of every two boundaries that are nearer than search along
+               the normal (less than the parts are thick), named part_part; pairs that have an interface in the
+               scene are left as they are. latin-fmu check lists them, and the parts that touch nothing.
 Preload        Contact pressure already there at t = 0, in equilibrium with initial stresses nobody needs to
                describe: displacements, velocities and stresses are counted from that state.
                preload_force is the same as a force on the whole face (a tightened bolt), interference the same as

@@ -29,6 +29,7 @@ def relation_problems(raw: Any, base_dir: Path) -> list[Problem]:
     return [
         *_substructure_problems(raw, base_dir),
         *_interface_problems(raw),
+        *_contact_problems(raw),
         *boundary_problems(raw),
         *_load_problems(raw),
         *_sensor_problems(raw),
@@ -105,6 +106,25 @@ def _interface_problems(raw: Any) -> Iterator[Problem]:
             yield from key_problems(where, table, "contact")
 
 
+def _contact_problems(raw: Any) -> Iterator[Problem]:
+    """Keys of a search that its behaviour does not take; names that no substructure has."""
+    substructures = named_tables(raw, "substructure")
+    for name, table in named_tables(raw, "contact").items():
+        where, behaviour = f"contact.{name}", table.get("behaviour", "contact")
+        if isinstance(behaviour, str):
+            yield from key_problems(where, table, behaviour)
+        pairs = table.get("except")
+        named = [("parts", part) for part in text_list(table.get("parts"))]
+        named += [
+            ("except", n)
+            for pair in (pairs if isinstance(pairs, list | tuple) else ())
+            for n in text_list(pair)
+        ]
+        for key, part in named:
+            if substructures and part not in substructures:
+                yield unknown_name(f"{where}.{key}", "substructure", part, substructures)
+
+
 def _pair_problems(where: str, table: RawTable, sides: list[str]) -> Iterator[Problem]:
     if sides[0] == GROUND:
         remedy = "name the ground second" if sides[1] != GROUND else "name a face of a substructure first"
@@ -113,13 +133,25 @@ def _pair_problems(where: str, table: RawTable, sides: list[str]) -> Iterator[Pr
         )
     elif sides[0] == sides[1]:
         yield Problem(f"{where}.sides", "a face cannot meet itself", shown(sides), "two different faces")
-    if given(table, "ground_velocity") and GROUND not in sides:
+    for key in ("ground_velocity", "ground"):
+        if given(table, key) and GROUND not in sides:
+            yield Problem(
+                f"{where}.{key}",
+                "there is no ground on this interface",
+                None,
+                f'only where the second side is "{GROUND}"',
+            )
+    for key in ("points_from", "search"):
+        if given(table, key) and table[key] != "automatic" and GROUND in sides:
+            yield Problem(
+                f"{where}.{key}", "there is no second face on this interface", shown(table[key]), None,
+                f'remove it: the second side is "{GROUND}"',
+            )  # fmt: skip
+    if table.get("gap") in ("measured", "closed") and GROUND in sides and not given(table, "ground"):
         yield Problem(
-            f"{where}.ground_velocity",
-            "there is no ground on this interface",
-            None,
-            f'only where the second side is "{GROUND}"',
-        )
+            f"{where}.gap", "nothing to measure: the ground has no place", shown(table["gap"]), "a number >= 0 [m]",
+            "give the distance, or the place: ground = {point = [...], normal = [...]}",
+        )  # fmt: skip
 
 
 def _load_problems(raw: Any) -> Iterator[Problem]:
@@ -143,6 +175,8 @@ def _accuracy_problems(raw: Any) -> Iterator[Problem]:
     owner, _, key = quantity.rpartition(".") if isinstance(quantity, str) else ("", "", "")
     kind = "sensor" if key == "displacement" else "interface"
     owners = named_tables(raw, kind)
+    if kind == "interface" and named_tables(raw, "contact"):
+        return  # interfaces are found on the meshes
     if owner and owner not in owners:
         yield unknown_name("accuracy.quantity", kind, owner, owners)
 

@@ -17,16 +17,18 @@ from pydantic import (
 from ..errors import Problem, SceneError
 from .accuracy_settings import Accuracy
 from .boundaries import Boundary
+from .contacts import ContactSearch
 from .fields import BodyName, Name, Table, Text, about
 from .interface_keys import MEANINGLESS
 from .interfaces import Interface
 from .law_file import base_dir_of
 from .loads import Load
 from .materials import Material
+from .mesh_parts import MeshParts, with_parts
 from .output_settings import Output
 from .problems import field_problems, path_text
 from .propagator_relations import with_its_scheme
-from .raw_scene import endless_numbers, plain
+from .raw_scene import endless_numbers, named_tables, plain
 from .relations import relation_problems
 from .sensors import Sensor
 from .solver_settings import Solver
@@ -35,6 +37,11 @@ from .time_settings import Time
 from .toml_text import toml_text
 
 _HEADING = "the scene cannot be used"
+
+
+def _of_parts(problem: Problem) -> bool:
+    """Whether a problem comes from parts that could not be had: no substructures, or incomplete ones."""
+    return problem.what == "this key is missing" and problem.where.startswith("substructure")
 
 
 class Scene(Table):
@@ -46,8 +53,18 @@ class Scene(Table):
     name: Annotated[Name, about("name of the scene")]
     description: Annotated[Text, about("free text")] = ""
     material: Annotated[dict[Name, Material], about("materials by name"), Field(min_length=1)]
+    mesh: Annotated[
+        dict[Name, MeshParts],
+        about("mesh files with several parts; the effective scene has them as substructures"),
+        Field(default_factory=dict),
+    ]
     substructure: Annotated[dict[BodyName, Substructure], about("substructures by name"), Field(min_length=1)]
     interface: Annotated[dict[Name, Interface], about("interfaces by name"), Field(default_factory=dict)]
+    contact: Annotated[
+        dict[Name, ContactSearch],
+        about("interfaces found between boundaries, by name of the search"),
+        Field(default_factory=dict),
+    ]
     boundary: Annotated[
         dict[Name, Boundary], about("boundary conditions by name"), Field(default_factory=dict)
     ]
@@ -70,13 +87,18 @@ class Scene(Table):
         if endless := [Problem(path_text(path), "too large for a number") for path in endless_numbers(raw)]:
             raise SceneError(endless, _HEADING)
         base_dir = data.base_dir if isinstance(data, Scene) else base_dir_of(info.context)
+        written, unreadable = with_parts(raw, base_dir)
         try:
-            completed = with_its_scheme(raw)
+            completed = with_its_scheme(written)
             scene = handler(data if completed is raw else completed)
         except ValidationError as error:
-            problems = field_problems(cls, error, raw) + relation_problems(raw, base_dir)
+            problems = field_problems(cls, error, written)
+            if named_tables(written, "mesh"):  # its parts are not known, so neither are names and faces
+                problems = [p for p in problems if not _of_parts(p)] + unreadable
+            else:
+                problems += relation_problems(written, base_dir)
             raise SceneError(problems, _HEADING) from None
-        if problems := relation_problems(raw, base_dir):
+        if problems := unreadable or relation_problems(written, base_dir):
             raise SceneError(problems, _HEADING)
         scene._base_dir = base_dir
         return scene

@@ -38,9 +38,12 @@ class Box(Table):
 
 
 class MeshFile(Table):
-    """A mesh read from a file (hex8 or tet4); its faces are the named surface groups of the file."""
+    """A mesh read from a file (hexahedra of 8, 20 or 27 nodes, tetrahedra of 4 or 10, wedges of 6, also mixed); its
+    faces are the named surface groups of the file."""
 
-    file: Annotated[Text, about("mesh file, relative to the scene file (any format meshio reads)")]
+    file: Annotated[
+        Text, about("mesh file, relative to the scene file (.msh, .inp, .bdf, .e, .vtu, .med ...)")
+    ]
     group: Annotated[Text | None, about("named volume group to take; the whole file where left out")] = None
     scale: Annotated[Real, about("length of one file unit (1e-3 for a mesh in mm)", "m", gt=0)] = 1.0
 
@@ -53,6 +56,10 @@ class Substructure(Table):
     mesh: Annotated[MeshFile | None, about("a mesh read from a file")] = None
     rigid: Annotated[
         Flag, about("undeformable: six unknowns (small rotations about the mass centre), no stiffness")
+    ] = False
+    bending_modes: Annotated[
+        Flag,
+        about("8-node hexahedra bend as they should: incompatible modes, eliminated inside each element"),
     ] = False
     initial_velocity: Annotated[Vector, about("uniform velocity at t = 0", "m s-1")] = (0.0, 0.0, 0.0)
     initial_spin: Annotated[

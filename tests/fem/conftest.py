@@ -10,11 +10,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from latin_fmu.fem.mesh import CELL_FACES, Array, Index, Mesh, box_mesh
+from latin_fmu.fem.mesh import Array, Index, Mesh, box_mesh
 
-ORIGIN, SIZE = np.array([0.3, -0.2, 0.1]), np.array([1.0, 0.8, 1.5])
-# Six tetrahedra of a hexahedron around the diagonal 0-6; neighbours cut their common face alike.
-KUHN = ((0, 1, 2, 6), (0, 2, 3, 6), (0, 3, 7, 6), (0, 7, 4, 6), (0, 4, 5, 6), (0, 5, 1, 6))
+from .meshes import ORIGIN, SIZE, cut
 
 Groups = Mapping[str, tuple[str, Index]]  # name -> type of cell, connectivity
 Writer = Callable[[Path, Array, Groups], None]
@@ -31,18 +29,6 @@ def distorted(mesh: Mesh, amplitude: float, boundary: bool) -> Mesh:
     return replace(mesh, nodes=mesh.nodes + shift)
 
 
-def tetrahedra(mesh: Mesh) -> Mesh:
-    """Each hexahedron cut in six; faces cut with them."""
-    cells = np.concatenate([mesh.cells[:, list(corner)] for corner in KUHN])
-    facets = {tuple(sorted(f)): f for local in CELL_FACES["tetra"] for f in cells[:, list(local)].tolist()}
-    faces = {}
-    for name, quads in mesh.faces.items():
-        allowed = [set(q) for q in quads.tolist()]
-        on_face = [f for key, f in facets.items() if any(set(key) <= q for q in allowed)]
-        faces[name] = np.array(on_face, dtype=np.int64)
-    return Mesh(mesh.nodes, cells, "tetra", faces)
-
-
 @pytest.fixture
 def box() -> Mesh:
     """3 x 3 x 3 hexahedra."""
@@ -52,38 +38,39 @@ def box() -> Mesh:
 @pytest.fixture(params=["hexahedron", "tetra"])
 def straight(request: pytest.FixtureRequest, box: Mesh) -> Mesh:
     """The box, interior nodes distorted, with either type of cell."""
-    mesh = distorted(box, 0.25, boundary=False)
-    return mesh if request.param == "hexahedron" else tetrahedra(mesh)
+    return distorted(cut(box, request.param), 0.25, boundary=False)
 
 
 @pytest.fixture(params=["hexahedron", "tetra"])
 def warped(request: pytest.FixtureRequest, box: Mesh) -> Mesh:
     """The box with all nodes distorted: faces of hexahedra are no longer plane."""
-    mesh = distorted(box, 0.2, boundary=True)
-    return mesh if request.param == "hexahedron" else tetrahedra(mesh)
+    return distorted(cut(box, request.param), 0.2, boundary=True)
 
 
 GMSH_TYPE = {
-    "triangle": 2,
-    "quad": 3,
-    "tetra": 4,
-    "hexahedron": 5,
-    "wedge": 6,
-    "pyramid": 7,
-    "hexahedron20": 17,
+    "triangle": 2, "quad": 3, "tetra": 4, "hexahedron": 5, "wedge": 6, "pyramid": 7, "triangle6": 9, "quad9": 10,
+    "tetra10": 11, "hexahedron27": 12, "quad8": 16, "hexahedron20": 17, "wedge15": 18,
+}  # fmt: skip
+# Place in the order of VTK of each node in the order of gmsh, where the two differ.
+GMSH_ORDER = {
+    "tetra10": [0, 1, 2, 3, 4, 5, 6, 7, 9, 8],
+    "hexahedron20": [*range(8), 8, 11, 16, 9, 17, 10, 18, 19, 12, 15, 13, 14],
+    "hexahedron27": [*range(8), 8, 11, 16, 9, 17, 10, 18, 19, 12, 15, 13, 14, 24, 22, 20, 21, 23, 25, 26],
 }
 ABAQUS_TYPE = {"triangle": "S3", "quad": "S4", "tetra": "C3D4", "hexahedron": "C3D8", "wedge": "C3D6",
-               "hexahedron20": "C3D20"}  # fmt: skip
+               "hexahedron20": "C3D20", "tetra10": "C3D10", "triangle6": "STRI65", "quad8": "S8R",
+               "wedge15": "C3D15"}  # fmt: skip
 
 
 def write_msh(path: Path, nodes: Array, groups: Groups) -> None:
-    """Gmsh 4.1 ASCII, one entity per group."""
-    dims = {name: 2 if kind in ("triangle", "quad") else 3 for name, (kind, _) in groups.items()}
+    """Gmsh 4.1 ASCII, one entity per group; "top#2" is another entity of the group "top"."""
+    dims = {name: 2 if kind.startswith(("triangle", "quad")) else 3 for name, (kind, _) in groups.items()}
     tags = {name: 10 + i for i, name in enumerate(groups)}
-    names = [f'{dims[n]} {tags[n]} "{n}"' for n in groups]
+    whole = {name: tags[name.split("#")[0]] for name in groups}
+    names = [f'{dims[n]} {tags[n]} "{n}"' for n in groups if "#" not in n]
     span = "0 0 0 1 1 1"
-    surfaces = [f"{tags[n]} {span} 1 {tags[n]} 0" for n in groups if dims[n] == 2]
-    volumes = [f"{tags[n]} {span} 1 {tags[n]} 0" for n in groups if dims[n] == 3]
+    surfaces = [f"{tags[n]} {span} 1 {whole[n]} 0" for n in groups if dims[n] == 2]
+    volumes = [f"{tags[n]} {span} 1 {whole[n]} 0" for n in groups if dims[n] == 3]
     n = len(nodes)
     lines = ["$MeshFormat", "4.1 0 8", "$EndMeshFormat", "$PhysicalNames", str(len(names)), *names,
              "$EndPhysicalNames", "$Entities", f"0 0 {len(surfaces)} {len(volumes)}", *surfaces, *volumes,
@@ -95,7 +82,7 @@ def write_msh(path: Path, nodes: Array, groups: Groups) -> None:
     tag = 0
     for name, (kind, cells) in groups.items():
         lines.append(f"{dims[name]} {tags[name]} {GMSH_TYPE[kind]} {len(cells)}")
-        for cell in cells:
+        for cell in cells[:, GMSH_ORDER.get(kind, list(range(cells.shape[1])))]:
             tag += 1
             lines.append(f"{tag} " + " ".join(str(c + 1) for c in cell))
     path.write_text("\n".join([*lines, "$EndElements", ""]))
@@ -109,7 +96,11 @@ def write_inp(path: Path, nodes: Array, groups: Groups) -> None:
         lines.append(f"*ELEMENT, TYPE={ABAQUS_TYPE[kind]}, ELSET={name}")
         for cell in cells:
             tag += 1
-            lines.append(f"{tag}, " + ", ".join(str(c + 1) for c in cell))
+            words = [str(tag), *(str(c + 1) for c in cell)]
+            lines += [
+                ", ".join(words[i : i + 15]) + ("," if i + 15 < len(words) else "")
+                for i in range(0, len(words), 15)
+            ]
     path.write_text("\n".join([*lines, ""]))
 
 

@@ -7,19 +7,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from latin_fmu.fem.cells import CELL_FACES
 from latin_fmu.fem.faces import face
-from latin_fmu.fem.mesh import BOX_FACES, CELL_FACES, Mesh, box_mesh
+from latin_fmu.fem.mesh import BOX_FACES, FacetSet, Mesh, boundary, box_mesh
 
 
 def test_box_nodes_cells_and_faces() -> None:
     mesh = box_mesh(np.array([1.0, 2.0, 3.0]), np.array([2.0, 3.0, 4.0]), (2, 3, 4))
     assert mesh.n_node == 3 * 4 * 5
-    assert mesh.cells.shape == (24, 8)
+    assert mesh.blocks[0].cells.shape == (24, 8)
     assert set(mesh.faces) == set(BOX_FACES)
     np.testing.assert_array_equal(mesh.extent(), [2.0, 3.0, 4.0])
     for axis, letter in enumerate("xyz"):
         for end, value in (("min", [1.0, 2.0, 3.0][axis]), ("max", [3.0, 5.0, 7.0][axis])):
-            facets = mesh.faces[letter + end]
+            facets = mesh.faces[letter + end].blocks[0].facets
             counts = [2, 3, 4]
             counts[axis] = 1
             assert len(facets) == np.prod(counts)
@@ -67,10 +68,10 @@ def test_pressure_on_a_closed_surface_has_no_moment(warped: Mesh) -> None:
 def volume(mesh: Mesh) -> float:
     """Volume by the divergence theorem on every cell: triangles, or quadrilaterals as bilinear patches."""
     single = 0.0
-    for cell in mesh.cells:
-        alone = replace(
-            mesh, cells=cell[None], faces={"all": cell[list(map(list, CELL_FACES[mesh.cell_type]))]}
-        )
+    (block,) = mesh.blocks
+    for cell in block.cells:
+        facets = cell[list(map(list, CELL_FACES[block.cell_type]))]
+        alone = replace(mesh, faces={"all": FacetSet.of(facets)})
         surface = face(alone, "all")
         single += float(np.sum(surface.vector_areas * mesh.nodes[surface.nodes])) / 3
     return single
@@ -83,9 +84,9 @@ def test_facets_of_the_reference_cells_point_outwards() -> None:
         "tetra": np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]),
     }  # fmt: skip
     for cell_type, nodes in corners.items():
-        mesh = Mesh(nodes.astype(float), np.arange(len(nodes))[None], cell_type, {})
+        mesh = Mesh.uniform(nodes.astype(float), cell_type, np.arange(len(nodes))[None])
         for i, local in enumerate(CELL_FACES[cell_type]):
-            surface = face(replace(mesh, faces={str(i): np.array([local])}), str(i))
+            surface = face(replace(mesh, faces={str(i): FacetSet.of(np.array([local]))}), str(i))
             outwards = nodes[list(local)].mean(axis=0) - nodes.mean(axis=0)
             assert float(surface.vector_areas.sum(axis=0) @ outwards) > 0
 
@@ -96,7 +97,7 @@ def test_a_sphere_has_the_normals_of_a_sphere() -> None:
     longest = np.abs(mesh.nodes).max(axis=1)[:, None]
     ball = mesh.nodes * np.divide(longest, np.linalg.norm(mesh.nodes, axis=1)[:, None], where=longest > 0,
                                   out=np.zeros_like(longest))  # fmt: skip
-    whole = replace(mesh, nodes=ball, faces={"skin": np.concatenate(list(mesh.faces.values()))})
+    whole = replace(mesh, nodes=ball, faces={"skin": boundary(mesh)})
     surface = face(whole, "skin")
     assert surface.areas.sum() == pytest.approx(4 * np.pi, rel=0.02)
     assert np.einsum("pi,pi->p", surface.normals, ball[surface.nodes]).min() > 0.995

@@ -5,15 +5,20 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from latin_fmu.fem.elasticity import element_basis, mass
+from latin_fmu.fem.cells import CELL_LINKS
+from latin_fmu.fem.elasticity import mass
+from latin_fmu.fem.elements import Elements
 from latin_fmu.fem.massless import without_contact_mass
 from latin_fmu.fem.mesh import box_mesh
+from latin_fmu.fem.shape_functions import cell_functions
+
+from .meshes import QUADRATIC, SIZE, TYPES, typed_box
 
 
 def bodies(elements, faces):
     mesh = box_mesh(np.zeros(3), np.array([1.0, 2.0, 3.0]), elements)
-    nodes = np.unique(np.concatenate([mesh.faces[f].ravel() for f in faces]))
-    full = mass(element_basis(mesh), 7.0)
+    nodes = np.unique(np.concatenate([mesh.faces[f].nodes for f in faces]))
+    full = mass(Elements(mesh), 7.0)
     return mesh, nodes, full
 
 
@@ -36,3 +41,28 @@ def test_one_element_between_contacts_is_refused():
     mesh, nodes, full = bodies((2, 2, 1), ("zmin", "zmax"))
     with pytest.raises(ValueError, match="inner neighbour"):
         without_contact_mass(full, mesh, nodes)
+
+
+@pytest.mark.parametrize("cell_type", TYPES)
+def test_every_type_of_cell_keeps_its_mass(cell_type):
+    """One layer of quadratic cells between two contacts has inner nodes enough."""
+    mesh = typed_box(cell_type, (2, 2, 1 if cell_type in QUADRATIC else 3), shift=0.1)
+    nodes = np.union1d(mesh.faces["zmin"].nodes, mesh.faces["zmax"].nodes)
+    full = mass(Elements(mesh), 7.0)
+    moved = without_contact_mass(full, mesh, nodes)
+    push = np.tile([0.0, 1.0, 0.0], mesh.n_node)
+    assert push @ moved @ push == pytest.approx(7.0 * np.prod(SIZE), rel=1e-12)
+    bare = (3 * nodes[:, None] + np.arange(3)).ravel()
+    assert abs(moved[bare]).max() == 0.0
+    assert np.linalg.eigvalsh(moved.toarray()).min() > -1e-12
+
+
+@pytest.mark.parametrize("cell_type", CELL_LINKS)
+def test_neighbours_are_joined_by_straight_lines_without_a_node_between(cell_type):
+    """Half edges have half the length of edges; every node has a neighbour."""
+    nodes, links = cell_functions(cell_type).nodes, np.array(CELL_LINKS[cell_type])
+    assert set(links.ravel()) == set(range(len(nodes)))
+    assert len({frozenset(pair) for pair in links.tolist()}) == len(links)
+    for a, b in links:
+        middle = 0.5 * (nodes[a] + nodes[b])
+        assert np.linalg.norm(nodes - middle, axis=1).min() > 1e-9

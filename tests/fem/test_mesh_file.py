@@ -10,20 +10,33 @@ import numpy as np
 import pytest
 
 from latin_fmu.errors import MeshError
-from latin_fmu.fem.elasticity import element_basis, mass
+from latin_fmu.fem.elasticity import mass
+from latin_fmu.fem.elements import Elements
 from latin_fmu.fem.faces import face
-from latin_fmu.fem.mesh import Mesh, box_mesh
-from latin_fmu.fem.mesh_file import load, read_mesh
+from latin_fmu.fem.mesh import Mesh, boundary, box_mesh
+from latin_fmu.fem.mesh_file import read_mesh
+from latin_fmu.fem.shape_functions import mirrored
+from latin_fmu.mesh_files.reading import read_content
+
+from .conftest import write_inp, write_msh
+from .meshes import SIZE, typed_box
 
 SURFACE = {"hexahedron": "quad", "tetra": "triangle"}
 Write = Callable[..., Path]
 
 
+def facets(mesh: Mesh, name: str) -> np.ndarray:
+    """Facets of a face of one kind."""
+    (block,) = mesh.faces[name].blocks
+    return block.facets
+
+
 def groups_of(mesh: Mesh, **faces: str) -> dict[str, Any]:
     """The volume as group "part" and some faces of the box under new names."""
-    groups: dict[str, Any] = {"part": (mesh.cell_type, mesh.cells)}
+    (block,) = mesh.blocks
+    groups: dict[str, Any] = {"part": (block.cell_type, block.cells)}
     for name, box_face in faces.items():
-        groups[name] = (SURFACE[mesh.cell_type], mesh.faces[box_face])
+        groups[name] = (SURFACE[block.cell_type], facets(mesh, box_face))
     return groups
 
 
@@ -32,8 +45,8 @@ def test_volume_and_faces_come_back(straight: Mesh, written: Write) -> None:
     for group in ("part", None):
         mesh = read_mesh(path, group)
         np.testing.assert_array_equal(mesh.nodes, straight.nodes)
-        np.testing.assert_array_equal(mesh.cells, straight.cells)
-        assert mesh.cell_type == straight.cell_type
+        np.testing.assert_array_equal(mesh.blocks[0].cells, straight.blocks[0].cells)
+        assert mesh.cell_types == straight.cell_types
         assert set(mesh.faces) == {"foot", "top"}
         for name, box_face in (("foot", "zmin"), ("top", "zmax")):
             ours, theirs = face(mesh, name), face(straight, box_face)
@@ -53,13 +66,13 @@ def two_parts(cell: str) -> tuple[np.ndarray, dict[str, Any]]:
     lower, upper = (box_mesh(np.array([0.0, 0.0, z]), np.ones(3), (2, 2, 2)) for z in (0.0, 1.0))
     shift = lower.n_node
     renumber = np.arange(upper.n_node) + shift
-    bottom, top = np.unique(upper.faces["zmin"]), np.unique(lower.faces["zmax"])
+    bottom, top = upper.faces["zmin"].nodes, lower.faces["zmax"].nodes
     renumber[bottom] = top
     nodes = np.concatenate([lower.nodes, upper.nodes])
     groups = {
-        "lower": (cell, lower.cells), "upper": (cell, renumber[upper.cells]),
-        "base": ("quad", lower.faces["zmin"]), "middle": ("quad", lower.faces["zmax"]),
-        "roof": ("quad", renumber[upper.faces["zmax"]]),
+        "lower": (cell, lower.blocks[0].cells), "upper": (cell, renumber[upper.blocks[0].cells]),
+        "base": ("quad", facets(lower, "zmin")), "middle": ("quad", facets(lower, "zmax")),
+        "roof": ("quad", renumber[facets(upper, "zmax")]),
     }  # fmt: skip
     return nodes, groups
 
@@ -78,16 +91,16 @@ def test_a_group_takes_its_own_nodes_and_the_faces_it_touches(written: Write) ->
 
 def test_inverted_cells_are_turned(straight: Mesh, written: Write) -> None:
     """Same shape, mirrored numbering: volumes become positive again, faces stay outwards."""
-    mirror = [0, 3, 2, 1, 4, 7, 6, 5] if straight.cell_type == "hexahedron" else [0, 2, 1, 3]
-    cells = straight.cells.copy()
+    mirror = [0, 3, 2, 1, 4, 7, 6, 5] if straight.cell_types == ("hexahedron",) else [0, 2, 1, 3]
+    cells = straight.blocks[0].cells.copy()
     cells[::2] = cells[::2][:, mirror]
     groups = groups_of(straight, top="zmax")
-    groups["part"] = (straight.cell_type, cells)
+    groups["part"] = (straight.cell_types[0], cells)
     groups["top"] = (groups["top"][0], groups["top"][1][:, ::-1])
     mesh = read_mesh(written(straight.nodes, groups))
-    basis = element_basis(mesh)
-    assert basis.dx.min() > 0
-    assert basis.dx.sum() == pytest.approx(1.2, rel=1e-12)
+    basis = Elements(mesh)
+    assert basis.volume.min() > 0
+    assert basis.volume.sum() == pytest.approx(1.2, rel=1e-12)
     assert mass(basis, 1.0).sum() == pytest.approx(3 * 1.2, rel=1e-12)
     assert face(mesh, "top").vector_areas.sum(axis=0)[2] == pytest.approx(0.8, rel=1e-12)
 
@@ -111,28 +124,64 @@ def other_cells(kind: str, corners: int) -> tuple[np.ndarray, dict[str, Any]]:
     return nodes, {"part": (kind, np.arange(corners)[None])}
 
 
-@pytest.mark.parametrize(("kind", "corners"), [("wedge", 6), ("hexahedron20", 20)])
-def test_other_cells_are_refused_with_a_remedy(kind: str, corners: int, written: Write) -> None:
-    path = written(*other_cells(kind, corners))
-    refused(lambda: read_mesh(path), kind, "8-node hexahedra", "4-node tetrahedra")
+@pytest.mark.parametrize(
+    ("kind", "corners", "write"), [("wedge15", 15, write_inp), ("pyramid", 5, write_msh)]
+)
+def test_other_cells_are_refused_with_a_remedy(kind: str, corners: int, write: Write, tmp_path: Path) -> None:
+    path = tmp_path / ("part.inp" if write is write_inp else "part.msh")
+    write(path, *other_cells(kind, corners))
+    refused(lambda: read_mesh(path), f"1 {kind}", "hexahedron", "tetra10", "mesh the part")
 
 
-def test_pyramids_are_refused_with_a_remedy(msh: Write) -> None:
-    path = msh(*other_cells("pyramid", 5))
-    refused(lambda: read_mesh(path), "pyramid", "8-node hexahedra", "4-node tetrahedra")
+@pytest.mark.parametrize(
+    ("cell_type", "writer"),
+    [(t, w) for t in ("tetra10", "hexahedron20", "hexahedron27", "wedge") for w in ("msh", "inp")
+     if (t, w) != ("hexahedron27", "inp")],
+)  # fmt: skip
+def test_every_type_of_cell_comes_back(cell_type: str, writer: str, tmp_path: Path) -> None:
+    """Cells, also those numbered inside out, faces of each kind of facet, volume."""
+    mesh = typed_box(cell_type, (2, 2, 2), shift=0.2)
+    (block,) = mesh.blocks
+    cells = block.cells.copy()
+    cells[::3] = cells[::3][:, mirrored(cell_type)]
+    groups: dict[str, Any] = {"part": (cell_type, cells)}
+    for name in ("zmax", "xmin"):
+        (facet,) = mesh.faces[name].blocks
+        groups[name] = (facet.kind, facet.facets)
+    path = tmp_path / f"part.{writer}"
+    {"msh": write_msh, "inp": write_inp}[writer](path, mesh.nodes, groups)
+    found = read_mesh(path, "part")
+    assert found.cell_types == (cell_type,)
+    assert Elements(found).volume.sum() == pytest.approx(float(np.prod(SIZE)), rel=1e-12)
+    np.testing.assert_array_equal(found.blocks[0].cells[1::3], cells[1::3])
+    for name in ("zmax", "xmin"):
+        wanted, has = (sorted(map(sorted, m.faces[name].blocks[0].facets.tolist())) for m in (mesh, found))
+        assert wanted == has
 
 
-def test_mixed_cells_are_refused_in_one_group_but_not_in_two(box: Mesh, msh: Write) -> None:
-    tetra = np.array([[0, 1, 4, 16]])
-    groups = {**groups_of(box), "bit": ("tetra", tetra)}
-    path = msh(box.nodes, groups)
-    refused(lambda: read_mesh(path), "tetra", "hexahedron")
-    assert read_mesh(path, "part").cell_type == "hexahedron"
-    assert read_mesh(path, "bit").cell_type == "tetra"
+def test_mixed_cells_are_one_body(msh: Write) -> None:
+    """Hexahedra beside wedges, the face on top made of both kinds of facets."""
+    mesh = typed_box("mixed")
+    groups: dict[str, Any] = {b.cell_type: (b.cell_type, b.cells) for b in mesh.blocks}
+    groups |= {f"top_{b.kind}": (b.kind, b.facets) for b in mesh.faces["zmax"].blocks}
+    found = read_mesh(msh(mesh.nodes, groups))
+    assert set(found.cell_types) == {"hexahedron", "wedge"}
+    assert Elements(found).volume.sum() == pytest.approx(float(np.prod(SIZE)), rel=1e-12)
+    assert boundary(found).n_facet == boundary(mesh).n_facet
+    assert {f.blocks[0].kind for f in found.faces.values()} == {"quad", "triangle"}
+
+
+def test_a_cell_with_a_middle_node_gone_astray_is_refused(tmp_path: Path) -> None:
+    mesh = typed_box("tetra10", (1, 1, 1))
+    nodes = mesh.nodes.copy()
+    first, second, middle = mesh.blocks[0].cells[2, [0, 1, 4]]
+    nodes[middle] = 0.8 * nodes[first] + 0.2 * nodes[second]
+    write_msh(tmp_path / "part.msh", nodes, {"part": ("tetra10", mesh.blocks[0].cells)})
+    refused(lambda: read_mesh(tmp_path / "part.msh"), "tetra10", "tangled", "integration point")
 
 
 def test_a_surface_alone_is_no_volume(box: Mesh, written: Write) -> None:
-    path = written(box.nodes, {"top": ("quad", box.faces["zmax"])})
+    path = written(box.nodes, {"top": ("quad", facets(box, "zmax"))})
     refused(lambda: read_mesh(path), "no volume cells")
 
 
@@ -159,7 +208,7 @@ def test_coordinates_must_be_finite(box: Mesh, written: Write, value: float) -> 
 
 def test_a_facet_named_twice_counts_once(box: Mesh, written: Write) -> None:
     groups = groups_of(box, top="zmax")
-    groups["top"] = ("quad", np.concatenate([box.faces["zmax"], box.faces["zmax"][:, ::-1]]))
+    groups["top"] = ("quad", np.concatenate([facets(box, "zmax"), facets(box, "zmax")[:, ::-1]]))
     surface = face(read_mesh(written(box.nodes, groups)), "top")
     assert surface.areas.sum() == pytest.approx(0.8, rel=1e-12)
 
@@ -186,7 +235,7 @@ INP_STYLES = {
 
 @pytest.mark.parametrize("style", INP_STYLES)
 def test_styles_of_abaqus_files(tmp_path: Path, style: str) -> None:
-    """Read right, or refused as a mesh error: never another exception, never a wrong group."""
+    """All of them give the same groups."""
     mesh = box_mesh(np.zeros(3), np.ones(3), (2, 2, 2))
 
     def rows(table: np.ndarray, first: int, shift: int) -> str:
@@ -196,26 +245,23 @@ def test_styles_of_abaqus_files(tmp_path: Path, style: str) -> None:
 
     text = INP_STYLES[style].format(
         nodes="*NODE\n" + rows(mesh.nodes, 1, 0),
-        cells=rows(mesh.cells, 1, 1),
-        quads=rows(mesh.faces["zmax"], 101, 1),
+        cells=rows(mesh.blocks[0].cells, 1, 1),
+        quads=rows(facets(mesh, "zmax"), 101, 1),
     )
     path = tmp_path / "part.inp"
     path.write_text(text)
     for group in ("part", None):
-        try:
-            found = read_mesh(path, group)
-        except MeshError:
-            assert style in ("set_before_a_later_block", "set_of_sets")
-            continue
-        assert len(found.cells) == 8
-        for name, facets in found.faces.items():
+        found = read_mesh(path, group)
+        assert found.n_cell == 8
+        assert "top" in found.faces
+        for name, surface in found.faces.items():
             assert name in ("top", "Surface1", "b")
-            assert len(facets) == 4
+            assert surface.n_facet == 4
 
 
 def test_missing_file_and_folder(tmp_path: Path) -> None:
     refused(lambda: read_mesh(tmp_path / "none.msh"), "none.msh", "no such mesh file")
-    refused(lambda: load(tmp_path), tmp_path.name)
+    refused(lambda: read_content(tmp_path), tmp_path.name)
 
 
 GARBAGE = (b"", b"\n", b"hello", b"\x00\xff\xfe" * 200, b"$MeshFormat\n4.1 0 8\n",

@@ -7,7 +7,8 @@ import pytest
 import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 
-from latin_fmu.fem.elasticity import element_basis, mass, stiffness
+from latin_fmu.fem.elasticity import mass, stiffness
+from latin_fmu.fem.elements import Elements
 from latin_fmu.fem.mesh import Mesh, box_mesh
 from latin_fmu.fem.nearest import nearest
 from latin_fmu.fem.ordering import nested_dissection
@@ -34,7 +35,7 @@ def test_rank_is_a_permutation_for_any_mesh(warped: Mesh) -> None:
 
 def test_fill_is_reduced() -> None:
     mesh = box_mesh(np.zeros(3), np.ones(3), (9, 9, 9))
-    basis = element_basis(mesh)
+    basis = Elements(mesh)
     matrix = mass(basis, 1.0) + stiffness(basis, 1.0, 0.3)
     dissected = np.argsort(np.repeat(nested_dissection(mesh), 3), kind="stable")
     natural = np.arange(3 * mesh.n_node)

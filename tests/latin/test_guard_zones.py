@@ -91,7 +91,7 @@ def guard(monkeypatch: pytest.MonkeyPatch) -> Guard:
         kept.members |= set(self.rows["m"].tolist())
 
     def guarded_point(self: Any, found: Any, name: str, array: NDArray[Any]) -> None:
-        in_block = name == classes._STATE[0]
+        in_block = name == classes.STATE[0]
         point(self, found, name, array if in_block else kept.copy(f"class {len(self._state)}: {name}", array))
 
     def guarded_scratch(self: Any, found: Any) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,10 @@ def write_inp(path: Path, mesh: Mesh, faces: Iterable[str]) -> None:
     """Volume group "part" and some of its faces."""
     lines = ["*NODE", *(f"{i + 1}, {x:.17g}, {y:.17g}, {z:.17g}" for i, (x, y, z) in enumerate(mesh.nodes))]
     tag = 0
-    groups = [("C3D8", "part", mesh.cells), *(("S4", f, mesh.faces[f]) for f in faces)]
+    groups = [
+        ("C3D8", "part", mesh.blocks[0].cells),
+        *(("S4", f, mesh.faces[f].blocks[0].facets) for f in faces),
+    ]
     for kind, name, cells in groups:
         lines.append(f"*ELEMENT, TYPE={kind}, ELSET={name}")
         for cell in cells:
@@ -73,15 +77,25 @@ def test_sides_exchanged_give_the_opposite_normal(bars_scene: Any, made: Any) ->
 
 
 def test_different_numbers_of_nodes(bars_scene: Any, bar_box: Any, made: Any) -> None:
+    """Nodes of the finer side are the points; the other side takes part by weights that sum to 1."""
     tables = bars_scene()
     tables["substructure"]["c"]["box"] = bar_box(2.0, across=2)
-    refused(made, tables, "interface.meet.sides", "4 and 9 nodes", "mesh both faces alike")
+    geometry = made(tables).assembly.interfaces[1].geometry
+    assert (geometry.n_point, geometry.owner, geometry.matching) == (9, 1, False)
+    np.testing.assert_allclose(geometry.frames[:, 0], np.tile([0.0, 0.0, 1.0], (9, 1)))
+    np.testing.assert_allclose(geometry.gap, 0.0, atol=1e-15)
+    for trace in geometry.traces:
+        np.testing.assert_allclose(trace @ np.ones(trace.shape[1]), 1.0, rtol=1e-13)
 
 
 def test_faces_beside_each_other(bars_scene: Any, made: Any) -> None:
+    """The points lie in the common part; without one the scene is refused."""
     tables = bars_scene()
     tables["substructure"]["c"]["box"]["origin"] = [0.1, 0.0, 2.0]
-    refused(made, tables, "interface.meet.sides", "do not match", "lateral distance", "mesh both faces alike")
+    geometry = made(tables).assembly.interfaces[1].geometry
+    assert geometry.areas.sum() == pytest.approx(0.4 * 0.5)
+    tables["substructure"]["c"]["box"]["origin"] = [0.6, 0.0, 2.0]
+    refused(made, tables, "interface.meet.sides", "no part in common", "common area 0", "0.1 m apart")
 
 
 def test_faces_that_look_the_same_way(bars_scene: Any, made: Any) -> None:
@@ -167,7 +181,7 @@ def tilted(angle: float, bulge: float) -> Mesh:
     top = nodes[:, 2] == 1.0
     nodes[top, 2] -= bulge * (nodes[top, 0] - 0.25) ** 2
     c, s = np.cos(angle), np.sin(angle)
-    return Mesh(nodes @ np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]]), mesh.cells, mesh.cell_type, mesh.faces)
+    return replace(mesh, nodes=nodes @ np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]]))
 
 
 @pytest.mark.parametrize(
@@ -197,7 +211,7 @@ def test_curved_faces_are_paired_point_by_point(bars_scene: Any, made: Any, tmp_
     low = nodes[:, 2] == 1.0
     nodes[low, 2] -= 0.5 * (nodes[low, 0] - 0.25) ** 2
     write_inp(tmp_path / "below.inp", below, ["zmax"])
-    write_inp(tmp_path / "above.inp", Mesh(nodes, above.cells, above.cell_type, above.faces), ["zmin"])
+    write_inp(tmp_path / "above.inp", replace(above, nodes=nodes), ["zmin"])
     tables = with_mesh(bars_scene(), "a", tmp_path / "below.inp", group="part")
     tables = with_mesh(tables, "b", tmp_path / "above.inp", group="part")
     tables["interface"] = {"meet": {"sides": ["a.zmax", "b.zmin"], "friction_coefficient": 0.1}}
@@ -216,9 +230,7 @@ def test_periodic_faces_must_match(bars_scene: Any, made: Any, tmp_path: Path) -
     moved = mesh.nodes.copy()
     inner = np.flatnonzero((moved[:, 0] == 0.5) & (moved[:, 2] == 0.5))
     moved[inner, 2] += 0.1
-    write_inp(
-        tmp_path / "part.inp", Mesh(moved, mesh.cells, mesh.cell_type, mesh.faces), ["xmin", "xmax", "zmin"]
-    )
+    write_inp(tmp_path / "part.inp", replace(mesh, nodes=moved), ["xmin", "xmax", "zmin"])
     tables = with_mesh(bars_scene(), "a", tmp_path / "part.inp", group="part")
     tables["interface"], tables["load"] = {}, {}
     for faces in (["a.xmin", "a.xmax"], ["a.xmin", "a.zmin"]):

@@ -11,7 +11,8 @@ import pytest
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from latin_fmu.fem.elasticity import element_basis, mass, stiffness
+from latin_fmu.fem.elasticity import mass, stiffness
+from latin_fmu.fem.elements import Elements
 from latin_fmu.fem.faces import face
 from latin_fmu.fem.mesh import Mesh, box_mesh
 from latin_fmu.fem.ordering import nested_dissection
@@ -96,7 +97,7 @@ class Driven:
 def make_model(kind: str, seed: int = 0, n: int = N, elements: tuple[int, int, int] = (2, 2, 3)) -> Driven:
     """A box of hexahedra with loads, initial motion, and the conditions of ``kind``."""
     mesh = box_mesh(np.zeros(3), np.array([1.0, 0.9, 1.6]), elements)
-    basis = element_basis(mesh)
+    basis = Elements(mesh)
     m, k = mass(basis, RHO), stiffness(basis, E, NU)
     everything = kind == "everything"
     bottom, side = face(mesh, "zmin").nodes, face(mesh, "ymin").nodes

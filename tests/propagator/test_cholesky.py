@@ -15,7 +15,8 @@ import scipy.sparse.linalg as spla
 from numpy.typing import NDArray
 
 from latin_fmu.errors import LatinError, SolverError
-from latin_fmu.fem.elasticity import element_basis, mass, stiffness
+from latin_fmu.fem.elasticity import mass, stiffness
+from latin_fmu.fem.elements import Elements
 from latin_fmu.fem.faces import face
 from latin_fmu.fem.mesh import box_mesh
 from latin_fmu.fem.ordering import nested_dissection
@@ -35,7 +36,7 @@ Index = NDArray[np.int64]
 def body(elements: tuple[int, int, int]) -> tuple[sp.csr_array, Array]:
     """Operator M + c K of a box (some dofs held) and the nested dissection rank of its dofs."""
     mesh = box_mesh(np.zeros(3), np.asarray(elements, dtype=float), elements)
-    basis = element_basis(mesh)
+    basis = Elements(mesh)
     kept = np.ones(3 * mesh.n_node, dtype=bool)
     kept[3 * face(mesh, "xmin").nodes] = False
     kept = np.flatnonzero(kept)

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from latin_fmu.fem.elasticity import element_basis, mass, stiffness
+from latin_fmu.fem.elasticity import mass, stiffness
+from latin_fmu.fem.elements import Elements
 from latin_fmu.fem.faces import face
 from latin_fmu.fem.mesh import box_mesh
 from latin_fmu.propagator import LoadTerm, SubstructureModel, modes
@@ -23,7 +24,7 @@ SPEED = np.sqrt(YOUNG / RHO)
 def bar(held: bool, n: int = 24) -> SubstructureModel:
     """A bar along z (no Poisson effect) with a normal interface at its upper end and an end load at the lower one."""
     mesh = box_mesh(np.zeros(3), np.array([0.3, 0.2, LENGTH]), (1, 1, n))
-    basis = element_basis(mesh)
+    basis = Elements(mesh)
     top, bottom = face(mesh, "zmax"), face(mesh, "zmin")
     dofs = np.arange(3 * mesh.n_node)
     free = np.setdiff1d(dofs, 3 * bottom.nodes + 2) if held else dofs

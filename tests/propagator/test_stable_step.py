@@ -9,7 +9,8 @@ import pytest
 import scipy.linalg as la
 import scipy.sparse as sp
 
-from latin_fmu.fem.elasticity import element_basis, mass, stiffness
+from latin_fmu.fem.elasticity import mass, stiffness
+from latin_fmu.fem.elements import Elements
 from latin_fmu.fem.mesh import box_mesh
 from latin_fmu.propagator import stable_step
 from latin_fmu.propagator.lumping import lumped
@@ -23,7 +24,7 @@ def box(
 ) -> tuple[Array, sp.csr_array]:
     """Lumped mass and stiffness of a box of elements of this shape; ``held``: symmetry on three of its faces."""
     mesh = box_mesh(np.zeros(3), np.asarray(elements) * np.asarray(shape), elements)
-    basis = element_basis(mesh)
+    basis = Elements(mesh)
     free = np.ones((mesh.n_node, 3), dtype=bool)
     if held:
         free[mesh.nodes < 1e-12] = False

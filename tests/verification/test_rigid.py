@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,8 @@ import pytest
 from latin_fmu import api
 from latin_fmu.assembly.build import build
 from latin_fmu.errors import SceneError
-from latin_fmu.fem.elasticity import element_basis, mass
+from latin_fmu.fem.elasticity import mass
+from latin_fmu.fem.elements import Elements
 from latin_fmu.fem.mesh import Mesh, box_mesh
 from latin_fmu.fem.rigid import rigid_body
 from latin_fmu.scene.reader import scene_from_dict
@@ -54,11 +56,11 @@ def test_mass_is_the_consistent_one_of_the_mesh(cell: str) -> None:
     nodes = mesh.nodes + 0.01 * rng.normal(size=mesh.nodes.shape)
     if cell == "tetra":  # a box into six tetrahedra
         tets = ((0, 1, 2, 6), (0, 2, 3, 6), (0, 3, 7, 6), (0, 7, 4, 6), (0, 4, 5, 6), (0, 5, 1, 6))
-        mesh = Mesh(nodes, mesh.cells[:, tets].reshape(-1, 4), cell, {})
+        mesh = Mesh.uniform(nodes, cell, mesh.blocks[0].cells[:, tets].reshape(-1, 4))
     else:
-        mesh = Mesh(nodes, mesh.cells, cell, {})
+        mesh = replace(mesh, nodes=nodes)
     body = rigid_body(mesh, 7800.0)
-    full = mass(element_basis(mesh), 7800.0)
+    full = mass(Elements(mesh), 7800.0)
     np.testing.assert_allclose(body.mass, body.modes.T @ (full @ body.modes), rtol=1e-12, atol=1e-12)
 
 
@@ -109,7 +111,7 @@ def test_conditions_take_directions_out_of_the_six(boundary: dict[str, Any], lef
     nodal = model.nodal @ model.expansion.toarray()
     faces = box_mesh(np.zeros(3), np.array(SIZE), (2, 2, 2)).faces[boundary["face"].split(".")[1]]
     components = {"symmetry": ["x"]}.get(boundary["type"], boundary.get("components", ["x", "y", "z"]))
-    rows = (3 * np.unique(faces)[:, None] + ["xyz".index(c) for c in components]).ravel()
+    rows = (3 * faces.nodes[:, None] + ["xyz".index(c) for c in components]).ravel()
     assert np.abs(nodal[rows]).max(initial=0.0) < 1e-14
 
 

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 import latin_fmu
+from latin_fmu.assembly import body as bodies
 from latin_fmu.assembly.build import build
 from latin_fmu.assembly.segments import SegmentedRun
 from latin_fmu.errors import SceneError
-from latin_fmu.scene import body as bodies
 
 from .static_scenes import add_block, plates, ramp, scene, solve
 

@@ -5,12 +5,11 @@ Row-major lower triangles are what LAPACK sees as upper ones.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
-from .kernels import UPPER, fortran, kernel
+from ...compiled import entry
+from .kernels import UPPER, fortran
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -18,7 +17,7 @@ Index = NDArray[np.int64]
 _TILE = 32
 
 
-@kernel
+@entry("f8[:, ::1]")
 def mirror(matrix: Array) -> None:
     """Copy the lower triangle of a square matrix over the upper one."""
     n = len(matrix)
@@ -29,7 +28,7 @@ def mirror(matrix: Array) -> None:
                     matrix[j, i] = matrix[i, j]
 
 
-@kernel
+@entry("i8[::1], f8[:, ::1] -> i8")
 def invert(routines: Index, matrix: Array) -> int:
     """Inverse of a positive definite matrix from its lower triangle, in its place; 0, or 1 + the row where a pivot
     is not positive."""
@@ -45,8 +44,8 @@ def invert(routines: Index, matrix: Array) -> int:
     return int(info[0])
 
 
-@kernel
-def seen(starts: Any, columns: Any, values: Array, factor: float, matrix: Array, out: Array) -> None:
+@entry("i8[::1], i8[::1], f8[::1], f8, f8[:, ::1], f8[:, ::1]")
+def seen(starts: Index, columns: Index, values: Array, factor: float, matrix: Array, out: Array) -> None:
     """out = factor T X T^T for symmetric X (n, n) and T (n_channel, n) by rows."""
     n_channel, n = len(starts) - 1, len(matrix)
     row = np.empty(n)
@@ -64,8 +63,10 @@ def seen(starts: Any, columns: Any, values: Array, factor: float, matrix: Array,
     mirror(out)
 
 
-@kernel
-def stiffened(starts: Any, columns: Any, values: Array, springs: Array, matrix: Array, out: Array) -> None:
+@entry("i8[::1], i8[::1], f8[::1], f8[::1], f8[:, ::1], f8[:, ::1]")
+def stiffened(
+    starts: Index, columns: Index, values: Array, springs: Array, matrix: Array, out: Array
+) -> None:
     """Lower triangle of out = X + T^T diag(springs) T, arguments as for ``seen``."""
     n = len(matrix)
     for i in range(n):
@@ -79,7 +80,7 @@ def stiffened(starts: Any, columns: Any, values: Array, springs: Array, matrix: 
                     out[columns[e], columns[f]] += weight * values[f]
 
 
-@kernel
+@entry("i8[::1], f8[:, ::1], i8[::1] -> f8")
 def face_resistance(routines: Index, matrix: Array, picked: Index) -> float:
     """1^T C^-1 1 of the picked rows and columns of a positive semidefinite matrix, -1 where they are singular."""
     n = len(picked)

@@ -76,7 +76,8 @@ class CholeskyFactor:
         _check_finite(matrix)
         self.schur: Array = np.zeros((len(self.last), len(self.last)))
         failed = factorise(
-            routines(np.dtype(np.float64)), matrix.indptr, matrix.indices, matrix.data, shape.order, shape.position,
+            routines(np.dtype(np.float64)), matrix.indptr.astype(np.int64, copy=False),
+            matrix.indices.astype(np.int64, copy=False), matrix.data, shape.order, shape.position,
             *pattern, shape.n_children, shape.is_root, shape.stack_size, self.panels, self.schur,
         )  # fmt: skip
         if failed == OUTSIDE_PATTERN:

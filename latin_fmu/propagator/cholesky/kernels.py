@@ -6,31 +6,18 @@ them, so that the compiled code can be kept on disk from one process to the next
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import ctypes
 from functools import cache
-from typing import Any, Final, TypeVar, cast
+from importlib import import_module
+from typing import Any
 
 import numpy as np
-from llvmlite import ir
-from numba import types
-from numba.core import cgutils
-from numba.extending import get_cython_function_address, intrinsic
 from numpy.typing import NDArray
 
-from ...compiled import jitted
-
-Function = TypeVar("Function", bound=Callable[..., Any])
+from ...compiled import lazy_intrinsic
 
 LEFT, RIGHT, UPPER = np.uint8(ord("L")), np.uint8(ord("R")), np.uint8(ord("U"))
 PLAIN, TRANSPOSED = np.uint8(ord("N")), np.uint8(ord("T"))
-
-# Sums may be taken in another (fixed) order: without that they are not vectorised.
-_FAST: Final = {"reassoc", "contract", "nsz"}
-
-
-def kernel(function: Function) -> Function:
-    """Compile for loops over floating-point numbers: cached, sums vectorised, without the interpreter lock."""
-    return jitted(function, nogil=True, fastmath=_FAST)
 
 
 @cache
@@ -49,8 +36,17 @@ def routines(dtype: np.dtype[Any]) -> NDArray[np.int64]:
     found = []
     for name in names:
         library, routine = name.split(":")
-        found.append(get_cython_function_address(f"scipy.linalg.cython_{library}", letter + routine))
+        found.append(_address(f"scipy.linalg.cython_{library}", letter + routine))
     return np.array(found, dtype=np.int64)
+
+
+def _address(module: str, name: str) -> int:
+    """Address of a function that a Cython module offers to others (a capsule in its ``__pyx_capi__``)."""
+    capsule = import_module(module).__pyx_capi__[name]
+    name_of, pointer_of = ctypes.pythonapi.PyCapsule_GetName, ctypes.pythonapi.PyCapsule_GetPointer
+    name_of.restype, name_of.argtypes = ctypes.c_char_p, [ctypes.py_object]
+    pointer_of.restype, pointer_of.argtypes = ctypes.c_void_p, [ctypes.py_object, ctypes.c_char_p]
+    return int(pointer_of(capsule, name_of(capsule)))
 
 
 def _fortran(_typing: Any, address: Any, arguments: Any) -> Any:
@@ -59,6 +55,10 @@ def _fortran(_typing: Any, address: Any, arguments: Any) -> Any:
     ``arguments`` is a tuple: uint64 = address of an array, int64 = an integer (passed as C int), uint8 = a letter,
     float64 or float32 = a number.
     """
+
+    from llvmlite import ir
+    from numba import types
+    from numba.core import cgutils
 
     def generate(_context: Any, builder: Any, _signature: Any, values: Any) -> Any:
         tools: Any = cgutils
@@ -77,4 +77,21 @@ def _fortran(_typing: Any, address: Any, arguments: Any) -> Any:
     return types.void(address, arguments), generate
 
 
-fortran: Callable[[Any, Any], None] = cast(Any, intrinsic)(_fortran)
+def _fortran_in_python(address: int, arguments: tuple[Any, ...]) -> None:
+    """The same by ctypes; an integer too large for a C int is an address."""
+    pointers: list[Any] = []
+    for value in arguments:
+        if isinstance(value, np.uint8):
+            pointers.append(ctypes.byref(ctypes.c_ubyte(int(value))))
+        elif isinstance(value, np.float32):
+            pointers.append(ctypes.byref(ctypes.c_float(float(value))))
+        elif isinstance(value, float):
+            pointers.append(ctypes.byref(ctypes.c_double(value)))
+        elif value < 1 << 31:
+            pointers.append(ctypes.byref(ctypes.c_int(value)))
+        else:
+            pointers.append(ctypes.c_void_p(value))
+    ctypes.CFUNCTYPE(None)(int(address))(*pointers)
+
+
+fortran: Any = lazy_intrinsic(_fortran, _fortran_in_python)

@@ -6,12 +6,13 @@ U = F22 - L21 L21^T, (r, r), to its parent. Row-major lower triangles are what L
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .kernels import LEFT, PLAIN, TRANSPOSED, UPPER, fortran, kernel
+from ...compiled import entry, kernel
+from .kernels import LEFT, PLAIN, TRANSPOSED, UPPER, fortran
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -63,11 +64,14 @@ def _eliminate(routines: Index, panel: Array, width: int, below: int, update: Ar
     fortran(routines[3], (UPPER, PLAIN, width, top, width, info.ctypes.data))
 
 
-@kernel
+_PATTERN: Final = ", ".join(["i8[::1]"] * 3 + ["f8[::1]"] + ["i8[::1]"] * 7 + ["b1[::1]"])
+
+
+@entry(f"{_PATTERN}, i8, f8[::1], f8[:, ::1] -> i8", f"{_PATTERN}, i8, f4[::1], f8[:, ::1] -> i8")
 def factorise(
     routines: Index,
-    pointers: Any,
-    neighbours: Any,
+    pointers: Index,
+    neighbours: Index,
     values: Array,
     order: Index,
     position: Index,
@@ -89,10 +93,10 @@ def factorise(
     n_super = len(first) - 1
     n_interior = first[n_super]
     for j in range(n_interior, len(order)):
-        for entry in range(pointers[order[j]], pointers[order[j] + 1]):
-            i = position[neighbours[entry]]
+        for place in range(pointers[order[j]], pointers[order[j] + 1]):
+            i = position[neighbours[place]]
             if n_interior <= i <= j:
-                schur[j - n_interior, i - n_interior] += values[entry]
+                schur[j - n_interior, i - n_interior] += values[place]
     widest = 0
     for s in range(n_super):
         widest = max(
@@ -120,12 +124,12 @@ def factorise(
         for i in range(below):
             where[own[i]] = width + i
         for j in range(begin, end):
-            for entry in range(pointers[order[j]], pointers[order[j] + 1]):
-                i = position[neighbours[entry]]
+            for place in range(pointers[order[j]], pointers[order[j] + 1]):
+                i = position[neighbours[place]]
                 if i >= j:
                     if where[i] < 0:
                         return OUTSIDE_PATTERN
-                    panel[where[i] * width + j - begin] += values[entry]
+                    panel[where[i] * width + j - begin] += values[place]
         base = top
         for _ in range(n_children[s]):
             n_waiting -= 1

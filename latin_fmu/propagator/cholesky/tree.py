@@ -8,42 +8,65 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from .kernels import kernel
+from ...compiled import entry
 
 Index = NDArray[np.int64]
 
 
-@kernel
 def vertex_graph(
     indptr: Index, indices: Index, vertex: Index, order: Index, start: Index
 ) -> tuple[Index, Index]:
     """Graph of the vertices (loops left out) of a matrix by rows; ``order`` lists the dofs of each from ``start``."""
-    n = len(start) - 1
-    pointers = np.zeros(n + 1, dtype=np.int64)
-    neighbours = np.empty(len(indices), dtype=np.int64)
-    mark = np.full(n, -1, dtype=np.int64)
-    filled = 0
+    pointers, neighbours = np.zeros(len(start), dtype=np.int64), np.empty(len(indices), dtype=np.int64)
+    filled = _vertex_graph(
+        indptr, indices, vertex, order, start, _unmarked(len(start) - 1), pointers, neighbours
+    )
+    return pointers, neighbours[:filled].copy()
+
+
+def _unmarked(n: int) -> Index:
+    return np.full(n, -1, dtype=np.int64)
+
+
+@entry("i8[::1], i8[::1], i8[::1], i8[::1], i8[::1], i8[::1], i8[::1], i8[::1] -> i8")
+def _vertex_graph(
+    indptr: Index,
+    indices: Index,
+    vertex: Index,
+    order: Index,
+    start: Index,
+    mark: Index,
+    pointers: Index,
+    neighbours: Index,
+) -> int:
+    """Fill ``pointers`` (n + 1,) and ``neighbours``; the entries filled. ``mark`` (n,) is scratch, -1 on entry."""
+    n, filled = len(start) - 1, 0
     for i in range(n):
         mark[i] = i
         for k in range(start[i], start[i + 1]):
-            for entry in range(indptr[order[k]], indptr[order[k] + 1]):
-                j = vertex[indices[entry]]
+            for place in range(indptr[order[k]], indptr[order[k] + 1]):
+                j = vertex[indices[place]]
                 if mark[j] != i:
                     mark[j] = i
                     neighbours[filled] = j
                     filled += 1
         pointers[i + 1] = filled
-    return pointers, neighbours[:filled].copy()
+    return filled
 
 
-@kernel
 def elimination_tree(pointers: Index, neighbours: Index, n_interior: int) -> Index:
     """Parent of each interior vertex, (n_interior,), -1 at the roots (Liu's algorithm)."""
-    parent = np.full(n_interior, -1, dtype=np.int64)
-    ancestor = np.full(n_interior, -1, dtype=np.int64)
-    for i in range(n_interior):
-        for entry in range(pointers[i], pointers[i + 1]):
-            j = neighbours[entry]
+    parent = _unmarked(n_interior)
+    _elimination_tree(pointers, neighbours, _unmarked(n_interior), parent)
+    return parent
+
+
+@entry("i8[::1], i8[::1], i8[::1], i8[::1]")
+def _elimination_tree(pointers: Index, neighbours: Index, ancestor: Index, parent: Index) -> None:
+    """Fill ``parent`` (n_interior,); it and ``ancestor``, scratch, are -1 on entry."""
+    for i in range(len(parent)):
+        for place in range(pointers[i], pointers[i + 1]):
+            j = neighbours[place]
             while j < i and j != -1:
                 above = ancestor[j]
                 ancestor[j] = i
@@ -51,28 +74,32 @@ def elimination_tree(pointers: Index, neighbours: Index, n_interior: int) -> Ind
                     parent[j] = i
                     break
                 j = above
-    return parent
 
 
-@kernel
 def column_counts(pointers: Index, neighbours: Index, parent: Index, weight: Index) -> Index:
     """Rows below the diagonal in each interior column of the factor, in dofs: (n_interior,)."""
+    count = np.zeros(len(parent), dtype=np.int64)
+    _column_counts(pointers, neighbours, parent, weight, _unmarked(len(parent)), count)
+    return count
+
+
+@entry("i8[::1], i8[::1], i8[::1], i8[::1], i8[::1], i8[::1]")
+def _column_counts(
+    pointers: Index, neighbours: Index, parent: Index, weight: Index, mark: Index, count: Index
+) -> None:
+    """Fill ``count`` (n_interior,), zero on entry; ``mark``, scratch, is -1 on entry."""
     n_interior = len(parent)
-    count = np.zeros(n_interior, dtype=np.int64)
-    mark = np.full(n_interior, -1, dtype=np.int64)
     for i in range(len(pointers) - 1):
-        for entry in range(pointers[i], pointers[i + 1]):
-            j = neighbours[entry]
+        for place in range(pointers[i], pointers[i + 1]):
+            j = neighbours[place]
             if j >= n_interior or j >= i:
                 continue
             while j != -1 and j != i and mark[j] != i:
                 mark[j] = i
                 count[j] += weight[i]
                 j = parent[j]
-    return count
 
 
-@kernel
 def amalgamate(
     parent: Index, count: Index, weight: Index, limit: Index, fraction: NDArray[np.float64]
 ) -> Index:
@@ -82,11 +109,27 @@ def amalgamate(
     ``limit[i]`` columns may hold the part ``fraction[i]`` of zeros.
     """
     n = len(parent)
-    owner = np.arange(n)
-    width = weight[:n].copy()
+    owner, width = np.arange(n), weight[:n].copy()
     entries = width * (width + 1) // 2 + width * count
-    head = np.full(n, -1, dtype=np.int64)  # lists of children
-    following = np.full(n, -1, dtype=np.int64)
+    _amalgamate(parent, count, limit, fraction, width, entries, _unmarked(n), _unmarked(n), owner)
+    return owner
+
+
+@entry("i8[::1], i8[::1], i8[::1], f8[::1], i8[::1], i8[::1], i8[::1], i8[::1], i8[::1]")
+def _amalgamate(
+    parent: Index,
+    count: Index,
+    limit: Index,
+    fraction: NDArray[np.float64],
+    width: Index,
+    entries: Index,
+    head: Index,
+    following: Index,
+    owner: Index,
+) -> None:
+    """Fill ``owner`` (n,), every vertex its own on entry, with ``width`` and ``entries`` of each; the lists of children
+    (``head``, ``following``) are scratch, -1 on entry."""
+    n = len(parent)
     for relaxed in range(2):
         head[:] = -1
         for c in range(n - 1, -1, -1):
@@ -115,21 +158,24 @@ def amalgamate(
                 c = following[c]
     for c in range(n - 1, -1, -1):
         owner[c] = owner[owner[c]]
-    return owner
 
 
-@kernel
 def postorder(parent: Index) -> Index:
     """Vertices of a forest, children before parents and each subtree in one piece, (n,)."""
     n = len(parent)
-    head = np.full(n, -1, dtype=np.int64)
-    following = np.full(n, -1, dtype=np.int64)
+    order = np.empty(n, dtype=np.int64)
+    _postorder(parent, _unmarked(n), _unmarked(n), np.empty(n, dtype=np.int64), order)
+    return order
+
+
+@entry("i8[::1], i8[::1], i8[::1], i8[::1], i8[::1]")
+def _postorder(parent: Index, head: Index, following: Index, stack: Index, order: Index) -> None:
+    """Fill ``order`` (n,); the lists of children (-1 on entry) and the stack are scratch."""
+    n = len(parent)
     for c in range(n - 1, -1, -1):
         if parent[c] != -1:
             following[c] = head[parent[c]]
             head[parent[c]] = c
-    order = np.empty(n, dtype=np.int64)
-    stack = np.empty(n, dtype=np.int64)
     done = 0
     for root in range(n):
         if parent[root] != -1:
@@ -146,10 +192,8 @@ def postorder(parent: Index) -> Index:
                 head[stack[depth - 1]] = following[c]
                 stack[depth] = c
                 depth += 1
-    return order
 
 
-@kernel
 def supernode_rows(
     pointers: Index,
     neighbours: Index,
@@ -165,10 +209,28 @@ def supernode_rows(
     where the rows of each begin in ``rows``.
     """
     count = np.zeros(len(parent), dtype=np.int64)
-    mark = np.full(len(parent), -1, dtype=np.int64)
+    _supernode_rows(
+        pointers, neighbours, owner, parent, n_interior, start, rows, _unmarked(len(parent)), count
+    )
+    return count
+
+
+@entry("i8[::1], i8[::1], i8[::1], i8[::1], i8, i8[::1], i8[::1], i8[::1], i8[::1]")
+def _supernode_rows(
+    pointers: Index,
+    neighbours: Index,
+    owner: Index,
+    parent: Index,
+    n_interior: int,
+    start: Index,
+    rows: Index,
+    mark: Index,
+    count: Index,
+) -> None:
+    """As ``supernode_rows``; ``count`` is zero, ``mark``, scratch, -1 on entry."""
     for i in range(len(pointers) - 1):
-        for entry in range(pointers[i], pointers[i + 1]):
-            j = neighbours[entry]
+        for place in range(pointers[i], pointers[i + 1]):
+            j = neighbours[place]
             if j >= n_interior or j >= i:
                 continue
             s = owner[j]
@@ -178,4 +240,3 @@ def supernode_rows(
                     rows[start[s] + count[s]] = i
                 count[s] += 1
                 s = parent[s]
-    return count

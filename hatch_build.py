@@ -1,0 +1,49 @@
+"""Build hook: a wheel carries the kernels compiled for the machine it is built on, or for ``LATIN_FMU_TARGET``.
+
+``LATIN_FMU_TARGET=windows-x86_64`` cross-builds a wheel for Windows (linked, not tried there); ``none`` builds a wheel
+without a library, whose kernels numba compiles at the first run. Editable installs have no library either; see
+``python -m latin_fmu.aot``.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+
+TAGS = {
+    "linux-x86_64": "manylinux_2_17_x86_64",
+    "linux-aarch64": "manylinux_2_17_aarch64",
+    "windows-x86_64": "win_amd64",
+    "darwin-aarch64": "macosx_11_0_arm64",
+}
+
+
+class Kernels(BuildHookInterface):  # type: ignore[type-arg]
+    """Compile the kernels in a process of their own and put the library into the wheel."""
+
+    def initialize(self, version: str, build_data: dict[str, Any]) -> None:
+        """Called for the metadata and for the wheel; the second time the library is there."""
+        if version == "editable":
+            return
+        root = Path(self.root)
+        sys.path.insert(0, str(root))
+        from latin_fmu.aot.build import host
+        from latin_fmu.compiled.library import file_name
+
+        target = os.environ.get("LATIN_FMU_TARGET") or host()
+        if target in (None, "none"):
+            self.app.display_warning(
+                "no library of kernels for this machine: numba compiles them at the first run"
+            )
+            return
+        environment = {**os.environ, "LATIN_FMU_LIBRARY": "0", "OMP_NUM_THREADS": "1"}
+        subprocess.run([sys.executable, "-m", "latin_fmu.aot", target], cwd=root, env=environment, check=True)
+        name = file_name(target)
+        build_data["force_include"][str(root / "build" / name)] = f"latin_fmu/{name}"
+        build_data["pure_python"] = False
+        build_data["tag"] = f"py3-none-{TAGS[target]}"

@@ -1,0 +1,195 @@
+"""Kernels to LLVM code that no optimisation has touched: what numba's front end makes of them.
+
+numba optimises and loads a kernel at every level of calls. Here its code generator is replaced, in the process of a
+build only, by one that keeps the code of each kernel as it is; all of them are joined later and optimised once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import Any, Final
+
+import llvmlite.binding as llvm
+from llvmlite import ir
+from numba import types
+from numba.core import codegen
+from numba.core.registry import cpu_target
+from numba.core.runtime.nrtdynmod import compile_nrt_functions
+from numba.np.arrayobj import make_array, populate_array
+from numba.np.numpy_support import from_dtype
+
+from ..compiled.declare import Entry, Pointers
+from ..compiled.signature import Argument, Block, Bundle, Scalar, Signature
+
+_NUMBERS: Final = {"i8": types.int64, "f8": types.float64, "b1": types.boolean, "f4": types.float32}
+_WORD, _STATUS = ir.IntType(64), ir.IntType(32)
+
+
+class _Library(codegen.JITCodeLibrary):
+    """The code of one kernel, neither optimised nor loaded."""
+
+    def add_llvm_module(self, ll_module: Any) -> None:
+        self._final_module.link_in(ll_module)
+
+    def finalize(self) -> None:
+        self._finalized = True
+
+    def get_pointer_to_function(self, name: str) -> int:
+        return 1  # numba wants an address to make a Python function of; nobody calls it
+
+    @property
+    def has_dynamic_globals(self) -> bool:
+        return False
+
+    def everything(self) -> Iterator[_Library]:
+        """This one and those it calls."""
+        yield self
+        for other in self._linking_libraries:
+            if isinstance(other, _Library):  # numba's run time of this process is another
+                yield from other.everything()
+
+    @property
+    def code(self) -> Any:
+        """Its LLVM module."""
+        return self._final_module
+
+
+class _Codegen(codegen.JITCPUCodegen):
+    """Code generator of a process that builds a library."""
+
+    _library_class = _Library
+
+    def _add_module(self, module: Any) -> None:
+        pass
+
+    def set_env(self, env_name: str, env: Any) -> None:
+        pass
+
+
+def start() -> Any:
+    """Replace numba's code generator in this process; its target context."""
+    context = cpu_target.target_context
+    context._internal_codegen = _Codegen("latin_fmu")
+    return context
+
+
+def numba_type(argument: Argument) -> Any:
+    """numba's type of a declared argument."""
+    if isinstance(argument, Scalar):
+        return _NUMBERS[argument.code]
+    if isinstance(argument, Block):
+        return types.Array(from_dtype(argument.dtype), argument.ndim, "C")
+    assert isinstance(argument, Bundle)
+    return types.BaseTuple.from_types([numba_type(a) for a in argument.fields], argument.cls)
+
+
+def lower(context: Any, declared: Iterable[Entry | Pointers]) -> tuple[list[Any], list[str]]:
+    """LLVM modules of the entries and of all that they call, and the names to export."""
+    libraries: dict[int, _Library] = {}
+    wrappers, exported = [], []
+    for item in declared:
+        calls: list[tuple[str, Any, Any]]
+        if isinstance(item, Entry):
+            calls = [(f"{item.symbol}_{i}", signature, [numba_type(a) for a in signature.arguments])
+                     for i, signature in enumerate(item.signatures)]  # fmt: skip
+        else:
+            pointers = [types.CPointer(types.int32)] * item.n_integer + [
+                types.CPointer(types.float64)
+            ] * item.n_float
+            calls = [(item.symbol, None, pointers)]
+        for symbol, signature, arguments in calls:
+            dispatcher = item.dispatcher
+            dispatcher.compile(tuple(arguments))
+            result = dispatcher.overloads[tuple(arguments)]
+            for library in result.library.everything():
+                libraries[id(library)] = library
+            wrap = _pointer_wrapper if signature is None else _entry_wrapper
+            wrappers.append(wrap(context, symbol, signature, result))
+            exported.append(symbol)
+    if not any(library.name == "nrt" for library in libraries.values()):
+        libraries[0] = compile_nrt_functions(context)
+    return [*(library.code for library in libraries.values()), *wrappers], exported
+
+
+def _callee(context: Any, module: ir.Module, result: Any) -> Any:
+    """Declaration of a kernel in another module."""
+    function = context.call_conv.get_function_type(result.fndesc.restype, result.fndesc.argtypes)
+    return ir.Function(module, function, result.fndesc.llvm_func_name)
+
+
+def _entry_wrapper(context: Any, symbol: str, signature: Signature, result: Any) -> Any:
+    """``int32 symbol(const int64 *slots, void *result)``: arguments from their slots, the status back."""
+    module = context.create_module(symbol)
+    function = ir.Function(module, ir.FunctionType(_STATUS, [_WORD.as_pointer(), _WORD.as_pointer()]), symbol)
+    builder = ir.IRBuilder(function.append_basic_block("entry"))
+    slots = _Slots(context, builder, function.args[0])
+    values = [slots.value(a) for a in signature.arguments]
+    callee = _callee(context, module, result)
+    status, out = context.call_conv.call_function(
+        builder, callee, result.fndesc.restype, result.fndesc.argtypes, values
+    )
+    if signature.result is not None:
+        declared = _NUMBERS[signature.result]
+        out = context.cast(builder, out, result.signature.return_type, declared)
+        if signature.result == "b1":
+            out = builder.zext(out, ir.IntType(8))
+        builder.store(out, builder.bitcast(function.args[1], out.type.as_pointer()))
+    elif result.signature.return_type != types.none:
+        raise TypeError(f"{symbol} returns {result.signature.return_type}; declared: nothing")
+    builder.ret(status.code)
+    return llvm.parse_assembly(str(module))
+
+
+class _Slots:
+    """Arguments of a kernel from the 8-byte slots of a call (see ``compiled.signature``)."""
+
+    def __init__(self, context: Any, builder: Any, slots: Any) -> None:
+        self._context, self._builder, self._slots, self._next = context, builder, slots, 0
+
+    def _word(self) -> Any:
+        place = self._builder.gep(self._slots, [ir.Constant(_WORD, self._next)])
+        self._next += 1
+        return self._builder.load(place)
+
+    def value(self, argument: Argument) -> Any:
+        """The next argument."""
+        if isinstance(argument, Scalar):
+            return self._number(argument.code, self._word())
+        if isinstance(argument, Block):
+            return self._array(argument)
+        assert isinstance(argument, Bundle)
+        fields = [self.value(field) for field in argument.fields]
+        return self._context.make_tuple(self._builder, numba_type(argument), fields)
+
+    def _number(self, code: str, word: Any) -> Any:
+        if code == "i8":
+            return word
+        if code == "b1":
+            return self._builder.trunc(word, ir.IntType(1))
+        number = self._builder.bitcast(word, ir.DoubleType())
+        return number if code == "f8" else self._builder.fptrunc(number, ir.FloatType())
+
+    def _array(self, argument: Block) -> Any:
+        builder, kind = self._builder, numba_type(argument)
+        array = make_array(kind)(self._context, builder)
+        data = builder.inttoptr(self._word(), array.data.type)
+        shape = [self._word() for _ in range(argument.ndim)]
+        strides = [ir.Constant(_WORD, argument.dtype.itemsize)]
+        for length in reversed(shape[1:]):
+            strides.insert(0, builder.mul(strides[0], length))
+        populate_array(array, data, shape, strides, ir.Constant(_WORD, argument.dtype.itemsize), None)
+        return array._getvalue()
+
+
+def _pointer_wrapper(context: Any, symbol: str, _signature: None, result: Any) -> Any:
+    """``void symbol(int32 *, ..., double *, ...)``."""
+    module = context.create_module(symbol)
+    kinds = [context.get_value_type(kind) for kind in result.fndesc.argtypes]
+    function = ir.Function(module, ir.FunctionType(ir.VoidType(), kinds), symbol)
+    builder = ir.IRBuilder(function.append_basic_block("entry"))
+    callee = _callee(context, module, result)
+    context.call_conv.call_function(
+        builder, callee, result.fndesc.restype, result.fndesc.argtypes, list(function.args)
+    )
+    builder.ret_void()
+    return llvm.parse_assembly(str(module))

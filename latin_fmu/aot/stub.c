@@ -1,0 +1,142 @@
+/* What the library holds besides the kernels: whether the processor runs it, the memory of kernels that allocate, and
+   small products of matrices. */
+
+#include <stddef.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+#if defined(_WIN32)
+#define EXPORT __declspec(dllexport)
+#else
+#define EXPORT __attribute__((visibility("default")))
+#endif
+
+/* 1 where the processor and the operating system have what x86-64-v3 needs. */
+EXPORT int latin_fmu_fits(void)
+{
+#if defined(__x86_64__)
+    uint32_t a, b, c, d;
+    __asm__ volatile("cpuid" : "=a"(a), "=b"(b), "=c"(c), "=d"(d) : "a"(0), "c"(0));
+    if (a < 7)
+        return 0;
+    __asm__ volatile("cpuid" : "=a"(a), "=b"(b), "=c"(c), "=d"(d) : "a"(1), "c"(0));
+    /* FMA, MOVBE, XSAVE in use by the operating system, AVX, F16C */
+    const uint32_t first = 1u << 12 | 1u << 22 | 1u << 27 | 1u << 28 | 1u << 29;
+    if ((c & first) != first)
+        return 0;
+    __asm__ volatile("xgetbv" : "=a"(a), "=d"(d) : "c"(0));
+    if ((a & 6) != 6)
+        return 0; /* the operating system does not keep the wide registers */
+    __asm__ volatile("cpuid" : "=a"(a), "=b"(b), "=c"(c), "=d"(d) : "a"(7), "c"(0));
+    const uint32_t second = 1u << 3 | 1u << 5 | 1u << 8; /* BMI1, AVX2, BMI2 */
+    if ((b & second) != second)
+        return 0;
+    __asm__ volatile("cpuid" : "=a"(a), "=b"(b), "=c"(c), "=d"(d) : "a"(0x80000001u), "c"(0));
+    return (c >> 5 & 1) != 0; /* LZCNT */
+#else
+    return 1;
+#endif
+}
+
+/* Memory of arrays, as numba lays it out: the compiled code reads the fields. */
+typedef struct {
+    size_t references;
+    void (*destructor)(void *, size_t, void *);
+    void *destructor_argument;
+    void *data;
+    size_t size;
+    void *allocator;
+} MemInfo;
+
+void *NRT_Allocate(size_t size) { return malloc(size); }
+void NRT_Free(void *memory) { free(memory); }
+
+MemInfo *NRT_MemInfo_alloc_aligned(size_t size, unsigned align)
+{
+    MemInfo *found = malloc(sizeof(MemInfo) + size + 2 * (size_t)align);
+    if (!found)
+        return NULL;
+    memset(found, 0, sizeof *found);
+    found->references = 1;
+    found->size = size;
+    found->data = (void *)(((uintptr_t)(found + 1) + align) / align * align);
+    return found;
+}
+
+MemInfo *NRT_MemInfo_alloc(size_t size) { return NRT_MemInfo_alloc_aligned(size, 16); }
+void NRT_MemInfo_call_dtor(MemInfo *memory) { free(memory); }
+
+/* Never reached: numba's code names them for errors that contiguous arrays of equal lengths do not give. */
+void *PyExc_RuntimeError;
+void Py_FatalError(const char *message) { abort(); }
+void PyErr_SetString(void *kind, const char *message) { abort(); }
+void *PyObject_Hash(void *object) { abort(); }
+void *PyTuple_Pack(intptr_t n, ...) { abort(); }
+void *PyUnicode_FromKindAndData(int kind, const void *data, intptr_t size) { abort(); }
+int numba_gil_ensure(void) { abort(); }
+void *NRT_MemInfo_new_varsize_dtor(size_t size, void *destructor) { abort(); }
+void *NRT_MemInfo_varsize_realloc(void *memory, size_t size) { abort(); }
+
+/* Strides of a contiguous array in another shape of as many numbers. */
+int numba_attempt_nocopy_reshape(intptr_t n, const intptr_t *dims, const intptr_t *strides, intptr_t new_n,
+                                 const intptr_t *new_dims, intptr_t *new_strides, intptr_t item, int fortran)
+{
+    intptr_t step = item;
+    for (intptr_t i = new_n - 1; i >= 0; i--) {
+        new_strides[i] = step;
+        step *= new_dims[i];
+    }
+    return !fortran;
+}
+
+int numba_xxdot(char kind, char conjugate, intptr_t n, const double *x, const double *y, double *out)
+{
+    double total = 0.0;
+    for (intptr_t i = 0; i < n; i++)
+        total += x[i] * y[i];
+    *out = total;
+    return kind == 'd' ? 0 : -1;
+}
+
+/* y = alpha A x (+ beta y) by columns, as BLAS. */
+int numba_xxgemv(char kind, char trans, intptr_t m, intptr_t n, const double *alpha, const double *a, intptr_t lda,
+                 const double *x, const double *beta, double *y)
+{
+    intptr_t rows = trans == 'n' ? m : n;
+    if (kind != 'd')
+        return -1;
+    for (intptr_t i = 0; i < rows; i++)
+        y[i] = *beta == 0.0 ? 0.0 : *beta * y[i];
+    for (intptr_t j = 0; j < n; j++)
+        for (intptr_t i = 0; i < m; i++) {
+            if (trans == 'n')
+                y[i] += *alpha * a[j * lda + i] * x[j];
+            else
+                y[j] += *alpha * a[j * lda + i] * x[i];
+        }
+    return 0;
+}
+
+/* C = alpha A B (+ beta C) by columns, as BLAS. */
+int numba_xxgemm(char kind, char transa, char transb, intptr_t m, intptr_t n, intptr_t k, const double *alpha,
+                 const double *a, intptr_t lda, const double *b, intptr_t ldb, const double *beta, double *c,
+                 intptr_t ldc)
+{
+    if (kind != 'd')
+        return -1;
+    for (intptr_t j = 0; j < n; j++) {
+        for (intptr_t i = 0; i < m; i++)
+            c[j * ldc + i] = *beta == 0.0 ? 0.0 : *beta * c[j * ldc + i];
+        for (intptr_t l = 0; l < k; l++) {
+            double factor = *alpha * (transb == 'n' ? b[j * ldb + l] : b[l * ldb + j]);
+            if (transa == 'n')
+                for (intptr_t i = 0; i < m; i++)
+                    c[j * ldc + i] += factor * a[l * lda + i];
+            else
+                for (intptr_t i = 0; i < m; i++)
+                    c[j * ldc + i] += factor * a[i * lda + l];
+        }
+    }
+    return 0;
+}

@@ -1,0 +1,173 @@
+"""Points, areas, normals, traces and distance of two faces that meet: node by node, by mortar, or with a plane."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import scipy.sparse as sp
+
+from ..fem.faces import Face, face_of
+from ..fem.facets import nodal_values
+from ..fem.mesh import Array, FacetBlock, FacetSet, Index
+from ..fem.mortar import Mortar, mortar
+from ..fem.nearest import nearest
+from ..fem.surface import Surface
+from .body import Body
+
+MATCHING = 1e-3
+"""Lateral distance of paired nodes over the spacing of nodes."""
+COVERED = 0.999
+"""A face counts as wholly covered where this share of the area of its facets, as far as they meet the other face at
+all, is covered."""
+_SAME_AREA = 1e-6
+_FLAT = 1e-6
+
+Owner = Literal["automatic", "E", "Ep"]
+Side = tuple[Body, FacetSet]
+
+
+@dataclass(frozen=True)
+class Opposite:
+    """Two faces seen from the points between them.
+
+    Attributes
+    ----------
+    points : (n_point, 3) on the owner, m. areas : (n_point,), m2. normals : (n_point, 3), from E to E'.
+    distance : (n_point,) from E to E' along the normal, m.
+    traces, owner, matching : see ``InterfaceGeometry``.
+    sags : (n_point,) how far the flat facets there are from the smooth surfaces they stand for, m.
+    shares : covered share of the area of each side.
+    """
+
+    points: Array
+    areas: Array
+    normals: Array
+    distance: Array
+    traces: tuple[sp.csr_array, sp.csr_array | None]
+    sags: Array
+    owner: int = 0
+    matching: bool = True
+    shares: tuple[float, float] = (1.0, 1.0)
+
+
+def selection(nodes: Index, body: Body) -> sp.csr_array:
+    """(3 n_point, 3 n_node) picks the values at the nodes."""
+    columns = (3 * nodes[:, None] + np.arange(3)).ravel()
+    n = len(columns)
+    return sp.csr_array((np.ones(n), (np.arange(n), columns)), shape=(n, body.full_size()))
+
+
+def own_points(body: Body, facets: FacetSet, face: Face) -> tuple[Array, sp.csr_array]:
+    """Points of a face alone, (n_point, 3), and the trace to them: its nodes, and on quadratic facets the values that
+    belong to the functions with positive areas (``fem.facets``)."""
+    selected, places = selection(face.nodes, body), body.mesh.nodes[face.nodes]
+    if face.change is None:
+        return places, selected
+    values = nodal_values(facets, face.nodes)
+    return values @ places, sp.csr_array(sp.kron(values, sp.eye_array(3)) @ selected)
+
+
+def node_by_node(first: Side, second: Side) -> Opposite | None:
+    """Faces whose nodes stand opposite each other, one to one; None where they do not."""
+    (body, facets), (other_body, other_facets) = first, second
+    face, other = face_of(body.mesh.nodes, facets), face_of(other_body.mesh.nodes, other_facets)
+    partner = _partners(face, other, body.mesh.nodes[face.nodes], other_body.mesh.nodes[other.nodes])
+    if partner is None:
+        return None
+    points, trace = own_points(body, facets, face)
+    if face.change is None and other.change is None:
+        there, other_trace = (
+            other_body.mesh.nodes[other.nodes[partner]],
+            selection(other.nodes[partner], other_body),
+        )
+    else:
+        areas, opposite = face.positive_areas, other.positive_areas[partner]
+        if np.abs(opposite - areas).max() > _SAME_AREA * areas.max():
+            return None  # the nodes of both match, their facets do not
+        there, other_trace = own_points(other_body, other_facets, other)
+        there = there[partner]
+        other_trace = sp.csr_array(other_trace[(3 * partner[:, None] + np.arange(3)).ravel()])
+    normals = face.normals
+    distance = np.einsum("pi,pi->p", there - points, normals)
+    return Opposite(
+        points, face.positive_areas, normals, distance, (trace, other_trace), np.zeros(len(distance))
+    )
+
+
+def _partners(face: Face, other: Face, points: Array, there: Array) -> Index | None:
+    """Row of the opposite node for each node of a face, None where nodes do not match or normals are not opposed."""
+    if len(other.nodes) != len(face.nodes):
+        return None
+    normals = face.normals
+    along = normals[0]
+    if np.abs(normals @ along - 1).max() < _FLAT:  # far faces pair by their lateral position
+        _, partner = nearest(points - np.outer(points @ along, along), there - np.outer(there @ along, along))
+    else:
+        _, partner = nearest(points, there)
+    jump = there[partner] - points
+    normal = np.einsum("pi,pi->p", jump, normals)
+    lateral = np.linalg.norm(jump - normal[:, None] * normals, axis=1)
+    if len(np.unique(partner)) < len(partner) or (lateral > MATCHING * np.sqrt(face.positive_areas)).any():
+        return None
+    opposed = np.einsum("pi,pi->p", normals, other.normals[partner]) < 0
+    return partner if opposed.all() else None
+
+
+def by_mortar(first: Side, second: Side, owner: Owner, reach: float | None) -> Opposite | None:
+    """Faces with nodes of their own, over the part that they have in common; None where there is none.
+
+    owner : the side that gives the points; "automatic": the one that is wholly covered, else the one with the smaller
+    facets. reach : see ``fem.mortar``.
+    """
+    surfaces = tuple(Surface(body.mesh.nodes, facets) for body, facets in (first, second))
+    finer = int(surfaces[1].facet_area < (1 - 1e-6) * surfaces[0].facet_area)
+    order = {"automatic": (finer, 1 - finer), "E": (0,), "Ep": (1,)}[owner]
+    found: dict[int, Mortar] = {}
+    for side in order:
+        made = mortar(surfaces[side], surfaces[1 - side], reach)
+        if made is None:
+            return None
+        found[side] = made
+        if made.covered >= COVERED:
+            break
+    else:
+        side = order[0]
+    return _seen_from(side, found[side], surfaces)
+
+
+def _seen_from(side: int, found: Mortar, surfaces: tuple[Surface, ...]) -> Opposite:
+    mine, theirs = surfaces[side].nodes, surfaces[1 - side].nodes
+    points = found.owner @ mine
+    normals = found.normals if side == 0 else -found.normals
+    jump = (found.other @ theirs - points) * (1 if side == 0 else -1)
+    traces = [sp.csr_array(sp.kron(t, sp.eye_array(3), format="csr")) for t in (found.owner, found.other)]
+    shares = tuple(float(found.areas.sum()) / s.area for s in surfaces)
+    return Opposite(
+        points, found.areas, normals, np.einsum("pi,pi->p", jump, normals),
+        (traces[side], traces[1 - side]), found.sags, side, False, (shares[0], shares[1]),
+    )  # fmt: skip
+
+
+def on_plane(side: Side, point: Array, normal: Array) -> Opposite | None:
+    """A face against rigid ground behind the plane through ``point`` with the unit ``normal`` out of the ground; the
+    facets that look away from it (more than 60 degrees) are left out. None where all do."""
+    body, facets = side
+    blocks = []
+    for block, pieces in zip(facets.blocks, Surface(body.mesh.nodes, facets).pieces, strict=True):
+        facing = np.ones(len(block.facets), dtype=bool)
+        np.logical_and.at(facing, pieces.facet, pieces.normals @ normal < -0.5)
+        blocks.append(FacetBlock(block.kind, block.facets[facing]))
+    blocks = [b for b in blocks if len(b.facets)]
+    if not blocks:
+        return None
+    facing_set = FacetSet(tuple(blocks))
+    face = face_of(body.mesh.nodes, facing_set)
+    points, trace = own_points(body, facing_set, face)
+    vector = face.vector_areas if face.change is None else face.change.T @ face.vector_areas
+    normals = np.tile(-normal, (len(points), 1))
+    return Opposite(
+        points, -vector @ normal, normals, (points - point) @ normal, (trace, None), np.zeros(len(points)),
+        matching=False,
+    )  # fmt: skip

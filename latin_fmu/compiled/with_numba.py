@@ -1,0 +1,159 @@
+"""Compilation by numba where the library of the wheel does not fit: once, kept in a cache folder by content.
+
+numba keeps compiled code by the file that holds a function. A kernel whose callee in another file has changed would go
+on with the old one, and the package inside an FMU has a new path at every extraction. Here numba is given copies of the
+sources in a folder named by a digest of all of them, and keeps its files there.
+
+``LATIN_FMU_CACHE`` in the environment names another folder; with 0 or nothing the code is compiled in every process.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import shutil
+import stat
+import sys
+import uuid
+from collections.abc import Callable
+from contextlib import suppress
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from types import FunctionType
+from typing import Any, Final
+
+from . import library
+
+# Sums may be taken in another (fixed) order: without that they are not vectorised.
+ORDERED: Final = {"fastmath": {"contract", "nsz"}}
+OPTIONS: Final[dict[str, Any]] = {"nogil": True, "fastmath": {"reassoc", "contract", "nsz"}, "error_model": "numpy"}
+BUILD: Final[dict[str, Any]] = {}  # further options in a process that builds the library
+KEPT: Final = 8  # folders; those not used for longest are removed
+
+
+def dispatcher(function: Callable[..., Any], ordered: bool = False) -> Any:
+    """``numba.njit`` of a kernel, kept in the cache folder where there is one; ``ordered``: sums stay in order."""
+    numba: Any = import_module("numba")
+    numba.config.SLP_VECTORIZE = 1  # several sums side by side become one vector
+    options = OPTIONS | ORDERED if ordered else OPTIONS
+    if BUILD:
+        return numba.njit(**options, **BUILD)(function)
+    placed = _placed(function)
+    if placed is not None:
+        with suppress(RuntimeError):  # the folder went away: compile in this process only
+            return numba.njit(cache=True, **options)(placed)
+    return numba.njit(**options)(function)
+
+
+def c_function(function: Callable[..., Any], n_integer: int, n_float: int) -> Any:
+    """``numba.cfunc`` of a function of so many pointers to int32 and then to float64."""
+    numba: Any = import_module("numba")
+    types = numba.types
+    signature = types.void(
+        *[types.CPointer(types.int32)] * n_integer, *[types.CPointer(types.float64)] * n_float
+    )
+    placed = _placed(function)
+    if placed is not None:
+        with suppress(RuntimeError):
+            return numba.cfunc(signature, cache=True, error_model="numpy")(placed)
+    return numba.cfunc(signature, error_model="numpy")(function)
+
+
+def _placed(function: Callable[..., Any]) -> FunctionType | None:
+    """The function as if it came from the copy of its source in the cache folder; None without one."""
+    assert isinstance(function, FunctionType)
+    folder = _ready(library.PACKAGE)
+    if folder is None:
+        return None
+    try:
+        source = Path(function.__code__.co_filename).relative_to(library.PACKAGE)
+    except ValueError:  # no function of this package
+        return None
+    # numba names its files by the file name alone, and folders of ours are not deep
+    code = function.__code__.replace(co_filename=str(folder / "_".join(source.parts)))
+    placed = FunctionType(
+        code, function.__globals__, function.__name__, function.__defaults__, function.__closure__
+    )
+    placed.__qualname__, placed.__module__ = function.__qualname__, function.__module__
+    return placed
+
+
+@cache
+def _ready(package: Path) -> Path | None:
+    """The cache folder with copies of the sources in it; logs what numba is about to do."""
+    folder = cache_folder(package)
+    fresh = folder is None or not any(folder.rglob("*.nbi"))
+    if fresh:
+        where = "in this process only" if folder is None else f"once; kept in {folder}"
+        logging.getLogger("latin_fmu").warning(
+            "%s: numba compiles the kernels now, about a minute of processor time (%s)",
+            library.reason(),
+            where,
+        )
+    return folder
+
+
+@cache
+def cache_folder(package: Path) -> Path | None:
+    """The folder for the sources below ``package``, made where it is missing; None where there is no safe one."""
+    base = _base()
+    if base is None:
+        return None
+    sources = library.sources_of(package)
+    folder = base / library.digest_of(package, sources, _versions())[:32]
+    try:
+        known = folder.is_dir()
+        base.mkdir(mode=0o700, parents=True, exist_ok=True)
+        folder.mkdir(mode=0o700, exist_ok=True)
+        if not _private(folder):
+            return None
+        os.utime(folder)
+        for source in sources:
+            copy = folder / "_".join(source.parts)
+            if not copy.exists():
+                draft = folder / uuid.uuid4().hex
+                draft.write_bytes((package / source).read_bytes())
+                os.replace(draft, copy)
+    except OSError:
+        return None
+    if not known:
+        _prune(base, folder)
+    return folder
+
+
+def _versions() -> str:
+    import llvmlite
+    import numba
+    import numpy
+
+    return repr((sys.version, numba.__version__, llvmlite.__version__, numpy.__version__))
+
+
+def _base() -> Path | None:
+    chosen = os.environ.get("LATIN_FMU_CACHE")
+    if chosen is not None:
+        return None if chosen in ("", "0") else Path(chosen).absolute()
+    if os.environ.get("NUMBA_CACHE_DIR"):
+        return Path(os.environ["NUMBA_CACHE_DIR"]).absolute() / "latin-fmu"
+    place = os.environ.get("LOCALAPPDATA" if os.name == "nt" else "XDG_CACHE_HOME")
+    try:
+        return (Path(place) if place else Path.home() / ".cache") / "latin-fmu"
+    except RuntimeError:  # a user without a home
+        return None
+
+
+def _private(folder: Path) -> bool:
+    """Whether it belongs to this user and nobody else can write into it: what lies there is run."""
+    if not hasattr(os, "geteuid"):
+        return True  # Windows: the profile of the user is private
+    facts = os.lstat(folder)
+    return stat.S_ISDIR(facts.st_mode) and facts.st_uid == os.geteuid() and not facts.st_mode & 0o022
+
+
+def _prune(base: Path, newest: Path) -> None:
+    """Remove the folders of packages not used for longest."""
+    with suppress(OSError):
+        others = [f for f in base.iterdir() if f != newest and len(f.name) == 32 and f.is_dir()]
+        for folder in sorted(others, key=lambda f: f.stat().st_mtime)[: max(0, len(others) + 1 - KEPT)]:
+            shutil.rmtree(folder, ignore_errors=True)

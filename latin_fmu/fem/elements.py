@@ -1,0 +1,126 @@
+"""Isoparametric elements of a mesh: integration points, gradients, and the sum of element matrices."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+
+from .cells import CELL_EDGES, N_CORNER
+from .mesh import Array, CellBlock, Index, Mesh
+from .quadrature import Rule, cell_rule
+from .shape_functions import cell_functions
+
+_AT_ONCE = 2**22  # numbers per array of gradients: larger meshes are taken in pieces, for the memory
+
+_STRAIGHT = 1e-9  # of the longest edge: a middle node this close to the middle is there
+
+
+@dataclass(frozen=True)
+class Points:
+    """Points in some cells of one type.
+
+    Attributes
+    ----------
+    cells : (n_cell, n_node). values : (n_point, n_node) shape functions.
+    gradients : (n_cell, n_point, n_node, 3) of the shape functions by x, y, z, m-1.
+    jacobian : (n_cell, n_point, 3, 3) d x_i / d xi_j. volumes : (n_cell, n_point) weight times det, m3.
+    """
+
+    cells: Index
+    values: Array
+    gradients: Array
+    jacobian: Array
+    volumes: Array
+
+
+def jacobians(nodes: Array, block: CellBlock, rule: Rule) -> Array:
+    """d x_i / d xi_j (n_cell, n_point, 3, 3) of cells at the points of a rule; ``nodes`` (n_node, 3), m."""
+    slopes = cell_functions(block.cell_type).gradients(rule.points)
+    corners = nodes[block.cells]
+    arms = corners - corners[:, :1]  # a cell far from the origin loses no digits
+    found: Array = np.einsum("pak,cai->cpik", slopes, arms, optimize=True)
+    return found
+
+
+def points_in(nodes: Array, block: CellBlock, rule: Rule) -> Points:
+    """Geometry of cells at the points of a rule; ``nodes`` (n_node, 3), m."""
+    functions = cell_functions(block.cell_type)
+    slopes = functions.gradients(rule.points)
+    jacobian = jacobians(nodes, block, rule)
+    gradients = slopes @ np.linalg.inv(jacobian)
+    volumes = rule.weights * np.linalg.det(jacobian)
+    return Points(block.cells, functions.values(rule.points), gradients, jacobian, volumes)
+
+
+def is_curved(nodes: Array, block: CellBlock) -> bool:
+    """Whether a middle node of any cell is out of the middle of its edge."""
+    n_corner, edges = N_CORNER[block.cell_type], np.array(CELL_EDGES[block.cell_type])
+    if block.cells.shape[1] == n_corner:
+        return False
+    ends = nodes[block.cells[:, edges]]
+    off = nodes[block.cells[:, n_corner : n_corner + len(edges)]] - ends.mean(axis=2)
+    return bool(np.abs(off).max() > _STRAIGHT * np.abs(ends[:, :, 1] - ends[:, :, 0]).max())
+
+
+class Elements:
+    """Elements of one mesh; what all sums over them share is made once."""
+
+    def __init__(self, mesh: Mesh) -> None:
+        self.mesh = mesh
+
+    def points(self, of_products: bool = False) -> Iterator[tuple[CellBlock, Points]]:
+        """Integration points of all cells, block by block in pieces that fit into memory (see ``cell_rule``)."""
+        for block in self.mesh.blocks:
+            rule = cell_rule(block.cell_type, of_products, is_curved(self.mesh.nodes, block))
+            size = max(1, _AT_ONCE // (3 * len(rule.weights) * block.cells.shape[1]))
+            for first in range(0, len(block.cells), size):
+                piece = CellBlock(block.cell_type, block.cells[first : first + size])
+                yield piece, points_in(self.mesh.nodes, piece, rule)
+
+    @cached_property
+    def volume(self) -> Array:
+        """Volume of every cell, (n_cell,), m3."""
+        return np.concatenate([p.volumes.sum(axis=1) for _, p in self.points()])
+
+    @cached_property
+    def _pattern(self) -> tuple[Index, Index, Index]:
+        """Pairs of nodes that share a cell, as compressed rows; and where the pairs of every cell are among them."""
+        n = self.mesh.n_node
+        keys = np.concatenate(
+            [(b.cells[:, :, None] * n + b.cells[:, None, :]).ravel() for b in self.mesh.blocks]
+        )
+        pairs, where = np.unique(keys, return_inverse=True)
+        starts = np.searchsorted(pairs, n * np.arange(n + 1, dtype=np.int64))
+        return starts.astype(np.int64), pairs % n, where.ravel()
+
+    def matrix(self, entries: Array) -> sp.csr_array:
+        """Sum of element matrices (3 n_node, 3 n_node), dofs numbered 3 * node + component.
+
+        Parameters
+        ----------
+        entries : (n_pair, 3, 3), or (n_pair,) for the same entry on all three components; the pairs of nodes (a, b)
+            of every cell, row by row, cell by cell.
+        """
+        starts, columns, where = self._pattern
+        data = np.zeros((len(columns), 3, 3))
+        if entries.ndim == 1:
+            data[:, [0, 1, 2], [0, 1, 2]] = np.bincount(where, entries, len(columns))[:, None]
+        else:
+            for i in range(3):
+                for j in range(3):
+                    data[:, i, j] = np.bincount(where, entries[:, i, j], len(columns))
+        n = 3 * self.mesh.n_node
+        total = sp.csr_array(sp.bsr_array((data, columns, starts), shape=(n, n)).tocsr())
+        total.indices, total.indptr = total.indices.astype(np.int64), total.indptr.astype(np.int64)
+        return total
+
+    def nodal(self, shares: list[Array]) -> Array:
+        """Sums over the cells (n_node,) of what each gives its nodes: (n_cell, n_node_of_type) by block."""
+        total = np.zeros(self.mesh.n_node)
+        for block, share in zip(self.mesh.blocks, shares, strict=True):
+            total += np.bincount(block.cells.ravel(), share.ravel(), self.mesh.n_node)
+        return total

@@ -1,0 +1,160 @@
+"""The content of a mesh file in one form for all formats, and what the readers of formats share."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import MeshError, Problem
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+CORNERS: Final = {
+    "tetra": 4,
+    "tetra10": 4,
+    "wedge": 6,
+    "wedge15": 6,
+    "hexahedron": 8,
+    "hexahedron20": 8,
+    "hexahedron27": 8,
+    "pyramid": 5,
+    "pyramid13": 5,
+    "pyramid14": 5,
+    "hexahedron24": 8,
+    "hexahedron9": 8,
+    "wedge18": 6,
+    "hexahedron64": 8,
+    "tetra20": 4,
+    "tetra14": 4,
+    "tetra8": 4,
+    "hexahedron125": 8,
+    "tetra35": 4,
+}
+"""Corner nodes of the solid cells that files may hold (not all of them can be computed with)."""
+
+FLAT: Final = {
+    "triangle": 3,
+    "triangle6": 3,
+    "triangle7": 3,
+    "triangle10": 3,
+    "quad": 4,
+    "quad8": 4,
+    "quad9": 4,
+    "quad5": 4,
+    "quad16": 4,
+}
+"""Corner nodes of the surface cells, which come first in their connectivity."""
+
+MAX_PROBLEMS: Final = 8
+"""So many problems of one file are listed; the rest follow from them more often than not."""
+
+
+@dataclass
+class MeshContent:
+    """What a mesh file holds.
+
+    Attributes
+    ----------
+    points : (n_point, 3) coordinates, units of the file.
+    solids : cell type -> (n_cell, n_node) connectivity, rows of ``points``, VTK order of nodes.
+    volumes : name of a volume group -> cell type -> rows of its cells in ``solids``.
+    facets : name of a surface group -> arrays (n_facet, 3 | 4) of corner nodes, any orientation.
+    node_sets : name -> rows of ``points``.
+    parts : the volume groups that are the parts of the model where the format says so, else None.
+    skipped : cells that are neither solids nor surfaces (beams, springs, ...), number by type.
+    """
+
+    points: Array
+    solids: dict[str, Index] = field(default_factory=dict)
+    volumes: dict[str, dict[str, Index]] = field(default_factory=dict)
+    facets: dict[str, list[Index]] = field(default_factory=dict)
+    node_sets: dict[str, Index] = field(default_factory=dict)
+    parts: tuple[str, ...] | None = None
+    skipped: dict[str, int] = field(default_factory=dict)
+
+    def part_names(self, where: str) -> tuple[str, ...]:
+        """The volume groups that share the cells out among them: the parts of an assembly, in file order.
+
+        Groups that only gather others (a set of all elements) are no parts. An empty tuple: the file has no group.
+
+        Raises
+        ------
+        MeshError : the groups overlap, so that which of them are parts is the user's choice.
+        """
+        if self.parts is not None:
+            return self.parts
+        members = {name: _cell_keys(cells) for name, cells in self.volumes.items()}
+        members = {name: keys for name, keys in members.items() if len(keys)}
+        fine: list[str] = []
+        taken = np.zeros(0, dtype=np.int64)
+        # smallest first, so that a set of sets comes last; of equal ones the last in the file, which the user named
+        # (gmsh writes Volume1 with the elements, and the physical group after them)
+        late_first = dict.fromkeys(reversed(members))
+        for name in sorted(late_first, key=lambda n: len(members[n])):
+            inside = np.isin(members[name], taken)
+            if inside.all():
+                continue
+            if inside.any():
+                what = "the volume groups overlap, so they cannot all be parts"
+                known = f"parts = a list out of: {listed(members)}"
+                problem = Problem(where, what, name, known, "list the groups that are parts")
+                raise MeshError([problem], "unusable mesh")
+            fine.append(name)
+            taken = np.concatenate([taken, members[name]])
+        return tuple(name for name in self.volumes if name in fine)
+
+
+def _cell_keys(cells: dict[str, Index]) -> Index:
+    """One number per cell, unique over the cell types."""
+    kinds = sorted(CORNERS)
+    parts = [rows * len(kinds) + kinds.index(kind) for kind, rows in cells.items()]
+    return np.concatenate(parts) if parts else np.zeros(0, dtype=np.int64)
+
+
+class Problems:
+    """Problems of one file, collected up to ``MAX_PROBLEMS`` and raised together."""
+
+    def __init__(self, where: str) -> None:
+        self.where = where
+        self.found: list[Problem] = []
+
+    def add(
+        self,
+        what: str,
+        value: object = None,
+        allowed: str | None = None,
+        remedy: str | None = None,
+        line: int | None = None,
+    ) -> None:
+        """One more problem; ``line`` counts from 1."""
+        place = self.where if line is None else f"{self.where}, line {line}"
+        text = None if value is None else str(value)[:80]
+        problem = Problem(place, what, text, allowed, remedy)
+        if len(self.found) < MAX_PROBLEMS and problem not in self.found:
+            self.found.append(problem)
+
+    def stop(self) -> None:
+        """Raise what was found, if anything."""
+        if self.found:
+            raise MeshError(self.found, "unreadable mesh")
+
+
+def rows_of(labels: Index, wanted: Index) -> tuple[Index, NDArray[np.bool_]]:
+    """Position of each of ``wanted`` in ``labels`` (unique, any order), and which of them are there."""
+    if not len(labels):
+        return np.zeros(len(wanted), dtype=np.int64), np.zeros(len(wanted), dtype=bool)
+    order = np.argsort(labels, kind="stable")
+    place = np.minimum(np.searchsorted(labels, wanted, sorter=order), len(labels) - 1)
+    rows = order[place]
+    return rows, labels[rows] == wanted
+
+
+def listed(names: Iterable[str], most: int = 12) -> str:
+    """Names for a message, the first ones of many; "none" where there are none."""
+    known = sorted(names)
+    return (", ".join(known[:most]) + (f", ... ({len(known)} in all)" if len(known) > most else "")) or "none"

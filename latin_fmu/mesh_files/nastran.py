@@ -1,0 +1,233 @@
+"""Meshes of Nastran decks (.bdf, .nas, .dat): a part per property of solids, a face per property of shells.
+
+Free, small and large fields, continuation lines, INCLUDE, decks with or without executive and case control. Solids of
+property 7 are the volume group ``PSOLID_7``, shells of property 8 the surface group ``PSHELL_8``, or what a comment of
+HyperMesh (``$HMNAME PROP``) or ANSA (``$ANSA_NAME_COMMENT``) calls that property; nodes of SPC and SPC1 set 3 are
+the node set ``SPC_3``. Loads, materials and cases are left out.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from typing import Final
+
+import numpy as np
+
+from .content import FLAT, Index, MeshContent, Problems, rows_of
+
+_SOLIDS: Final = {"CTETRA": (4, 10), "CPENTA": (6, 15), "CHEXA": (8, 20)}
+_SHELLS: Final = {"CTRIA3": 3, "CTRIAR": 3, "CTRIA6": 6, "CQUAD4": 4, "CQUADR": 4, "CQUAD8": 8}
+_NAMES: Final = {
+    4: "tetra",
+    10: "tetra10",
+    6: "wedge",
+    15: "wedge15",
+    8: "hexahedron",
+    20: "hexahedron20",
+}
+# nodes in the middle of the vertical edges come before those of the upper ones; in VTK after them
+_ORDER: Final = {15: (*range(9), 12, 13, 14, 9, 10, 11), 20: (*range(12), 16, 17, 18, 19, 12, 13, 14, 15)}
+_EXPONENT = re.compile(r"(?<=[0-9.])([+-])")
+_HM_NAME = re.compile(r'\$HMNAME\s+PROP\s+(\d+)\s*"([^"]+)"')
+_ANSA_NAME = re.compile(r"\$ANSA_NAME_COMMENT;(\d+);P(?:SOLID|SHELL);([^;]+);?")
+_DEEPEST = 10
+
+Entry = tuple[int, list[str]]
+"""Line number and fields of one entry, its name first."""
+
+
+def read_nastran(text: str, where: str, include: Callable[[str], str]) -> MeshContent:
+    """The mesh of a deck.
+
+    Parameters
+    ----------
+    text : the deck. where : name for messages. include : text of a file that the deck includes.
+
+    Raises
+    ------
+    MeshError : what is wrong, with line numbers.
+    """
+    deck = _Deck(where)
+    for line, fields in _entries(text, include, deck.problems, deck.names):
+        deck.take(line, fields)
+    deck.problems.stop()
+    return deck.content()
+
+
+def _bulk_lines(text: str) -> list[tuple[int, str]]:
+    """Numbered lines of the bulk data: all of them where the deck has no BEGIN BULK."""
+    lines = list(enumerate(text.splitlines(), 1))
+    for index, (_, line) in enumerate(lines):
+        if " ".join(line.upper().split()).startswith("BEGIN BULK") or line.upper().startswith("BEGIN,BULK"):
+            return lines[index + 1 :]
+    return lines
+
+
+def _entries(
+    text: str, include: Callable[[str], str], problems: Problems, names: dict[int, str], depth: int = 0
+) -> Iterator[Entry]:
+    """Entries of the bulk data, continuation lines joined."""
+    entry: Entry | None = None
+    for number, raw in _bulk_lines(text):
+        for pattern in (_HM_NAME, _ANSA_NAME):
+            if match := pattern.match(raw):
+                names[int(match[1][:18])] = match[2].strip()
+        line = raw.split("$")[0].rstrip().expandtabs(8)
+        if not line:
+            continue
+        if line.upper().startswith("ENDDATA"):
+            break
+        if line[0] in "+* ," and entry is not None:
+            entry[1].extend(_fields(line)[1:])
+            continue
+        if entry is not None:
+            yield entry
+        entry = None
+        if line.upper().startswith("INCLUDE"):
+            if depth >= _DEEPEST:
+                problems.add("files include each other too deeply", line, f"{_DEEPEST} levels", line=number)
+            else:
+                name, outer = line[7:].strip().strip("'\""), problems.where
+                inner = include(name)
+                problems.where = f"{outer}, in {name}"  # lines are counted in that file now
+                yield from _entries(inner, include, problems, names, depth + 1)
+                problems.where = outer
+            continue
+        fields = _fields(line)
+        entry = (number, [fields[0].upper().rstrip("*"), *fields[1:]])
+    if entry is not None:
+        yield entry
+
+
+def _fields(line: str) -> list[str]:
+    """The fields of a line, name first; continuation marks at the end of full lines are left out."""
+    if "," in line:
+        fields = [f.strip() for f in line.split(",")]
+        return fields[: 5 if fields[0].endswith("*") else 9]
+    first = line[:8].strip()
+    width = 16 if first.endswith("*") or line[:1] == "*" else 8
+    count = 4 if width == 16 else 8
+    return [first, *(line[8 + i * width : 8 + (i + 1) * width].strip() for i in range(count))]
+
+
+def _number(text: str) -> float:
+    """A number as Nastran writes it: ``1.5-3`` is 1.5e-3, ``1.D0`` is 1."""
+    if not text:
+        return 0.0
+    try:
+        return float(text)
+    except ValueError:
+        return float(
+            _EXPONENT.sub(r"e\1", text.upper().replace("D", "E").replace("E+", "+").replace("E-", "-"))
+        )
+
+
+class _Deck:
+    """Nodes and elements as they are read."""
+
+    def __init__(self, where: str) -> None:
+        self.problems = Problems(where)
+        self.names: dict[int, str] = {}
+        self.nodes: dict[int, tuple[float, float, float]] = {}
+        # (number of nodes, solid) -> property and nodes of each element
+        self.elements: dict[tuple[int, bool], list[tuple[int, list[int]]]] = {}
+        self.held: dict[int, list[int]] = {}
+        self.skipped: dict[str, int] = {}
+
+    def take(self, line: int, fields: list[str]) -> None:
+        """Put what an entry says where it belongs; entries that are no mesh are passed over."""
+        name = fields[0]
+        try:
+            if name == "GRID":
+                self._grid(line, fields)
+            elif name in _SOLIDS:
+                self._solid(line, name, fields)
+            elif name in _SHELLS:
+                nodes = [int(f) for f in fields[3 : 3 + _SHELLS[name]] if f]
+                self._element(line, name, int(fields[2] or fields[1]), nodes, (_SHELLS[name],), solid=False)
+            elif name in ("SPC", "SPC1"):
+                self._constraint(name, fields)
+            elif name in ("CBAR", "CBEAM", "CROD", "CPYRAM", "CELAS1", "CBUSH", "RBE2", "RBE3"):
+                self.skipped[name] = self.skipped.get(name, 0) + 1
+                if name == "CPYRAM":
+                    self.problems.add(
+                        "element type not known", name, ", ".join((*_SOLIDS, *_SHELLS)), line=line
+                    )
+        except (ValueError, IndexError):
+            self.problems.add(f"not a usable {name} entry", ", ".join(fields), line=line)
+
+    def _grid(self, line: int, fields: list[str]) -> None:
+        fields = fields + [""] * 6
+        if fields[2] not in ("", "0"):
+            self.problems.add(
+                "nodes in a coordinate system of their own are not read",
+                f"GRID {fields[1]}, CP = {fields[2]}",
+                "CP = 0 or blank",
+                "export the nodes in the basic coordinate system",
+                line,
+            )
+        label = int(fields[1])
+        if not 0 < label < 2**62:
+            raise ValueError("not a label")
+        self.nodes[label] = (_number(fields[3]), _number(fields[4]), _number(fields[5]))
+
+    def _solid(self, line: int, name: str, fields: list[str]) -> None:
+        corners, all_nodes = _SOLIDS[name]
+        nodes = [int(f) for f in fields[3 : 3 + all_nodes] if f]
+        self._element(line, name, int(fields[2] or fields[1]), nodes, (corners, all_nodes), solid=True)
+
+    def _element(
+        self, line: int, name: str, owner: int, nodes: list[int], counts: tuple[int, ...], solid: bool
+    ) -> None:
+        if not all(0 < n < 2**62 for n in (*nodes, owner)):
+            raise ValueError("not a label")
+        if len(nodes) not in counts:
+            allowed = " or ".join(map(str, counts))
+            self.problems.add(f"wrong number of nodes of a {name}", len(nodes), allowed, line=line)
+            return
+        self.elements.setdefault((len(nodes), solid), []).append((owner, nodes))
+
+    def _constraint(self, name: str, fields: list[str]) -> None:
+        held = self.held.setdefault(int(fields[1]), [])
+        if name == "SPC":
+            held += [int(f) for f in fields[2::3] if f][:2]
+        elif len(fields) > 4 and fields[4].upper() == "THRU":
+            first, last = int(fields[3]), int(fields[5])
+            held += [n for n in self.nodes if first <= n <= last]
+        else:
+            held += [int(f) for f in fields[3:] if f]
+        if any(not 0 < n < 2**62 for n in held):
+            raise ValueError("not a label")
+
+    def content(self) -> MeshContent:
+        """Everything by rows and names."""
+        labels = np.array(list(self.nodes), dtype=np.int64)
+        content = MeshContent(np.array(list(self.nodes.values()), dtype=float).reshape(-1, 3))
+        content.skipped = self.skipped
+        for (count, solid), elements in self.elements.items():
+            owners = np.array([owner for owner, _ in elements], dtype=np.int64)
+            cells = self._rows(labels, np.array([nodes for _, nodes in elements], dtype=np.int64))
+            if solid:
+                cells = cells[:, list(_ORDER.get(count, range(count)))]
+                content.solids[_NAMES[count]] = cells
+            for owner in dict.fromkeys(owners.tolist()):
+                rows = np.flatnonzero(owners == owner)
+                kind = "PSOLID" if solid else "PSHELL"
+                name = self.names.get(owner, f"{kind}_{owner}")
+                if solid:
+                    content.volumes.setdefault(name, {})[_NAMES[count]] = rows
+                else:
+                    corners = FLAT["triangle"] if count in (3, 6) else FLAT["quad"]
+                    content.facets.setdefault(name, []).append(cells[rows][:, :corners])
+        for number, nodes in self.held.items():
+            rows, there = rows_of(labels, np.array(nodes, dtype=np.int64))
+            content.node_sets[f"SPC_{number}"] = np.unique(rows[there])
+        self.problems.stop()
+        return content
+
+    def _rows(self, labels: Index, nodes: Index) -> Index:
+        rows, there = rows_of(labels, nodes.ravel())
+        if not there.all():
+            self.problems.add("an element names a node that no GRID has", int(nodes.ravel()[there.argmin()]))
+        return rows.reshape(nodes.shape)

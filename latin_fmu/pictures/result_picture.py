@@ -1,0 +1,205 @@
+"""Bodies of a results file: deformed shapes at an instant, and the pressure on an interface."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+import xarray as xr
+
+from ..errors import Problem, ResultsError
+from ..fem.mesh import Array, Mesh, cell_blocks
+from ..fem.nearest import nearest
+from ..results.quantities import prefix_for, readable
+from .frame import axes_with_units, draw
+from .skin import View, skin_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_AZIMUTH, _ELEVATION = -60.0, 25.0
+_SEEN: Final = (
+    0.05  # of the size of the assembly: the largest displacement as drawn, where no factor is given
+)
+_ON_NODE: Final = 1e-6  # of the size of the assembly: points this near to nodes of a body are its nodes
+_AROUND: Final = 0.35  # of the size of the interface, left around it
+_PLAIN: Final = np.array([0.80, 0.82, 0.85])
+
+
+def result_figure(
+    tree: xr.DataTree, interface: str | None = None, time: float | None = None, magnify: float | None = None
+) -> Figure:
+    """Deformed bodies coloured by displacement; beside them the pressure on an interface, on the body of its points.
+
+    Parameters
+    ----------
+    interface : its name, None for the one with the largest force. time : s, None for the instant of that force.
+    magnify : factor on the displacements, None for one that can be seen.
+
+    Raises
+    ------
+    ResultsError : the file has no displacements of bodies, or no interface of this name.
+    """
+    from matplotlib.figure import Figure
+
+    bodies = _bodies(tree)
+    chosen = _interface(tree, interface)
+    instants = next(iter(bodies.values()))["time"].values
+    wanted = _busiest(tree, chosen) if time is None else time
+    index = int(np.abs(instants - wanted).argmin())
+    meshes = {name: _mesh(dataset) for name, dataset in bodies.items()}
+    moved = {n: np.nan_to_num(d["displacement"].isel(time=index).values) for n, d in bodies.items()}
+    figure = Figure(figsize=(11.0 if chosen else 7.5, 5.6), layout="constrained")
+    axes = figure.subplots(
+        1, 2 if chosen else 1, squeeze=False, width_ratios=(1.5, 1.0) if chosen else (1.0,)
+    )[0]
+    _draw_deformed(figure, axes[0], meshes, moved, magnify)
+    if chosen:
+        _draw_pressure(figure, axes[1], tree, chosen, float(instants[index]), meshes)
+    figure.suptitle(f"{tree.attrs.get('scene_name', 'run')}, {readable(float(instants[index]), 's')}")
+    return figure
+
+
+def _bodies(tree: xr.DataTree) -> dict[str, xr.Dataset]:
+    """Substructures with displacements and meshes."""
+    children = tree["substructures"].children if "substructures" in tree.children else {}
+    found = {name: node.to_dataset() for name, node in children.items()}
+    found = {name: d for name, d in found.items() if "displacement" in d and "cell_nodes" in d}
+    if not found:
+        problem = Problem(
+            "substructures",
+            "the results hold no displacements of bodies",
+            remedy="run with --set output.fields=true",
+        )
+        raise ResultsError([problem], "nothing to draw")
+    return found
+
+
+def _interface(tree: xr.DataTree, name: str | None) -> str | None:
+    """The interface asked for, or the one with the largest force."""
+    children = tree["interfaces"].children if "interfaces" in tree.children else {}
+    if name is not None and name not in children:
+        problem = Problem("--interface", "no interface of this name", name, ", ".join(children) or "none")
+        raise ResultsError([problem], "nothing to draw")
+    if name is not None or not children:
+        return name
+    forces = {key: node.to_dataset()["force"].values for key, node in children.items()}
+    return max(forces, key=lambda key: float(np.abs(forces[key]).max(initial=0.0)))
+
+
+def _busiest(tree: xr.DataTree, interface: str | None) -> float:
+    """Instant of the largest force on an interface; the last one where there is none."""
+    if interface is None:
+        return np.inf
+    force = tree[f"interfaces/{interface}"].to_dataset()["force"]
+    return float(force["time"].values[np.linalg.norm(force.values, axis=1).argmax()])
+
+
+def _mesh(dataset: xr.Dataset) -> Mesh:
+    nodes = np.stack([dataset[f"node_{axis}"].values for axis in "xyz"], axis=1)
+    return Mesh(nodes, cell_blocks(dataset["cell_nodes"].values.astype(np.int64)), {})
+
+
+def _draw_deformed(
+    figure: Figure, axis: Axes, meshes: Mapping[str, Mesh], moved: Mapping[str, Array], magnify: float | None
+) -> None:
+    everything = np.concatenate([mesh.nodes for mesh in meshes.values()])
+    size = float(np.ptp(everything, axis=0).max())
+    largest = max(float(np.linalg.norm(u, axis=1).max()) for u in moved.values())
+    factor = magnify if magnify is not None else _round(_SEEN * size / largest) if largest > 0 else 1.0
+    divisor, unit = prefix_for(largest, "m", micro="µ")
+    skins = []
+    for name, mesh in meshes.items():
+        skin = skin_of(mesh, _PLAIN)
+        length = np.linalg.norm(moved[name], axis=1)
+        shade = _map("viridis", length[skin.facets].mean(axis=1) / max(largest, 1e-300))
+        skins.append(replace(skin, colours=shade).moved(factor * moved[name]))
+    view = View.at(_AZIMUTH, _ELEVATION)
+    draw(axis, skins, view)
+    axes_with_units(axis, everything, view)
+    axis.set_title(f"displacement, drawn {factor:g} times as large", fontsize=9)
+    _colour_bar(figure, axis, "viridis", largest / divisor, f"displacement ({unit})")
+
+
+def _round(factor: float) -> float:
+    """The next lower of 1, 2, 5, 10, 20, ...; nothing is drawn smaller than it is."""
+    power = 10.0 ** np.floor(np.log10(max(factor, 1.0)))
+    return float(max(p for p in (1.0, 2.0, 5.0) if p * power <= max(factor, 1.0)) * power)
+
+
+def _draw_pressure(
+    figure: Figure, axis: Axes, tree: xr.DataTree, name: str, time: float, meshes: Mapping[str, Mesh]
+) -> None:
+    dataset = tree[f"interfaces/{name}"].to_dataset().sel(time=time, method="nearest")
+    points = np.stack([dataset[axis_name].values for axis_name in "xyz"], axis=1)
+    normal = dataset["normal"].values
+    pressure = -np.einsum("pi,pi->p", np.nan_to_num(dataset["traction"].values), normal)
+    sides = [str(dataset.attrs[key]).split(".")[0] for key in ("face_E", "face_Ep")]
+    found = _owner(points, [side for side in sides if side in meshes], meshes)
+    if found is None:
+        axis.set_axis_off()
+        axis.set_title(f"{name}: the bodies of its points are not in the file", fontsize=9)
+        return
+    owner, node = found
+    mesh = meshes[owner]
+    outward = normal if owner == sides[0] else -normal
+    largest = max(float(np.abs(pressure).max()), 1e-300)
+    values = np.full(mesh.n_node, np.nan)
+    values[node] = pressure
+    skin = skin_of(mesh, _PLAIN)
+    share = values[skin.facets].mean(axis=1) / largest  # NaN where a corner is no point of the interface
+    inside = np.isfinite(share)
+    colours = np.where(inside[:, None], _map("inferno_r", np.nan_to_num(share)), skin.colours)
+    view = _towards(outward.mean(axis=0))
+    draw(axis, [replace(skin, colours=colours)], view)
+    # facets have the mean of their corners: the values themselves are those of the points
+    place = view.project(points)
+    dots = _map("inferno_r", pressure / largest)
+    axis.scatter(place[:, 0], place[:, 1], s=22, c=dots, edgecolors="0.35", linewidths=0.4, zorder=4)
+    _zoom(axis, place)
+    divisor, unit = prefix_for(largest, "Pa")
+    axis.set_title(f"{name}: pressure on {owner}", fontsize=9)
+    _colour_bar(figure, axis, "inferno_r", largest / divisor, f"pressure ({unit})")
+
+
+def _owner(points: Array, sides: list[str], meshes: Mapping[str, Mesh]) -> tuple[str, Any] | None:
+    """The body whose nodes the points are, and the node of each."""
+    for side in sides:
+        size = float(meshes[side].extent().max())
+        distance, node = nearest(points, meshes[side].nodes)
+        if distance.max() <= _ON_NODE * size:
+            return side, node
+    return None
+
+
+def _towards(normal: Array) -> View:
+    """The view, of four, that looks at a face most directly."""
+    views = [
+        View.at(azimuth, elevation) for elevation in (35.0, -35.0) for azimuth in (_AZIMUTH, _AZIMUTH + 180.0)
+    ]
+    return max(views, key=lambda view: float(view.viewer @ normal))
+
+
+def _zoom(axis: Axes, flat: Array) -> None:
+    low, high = flat.min(axis=0), flat.max(axis=0)
+    room = _AROUND * float(np.max(high - low))
+    axis.set_xlim(low[0] - room, high[0] + room)
+    axis.set_ylim(low[1] - room, high[1] + room)
+
+
+def _map(name: str, share: Array) -> Array:
+    from matplotlib import colormaps
+
+    rgb: Array = np.asarray(colormaps[name](np.clip(share, 0.0, 1.0)))[:, :3]
+    return rgb
+
+
+def _colour_bar(figure: Figure, axis: Axes, name: str, largest: float, label: str) -> None:
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    scale = ScalarMappable(Normalize(0.0, largest), name)
+    figure.colorbar(scale, ax=axis, label=label, shrink=0.6, orientation="horizontal", pad=0.02)

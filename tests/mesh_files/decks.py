@@ -1,0 +1,89 @@
+"""Small meshes written as decks, by hand and without any library."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from latin_fmu.fem.mesh import Mesh, box_mesh
+from latin_fmu.mesh_files.content import Array, Index
+
+# Boundary faces of a unit box by the labels of a C3D8 with VTK order of nodes (Abaqus: S1 is nodes 1-2-3-4, ...)
+LABEL_OF = {"zmin": "S1", "zmax": "S2", "ymin": "S3", "xmax": "S4", "ymax": "S5", "xmin": "S6"}
+
+
+def cube() -> Mesh:
+    """2 x 2 x 2 hexahedra on the unit cube moved to (1, 2, 3)."""
+    return box_mesh(np.array([1.0, 2.0, 3.0]), np.ones(3), (2, 2, 2))
+
+
+def node_rows(nodes: Array, first: int = 1) -> str:
+    """Data lines of *NODE."""
+    return "".join(f"{first + i}, {x!r}, {y!r}, {z!r}\n" for i, (x, y, z) in enumerate(nodes.tolist()))
+
+
+def element_rows(cells: Index, first: int = 1, shift: int = 1) -> str:
+    """Data lines of *ELEMENT; ``shift`` is the label of node 0."""
+    return "".join(
+        f"{first + i}, " + ", ".join(str(n + shift) for n in cell) + "\n"
+        for i, cell in enumerate(cells.tolist())
+    )
+
+
+def layer(mesh: Mesh, face: str) -> list[int]:
+    """Labels of the cells of a box that touch a face."""
+    wanted = set(np.unique(mesh.faces[face].blocks[0].facets).tolist())
+    return [i + 1 for i, cell in enumerate(mesh.blocks[0].cells.tolist()) if len(wanted & set(cell)) == 4]
+
+
+def surfaces_deck() -> str:
+    """The cube with the faces of the box as surfaces of element faces, by sets and by single elements."""
+    mesh = cube()
+    text = "*HEADING\n a cube\n** comment\n*NODE, NSET=NALL\n" + node_rows(mesh.nodes)
+    text += "*ELEMENT, TYPE=C3D8I, ELSET=part\n" + element_rows(mesh.blocks[0].cells)
+    for face, label in LABEL_OF.items():
+        labels = layer(mesh, face)
+        if face in ("zmin", "xmax"):
+            rows = "".join(f"{n}, {label}\n" for n in labels)
+        else:
+            rows = f"_{face}, {label}\n"
+            text += f"*ELSET, ELSET=_{face}, INTERNAL\n" + ", ".join(map(str, labels)) + ",\n"
+        text += f"*SURFACE, NAME={face}, TYPE=ELEMENT\n{rows}"
+    return text
+
+
+def instances_deck() -> str:
+    """A bar of two cells used twice, the second turned by 90 degrees about z through (1, 0, 0) and lifted by 2."""
+    mesh = box_mesh(np.zeros(3), np.array([2.0, 1.0, 1.0]), (2, 1, 1))
+    return (
+        "*PART, NAME=Bar\n*NODE\n"
+        + node_rows(mesh.nodes)
+        + "*ELEMENT, TYPE=C3D8R\n"
+        + element_rows(mesh.blocks[0].cells)
+        + "*ELSET, ELSET=all, GENERATE\n1, 2, 1\n*NSET, NSET=End, GENERATE\n3, 12, 3\n"
+        + "*SURFACE, NAME=Top\nall, S2\n*SOLID SECTION, ELSET=all, MATERIAL=steel\n*END PART\n"
+        + "*ASSEMBLY, NAME=A\n*INSTANCE, NAME=Bar-1, PART=Bar\n*END INSTANCE\n"
+        + "*INSTANCE, NAME=Bar-2, PART=Bar\n0., 0., 2.\n1., 0., 2., 1., 0., 3., 90.\n*END INSTANCE\n"
+        + "*NSET, NSET=Both, INSTANCE=Bar-1\nEnd\n*NSET, NSET=Both, INSTANCE=BAR-2\n1\n"
+        + "*ELSET, ELSET=_left, INTERNAL, INSTANCE=Bar-2\n1,\n*SURFACE, NAME=Left, TYPE=ELEMENT\n_left, S6\n"
+        + "*SURFACE, NAME=Direct\nBar-2.all, S1\nBar-1.1, S6\n*END ASSEMBLY\n"
+    )
+
+
+def nastran_small(nodes: Array) -> str:
+    """GRID entries in fields of eight characters."""
+    return "".join(
+        f"GRID    {i + 1:<8d}        {x:<8.5g}{y:<8.5g}{z:<8.5g}\n"
+        for i, (x, y, z) in enumerate(nodes.tolist())
+    )
+
+
+def nastran_deck() -> str:
+    """The cube as property 7, one face of shells as property 8, in small and free fields, without BEGIN BULK."""
+    mesh = cube()
+    text = "$ bulk only\n" + nastran_small(mesh.nodes)
+    for i, cell in enumerate((mesh.blocks[0].cells + 1).tolist()):
+        text += f"CHEXA   {i + 1:<8d}7       " + "".join(f"{n:<8d}" for n in cell[:6]) + f"+C{i}\n"
+        text += f"+C{i}".ljust(8) + "".join(f"{n:<8d}" for n in cell[6:]) + "\n"
+    for i, facet in enumerate((mesh.faces["zmax"].blocks[0].facets + 1).tolist()):
+        text += f"CQUAD4,{100 + i},8," + ",".join(map(str, facet)) + "\n"
+    return text + "PSOLID,7,1\nPSHELL,8,1,0.1\nSPC1,3,123,1,THRU,9\n"

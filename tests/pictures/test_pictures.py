@@ -1,0 +1,183 @@
+"""Pictures of bodies: what is in front is seen, faces have their colours, every file is refused or drawn."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from latin_fmu import api
+from latin_fmu.cli import main
+from latin_fmu.errors import ResultsError
+from latin_fmu.fem.mesh import Array, box_mesh
+from latin_fmu.pictures.assembly_picture import _assembly, _shifts, assembly_figure
+from latin_fmu.pictures.frame import draw
+from latin_fmu.pictures.result_picture import _round, result_figure
+from latin_fmu.pictures.skin import Skin, View, edges_of, skin_of
+from latin_fmu.scene.reader import scene_from_dict
+
+RED, BLUE = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
+
+
+def block(origin: list[float], size: list[float], n: int, colour: Array) -> Skin:
+    return skin_of(box_mesh(np.array(origin), np.array(size), (n, n, n)), colour)
+
+
+def pixel(skins: list[Skin], view: View, at: list[float]) -> Array:
+    """Colour of the picture at the projection of a point, red, green, blue between 0 and 1."""
+    figure = Figure(figsize=(3.0, 3.0), dpi=100)
+    canvas = FigureCanvasAgg(figure)
+    axis = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    draw(axis, skins, view)
+    canvas.draw()
+    x, y = axis.transData.transform(view.project(np.array([at]))[0])
+    image = np.asarray(canvas.buffer_rgba())
+    colour: Array = image[image.shape[0] - 1 - int(y), int(x), :3] / 255.0
+    return colour
+
+
+@pytest.mark.parametrize(("elevation", "seen"), [(90.0, BLUE), (-90.0, RED)])
+def test_the_nearer_body_hides_the_other(elevation: float, seen: Array) -> None:
+    """A finely meshed red slab below a blue one of a single element, from above and from below."""
+    red, blue = block([0, 0, 0], [4, 4, 1], 9, RED), block([0.5, 0.5, 1.01], [3, 3, 1], 1, BLUE)
+    for skins in ([red, blue], [blue, red]):
+        colour = pixel(skins, View.at(20.0, elevation), [2.13, 2.21, 1.0])
+        assert colour[seen == 1.0] > 0.4
+        assert colour[seen == 0.0].max() < 0.1
+
+
+def test_a_small_body_before_a_large_facet() -> None:
+    """Sorting whole facets by their centres would draw the large facet over the small body."""
+    wall, ball = block([0, 0, 0], [10, 10, 1], 1, RED), block([8.5, 0.5, 1.0], [1, 1, 1], 2, BLUE)
+    colour = pixel([ball, wall], View.at(-60.0, 25.0), [9.0, 0.53, 1.27])
+    assert colour[2] > 0.3
+    assert colour[0] < 0.1
+
+
+def test_skin_of_a_box() -> None:
+    mesh = box_mesh(np.zeros(3), np.array([1.0, 2.0, 3.0]), (2, 3, 4))
+    skin = skin_of(mesh, RED)
+    assert len(skin.facets) == 2 * (2 * 3 + 3 * 4 + 2 * 4)
+    centres = skin.points[skin.facets].mean(axis=1)
+    assert (np.einsum("fi,fi->f", skin.normals(), centres - [0.5, 1.0, 1.5]) > 0).all()
+    painted = skin.painted(mesh.faces["zmax"].nodes, BLUE)
+    assert (painted.colours[:, 2] == 1.0).sum() == 2 * 3
+    np.testing.assert_array_equal(
+        painted.normals()[painted.colours[:, 2] == 1.0], np.tile([0, 0, 1.0], (6, 1))
+    )
+
+
+def test_sharp_edges_of_a_box() -> None:
+    """From a corner three faces are seen: 9 edges of the box, each of three pieces, are strong."""
+    skin = block([0, 0, 0], [1, 1, 1], 3, RED)
+    edges, strength = edges_of(skin, View.at(-45.0, 35.0))
+    assert (strength == 1.0).sum() == 9 * 3
+    lengths = np.linalg.norm(skin.points[edges[:, 1]] - skin.points[edges[:, 0]], axis=1)
+    np.testing.assert_allclose(lengths, 1 / 3)
+
+
+def test_views_are_right_handed() -> None:
+    for view in (View.at(-60.0, 25.0), View.at(120.0, -35.0)):
+        np.testing.assert_allclose(np.cross(view.right, view.up), view.viewer, atol=1e-15)
+
+
+def tower() -> dict[str, Any]:
+    """Three blocks on each other, pressed from above, held below."""
+    body = {"material": "steel", "box": {"size": [1e-2] * 3, "elements": [2, 2, 2]}}
+    boxes = [{**body, "box": {**body["box"], "origin": [0.0, 0.0, i * 1e-2]}} for i in range(3)]  # type: ignore[dict-item]
+    return {
+        "name": "tower",
+        "material": {"steel": {"young_modulus": 2e11, "poisson_ratio": 0.3, "density": 7800.0}},
+        "substructure": dict(zip("abc", boxes, strict=True)),
+        "interface": {n: {"sides": [f"{n[0]}.zmax", f"{n[1]}.zmin"]} for n in ("ab", "bc")},
+        "boundary": {"bed": {"type": "fixed", "face": "a.zmin"}},
+        "load": {"press": {"face": "c.zmax", "pressure": 1e6}},
+        "time": {"end": 2e-6, "step": 2e-7},
+        "output": {"fields": True},
+        "accuracy": {"estimate": False},
+    }
+
+
+def texts(figure: Figure) -> str:
+    found = [t.get_text() for axis in figure.axes for t in axis.texts] + [a.get_title() for a in figure.axes]
+    found += [t.get_text() for legend in figure.legends for t in legend.get_texts()]
+    return "\n".join(found)
+
+
+def test_assembly_names_what_it_draws() -> None:
+    warnings: list[str] = []
+    told = texts(assembly_figure(scene_from_dict(tower()), warnings))
+    assert warnings == []
+    for words in (
+        "a (steel)",
+        "ab: contact, 9 points",
+        "fixed: bed",
+        "press\n1.00 MPa",
+        "x (mm)",
+        "from below",
+    ):
+        assert words in told
+
+
+def test_bodies_move_apart_along_the_normals() -> None:
+    assembly = _assembly(scene_from_dict(tower()), [])
+    shifts = _shifts(assembly, 0.5)
+    np.testing.assert_allclose(shifts["b"] - shifts["a"], [0, 0, 0.5], atol=1e-12)
+    np.testing.assert_allclose(shifts["c"] - shifts["b"], [0, 0, 0.5], atol=1e-12)
+
+
+def test_a_scene_that_does_not_build_is_drawn_all_the_same() -> None:
+    data = tower()
+    data["substructure"]["c"]["box"]["origin"] = [1.0, 0.0, 0.02]
+    warnings: list[str] = []
+    told = texts(assembly_figure(scene_from_dict(data), warnings))
+    assert len(warnings) == 1
+    assert "interface.bc" in warnings[0]
+    assert "bc: contact" in told
+
+
+@pytest.fixture(scope="module")
+def results() -> Any:
+    return api.solve(scene_from_dict(tower())).to_datatree()
+
+
+def test_bodies_of_results(results: Any) -> None:
+    told = texts(result_figure(results, "bc"))
+    assert "bc: pressure on b" in told
+    assert "times as large" in told
+    assert "drawn 7 times" in texts(result_figure(results, magnify=7.0, time=1e-6))
+
+
+def test_results_that_cannot_be_drawn(results: Any) -> None:
+    with pytest.raises(ResultsError, match="allowed: ab, bc"):
+        result_figure(results, "cd")
+    bare = results.copy()
+    del bare["substructures"]
+    with pytest.raises(ResultsError, match=r"output\.fields=true"):
+        result_figure(bare)
+
+
+@pytest.mark.parametrize(
+    ("factor", "rounded"), [(0.2, 1.0), (1.0, 1.0), (19.9, 10.0), (51.0, 50.0), (4e5, 2e5)]
+)
+def test_factors_are_round(factor: float, rounded: float) -> None:
+    assert _round(factor) == pytest.approx(rounded, rel=1e-12)
+
+
+def test_command(tmp_path: Path, results: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    scene, figure = tmp_path / "tower.toml", tmp_path / "tower.png"
+    scene.write_text(scene_from_dict(tower()).text())
+    assert main(["plot", str(scene), "--set", "load.press.pressure=2e6"]) == 0
+    assert figure.stat().st_size > 20_000
+    file = tmp_path / "out.nc"
+    results.to_netcdf(file)
+    assert main(["plot", str(file), "--bodies", "--interface", "ab", "-o", str(tmp_path / "b.pdf")]) == 0
+    capsys.readouterr()
+    assert main(["plot", str(file), "--time", "-1", "--set", "a=1"]) == 2
+    assert "3 problems" in capsys.readouterr().err
+    assert main(["plot", str(scene), "--bodies"]) == 2
+    assert "a scene has no results" in capsys.readouterr().err

@@ -1,0 +1,479 @@
+"""The library of compiled kernels: complete, equal to Python, refused where it does not fit."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+import latin_fmu
+from latin_fmu.aot import symbols
+from latin_fmu.aot.build import declared
+from latin_fmu.compiled import COMPILES, declare, fields, library, with_numba
+from latin_fmu.compiled.declare import Entry, Pointers
+from latin_fmu.compiled.signature import MismatchError, Signature, address
+from latin_fmu.propagator import stable_step
+from latin_fmu.propagator.cholesky.factor import CholeskyFactor
+
+ROOT = Path(__file__).parents[1]
+
+pytestmark = pytest.mark.skipif(not COMPILES, reason="compilation is off")
+with_library = pytest.mark.skipif(
+    library.loaded() is None, reason="no library here: an editable installation"
+)
+
+
+class Pair(NamedTuple):
+    """An array and a number."""
+
+    values: Any
+    factor: float
+
+
+PAIR = fields(Pair, "f8[:, ::1], f8")
+RECORD = np.dtype([("n", np.int64), ("x", np.float64)])
+
+
+# what a signature accepts, and how it is handed over
+
+
+@pytest.mark.parametrize(
+    ("text", "arguments", "slots"),
+    [
+        ("i8, f8, b1", (3, 0.5, True), [3, 0.5, 1]),
+        ("i8", (np.int64(-2),), [-2]),
+        ("f8[::1] -> i8", (np.arange(3.0),), ["address", 3]),
+        ("i8[:, ::1], i8", (np.zeros((2, 5), dtype=np.int64), 1), ["address", 2, 5, 1]),
+        ("u4[::1]", (np.zeros(0, dtype=np.uint32),), ["address", 0]),
+        ("Pair, rows[::1]", (Pair(np.ones((1, 2)), 2.0), np.zeros(4, RECORD)), ["address", 1, 2, 2.0, "address", 4]),
+    ],
+)  # fmt: skip
+def test_arguments_are_packed_without_copies(text, arguments, slots):
+    signature = Signature(text, {"Pair": PAIR, "rows": RECORD})
+    packed = signature.pack(arguments)
+    assert len(packed) == 8 * len(slots)
+    arrays = [a for a in flat(arguments) if isinstance(a, np.ndarray)]
+    for i, slot in enumerate(slots):
+        kind = np.float64 if isinstance(slot, float) else np.int64
+        expected = arrays.pop(0).ctypes.data if slot == "address" else slot
+        assert np.frombuffer(packed, kind)[i] == expected
+
+
+def flat(arguments: Any) -> Iterator[Any]:
+    """Arguments with tuples taken apart."""
+    for argument in arguments:
+        if isinstance(argument, tuple):
+            yield from flat(argument)
+        else:
+            yield argument
+
+
+@pytest.mark.parametrize(
+    ("text", "argument"),
+    [
+        ("f8[::1]", np.zeros(3, dtype=np.float32)),
+        ("f8[::1]", np.zeros((3, 3))),
+        ("f8[:, ::1]", np.zeros((3, 4)).T),
+        ("f8[::1]", np.zeros(6)[::2]),
+        ("f8[::1]", [1.0, 2.0]),
+        ("i8[::1]", np.zeros(3, dtype=np.int32)),
+        ("i8", 0.5),
+        ("f8", "a"),
+        ("Pair", (np.zeros((1, 1)), 1.0)),
+        ("Pair", Pair(np.zeros(3), 1.0)),
+        ("rows[::1]", np.zeros(3, dtype=[("n", np.int64), ("y", np.float64)])),
+    ],
+)
+def test_other_arguments_are_refused(text, argument):
+    with pytest.raises(MismatchError):
+        Signature(text, {"Pair": PAIR, "rows": RECORD}).pack((argument,))
+    with pytest.raises(MismatchError, match="declared"):
+        Signature("i8", {}).pack((1, 2))
+
+
+def test_an_address_is_that_of_the_numbers():
+    whole = np.arange(10.0)
+    assert address(whole[3:]) == whole.ctypes.data + 24
+    fixed = whole.copy()
+    fixed.flags.writeable = False
+    assert address(fixed) == fixed.ctypes.data
+
+
+@pytest.mark.parametrize("text", ["f8[:, :]", "f16", "f8[::1] i8", "rows", "f8 -> f8[::1]", "Pair[::1]"])
+def test_a_signature_that_cannot_be_read_is_refused(text):
+    with pytest.raises(ValueError, match="signature"):
+        Signature(text, {"Pair": PAIR, "rows": RECORD})
+    with pytest.raises(ValueError, match="2 fields"):
+        fields(Pair, "f8")
+
+
+# the library
+
+
+@with_library
+def test_the_library_holds_every_entry():
+    found = library.loaded()
+    assert found is not None
+    items = list(declared())
+    assert len(items) > 20
+    for item in items:
+        names = [item.symbol]
+        if isinstance(item, Entry):
+            names = [f"{item.symbol}_{number}" for number in range(len(item.signatures))]
+        for name in names:
+            assert library.address_of(found, name) != 0, name
+    assert len({item.symbol for item in items}) == len(items)
+
+
+def test_signatures_have_the_arguments_of_their_functions():
+    for item in declared():
+        wanted = item.py_func.__code__.co_argcount
+        given = (
+            [item.n_integer + item.n_float]
+            if isinstance(item, Pointers)
+            else [len(s.arguments) for s in item.signatures]
+        )
+        assert set(given) == {wanted}, item.symbol
+
+
+@pytest.fixture
+def misses(monkeypatch) -> list[str]:
+    """Kernels that numba is asked for."""
+    found: list[str] = []
+
+    def refuse(function: Callable[..., Any]) -> Any:
+        found.append(f"{function.__module__}.{function.__name__}")
+        raise AssertionError(f"{found[-1]} is not in the library")
+
+    monkeypatch.setattr(with_numba, "dispatcher", refuse)
+    monkeypatch.setattr(with_numba, "c_function", lambda function, *_: refuse(function))
+    return found
+
+
+@with_library
+@pytest.mark.parametrize(
+    ("name", "end"),
+    [("two_specimen_crushing/scene", "6e-6"), ("impact_bar/scene", "2.0"), ("stacked_blocks/n02", "1e-5")],
+)
+def test_a_run_needs_no_numba(name, end, tmp_path):
+    """In a process of its own: numba is not even imported, and nothing is written but the result."""
+    code = (
+        "import sys, latin_fmu\n"
+        "from latin_fmu.cli import main\n"
+        "main(['run', sys.argv[1], '-o', sys.argv[2], '--set', sys.argv[3]])\n"
+        "assert 'numba' not in sys.modules and 'llvmlite' not in sys.modules\n"
+    )
+    home = tmp_path / "home"
+    home.mkdir()
+    environment = {**os.environ, "HOME": str(home), "XDG_CACHE_HOME": str(home), "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(
+        [sys.executable, "-B", "-c", code, str(ROOT / "models" / f"{name}.toml"), str(tmp_path / "out.nc"),
+         f"time.end={end}"],
+        capture_output=True, text=True, check=False, env=environment,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert not list(home.rglob("*"))
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["home", "out.nc"]
+
+
+# every entry against its Python function
+
+
+class Recorder:
+    """Runs the library and, on copies of the first arguments, the Python function of every entry that is called."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, each: int = 2) -> None:
+        self.checked: dict[str, int] = {}
+        self._call, self._each, self._inside = Entry.__call__, each, False
+        monkeypatch.setattr(Entry, "__call__", self._checked(self))
+        monkeypatch.setattr(declare.Kernel, "__call__", lambda kernel, *arguments: kernel.py_func(*arguments))
+
+    @staticmethod
+    def _checked(recorder: Recorder) -> Callable[..., Any]:
+        def call(kernel: Entry, *arguments: Any) -> Any:
+            return recorder.call(kernel, arguments)
+
+        return call
+
+    def call(self, kernel: Entry, arguments: tuple[Any, ...]) -> Any:
+        """Both, and compare all that they return and leave in their arguments."""
+        if self._inside:  # called by another kernel in Python
+            return kernel.py_func(*arguments)
+        seen = self.checked.get(kernel.symbol, 0)
+        if seen >= self._each or not in_python(kernel):
+            return self._call(kernel, *arguments)
+        copies, moved = copied(arguments), copied(arguments)
+        for array in flat(moved):  # how far round-off in the arguments goes
+            if isinstance(array, np.ndarray) and array.dtype.kind == "f":
+                array *= 1.0 + 1e-14 * np.random.default_rng(0).standard_normal(array.shape)
+        found = self._call(kernel, *arguments)
+        self._inside = True
+        with np.errstate(all="ignore"):
+            expected = kernel.py_func(*copies)
+            kernel.py_func(*moved)
+        self._inside = False
+        assert found == (expected if expected is None else pytest.approx(expected, rel=1e-12)), kernel.symbol
+        for one, other, beside in zip(flat(arguments), flat(copies), flat(moved), strict=True):
+            if isinstance(one, np.ndarray) and one.dtype.fields is None:
+                limit = 0.0
+                if one.dtype.kind == "f" and one.size:
+                    eps = 20 * np.finfo(one.dtype).eps
+                    limit = eps * np.abs(other).max() + 10 * np.abs(other - beside).max()
+                np.testing.assert_allclose(one, other, rtol=0.0, atol=limit, err_msg=kernel.symbol)
+        self.checked[kernel.symbol] = seen + 1
+        return found
+
+
+def copied(arguments: Any) -> Any:
+    """Arguments of their own for another call."""
+    if isinstance(arguments, np.ndarray):
+        return arguments.copy()
+    if isinstance(arguments, tuple):
+        made = [copied(a) for a in arguments]
+        return type(arguments)(*made) if hasattr(arguments, "_fields") else tuple(made)
+    return arguments
+
+
+def in_python(kernel: Any, above: tuple[Any, ...] = ()) -> bool:
+    """Whether a kernel and those that it calls can run uncompiled."""
+    for name in kernel.py_func.__code__.co_names:
+        used = kernel.py_func.__globals__.get(name)
+        if isinstance(used, declare.Later) and used.in_python is None:
+            return False
+        if isinstance(used, declare.Kernel) and used not in above and not in_python(used, (*above, kernel)):
+            return False
+    return True
+
+
+CRUSHING = {"time.end": "1.5e-6"}
+RUNS = (
+    ("two_specimen_crushing/scene", CRUSHING),
+    ("two_specimen_crushing/soft", CRUSHING),
+    ("stacked_blocks/n02", {"time.end": "1e-5"}),
+    ("two_specimen_crushing/scene", {**CRUSHING, "solver.window": "whole"}),
+    ("two_specimen_crushing/scene", {**CRUSHING, "solver.precision": "float32"}),
+    (
+        "stacked_blocks/n02",
+        {"time.end": "4e-6", "time.scheme.type": "central_difference", "time.step": "2e-8"},
+    ),
+)
+
+
+def settings(changes: dict[str, str]) -> list[str]:
+    """Changes as they are given on the command line."""
+    return [f"{name}={value}" for name, value in changes.items()]
+
+
+@with_library
+def test_every_entry_equals_its_python_function(monkeypatch):
+    recorder = Recorder(monkeypatch)
+    for name, changes in RUNS:
+        scene = latin_fmu.load_scene(ROOT / "models" / f"{name}.toml", settings(changes))
+        latin_fmu.solve(scene)
+    chain = sp.diags_array([-np.ones(399), 2.1 * np.ones(400), -np.ones(399)], offsets=[-1, 0, 1]).tocsr()
+    stable_step.largest_eigenvalue(chain, np.ones(400))
+    for kind in (np.float64, np.float32):
+        CholeskyFactor(chain, np.array([0, 7, 399]), dtype=kind).solve(np.ones((400, 2)))
+    runnable = {item.symbol for item in declared() if isinstance(item, Entry) and in_python(item)}
+    assert len(runnable) > 15
+    assert runnable <= recorder.checked.keys(), runnable - recorder.checked.keys()
+
+
+# where the library does not fit
+
+
+@pytest.fixture
+def tree(tmp_path) -> Path:
+    """A copy of the package."""
+    shutil.copytree(
+        library.PACKAGE, tmp_path / "latin_fmu", ignore=shutil.ignore_patterns("__pycache__", "_kernels*")
+    )
+    return tmp_path / "latin_fmu"
+
+
+def the_file() -> Path:
+    """The library in use."""
+    name = library.file_name(library.target())
+    return next(f / name for f in (library.PACKAGE, library.PACKAGE.parent / "build") if (f / name).is_file())
+
+
+@with_library
+def test_a_library_of_other_sources_is_refused(tree):
+    assert isinstance(library.opened(the_file(), tree), ctypes.CDLL)
+    sources, _ = library.manifest(library.opened(the_file(), tree))  # type: ignore[arg-type]
+    assert {source.parts[0] for source in sources} >= {"compiled", "propagator"}
+    for change in ("# a comment\n", None):
+        changed = tree / sources[-1]
+        if change is None:
+            changed.unlink()
+        else:
+            changed.write_text(changed.read_text() + change)
+        assert "other sources" in str(library.opened(the_file(), tree))
+
+
+def test_files_that_are_no_library_are_refused(tmp_path):
+    broken = tmp_path / "_kernels.so"
+    broken.write_bytes(b"nothing")
+    assert "cannot be loaded" in str(library.opened(broken, library.PACKAGE))
+    assert "cannot be loaded" in str(library.opened(tmp_path / "missing.so", library.PACKAGE))
+
+
+@with_library
+def test_another_processor_is_refused(monkeypatch):
+    class Old(ctypes.CDLL):
+        latin_fmu_fits = staticmethod(lambda: 0)
+
+    monkeypatch.setattr(library.ctypes, "CDLL", Old)
+    assert "AVX2" in str(library.opened(the_file(), library.PACKAGE))
+
+
+def test_without_a_library_numba_compiles_once_and_says_so(tmp_path):
+    """A kernel with a callee: compiled in the first process, read from the folder in the second."""
+    code = (
+        "import numpy as np\n"
+        "from latin_fmu.propagator.cholesky.dense import seen\n"
+        "x, out = np.eye(2), np.empty((2, 2))\n"
+        "seen(np.arange(3), np.arange(2), np.ones(2), 2.0, x, out)\n"
+        "assert (out == 2.0 * x).all()\n"
+        "print(*seen.dispatcher.stats.cache_misses.values())\n"
+    )
+    store = tmp_path / "store"
+    environment = {
+        **os.environ,
+        "LATIN_FMU_LIBRARY": "0",
+        "LATIN_FMU_CACHE": str(store),
+        "PYTHONPATH": str(ROOT),
+    }
+    said = []
+    for _ in range(2):
+        done = subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment
+        )
+        said.append((done.stdout.strip(), done.stderr.strip()))
+    assert said[0][0] == "1"
+    assert "switched off (LATIN_FMU_LIBRARY=0): numba compiles the kernels now, about a minute" in said[0][1]
+    assert str(store) in said[0][1]
+    assert said[1] == ("", "")
+    assert not list(ROOT.glob("latin_fmu/**/*.nbi"))
+
+
+@pytest.fixture
+def base(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """Base of the cache folders."""
+    monkeypatch.setenv("LATIN_FMU_CACHE", str(tmp_path / "store"))
+    with_numba.cache_folder.cache_clear()
+    yield tmp_path / "store"
+    with_numba.cache_folder.cache_clear()
+
+
+def test_the_cache_folder_follows_the_contents(tree, base, tmp_path):
+    first = with_numba.cache_folder(tree)
+    assert first is not None
+    assert first.parent == base
+    assert (first / "propagator_cholesky_dense.py").read_text() == (
+        tree / "propagator/cholesky/dense.py"
+    ).read_text()
+    again = tmp_path / "extracted again"
+    shutil.copytree(tree, again)
+    assert with_numba.cache_folder(again) == first
+    (again / "notes.py").write_text("nothing compiled here\n")
+    (again / "propagator" / "cholesky" / "dense.py").write_text(
+        "from ..model import x\n\n\n@kernel\ndef f(): ...\n"
+    )
+    with_numba.cache_folder.cache_clear()
+    assert with_numba.cache_folder(again) not in (None, first)
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid"), reason="POSIX permissions")
+def test_only_a_private_cache_folder_is_used(base):
+    folder = with_numba.cache_folder(library.PACKAGE)
+    assert folder is not None
+    assert folder.stat().st_mode & 0o777 == base.stat().st_mode & 0o777 == 0o700
+    folder.chmod(0o777)
+    with_numba.cache_folder.cache_clear()
+    assert with_numba.cache_folder(library.PACKAGE) is None
+    shutil.move(folder, base / "elsewhere")
+    (base / "elsewhere").chmod(0o700)
+    folder.symlink_to(base / "elsewhere")
+    assert with_numba.cache_folder(library.PACKAGE) is None
+
+
+def test_no_cache_folder_where_none_is_wanted_or_possible(base, monkeypatch):
+    base.write_text("a file where the folder should be")
+    assert with_numba.cache_folder(library.PACKAGE) is None
+    for nothing in ("0", ""):
+        monkeypatch.setenv("LATIN_FMU_CACHE", nothing)
+        with_numba.cache_folder.cache_clear()
+        assert with_numba.cache_folder(library.PACKAGE) is None
+
+
+def test_old_cache_folders_go(base):
+    base.mkdir()
+    for i in range(with_numba.KEPT + 3):
+        old = base / f"{i:032x}"
+        old.mkdir()
+        os.utime(old, (i, i))
+    newest = with_numba.cache_folder(library.PACKAGE)
+    left = {f.name for f in base.iterdir()}
+    assert len(left) == with_numba.KEPT
+    assert newest is not None
+    assert newest.name in left
+    assert f"{with_numba.KEPT + 2:032x}" in left
+
+
+# what a kernel may need
+
+
+def compiled_object(text: str) -> bytes:
+    """An ELF object of LLVM's text."""
+    llvm = pytest.importorskip("llvmlite.binding")
+    objects = pytest.importorskip("latin_fmu.aot.objects")
+    return bytes(objects.emit(llvm.parse_assembly(text), objects.TARGETS["linux-x86_64"]))
+
+
+CALL = "declare void @{0}()\ndefine void @entry() {{ call void @{0}() ret void }}"
+
+
+def test_a_symbol_that_is_not_on_the_list_is_refused_by_name():
+    symbols.check(compiled_object(CALL.format("memset")))
+    with pytest.raises(symbols.ForbiddenSymbolError, match="PyObject_Print"):
+        symbols.check(compiled_object(CALL.format("PyObject_Print")))
+    with pytest.raises(ValueError, match="ELF"):
+        symbols.check(b"MZ")
+
+
+def test_a_kernel_that_prints_does_not_pass_the_build(tmp_path):
+    """The build of a package with such an entry, up to the check."""
+    code = (
+        "from latin_fmu.aot import lowering, objects, symbols\n"
+        "from latin_fmu.compiled import entry, with_numba\n"
+        "with_numba.BUILD.update(no_cpython_wrapper=True, no_cfunc_wrapper=True)\n"
+        "@entry('i8')\n"
+        "def talk(n):\n"
+        "    print(n)\n"
+        "target = objects.TARGETS['linux-x86_64']\n"
+        "whole = objects.joined(*lowering.lower(lowering.start(), [talk]))\n"
+        "objects.optimise(whole, target)\n"
+        "try:\n"
+        "    symbols.check(objects.emit(whole, target))\n"
+        "except symbols.ForbiddenSymbolError as error:\n"
+        "    print(error)\n"
+    )
+    file = tmp_path / "talk.py"
+    file.write_text(code)
+    done = subprocess.run(
+        [sys.executable, str(file)], capture_output=True, text=True, check=True,
+        env={**os.environ, "PYTHONPATH": str(ROOT), "LATIN_FMU_LIBRARY": "0"},
+    )  # fmt: skip
+    assert "the kernels need " in done.stdout
+    assert "numba_gil_ensure" not in done.stdout.split(";")[0]
+    assert "Py" in done.stdout.split(";")[0]

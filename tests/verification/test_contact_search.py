@@ -1,0 +1,135 @@
+"""Interfaces found between boundaries: which pairs, where, what is told; refusals with numbers."""
+
+from __future__ import annotations
+
+import copy
+from typing import Any
+
+import numpy as np
+import pytest
+
+import latin_fmu
+from latin_fmu.assembly.build import prepare
+from latin_fmu.assembly.search import completed
+from latin_fmu.cosim.session import Session
+from latin_fmu.errors import SceneError
+
+BLOCKS = {  # origin, size, elements: a plate, a block on it, a lid 2e-5 above the block, a lid out of reach
+    "plate": ([0.0, 0.0, 0.0], [0.04, 0.04, 0.01], [4, 4, 1]),
+    "block": ([0.01, 0.01, 0.01], [0.02, 0.02, 0.02], [3, 3, 2]),
+    "lid": ([0.0, 0.0, 0.03002], [0.04, 0.04, 0.01], [5, 5, 1]),
+    "far": ([0.0, 0.0, 0.06], [0.04, 0.04, 0.01], [2, 2, 1]),
+}
+
+
+def tables(**search: Any) -> dict[str, Any]:
+    return {
+        "name": "found",
+        "material": {"steel": {"young_modulus": 210e9, "poisson_ratio": 0.3, "density": 7800.0}},
+        "substructure": {
+            n: {"material": "steel", "box": {"origin": o, "size": s, "elements": e}} for n, (o, s, e) in BLOCKS.items()
+        },
+        "contact": {"all": {"search": 1e-4, "friction_coefficient": 0.15, **search}},
+        "time": {"end": 1e-6, "instants": 2},
+    }  # fmt: skip
+
+
+def units(data: dict[str, Any]) -> dict[str, Any]:
+    return {u.name: u for u in prepare(latin_fmu.scene_from_dict(data)).units}
+
+
+def test_pairs_within_reach() -> None:
+    """Area, gap and owner of each pair; the block is wholly covered on both ends."""
+    found = units(tables())
+    assert list(found) == ["plate_block", "block_lid"]
+    for name, gap in (("plate_block", 0.0), ("block_lid", 2e-5)):
+        unit = found[name]
+        assert unit.geometry.areas.sum() == pytest.approx(4e-4)
+        assert unit.geometry.gap == pytest.approx(gap, abs=1e-15)
+        assert unit.sides[unit.geometry.owner] == "block.*"
+        assert unit.geometry.n_point == 16
+        assert unit.behaviour.friction_coefficient == 0.15
+    assert found["plate_block"].geometry.frames[:, 0] == pytest.approx(np.tile([0.0, 0.0, 1.0], (16, 1)))
+
+
+def test_check_prints_the_pairs_and_parts_that_touch_nothing() -> None:
+    text = "\n".join(latin_fmu.check(latin_fmu.scene_from_dict(tables())))
+    assert (
+        "interface plate_block: contact, 16 points, area 0.0004 m2, gap 0 m, points of block.*, found" in text
+    )
+    assert (
+        "interface block_lid: contact, 16 points, area 0.0004 m2, gap 2e-05 m, points of block.*, found"
+        in text
+    )
+    assert "warning: substructure far touches nothing" in text
+    assert "lid is the nearest, 0.01998 m" in text
+
+
+def test_a_pair_named_by_hand_wins() -> None:
+    data = tables()
+    data["interface"] = {"mine": {"sides": ["plate.zmax", "block.zmin"], "behaviour": "perfect"}}
+    assert list(units(data)) == ["mine", "block_lid"]
+
+
+def test_exceptions_and_parts() -> None:
+    assert list(units(tables(**{"except": [["block", "plate"]]}))) == ["block_lid"]
+    assert list(units(tables(parts=["plate", "block", "far"]))) == ["plate_block"]
+
+
+def test_searches_in_turn() -> None:
+    """The first table that finds a pair has it."""
+    data = tables(parts=["plate", "block"])
+    data["contact"]["rest"] = {"search": 1e-4, "behaviour": "no_slip", "gap": "closed"}
+    found = units(data)
+    assert {n: u.behaviour.name for n, u in found.items()} == {
+        "plate_block": "contact",
+        "block_lid": "no_slip",
+    }
+    assert found["block_lid"].geometry.gap == pytest.approx(0.0, abs=0.0)
+
+
+def test_the_scene_completed_is_an_ordinary_one() -> None:
+    """Written out and read again it has the same interfaces; variables of a session are named after them."""
+    scene = latin_fmu.scene_from_dict(tables())
+    whole = completed(scene)
+    assert list(whole.interface) == ["plate_block", "block_lid"]
+    assert latin_fmu.scene_from_dict(whole.tables()).interface == whole.interface
+    assert completed(whole) is whole
+    assert latin_fmu.scene_from_dict(scene.tables()) == scene
+    assert any("block_lid" in name for name in Session(scene).outputs)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"except": [["plate", "blok"]]}, ["contact.all.except", "blok", "did you mean"]),
+        ({"parts": ["lit"]}, ["contact.all.parts", "lit", "did you mean"]),
+        ({"search": 0.0}, ["contact.all.search", "> 0"]),
+        ({"behaviour": "perfect"}, ["contact.all.friction_coefficient", "means nothing"]),
+        ({"gap": "shut"}, ["contact.all.gap", "closed"]),
+        ({"serch": 1.0}, ["contact.all.serch", "unknown key", "search"]),
+    ],
+)
+def test_mistakes_are_named(change: dict[str, Any], words: list[str]) -> None:
+    with pytest.raises(SceneError) as caught:
+        latin_fmu.scene_from_dict(tables(**change))
+    for word in words:
+        assert word in str(caught.value)
+
+
+def test_overlap_beyond_the_search_is_refused() -> None:
+    data = copy.deepcopy(tables())
+    data["substructure"]["lid"]["box"]["origin"][2] = 0.03 - 1.5e-4
+    with pytest.raises(SceneError) as caught:
+        latin_fmu.check(latin_fmu.scene_from_dict(data))
+    for word in ("contact.all.search", "block and lid overlap", "0.00015 m", "0.0001 m"):
+        assert word in str(caught.value)
+
+
+def test_overlap_within_the_search_is_refused_or_closed() -> None:
+    data = tables(**{"except": [["plate", "block"]]})
+    data["substructure"]["lid"]["box"]["origin"][2] = 0.03 - 5e-5
+    with pytest.raises(SceneError, match="overlap at the start"):
+        units(data)
+    data["contact"]["all"]["gap"] = "closed"
+    assert units(data)["block_lid"].geometry.gap == pytest.approx(0.0, abs=0.0)
