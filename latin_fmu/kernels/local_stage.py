@@ -49,6 +49,9 @@ def prepare(pools: Any, g: int, i: int) -> None:
         jump[j] = s[second + j] - s[first + j]
     width = group.n_component if group.elastic == 1 else 1
     count = group.n_point * width
+    if i == 0:
+        for j in range(4 * count):
+            work[group.opening + j] = work[group.opened + j]
     start = work[group.opening + 3 * count : group.opening + 4 * count]
     reach = work[group.reach : group.reach + count]
     if group.elastic == 1:
@@ -136,7 +139,7 @@ def open_window(pools: Any, window: int, instant: int) -> None:
         width = group.n_component if group.elastic == 1 else 1
         count = group.n_point * width
         kept = group.layer if group.elastic == 1 else group.gap
-        start = work[group.opening + 3 * count : group.opening + 4 * count]
+        start = work[group.opened + 3 * count : group.opened + 4 * count]
         for j in range(count):
             start[j] = pools.moving[kept + j]
     if window == 1:
@@ -159,7 +162,7 @@ def open_window(pools: Any, window: int, instant: int) -> None:
         group = pools.groups[g]
         if group.elastic == 1:
             count = group.n_point * group.n_component
-            at = group.opening
+            at = group.opened
             for j in range(count):
                 work[at + 3 * count + j] = (
                     work[at + j] + run.layer_v * work[at + count + j] + run.layer_a * work[at + 2 * count + j]
@@ -181,12 +184,12 @@ def _ground(pools: Any, instant: int, kind: int, flat: Array) -> None:
 
 @kernel
 def _jumps(pools: Any, g: int, kind: int, flat: Array) -> None:
-    """Jumps of the sides of a group into ``opening[kind]``: along N, or all components of elastic groups."""
+    """Jumps of the sides of a group into ``opened[kind]``: along N, or all components of elastic groups."""
     group = pools.groups[g]
     h = group.n_component
     size = group.n_point * h
     width = h if group.elastic == 1 else 1
-    out = pools.moving[group.opening + kind * group.n_point * width : group.opening + (kind + 1) * group.n_point * width]
+    out = pools.moving[group.opened + kind * group.n_point * width : group.opened + (kind + 1) * group.n_point * width]
     for p in range(group.n_point):
         for c in range(width):
             out[p * width + c] = flat[group.start + size + p * h + c] - flat[group.start + p * h + c]

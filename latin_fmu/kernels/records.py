@@ -184,7 +184,8 @@ GROUP_FIELDS: Final[tuple[Field, ...]] = (
     ("reach", "work (p,) or (p, h): see ``interface.behaviour``, rule 3"),
     ("jump", "work (p, h): free velocity of E' relative to E, m s-1"),
     ("traction", "work (p, h): on side E, Pa"),
-    ("opening", "work (4, p, h or 1): opening inside a window with its velocity and acceleration, and at its start"),
+    ("opening", "work (4, p, h or 1): opening inside a window, its velocity and acceleration, what the next instant starts from"),
+    ("opened", "work (4, p, h or 1): the same at the start of the window"),
 )
 """Interfaces of one law and number of components, their points one after the other."""
 

@@ -143,7 +143,8 @@ class Image:
             points, h = group["n_point"], group["n_component"]
             size = points * (h if group["elastic"] else 1)
             group["jump"], group["traction"] = block.reserve(points * h), block.reserve(points * h)
-            group["reach"], group["opening"] = block.reserve(size), block.reserve(4 * size)
+            group["reach"] = block.reserve(size)
+            group["opening"], group["opened"] = block.reserve(4 * size), block.reserve(4 * size)
         depth, most, wide = int(run.get("depth", 0)), run["max_iterations"], self.window * n
         sizes = dict.fromkeys(("q", "w", "f", "s", "local_f", "local_w", "r", "last_q", "last_r"), wide)
         sizes |= {"dq": depth * wide, "dr": depth * wide, "gram": depth * depth, "least": (depth + 3) * depth}
