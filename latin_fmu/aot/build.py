@@ -11,7 +11,7 @@ from importlib import import_module
 from pathlib import Path
 
 from ..compiled import library, with_numba
-from ..compiled.declare import Entry, Pointers
+from ..compiled.declare import Entry, Kernel, Pointers
 
 _LOG = logging.getLogger(__name__)
 
@@ -63,7 +63,7 @@ def _make(wanted: dict[str, Path], manifest: str) -> None:
     with_numba.BUILD.update(no_cpython_wrapper=True, no_cfunc_wrapper=True)
     context = lowering.start()
     modules, exported = lowering.lower(context, declared())
-    whole = objects.joined(modules, exported)
+    whole = objects.joined(modules, exported, shared())
     plain = whole.as_bitcode()
     optimised: dict[str, bytes] = {}
     for target, path in wanted.items():
@@ -89,6 +89,19 @@ def declared() -> Iterator[Entry | Pointers]:
         for value in vars(module).values():
             if isinstance(value, Entry | Pointers) and value.py_func.__module__ == module.__name__:
                 yield value
+
+
+def shared() -> Iterator[str]:
+    """Beginnings of the names that numba gives the kernels that keep one body of machine code."""
+    root = library.__name__.removesuffix(".compiled.library")
+    for source in library.kernel_sources(library.PACKAGE):
+        if source.parts[0] == "compiled":
+            continue
+        module = import_module(".".join((root, *source.with_suffix("").parts)))
+        for value in vars(module).values():
+            if isinstance(value, Kernel) and value.shared and value.py_func.__module__ == module.__name__:
+                path = (*module.__name__.split("."), value.py_func.__name__)
+                yield "_ZN" + "".join(f"{len(part)}{part}" for part in path) + "B"
 
 
 def host() -> str | None:

@@ -45,9 +45,10 @@ def machine(target: Target) -> Any:
     )
 
 
-def joined(modules: Iterable[Any], exported: Iterable[str]) -> Any:
-    """One module of all, with only the exported functions visible."""
-    names = set(exported)
+def joined(modules: Iterable[Any], exported: Iterable[str], shared: Iterable[str] = ()) -> Any:
+    """One module of all, with only the exported functions visible; functions whose names begin as ``shared`` says are
+    not inlined."""
+    names, kept = set(exported), tuple(shared)
     whole = llvm.parse_assembly("")
     for module in modules:
         for function in module.functions:  # several modules hold the same helpers of numba
@@ -58,6 +59,8 @@ def joined(modules: Iterable[Any], exported: Iterable[str]) -> Any:
         if not item.is_declaration and item.name not in names:
             # numba's pointers to Python's objects: internal ones would be taken for the null that they are here, and
             # a kernel that uses Python would become one that fails
+            if kept and item.name.startswith(kept):
+                item.add_function_attribute("noinline")
             item.linkage = "linkonce_any" if item.name.startswith(_ENVIRONMENT) else "internal"
     return whole
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .declare import COMPILES, PLAIN, carray, compiled, entry, kernel, lazy_intrinsic, native, ordered_kernel
+from .declare import COMPILES, PLAIN, carray, compiled, entry, kernel, lazy_intrinsic, native, ordered_kernel, share
 from .signature import address, fields
 
 __all__ = [
@@ -17,4 +17,5 @@ __all__ = [
     "lazy_intrinsic",
     "native",
     "ordered_kernel",
+    "share",
 ]

@@ -26,8 +26,10 @@ class Kernel:
 
     Attributes
     ----------
-    py_func : the Python function.
+    py_func : the Python function. shared : whether its machine code is to exist once in the library.
     """
+
+    shared = False
 
     def __init__(self, function: Callable[..., Any], ordered: bool = False) -> None:
         functools.update_wrapper(self, function)
@@ -167,6 +169,14 @@ def ordered_kernel(function: Function) -> Function:
     """Decorator: the same with sums taken in the order in which they are written: loops over them are not vectorised,
     several sums side by side are."""
     return function if _stays_plain(function) else cast(Function, Kernel(function, ordered=True))
+
+
+def share(*kernels: Any) -> None:
+    """Let kernels that several others call keep one body of machine code in the library: inlined, the same sums could be
+    taken in another order here and there."""
+    for function in kernels:
+        if isinstance(function, Kernel):
+            function.shared = True
 
 
 def _stays_plain(function: Callable[..., Any]) -> bool:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from ..compiled import entry, fields
+from ..compiled import entry, fields, share
 from .acceleration import next_iterate
 from .indicator import accept, force_residual
 from .instants import after_class, end_class, end_instant, first_guess, free_motion, march_instants, solve_instant
@@ -32,6 +32,13 @@ POOLS: Final = fields(
     Pools,
     f"run[::1], classes[::1], groups[::1], {_ITEM}, u4[::1], f4[::1], {_ITEM}",
     run=RUN, classes=CLASS, groups=GROUP,
+)
+
+
+# both drivers run these, the compiled one from inside ``march_instants``
+share(
+    predict, first_guess, free_motion, stage, linear_stage, outgoing, prepare, solve_points, finish, measure, judge,
+    next_iterate, open_window, accept, end_class, end_instant,
 )
 
 
