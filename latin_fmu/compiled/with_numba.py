@@ -38,12 +38,26 @@ def dispatcher(function: Callable[..., Any], ordered: bool = False) -> Any:
     numba.config.SLP_VECTORIZE = 1  # several sums side by side become one vector
     options = OPTIONS | ORDERED if ordered else OPTIONS
     if BUILD:
-        return numba.njit(**options, **BUILD)(function)
+        return _by_types(numba.njit(**options, **BUILD)(function))
     placed = _placed(function)
     if placed is not None:
         with suppress(RuntimeError):  # the folder went away: compile in this process only
-            return numba.njit(cache=True, **options)(placed)
-    return numba.njit(**options)(function)
+            return _by_types(numba.njit(cache=True, **options)(placed))
+    return _by_types(numba.njit(**options)(function))
+
+
+def _by_types(made: Any) -> Any:
+    """The dispatcher, which compiles for the types of its arguments and not once more for every constant among them."""
+    unliteral = import_module("numba").types.unliteral
+    original = made.get_call_template
+
+    def template(arguments: Any, keywords: Any) -> Any:
+        return original(
+            tuple(unliteral(a) for a in arguments), {k: unliteral(a) for k, a in keywords.items()}
+        )
+
+    made.get_call_template = template
+    return made
 
 
 def c_function(function: Callable[..., Any], n_integer: int, n_float: int) -> Any:
