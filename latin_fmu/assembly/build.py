@@ -27,6 +27,7 @@ from .checks import (
     characteristic_traction,
     check_faces,
     initial_problems,
+    lumping_remarks,
     redundancy_remarks,
     sampling_remarks,
 )
@@ -244,6 +245,7 @@ def prepare(scene: Scene) -> Prepared:
         classes = cut_by_arrival(classes, {name: marched_share(t, time) for name, t in arrival.items()})
     remarks += [
         *redundancy_remarks(scene), *locking_remarks(scene, bodies),
+        *(lumping_remarks(bodies) if scheme.explicit else []),
         *([] if scene.time.quasi_static else sampling_remarks(scene, time)),
     ]  # fmt: skip
     return Prepared(scene, bodies, conditions, units, layout, classes, scheme, time, tuple(remarks))

@@ -122,6 +122,20 @@ def largest_amplitude(law: TimeLaw, time: Array) -> float:
     return max(largest, 1.0) if isinstance(law, InputLaw) else largest
 
 
+def lumping_remarks(bodies: dict[str, Body]) -> list[str]:
+    """Cells whose lumped masses do not suit the loads on their faces, in an explicit march.
+
+    A smooth pulse that has run into an absorbing end leaves 7 % of its energy with 20 nodes, about 1 % with 8-node
+    hexahedra and tetrahedra of 4 and 10 nodes, 0.01 % with 27.
+    """
+    return [
+        f"substructure {name}: 20-node hexahedra in an explicit march: their lumped masses answer forces on a face "
+        "with noise; take 8 or 27 nodes, or an implicit scheme"
+        for name, body in bodies.items()
+        if "hexahedron20" in body.mesh.cell_types and not body.rigid
+    ]
+
+
 def sampling_remarks(scene: Scene, time: Array) -> list[str]:
     """Laws whose impulse, sampled at the instants, differs from the exact one."""
     laws: list[tuple[str, TimeLaw]] = [(f"load {n}", load.law) for n, load in scene.load.items()]

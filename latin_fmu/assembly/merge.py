@@ -21,6 +21,7 @@ from ..latin.recorder import SubstructureInfo
 from ..propagator import DirectPropagator, Histories, LoadTerm, SubstructureModel
 from ..scene.fields import split_face
 from .timeline import Timeline
+from .tying import constraints, is_selection, tied
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,8 @@ def merge(
 
     Raises
     ------
-    ValueError : a substructure is rigid (its dofs are not those of its nodes).
+    ValueError : a substructure is rigid (its dofs are not those of its nodes); bonds of non-matching faces that cannot
+        be written as constraints, or that join bodies which start with a spin.
     """
     models = {m.name: m for m in members}
     if any(m.nodal is not None for m in members):
@@ -76,12 +78,18 @@ def merge(
     names = list(models)
     ends = np.cumsum([models[n].n_full for n in names])
     where = {n: slice(int(e) - models[n].n_full, int(e)) for n, e in zip(names, ends, strict=True)}
-    same = _same_dofs(interfaces, where, int(ends[-1]))
+    paired = [unit for unit in interfaces if is_selection(unit)]
+    same = _same_dofs(paired, where, int(ends[-1]))
     expansion = _merged_expansion(models, where, same)
     imposed: Array = sp.block_diag([models[n].imposed_pattern for n in names]).toarray()
     # a tied dof that is driven in one body is driven in all
     driven = np.zeros((same.max() + 1, imposed.shape[1]))
     np.maximum.at(driven, same, imposed)
+    pattern = driven[same]
+    if len(paired) < len(interfaces):
+        mixed = [unit for unit in interfaces if not is_selection(unit)]
+        expansion, pattern = tied(constraints(mixed, where, int(ends[-1])), expansion, pattern)
+        _check_start([models[n] for n in names])
     model = SubstructureModel(
         name="bonded",
         mass=_blocks([models[n].inertia for n in names]),
@@ -97,11 +105,21 @@ def merge(
         ],
         displacement=np.concatenate([models[n].displacement for n in names]),
         velocity=np.concatenate([models[n].velocity for n in names]),
-        imposed_pattern=driven[same],
+        imposed_pattern=pattern,
         imposed_start=np.concatenate([models[n].imposed_start for n in names]),
         ordering=_rank(names, info, same),
     )
     return Merged(model, list(members), where)
+
+
+def _check_start(models: list[SubstructureModel]) -> None:
+    """Initial values of reduced dofs are weighted means over full ones: right for translations only where the weights
+    of a constraint differ."""
+    for model in models:
+        for values in (model.displacement, model.velocity):
+            nodal = values.reshape(-1, 3)
+            if np.abs(nodal - nodal[0]).max() > 1e-12 * max(float(np.abs(nodal).max()), 1e-300):
+                raise ValueError(f"{model.name} starts with a spin and is bonded to a face of another mesh")
 
 
 def _same_dofs(interfaces: Sequence[InterfaceUnit], where: dict[str, slice], n: int) -> np.ndarray:

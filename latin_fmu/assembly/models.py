@@ -98,7 +98,8 @@ def _model(
         displacement=np.tile(body.description.initial_displacement, body.mesh.n_node),
         velocity=body.initial_velocity(),
         imposed_pattern=held.pattern, imposed_start=held.start(),
-        ordering=body.shape.rank, lumped_mass=body.shape.lumped_mass, lumped_damping=_lumped_damping(body, held),
+        ordering=body.shape.rank, lumped_mass=body.shape.lumped_mass if scheme.explicit else None,
+        lumped_damping=_lumped_damping(body, held) if scheme.explicit else None,
     )  # fmt: skip
     return model, flat
 

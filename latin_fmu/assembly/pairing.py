@@ -159,11 +159,7 @@ def _gap(name: str, interface: Interface, found: Opposite, problems: list[Proble
     if interface.gap == "closed":
         return _closed(name, found, problems)
     if distance.min() < -negligible:
-        problems.append(
-            Problem(f"interface.{name}.sides", "the two faces overlap at the start", f"by {-distance.min():.6g} m",
-                    remedy='move one of the meshes apart, or set gap = "closed"' if "gap" in TAKES[interface.behaviour]
-                    else "move one of the meshes apart")
-        )  # fmt: skip
+        problems.append(_overlap(name, interface, -float(distance.min())))
         return None
     if "gap" not in TAKES[interface.behaviour]:  # a layer fills the distance of its faces
         return np.zeros(len(distance))
@@ -179,6 +175,18 @@ def _gap(name: str, interface: Interface, found: Opposite, problems: list[Proble
         )  # fmt: skip
         return None
     return np.full(len(distance), given)
+
+
+def _overlap(name: str, interface: Interface, depth: float) -> Problem:
+    if interface.against_ground:
+        return Problem(f"interface.{name}.ground", "the face and the ground overlap at the start", f"by {depth:.6g} m",
+                       remedy="move the plane, or turn the normal (it points out of the ground)")  # fmt: skip
+    remedy = "move one of the meshes apart"
+    if "gap" in TAKES[interface.behaviour]:
+        remedy += ', or set gap = "closed"'
+    return Problem(
+        f"interface.{name}.sides", "the two faces overlap at the start", f"by {depth:.6g} m", remedy=remedy
+    )
 
 
 def _bonded(name: str, distance: Array, size: float, problems: list[Problem]) -> Array | None:

@@ -74,12 +74,13 @@ def register(add: AddParser) -> None:
 
 def _run(arguments: argparse.Namespace) -> int:
     from ..results.files import check_target
-    from ..results.vtk import check_export_folder, export_vtu
 
     scene = read_scene(arguments)
     target = arguments.output or Path(f"{scene.name}.nc")
     check_target(target)  # before the long part
     if arguments.vtk is not None:
+        from ..results.vtk import check_export_folder
+
         check_export_folder(arguments.vtk)
     wanted = _target(scene, arguments)
     choice = None if wanted is None else _chosen(scene, wanted, arguments)
@@ -94,6 +95,8 @@ def _run(arguments: argparse.Namespace) -> int:
         solution.save(target)
         written.append(f"results: {target}")
         if arguments.vtk is not None:
+            from ..results.vtk import export_vtu
+
             written.append(f"for ParaView: {export_vtu(solution, arguments.vtk)}")
     finally:  # a full disk must not cost the numbers as well
         _show(solution, arguments, written, choice)

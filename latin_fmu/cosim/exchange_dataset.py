@@ -13,7 +13,7 @@ import xarray as xr
 from ..assembly.segments import Segment
 from ..latin.record import Array, InterfaceHistory, Outcome, SubstructureHistory, Timings, WindowRecord
 from ..results.attributes import SCHEMA_VERSION
-from ..results.dataset import AXES, datatree
+from ..results.dataset import AXES, datatree, result_groups
 from ..results.provenance import provenance
 from .accepted import AcceptedStep
 from .prescribed import Prescribed
@@ -35,9 +35,9 @@ def session_tree(session: Session, engine: Windowed | Prescribed | None) -> xr.D
         tree.attrs = {**provenance(), "scene_name": session.scene.name, "schema_version": SCHEMA_VERSION}
     else:
         outcome = joined(segments, engine.run.timings, engine.run.built.warnings)
-        tree = datatree(
-            outcome, session.scene.name, session.scene.text(), provenance(), engine.run.built.recovered
-        )
+        name = session.scene.name
+        recovered = engine.run.built.recovered
+        tree = datatree(result_groups(outcome, name, session.scene.text(), provenance(), recovered), name)
     tree["/exchange"] = xr.DataTree(exchange_dataset(session.table, steps))
     return tree
 

@@ -194,7 +194,7 @@ class Session:
 
         tree = session_tree(self, self._engine)
         if estimate:
-            tree["/accuracy"] = xr.DataTree(self.estimate_error().dataset())
+            tree["/accuracy"] = xr.DataTree(self.estimate_error().group().dataset())
         return tree
 
     # -- state ----------------------------------------------------------------------------------------------------

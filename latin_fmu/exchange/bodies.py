@@ -10,6 +10,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ..assembly.build import Prepared
 from ..assembly.merge import merge
+from ..errors import Problem, SceneError
 from ..latin.layout import InterfaceUnit
 from ..propagator import SubstructureModel
 from ..scene.fields import GROUND, split_face
@@ -60,5 +61,11 @@ def _body(members: list[SubstructureModel], bonds: list[InterfaceUnit], prepared
     if not bonds:
         only = members[0]
         return BondedBody(only.name, only, by_name, {only.name: slice(0, only.n_full)})
-    merged = merge(members, bonds, prepared.info)
+    try:
+        merged = merge(members, bonds, prepared.info)
+    except ValueError as error:
+        where = ", ".join(f"interface.{unit.name}" for unit in bonds)
+        problem = Problem(where, f"perfect connections that no reduced model holds: {error}",
+                          remedy="mesh the two faces alike, or solve the scene itself")  # fmt: skip
+        raise SceneError([problem], "the scene has no reduced model") from error
     return BondedBody("_".join(by_name), merged.model, by_name, merged.where)

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from .clipping import areas, clip, triangles
 from .mesh import Array, Index
@@ -100,6 +99,8 @@ def _plane_axes(pieces: Pieces, rows: Index) -> tuple[Array, Array]:
 
 def _candidates(mine: Pieces, theirs: Pieces, plane: bool, reach: float | None) -> tuple[Index, Index]:
     """Pairs of pieces near enough to each other, found in trees of the other face's centres by size."""
+    from scipy.spatial import cKDTree  # a tenth of a second to load, and faces that match do without
+
     here, there = mine.centres, theirs.centres
     ahead: Array | float
     if plane and reach is None:  # however far away

@@ -130,6 +130,22 @@ def _single(block: FacetBlock) -> FacetBlock:
     return FacetBlock(block.kind, block.facets[count[inverse.ravel()] == 1])
 
 
+def unjoined(surface: FacetSet) -> int:
+    """Number of boundary facets that share their corners with another one though they are of unlike cells.
+
+    Cells of different types are joined where they have a facet of one kind in common. A quadrilateral of a hexahedron
+    on two triangles of tetrahedra, or facets of cells of first and second degree, share nodes and come apart between.
+    """
+    corners: dict[int, list[Index]] = {3: [], 4: []}
+    for block in surface.blocks:
+        corners[block.corners.shape[1]].append(np.sort(block.corners, axis=1))
+    triangles, quads = (np.concatenate([np.zeros((0, n), dtype=np.int64), *corners[n]]) for n in (3, 4))
+    halves = np.concatenate([np.delete(quads, i, axis=1) for i in range(4)])
+    again = sum(len(table) - len(np.unique(table, axis=0)) for table in (triangles, quads))
+    both = np.concatenate([np.unique(table, axis=0) for table in (triangles, halves)])
+    return again + len(both) - len(np.unique(both, axis=0))
+
+
 def padded_cells(blocks: tuple[CellBlock, ...]) -> Index:
     """Connectivity of all blocks in one array (n_cell, widest), short rows filled with -1."""
     if len(blocks) == 1:

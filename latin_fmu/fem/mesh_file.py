@@ -10,7 +10,7 @@ from ..errors import MeshError, Problem
 from ..mesh_files.content import MeshContent, listed
 from ..mesh_files.reading import read_content
 from .cells import CELL_FACES
-from .mesh import Array, CellBlock, FacetSet, Index, Mesh, boundary
+from .mesh import Array, CellBlock, FacetSet, Index, Mesh, boundary, unjoined
 from .orientation import oriented
 
 _FAR = 1e60  # m; products of three such lengths are still numbers
@@ -46,7 +46,14 @@ def mesh_of(content: MeshContent, where: str, group: str | None = None, scale: f
     renumber = np.full(len(content.points), -1, dtype=np.int64)
     renumber[node_ids] = np.arange(len(node_ids))
     bare = Mesh(nodes, tuple(blocks), {})
-    return Mesh(nodes, bare.blocks, _named_faces(content, renumber, boundary(bare)))
+    surface = boundary(bare)
+    if len(blocks) > 1 and (apart := unjoined(surface)):
+        raise MeshError(
+            [Problem(where, f"cells of the types {', '.join(bare.cell_types)} share nodes but not facets",
+                     f"{apart} facets", "cells that meet in facets of one kind, corner by corner",
+                     "mesh them with one type of cells, or make them two parts with a perfect interface")]
+        )  # fmt: skip
+    return Mesh(nodes, bare.blocks, _named_faces(content, renumber, surface))
 
 
 def _volume_cells(content: MeshContent, group: str | None, where: str) -> dict[str, Index]:

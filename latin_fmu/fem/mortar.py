@@ -138,7 +138,7 @@ def _add_block(points: _Points, number: int, row: list[Cells]) -> None:
         value = dual[facet] @ product
         width = nodes.shape[1]
         rows = np.repeat(at[facet], width, axis=1)
-        points.entries.append((rows, np.tile(nodes, (1, n)), value.reshape(len(facet), -1)))
+        points.entries.append((rows, np.tile(nodes, (1, n)), value.reshape(len(facet), n * width)))
 
 
 def _dual(gram: Array, covered: Array) -> Array:

@@ -54,10 +54,10 @@ def walls(mesh: Mesh, surface: FacetSet, mirrors: list[tuple[FacetSet, NDArray[n
     """
     facets = _facets(mesh, surface)
     keep = np.ones(len(facets.area), dtype=bool)
-    rows = {tuple(sorted(c)): i for i, c in enumerate(c for b in surface.blocks for c in b.corners.tolist())}
     for face, axes in mirrors:
-        at = [rows[key] for b in face.blocks for c in b.corners.tolist() if (key := tuple(sorted(c))) in rows]
-        keep[at] &= (facets.normal[at][:, axes] ** 2).sum(axis=1) < 0.9
+        nodes = face.nodes
+        held = np.concatenate([np.isin(b.corners, nodes).all(axis=1) for b in surface.blocks])
+        keep &= ~held | ((facets.normal[:, axes] ** 2).sum(axis=1) < 0.9)
     free = facets.picked(np.flatnonzero(keep))
     n = len(free.area)
     some = free.picked(np.arange(0, n, max(1, -(-n // _MOST))))

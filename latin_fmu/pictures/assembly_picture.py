@@ -98,8 +98,8 @@ def assembly_figure(scene: Scene, warnings: list[str]) -> Figure:
     apart = [s.moved(shifts[name]) for name, s in skins.items()]
     figure, axes = _layout(apart, above)
     draw(axes[0], list(skins.values()), above)
-    axes_with_units(axes[0], everything, above)
     _arrows(axes[0], scene, bodies, above)
+    axes_with_units(axes[0], everything, above)
     words = "apart, " if len(bodies) > 1 else ""
     for axis, (view, side) in zip(axes[:0:-1], ((below, "below"), (above, "above")), strict=False):
         draw(axis, apart, view)
@@ -207,7 +207,13 @@ def _arrows(axis: Axes, scene: Scene, bodies: Mapping[str, Body], view: View) ->
         else:
             direction = np.asarray(load.traction, dtype=float)
             text = readable(float(np.linalg.norm(direction)), "Pa", 3)
-        _arrow(axis, view, centre, direction, length, LOAD, f"{name}\n{text}")
+        ahead = float(((everything - centre) @ direction).max()) / max(
+            float(np.linalg.norm(direction)), 1e-300
+        )
+        outwards = (
+            bool(direction @ normal > 0) and ahead < 0.1 * length
+        )  # it pulls, and nothing is in the way
+        _arrow(axis, view, centre, direction, length, LOAD, f"{name}\n{text}", outwards)
     for name, boundary in scene.boundary.items():
         if isinstance(boundary, PrescribedVelocity | PrescribedDisplacement):
             centre, _ = _middle(bodies, boundary.face)

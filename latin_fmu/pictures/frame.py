@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 _MARGIN: Final = 0.06  # of the largest size, between bodies and axes
 _TICK: Final = 0.02
+_LABEL: Final = 0.17  # of the width of the picture, for the label of an arrow
 
 
 def draw(axis: Axes, skins: Sequence[Skin], view: View) -> None:
@@ -59,6 +60,9 @@ def axes_with_units(axis: Axes, points: Array, view: View) -> None:
             continue
         count = 5 if length > 0.3 * size else 2
         ticks = list(MaxNLocator(count).tick_values(low[k] / divisor, high[k] / divisor))
+        if k == 2:  # left of everything drawn so far
+            room = view.project(start[None])[0, 0] - axis.get_xlim()[0]
+            start, end = start - max(room, 0.0) * view.right, end - max(room, 0.0) * view.right
         _axis_line(axis, view, start, end, k, [t * divisor for t in ticks], outward, size)
         for tick in ticks:
             if not low[k] - 1e-9 * size <= tick * divisor <= high[k] + 1e-9 * size:
@@ -130,4 +134,5 @@ def arrow(
         annotation_clip=False,
         **_alignment(away / size),
     )
-    _widen(axis, far + 0.35 * away)
+    beside = np.sign(away[0]) * (abs(away[0]) > 0.3 * size)  # the label stands beside the arrow, not above it
+    _widen(axis, far + 0.35 * away + [beside * _LABEL * float(np.ptp(axis.get_xlim())), 0.0])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import xarray as xr
@@ -14,7 +14,7 @@ from ..fem.mesh import Array, Mesh, cell_blocks
 from ..fem.nearest import nearest
 from ..results.quantities import prefix_for, readable
 from .frame import axes_with_units, draw
-from .skin import View, skin_of
+from .skin import Skin, View, skin_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,7 +24,7 @@ _AZIMUTH, _ELEVATION = -60.0, 25.0
 _SEEN: Final = (
     0.05  # of the size of the assembly: the largest displacement as drawn, where no factor is given
 )
-_ON_NODE: Final = 1e-6  # of the size of the assembly: points this near to nodes of a body are its nodes
+_NEAR: Final = 0.8  # of the spacing of points: nodes this near to a point have its pressure
 _AROUND: Final = 0.35  # of the size of the interface, left around it
 _PLAIN: Final = np.array([0.80, 0.82, 0.85])
 
@@ -138,21 +138,16 @@ def _draw_pressure(
     normal = dataset["normal"].values
     pressure = -np.einsum("pi,pi->p", np.nan_to_num(dataset["traction"].values), normal)
     sides = [str(dataset.attrs[key]).split(".")[0] for key in ("face_E", "face_Ep")]
-    found = _owner(points, [side for side in sides if side in meshes], meshes)
-    if found is None:
+    owner = _owner(points, [side for side in sides if side in meshes], meshes)
+    if owner is None:
         axis.set_axis_off()
-        axis.set_title(f"{name}: the bodies of its points are not in the file", fontsize=9)
+        axis.set_title(f"{name}: its bodies have no displacements in the file", fontsize=9)
         return
-    owner, node = found
-    mesh = meshes[owner]
     outward = normal if owner == sides[0] else -normal
     largest = max(float(np.abs(pressure).max()), 1e-300)
-    values = np.full(mesh.n_node, np.nan)
-    values[node] = pressure
-    skin = skin_of(mesh, _PLAIN)
-    share = values[skin.facets].mean(axis=1) / largest  # NaN where a corner is no point of the interface
-    inside = np.isfinite(share)
-    colours = np.where(inside[:, None], _map("inferno_r", np.nan_to_num(share)), skin.colours)
+    skin = skin_of(meshes[owner], _PLAIN)
+    share = _on_facets(skin, points, outward, pressure / largest, np.sqrt(dataset["area"].values))
+    colours = np.where(np.isfinite(share)[:, None], _map("inferno_r", np.nan_to_num(share)), skin.colours)
     view = _towards(outward.mean(axis=0))
     draw(axis, [replace(skin, colours=colours)], view)
     # facets have the mean of their corners: the values themselves are those of the points
@@ -165,14 +160,26 @@ def _draw_pressure(
     _colour_bar(figure, axis, "inferno_r", largest / divisor, f"pressure ({unit})")
 
 
-def _owner(points: Array, sides: list[str], meshes: Mapping[str, Mesh]) -> tuple[str, Any] | None:
-    """The body whose nodes the points are, and the node of each."""
-    for side in sides:
-        size = float(meshes[side].extent().max())
-        distance, node = nearest(points, meshes[side].nodes)
-        if distance.max() <= _ON_NODE * size:
-            return side, node
-    return None
+def _owner(points: Array, sides: list[str], meshes: Mapping[str, Mesh]) -> str | None:
+    """The body to whose nodes the points are nearest: most points are nodes of one of the two bodies."""
+
+    def distance(side: str) -> float:
+        return float(np.mean(nearest(points, meshes[side].nodes)[0]))
+
+    return min(sides, key=distance, default=None)
+
+
+def _on_facets(skin: Skin, points: Array, outward: Array, values: Array, spacing: Array) -> Array:
+    """Mean of the values (n_point,) at the corners of each facet (n_facet,), NaN where it is not on the interface.
+
+    A corner takes the value of the nearest point, which stands for it where the face is covered in part.
+    """
+    distance, point = nearest(skin.points, points)
+    reached = distance <= _NEAR * spacing[point]
+    at_nodes = np.where(reached, values[point], np.nan)
+    alike = np.einsum("fi,fci->fc", skin.normals(), outward[point[skin.facets]]).min(axis=1) > 0.5
+    mean: Array = np.where(alike, at_nodes[skin.facets].mean(axis=1), np.nan)
+    return mean
 
 
 def _towards(normal: Array) -> View:

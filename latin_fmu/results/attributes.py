@@ -6,12 +6,13 @@ mechanics, and its ``time`` is a date, not the time since the start of a run.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import xarray as xr
+
+from .groups import Group
 
 CONVENTIONS = "CF-1.11 UGRID-1.0"
 SCHEMA_VERSION = "1.1"
@@ -122,19 +123,19 @@ _FLAGS: Final[Mapping[str, tuple[list[int], str]]] = {
 }
 
 
-def annotated(dataset: xr.Dataset, meanings: Mapping[str, Meaning]) -> xr.Dataset:
-    """``dataset`` with units, long names and flags from ``meanings`` and ``COORDINATES``, in place.
+def annotated(group: Group, meanings: Mapping[str, Meaning]) -> Group:
+    """``group`` with units, long names and flags from ``meanings`` and ``COORDINATES``, in place.
 
     A variable no table explains gets its name as long name: a new energy term is stored all the same.
     """
-    for name, variable in dataset.variables.items():
-        meaning = meanings.get(str(name)) or COORDINATES.get(str(name)) or _unexplained(name, meanings)
+    for name, variable in group.variables.items():
+        meaning = meanings.get(name) or COORDINATES.get(name) or _unexplained(name, meanings)
         variable.attrs.update(meaning.attributes())
-        if name in _FLAGS and str(name) in meanings:
-            values, words = _FLAGS[str(name)]
+        if name in _FLAGS and name in meanings:
+            values, words = _FLAGS[name]
             variable.attrs.update(flag_values=np.array(values, dtype=np.int8), flag_meanings=words)
-    return dataset
+    return group
 
 
-def _unexplained(name: Hashable, meanings: Mapping[str, Meaning]) -> Meaning:
-    return Meaning("J" if meanings is ENERGY else None, str(name).replace("_", " "))
+def _unexplained(name: str, meanings: Mapping[str, Meaning]) -> Meaning:
+    return Meaning("J" if meanings is ENERGY else None, name.replace("_", " "))

@@ -1,4 +1,4 @@
-"""An ``Outcome`` as an xarray DataTree with stable names.
+"""An ``Outcome`` as groups of arrays with stable names, for netCDF and xarray.
 
 ::
 
@@ -25,53 +25,61 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
-import xarray as xr
 
 from ..latin.record import Array, InterfaceHistory, Outcome, SubstructureHistory, WindowRecord
 from .attributes import CONVENTIONS, CONVERGENCE, ENERGY, INTERFACE, SCHEMA_VERSION, SUBSTRUCTURE, annotated
+from .groups import Columns, Group
 from .recovered import LABELS, Recovered
 
 AXES: Final = ["x", "y", "z"]
 SIDES: Final = ["E", "Ep"]
 
-Columns = dict[str, tuple[object, ...]]
+if TYPE_CHECKING:
+    import xarray as xr
 
 
-def datatree(
+def datatree(groups: Mapping[str, Group], scene_name: str) -> xr.DataTree:
+    """Groups of ``result_groups`` as a DataTree."""
+    import xarray as xr
+
+    return xr.DataTree.from_dict({path: group.dataset() for path, group in groups.items()}, name=scene_name)
+
+
+def result_groups(
     outcome: Outcome,
     scene_name: str,
     scene_text: str,
     provenance: Mapping[str, str],
     recovered: Mapping[str, Recovered] | None = None,
-) -> xr.DataTree:
-    """The results of a run as a DataTree (layout: module docstring).
+) -> dict[str, Group]:
+    """The results of a run by path of the group (layout: module docstring).
 
     ``provenance`` goes to the root attributes as it is; ``scene_text`` is kept whole, so that the file tells
     how to make it again. ``recovered`` finds more fields of the substructures it names.
     """
-    groups = {"/": xr.Dataset(attrs=_root_attributes(outcome, scene_name, scene_text, provenance))}
+    groups = {"/": Group({}, attrs=_root_attributes(outcome, scene_name, scene_text, provenance))}
     for name, interface in outcome.interfaces.items():
         indicator = outcome.interface_indicator.get(name)
-        groups[f"/interfaces/{name}"] = interface_dataset(interface, outcome.time, indicator)
+        groups[f"/interfaces/{name}"] = interface_group(interface, outcome.time, indicator)
     for name, substructure in outcome.substructures.items():
         if _has_fields(substructure):
             more = (recovered or {}).get(name)
-            groups[f"/substructures/{name}"] = substructure_dataset(substructure, more)
+            groups[f"/substructures/{name}"] = substructure_group(substructure, more)
         if substructure.energy is not None:
             groups[f"/substructures/{name}/energy"] = _stored_energy(substructure, outcome.time)
-    groups["/convergence"] = convergence_dataset(outcome.windows, outcome.time, outcome.passes)
+    groups["/convergence"] = convergence_group(outcome.windows, outcome.time, outcome.passes)
     groups["/convergence"].attrs.update(
         {f"setting_{re.sub('[^A-Za-z0-9]+', '_', key)}": value for key, value in outcome.settings.items()}
     )
     if outcome.energy is not None:
-        groups["/energy"] = energy_dataset(outcome.energy, outcome.time)
-    return xr.DataTree.from_dict(groups, name=scene_name)
+        groups["/energy"] = energy_group(outcome.energy, outcome.time)
+    return groups
 
 
-def interface_dataset(history: InterfaceHistory, time: Array, indicator: float | None = None) -> xr.Dataset:
+def interface_group(history: InterfaceHistory, time: Array, indicator: float | None = None) -> Group:
     """Group ``interfaces/<name>``; ``indicator`` is sqrt(eta) restricted to this interface."""
     vector = ("time", "point", "component")
     columns: Columns = {
@@ -94,20 +102,23 @@ def interface_dataset(history: InterfaceHistory, time: Array, indicator: float |
         columns["error_indicator"] = ((), indicator)
     positions = {axis: ("point", history.points[:, i]) for i, axis in enumerate(AXES)}
     labels = {"time": time, "side": SIDES, "component": AXES}
-    dataset = xr.Dataset(columns, coords={**labels, **positions})
-    dataset.attrs = {"behaviour": history.behaviour, "face_E": history.sides[0], "face_Ep": history.sides[1]}
+    attrs: dict[str, object] = {
+        "behaviour": history.behaviour,
+        "face_E": history.sides[0],
+        "face_Ep": history.sides[1],
+    }
     if history.friction_coefficient is not None:
-        dataset.attrs["friction_coefficient"] = float(history.friction_coefficient)
-    return annotated(dataset, INTERFACE)
+        attrs["friction_coefficient"] = float(history.friction_coefficient)
+    return annotated(Group.of(columns, {**labels, **positions}, attrs), INTERFACE)
 
 
-def energy_dataset(terms: Mapping[str, Array], time: Array) -> xr.Dataset:
+def energy_group(terms: Mapping[str, Array], time: Array) -> Group:
     """Group ``energy``: one variable per term (n_time,), J."""
     columns: Columns = {name: ("time", values) for name, values in terms.items()}
-    return annotated(xr.Dataset(columns, coords={"time": time}), ENERGY)
+    return annotated(Group.of(columns, {"time": time}), ENERGY)
 
 
-def _stored_energy(history: SubstructureHistory, run_time: Array) -> xr.Dataset:
+def _stored_energy(history: SubstructureHistory, run_time: Array) -> Group:
     """Energy terms at the stored instants of the fields (a group shares its time with those below it).
 
     Work and dissipation accumulate, so picking instants loses nothing in between. All instants of the run
@@ -115,12 +126,12 @@ def _stored_energy(history: SubstructureHistory, run_time: Array) -> xr.Dataset:
     """
     terms = history.energy or {}
     if not _has_fields(history):
-        return energy_dataset(terms, run_time)
+        return energy_group(terms, run_time)
     nearest = np.searchsorted(0.5 * (run_time[1:] + run_time[:-1]), history.time)
-    return energy_dataset({name: values[nearest] for name, values in terms.items()}, history.time)
+    return energy_group({name: values[nearest] for name, values in terms.items()}, history.time)
 
 
-def substructure_dataset(history: SubstructureHistory, recovered: Recovered | None = None) -> xr.Dataset:
+def substructure_group(history: SubstructureHistory, recovered: Recovered | None = None) -> Group:
     """Group ``substructures/<name>``: fields at the stored instants, and the mesh."""
     fields = {"displacement": history.displacement, "velocity": history.velocity}
     columns: Columns = {
@@ -136,31 +147,31 @@ def substructure_dataset(history: SubstructureHistory, recovered: Recovered | No
     positions = {f"node_{axis}": ("node", history.nodes[:, i]) for i, axis in enumerate(AXES)}
     columns["cell_nodes"] = (("cell", "cell_node"), history.cells)
     columns["mesh"] = ((), np.int32(0))
-    dataset = annotated(xr.Dataset(columns, coords={**labels, **positions}), SUBSTRUCTURE)
-    _describe_mesh(dataset, history.cell_type)
-    return dataset
+    group = annotated(Group.of(columns, {**labels, **positions}), SUBSTRUCTURE)
+    _describe_mesh(group, history.cell_type)
+    return group
 
 
-def _describe_mesh(dataset: xr.Dataset, cell_type: str) -> None:
+def _describe_mesh(group: Group, cell_type: str) -> None:
     """UGRID attributes of a three-dimensional unstructured mesh."""
-    dataset["mesh"].attrs.update(
+    group.variables["mesh"].attrs.update(
         cf_role="mesh_topology",
         topology_dimension=np.int32(3),
         node_coordinates="node_x node_y node_z",
         volume_node_connectivity="cell_nodes",
         cell_type=cell_type,
     )
-    dataset["cell_nodes"].attrs.update(cf_role="volume_node_connectivity", start_index=np.int32(0))
-    for variable in dataset.data_vars.values():
-        if "time" in variable.dims:
+    group.variables["cell_nodes"].attrs.update(cf_role="volume_node_connectivity", start_index=np.int32(0))
+    for name, variable in group.variables.items():
+        if "time" in variable.dims and name not in group.labels:
             variable.attrs.update(mesh="mesh", location="volume" if "cell" in variable.dims else "node")
 
 
-def convergence_dataset(windows: Sequence[WindowRecord], time: Array, passes: float) -> xr.Dataset:
+def convergence_group(windows: Sequence[WindowRecord], time: Array, passes: float) -> Group:
     """Group ``convergence``: curves padded with NaN to the longest window (at least one column)."""
     columns: Columns = {"passes": ((), float(passes))}
     if not windows:
-        return annotated(xr.Dataset(columns), CONVERGENCE)
+        return annotated(Group.of(columns), CONVERGENCE)
     width = max(1, *(window.iterations for window in windows))
     for name in ("error_indicator", "force_mismatch"):
         table = np.full((len(windows), width), np.nan)
@@ -177,7 +188,7 @@ def convergence_dataset(windows: Sequence[WindowRecord], time: Array, passes: fl
     if any(window.fallbacks for window in windows):
         columns["fallbacks"] = ("window", np.array(["; ".join(w.fallbacks) for w in windows], dtype=object))
     counts = {"window": np.arange(1, len(windows) + 1), "iteration": np.arange(1, width + 1)}
-    return annotated(xr.Dataset(columns, coords=counts), CONVERGENCE)
+    return annotated(Group.of(columns, counts), CONVERGENCE)
 
 
 def _has_fields(history: SubstructureHistory) -> bool:

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import xarray as xr
 
+from .groups import Group, Variable
 from .quantities import readable
 
 
@@ -98,7 +98,7 @@ class ErrorEstimate:
             "only a bound" if q.bound_only and q.error > self.floor else "",
         )
 
-    def dataset(self) -> xr.Dataset:
+    def group(self) -> Group:
         """Group ``accuracy``: one entry a quantity."""
         found = self.quantities
         columns = {
@@ -109,22 +109,23 @@ class ErrorEstimate:
             "change_with_mesh": ([q.mesh for q in found], "1", "relative change when the mesh alone is coarser"),
             "change_with_time_step": ([q.time for q in found], "1", "relative change when the step alone is longer"),
         }  # fmt: skip
-        dataset = xr.Dataset(coords={"quantity": np.array([q.quantity for q in found], dtype=np.str_)})
-        dataset["quantity"].attrs["long_name"] = "name of the quantity"
-        dataset["quantity_unit"] = ("quantity", np.array([q.unit for q in found], dtype=np.str_))
-        dataset["quantity_unit"].attrs["long_name"] = "unit of the quantity"
+        dims = ("quantity",)
+        names = np.array([q.quantity for q in found], dtype=np.str_)
+        units = np.array([q.unit for q in found], dtype=np.str_)
+        variables = {
+            "quantity": Variable(dims, names, {"long_name": "name of the quantity"}),
+            "quantity_unit": Variable(dims, units, {"long_name": "unit of the quantity"}),
+        }
         for name, (values, unit, meaning) in columns.items():
             attributes = {"long_name": meaning} | ({} if unit is None else {"units": unit})
-            dataset[name] = ("quantity", np.array(values, dtype=float), attributes)
+            variables[name] = Variable(dims, np.array(values, dtype=float), attributes)
         flags = {"flag_values": np.array([0, 1], dtype=np.int8), "flag_meanings": "estimate bound_only"}
-        dataset["bound_only"] = (
-            "quantity",
-            np.array([q.bound_only for q in found], dtype=np.int8),
-            {"long_name": "whether the estimate is only a bound", **flags},
+        bounds = np.array([q.bound_only for q in found], dtype=np.int8)
+        variables["bound_only"] = Variable(
+            dims, bounds, {"long_name": "whether the estimate is only a bound", **flags}
         )
-        dataset.attrs["remarks"] = "\n".join(self.remarks)
-        dataset.attrs["cpu_seconds"] = self.cpu
-        return dataset
+        attrs = {"remarks": "\n".join(self.remarks), "cpu_seconds": self.cpu}
+        return Group(variables, frozenset(["quantity"]), attrs)
 
 
 def error_text(error: float, floor: float) -> str:

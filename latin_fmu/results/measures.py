@@ -7,12 +7,15 @@ from a stored group, so that a file and a fresh solution give the same numbers.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from ..latin.record import Array, InterfaceHistory
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 CONTACT_SHARE = 0.01
 """Share of its peak the normal resultant must exceed for an interface to count as in contact."""

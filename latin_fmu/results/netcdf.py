@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-import xarray as xr
+from netCDF4 import Dataset
 
 from ..errors import Problem, ResultsError
 from .attributes import SCHEMA_VERSION
 from .files import unwritable, written_whole
+from .groups import Group, Variable, with_labels
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 _CHUNK: Final = {"time": 50, "point": 4096, "node": 4096, "cell": 4096}
 _SINGLE_PRECISION = (
@@ -20,7 +24,12 @@ _SINGLE_PRECISION = (
 
 
 def write_netcdf(tree: xr.DataTree, path: str | Path) -> None:
-    """Write ``tree`` to ``path``, atomically: an existing file is replaced only by a complete one.
+    """Write a DataTree as ``write_groups`` does."""
+    write_groups({node.path: Group.of_dataset(node.to_dataset(inherit=False)) for node in tree.subtree}, path)
+
+
+def write_groups(groups: Mapping[str, Group], path: str | Path) -> None:
+    """Write ``groups`` (by path) to the file ``path``, atomically: an existing file is replaced only by a complete one.
 
     Interface fields keep double precision, substructure fields single precision; both are compressed, and
     ``time`` is unlimited.
@@ -30,57 +39,82 @@ def write_netcdf(tree: xr.DataTree, path: str | Path) -> None:
     ResultsError : the file cannot be written (folder missing or read-only, disk full, ``path`` is a folder).
     """
     target = Path(path)
-    nodes = {node.path: node.to_dataset(inherit=False) for node in tree.subtree}
-    encoding = {where: _encoding(where, dataset) for where, dataset in nodes.items()}
-    unlimited = {where: ["time"] for where, dataset in nodes.items() if "time" in dataset.dims}
     with written_whole(target) as draft:
         try:
-            tree.to_netcdf(
-                draft,
-                engine="netcdf4",
-                encoding={where: settings for where, settings in encoding.items() if settings},
-                unlimited_dims=unlimited,
-                write_inherited_coords=True,
-            )
+            with Dataset(draft, "w", format="NETCDF4") as file:
+                for where, group in with_labels(groups):
+                    _write_group(file if where == "/" else file.createGroup(where), where, group)
         except RuntimeError as error:  # how the netCDF library reports a failed write to disk
             raise unwritable(target, f"the netCDF library failed: {error}", "check free space") from error
 
 
-def _encoding(where: str, dataset: xr.Dataset) -> dict[str, dict[str, Any]]:
-    settings: dict[str, dict[str, Any]] = {}
-    for name, variable in dataset.variables.items():
-        values = variable.dtype.kind
-        if values in "U":
-            settings[str(name)] = {"dtype": "S1"}
-        if values not in "fiu":
-            continue
-        choice: dict[str, Any] = {}
-        if values == "f" and not _padded(variable):
-            choice["_FillValue"] = None
-        if name == "cell_nodes" and (variable.values < 0).any():
-            choice["_FillValue"] = -1
-        if variable.dtype == np.float64 and where.startswith("/substructures/") and name in _SINGLE_PRECISION:
-            choice["dtype"] = "float32"
-        if variable.size:
-            choice.update(_storage(dict(variable.sizes)))
-        settings[str(name)] = choice
-    return settings
+def _write_group(place: Any, where: str, group: Group) -> None:
+    """Dimensions, attributes and variables of one group."""
+    place.setncatts(group.attrs)
+    for name, size in group.sizes().items():
+        place.createDimension(name, None if name == "time" else size)
+    for name, variable in group.variables.items():
+        attrs = dict(variable.attrs)
+        if name not in group.labels and (beside := _labels_of(group, variable)):
+            attrs["coordinates"] = beside
+        if variable.values.dtype.kind in "U":
+            _write_text(place, name, variable, attrs)
+        else:
+            _write_array(place, where, name, variable, attrs)
 
 
-def _storage(sizes: Mapping[Any, int]) -> dict[str, Any]:
+def _labels_of(group: Group, variable: Variable) -> str:
+    """CF's list of the coordinates of a variable that are no dimensions of their own."""
+    return " ".join(
+        name for name in sorted(group.labels)
+        if group.variables[name].dims != (name,) and set(group.variables[name].dims) <= set(variable.dims)
+    )  # fmt: skip
+
+
+def _write_array(place: Any, where: str, name: str, variable: Variable, attrs: Mapping[str, Any]) -> None:
+    values = variable.values
+    kind: Any = str if values.dtype.kind == "O" else values.dtype
+    storage: dict[str, Any] = {}
+    if values.dtype.kind in "fiu":
+        if values.dtype == np.float64 and where.startswith("/substructures/") and name in _SINGLE_PRECISION:
+            kind = np.dtype(np.float32)
+        if values.dtype.kind == "f" and np.isnan(values).any():  # NaN stands for "nothing here"
+            storage["fill_value"] = np.nan
+        if name == "cell_nodes" and (values < 0).any():
+            storage["fill_value"] = -1
+        if values.size:
+            storage |= _storage(variable)
+    made = place.createVariable(name, kind, variable.dims, **storage)
+    made.setncatts(attrs)
+    if values.size:
+        made[...] = values
+
+
+def _write_text(place: Any, name: str, variable: Variable, attrs: Mapping[str, Any]) -> None:
+    """Text as bytes along a dimension of its own, the form that every reader knows."""
+    texts = np.char.encode(variable.values, "utf-8")
+    width = max(1, texts.dtype.itemsize)
+    length = f"string{width}"
+    if length not in place.dimensions:
+        place.createDimension(length, width)
+    made = place.createVariable(name, "S1", (*variable.dims, length))
+    made.setncatts(attrs)
+    made.setncattr("_Encoding", "utf-8")
+    made.set_auto_chartostring(False)
+    if texts.size:
+        made[...] = texts.astype(f"S{width}").reshape(*texts.shape, 1).view("S1")
+
+
+def _storage(variable: Variable) -> dict[str, Any]:
     """Chunks and compression of an array; scalars have none."""
-    if not sizes:
+    shape = variable.values.shape
+    if not shape:
         return {}
-    if len(sizes) == 1:
-        chunks = tuple(min(size, 4096) for size in sizes.values())
+    if len(shape) == 1:
+        chunks = (min(shape[0], 4096),)
     else:
-        chunks = tuple(min(size, _CHUNK.get(str(dim), size)) for dim, size in sizes.items())
+        chunks = tuple(min(n, _CHUNK.get(dim, n)) for dim, n in zip(variable.dims, shape, strict=True))
     return {"zlib": True, "complevel": 1, "shuffle": True, "chunksizes": chunks}
-
-
-def _padded(variable: xr.Variable) -> bool:
-    """Whether NaN stands for "nothing here": only then is a fill value declared."""
-    return bool(np.isnan(variable.values).any())
 
 
 def open_results(path: str | Path) -> xr.DataTree:
@@ -93,6 +127,8 @@ def open_results(path: str | Path) -> xr.DataTree:
     ResultsError : no such file, not a netCDF-4 file, not written by this package, or written by a version
         whose layout this one does not know.
     """
+    import xarray as xr
+
     source = Path(path)
     if not source.is_file():
         what = "this is a folder" if source.is_dir() else "no such file"

@@ -6,18 +6,20 @@ import time as clock
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
-
-import xarray as xr
+from typing import TYPE_CHECKING, Any
 
 from ..latin.record import Array, InterfaceHistory, Outcome, SubstructureHistory, Timings, WindowRecord
-from .dataset import datatree
+from .dataset import datatree, result_groups
 from .estimates import ErrorEstimate
-from .netcdf import write_netcdf
+from .groups import Group
+from .netcdf import write_groups
 from .provenance import provenance
 from .recovered import Recovered
 from .report import report
 from .summary import summary
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 @dataclass(frozen=True)
@@ -98,10 +100,15 @@ class Solution:
 
     def to_datatree(self) -> xr.DataTree:
         """Everything as an xarray DataTree; the layout is in the docstring of ``results.dataset``."""
-        tree = datatree(self.outcome, self.scene_name, self.scene_text, self.provenance, self.recovered)
+        return datatree(self._groups(), self.scene_name)
+
+    def _groups(self) -> dict[str, Group]:
+        groups = result_groups(
+            self.outcome, self.scene_name, self.scene_text, self.provenance, self.recovered
+        )
         if self.estimate is not None and self.estimate.quantities:
-            tree["accuracy"] = xr.DataTree(self.estimate.dataset())
-        return tree
+            groups["/accuracy"] = self.estimate.group()
+        return groups
 
     def save(self, path: str | Path) -> None:
         """Write a netCDF-4 file, complete or not at all; its CPU time is added to ``timings.output``.
@@ -111,7 +118,7 @@ class Solution:
         ResultsError : the file cannot be written.
         """
         start = clock.process_time()
-        write_netcdf(self.to_datatree(), path)
+        write_groups(self._groups(), path)
         self.timings.output += clock.process_time() - start
 
     def summary(self) -> str:

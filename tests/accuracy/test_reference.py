@@ -28,7 +28,8 @@ DECLARED = tuple(sorted(file.parent.name for file in MODELS.glob(f"*/{FILE}")))
 
 
 def test_there_are_some() -> None:
-    assert DECLARED == ("beam_in_traction", "bouncing_bar", "impact_bar", "shear_interface", REFINED)
+    exact = ("beam_in_traction", "bouncing_bar", "impact_bar", "shear_interface")
+    assert sorted(DECLARED) == sorted((*exact, "hammer_on_plate", REFINED))
 
 
 @pytest.mark.parametrize("known", [beam_in_traction(), bouncing_bar(), impact_bar(), shear_interface()])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import latin_fmu
 from latin_fmu.assembly.build import prepare
 from latin_fmu.errors import SceneError
 from latin_fmu.exchange.bodies import bonded_bodies
@@ -56,6 +57,30 @@ def test_bonded_rods_are_one_body():
     force = now.derivative[2 * system.n :]
     np.testing.assert_allclose(force, [0.0, 0.0, 3.0 * 0.02], atol=1e-10)  # b pulls a up
     np.testing.assert_allclose(now.derivative[: 2 * system.n], 0.0, atol=1e-9)
+
+
+def test_bonded_rods_of_different_meshes_are_one_body():
+    """The same with three by two elements across the upper rod."""
+    whole = rods().tables()
+    whole["substructure"]["b"]["box"]["elements"] = [3, 2, 5]
+    system = reduced_system(latin_fmu.scene_from_dict(whole), 4)
+    assert system.bodies == ["a_b"]
+    equations = Equations(system, energy=False)
+    y = equations.start()
+    y[: system.n] = system.loads[:, 0] / system.stiffness
+    now = equations.evaluate(0.5, y, equations.modes_at(0.5, y), {})
+    np.testing.assert_allclose(system.places[0] @ y[: system.n], [0.0, 0.0, 3.0 * 2.0 / 900.0], atol=1e-12)
+    np.testing.assert_allclose(now.derivative[2 * system.n :], [0.0, 0.0, 3.0 * 0.02], atol=1e-10)
+
+
+def test_contact_of_different_meshes_has_the_patches_of_matching_ones():
+    """Two patches of the points of the finer face; the static answer is that of the mesh (checked by the reduction)."""
+    whole = rods("contact").tables()
+    whole["load"]["pull"]["traction"] = [0.0, 0.0, -3.0]
+    whole["substructure"]["b"]["box"]["elements"] = [3, 2, 5]
+    system = reduced_system(latin_fmu.scene_from_dict(whole), 4, 2)
+    assert len(system.contacts.area) == 2
+    np.testing.assert_allclose(system.contacts.area.sum(), 0.02)
 
 
 def test_force_through_a_bond_is_what_accelerates_the_other_side():

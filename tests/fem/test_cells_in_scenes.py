@@ -97,6 +97,7 @@ def test_explicit_march(tmp_path: Path, cell_type: str) -> None:
     built = build(scene_from_dict(tables))
     (propagator,) = built.assembly.propagators
     assert propagator.members[0].inertia.diagonal().min() > 0
+    assert propagator._dashpots.diagonal().min() > 0
     assert propagator.stability.longest > 5e-9
     solution = api.solve(scene_from_dict(tables))
     assert solution.energy is not None
@@ -157,3 +158,15 @@ def test_pressure_on_a_quadratic_face_is_consistent(tmp_path: Path) -> None:
         nodes = prepared.bodies["cube"].mesh.nodes
         at = np.linalg.norm(nodes, axis=1).argmin()
         assert pattern[at, 2] == pytest.approx(3.0 * corner, abs=1e-12)
+
+
+def test_explicit_march_of_twenty_nodes_is_remarked_on(tmp_path: Path) -> None:
+    for cell_type, schemes in (("hexahedron20", {"central_difference"}), ("hexahedron27", set())):
+        tables = pulse(tmp_path, cell_type)
+        tables["substructure"]["bar"] = box_file(
+            tmp_path / "bar.msh", cell_type, (SIDE, SIDE, LENGTH), (1, 1, 3)
+        )
+        for scheme in ("central_difference", "hht"):
+            tables["time"]["scheme"] = scheme
+            told = any("20-node" in r for r in prepare(scene_from_dict(tables)).remarks)
+            assert told == (scheme in schemes)

@@ -66,3 +66,16 @@ def test_neighbours_are_joined_by_straight_lines_without_a_node_between(cell_typ
     for a, b in links:
         middle = 0.5 * (nodes[a] + nodes[b])
         assert np.linalg.norm(nodes - middle, axis=1).min() > 1e-9
+
+
+@pytest.mark.parametrize("cell_type", ["hexahedron", "hexahedron27"])
+def test_contact_nodes_follow_the_node_above(cell_type):
+    """What does not change along the normal keeps its kinetic energy."""
+    mesh = typed_box(cell_type, (3, 2, 3))
+    full = mass(Elements(mesh), 7.0)
+    moved = without_contact_mass(full, mesh, mesh.faces["zmin"].nodes)
+    along = np.zeros((mesh.n_node, 3))
+    along[:, 2] = mesh.nodes[:, 0] ** 2
+    assert along.ravel() @ moved @ along.ravel() == pytest.approx(
+        along.ravel() @ full @ along.ravel(), rel=1e-12
+    )

@@ -7,6 +7,7 @@ import pytest
 
 from latin_fmu.fem.cells import CELL_EDGES, CELL_FACES, N_CORNER, N_NODE
 from latin_fmu.fem.mesh import CellBlock, Mesh, boundary, box_mesh, cell_blocks, padded_cells
+from latin_fmu.fem.shape_functions import cell_functions
 
 COUNTS = {"hexahedron": (8, 8), "tetra": (4, 4), "tetra10": (10, 4), "hexahedron20": (20, 8),
           "hexahedron27": (27, 8), "wedge": (6, 6)}  # fmt: skip
@@ -70,3 +71,18 @@ def test_one_table_holds_cells_of_all_types() -> None:
     for block, back in zip(blocks, found, strict=True):
         np.testing.assert_array_equal(block.cells, back.cells)
     assert padded_cells(blocks[:1]) is blocks[0].cells
+
+
+# Nodes beyond the corners, as the documentation of VTK draws them: ends of their edge, corners of their face.
+VTK_EDGES = {
+    "tetra10": "01 12 02 03 13 23",
+    "hexahedron20": "01 12 23 30 45 56 67 74 04 15 26 37",
+    "hexahedron27": "01 12 23 30 45 56 67 74 04 15 26 37 0473 1265 0154 3762 0321 4567 01234567",
+}
+
+
+@pytest.mark.parametrize("cell_type", VTK_EDGES)
+def test_nodes_stand_where_vtk_has_them(cell_type: str) -> None:
+    nodes = cell_functions(cell_type).nodes
+    for node, corners in zip(nodes[N_CORNER[cell_type] :], VTK_EDGES[cell_type].split(), strict=True):
+        np.testing.assert_allclose(node, nodes[[int(c) for c in corners]].mean(axis=0), atol=1e-15)

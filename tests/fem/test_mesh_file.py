@@ -19,7 +19,7 @@ from latin_fmu.fem.shape_functions import mirrored
 from latin_fmu.mesh_files.reading import read_content
 
 from .conftest import write_inp, write_msh
-from .meshes import SIZE, typed_box
+from .meshes import SIZE, cut, typed_box
 
 SURFACE = {"hexahedron": "quad", "tetra": "triangle"}
 Write = Callable[..., Path]
@@ -314,3 +314,14 @@ def test_reading_says_nothing(
     bad.write_text("hello")
     refused(lambda: read_mesh(bad))
     assert capsys.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("other", ["tetra", "hexahedron20"])
+def test_cells_that_share_nodes_but_no_facets_are_refused(other: str, msh: Write) -> None:
+    """A hexahedron under two others cut into tetrahedra, or of second degree: there would be a crack between."""
+    box = box_mesh(np.zeros(3), np.ones(3), (1, 1, 2))
+    cells = box.blocks[0].cells
+    upper = cut(Mesh.uniform(box.nodes, "hexahedron", cells[1:]), other)
+    path = msh(upper.nodes, {"low": ("hexahedron", cells[:1]), "up": (other, upper.blocks[0].cells)})
+    refused(lambda: read_mesh(path), "share nodes but not facets", "facets of one kind", "perfect interface")
+    assert read_mesh(path, "low").n_cell == 1

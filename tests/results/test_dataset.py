@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from latin_fmu.latin.record import WindowRecord
-from latin_fmu.results.dataset import convergence_dataset
+from latin_fmu.results.dataset import convergence_group
 from latin_fmu.results.solution import Solution
 
 DIMENSIONS = {
@@ -112,7 +112,7 @@ def test_convergence_is_padded_with_nan(stalled: Solution) -> None:
         WindowRecord(1, 1, [0.5, 0.1], [np.nan, 0.2], [], True),
         WindowRecord(2, 3, [0.4], [0.3], ["relaxation", "one-step windows"], False),
     ]
-    group = convergence_dataset(windows, np.array([0.0, 1.0, 2.0, 3.0]), 4.5)
+    group = convergence_group(windows, np.array([0.0, 1.0, 2.0, 3.0]), 4.5).dataset()
     np.testing.assert_array_equal(group["error_indicator"].values, [[0.5, 0.1], [0.4, np.nan]])
     np.testing.assert_array_equal(group["end_time"].values, [1.0, 3.0])
     np.testing.assert_array_equal(group["converged"].values, [1, 0])
@@ -124,7 +124,7 @@ def test_convergence_is_padded_with_nan(stalled: Solution) -> None:
 
 @pytest.mark.parametrize("windows", [[], [WindowRecord(1, 2)]])
 def test_runs_without_iterations_have_a_convergence_group(windows: list[WindowRecord]) -> None:
-    group = convergence_dataset(windows, np.array([0.0, 1.0, 2.0]), 1.0)
+    group = convergence_group(windows, np.array([0.0, 1.0, 2.0]), 1.0).dataset()
     assert float(group["passes"]) == 1.0
 
 

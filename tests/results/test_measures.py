@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from latin_fmu.results import measures
-from latin_fmu.results.dataset import interface_dataset
+from latin_fmu.results.dataset import interface_group
 from latin_fmu.results.measures import InterfaceFields
 
 from . import synthetic
@@ -93,7 +93,7 @@ def test_an_interface_that_cannot_open_has_no_shares() -> None:
 
 def test_history_and_dataset_give_the_same_numbers() -> None:
     history = synthetic.contact("c", TIME, 2.0, 6.0, 1e6)
-    stored = InterfaceFields.of_dataset(interface_dataset(history, TIME))
+    stored = InterfaceFields.of_dataset(interface_group(history, TIME).dataset())
     direct = InterfaceFields.of_history(history, TIME)
     for measure in (measures.peak_force, measures.first_contact_time, measures.separation_time):
         assert measure(stored) == measure(direct)

@@ -13,6 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from latin_fmu import ResultsError
+from latin_fmu.results import netcdf
 from latin_fmu.results.netcdf import open_results, write_netcdf
 from latin_fmu.results.solution import Solution
 
@@ -78,11 +79,11 @@ def test_failure_leaves_the_old_file_and_nothing_else(
     target = tmp_path / "out.nc"
     target.write_bytes(b"old")
 
-    def full_disk(_: xr.DataTree, path: Path, **__: object) -> None:
+    def full_disk(path: Path, *_: object, **__: object) -> None:
         Path(path).write_bytes(b"half")
         raise RuntimeError("NetCDF: HDF error")
 
-    monkeypatch.setattr(xr.DataTree, "to_netcdf", full_disk)
+    monkeypatch.setattr(netcdf, "Dataset", full_disk)
     with pytest.raises(ResultsError, match="HDF error"):
         write_netcdf(crushing.to_datatree(), target)
     assert target.read_bytes() == b"old"
@@ -92,11 +93,11 @@ def test_failure_leaves_the_old_file_and_nothing_else(
 def test_interruption_leaves_nothing(
     crushing: Solution, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def interrupted(_: xr.DataTree, path: Path, **__: object) -> None:
+    def interrupted(path: Path, *_: object, **__: object) -> None:
         Path(path).write_bytes(b"half")
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(xr.DataTree, "to_netcdf", interrupted)
+    monkeypatch.setattr(netcdf, "Dataset", interrupted)
     with pytest.raises(KeyboardInterrupt):
         crushing.save(tmp_path / "out.nc")
     assert not list(tmp_path.iterdir())

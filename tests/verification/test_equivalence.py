@@ -125,6 +125,31 @@ def test_merged_body_is_the_monolithic_march(friction):
         assert np.abs(moved[:, nodes] - expected[:, there]).max() <= 1e-10 * np.abs(expected).max()
 
 
+@pytest.mark.parametrize("elements", [2, 4])
+def test_merged_body_of_non_matching_meshes(elements):
+    """Bonds as constraints of one body: the march with every bond iterated to round-off, coarser or finer in between.
+
+    The quarter models share planes of symmetry, where both sides of a bond are held."""
+    scene = stack(3, "perfect", tolerance=1e-11, bonds="iterate", max_iterations=400)
+    scene["substructure"]["b2"]["box"]["elements"] = [elements] * 3
+    solution = solve(scene)
+    built = build(latin_fmu.scene_from_dict(scene))
+    assert not any(unit.geometry.matching for unit in built.assembly.interfaces)
+    body, where = bonded(built.assembly, built.info, built.timeline)
+    nothing = np.zeros((0, 1))
+    body.start(nothing, body.mass_factor())
+    fields = [body.full_displacement(0)]
+    for _ in range(built.assembly.n_instant):
+        body.predict()
+        body.commit(nothing)
+        fields.append(body.full_displacement(0))
+    moved = np.stack(fields)
+    for name, rows in where.items():
+        expected = solution.substructures[name].displacement
+        nodes = slice(rows.start // 3, rows.stop // 3)
+        assert np.abs(moved[:, nodes] - expected).max() <= 1e-8 * np.abs(moved).max()
+
+
 @pytest.mark.parametrize("friction", [0.0, 0.3])
 def test_identical_blocks_may_have_a_factor_each(friction):
     """Shared or not: the same answer to the accuracy of the iteration, only classes differ."""

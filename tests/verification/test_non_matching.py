@@ -10,10 +10,12 @@ import pytest
 
 import latin_fmu
 from latin_fmu.assembly.build import prepare
+from latin_fmu.cosim.session import Session
 from latin_fmu.fem.elasticity import mass
 from latin_fmu.fem.elements import Elements
 from latin_fmu.fem.mesh import box_mesh
 
+from .blocks import segments_and_snapshots, stack
 from .static_scenes import STEEL, add_block, ramp, scene, solve
 from .typed_meshes import turned, typed_box, write_mesh
 
@@ -269,3 +271,27 @@ def test_two_searches_of_one_answer() -> None:
         made["solver"] = {"tolerance": 1e-8, "search_direction": {"factor": factor}, "max_iterations": 2000}
         fields.append(solve(made).interfaces["i"].traction)
     assert np.abs(fields[0] - fields[1]).max() <= 1e-2 * np.abs(fields[0]).max()
+
+
+# -- sessions and FMUs --------------------------------------------------------------------------------------------
+def thrown_stack(**solver: Any) -> dict[str, Any]:
+    """Three blocks of different meshes under a pulse."""
+    made = stack(3, "contact", 0.2, **solver)
+    made["substructure"]["b2"]["box"]["elements"] = [4, 4, 3]
+    return made
+
+
+def test_segments_and_snapshots() -> None:
+    """Cut in segments and gone through again from a snapshot: one run, the same bits."""
+    segments_and_snapshots(latin_fmu.scene_from_dict(thrown_stack(tolerance=1e-7)), 1e-5)
+
+
+def test_a_session_is_a_run() -> None:
+    """Communication points leave the interface forces of the run."""
+    scene = latin_fmu.scene_from_dict(thrown_stack(tolerance=1e-8))
+    force = latin_fmu.solve(scene).interfaces["i1"].force()
+    session = Session(scene)
+    session.initialize()
+    session.step(0.0, scene.time.end)
+    at_end = session.values([f"interface.i1.force[{i}]" for i in (1, 2, 3)])
+    assert at_end == pytest.approx(force[-1], abs=1e-5 * np.abs(force).max())
