@@ -130,6 +130,6 @@ def apply_law(law: int, jump: Array, z: Array, reach: Array, rate: float, parame
     """Tractions (n_point, n_component) on side E by the law with this code; arguments as for
     ``interface.behaviour.Behaviour.local``."""
     traction = np.zeros_like(jump, dtype=float)
-    arrays = [np.ascontiguousarray(x, dtype=float) for x in (jump, z, reach.reshape(len(jump), -1), parameters)]
+    arrays = [np.ascontiguousarray(x, dtype=float) for x in (jump, z, reach if reach.ndim == 2 else reach[:, None], parameters)]
     apply_to_points(law, *arrays[:3], float(rate), arrays[3], traction)
     return traction

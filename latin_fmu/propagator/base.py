@@ -99,6 +99,8 @@ class Propagator(ABC):
             name: np.zeros((self.n_dof, len(self.members))) for name in ("u", "v", "a", "residual")
         }
         self._account: Array | None = None  # of energies, where a state was set before there is an image
+        self._opening: Array | None = None  # tractions with which the account of a march alone opens
+        self._alone_since: Any = None  # histories of the image that holds this class only
 
     # -- operators ----------------------------------------------------------------------------------------------
     @abstractmethod
@@ -161,6 +163,7 @@ class Propagator(ABC):
         self.instant = 0
         if not self._begun:
             self._set(*self._initial())
+            self._opening = np.zeros((self.n_channel, len(self.members)))
         self._begun = True
 
     def _initial(self) -> tuple[Array, Array]:
@@ -198,6 +201,7 @@ class Propagator(ABC):
         residual = unbalance if inertia is None else unbalance + inertia
         u, v = self.state.u, self.state.v
         self._set(u, v, np.zeros_like(unbalance) if factor is None else factor.solve(unbalance), residual)
+        self._opening = np.array(traction)
 
     def _nodal(self, traction: Array) -> Array:
         """Forces on all dofs (n_dof, n_member), N, of channel tractions."""
@@ -211,6 +215,7 @@ class Propagator(ABC):
         """Let the motion stand in an image, as its class ``number``."""
         own, account = dict(zip(("u", "v", "a", "residual"), self.state[1:], strict=True)), self._energy()
         self._image, self._class, self._own = image, number, {}
+        self._alone_since = None
         self._set(*own.values())
         if account is not None and account.size == self._energy().size:  # type: ignore[union-attr]
             self._energy()[:] = account  # type: ignore[index]
@@ -236,6 +241,12 @@ class Propagator(ABC):
             return self._account
         return self._part("energy", self._image.row(self._class)["n_energy"])
 
+    def _opened(self) -> Array | None:
+        """The account of energies, begun where it is not yet."""
+        if self.energy and self._image is None and self._begun and self._account is None:
+            self._alone()
+        return self._energy()
+
     @property
     def state(self) -> Motion:
         """Present motion (views where it stands in an image)."""
@@ -258,7 +269,7 @@ class Propagator(ABC):
     @property
     def totals(self) -> dict[str, Array]:
         """Terms of the account of energies at the present instant, (n_member,) each, J."""
-        account = self._energy()
+        account = self._opened()
         assert account is not None, "energies are not accounted for"
         m = len(self.members)
         return {term: account[i * m : (i + 1) * m].copy() for i, term in enumerate(TERMS)}
@@ -269,22 +280,28 @@ class Propagator(ABC):
         if self._image is None:
             m = len(self.members)
             flat = np.arange(self.n_channel * m, dtype=np.int64).reshape(self.n_channel, m)
-            self._image = Image([self], [flat], np.ones(flat.size, dtype=bool), run={"area": np.repeat(self.operators.area, m)})
-            self._histories: Any = None
+            run = {"area": np.repeat(self.operators.area, m), "static": int(self.scheme.name == "quasi_static")}
+            self._image = Image([self], [flat], np.ones(flat.size, dtype=bool), run=run)
+            self._alone_since = object()
         image = self._image
-        if getattr(self, "_histories", None) is not self.forcing.token and len(image.propagators) == 1:
+        if self._alone_since is None:
+            return image
+        image.bind(hash(self.k.tobytes()))
+        if self._alone_since is not self.forcing.token:
             image.begin(self.forcing.n_time, {})
-            self._histories = self.forcing.token
+            self._alone_since = self.forcing.token
+        if self._opening is not None:
+            image.field("f_hat", *self._opening.shape)[:] = self._opening
+            image.set(first_row=self.instant)
             image.call(entries.OPEN_ACCOUNTS)
-        if len(image.propagators) == 1:
-            image.bind(hash(self.k.tobytes()))
+            self._opening = None
         return image
 
     def predict(self) -> Array:
         """March to the next instant without interface forces; velocities of the channels."""
         image = self._alone()
         image.set(first_row=self.instant + 1)
-        image.call(entries.PREDICT, self._class, self.instant + 1)
+        image.predict(self._class, self.instant + 1)
         return self._part("w_free", self.n_channel * len(self.members)).reshape(self.n_channel, -1).copy()
 
     def respond(self, q: Array) -> Array:
@@ -297,9 +314,10 @@ class Propagator(ABC):
     def commit(self, traction: Array) -> None:
         """End the instant with tractions (a quasi-static class: incoming quantities q), Pa."""
         image = self._alone()
-        image.field("local_f", traction.size)[:] = traction.reshape(-1)
-        image.field("q", traction.size)[:] = traction.reshape(-1)
-        image.call(entries.END_CLASS, self._class, self.instant + 1)
+        image.field("local_f", *traction.shape)[:] = traction
+        if self.scheme.name == "quasi_static":  # tractions are what the springs leave of q
+            image.field("f", *traction.shape)[:] = traction - self.k * self.respond(traction)
+        image.end(self._class, self.instant + 1)
         self.instant += 1
 
     # -- reading the state --------------------------------------------------------------------------------------
@@ -343,7 +361,7 @@ class Propagator(ABC):
     # -- windows and segments -----------------------------------------------------------------------------------
     def snapshot(self) -> tuple[int, list[Array], Array | None]:
         """All that determines the next instants of this segment."""
-        account = self._energy()
+        account = self._opened()
         return self.instant, [x.copy() for x in self.state[1:]], None if account is None else account.copy()
 
     def restore(self, snapshot: tuple[int, list[Array], Array | None]) -> None:
@@ -363,7 +381,7 @@ class Propagator(ABC):
 
     def get_state(self) -> dict[str, object]:
         """The present state as plain arrays: all that the next segment needs."""
-        account, motion = self._energy(), self.state
+        account, motion = self._opened(), self.state
         motions = [[u, a] for u, a in self.forcing.end(self.instant)]
         fields = {name: np.array(x) for name, x in zip(("u", "v", "a", "residual"), motion[1:], strict=True)}
         return {**fields, "motions": motions, "account": None if account is None else account.copy()}
@@ -373,6 +391,7 @@ class Propagator(ABC):
         self.instant = 0
         self._set(state["u"], state["v"], state["a"], state["residual"])
         self._resumed = [(u, a) for u, a in state["motions"]]
+        self._opening = None
         if state["account"] is not None:
             self._account = np.array(state["account"])
             if self._image is not None:

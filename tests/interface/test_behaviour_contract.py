@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 
 from latin_fmu.interface import BEHAVIOURS, Behaviour, make_behaviour
 
+from . import plain_laws
+from .conftest import RATE
+
 Array = NDArray[np.float64]
 Solve = Callable[[Any], Array]
 TIGHT = 1e-12  # of fields of order 1
@@ -55,6 +58,16 @@ def test_relation_holds_with_the_velocities_of_the_search_direction(
             close(p.k[side] * (w_hat[side] - p.w[side]), traction - p.f[side], scale=10.0)
     scale = float(np.abs(f_hat).max())
     assert residual(behaviour, w_hat[1] - w_hat[0], f_hat, p.reach) <= TIGHT * max(1.0, scale**2)
+
+
+@pytest.mark.parametrize("ground", [False, True], ids=["two_bodies", "ground"])
+def test_law_is_that_of_numpy(behaviour: Behaviour, solve: Solve, points: Any, ground: bool) -> None:
+    """Branch for branch: the statement in NumPy gives the same tractions to round-off."""
+    p = points(behaviour, ground=ground)
+    parameters = behaviour.point_parameters(len(p.reach))
+    expected = plain_laws.LAWS[behaviour.name](p.jump, p.z, p.reach, RATE, parameters)
+    assert expected.any()
+    np.testing.assert_allclose(solve(p), expected, rtol=1e-13, atol=1e-15)
 
 
 def test_a_solution_is_a_fixed_point_for_any_search_direction(

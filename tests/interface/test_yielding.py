@@ -1,4 +1,4 @@
-"""Elastic layers, soft contact and viscous joints: compiled kernels, limits, parameters."""
+"""Elastic layers, soft contact and viscous joints: limits, parameters, energies."""
 
 from __future__ import annotations
 
@@ -8,9 +8,6 @@ import numpy as np
 import pytest
 
 from latin_fmu.interface import Behaviour, make_behaviour
-from latin_fmu.interface.elastic_layer import layer_numpy
-from latin_fmu.interface.soft_contact import soft_numpy
-from latin_fmu.interface.viscous_joint import joint_numpy
 
 LAYER = {"normal_stiffness": 2.0, "tangential_stiffness": 0.7}
 SOFT = {"normal_stiffness": 0.5, "friction_coefficient": 0.3}
@@ -19,21 +16,6 @@ JOINT = {"normal_viscosity": 2.0, "tangential_viscosity": 0.7}
 
 def solved(behaviour: Behaviour, p: Any, rate: float = 0.8) -> np.ndarray:
     return behaviour.local(p.jump, p.z, p.reach, rate, behaviour.point_parameters(len(p.reach)))
-
-
-def test_numpy_twins_equal_the_kernels(points: Any) -> None:
-    for name, parameters in (("elastic_layer", LAYER), ("soft_contact", SOFT), ("viscous_joint", JOINT)):
-        behaviour = make_behaviour(name, parameters)
-        p = points(behaviour)
-        row = behaviour.point_parameters(len(p.reach))
-        twin = (
-            joint_numpy(p.jump, p.z, row)
-            if name == "viscous_joint"
-            else {"elastic_layer": layer_numpy, "soft_contact": soft_numpy}[name](
-                p.jump, p.z, p.reach, 0.8, row
-            )
-        )
-        np.testing.assert_allclose(solved(behaviour, p), twin, rtol=1e-13, atol=1e-15)
 
 
 @pytest.mark.parametrize(

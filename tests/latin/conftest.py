@@ -84,6 +84,12 @@ def make_run(built: Built) -> Run:
 
 
 @pytest.fixture
+def python_driver(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
+    """Lets the runs that follow take the stages one by one from Python."""
+    return lambda: monkeypatch.setattr(Run, "_compiles", lambda _: False)
+
+
+@pytest.fixture
 def bars_scene() -> Callable[..., Tables]:
     """See ``bars``."""
     return bars

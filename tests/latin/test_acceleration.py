@@ -3,13 +3,42 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
 
-from latin_fmu.latin.acceleration import Anderson, Relaxation
+from latin_fmu.kernels import acceleration
+from latin_fmu.kernels.acceleration import Anderson
 
 Map = Callable[[np.ndarray], np.ndarray]
+
+
+class Accelerated:
+    """Anderson acceleration of iterates (window, n); ``depth`` 0 relaxes."""
+
+    def __init__(self, weight: np.ndarray, depth: int, relaxation: float) -> None:
+        self._weight, self._depth, self._relaxation = weight, depth, relaxation
+        self.arrays: list[np.ndarray] = []
+        self.count = 0
+
+    def next(self, q: np.ndarray, residual: np.ndarray, longest: float = np.inf) -> np.ndarray:
+        """Next iterate."""
+        n, depth = q.size, self._depth
+        if not self.arrays:
+            sizes = (n, n, depth * n, depth * n, depth * depth, (depth + 3) * depth)
+            self.arrays = [np.full(size, np.nan) for size in sizes]
+        out = q.ravel().copy()
+        acceleration.anderson(
+            out, residual.ravel().copy(), depth, self._relaxation, longest, self._weight, *self.arrays, self.count
+        )
+        self.count += 1
+        return out.reshape(q.shape)
+
+
+def relaxed(factor: float, n: int = 2) -> Accelerated:
+    """Relaxation alone."""
+    return Accelerated(np.ones(n), 0, factor)
 
 
 def linear_map(n: int, size: float, seed: int = 1) -> tuple[Map, np.ndarray]:
@@ -21,7 +50,7 @@ def linear_map(n: int, size: float, seed: int = 1) -> tuple[Map, np.ndarray]:
     return (lambda q: (a @ q.ravel() + b).reshape(q.shape)), np.linalg.solve(np.eye(n) - a, b)
 
 
-def iterate(method: Anderson | Relaxation, g: Map, q: np.ndarray, steps: int) -> np.ndarray:
+def iterate(method: Any, g: Map, q: np.ndarray, steps: int) -> np.ndarray:
     for _ in range(steps):
         q = method.next(q, g(q) - q)
     return q
@@ -34,14 +63,14 @@ def test_anderson_ends_on_a_linear_map_in_as_many_steps_as_unknowns(size: float,
     for n, shape in ((1, (1, 1)), (5, (1, 5)), (6, (2, 3))):
         g, answer = linear_map(n, size)
         weight = np.random.default_rng(2).uniform(0.5, 2.0, shape[1])
-        q = iterate(Anderson(weight, 10, relaxation), g, np.zeros(shape), n + 1)
+        q = iterate(Accelerated(weight, 10, relaxation), g, np.zeros(shape), n + 1)
         np.testing.assert_allclose(q.ravel(), answer, atol=1e-7 * np.abs(answer).max())
 
 
 def test_first_step_is_the_plain_one() -> None:
     q, r = np.array([[1.0, 2.0]]), np.array([[0.5, -1.0]])
-    np.testing.assert_array_equal(Anderson(np.ones(2), 4, 0.5).next(q, r), q + 0.5 * r)
-    np.testing.assert_array_equal(Relaxation(0.5).next(q, r), q + 0.5 * r)
+    np.testing.assert_array_equal(Accelerated(np.ones(2), 4, 0.5).next(q, r), q + 0.5 * r)
+    np.testing.assert_array_equal(relaxed(0.5).next(q, r), q + 0.5 * r)
 
 
 def test_relaxation_converges_where_the_plain_iteration_turns_in_circles() -> None:
@@ -49,29 +78,74 @@ def test_relaxation_converges_where_the_plain_iteration_turns_in_circles() -> No
     turn = np.array([[0.0, -1.0], [1.0, 0.0]])
     g: Map = lambda q: (turn @ q.ravel()).reshape(q.shape)  # noqa: E731
     start = np.array([[1.0, 1.0]])
-    assert np.linalg.norm(iterate(Relaxation(1.0), g, start, 40)) == pytest.approx(np.sqrt(2))
-    assert np.linalg.norm(iterate(Relaxation(0.5), g, start, 40)) < 1e-5
+    assert np.linalg.norm(iterate(relaxed(1.0), g, start, 40)) == pytest.approx(np.sqrt(2))
+    assert np.linalg.norm(iterate(relaxed(0.5), g, start, 40)) < 1e-5
 
 
 def test_depth_limits_the_memory() -> None:
+    """Three differences do not span eight unknowns; the oldest gives way to the newest."""
     g, answer = linear_map(8, 0.9)
-    method = Anderson(np.ones(8), 3, 1.0)
-    q = iterate(method, g, np.zeros((1, 8)), 9)
-    assert len(method._dq) == len(method._dr) == 3
-    assert np.abs(q.ravel() - answer).max() > 1e-6  # three differences do not span eight unknowns
+    method, iterates = Accelerated(np.ones(8), 3, 1.0), [np.zeros((1, 8))]
+    for _ in range(9):
+        iterates.append(method.next(iterates[-1], g(iterates[-1]) - iterates[-1]))
+    assert np.abs(iterates[-1].ravel() - answer).max() > 1e-6
+    differences = np.diff(np.concatenate(iterates[:-1]), axis=0)[-3:]
+    kept = method.arrays[2].reshape(3, 8)
+    np.testing.assert_allclose(sorted(kept.tolist()), sorted(differences.tolist()), rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("shape", [(1, 7), (3, 7)], ids=["one instant", "three instants"])
+@pytest.mark.parametrize("relaxation", [1.0, 0.7])
+def test_step_is_that_of_a_dense_least_squares_problem(shape: tuple[int, int], relaxation: float) -> None:
+    """q + r - (DQ + DR) gamma with gamma from numpy.linalg.lstsq in the weighted norm, ground (weight 0) included."""
+    rng = np.random.default_rng(3)
+    weight = rng.uniform(0.1, 2.0, shape[1])
+    weight[::3] = 0.0
+    method = Accelerated(weight, 4, relaxation)
+    q, r = rng.normal(size=(8, *shape)), rng.normal(size=(8, *shape))
+    root = np.sqrt(np.tile(weight, shape[0]))
+    for i in range(8):
+        found = method.next(q[i], r[i]).ravel()
+        first = max(0, i - 4)
+        dq, dr = (np.diff(x[first : i + 1].reshape(i + 1 - first, -1), axis=0).T for x in (q, r))
+        gamma = np.linalg.lstsq(root[:, None] * dr, root * r[i].ravel(), rcond=None)[0] if i else np.zeros(0)
+        expected = q[i].ravel() + relaxation * r[i].ravel() - (dq + relaxation * dr) @ gamma
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+
+
+def test_a_step_is_no_longer_than_allowed() -> None:
+    """In lengths of the residual; a shorter one is left as it is."""
+    weight, rng = np.array([1.0, 4.0, 0.5]), np.random.default_rng(1)
+    free, held = Accelerated(weight, 3, 1.0), Accelerated(weight, 3, 1.0)
+    lengths = []
+    for _ in range(6):
+        q, r = rng.normal(size=(2, 1, 3))
+        step, short = free.next(q, r) - q, held.next(q, r, longest=2.0) - q
+        size = np.sqrt((weight * step**2).sum() / (weight * r**2).sum())
+        lengths.append(size)
+        np.testing.assert_allclose(short, step * min(1.0, 2.0 / size), rtol=1e-12)
+    assert min(lengths) < 2.0 < max(lengths)
+
+
+def test_what_other_iterations_use_is_the_same() -> None:
+    weight, rng = np.array([1.0, 4.0, 0.5]), np.random.default_rng(2)
+    one, other = Anderson(weight, 3, 0.9), Accelerated(weight, 3, 0.9)
+    for _ in range(6):
+        q, r = rng.normal(size=(2, 3))
+        np.testing.assert_array_equal(one.next(q, r), other.next(q[None], r[None])[0])
 
 
 def test_a_rigid_channel_has_no_weight_and_does_no_harm() -> None:
     """Weight 0 (k = 0, ground): the channel follows the plain step; the others converge as before."""
     g, answer = linear_map(4, 0.8)
     whole: Map = lambda q: np.column_stack([g(q[:, :4]), [[5.0]]])  # noqa: E731
-    q = iterate(Anderson(np.array([1.0, 1.0, 1.0, 1.0, 0.0]), 10, 1.0), whole, np.zeros((1, 5)), 6)
+    q = iterate(Accelerated(np.array([1.0, 1.0, 1.0, 1.0, 0.0]), 10, 1.0), whole, np.zeros((1, 5)), 6)
     np.testing.assert_allclose(q[0, :4], answer, atol=1e-7)
     assert np.isfinite(q).all()
 
 
 def test_a_repeated_iterate_gives_no_nan() -> None:
-    method = Anderson(np.ones(3), 5, 1.0)
+    method = Accelerated(np.ones(3), 5, 1.0)
     q, r = np.ones((1, 3)), np.array([[0.1, 0.2, 0.3]])
     for _ in range(4):
         assert np.isfinite(method.next(q, r)).all()
@@ -79,6 +153,6 @@ def test_a_repeated_iterate_gives_no_nan() -> None:
 
 def test_scaled_weights_change_nothing() -> None:
     g, _ = linear_map(6, 0.9)
-    runs = [iterate(Anderson(np.full(6, w), 3, 1.0), g, np.zeros((1, 6)), 8) for w in (1.0, 1e-7, 1e9)]
+    runs = [iterate(Accelerated(np.full(6, w), 3, 1.0), g, np.zeros((1, 6)), 8) for w in (1.0, 1e-7, 1e9)]
     np.testing.assert_allclose(runs[1], runs[0], rtol=1e-9)
     np.testing.assert_allclose(runs[2], runs[0], rtol=1e-9)

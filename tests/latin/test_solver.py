@@ -8,47 +8,90 @@ from typing import Any
 import numpy as np
 import pytest
 
+from latin_fmu.compiled import PLAIN
+from latin_fmu.kernels import entries
+from latin_fmu.kernels.records import CLASS, GROUP, RUN, Pools
 from latin_fmu.latin import solver as loop
-from latin_fmu.latin import windows
-from latin_fmu.latin.acceleration import Relaxation
-from latin_fmu.latin.error_indicator import Scales
-from latin_fmu.latin.record import Timings, WindowRecord
+from latin_fmu.latin.record import WindowRecord
 from latin_fmu.latin.settings import Settings
-from latin_fmu.latin.solver import Iterate, WindowSolver
+from latin_fmu.latin.solver import Iterate, Stages, WindowSolver
 
-SCALES = Scales(1.0, (1.0, 1.0))
-
-
-class Direction:
-    """What the solver asks of a direction when its evaluation is scripted."""
-
-    weight = np.ones(1)
+ROOM = 32  # numbers between the fields
 
 
-class Scripted(WindowSolver):
-    """Meets given errors (and mismatches) one after the other; notes the q it was asked to evaluate."""
+class OneNumber:
+    """An image of one channel and no substructure: q and the rules of the iteration."""
+
+    n_flat = 1
+
+    def __init__(self, settings: Settings) -> None:
+        depth, most = settings.anderson_depth, 3 * settings.max_iterations + 64
+        sizes = dict.fromkeys(("q", "local_f", "local_w", "r", "last_q", "last_r"), 2)
+        sizes |= {"dq": 2 * depth, "dr": 2 * depth, "gram": depth**2, "least": (depth + 3) * depth}
+        sizes |= {"merits": 2 * most, "measure": 8, "scales": 3}
+        run, self.moving = np.zeros(1, dtype=RUN), np.zeros(ROOM * (len(sizes) + 1) + sum(sizes.values()))
+        end = 0
+        for name, size in sizes.items():
+            run[name], end = end, end + size + ROOM
+        numbers = {
+            "n_flat": 1, "depth": depth, "relaxation": settings.relaxation, "longest_step": np.inf,
+            "tolerance": settings.tolerance, "force_tolerance": settings.force_tolerance, "metric": 0,
+        }  # fmt: skip
+        for name, value in numbers.items():
+            run[name] = value
+        kind, fixed, moving = np.recarray if PLAIN else np.ndarray, np.ones(1), self.moving
+        rows = (np.zeros(0, dtype=record).view(kind) for record in (CLASS, GROUP))
+        self.pools = Pools(
+            run.view(kind), *rows, fixed, fixed.view(np.int64), fixed.view(np.uint32), fixed.view(np.float32), moving,
+            moving.view(np.int64),
+        )  # fmt: skip
+
+    def field(self, name: str, *shape: int) -> Any:
+        """A view."""
+        at = int(self.pools.run[0][name])
+        return self.moving[at : at + int(np.prod(shape))].reshape(shape)
+
+    def call(self, action: int, a: int = 0, b: int = 0, c: int = 0, d: int = 0) -> int:
+        """An action of the kernels."""
+        return int(entries.call(self.pools, action, a, b, c, d))
+
+
+class Scripted(Stages):
+    """Stages of a window of two instants that meet given errors (and force residuals) one after the other; ``asked``:
+    the q that were evaluated. Of a longer window: the fall-back of one instant does not apply."""
+
+    n = 2
 
     def __init__(
         self, settings: Settings, errors: list[float], mismatches: list[float] | None = None
     ) -> None:
-        super().__init__(Direction(), settings, Timings())  # type: ignore[arg-type]
-        self.errors = errors
+        self.image: Any = OneNumber(settings)
+        self.direction: Any = SimpleNamespace(metric=np.ones(1))
+        self.settings, self.errors = settings, errors
         self.mismatches = [0.0] * len(errors) if mismatches is None else mismatches
         self.asked: list[float] = []
 
-    def _evaluate(self, stage: Any, q: Any, opening: Any, scales: Any) -> tuple[Iterate, float]:  # noqa: ARG002
+    def evaluate(self, iteration: int) -> None:
+        """The next of the script."""
         i = len(self.asked)
-        self.asked.append(float(q[0, 0]))
-        field = np.full((1, 1), float(i))
-        return Iterate(q, field, field, np.ones((1, 1)), self.errors[i], SCALES), self.mismatches[i]
+        assert iteration in (0, i)
+        self.asked.append(float(self.field("q")[0, 0]))
+        self.field("local_f")[:] = self.field("local_w")[:] = float(i)
+        self.field("r")[:] = 1.0
+        self.image.field("measure", 8)[:5] = self.errors[i], self.mismatches[i], 1.0, 1.0, 1.0
 
     def go(self) -> tuple[Iterate, WindowRecord]:
-        record = WindowRecord(1, 1)
-        stage: Any = SimpleNamespace(
-            n=2, answers=None
-        )  # of a longer window: the fall-back of one instant does not apply
-        accepted = self.solve(stage, np.zeros((1, 1)), None, SCALES, record, 0)  # type: ignore[arg-type]
-        return accepted, record
+        """Solve from q = 0."""
+        record = WindowRecord(1, 2)
+        return WindowSolver(self.settings).solve(self, record, 0), record
+
+    def found(self, accelerated: bool) -> list[int]:
+        """What each iterate of the script means."""
+        bits = []
+        for i in range(len(self.errors)):
+            self.evaluate(i)
+            bits.append(self.judge(0, i, accelerated))
+        return bits
 
 
 def test_stops_at_the_first_iterate_within_both_tolerances() -> None:
@@ -113,54 +156,66 @@ def test_steady_progress_is_no_stall() -> None:
 
 @pytest.mark.parametrize(("accelerated", "slow"), [(True, 0.98), (False, 0.9999)])
 def test_stall(accelerated: bool, slow: float) -> None:
-    stalled = WindowSolver._stalled
-    assert not stalled([1.0] * 11, accelerated)  # patience
-    assert stalled([1.0] * 12, accelerated)
-    assert stalled([slow**i for i in range(30)], accelerated)
-    assert not stalled([0.5**i for i in range(30)], accelerated)
-    assert stalled([0.1, *[0.5] * 11], accelerated)  # an early best that is never met again
+    def stalls(errors: list[float]) -> list[bool]:
+        settings = Settings(tolerance=1e-30, max_iterations=60)
+        return [bool(found & loop.STALLED) for found in Scripted(settings, errors).found(accelerated)]
+
+    assert stalls([1.0] * 12) == [False] * 11 + [True]  # patience
+    assert stalls([slow**i for i in range(30)])[-1]
+    assert not any(stalls([0.5**i for i in range(30)]))
+    assert stalls([0.1, *[0.5] * 11])[-1]  # an early best that is never met again
+
+
+def test_the_best_iterate_is_marked() -> None:
+    settings = Settings(tolerance=1e-3, force_tolerance=1e-2)
+    found = Scripted(settings, [0.5, 0.6, 0.4, float("nan"), 9e-4, 5e-4], [0, 0, 0, 0, 1.0, 1e-3]).found(True)
+    best = [bool(bits & loop.BEST) for bits in found]
+    assert best == [True, False, True, False, True, True]
+    assert [bool(bits & loop.BROKEN) for bits in found] == [False, False, False, True, False, False]
+    assert [bool(bits & loop.CONVERGED) for bits in found] == [False] * 5 + [True]
+
+
+def test_a_warm_start_within_tolerance_is_not_taken_as_it_is() -> None:
+    """In windows of one instant, unless nothing happens at all."""
+    settings = Settings(tolerance=1e-3, force_tolerance=1e-2)
+    for error, n, converged in ((9e-4, 1, False), (9e-4, 2, True), (0.9e-5, 1, True)):
+        scripted = Scripted(settings, [error])
+        scripted.n = n
+        assert bool(scripted.found(True)[0] & loop.CONVERGED) == converged
 
 
 def test_without_acceleration_the_given_relaxation_is_used() -> None:
     scripted = Scripted(Settings(anderson_depth=0, relaxation=0.25), [1.0, 0.5, 1e-9])
     scripted.go()
     assert scripted.asked == [0.0, 0.25, 0.5]
-    assert isinstance(scripted._accelerator(0), Relaxation)
 
 
 def test_real_chain_marks_its_windows(
-    blocks_scene: Any, made: Any, begun: Any, monkeypatch: pytest.MonkeyPatch
+    blocks_scene: Any, made: Any, begun: Any, python_driver: Any
 ) -> None:
-    """A tolerance below round-off and no patience: relaxation, then the best iterate; the run goes on and says so."""
-    monkeypatch.setattr(loop, "PATIENCE", 7)
-    monkeypatch.setattr(loop, "STALL_ACCELERATED", 0.0)
-    monkeypatch.setattr(loop, "STALL_PLAIN", 0.0)
-    monkeypatch.setattr(
-        windows, "marches", lambda _: False
-    )  # the road with the fall-backs, from the first iteration
-    built = made(blocks_scene(solver={"tolerance": 1e-20}))
-    run = begun(built)
+    """A tolerance below round-off: relaxation, point by point, then the best iterate; the run goes on and says so."""
+    python_driver()  # whose windows are solved with the fall-backs, from the first iteration
+    run = begun(made(blocks_scene(solver={"tolerance": 1e-20})))
     run.all()
     active = [w for w in run.state.windows if w.fallbacks]
     assert len(run.state.windows) == 12
     assert len(active) >= 10
     for window in active:
         assert window.fallbacks == ["relaxation 1/2", "points one after the other"]
-        assert window.iterations >= 14
+        assert window.iterations >= 2 * loop.PATIENCE
         assert (
             not window.converged or window.final_error == 0.0
         )  # point by point may hit the answer to the bit
-    assert np.isfinite(run.state.f_hat).all()
+    assert np.isfinite(run.f_hat).all()
 
 
 def test_a_failed_window_commits_its_best_iterate(
-    blocks_scene: Any, made: Any, begun: Any, monkeypatch: pytest.MonkeyPatch
+    blocks_scene: Any, made: Any, begun: Any
 ) -> None:
     seen: list[tuple[float, np.ndarray]] = []
     run = begun(made(blocks_scene(solver={"tolerance": 1e-20, "max_iterations": 9})))
     run._observer = lambda event: seen.append((event.error_indicator, event.f_hat.copy()))
-    monkeypatch.setattr(loop, "PATIENCE", 100)
     run.advance(1, 0, 12)
     assert len(seen) == 9
     best = min(seen, key=lambda pair: pair[0])
-    np.testing.assert_array_equal(run.state.f_hat, best[1][-1])
+    np.testing.assert_array_equal(run.f_hat, best[1][-1])

@@ -1,4 +1,4 @@
-"""Substructures that are not asked again: the same answers, fewer of them."""
+"""Substructures that are not solved for again: the same answers, fewer of them."""
 
 from __future__ import annotations
 
@@ -8,12 +8,9 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu.assembly.build import build
-from latin_fmu.latin import windows
-from latin_fmu.latin.global_stage import GlobalStage
+from latin_fmu.kernels import entries
+from latin_fmu.latin.run_image import negligible
 from latin_fmu.latin.settings import Settings
-from latin_fmu.latin.solver import Direction
-from latin_fmu.latin.unchanged import Answers, negligible
 
 Tables = dict[str, Any]
 
@@ -57,10 +54,10 @@ def forces(found: Any) -> np.ndarray:
 
 
 @pytest.mark.parametrize("compiled", [True, False])
-def test_one_instant_at_a_time(compiled: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_instant_at_a_time(compiled: bool, python_driver: Any) -> None:
     """Fewer solves, and an answer that has moved by far less than tolerance."""
     if not compiled:
-        monkeypatch.setattr(windows, "marches", lambda _: False)
+        python_driver()
     every, few = outcome(skip_unchanged=False), outcome(skip_unchanged=True)
     assert few.passes < 0.95 * every.passes
     assert np.linalg.norm(forces(few) - forces(every)) < 1e-4 * np.linalg.norm(forces(every))
@@ -73,29 +70,46 @@ def test_whole_window() -> None:
     assert np.linalg.norm(forces(few) - forces(every)) < 2e-3 * np.linalg.norm(forces(every))
 
 
-@pytest.mark.parametrize("n", [1, 12])
-def test_an_answer_to_what_has_not_changed_is_the_answer(n: int) -> None:
-    """Against a stage that asks every substructure each time: the same to the last bit; what was marched is counted."""
-    scene = latin_fmu.scene_from_dict(stack(3, window=12, skip_at_rest="off"))
-    stages = []
-    for keeps in (False, True):
-        assembly = build(scene).assembly
-        direction = Direction(assembly, Settings(window=12), n)
-        direction.bind()
-        weights = direction.indicator.weights[0]
-        answers = Answers(n, weights, 0.0, len(assembly.propagators)) if keeps else None
-        stages.append(GlobalStage(assembly, direction.k, n, None, answers))
-    always, once = stages
-    solved = "condensed" if n == 1 else "marched"
-    rng, q = np.random.default_rng(3), np.zeros((n, len(always.k)))
-    for first, block in ((0, 0), (n - 1, 1), (n, 0), (n // 2, 2), (n // 3, 0)):
-        before = getattr(always, solved), getattr(once, solved)
+WINDOW = 12
+
+
+def march(made: Any, begun: Any) -> Any:
+    """A run of three blocks at t = 0, with room for windows of WINDOW instants."""
+    return begun(made(stack(3, window=WINDOW, start="zero", skip_at_rest="off")))
+
+
+def linear(run: Any, q: np.ndarray, iteration: int) -> tuple[np.ndarray, int]:
+    """W (n, n_flat) for q, and the substructure-instants that it took."""
+    n, image = len(q), run.image
+    image.field("q", n, image.n_flat)[:] = q
+    image.call(entries.LINEAR_STAGE, n, 1, iteration)
+    return image.field("w", n, image.n_flat).copy(), sum(image.marched())
+
+
+def open_window(run: Any, n: int, reuse: float) -> None:
+    """Begin a window of n instants; solutions are kept where q has changed by no more than ``reuse``."""
+    run.image.set(reuse=reuse)
+    run.image.call(entries.BEGIN)
+    for c in range(len(run.image.propagators) if n == 1 else 0):
+        run.image.predict(c, 1)
+    run.image.marched()
+
+
+@pytest.mark.parametrize("n", [1, WINDOW])
+def test_an_answer_to_what_has_not_changed_is_the_answer(made: Any, begun: Any, n: int) -> None:
+    """Against a stage that solves for every substructure each time: the same to the last bit; what was marched is
+    counted."""
+    always, once = march(made, begun), march(made, begun)
+    open_window(always, n, -1.0)
+    open_window(once, n, 0.0)
+    rng, q = np.random.default_rng(3), np.zeros((n, always.image.n_flat))
+    for i, (first, block) in enumerate(((0, 0), (n - 1, 1), (n, 0), (n // 2, 2), (n // 3, 0))):
         channels = always.assembly.channels[block].ravel()
         q[first:, channels] += 1e6 * rng.normal(size=(n - first, len(channels)))
-        np.testing.assert_array_equal(always(q), once(q))
-        asked = getattr(once, solved) - before[1]
-        assert getattr(always, solved) - before[0] == 3 * n
-        if before[1] == 0:
+        (expected, every), (found, asked) = linear(always, q, i), linear(once, q, i)
+        np.testing.assert_array_equal(found, expected)
+        assert every == 3 * n
+        if i == 0:
             assert asked == 3 * n
         elif first == n:
             assert asked == 0
@@ -103,20 +117,43 @@ def test_an_answer_to_what_has_not_changed_is_the_answer(n: int) -> None:
             assert n - first <= asked <= n - first + 3  # a state was kept close before
 
 
-def test_what_counts_as_unchanged() -> None:
-    weights, channels = np.array([1.0, 4.0]), np.array([[0], [1]])
-    answers = Answers(5, weights, 1e-4, 2)
-    q = np.ones((5, 2))
-    assert answers.first_changed(0, channels, q) == 0  # nothing known yet
-    answers.keep(0, channels, 0, q, 2 * q)
-    answers.begin(8.0)  # 1e-4 x 8 x 5 instants / 2 classes = 2e-3
-    moved = q.copy()
-    moved[1, 0] += 0.03  # 0.9e-3
-    assert answers.first_changed(0, channels, moved) == 5
-    moved[3, 1] += 0.02  # + 1.6e-3
-    assert answers.first_changed(0, channels, moved) == 3
-    answers.forget()
-    assert answers.first_changed(0, channels, q) == 0
+def test_what_counts_as_unchanged(made: Any, begun: Any) -> None:
+    """Squared changes of q in the norm of the indicator, summed over the instants, up to reuse x scale x n / classes."""
+    run, n = march(made, begun), WINDOW
+    open_window(run, n, 1e-4)
+    image, channel = run.image, int(run.assembly.channels[0].ravel()[4])
+    image.field("scales", 3)[0] = 8.0
+    image.field("measure", 8)[6] = 6.0  # of the best iterate: the larger of both counts
+    weight = run.direction(1).weights[0, channel]
+    level = 1e-4 * 8.0 * n / 3
+    q = np.ones((n, image.n_flat))
+    first, asked = linear(run, q, 0)
+    assert asked == 3 * n  # nothing known yet
+    q[1, channel] += np.sqrt(0.45 * level / weight)
+    found, asked = linear(run, q, 1)
+    assert asked == 0
+    np.testing.assert_array_equal(found, first)
+    q[9, channel] += np.sqrt(0.5 * level / weight)  # 0.95 of what counts
+    assert linear(run, q, 1)[1] == 0
+    q[9, channel] += np.sqrt(0.2 * level / weight)
+    found, asked = linear(run, q, 1)
+    assert asked == n - 8  # from the state kept before instant 9
+    np.testing.assert_array_equal(found[:9], first[:9])
+    assert (found[9:] != first[9:]).any()
+    open_window(run, n, 1e-4)
+    assert linear(run, q, 1)[1] == 3 * n
+
+
+@pytest.mark.parametrize(("change", "asked"), [(0.9, 0), (1.1, 1)])
+def test_one_instant_counts_by_its_own(made: Any, begun: Any, change: float, asked: int) -> None:
+    run = march(made, begun)
+    open_window(run, 1, 1e-4)
+    channel = int(run.assembly.channels[0].ravel()[4])
+    run.image.field("scales", 3)[0] = 8.0
+    q = np.ones((1, run.image.n_flat))
+    assert linear(run, q, 0)[1] == 3
+    q[0, channel] += np.sqrt(change * 1e-4 * 8.0 / 3 / run.direction(1).weights[0, channel])
+    assert linear(run, q, 1)[1] == asked
 
 
 def test_settings() -> None:

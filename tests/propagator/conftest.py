@@ -192,7 +192,7 @@ def started(members: list[Driven], scheme: TimeScheme, traction: Array | None = 
 def commit_all(propagator: DirectPropagator, tractions: Array) -> Motion:
     """Commit tractions (n + 1, n_channel, n_member) from the present instant on; full motion of member 0."""
     fields = [_state(propagator)]
-    for traction in tractions[propagator.state.instant + 1 :]:
+    for traction in tractions[propagator.instant + 1 :]:
         propagator.predict()
         propagator.commit(traction)
         fields.append(_state(propagator))
@@ -202,7 +202,7 @@ def commit_all(propagator: DirectPropagator, tractions: Array) -> Motion:
 def _state(propagator: DirectPropagator) -> tuple[Array, Array, Array]:
     a = (
         propagator.members[0].expansion @ propagator.state.a[:, 0]
-        + propagator.forcing.imposed_a(propagator.state.instant)[:, 0]
+        + propagator.forcing.imposed_a(propagator.instant)[:, 0]
     )
     return propagator.full_displacement(0).ravel(), propagator.full_velocity(0).ravel(), a
 
@@ -298,11 +298,11 @@ def unbalanced() -> Callable[..., float]:
     """Largest error of the energy balance over a march with given tractions, relative to the largest term."""
 
     def march(propagator: Any, tractions: Array) -> float:
-        start, worst = dict(propagator.meter.totals), 0.0
+        start, worst = dict(propagator.totals), 0.0
         for traction in tractions:
             propagator.predict()
             propagator.commit(traction)
-            now = propagator.meter.totals
+            now = propagator.totals
             change = {t: now[t] - start[t] for t in now}
             balance = (
                 change["kinetic"] + change["elastic"] + change["damping_dissipation"] + change["scheme_dissipation"]

@@ -1,0 +1,81 @@
+"""The laws of the interfaces in NumPy, all points at once, written from the relations alone.
+
+With d = (s' - s) - z F the opening velocity of the instant and [u] = (reach + d) / rate its jump of displacement.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Law = Callable[[Array, Array, Array, float, Array], Array]
+
+
+def wide(z: Array, n_component: int) -> Array:
+    """z of each component: normal, then tangential twice."""
+    return z[:, [0, 1, 1]][:, :n_component]
+
+
+def divided(a: Array, b: Array) -> Array:
+    """a / b, 0 where b is."""
+    return np.divide(a, b, out=np.zeros(np.broadcast(a, b).shape), where=b > 0)
+
+
+def perfect(jump: Array, z: Array, reach: Array, rate: float, parameters: Array) -> Array:  # noqa: ARG001
+    """d = 0."""
+    return divided(jump, wide(z, jump.shape[1]))
+
+
+def with_friction(pressure: Array, friction: Array, jump: Array, z: Array) -> Array:
+    """Coulomb's law for given pressures: the traction that stops the sliding, no longer than mu P."""
+    if jump.shape[1] == 1:
+        return -pressure[:, None]
+    stop = divided(jump[:, 1:], z[:, 1:])
+    sliding = np.hypot(jump[:, 1], jump[:, 2]) > friction * pressure * z[:, 1]
+    unit = divided(jump[:, 1:], np.hypot(jump[:, 1], jump[:, 2])[:, None])
+    shear = np.where(sliding[:, None], (friction * pressure)[:, None] * unit, stop)
+    shear[(pressure <= 0) | (z[:, 1] <= 0)] = 0.0
+    return np.column_stack([-pressure, shear])
+
+
+def contact(jump: Array, z: Array, reach: Array, rate: float, parameters: Array) -> Array:  # noqa: ARG001
+    """0 <= reach + d_n perp P >= 0."""
+    pressure = divided(np.maximum(0.0, -(jump[:, 0] + reach)), z[:, 0])
+    return with_friction(pressure, parameters[:, 0], jump, z)
+
+
+def no_slip(jump: Array, z: Array, reach: Array, rate: float, parameters: Array) -> Array:
+    """The same along N; points that touch do not slide."""
+    pressure = divided(np.maximum(0.0, -(jump[:, 0] + reach)), z[:, 0])
+    if jump.shape[1] == 1:
+        return -pressure[:, None]
+    touching = reach <= rate * parameters[:, 0]
+    return np.column_stack([-pressure, np.where(touching[:, None], divided(jump[:, 1:], z[:, 1:]), 0.0)])
+
+
+def elastic_layer(jump: Array, z: Array, reach: Array, rate: float, parameters: Array) -> Array:
+    """F = k [u]."""
+    k = wide(parameters, jump.shape[1])
+    return k * (jump + reach) / (rate + k * wide(z, jump.shape[1]))
+
+
+def soft_contact(jump: Array, z: Array, reach: Array, rate: float, parameters: Array) -> Array:
+    """P = k max(0, -[u].N)."""
+    stiffness = parameters[:, 1]
+    closing = np.maximum(0.0, -(jump[:, 0] + reach.reshape(jump.shape)[:, 0]))
+    return with_friction(stiffness * closing / (rate + stiffness * z[:, 0]), parameters[:, 0], jump, z)
+
+
+def viscous_joint(jump: Array, z: Array, reach: Array, rate: float, parameters: Array) -> Array:  # noqa: ARG001
+    """F = c d."""
+    c = wide(parameters, jump.shape[1])
+    return c * jump / (1.0 + c * wide(z, jump.shape[1]))
+
+
+LAWS: Mapping[str, Law] = {
+    "perfect": perfect, "contact": contact, "no_slip": no_slip, "elastic_layer": elastic_layer,
+    "soft_contact": soft_contact, "viscous_joint": viscous_joint,
+}  # fmt: skip
