@@ -229,6 +229,7 @@ def _account_weighted(pools: Any, c: int, instant: int, flat: Array) -> None:
             _product(pools, c, 0, a, mass_a)
     _field(pools, c, row.u, 0, instant, field)
     before, old, now = run.energy_before, run.energy_old, run.energy_new
+    of_old, of_new, loss = run.energy_a_old, run.energy_a_new, run.inertia_dissipation
     for i in range(n + row.n_motion):
         for j in range(m):
             at = i * m + j
@@ -239,15 +240,11 @@ def _account_weighted(pools: Any, c: int, instant: int, flat: Array) -> None:
             tractions = before * past[10 * wide + at] + old * past[6 * wide + at] + now * new[3 * wide + at]
             a_old, mass_a_old = past[wide + at], past[2 * wide + at]
             totals[_SCHEME * m + j] += step * (elastic - 0.5 * (past[3 * wide + at] + new[at]))
-            totals[_SCHEME * m + j] += (
-                run.inertia_dissipation
-                * (run.energy_a_old * a_old + run.energy_a_new * a[at])
-                * (mass_a[at] - mass_a_old)
-            )
+            totals[_SCHEME * m + j] += loss * (of_old * a_old + of_new * a[at]) * (mass_a[at] - mass_a_old)
             totals[_DAMPING * m + j] += step * damping
             totals[_INTERFACE * m + j] += step * tractions
             if i >= n:  # the reaction of a prescribed motion
-                loads = run.energy_a_old * mass_a_old + run.energy_a_new * mass_a[at] + elastic + damping
+                loads = of_old * mass_a_old + of_new * mass_a[at] + elastic + damping
             totals[_LOADS * m + j] += step * loads
     past[_BEFORE * wide :] = past[_NOW * wide : _BEFORE * wide]
     past[_NOW * wide : _BEFORE * wide] = new

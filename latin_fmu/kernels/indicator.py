@@ -131,5 +131,6 @@ def accept(pools: Any, window: int) -> None:
         r = work[run.r + i * n : run.r + (i + 1) * n]
         for j in range(n):
             share[interface[j]] += weights[j] * r[j] * r[j] / window
+    worst, scale = state[run.worst : run.worst + run.n_interface], state[run.scales]
     for e in range(run.n_interface):
-        state[run.worst + e] = max(state[run.worst + e], np.sqrt(share[e] / state[run.scales]))
+        worst[e] = max(worst[e], np.sqrt(share[e] / scale))

@@ -74,9 +74,10 @@ def first_guess(pools: Any, instant: int) -> None:
     touched, carry = False, state[run.carry]
     if run.static == 1:
         carry *= pools.moving[run.continuation + instant]
+    f_hat, w_hat = state[run.f_hat : run.f_hat + n], state[run.w_hat : run.w_hat + n]
     for j in range(n):
-        q[j] = state[run.f_hat + j] + k[j] * carry * state[run.w_hat + j]
-        touched = touched or state[run.f_hat + j] != 0.0
+        q[j] = f_hat[j] + k[j] * carry * w_hat[j]
+        touched = touched or f_hat[j] != 0.0
     if touched or run.static == 1:
         return
     w = work[run.w : run.w + n]
@@ -92,8 +93,10 @@ def free_motion(pools: Any, instant: int, w: Array) -> None:
     run = pools.run[0]
     for c in range(len(pools.classes)):
         row = pools.classes[c]
-        for at in range(row.n_channel * row.m):
-            w[pools.fixed_int[row.channels + at]] = pools.moving[row.w_free + at]
+        size = row.n_channel * row.m
+        channels, w_free = pools.fixed_int[row.channels : row.channels + size], pools.moving[row.w_free : row.w_free + size]
+        for at in range(size):
+            w[channels[at]] = w_free[at]
     for e in range(run.n_ground):
         w[pools.fixed_int[run.ground + e]] = pools.moving[run.ground_velocity + instant * run.n_ground + e]
 
@@ -140,6 +143,8 @@ def keep_fields(pools: Any, instant: int, i: int) -> None:
     f_hat, w_hat = work[run.local_f + i * n : run.local_f + (i + 1) * n], work[run.local_w + i * n : run.local_w + (i + 1) * n]
     row = instant - run.first_row
     to_f, to_w = run.history_f + row * n, run.history_w + row * n
+    last_f, last_w = state[run.f_hat : run.f_hat + n], state[run.w_hat : run.w_hat + n]
+    kept_f, kept_w = output[to_f : to_f + n], output[to_w : to_w + n]
     for j in range(n):
-        state[run.f_hat + j], state[run.w_hat + j] = f_hat[j], w_hat[j]
-        output[to_f + j], output[to_w + j] = f_hat[j], w_hat[j]
+        last_f[j], last_w[j] = f_hat[j], w_hat[j]
+        kept_f[j], kept_w[j] = f_hat[j], w_hat[j]

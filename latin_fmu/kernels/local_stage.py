@@ -50,17 +50,19 @@ def prepare(pools: Any, g: int, i: int) -> None:
     width = group.n_component if group.elastic == 1 else 1
     count = group.n_point * width
     if i == 0:
+        opening, opened = work[group.opening : group.opening + 4 * count], work[group.opened : group.opened + 4 * count]
         for j in range(4 * count):
-            work[group.opening + j] = work[group.opened + j]
+            opening[j] = opened[j]
     start = work[group.opening + 3 * count : group.opening + 4 * count]
     reach = work[group.reach : group.reach + count]
     if group.elastic == 1:
+        rate = run.layer_rate
         for j in range(count):
-            reach[j] = start[j] * run.layer_rate
+            reach[j] = start[j] * rate
     else:
-        rate = 1.0 / run.dt
+        rate, deepest = 1.0 / run.dt, run.deepest
         for j in range(count):
-            reach[j] = max(start[j], run.deepest) * rate
+            reach[j] = max(start[j], deepest) * rate
 
 
 @kernel
@@ -70,15 +72,14 @@ def solve_points(pools: Any, g: int) -> None:
     h, n_parameter = group.n_component, group.n_parameter
     width = h if group.elastic == 1 else 1
     rate = run.layer_rate if group.elastic == 1 else 1.0 / run.dt
-    for p in range(group.n_point):
+    law, n_point = group.law, group.n_point
+    jump, traction = work[group.jump : group.jump + n_point * h], work[group.traction : group.traction + n_point * h]
+    z, reach = pools.fixed[group.z_sum : group.z_sum + 2 * n_point], work[group.reach : group.reach + n_point * width]
+    parameters = pools.fixed[group.parameters : group.parameters + n_point * n_parameter]
+    for p in range(n_point):
         apply(
-            group.law,
-            work[group.jump + p * h : group.jump + (p + 1) * h],
-            pools.fixed[group.z_sum + 2 * p : group.z_sum + 2 * p + 2],
-            work[group.reach + p * width : group.reach + (p + 1) * width],
-            rate,
-            pools.fixed[group.parameters + p * n_parameter : group.parameters + (p + 1) * n_parameter],
-            work[group.traction + p * h : group.traction + (p + 1) * h],
+            law, jump[p * h : (p + 1) * h], z[2 * p : 2 * p + 2], reach[p * width : (p + 1) * width], rate,
+            parameters[p * n_parameter : (p + 1) * n_parameter], traction[p * h : (p + 1) * h],
         )
 
 
@@ -139,9 +140,9 @@ def open_window(pools: Any, window: int, instant: int) -> None:
         width = group.n_component if group.elastic == 1 else 1
         count = group.n_point * width
         kept = group.layer if group.elastic == 1 else group.gap
-        start = work[group.opened + 3 * count : group.opened + 4 * count]
+        start, state = work[group.opened + 3 * count : group.opened + 4 * count], work[kept : kept + count]
         for j in range(count):
-            start[j] = pools.moving[kept + j]
+            start[j] = state[j]
     if window == 1:
         return
     flat = work[run.displacement : run.displacement + run.n_flat]
@@ -215,12 +216,13 @@ def read_gaps(pools: Any, instant: int) -> None:
         gap, second = pools.moving[group.gap : group.gap + n_point], group.start + n_point * h
         initial = pools.fixed[group.initial_gap : group.initial_gap + n_point]
         at = run.history_gap + (instant - run.first_row) * run.n_point + group.first_point
+        first, kept = group.start, pools.moving[at : at + n_point]
         for p in range(n_point):
-            gap[p] = initial[p] + displacement[second + p * h] - displacement[group.start + p * h]
-            pools.moving[at + p] = gap[p]
+            gap[p] = initial[p] + displacement[second + p * h] - displacement[first + p * h]
+            kept[p] = gap[p]
         if group.elastic == 1:
             start = pools.moving[group.layer : group.layer + n_point * h]
             for j in range(n_point * h):
-                start[j] = layer[second + j] - layer[group.start + j]
+                start[j] = layer[second + j] - layer[first + j]
             for p in range(n_point):
                 start[p * h] += initial[p]

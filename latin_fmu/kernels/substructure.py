@@ -80,14 +80,16 @@ def free_load(pools: Any, c: int, instant: int) -> None:
             u_free[i] = u[i]
         add_stiffness(pools, c, -1.0, u, load)
         return
+    u_v, u_a, v_a = run.u_v, run.u_a, run.v_a  # numbers of a record are loaded anew after every store of a loop
     for i in range(size):
-        u_free[i] = u[i] + run.u_v * v[i] + run.u_a * a[i]
-        v_free[i] = v[i] + run.v_a * a[i]
+        u_free[i] = u[i] + u_v * v[i] + u_a * a[i]
+        v_free[i] = v[i] + v_a * a[i]
     add_stiffness(pools, c, -1.0, u_free, load)
     add_damping(pools, c, -1.0, v_free, load)
     residual = state[row.residual : row.residual + size]
+    weight, memory = run.force_weight, run.memory_weight
     for i in range(size):
-        load[i] = run.force_weight * load[i] - run.memory_weight * residual[i]
+        load[i] = weight * load[i] - memory * residual[i]
     inertia(pools, c, instant, -1.0, load)
 
 
@@ -148,8 +150,9 @@ def free_velocity(pools: Any, c: int, instant: int) -> None:
         for i in range(n_inner * m):
             free_a[i] = inner[i]  # what the interface carries of the load
         springs(pools, c, inner, reached)
+        dt = run.dt
         for i in range(n_inner * m):
-            reached[i] /= run.dt
+            reached[i] /= dt
         add_trace(pools, c, reached, w_free, False)
         damped = work[row.w_damped : row.w_damped + size]
         damped[:] = 0.0
@@ -159,15 +162,13 @@ def free_velocity(pools: Any, c: int, instant: int) -> None:
         return
     inverse = pools.fixed[row.schur_inverse : row.schur_inverse + symmetric_size(n_inner, row.plain_inverse, m)]
     product(n_inner, inverse, row.plain_inverse, m, inner, free_a, tile)
+    u, u_free = state[row.u : row.u + row.n * m], work[row.u_free : row.u_free + row.n * m]
+    v_free = work[row.v_free : row.v_free + row.n * m]
+    of_old, of_u, of_v, gain = run.w_u_old, run.w_u, run.w_v, run.interface_gain
     for i in range(n_inner):
         for j in range(m):
-            at = dofs[i] * m + j
-            reached[i * m + j] = (
-                run.w_u_old * state[row.u + at]
-                + run.w_u * work[row.u_free + at]
-                + run.w_v * work[row.v_free + at]
-                + run.interface_gain * free_a[i * m + j]
-            )
+            at, own = dofs[i] * m + j, i * m + j
+            reached[own] = of_old * u[at] + of_u * u_free[at] + of_v * v_free[at] + gain * free_a[own]
     add_trace(pools, c, reached, w_free, False)
     imposed(pools, c, instant, 1, 1.0, w_free)
 
@@ -254,8 +255,8 @@ def interface_load(pools: Any, c: int, instant: int, flat: Array) -> bool:
     row, run, work = pools.classes[c], pools.run[0], pools.moving
     m, n_inner, size = row.m, row.n_inner, row.n_channel * row.m
     channels, area = pools.fixed_int[row.channels : row.channels + size], pools.fixed[row.area : row.area + row.n_channel]
-    nodal, largest = work[row.channel : row.channel + size], 0.0
-    for i in range(row.n_channel):
+    nodal, largest, n_channel = work[row.channel : row.channel + size], 0.0, row.n_channel
+    for i in range(n_channel):
         for j in range(m):
             now = flat[channels[i * m + j]]
             nodal[i * m + j] = area[i] * now
@@ -272,16 +273,18 @@ def interface_load(pools: Any, c: int, instant: int, flat: Array) -> bool:
     inner[:] = 0.0
     if row.kind == STATIC:
         moved = work[row.w_damped : row.w_damped + size]  # the prescribed part of the channel velocities
-        for i in range(row.n_channel):
+        k = pools.fixed[row.k : row.k + n_channel]
+        for i in range(n_channel):
             for j in range(m):
-                nodal[i * m + j] -= area[i] * pools.fixed[row.k + i] * moved[i * m + j]
+                nodal[i * m + j] -= area[i] * k[i] * moved[i * m + j]
         add_spread(pools, c, nodal, inner)
         for i in range(n_inner * m):
             inner[i] += free_a[i]
         springs(pools, c, inner, last)
         return True
+    weight = run.force_weight
     for i in range(size):
-        nodal[i] *= run.force_weight
+        nodal[i] *= weight
     add_spread(pools, c, nodal, inner)
     inverse = pools.fixed[row.schur_inverse : row.schur_inverse + symmetric_size(n_inner, row.plain_inverse, m)]
     product(n_inner, inverse, row.plain_inverse, m, inner, last, tile)
@@ -335,13 +338,14 @@ def advance(pools: Any, c: int, instant: int) -> None:
     increment)."""
     row, run, work, state = pools.classes[c], pools.run[0], pools.moving, pools.moving
     m, size = row.m, row.n * row.m
+    dt, late, gain_u, gain_v = run.dt, run.u_late, run.displacement_gain, run.velocity_gain
     u, v, a = state[row.u : row.u + size], state[row.v : row.v + size], state[row.a : row.a + size]
     u_free, v_free = work[row.u_free : row.u_free + size], work[row.v_free : row.v_free + size]
     solved = work[row.load : row.load + size]
     if row.kind == STATIC:
         for i in range(size):
             u[i] = u_free[i] + solved[i]
-            v[i] = solved[i] / run.dt
+            v[i] = solved[i] / dt
         return
     massless = pools.fixed_int[row.massless : row.massless + row.n_massless]
     for e in range(row.n_massless):
@@ -352,11 +356,11 @@ def advance(pools: Any, c: int, instant: int) -> None:
     for e in range(row.n_massless):  # statics alone moves them: a velocity that means something, and no memory
         for j in range(m):
             at = massless[e] * m + j
-            u_new = u_free[at] + run.u_late * v_free[at] + run.displacement_gain * a[at]
-            solved[at] = (u_new - v[at]) / run.dt
+            u_new = u_free[at] + late * v_free[at] + gain_u * a[at]
+            solved[at] = (u_new - v[at]) / dt
     for i in range(size):
-        u[i] = u_free[i] + run.u_late * v_free[i] + run.displacement_gain * a[i]
-        v[i] = v_free[i] + run.velocity_gain * a[i]
+        u[i] = u_free[i] + late * v_free[i] + gain_u * a[i]
+        v[i] = v_free[i] + gain_v * a[i]
     for e in range(row.n_massless):
         for j in range(m):
             at = massless[e] * m + j
@@ -367,11 +371,12 @@ def advance(pools: Any, c: int, instant: int) -> None:
     mass_a, residual = work[row.mass_a : row.mass_a + size], state[row.residual : row.residual + size]
     mass_a[:] = 0.0
     add_mass(pools, c, 1.0, a, mass_a)
+    memory, weight = run.memory_weight, run.force_weight
     for i in range(size):
-        residual[i] = run.memory_weight * residual[i] + mass_a[i]
+        residual[i] = memory * residual[i] + mass_a[i]
     inertia(pools, c, instant, 1.0, residual)
     for i in range(size):
-        residual[i] /= run.force_weight
+        residual[i] /= weight
 
 
 # -- reading the motion -------------------------------------------------------------------------------------------
@@ -384,14 +389,15 @@ def read_channels(
     m, n_inner, size = row.m, row.n_inner, row.n_channel * row.m
     channels, dofs = pools.fixed_int[row.channels : row.channels + size], pools.fixed_int[row.dofs : row.dofs + n_inner]
     inner, answer = work[row.inner : row.inner + n_inner * m], work[row.answer : row.answer + size]
+    u, v, a = state[row.u : row.u + row.n * m], state[row.v : row.v + row.n * m], state[row.a : row.a + row.n * m]
     for i in range(n_inner):
         for j in range(m):
-            at = dofs[i] * m + j
-            inner[i * m + j] = of_u * state[row.u + at]
-            if of_v != 0.0:
-                inner[i * m + j] += of_v * state[row.v + at]
-            if of_a != 0.0:
-                inner[i * m + j] += of_a * state[row.a + at]
+            inner[i * m + j] = of_u * u[dofs[i] * m + j]
+    if of_v != 0.0 or of_a != 0.0:
+        for i in range(n_inner):
+            for j in range(m):
+                at = dofs[i] * m + j
+                inner[i * m + j] += of_v * v[at] + of_a * a[at]
     answer[:] = 0.0
     add_trace(pools, c, inner, answer, normal)
     if of_u != 0.0:
