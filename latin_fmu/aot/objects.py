@@ -55,6 +55,9 @@ def joined(modules: Iterable[Any], exported: Iterable[str], shared: Iterable[str
             if not function.is_declaration and function.name not in names:
                 function.linkage = "weak_odr"
         whole.link_in(module, preserve=True)
+    for function in whole.functions:  # counts of references are null tests where arrays come from outside
+        if function.name in ("NRT_incref", "NRT_decref") and not function.is_declaration:
+            function.add_function_attribute("alwaysinline")
     for item in (*whole.functions, *whole.global_variables):
         if not item.is_declaration and item.name not in names:
             # numba's pointers to Python's objects: internal ones would be taken for the null that they are here, and

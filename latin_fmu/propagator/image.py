@@ -24,7 +24,7 @@ from .condensed import Index
 from .model import Array
 
 Fields = dict[str, Any]
-_OUTPUT = 2_000_000  # numbers of output kept at a time, about
+_OUTPUT = 100_000  # numbers of output kept at a time, about: they stay in the cache
 _ROWS = (16, 512)  # and rows at least and at most
 
 
