@@ -291,8 +291,10 @@ def test_rigid_tool_without_opposite_nodes(elements: int, friction: float) -> No
 
 def test_a_held_face_does_not_give_the_points() -> None:
     """A fine fixed face under a coarse free one would hold it at more points than it has nodes."""
-    made = pressed_on_a_plate(0.4, 0.2, 3, "automatic")
-    made["substructure"]["plate"]["box"]["elements"] = [24, 24, 1]
+    made = pressed_on_a_plate(0.4, 0.0, 3, "automatic")
+    made["substructure"]["plate"]["box"] |= {"origin": [1e-3, 1e-3, -2e-3], "size": [3.4e-3, 3.4e-3, 2e-3]}
+    made["substructure"]["plate"]["box"]["elements"] = [12, 12, 1]
+    assert prepare(latin_fmu.scene_from_dict(made)).units[0].geometry.n_point == 169
     made["boundary"]["all"] = {"type": "fixed", "face": "plate.zmax"}
     solution = solve(made)
     assert -solution.interfaces["i"].traction[-1, :, 2] == pytest.approx(1e6, rel=1e-6)
