@@ -15,7 +15,8 @@ equations                                                              module
 (8)-(14)   linear stage: F - F_hat = -k (W - W_hat), dashpots k        latin.global_stage, propagator.direct
 (12)-(17)  search directions k                                         latin.search_direction
 (15)-(17)  local stage: F_hat - F = k (W_hat - W), point by point      latin.local_stage
-(18)-(19)  points, normals, gap of an interface                        interface.geometry, assembly.pairing
+(18)-(19)  points, normals, gap of an interface                        assembly.pairing, assembly.opposite,
+           faces whose nodes do not match                              fem.mortar
 (20)-(23)  unilateral contact with Coulomb friction                    interface.contact
 (24)       error indicator                                             latin.error_indicator
            loop, acceleration, fall-backs; windows                     latin.solver, latin.acceleration, latin.windows

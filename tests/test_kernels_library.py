@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 import sys
+import zipfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -477,3 +478,32 @@ def test_a_kernel_that_prints_does_not_pass_the_build(tmp_path):
     assert "the kernels need " in done.stdout
     assert "numba_gil_ensure" not in done.stdout.split(";")[0]
     assert "Py" in done.stdout.split(";")[0]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("target", "tag"), [("", "manylinux_2_17_x86_64"), ("windows-x86_64", "win_amd64"), ("none", "none-any")]
+)
+def test_wheels(target, tag, tmp_path):
+    """An isolated build without a compiler on the path, the size of the wheel, and what it holds."""
+    if not sys.platform.startswith("linux") or library.target() != "linux-x86_64":
+        pytest.skip("expects the names of Linux on x86-64")
+    tree = tmp_path / "tree"
+    shutil.copytree(ROOT, tree, ignore=shutil.ignore_patterns(".git", "build", ".venv*", "__pycache__"))
+    environment = {
+        **os.environ,
+        "PATH": "/bin-without-compilers",
+        "HOME": str(tmp_path),
+        "LATIN_FMU_TARGET": target,
+    }
+    environment.pop("PYTHONPATH", None)
+    command = [sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "-w", str(tmp_path), "."]
+    subprocess.run(command, cwd=tree, env=environment, check=True)
+    (wheel,) = tmp_path.glob("*.whl")
+    assert tag in wheel.name
+    assert wheel.stat().st_size <= 1_000_000
+    with zipfile.ZipFile(wheel) as archive:
+        libraries = [name for name in archive.namelist() if "_kernels-" in name]
+    assert [name.split(".")[-1] for name in libraries] == {"": ["so"], "windows-x86_64": ["dll"], "none": []}[
+        target
+    ]

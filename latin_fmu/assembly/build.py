@@ -32,7 +32,6 @@ from .checks import (
     sampling_remarks,
 )
 from .conditions import Conditions
-from .held_points import without_held_directions
 from .initial_state import InitialState
 from .locking import locking_remarks
 from .models import ModelClass, model_classes, side_impedance
@@ -225,10 +224,11 @@ def prepare(scene: Scene) -> Prepared:
     conditions = {
         name: conditions_on(body, boundaries_of(scene, name), problems) for name, body in bodies.items()
     }
-    found = [build_interface(n, i, bodies, Messages(problems, remarks)) for n, i in scene.interface.items()]
+    messages = Messages(problems, remarks)
+    found = [build_interface(n, i, bodies, conditions, messages) for n, i in scene.interface.items()]
     if problems:
         raise SceneError(problems, "the scene cannot be built")
-    units = without_held_directions([unit for unit in found if unit is not None], bodies, conditions)
+    units = [unit for unit in found if unit is not None]
     initial_problems(scene, units, problems, remarks)
     if scene.time.quasi_static and not problems:
         problems += unheld(bodies, conditions, units, "quasi_static")

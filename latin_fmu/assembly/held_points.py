@@ -7,69 +7,53 @@ and the iteration slow, so such a point takes no part in the held direction, as 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
-
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from ..fem.facets import N_CORNER
 from ..fem.mesh import Array, FacetSet, Index
-from ..latin.layout import InterfaceUnit
-from ..scene.fields import split_face
-from .body import Body
+from ..fem.surface import Surface
 from .conditions import Conditions
 
 Mask = NDArray[np.bool_]
 _ON_EDGE = 1e-6  # distance from an edge over the size of the face
 
 
-def without_held_directions(
-    units: list[InterfaceUnit], bodies: Mapping[str, Body], conditions: Mapping[str, Conditions]
-) -> list[InterfaceUnit]:
-    """The interfaces, their points without the directions that both sides are held in."""
-    return [
-        unit if unit.geometry.matching or unit.against_ground else _freed(unit, bodies, conditions)
-        for unit in units
-    ]
-
-
-def _freed(
-    unit: InterfaceUnit, bodies: Mapping[str, Body], conditions: Mapping[str, Conditions]
-) -> InterfaceUnit:
-    geometry = unit.geometry
-    names = [split_face(side)[0] for side in unit.sides]
-    if any(bodies[name].rigid for name in names):
-        return unit
-    held = [_held(conditions[name]) for name in names]
-    own, other = (geometry.traces[i] for i in (geometry.owner, 1 - geometry.owner))
-    assert own is not None
-    assert other is not None
-    still = np.asarray(abs(own) @ (~held[geometry.owner]).astype(float)) == 0.0
-    name, face = split_face(unit.sides[1 - geometry.owner])
-    gone = np.zeros((geometry.n_point, 3), dtype=bool)
-    for axis in range(3):
-        rows = np.flatnonzero(still[axis::3])
-        if len(rows):
-            edges = _edges(bodies[name].facets(face), held[1 - geometry.owner][axis::3])
-            gone[rows, axis] = _on_edges(
-                geometry.points[rows], geometry.frames[rows, 0], bodies[name].mesh.nodes[edges]
-            )
-    if not gone.any():
-        return unit
-    keep = sp.diags_array((~gone).astype(float).ravel())
-    traces = tuple(sp.csr_array(keep @ trace) for trace in (own, other))
-    for trace in traces:
-        trace.eliminate_zeros()
-    ordered = traces if geometry.owner == 0 else traces[::-1]
-    return replace(unit, geometry=replace(geometry, traces=(ordered[0], ordered[1])))
-
-
-def _held(conditions: Conditions) -> Mask:
-    """(n_full,) dofs that never move."""
+def held_dofs(conditions: Conditions) -> Mask:
+    """(n_full,) dofs of a body that never move."""
     held: Mask = (np.diff(conditions.expansion.indptr) == 0) & ~conditions.pattern.any(axis=1)
     return held
+
+
+def held_directions(
+    points: Array, normals: Array, own: sp.csr_array, held: Mask, other: Surface, other_held: Mask
+) -> tuple[Mask, Mask]:
+    """Directions (n_point, 3) in which points of the owner cannot move.
+
+    Parameters
+    ----------
+    points, normals : (n_point, 3). own : trace of the owner. held, other_held : dofs of both bodies that never move.
+
+    Returns
+    -------
+    Those at places where the other side is held likewise, and the rest: there the point holds the other side alone.
+    """
+    still = np.asarray(abs(own) @ (~held).astype(float)).reshape(-1, 3) == 0.0
+    both = np.zeros_like(still)
+    for axis in range(3):
+        rows = np.flatnonzero(still[:, axis])
+        if len(rows):
+            edges = _edges(other.facets, other_held[axis::3])
+            both[rows, axis] = _on_edges(points[rows], normals[rows], other.nodes[edges])
+    return both, still & ~both
+
+
+def without(trace: sp.csr_array, gone: Mask) -> sp.csr_array:
+    """The trace without the rows of these directions (n_point, 3)."""
+    kept = sp.csr_array(sp.diags_array((~gone).astype(float).ravel()) @ trace)
+    kept.eliminate_zeros()
+    return kept
 
 
 def _edges(facets: FacetSet, held: Mask) -> Index:

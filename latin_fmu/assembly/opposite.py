@@ -15,6 +15,7 @@ from ..fem.mortar import Mortar, mortar
 from ..fem.nearest import nearest
 from ..fem.surface import Surface
 from .body import Body
+from .held_points import Mask, held_directions, without
 
 MATCHING = 1e-3
 """Lateral distance of paired nodes over the spacing of nodes."""
@@ -115,39 +116,86 @@ def _partners(face: Face, other: Face, points: Array, there: Array) -> Index | N
     return partner if opposed.all() else None
 
 
-def by_mortar(first: Side, second: Side, owner: Owner, reach: float | None) -> Opposite | None:
+def by_mortar(
+    first: Side, second: Side, owner: Owner, reach: float | None, held: tuple[Mask | None, Mask | None]
+) -> Opposite | None:
     """Faces with nodes of their own, over the part that they have in common; None where there is none.
 
+    Parameters
+    ----------
     owner : the side that gives the points; "automatic": the one that is wholly covered, else the one with the smaller
-    facets. reach : see ``fem.mortar``.
+        facets; but not a rigid one, nor one whose points hold the other side where that is free (both would be more
+        than the other side can follow).
+    reach : see ``fem.mortar``. held : dofs of the two bodies that never move, None for rigid ones.
     """
-    surfaces = tuple(Surface(body.mesh.nodes, facets) for body, facets in (first, second))
-    finer = int(surfaces[1].facet_area < (1 - 1e-6) * surfaces[0].facet_area)
-    order = {"automatic": (finer, 1 - finer), "E": (0,), "Ep": (1,)}[owner]
-    found: dict[int, Mortar] = {}
-    for side in order:
-        made = mortar(surfaces[side], surfaces[1 - side], reach)
-        if made is None:
+    pair = _Pair((first, second), reach, held)
+    if owner != "automatic":
+        return pair.seen_from(0 if owner == "E" else 1)
+    rigid = [body.rigid for body, _ in (first, second)]
+    if rigid[0] != rigid[1]:
+        return pair.seen_from(int(rigid[0]))
+    finer = int(pair.surfaces[1].facet_area < (1 - 1e-6) * pair.surfaces[0].facet_area)
+    if pair.mortar(finer) is None or pair.mortar(1 - finer) is None:
+        return None
+    side = next((s for s in (finer, 1 - finer) if pair.covered(s)), finer)
+    return pair.seen_from(1 - side if pair.held_alone(side) > pair.held_alone(1 - side) else side)
+
+
+class _Pair:
+    """Two faces; what one of them gives as the owner is worked out once."""
+
+    def __init__(
+        self, sides: tuple[Side, Side], reach: float | None, held: tuple[Mask | None, Mask | None]
+    ) -> None:
+        self.surfaces = tuple(Surface(body.mesh.nodes, facets) for body, facets in sides)
+        self._reach, self._held = reach, held
+        self._mortars: dict[int, Mortar | None] = {}
+
+    def mortar(self, side: int) -> Mortar | None:
+        """Integrals with this side as the owner."""
+        if side not in self._mortars:
+            self._mortars[side] = mortar(self.surfaces[side], self.surfaces[1 - side], self._reach)
+        return self._mortars[side]
+
+    def covered(self, side: int) -> bool:
+        """Whether the facets of this side are wholly covered, as far as they meet the other one at all."""
+        found = self.mortar(side)
+        return found is not None and found.covered >= COVERED
+
+    def held_alone(self, side: int) -> int:
+        """Number of directions in which points of this side cannot move while the other side can."""
+        return int(self._directions(side)[1].sum())
+
+    def _directions(self, side: int) -> tuple[Mask, Mask]:
+        found, held, other = self.mortar(side), self._held[side], self._held[1 - side]
+        assert found is not None
+        if held is None or other is None:
+            none = np.zeros((len(found.areas), 3), dtype=bool)
+            return none, none
+        points, own = found.owner @ self.surfaces[side].nodes, _of_vectors(found.owner)
+        return held_directions(points, found.normals, own, held, self.surfaces[1 - side], other)
+
+    def seen_from(self, side: int) -> Opposite | None:
+        """Points of this side."""
+        found = self.mortar(side)
+        if found is None:
             return None
-        found[side] = made
-        if made.covered >= COVERED:
-            break
-    else:
-        side = order[0]
-    return _seen_from(side, found[side], surfaces)
+        mine, theirs = self.surfaces[side].nodes, self.surfaces[1 - side].nodes
+        points = found.owner @ mine
+        normals = found.normals if side == 0 else -found.normals
+        jump = (found.other @ theirs - points) * (1 if side == 0 else -1)
+        gone, _ = self._directions(side)
+        traces = [without(_of_vectors(t), gone) for t in (found.owner, found.other)]
+        shares = tuple(float(found.areas.sum()) / s.area for s in self.surfaces)
+        return Opposite(
+            points, found.areas, normals, np.einsum("pi,pi->p", jump, normals),
+            (traces[side], traces[1 - side]), found.sags, side, False, (shares[0], shares[1]),
+        )  # fmt: skip
 
 
-def _seen_from(side: int, found: Mortar, surfaces: tuple[Surface, ...]) -> Opposite:
-    mine, theirs = surfaces[side].nodes, surfaces[1 - side].nodes
-    points = found.owner @ mine
-    normals = found.normals if side == 0 else -found.normals
-    jump = (found.other @ theirs - points) * (1 if side == 0 else -1)
-    traces = [sp.csr_array(sp.kron(t, sp.eye_array(3), format="csr")) for t in (found.owner, found.other)]
-    shares = tuple(float(found.areas.sum()) / s.area for s in surfaces)
-    return Opposite(
-        points, found.areas, normals, np.einsum("pi,pi->p", jump, normals),
-        (traces[side], traces[1 - side]), found.sags, side, False, (shares[0], shares[1]),
-    )  # fmt: skip
+def _of_vectors(trace: sp.csr_array) -> sp.csr_array:
+    """A trace of each component of a vector."""
+    return sp.csr_array(sp.kron(trace, sp.eye_array(3), format="csr"))
 
 
 def on_plane(side: Side, point: Array, normal: Array) -> Opposite | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +18,8 @@ from ..scene.fields import GROUND, split_face
 from ..scene.interface_keys import PARAMETERS, TAKES
 from ..scene.interfaces import Interface
 from .body import Body
+from .conditions import Conditions
+from .held_points import held_dofs
 from .opposite import MATCHING, Opposite, Side, by_mortar, node_by_node, on_plane, own_points
 
 _TOUCHING = 1e-9  # a distance along N below this fraction of the face is no gap
@@ -33,14 +36,18 @@ class Messages:
 
 
 def build_interface(
-    name: str, interface: Interface, bodies: dict[str, Body], messages: Messages
+    name: str,
+    interface: Interface,
+    bodies: dict[str, Body],
+    conditions: Mapping[str, Conditions],
+    messages: Messages,
 ) -> InterfaceUnit | None:
     """The interface ready to be solved, or None (with its problems told) when its faces do not fit."""
     sides = [_side(bodies, side) for side in interface.sides if side != GROUND]
     if interface.against_ground:
         found = _on_ground(name, interface, sides[0], messages.problems)
     else:
-        found = _opposite(name, interface, sides[0], sides[1], messages)
+        found = _opposite(name, interface, (sides[0], sides[1]), conditions, messages)
     if found is None:
         return None
     gap = _gap(name, interface, found, messages.problems)
@@ -104,14 +111,20 @@ def _on_ground(name: str, interface: Interface, side: Side, problems: list[Probl
 
 
 def _opposite(
-    name: str, interface: Interface, first: Side, second: Side, messages: Messages
+    name: str,
+    interface: Interface,
+    sides: tuple[Side, Side],
+    conditions: Mapping[str, Conditions],
+    messages: Messages,
 ) -> Opposite | None:
     """Two faces of bodies: nodes that match, else the part they have in common."""
+    first, second = sides
     if interface.search is None and interface.points_from == "automatic":
         found = node_by_node(first, second)
         if found is not None:
             return found
-    found = by_mortar(first, second, interface.points_from, interface.search)
+    held = [None if body.rigid else held_dofs(conditions[body.name]) for body, _ in sides]
+    found = by_mortar(first, second, interface.points_from, interface.search, (held[0], held[1]))
     if found is None:
         messages.problems.append(_apart(name, interface, first, second))
     elif interface.search is None and max(found.shares) < _SLIVER:

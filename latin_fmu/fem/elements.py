@@ -117,10 +117,3 @@ class Elements:
         total = sp.csr_array(sp.bsr_array((data, columns, starts), shape=(n, n)).tocsr())
         total.indices, total.indptr = total.indices.astype(np.int64), total.indptr.astype(np.int64)
         return total
-
-    def nodal(self, shares: list[Array]) -> Array:
-        """Sums over the cells (n_node,) of what each gives its nodes: (n_cell, n_node_of_type) by block."""
-        total = np.zeros(self.mesh.n_node)
-        for block, share in zip(self.mesh.blocks, shares, strict=True):
-            total += np.bincount(block.cells.ravel(), share.ravel(), self.mesh.n_node)
-        return total

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from scipy.special import roots_jacobi
 
 from .mesh import Array
 
@@ -39,6 +38,8 @@ def _times(first: Rule, second: Rule) -> Rule:
 
 def simplex_rule(n: int, axes: int) -> Rule:
     """Conical product of Gauss-Jacobi rules on the unit simplex, exact to degree 2 n - 1, all weights positive."""
+    from scipy.special import roots_jacobi  # slow to load, and needed by few kinds of cells
+
     points, weights = np.zeros((1, 0)), np.ones(1)
     for axis in range(axes):
         x, w = roots_jacobi(n, axis, 0)

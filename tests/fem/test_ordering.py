@@ -13,6 +13,8 @@ from latin_fmu.fem.mesh import Mesh, box_mesh
 from latin_fmu.fem.nearest import nearest
 from latin_fmu.fem.ordering import nested_dissection
 
+from .meshes import TYPES, typed_box
+
 
 def fill(matrix: sp.csr_array, order: np.ndarray) -> int:
     """Entries of the Cholesky-like factor in this elimination order."""
@@ -31,6 +33,16 @@ def test_rank_is_a_permutation(elements: tuple[int, int, int]) -> None:
 
 def test_rank_is_a_permutation_for_any_mesh(warped: Mesh) -> None:
     np.testing.assert_array_equal(np.sort(nested_dissection(warped)), np.arange(warped.n_node))
+
+
+@pytest.mark.parametrize("cell_type", TYPES)
+def test_rank_of_every_type_of_cell(cell_type: str) -> None:
+    """A permutation with less fill than the order of the nodes."""
+    mesh = typed_box(cell_type, (4, 4, 4))
+    rank = nested_dissection(mesh)
+    np.testing.assert_array_equal(np.sort(rank), np.arange(mesh.n_node))
+    matrix = sp.csr_array(mass(Elements(mesh), 1.0)[::3][:, ::3])
+    assert fill(matrix, np.argsort(rank)) < fill(matrix, np.arange(mesh.n_node))
 
 
 def test_fill_is_reduced() -> None:

@@ -17,6 +17,7 @@ from latin_fmu.results.netcdf import open_results
 from latin_fmu.results.vtk import export_vtu
 from latin_fmu.scene.reader import scene_from_dict
 
+from .meshes import TYPES
 from .scenes import box_file, steel
 from .test_bending import LOAD, B, H, L, beam, box, meshed
 
@@ -35,7 +36,7 @@ def pulled(folder: Path, cell_type: str) -> dict[str, Any]:
     }  # fmt: skip
 
 
-@pytest.mark.parametrize("cell_type", ["hexahedron", "tetra10", "mixed"])
+@pytest.mark.parametrize("cell_type", TYPES)
 def test_uniform_tension(tmp_path: Path, cell_type: str) -> None:
     solution = api.solve(scene_from_dict(pulled(tmp_path, cell_type)))
     solution.save(tmp_path / "cube.nc")

@@ -49,7 +49,7 @@ def start(fmu: Path, folder: Path, **environment: str) -> subprocess.Popen[str]:
 
 
 def result(process: subprocess.Popen[str]) -> dict[str, Any]:
-    out, complaints = process.communicate(timeout=400)
+    out, complaints = process.communicate(timeout=1500)
     assert process.returncode == 0, complaints
     found: dict[str, Any] = json.loads(out.splitlines()[-1])
     return found

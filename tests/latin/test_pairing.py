@@ -88,6 +88,19 @@ def test_different_numbers_of_nodes(bars_scene: Any, bar_box: Any, made: Any) ->
         np.testing.assert_allclose(trace @ np.ones(trace.shape[1]), 1.0, rtol=1e-13)
 
 
+@pytest.mark.parametrize("fine", ["b", "c"])
+def test_gap_of_different_meshes(bars_scene: Any, bar_box: Any, made: Any, fine: str) -> None:
+    """Open > 0 and N from E to E', whichever side gives the points."""
+    tables = bars_scene(gap=0.02)
+    tables["substructure"][fine]["box"] = bar_box(1.0 if fine == "b" else 2.02, across=3)
+    tables["interface"].pop("joint")
+    geometry = made(tables).assembly.interfaces[0].geometry
+    assert geometry.owner == ("b", "c").index(fine)
+    np.testing.assert_allclose(geometry.gap, 0.02, rtol=1e-12)
+    np.testing.assert_allclose(geometry.frames[:, 0], np.tile([0.0, 0.0, 1.0], (16, 1)))
+    np.testing.assert_allclose(geometry.points[:, 2], 2.0 if fine == "b" else 2.02)
+
+
 def test_faces_beside_each_other(bars_scene: Any, made: Any) -> None:
     """The points lie in the common part; without one the scene is refused."""
     tables = bars_scene()

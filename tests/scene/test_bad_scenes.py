@@ -91,6 +91,15 @@ CASES: list[tuple[str, Any, str, list[str]]] = [
         ["out of range", ">= 0"],
     ),
     ("interface.meet.gap", -1e-6, "interface.meet.gap", ["out of range", ">= 0", "[m]"]),
+    ("interface.meet.gap", "shut", "interface.meet.gap", ["not a gap", "measured", "closed"]),
+    ("interface.meet.points_from", "e", "interface.meet.points_from", ["unknown value", "Ep"]),
+    ("interface.meet.search", 0.0, "interface.meet.search", ["out of range", "> 0"]),
+    (
+        "interface.meet.ground",
+        {"point": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, 1.0]},
+        "interface.meet.ground",
+        ["no ground on this interface"],
+    ),
     (
         "interface.meet.behaviour",
         "contct",

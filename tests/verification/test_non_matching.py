@@ -273,6 +273,34 @@ def test_two_searches_of_one_answer() -> None:
     assert np.abs(fields[0] - fields[1]).max() <= 1e-2 * np.abs(fields[0]).max()
 
 
+@pytest.mark.parametrize("friction", [0.0, 0.3])
+@pytest.mark.parametrize("elements", [3, 12])
+def test_rigid_tool_without_opposite_nodes(elements: int, friction: float) -> None:
+    """However its own mesh is, the points are those of the elastic face: exact pressure, few iterations."""
+    made = pressed_on_a_plate(0.4, 0.2, 5, "automatic")
+    made["substructure"]["plate"] |= {"rigid": True}
+    made["substructure"]["plate"]["box"]["elements"] = [elements, elements, 1]
+    made["interface"]["i"]["friction_coefficient"] = friction
+    if not friction:
+        made["boundary"]["top"] = {"type": "fixed", "face": "block.zmax", "components": ["x", "y"]}
+    solution = solve(made)
+    assert -solution.interfaces["i"].traction[-1, :, 2] == pytest.approx(1e6, rel=1e-7)
+    assert len(solution.interfaces["i"].areas) == 36
+    assert max(w.iterations for w in solution.windows) <= 20
+
+
+def test_a_held_face_does_not_give_the_points() -> None:
+    """A fine fixed face under a coarse free one would hold it at more points than it has nodes."""
+    made = pressed_on_a_plate(0.4, 0.0, 3, "automatic")
+    made["substructure"]["plate"]["box"] |= {"origin": [1e-3, 1e-3, -2e-3], "size": [3.4e-3, 3.4e-3, 2e-3]}
+    made["substructure"]["plate"]["box"]["elements"] = [12, 12, 1]
+    assert prepare(latin_fmu.scene_from_dict(made)).units[0].geometry.n_point == 169
+    made["boundary"]["all"] = {"type": "fixed", "face": "plate.zmax"}
+    solution = solve(made)
+    assert -solution.interfaces["i"].traction[-1, :, 2] == pytest.approx(1e6, rel=1e-6)
+    assert len(solution.interfaces["i"].areas) == 16
+
+
 # -- sessions and FMUs --------------------------------------------------------------------------------------------
 def thrown_stack(**solver: Any) -> dict[str, Any]:
     """Three blocks of different meshes under a pulse."""
