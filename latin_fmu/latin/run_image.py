@@ -50,7 +50,10 @@ def make_image(assembly: Assembly, settings: Settings, direction: Direction, pro
         for group in layout.groups
     ]
     window = settings.window or assembly.n_instant
-    return Image(assembly.propagators, assembly.channels, layout.normal, probes.rows, run, groups, min(window, assembly.n_instant))
+    return Image(
+        assembly.propagators, assembly.channels, layout.normal, probes.rows, run, groups, min(window, assembly.n_instant),
+        len(assembly.time), histories(assembly),
+    )
 
 
 def rules(settings: Settings) -> dict[str, float]:

@@ -93,7 +93,6 @@ class Run:
         first.bind()
         self._probes = SlideProbes(assembly, self.recorder.sliding)
         self.image = make_image(assembly, self.settings, first, self._probes)
-        self.image.begin(len(assembly.time), histories(assembly))
         self.f_hat[:], self.w_hat[:] = traction, velocity
         self._use(_ONE)
         if scales is None:

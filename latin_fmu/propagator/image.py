@@ -68,7 +68,7 @@ class Image:
     normal : (n_flat,) True where a channel is normal to its interface. probes : per class rows (n_probe, n) whose
     velocities are kept, or None. run, groups : further fields of the records, arrays among them (``constants`` by name).
     numbers : fields of the run beside those of the time scheme.
-    window : instants of the longest window.
+    window : instants of the longest window. n_time, histories : as for ``begin``, where the segment is known.
     """
 
     def __init__(
@@ -80,6 +80,8 @@ class Image:
         run: Mapping[str, Any] | None = None,
         groups: Sequence[Mapping[str, Any]] = (),
         window: int = 1,
+        n_time: int = 0,
+        histories: Mapping[str, Array] | None = None,
     ) -> None:
         self.propagators, self.n_flat, self.window = list(propagators), len(normal), window
         self.channels = list(channels)
@@ -98,11 +100,16 @@ class Image:
             class_record.constants(self._fixed, p, flat, None if probes is None else probes[c], normal)
             for c, (p, flat) in enumerate(zip(self.propagators, channels, strict=True))
         ]
-        self.fixed = np.zeros(self._fixed.size)
+        self.fixed = self.moving = np.zeros(0)  # room is made when their sizes are known
         self._current: int | None = None
         self._half: dict[int, Array] = {}
         self._written = False
         self._lay_out_moving()
+        if histories is None:
+            self.moving = np.zeros(self._tail)
+        else:
+            self.begin(n_time, histories)
+        self.moving[self._run["carry"]] = 1.0
         for c, propagator in enumerate(self.propagators):
             propagator.attach(self, c)
 
@@ -164,10 +171,6 @@ class Image:
         ):
             run[name] = block.reserve(self.rows * size)
         self._tail = block.size
-        self.moving = np.zeros(self._tail)
-        self.moving[run["carry"]] = 1.0
-        for row in self._rows:
-            self.moving[row["rest"]] = 1.0
 
     def begin(self, n_time: int, histories: Mapping[str, Array]) -> None:
         """Take over what drives the classes over a segment of time, and ``histories`` of the run."""
