@@ -37,6 +37,7 @@ examples:
   latin-fmu run models/beam_in_traction/scene.toml -o beam.nc
   latin-fmu run models/two_specimen_crushing/scene.toml --set interface.crush.friction_coefficient=0.3
   latin-fmu plot beam.nc -o beam.png
+  latin-fmu plot models/lap_joint/scene.toml -o assembly.png
   latin-fmu fmu models/two_specimen_crushing/scene.toml -o crushing.fmu
   latin-fmu simulate crushing.fmu -o out.csv
   latin-fmu stress --quick -o stability.md

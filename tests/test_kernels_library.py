@@ -394,6 +394,15 @@ def test_the_cache_folder_follows_the_contents(tree, base, tmp_path):
     assert with_numba.cache_folder(again) not in (None, first)
 
 
+@pytest.mark.usefixtures("base")
+def test_another_import_name_has_a_cache_folder_of_its_own(monkeypatch):
+    """numba could not read types of the package of an FMU back under the name of the installed one."""
+    first = with_numba.cache_folder(library.PACKAGE)
+    with_numba.cache_folder.cache_clear()
+    monkeypatch.setattr(with_numba, "__name__", "latin_fmu_0123456789ab.compiled.with_numba")
+    assert with_numba.cache_folder(library.PACKAGE) not in (None, first)
+
+
 @pytest.mark.skipif(not hasattr(os, "geteuid"), reason="POSIX permissions")
 def test_only_a_private_cache_folder_is_used(base):
     folder = with_numba.cache_folder(library.PACKAGE)

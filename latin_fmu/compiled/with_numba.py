@@ -137,11 +137,14 @@ def cache_folder(package: Path) -> Path | None:
 
 
 def _versions() -> str:
+    """What compiled code depends on beside the sources: versions, and the name under which the package is imported,
+    because numba keeps types by the name of their module: an FMU imports its copy under a name of its own."""
     import llvmlite
     import numba
     import numpy
 
-    return repr((sys.version, numba.__version__, llvmlite.__version__, numpy.__version__))
+    name = __name__.partition(".")[0]
+    return repr((name, sys.version, numba.__version__, llvmlite.__version__, numpy.__version__))
 
 
 def _base() -> Path | None:

@@ -39,9 +39,10 @@ SUPPORTS: Final = {
 }
 LOAD, MOTION = "#B00000", "#0050A0"
 _AZIMUTH, _ELEVATION = -60.0, 25.0
-_APART: Final = 0.3  # of the size of the assembly, between bodies of the exploded view
+# between bodies of the exploded view: of the size of the assembly, and at most of the mean size of its bodies
+_APART, _APART_OF_BODY = 0.3, 0.6
 _ARROW: Final = 0.16
-_MOST_NAMES: Final = 14
+_MOST_NAMES: Final = 9
 
 
 @dataclass(frozen=True)
@@ -94,7 +95,9 @@ def assembly_figure(scene: Scene, warnings: list[str]) -> Figure:
     skins = {name: skin_of(body.mesh, _rgb(tints[name])) for name, body in bodies.items()}
     _paint(assembly, skins, strong)
     everything = np.concatenate([s.points for s in skins.values()])
-    shifts = _shifts(assembly, _APART * float(np.ptp(everything, axis=0).max()))
+    mean = float(np.mean([body.mesh.extent().max() for body in bodies.values()]))
+    distance = min(_APART * float(np.ptp(everything, axis=0).max()), _APART_OF_BODY * mean)
+    shifts = _shifts(assembly, distance)
     apart = [s.moved(shifts[name]) for name, s in skins.items()]
     figure, axes = _layout(apart, above)
     draw(axes[0], list(skins.values()), above)
@@ -153,7 +156,7 @@ def _layout(apart: Sequence[Skin], view: View) -> tuple[Figure, list[Axes]]:
 
     width, height = np.ptp(np.concatenate([view.project(s.points) for s in apart]), axis=0)
     tower = height > 1.1 * width
-    figure = Figure(figsize=(10.5, 6.4), layout="constrained")
+    figure = Figure(figsize=(10.5, 9.0 if height > 4.0 * width else 6.4), layout="constrained")
     if len(apart) == 1:  # it cannot be taken apart: from above it is the large picture
         return figure, list(figure.subplots(1, 2, width_ratios=(1.6, 1.0)))
     if tower:
