@@ -210,7 +210,10 @@ def test_terms_of_the_static_march(kind: str, model: Make, tractions: Make, chan
     increment."""
     members = [model(kind, seed) for seed in range(2)]
     members = [
-        changed(d, {"displacement": np.zeros(d.model.n_full), "velocity": np.zeros(d.model.n_full)}) for d in members
+        changed(
+            d, {"displacement": np.zeros(d.model.n_full), "velocity": np.zeros(d.model.n_full), "mass": None, "damping": None}
+        )
+        for d in members
     ]
     n = len(members[0].model.channel_area)
     k = np.random.default_rng(3).uniform(1.0, 4.0, n)
