@@ -253,7 +253,7 @@ class Image:
         rested = bool(self._of(c, "passed", 1)[0])
         if not self.call(entries.INTERFACE_LOAD, c, instant):
             return
-        y = np.zeros_like(self._half[c]) if rested else self._half[c]
+        y = np.zeros((row["n"] - row["n_inner"], row["m"])) if rested else self._half[c]
         last = self._of(c, "inner_answer", row["n_inner"], row["m"])
         self._of(c, "load", row["n"], row["m"])[:] = self.propagators[c].operators.factor.backward(y, last)
         self.call(entries.ADVANCE, c, instant)
