@@ -328,7 +328,7 @@ def test_a_snapshot_is_a_copy_of_the_state(tables: Tables, change: Callable[[Tab
     """Run, copy the range of the state, go on, put it back, go on again: the same bits, energies included."""
     run = made(tables, change)
     half = run.assembly.n_instant // 2
-    length = half if run.settings.window is None else run.settings.window
+    length = run.settings.window or half
     instants = half // length * length
 
     def on() -> dict[str, Any]:
