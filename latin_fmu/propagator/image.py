@@ -309,7 +309,7 @@ class Image:
         """Whether the kernels hold every factor."""
         return all(row["factored"] for row in self._rows)
 
-    def set(self, **fields: float) -> None:
+    def set(self, fields: Mapping[str, float]) -> None:
         """Change numbers of the run."""
         self._run |= fields
         for name, value in fields.items():

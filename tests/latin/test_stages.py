@@ -78,7 +78,7 @@ def linear(run_: Any, q: Array, first: int = 1) -> Array:
 def commit(run_: Any, f_hat: Array, instant: int) -> None:
     """End an instant with tractions."""
     fields(run_, "local_f", 1)[0] = f_hat
-    run_.image.set(first_row=instant)
+    run_.image.set({"first_row": instant})
     for c in range(len(run_.image.propagators)):
         run_.image.end(c, instant)
     run_.image.call(entries.END_INSTANT, instant)
