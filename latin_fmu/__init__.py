@@ -9,20 +9,25 @@ exerts on a side; N points from side E to side E'. Two groups of equations, sati
 =====================================================================  ==========================================
 equations                                                              module
 =====================================================================  ==========================================
-(1)-(5)    kinematics, initial values, equilibrium, elasticity         fem, assembly.body, assembly.conditions
+(1)-(5)    kinematics, initial values, equilibrium, elasticity         fem.elasticity, assembly.conditions
 (6), (15)  an interface behaviour and its contract                     interface.behaviour
-(7)        perfect connection                                          interface.perfect
-(8)-(14)   linear stage: F - F_hat = -k (W - W_hat), dashpots k        latin.global_stage, propagator.direct
+(7)        perfect connection                                          interface.perfect, kernels.laws
+(8)-(14)   linear stage: F - F_hat = -k (W - W_hat), dashpots k        kernels.substructure, kernels.iteration
+           in windows of several instants                              kernels.sweep, kernels.windows
 (12)-(17)  search directions k                                         latin.search_direction
-(15)-(17)  local stage: F_hat - F = k (W_hat - W), point by point      latin.local_stage
+(15)-(17)  local stage: F_hat - F = k (W_hat - W), point by point      kernels.local_stage, kernels.laws
 (18)-(19)  points, normals, gap of an interface                        assembly.pairing, assembly.opposite,
            faces whose nodes do not match                              fem.mortar
-(20)-(23)  unilateral contact with Coulomb friction                    interface.contact
-(24)       error indicator                                             latin.error_indicator
-           loop, acceleration, fall-backs; windows                     latin.solver, latin.acceleration, latin.windows
+(20)-(23)  unilateral contact with Coulomb friction                    interface.contact, kernels.laws
+(24)       error indicator; force residual                             kernels.indicator
+           loop, acceleration; from instant to instant                 kernels.iteration, kernels.acceleration
+                                                                       kernels.instants
+           windows, fall-backs                                         latin.windows, latin.solver
            t = 0                                                       latin.start
-           time schemes and their energy identity                      time_scheme.hht, propagator.energy
+           time schemes; their energy identity                         time_scheme.hht, kernels.energy
 =====================================================================  ==========================================
+
+What a run holds in numbers lies in a few pools of memory that ``kernels.records`` describes.
 
 A run: ``solve(load_scene("scene.toml"))`` gives a ``Solution`` whose ``to_datatree()`` and ``save()`` give xarray
 and netCDF.

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import time as clock
+from collections.abc import Mapping
 from typing import Protocol
 
 from .assembly.build import Built, build, prepare
 from .assembly.sizes import body_lines, size_remarks
 from .blas_threads import one_thread
+from .interface import Behaviour
 from .latin.drift import drift_remarks
 from .latin.layout import InterfaceUnit
 from .latin.record import Outcome, Timings
@@ -29,7 +31,12 @@ class ProgressSink(Protocol):
         """``done`` of ``total`` windows finished, now at ``iteration`` with indicator ``error``."""
 
 
-def solve(scene: Scene, observer: Observer | None = None, progress: ProgressSink | None = None) -> Solution:
+def solve(
+    scene: Scene,
+    observer: Observer | None = None,
+    progress: ProgressSink | None = None,
+    behaviours: Mapping[str, Behaviour] | None = None,
+) -> Solution:
     """Solve a scene.
 
     Parameters
@@ -37,6 +44,8 @@ def solve(scene: Scene, observer: Observer | None = None, progress: ProgressSink
     scene : from ``load_scene`` or built in Python.
     observer : called after every LATIN iteration with an ``Iteration``.
     progress : told how far the run is.
+    behaviours : laws of the caller's own (``interface.behaviour``), by interface, in the place of those that the scene
+        names; they are called from Python, point by point in NumPy (``examples/own_law.py``).
 
     Raises
     ------
@@ -46,7 +55,7 @@ def solve(scene: Scene, observer: Observer | None = None, progress: ProgressSink
     timings = Timings()
     start = clock.process_time()
     with one_thread():
-        built = build(scene)
+        built = build(scene, behaviours=behaviours)
     timings.setup = clock.process_time() - start
     outcome = run(built, timings, observer, progress, wall)
     if outcome.converged and (prediction := built.predict()) is not None:

@@ -20,9 +20,9 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("errors", "compiled", "memory", "blas_threads"),
     ("mesh_files",),
     ("aot",),
+    ("kernels",),
     ("fem", "interface", "time_scheme"),
     ("propagator",),
-    ("march",),
     ("latin",),
     ("scene", "results"),
     ("assembly",),
@@ -35,7 +35,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("cli",),
     ("__init__", "__main__"),
 )
-NUMERICAL = ("fem", "interface", "time_scheme", "propagator", "march", "latin")
+NUMERICAL = ("kernels", "fem", "interface", "time_scheme", "propagator", "latin")
 FOREIGN = {
     "xarray",
     "netCDF4",

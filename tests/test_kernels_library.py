@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import json
 import os
 import shutil
 import subprocess
@@ -22,6 +23,10 @@ from latin_fmu.aot.build import declared
 from latin_fmu.compiled import COMPILES, declare, fields, library, with_numba
 from latin_fmu.compiled.declare import Entry, Pointers
 from latin_fmu.compiled.signature import MismatchError, Signature, address
+from latin_fmu.interface import BEHAVIOURS
+from latin_fmu.kernels import sweeps
+from latin_fmu.kernels.acceleration import Anderson
+from latin_fmu.kernels.lanes import LANES, SPARE
 from latin_fmu.propagator import stable_step
 from latin_fmu.propagator.cholesky.factor import CholeskyFactor
 
@@ -125,7 +130,7 @@ def test_the_library_holds_every_entry():
     found = library.loaded()
     assert found is not None
     items = list(declared())
-    assert len(items) > 20
+    assert len(items) > 15
     for item in items:
         names = [item.symbol]
         if isinstance(item, Entry):
@@ -187,6 +192,7 @@ def test_a_run_needs_no_numba(name, end, tmp_path):
 
 
 # every entry against its Python function
+ACTIONS = "kernels_entries_call"  # the whole iteration: see the test of whole runs in Python
 
 
 class Recorder:
@@ -210,7 +216,7 @@ class Recorder:
         if self._inside:  # called by another kernel in Python
             return kernel.py_func(*arguments)
         seen = self.checked.get(kernel.symbol, 0)
-        if seen >= self._each or not in_python(kernel):
+        if kernel.symbol == ACTIONS or seen >= self._each or not in_python(kernel):
             return self._call(kernel, *arguments)
         copies, moved = copied(arguments), copied(arguments)
         for array in flat(moved):  # how far round-off in the arguments goes
@@ -283,10 +289,125 @@ def test_every_entry_equals_its_python_function(monkeypatch):
     chain = sp.diags_array([-np.ones(399), 2.1 * np.ones(400), -np.ones(399)], offsets=[-1, 0, 1]).tocsr()
     stable_step.largest_eigenvalue(chain, np.ones(400))
     for kind in (np.float64, np.float32):
-        CholeskyFactor(chain, np.array([0, 7, 399]), dtype=kind).solve(np.ones((400, 2)))
-    runnable = {item.symbol for item in declared() if isinstance(item, Entry) and in_python(item)}
-    assert len(runnable) > 15
+        factor = CholeskyFactor(chain, np.array([0, 7, 399]), dtype=kind)
+        factor.solve(np.ones((400, 2)))
+        shape, tile = factor.symbolic, np.random.default_rng(1).normal(size=400 * LANES)
+        for sweep in (sweeps.forward_tile, sweeps.backward_tile):
+            sweep(shape.first, shape.row_start, shape.rows, shape.panel_start, factor.panels, tile, np.zeros(SPARE * LANES))
+    accelerated = Anderson(np.ones(7), 3, 0.8)
+    for q in np.random.default_rng(2).normal(size=(3, 7)):
+        accelerated.next(q, -0.1 * q)
+    jump = np.random.default_rng(3).normal(size=(6, 3))
+    for law in BEHAVIOURS.values():
+        behaviour = law()
+        reach = jump[:, : behaviour.n_component] if behaviour.elastic else np.abs(jump[:, 0])
+        points = behaviour.point_parameters(6)
+        behaviour.local(jump[:, : behaviour.n_component], np.ones((6, 2)), reach, 2.0, points)
+    runnable = {item.symbol for item in declared() if isinstance(item, Entry) and in_python(item)} - {ACTIONS}
+    assert len(runnable) > 10
     assert runnable <= recorder.checked.keys(), runnable - recorder.checked.keys()
+
+
+RUN_OF_BLOCKS = """
+import json, sys
+import latin_fmu
+
+found = []
+for tables in json.loads(sys.argv[1]):
+    outcome = latin_fmu.solve(latin_fmu.scene_from_dict(tables)).outcome
+    fields = [[h.traction.tolist(), h.velocity.tolist()] for h in outcome.interfaces.values()]
+    energy = {} if outcome.energy is None else {term: values.tolist() for term, values in outcome.energy.items()}
+    found.append([[w.iterations for w in outcome.windows], fields, energy])
+print(json.dumps(found))
+"""
+
+
+def small_scenes() -> list[dict[str, Any]]:
+    """Runs of a few instants on one element a body that take every road through the kernels of the iteration."""
+    box = {"size": [0.01, 0.01, 0.01], "elements": [1, 1, 1]}
+    rubs = {"friction_coefficient": 0.3}
+    plain: dict[str, Any] = {
+        "name": "small",
+        "material": {"m": {"young_modulus": 70e9, "poisson_ratio": 0.3, "density": 2700.0}},
+        "substructure": {
+            "a": {"material": "m", "box": {"origin": [0.0, 0.0, 0.0], **box}},
+            "b": {"material": "m", "box": {"origin": [0.0, 0.0, 0.01], **box}, "initial_velocity": [0.5, 0.0, -5.0]},
+        },
+        "interface": {"floor": {"sides": ["a.zmin", "ground"], **rubs}, "meet": {"sides": ["a.zmax", "b.zmin"], **rubs}},
+        "load": {"press": {"face": "b.zmax", "traction": [3e7, 0.0, -1e8], "law": {"type": "half_sine", "duration": 4e-6}}},
+        "time": {"end": 2.4e-6, "instants": 6},
+        "solver": {},
+        "output": {"energy": True},
+    }  # fmt: skip
+    side_by_side = {
+        f"c{i}": {"material": "m", "box": {"origin": [0.02 * i, 0.0, 0.0], **box}, "initial_velocity": [0.0, 0.1 * i, -2.0]}
+        for i in range(9)
+    }
+    damped = {"m": {**plain["material"]["m"], "rayleigh_mass": 1e4, "rayleigh_stiffness": 1e-9}}
+    law = {"type": "half_sine", "duration": 4e-6}
+    layer = {"behaviour": "elastic_layer", "normal_stiffness": 1e15, "tangential_stiffness": 3e14}
+    soft = {"behaviour": "soft_contact", "normal_stiffness": 2e15, "friction_coefficient": 0.2}
+    moved = {
+        "substructure": {name: {"material": "m", "box": body["box"]} for name, body in plain["substructure"].items()},
+        "boundary": {
+            "drive": {"type": "velocity", "face": "a.xmin", "components": ["x"], "value": [2.0], "law": law}
+        },
+        "interface": {
+            "floor": {"sides": ["a.zmin", "ground"], **soft, "ground_velocity": {
+                "direction": [0.0, 0.0, 1.0], "amplitude": 3.0, "law": law}},
+            "meet": {"sides": ["a.zmax", "b.zmin"], **layer},
+        },
+    }  # fmt: skip
+    return [
+        plain,
+        plain | {"solver": {"window": 3}},
+        plain | {"solver": {"precision": "float32"}},
+        plain | {"material": damped, "time": {"end": 2.4e-6, "instants": 24, "scheme": {"type": "central_difference"}}},
+        plain | {
+            "time": {**plain["time"], "scheme": {"type": "massless_contact"}},
+            "substructure": {
+                name: {**body, "box": {**body["box"], "elements": [1, 1, 2]}}
+                for name, body in plain["substructure"].items()
+            },
+        },
+        plain | moved,
+        plain | moved | {"solver": {"window": 3}, "material": damped},
+        plain | {
+            "interface": {"meet": {"sides": ["a.zmax", "b.zmin"], "behaviour": "perfect"}},
+        },
+        plain | {
+            "substructure": side_by_side, "load": {},
+            "interface": {f"i{i}": {"sides": [f"c{i}.zmin", "ground"], **rubs} for i in range(9)},
+        },
+        plain | {
+            "time": {"end": 1.0, "instants": 3, "quasi_static": True},
+            "substructure": moved["substructure"],
+            "load": {"press": {"face": "b.zmax", "traction": [1e7, 0.0, -1e8],
+                               "law": {"type": "table", "times": [0.0, 1.0], "values": [0.0, 1.0]}}},
+        },
+    ]  # fmt: skip
+
+
+def test_whole_runs_equal_those_of_the_python_functions():
+    """The kernels of the iteration as plain Python, in another process: the same iterations and, to round-off, fields."""
+    scenes = json.dumps(small_scenes())
+    results = []
+    for choice in ("1", "setup"):
+        done = subprocess.run(
+            [sys.executable, "-c", RUN_OF_BLOCKS, scenes], capture_output=True, text=True, check=False, cwd=ROOT,
+            env={**os.environ, "PYTHONPATH": str(ROOT), "LATIN_FMU_COMPILE": choice},
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        results.append(json.loads(done.stdout))
+    for number, (one, other) in enumerate(zip(*results, strict=True)):
+        assert one[0] == other[0], number
+        for mine, its in zip(one[1], other[1], strict=True):
+            for field, expected in zip(mine, its, strict=True):
+                size = np.abs(np.array(expected)).max()
+                assert np.abs(np.array(field) - np.array(expected)).max() <= 1e-8 * size, number
+        size = max(np.abs(values).max() for values in other[2].values())
+        for term, values in one[2].items():
+            assert np.abs(np.array(values) - np.array(other[2][term])).max() <= 1e-8 * size, (number, term)
 
 
 # where the library does not fit

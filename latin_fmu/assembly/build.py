@@ -10,6 +10,7 @@ import numpy as np
 
 from ..errors import Problem, SceneError
 from ..fem.mesh import padded_cells
+from ..interface import Behaviour
 from ..latin.assembly import Assembly
 from ..latin.layout import Array, InterfaceUnit, Layout
 from ..latin.recorder import SubstructureInfo, Wanted
@@ -35,7 +36,7 @@ from .conditions import Conditions
 from .initial_state import InitialState
 from .locking import locking_remarks
 from .models import ModelClass, model_classes, side_impedance
-from .pairing import Messages, build_interface
+from .pairing import Messages, build_interface, with_behaviours
 from .prediction import Prediction, predict
 from .propagator_choice import chosen_propagators, unstable_steps
 from .resting import cut_by_arrival
@@ -196,21 +197,26 @@ class Prepared:
         return predict(run_sizes(self))
 
 
-def build(scene: Scene, amplitudes: Mapping[str, float] | None = None) -> Built:
+def build(
+    scene: Scene,
+    amplitudes: Mapping[str, float] | None = None,
+    behaviours: Mapping[str, Behaviour] | None = None,
+) -> Built:
     """Meshes, matrices, interfaces and factors of a scene, and the equilibrium it starts from where it asks for one.
 
     Parameters
     ----------
     amplitudes : for a static start, of loads that are set from outside (their start value where left out).
+    behaviours : laws of the caller's own, by interface, in the place of those that the scene names.
 
     Raises
     ------
     SceneError : meshes that cannot be read, unknown faces, faces that do not fit, all at once; no equilibrium.
     """
-    return prepare(scene).started(amplitudes or {})
+    return prepare(scene, behaviours).started(amplitudes or {})
 
 
-def prepare(scene: Scene) -> Prepared:
+def prepare(scene: Scene, behaviours: Mapping[str, Behaviour] | None = None) -> Prepared:
     """All of ``build`` but the factors (same errors)."""
     problems: list[Problem] = []
     bodies = build_bodies(scene, problems)
@@ -228,7 +234,7 @@ def prepare(scene: Scene) -> Prepared:
     found = [build_interface(n, i, bodies, conditions, messages) for n, i in scene.interface.items()]
     if problems:
         raise SceneError(problems, "the scene cannot be built")
-    units = [unit for unit in found if unit is not None]
+    units = with_behaviours([unit for unit in found if unit is not None], behaviours or {}, problems)
     initial_problems(scene, units, problems, remarks)
     if scene.time.quasi_static and not problems:
         problems += unheld(bodies, conditions, units, "quasi_static")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from ..latin.layout import InterfaceUnit
 from ..scene.fields import GROUND, split_face
 from ..scene.interface_keys import PARAMETERS, TAKES
 from ..scene.interfaces import Interface
+from ..scene.wording import did_you_mean
 from .body import Body
 from .conditions import Conditions
 from .held_points import held_dofs
@@ -67,6 +68,19 @@ def build_interface(
                     remedy="close the gap of the meshes, or leave the preload out")
         )  # fmt: skip
     return InterfaceUnit(name, interface.sides, behaviour, geometry, pressure)
+
+
+def with_behaviours(
+    units: list[InterfaceUnit], behaviours: Mapping[str, Behaviour], problems: list[Problem]
+) -> list[InterfaceUnit]:
+    """Interfaces with behaviours of the caller's own, by name, in the place of those of the scene."""
+    names = [unit.name for unit in units]
+    for name in sorted(set(behaviours) - set(names)):
+        problems.append(
+            Problem(f"behaviours.{name}", "no interface of this name", name, ", ".join(names) or "none: no interfaces",
+                    did_you_mean(name, names))
+        )  # fmt: skip
+    return [replace(unit, behaviour=behaviours.get(unit.name, unit.behaviour)) for unit in units]
 
 
 def _behaviour(interface: Interface) -> Behaviour:

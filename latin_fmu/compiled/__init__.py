@@ -23,7 +23,18 @@ raise nothing and touch no Python object: the build fails by name on a symbol th
 
 from __future__ import annotations
 
-from .declare import COMPILES, PLAIN, carray, compiled, entry, kernel, lazy_intrinsic, native, ordered_kernel, share
+from .declare import (
+    COMPILES,
+    PLAIN,
+    carray,
+    compiled,
+    entry,
+    kernel,
+    lazy_intrinsic,
+    native,
+    ordered_kernel,
+    share,
+)
 from .signature import address, fields
 
 __all__ = [

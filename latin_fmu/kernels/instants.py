@@ -70,7 +70,7 @@ def first_guess(pools: Any, instant: int) -> None:
         free_motion(pools, instant, w)
         q[:] = 0.0
         add_dense(n, n, direction[run.bonds : run.bonds + n * n], 1, w, q)
-        return
+        return None
     touched, carry = False, state[run.carry]
     if run.static == 1:
         carry *= pools.moving[run.continuation + instant]
@@ -79,7 +79,7 @@ def first_guess(pools: Any, instant: int) -> None:
         q[j] = f_hat[j] + k[j] * carry * w_hat[j]
         touched = touched or f_hat[j] != 0.0
     if touched or run.static == 1:
-        return
+        return None
     w = work[run.w : run.w + n]
     free_motion(pools, instant, w)
     for j in range(n):

@@ -16,8 +16,8 @@ from .acceleration import next_iterate
 from .indicator import error_indicator, force_residual
 from .local_stage import finish, outgoing, prepare, solve_points
 from .products import add_rows
-from .sweep import sweep
 from .substructure import respond
+from .sweep import sweep
 
 Array = NDArray[np.float64]
 

@@ -133,7 +133,7 @@ CLASS_FIELDS: Final[tuple[Field, ...]] = (
     ("seen", "work (w, c, m): q of the last solves, Pa"),
     ("answered", "work (w, c, m): W of the last solves, m s-1"),
     ("known", "work (1,): 1 where those are of this window"),
-    ("kept_states", "work (isqrt(w) + 1, n_state): states inside a window of several instants"),
+    ("kept_states", "work (w // (isqrt(w) + 1) + 1, n_state): states inside a window of several instants"),
     ("channel", "work (c, m)"),
     ("answer", "work (c, m)"),
     ("vectors", "work (2 m, n_live)"),

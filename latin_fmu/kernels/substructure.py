@@ -24,7 +24,16 @@ from numpy.typing import NDArray
 from ..compiled import kernel
 from .lanes import LANES, SPARE, TILED, tile_width
 from .matrices import (
-    add_damping, add_mass, add_spread, add_stiffness, add_trace, forces, imposed, inertia, springs, tile_of,
+    add_damping,
+    add_mass,
+    add_spread,
+    add_stiffness,
+    add_trace,
+    forces,
+    imposed,
+    inertia,
+    springs,
+    tile_of,
 )
 from .products import add_rows, product, symmetric_size
 from .records import STATIC

@@ -58,12 +58,12 @@ def second_guess(
     soft = Direction(assembly, rough, 1)
     soft.bind()
     image.bind(_SOFT, soft.run_fields(), soft.group_fields(), afresh=True)
-    image.set(**rules(rough))
+    image.set(rules(rough))
     looking = Stages(image, soft, 1, stages.first)
     for c in range(len(image.propagators)):
         image.predict(c, stages.first)
     image.call(entries.OPEN, 1, stages.first - 1)
     looking.field("q")[...] = 0.0
     found = WindowSolver(rough).solve(looking, WindowRecord(stages.first, stages.first), 0)
-    image.set(**rules(settings))
+    image.set(rules(settings))
     return APPROACH, direction.incoming(found.f_hat[0], found.w_hat[0])

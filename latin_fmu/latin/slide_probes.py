@@ -6,6 +6,7 @@ Such interfaces carry no tangential unknowns; every point needs the velocity of 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+
 import numpy as np
 import scipy.sparse as sp
 

@@ -159,7 +159,7 @@ class Run:
         self._begin_recording()
 
     def _begin_recording(self) -> None:
-        self.image.set(first_row=0)
+        self.image.set({"first_row": 0})
         self.image.call(entries.READ_START)
         self.recorder.start(self.assembly, self.image, self._probes)
 
@@ -209,7 +209,7 @@ class Run:
         longest = max(1, int(_SECONDS / self._per_instant)) if self._per_instant > 0 else _FIRST
         n = min(n, image.rows, longest, recorder.instants_unseen())
         first, before = assembly.instant + 1, clock.perf_counter()
-        image.set(first_row=first)
+        image.set({"first_row": first})
         done = self._march_together(first, n) if self._threads.several else image.call(entries.MARCH, first, n)
         if done:
             self._step_to(first + done - 1)
@@ -321,7 +321,7 @@ class Run:
         image.field("carry", 1)[0] = float(APPROACH not in record.fallbacks)  # bodies that travelled far have arrived
         if n > 1:
             image.call(entries.REWIND)
-        image.set(first_row=first)
+        image.set({"first_row": first})
         self._march_accepted(stages, lambda _: None)
         self._step_to(first + n - 1)
         self._take_indicator()
@@ -354,10 +354,10 @@ class Run:
         kept, begun, row = image.moving.copy(), self.assembly.instant, int(image.run[0]["first_row"])
         if stages.n > 1:
             image.call(entries.REWIND)
-        image.set(first_row=stages.first)
+        image.set({"first_row": stages.first})
         self._march_accepted(stages, after, keep=False)
         image.moving[:] = kept
-        image.set(first_row=row)
+        image.set({"first_row": row})
         self._move(begun)
 
     def _guess_again(self, stages: Stages, record: WindowRecord) -> None:
@@ -431,7 +431,7 @@ class Run:
         """No interface at all: march."""
         image = self.image
         for i in range(n):
-            image.set(first_row=first + i)
+            image.set({"first_row": first + i})
             for c in range(len(image.propagators)):
                 image.predict(c, first + i)
                 image.end(c, first + i)

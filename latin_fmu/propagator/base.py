@@ -31,7 +31,6 @@ import scipy.sparse as sp
 from ..kernels import entries
 from ..kernels.energy import TERMS
 from ..time_scheme import TimeScheme
-from .condensed import Index
 from .forcing import Forcing
 from .image import Image
 from .interface_matrices import condensed
@@ -292,7 +291,7 @@ class Propagator(ABC):
             self._alone_since = self.forcing.token
         if self._opening is not None:
             image.field("f_hat", *self._opening.shape)[:] = self._opening
-            image.set(first_row=self.instant)
+            image.set({"first_row": self.instant})
             image.call(entries.OPEN_ACCOUNTS)
             self._opening = None
         return image
@@ -300,7 +299,7 @@ class Propagator(ABC):
     def predict(self) -> Array:
         """March to the next instant without interface forces; velocities of the channels."""
         image = self._alone()
-        image.set(first_row=self.instant + 1)
+        image.set({"first_row": self.instant + 1})
         image.predict(self._class, self.instant + 1)
         return self._part("w_free", self.n_channel * len(self.members)).reshape(self.n_channel, -1).copy()
 

@@ -256,7 +256,7 @@ class Image:
         rested = bool(self._of(c, "passed", 1)[0])
         if not self.call(entries.INTERFACE_LOAD, c, instant):
             return
-        y = np.zeros_like(self._half[c]) if rested else self._half[c]
+        y = np.zeros((row["n"] - row["n_inner"], row["m"])) if rested else self._half[c]
         last = self._of(c, "inner_answer", row["n_inner"], row["m"])
         self._of(c, "load", row["n"], row["m"])[:] = self.propagators[c].operators.factor.backward(y, last)
         self.call(entries.ADVANCE, c, instant)
@@ -274,6 +274,28 @@ class Image:
                 self._tractions(i, flat)
                 self._commit(c, first + i)
 
+    def end_window_instant(self, instant: int, i: int) -> None:
+        """``kernels.windows.end_window_instant`` where some class has no factor in the kernels."""
+        n = self.n_flat
+        hat = [self.field(name, self.window, n) for name in ("local_f", "local_w")]
+        accepted, first = [field[i].copy() for field in hat], [field[0].copy() for field in hat]
+        for c, row in enumerate(self._rows):
+            flat = self.channels[c].ravel()
+            self.predict(c, instant)
+            self.call(entries.RESPOND, c, i)
+            self._tractions(i, flat)
+            self.field("f", self.window, n)[i, flat] = self.field("local_f", n)[flat]
+            if row["factored"]:
+                self._of(c, "marched", 1)[0] += self.call(entries.COMMIT, c, instant)
+            else:
+                self._commit(c, instant)
+            self.call(entries.AFTER, c, instant, i, 1)
+        for field, values in zip(hat, accepted, strict=True):
+            field[0] = values
+        self.call(entries.END_INSTANT, instant)
+        for field, values in zip(hat, first, strict=True):
+            field[0] = values
+
     def _tractions(self, i: int, flat: Index) -> None:
         """F = q - k W of the linear stage at some channels and instant i of the window, as the tractions that act."""
         n = self.n_flat
@@ -290,7 +312,7 @@ class Image:
         """Whether the kernels hold every factor."""
         return all(row["factored"] for row in self._rows)
 
-    def set(self, **fields: float) -> None:
+    def set(self, fields: Mapping[str, float]) -> None:
         """Change numbers of the run."""
         self._run |= fields
         for name, value in fields.items():

@@ -50,7 +50,7 @@ class Indicator:
         f, w, f_hat, w_hat = fields
         q = f_hat + self._k * w_hat - residual
         n = self._put(scales, q=q, f=f, w=w, local_f=f_hat, local_w=w_hat)
-        self.image.set(tolerance=-1.0)
+        self.image.set({"tolerance": -1.0})
         self.image.call(entries.MEASURE, n)
         found = self.image.field("r", n, self.image.n_flat)
         assert found == pytest.approx(residual, rel=1e-9, abs=1e-9 * (np.abs(f_hat).max() + 1e-300))

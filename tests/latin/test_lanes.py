@@ -1,4 +1,4 @@
-"""Products on eight members at once against those of NumPy and the sweeps of the factor."""
+"""Products of the kernels against NumPy: eight members at once, packed triangles, compressed rows; half solves."""
 
 from __future__ import annotations
 
@@ -6,25 +6,23 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from latin_fmu.compiled import COMPILES
-
-if not COMPILES:
-    pytest.skip("the march is compiled", allow_module_level=True)
-
-from latin_fmu.march.lanes import (
-    LANES,
-    SPARE,
-    backward_tile,
-    dense_product,
-    forward_tile,
-    gather,
-    padded,
-    sparse_product,
-)  # fmt: skip
+from latin_fmu.kernels import lanes, products, sweeps
+from latin_fmu.kernels.lanes import LANES, SPARE, TILED
 from latin_fmu.propagator.cholesky.factor import CholeskyFactor
+from latin_fmu.propagator.class_record import lower_pattern, symmetric
 
-MEMBERS = [3, 7, 8, 9, 17]
+MEMBERS = [1, 2, 3, 7, 8, 9, 17]
 RNG = np.random.default_rng(7)
+
+
+
+@pytest.fixture(autouse=True)
+def in_python(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Lets kernels call each other in Python; the entries of the library are compared with theirs elsewhere."""
+    for module in (lanes, products, sweeps):
+        for name, value in vars(module).items():
+            if hasattr(value, "py_func"):
+                monkeypatch.setattr(module, name, value.py_func)
 
 
 def definite(n: int) -> sp.csr_array:
@@ -32,50 +30,117 @@ def definite(n: int) -> sp.csr_array:
     return sp.csr_array(half + half.T + 20.0 * sp.eye_array(n))
 
 
+def scratch(n: int) -> np.ndarray:
+    return np.full((n + SPARE) * LANES, np.nan)
+
+
 @pytest.mark.parametrize("m", MEMBERS)
-def test_sparse_product(m: int) -> None:
+def test_symmetric_sparse_product(m: int) -> None:
+    """Strict lower triangle and diagonal below TILED members, whole rows from there on."""
     matrix = definite(41)
     x, out = RNG.normal(size=(2, 41, m))
     expected = out - 0.5 * (matrix @ x)
-    columns, values = matrix.indices.astype(np.uint32), matrix.data
-    sparse_product(
-        41, matrix.indptr.astype(np.int64), columns.ctypes.data, values.ctypes.data, -0.5, m, x.ravel(),
-        out.reshape(-1), np.full((41 + SPARE) * LANES, np.nan),
-    )  # fmt: skip
+    lower = lower_pattern(matrix)
+    diagonal = matrix.data[lower.on_diagonal]
+    if m >= TILED:
+        form = matrix.indptr.astype(np.int64), matrix.indices.astype(np.uint32), matrix.data
+    else:
+        form = lower.starts, lower.columns, matrix.data[lower.places]
+    products.add_symmetric(41, diagonal, *form, -0.5, m, x.ravel(), out.reshape(-1), scratch(41))
     np.testing.assert_allclose(out, expected, rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("n", [1, 4, 30])
+@pytest.mark.parametrize("n", [1, 2, 4, 5, 30])
 @pytest.mark.parametrize("m", MEMBERS)
-def test_dense_product(m: int, n: int) -> None:
-    matrix, x = RNG.normal(size=(n, n)), RNG.normal(size=(n, m))
+def test_symmetric_dense_product(m: int, n: int) -> None:
+    matrix, x = definite(n).toarray() + 1.0, RNG.normal(size=(n, m))
+    kept = symmetric(matrix, np.arange(n), m, False)
+    assert kept.size == products.symmetric_size(n, 0, m)
     out = np.full((n, m), np.nan)
-    dense_product(n, matrix.ctypes.data, m, x.ravel(), out.reshape(-1), np.full((n + SPARE) * LANES, np.nan))
-    np.testing.assert_allclose(out, matrix @ x, rtol=0, atol=1e-13 * n)
+    if m != 1:
+        products.product(n, kept.ravel(), 0, m, x.ravel(), out.reshape(-1), scratch(n))
+    else:
+        out[:] = 0.0
+        products.product(n, kept.ravel(), 0, m, x.ravel(), out.reshape(-1), scratch(n))
+    np.testing.assert_allclose(out, matrix @ x, rtol=0, atol=1e-11)
+    diagonal = symmetric(matrix, np.arange(n), m, True)
+    assert diagonal.size == products.symmetric_size(n, 1, m)
+    products.product(n, diagonal, 1, m, x.ravel(), out.reshape(-1), scratch(n))
+    np.testing.assert_allclose(out, np.diag(matrix)[:, None] * x, rtol=1e-14)
 
 
-@pytest.mark.parametrize("m", MEMBERS)
-def test_half_solves(m: int) -> None:
+@pytest.mark.parametrize("n", [1, 2, 7])
+def test_two_norms(n: int) -> None:
+    matrix, x = definite(n).toarray() + 0.3, RNG.normal(size=(2, n))
+    found = products.two_norms(n, matrix[np.tril_indices(n)], x.ravel())
+    np.testing.assert_allclose(found, np.einsum("ij,jk,ik->i", x, matrix, x), rtol=1e-13)
+
+
+@pytest.mark.parametrize("m", [1, 2, 3, 8])
+def test_products_of_rows(m: int) -> None:
+    a = sp.csr_array(sp.random_array((13, 19), density=0.3, rng=RNG))
+    form = a.indptr.astype(np.int64), a.indices.astype(np.uint32), a.data
+    x, y = RNG.normal(size=(19, m)), RNG.normal(size=(13, m))
+    out, back, dense = np.ones((13, m)), np.ones((19, m)), np.ones((13, m))
+    products.add_rows(13, *form, 0.7, m, x.ravel(), out.reshape(-1))
+    products.add_transposed(13, *form, -0.2, m, y.ravel(), back.reshape(-1))
+    products.add_dense(13, 19, a.toarray().ravel(), m, x.ravel(), dense.reshape(-1))
+    np.testing.assert_allclose(out, 1.0 + 0.7 * (a @ x), rtol=0, atol=1e-13)
+    np.testing.assert_allclose(back, 1.0 - 0.2 * (a.T @ y), rtol=0, atol=1e-13)
+    np.testing.assert_allclose(dense, 1.0 + a @ x, rtol=0, atol=1e-13)
+
+
+def test_patterns_times_amplitudes() -> None:
+    patterns = RNG.normal(size=(3, 11)) * (RNG.random((3, 11)) < 0.5)
+    rows = [np.flatnonzero(p) for p in patterns]
+    starts = np.cumsum([0, *map(len, rows)])
+    amplitudes, out = np.array([2.0, 0.0, -1.5]), np.ones(11)
+    values = np.concatenate([p[r] for p, r in zip(patterns, rows, strict=True)])
+    products.add_terms(3, starts, np.concatenate(rows), values, amplitudes, 0.5, out)
+    np.testing.assert_allclose(out, 1.0 + 0.5 * amplitudes @ patterns, rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("single", [False, True], ids=["float64", "float32"])
+@pytest.mark.parametrize("m", [1, 3, 7, 8, 9, 17])
+def test_half_solves(m: int, single: bool) -> None:
     """Forward and backward in tiles, against the same factor on one member after the other."""
     matrix, last = definite(60), np.array([3, 17, 44, 59])
     factor = CholeskyFactor(matrix, last)
     shape, loads, ends = factor.symbolic, RNG.normal(size=(60, m)), RNG.normal(size=(4, m))
     pattern = (shape.first, shape.row_start, shape.rows, shape.panel_start)
+    panels = factor.panels.astype(np.float32) if single else factor.panels
+    close = 1e-5 if single else 1e-13
     spare, out = np.full(SPARE * LANES, np.nan), np.full((60, m), np.nan)
-    for start in range(0, padded(m), LANES):
-        tile, lanes = np.full((60, LANES), np.nan), min(m - start, LANES)
-        gather(60, m, start, shape.order, loads.ravel(), tile.reshape(-1))
-        assert not tile[:, lanes:].any()
-        forward_tile(*pattern, factor.panels.ctypes.data, tile.reshape(-1), spare)
-        for j in range(lanes):
+    for start in range(0, m, LANES):
+        tile, count = np.full((60, LANES), np.nan), min(m - start, LANES)
+        lanes.gather(60, m, start, loads[shape.order].ravel(), tile.reshape(-1))
+        assert not tile[:, count:].any()
+        sweeps.forward_tile(*pattern, panels, tile.reshape(-1), spare)
+        for j in range(count):
             y, reached = factor.forward(np.ascontiguousarray(loads[:, start + j : start + j + 1]))
             np.testing.assert_allclose(
-                tile[:, j], np.concatenate([y[:56, 0], reached[:, 0]]), rtol=0, atol=1e-13
+                tile[:, j], np.concatenate([y[:56, 0], reached[:, 0]]), rtol=0, atol=close
             )
-        tile[56:, :lanes] = ends[:, start : start + lanes]
-        backward_tile(*pattern, factor.panels.ctypes.data, tile.reshape(-1), spare)
-        out[shape.order, start : start + lanes] = tile[:, :lanes]
+            for grouped in (False, True):
+                alone = loads[shape.order, start + j].copy()
+                sweeps.forward_one(grouped, *pattern, panels, alone)
+                np.testing.assert_allclose(alone, tile[:, j], rtol=0, atol=1e-13)
+        tile[56:, :count] = ends[:, start : start + count]
+        halves = tile.copy()
+        sweeps.backward_tile(*pattern, panels, tile.reshape(-1), spare)
+        for j in range(count):
+            alone = np.ascontiguousarray(halves[:, j])
+            sweeps.backward_one(False, *pattern, panels, alone)
+            np.testing.assert_allclose(alone, tile[:, j], rtol=0, atol=1e-13)
+        out[shape.order, start : start + count] = tile[:, :count]
     # with the whole matrix: the inside is in equilibrium with the loads and the values at the interface
     inside = np.setdiff1d(np.arange(60), last)
     np.testing.assert_array_equal(out[last], ends)
-    np.testing.assert_allclose((matrix @ out)[inside], loads[inside], rtol=0, atol=1e-11)
+    np.testing.assert_allclose((matrix @ out)[inside], loads[inside], rtol=0, atol=1e-3 if single else 1e-11)
+
+
+@pytest.mark.parametrize("m", range(1, 20))
+def test_width_of_tiles(m: int) -> None:
+    padded = lanes.padded(m)
+    assert padded >= m
+    assert padded == m or (m >= TILED and padded % LANES == 0 and padded < m + LANES)

@@ -40,7 +40,7 @@ def openings(run_: Any, n: int) -> Array:
     if n:
         run_.image.call(entries.OPEN, n, 0)
     group = run_.assembly.layout.groups[0]
-    opening: Array = run_.image.group_field(0, "opening", 4, group.n_point)
+    opening: Array = run_.image.group_field(0, "opened", 4, group.n_point)
     return opening
 
 
@@ -53,7 +53,8 @@ def points(run_: Any, i: int, n: int) -> None:
 def local(run_: Any, s: Array) -> tuple[Array, Array, Array]:
     """F_hat, W_hat (n, n_flat) and gaps (n, n_point) of a window for the velocities s."""
     n = len(s)
-    opening, followed = openings(run_, n), []
+    opened, followed = openings(run_, n), []
+    opening = run_.image.group_field(0, "opening", *opened.shape)
     fields(run_, "s", n)[:] = s
     for i in range(n):
         points(run_, i, n)
@@ -77,7 +78,7 @@ def linear(run_: Any, q: Array, first: int = 1) -> Array:
 def commit(run_: Any, f_hat: Array, instant: int) -> None:
     """End an instant with tractions."""
     fields(run_, "local_f", 1)[0] = f_hat
-    run_.image.set(first_row=instant)
+    run_.image.set({"first_row": instant})
     for c in range(len(run_.image.propagators)):
         run_.image.end(c, instant)
     run_.image.call(entries.END_INSTANT, instant)

@@ -88,7 +88,7 @@ def linear(run: Any, q: np.ndarray, iteration: int) -> tuple[np.ndarray, int]:
 
 def open_window(run: Any, n: int, reuse: float) -> None:
     """Begin a window of n instants; solutions are kept where q has changed by no more than ``reuse``."""
-    run.image.set(reuse=reuse)
+    run.image.set({"reuse": reuse})
     run.image.call(entries.BEGIN)
     for c in range(len(run.image.propagators) if n == 1 else 0):
         run.image.predict(c, 1)

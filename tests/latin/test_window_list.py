@@ -16,7 +16,7 @@ def both() -> tuple[WindowList, list[WindowRecord]]:
     found, counts = WindowList(), np.array([2, 1, 3])
     first = WindowRecord(1, 4, [0.1, 0.01], [np.nan, 0.5], ["relaxation 1/2"], False, 1)
     found.append(first)
-    found.told(5, counts, errors, 2.0 * errors)
+    found.keep(5, counts, errors, 2.0 * errors)
     last = WindowRecord(8, 8, [0.1], [0.2], [], True, 0)
     found.append(last)
     told = [

@@ -139,7 +139,7 @@ def crushing(n_time: int = 201, window: int = 1, friction: float = 0.1) -> Outco
         status="converged: every window reached the tolerance 1e-3",
         passes=5.5,
         energy=energy,
-        timings=Timings(0.3, 0.52, 0.11, 0.05, 0.0, 1.2, 120_000_000),
+        timings=Timings(0.3, 0.63, 0.05, 0.0, 1.2, 120_000_000),
         warnings=("the pulse is sampled with an impulse 0.2 % too small",),
         settings={"search direction, one instant": "diagonal"},
     )

@@ -34,7 +34,7 @@ def test_report_has_its_keys(crushing: Solution) -> None:
         "status", "converged", "iterations", "passes", "error_indicator", "cpu_seconds", "peak_memory_bytes",
         "penetration", "warnings", "interfaces",
     ]  # fmt: skip
-    parts = ["set_up", "global_stage", "local_stage", "other", "output", "total"]
+    parts = ["set_up", "march", "other", "output", "total"]
     assert list(report["cpu_seconds"]) == parts
     assert list(report["interfaces"]["crush"]) == [
         "impulse", "peak_force", "first_contact_time", "separation_time", "error_indicator",

@@ -1,4 +1,4 @@
-"""The compiled march against the long road: same iterations, same fields, whatever a scene has in it."""
+"""The compiled driver against the stages taken one by one: the same bits, whatever a scene has in it."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import pytest
 
 import latin_fmu
 from latin_fmu.assembly.segments import SegmentedRun
-from latin_fmu.compiled import COMPILES
-from latin_fmu.latin import compiled_run, windows
+from latin_fmu.compiled import PLAIN
+from latin_fmu.latin import windows
 from latin_fmu.latin.threads import dealt
 
-pytestmark = pytest.mark.skipif(not COMPILES, reason="compilation is off")
+pytestmark = pytest.mark.skipif(PLAIN, reason="the kernels of a run are plain Python: too slow")
 
 Tables = dict[str, Any]
 
@@ -168,47 +168,165 @@ CHANGES: list[Callable[[Tables], None]] = [
 ]  # fmt: skip
 
 
+def same_bits(one: Any, other: Any) -> None:
+    """Two outcomes are the same to the last bit."""
+    assert [w.iterations for w in one.windows] == [w.iterations for w in other.windows]
+    for mine, its in zip(one.windows, other.windows, strict=True):
+        np.testing.assert_array_equal(mine.error_indicator, its.error_indicator)
+        np.testing.assert_array_equal(mine.force_mismatch, its.force_mismatch)
+    assert (one.converged, one.passes, one.marched) == (other.converged, other.passes, other.marched)
+    assert one.interface_indicator == other.interface_indicator
+    for name, history in one.interfaces.items():
+        for field in ("traction", "velocity", "gap"):
+            np.testing.assert_array_equal(getattr(history, field), getattr(other.interfaces[name], field))
+    for name, kept in one.substructures.items():
+        for field in ("displacement", "velocity"):
+            mine = getattr(kept, field)
+            if mine is not None:
+                np.testing.assert_array_equal(mine, getattr(other.substructures[name], field))
+    assert (one.energy is None) == (other.energy is None)
+    for term, values in (one.energy or {}).items():
+        np.testing.assert_array_equal(values, other.energy[term])
+
+
+def both_drivers(tables: Tables, python_driver: Callable[[], None], windows_of_one: bool = True) -> Any:
+    """The outcome, the same to the last bit with both drivers."""
+    fast = latin_fmu.solve(latin_fmu.scene_from_dict(tables)).outcome
+    python_driver()
+    slow = latin_fmu.solve(latin_fmu.scene_from_dict(tables)).outcome
+    assert not fast.interfaces or any(history.traction.any() for history in fast.interfaces.values())
+    assert not windows_of_one or len(fast.windows) == tables["time"]["instants"]
+    same_bits(fast, slow)
+    return fast
+
+
 @pytest.mark.parametrize("change", CHANGES, ids=lambda change: change.__name__)
-def test_both_roads_give_the_same_fields(
-    change: Callable[[Tables], None], monkeypatch: pytest.MonkeyPatch
+def test_both_drivers_give_the_same_bits(
+    change: Callable[[Tables], None], python_driver: Callable[[], None]
 ) -> None:
     tables = stack()
     change(tables)
-    fast = latin_fmu.solve(latin_fmu.scene_from_dict(tables)).outcome
-    monkeypatch.setattr(windows, "marches", lambda _: False)
-    slow = latin_fmu.solve(latin_fmu.scene_from_dict(tables)).outcome
-    assert not fast.interfaces or any(history.traction.any() for history in fast.interfaces.values())
-    assert [w.iterations for w in fast.windows] == [w.iterations for w in slow.windows]
-    assert (fast.converged, fast.passes, fast.marched) == (slow.converged, slow.passes, slow.marched)
-    for name, history in fast.interfaces.items():
-        other = slow.interfaces[name]
-        for field in ("traction", "velocity", "gap"):
-            mine, its = getattr(history, field), getattr(other, field)
-            if its is not None:
-                assert np.abs(mine - its).max() <= 1e-9 * np.abs(its).max(initial=1e-300), (name, field)
-    assert fast.interface_indicator == pytest.approx(slow.interface_indicator, rel=1e-6)
-    for name, kept in fast.substructures.items():
-        if kept.displacement is not None:
-            np.testing.assert_allclose(
-                kept.displacement, slow.substructures[name].displacement, rtol=0, atol=1e-14
-            )
-    if fast.energy is not None and slow.energy is not None:
-        for term, values in fast.energy.items():
-            scale = max(np.abs(v).max() for v in slow.energy.values())
-            assert np.abs(values - slow.energy[term]).max() <= 1e-9 * scale, term
+    both_drivers(tables, python_driver)
+
+
+def alike(n: int, behaviour: str = "contact", **solver: Any) -> Tables:
+    """n blocks alike side by side on the ground, each pressed and sheared in its own way: one class of n members."""
+    tables = stack(1, behaviour, **solver)
+    box = {"size": [0.01, 0.01, 0.01], "elements": [2, 2, 2]}
+    contact = {key: value for key, value in tables["interface"]["floor"].items() if key != "sides"}
+    tables["substructure"], tables["interface"], tables["load"] = {}, {}, {}
+    for i in range(n):
+        tables["substructure"][f"b{i}"] = {"material": "soft", "box": {"origin": [0.02 * i, 0.0, 0.0], **box}}
+        tables["interface"][f"floor{i}"] = {"sides": [f"b{i}.zmin", "ground"], **contact}
+        tables["load"][f"press{i}"] = {
+            "face": f"b{i}.zmax", "traction": [2e7 + 4e6 * i, 1e7, -1e8 - 1e7 * i],
+            "law": {"type": "half_sine", "duration": 3e-6 + 1e-7 * i},
+        }  # fmt: skip
+    return tables
+
+
+def layered(n: int) -> Tables:
+    """The same on elastic layers."""
+    tables = alike(n, "elastic_layer")
+    for interface in tables["interface"].values():
+        interface |= {"normal_stiffness": 1e15, "tangential_stiffness": 3e14}
+    return tables
+
+
+def softly(n: int) -> Tables:
+    """The same on soft contact."""
+    tables = alike(n, "soft_contact")
+    for interface in tables["interface"].values():
+        interface |= {"normal_stiffness": 2e15, "friction_coefficient": 0.2}
+    return tables
+
+
+def shaken(n: int) -> Tables:
+    """The same on moving ground, one face of each moved."""
+    tables = alike(n)
+    for i in range(n):
+        tables["interface"][f"floor{i}"]["ground_velocity"] = {
+            "direction": [0.0, 0.0, 1.0], "amplitude": 3.0 + i, "law": {"type": "half_sine", "duration": 4e-6},
+        }  # fmt: skip
+    tables["boundary"] = {
+        f"drive{i}": {"type": "velocity", "face": f"b{i}.xmin", "components": ["x"], "value": [1.0 + i],
+                      "law": {"type": "half_sine", "duration": 3e-6}}
+        for i in range(n)
+    }  # fmt: skip
+    return tables
+
+
+def explicitly(n: int) -> Tables:
+    """The same with central differences."""
+    tables = alike(n)
+    tables["time"] |= {"scheme": {"type": "central_difference"}, "instants": 60}
+    return tables
+
+
+def reduced(n: int) -> Tables:
+    """The same on few modes."""
+    return alike(n, propagator={"type": "reduced", "modes": 20})
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 8, 16])
+@pytest.mark.parametrize(
+    "make", [alike, layered, softly, shaken, explicitly, reduced], ids=lambda make: make.__name__
+)
+def test_members_of_a_class_together(
+    make: Callable[[int], Tables], n: int, python_driver: Callable[[], None]
+) -> None:
+    """One after the other, or eight at a time: the drivers agree to the bit; so do members alone and together, to
+    round-off."""
+    tables = make(n)
+    tables["output"] = {"energy": n in (1, 8)}
+    tables["solver"] |= {"tolerance": 1e-10, "force_tolerance": 1e-9, "skip_unchanged": False}
+    together = both_drivers(tables, python_driver)
+    tables["solver"]["share_identical"] = False
+    alone = latin_fmu.solve(latin_fmu.scene_from_dict(tables)).outcome
+    for name, history in together.interfaces.items():
+        other = alone.interfaces[name].traction
+        assert np.abs(history.traction - other).max() <= 1e-7 * np.abs(other).max(), name
+
+
+@pytest.mark.parametrize("n", [1, 3])
+def test_without_a_factor_the_answer_is_that_with_one(n: int) -> None:
+    """Conjugate gradients through the Python driver against the compiled one."""
+    tight = {"tolerance": 1e-11, "force_tolerance": 1e-10, "max_iterations": 400}
+    outcomes = [
+        latin_fmu.solve(latin_fmu.scene_from_dict(alike(n, propagator=kind, **tight))).outcome
+        for kind in ("direct", "cg")
+    ]
+    for name, history in outcomes[0].interfaces.items():
+        for field in ("traction", "velocity"):
+            mine, its = (getattr(x.interfaces[name], field) for x in outcomes)
+            assert np.abs(mine - its).max() <= 1e-9 * np.abs(mine).max(), (name, field)
+
+
+@pytest.mark.parametrize("length", [4, "whole"])
+def test_longer_windows_without_a_factor(length: Any) -> None:
+    """Marched in Python between the halves of the kernels."""
+    tight = {"tolerance": 1e-10, "force_tolerance": 1e-9, "max_iterations": 400, "window": length}
+    outcomes = []
+    for kind in ("direct", "cg"):
+        tables = alike(2, propagator=kind, **tight)
+        tables["time"] = {"end": 1.6e-6, "instants": 8}
+        outcomes.append(latin_fmu.solve(latin_fmu.scene_from_dict(tables)).outcome)
+    for name, history in outcomes[0].interfaces.items():
+        other = outcomes[1].interfaces[name].traction
+        assert np.abs(history.traction - other).max() <= 1e-7 * np.abs(other).max(), name
 
 
 @pytest.mark.parametrize(
     "change", [layers, massless_layers, explicit_layers], ids=lambda change: change.__name__
 )
 def test_segments_and_snapshots_of_layers(
-    change: Callable[[Tables], None], monkeypatch: pytest.MonkeyPatch
+    change: Callable[[Tables], None], python_driver: Callable[[], None]
 ) -> None:
-    """Cut, taken back and gone through again, on both roads: what layers remember is handed over."""
+    """Cut, taken back and gone through again, with both drivers: what layers remember is handed over."""
     ends: dict[tuple[bool, str], Any] = {}
     for compiled in (True, False):
         if not compiled:
-            monkeypatch.setattr(windows, "marches", lambda _: False)
+            python_driver()
         tables = stack()
         change(tables)
         scene = latin_fmu.scene_from_dict(tables)
@@ -227,7 +345,7 @@ def test_segments_and_snapshots_of_layers(
             ends[compiled, name] = cut
     for (compiled, name), cut in ends.items():
         if compiled:
-            assert np.abs(cut - ends[False, name]).max() <= 1e-9 * np.abs(cut).max(), name
+            np.testing.assert_array_equal(cut, ends[False, name])
 
 
 @pytest.mark.parametrize(
@@ -255,7 +373,8 @@ def test_the_length_of_a_call_changes_nothing(
     """To the last bit: calls are as long as the machine is fast."""
     outcomes = []
     for longest in (64, 3, 1):
-        monkeypatch.setattr(compiled_run, "_LONGEST", longest)
+        monkeypatch.setattr(windows, "_FIRST", longest)
+        monkeypatch.setattr(windows, "_SECONDS", 60.0 if longest == 64 else 0.0)
         tables = stack()
         change(tables)
         outcomes.append(latin_fmu.solve(latin_fmu.scene_from_dict(tables)).outcome)
@@ -270,13 +389,15 @@ def test_classes_are_dealt_by_cost() -> None:
     assert len(dealt([1.0], 4)) == 1
 
 
-def test_an_instant_that_needs_a_fall_back_takes_the_long_road(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_instant_that_needs_a_fall_back_is_solved_from_python(python_driver: Callable[[], None]) -> None:
     """A tolerance below round-off: nothing converges in the kernels, and the run tells the fall-backs all the same."""
     tables = stack(2, tolerance=1e-20, max_iterations=20)
     fast = latin_fmu.solve(latin_fmu.scene_from_dict(tables)).outcome
-    monkeypatch.setattr(windows, "marches", lambda _: False)
+    python_driver()
     slow = latin_fmu.solve(latin_fmu.scene_from_dict(tables)).outcome
     assert [w.fallbacks for w in fast.windows] == [w.fallbacks for w in slow.windows]
+    for name, history in fast.interfaces.items():
+        np.testing.assert_array_equal(history.traction, slow.interfaces[name].traction)
     assert any(w.fallbacks for w in fast.windows)
 
 

@@ -1,0 +1,379 @@
+"""Records and pools: every field documented, every array in its pool, none on another's numbers; snapshots are copies.
+
+Each number of the blocks belongs to one field. The fields are found from the documentation of the records themselves
+(their pool and shape), so that a field that lies elsewhere or is larger than documented shows.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from math import isqrt
+from typing import Any
+
+import numpy as np
+import pytest
+
+from latin_fmu.assembly.build import build
+from latin_fmu.assembly.segments import SegmentedRun
+from latin_fmu.compiled import PLAIN
+from latin_fmu.kernels import entries, records
+from latin_fmu.kernels.energy import TERMS
+from latin_fmu.kernels.lanes import LANES, SPARE, padded
+from latin_fmu.kernels.records import CLASS_FIELDS, GROUP_FIELDS, LINE, RUN_FIELDS, RUN_NUMBERS
+from latin_fmu.scene.reader import scene_from_dict
+
+Tables = dict[str, Any]
+POOLS = ("constants", "direction", "histories", "state", "work", "output")
+MOVING = POOLS[2:]
+
+
+def blocks(n: int, **solver: Any) -> Tables:
+    """Blocks alike, side by side on the ground, pressed and sheared one more than the other; one on top of the first.
+
+    Those that have nothing on top are one class of n - 1 members.
+    """
+    size = {"size": [0.01, 0.01, 0.01], "elements": [2, 2, 2]}
+    names = [f"b{i}" for i in range(n)]
+    contact = {"friction_coefficient": 0.3}
+    return {
+        "name": "blocks",
+        "material": {"steel": {"young_modulus": 210e9, "poisson_ratio": 0.3, "density": 7800.0}},
+        "substructure": {
+            "top": {"material": "steel", "box": {"origin": [0.0, 0.0, 0.01], **size}},
+            **{
+                name: {"material": "steel", "box": {"origin": [0.02 * i, 0.0, 0.0], **size}}
+                for i, name in enumerate(names)
+            },
+        },
+        "interface": {
+            "meeting": {"sides": ["b0.zmax", "top.zmin"], **contact},
+            **{f"floor_{name}": {"sides": [f"{name}.zmin", "ground"], **contact} for name in names},
+        },
+        "load": {
+            f"press_{name}": {
+                "face": f"{name}.{side}", "traction": [2e7 * i, 1e7, -1e8 - 1e7 * i],
+                "law": {"type": "half_sine", "duration": 3e-6},
+            }
+            for i, (name, side) in enumerate([("top", "zmax"), *((name, "xmax") for name in names)])
+        },
+        "time": {"end": 2.4e-6, "instants": 12},
+        "solver": solver,
+        "output": {"energy": True},
+    }  # fmt: skip
+
+
+def plain(_: Tables) -> None:
+    """As it is."""
+
+
+def driven(tables: Tables) -> None:
+    """Moving ground, faces whose motion is given, damping."""
+    law = {"type": "half_sine", "duration": 2e-6}
+    tables["interface"]["floor_b0"]["ground_velocity"] = {
+        "direction": [0.0, 0.0, 1.0], "amplitude": 3.0, "law": law,
+    }  # fmt: skip
+    tables["boundary"] = {
+        f"drive_{name}": {
+            "type": "velocity", "face": f"{name}.xmin", "components": ["x"], "value": [1.0 + i], "law": law,
+        }
+        for i, name in enumerate(sorted(tables["substructure"]))
+    }  # fmt: skip
+    tables["material"]["steel"] |= {"rayleigh_mass": 1e3, "rayleigh_stiffness": 1e-9}
+
+
+def massless(tables: Tables) -> None:
+    """Surface without mass."""
+    tables["time"]["scheme"] = {"type": "massless_contact"}
+
+
+def frictionless(tables: Tables) -> None:
+    """Normal channels alone, whose sliding is read from the bodies."""
+    for interface in tables["interface"].values():
+        interface["friction_coefficient"] = 0.0
+
+
+def layers(tables: Tables) -> None:
+    """Soft contact and a bonded layer."""
+    tables["interface"]["meeting"] |= {"behaviour": "soft_contact", "normal_stiffness": 2e15}
+    tables["interface"]["floor_b0"] = {
+        "sides": ["b0.zmin", "ground"], "behaviour": "elastic_layer", "normal_stiffness": 1e15,
+        "tangential_stiffness": 3e14,
+    }  # fmt: skip
+
+
+def bonded(tables: Tables) -> None:
+    """Perfect interfaces, solved at once."""
+    for name, interface in tables["interface"].items():
+        tables["interface"][name] = {"sides": interface["sides"], "behaviour": "perfect"}
+
+
+def static(tables: Tables) -> None:
+    """Without inertia, on elastic layers."""
+    for name, interface in tables["interface"].items():
+        tables["interface"][name] = {
+            "sides": interface["sides"], "behaviour": "elastic_layer", "normal_stiffness": 1e13,
+            "tangential_stiffness": 3e12,
+        }  # fmt: skip
+    tables["time"] = {"end": 1.0, "instants": 6, "quasi_static": True}
+    for load in tables["load"].values():
+        load["law"] = {"type": "table", "times": [0.0, 1.0], "values": [0.0, 1.0]}
+
+
+CASES: list[tuple[Tables, Callable[[Tables], None]]] = [
+    *((blocks(n), change) for n in (1, 3, 10) for change in (plain, driven)),
+    (blocks(2, window=4), driven),
+    (blocks(4, window="whole"), layers),
+    (blocks(3), massless),
+    *((blocks(n), frictionless) for n in (1, 4)),
+    (blocks(3), layers),
+    (blocks(2), bonded),
+    (blocks(2), static),
+    (blocks(3, propagator={"type": "reduced", "modes": 12}), driven),
+    *((blocks(n, propagator="explicit"), driven) for n in (1, 4)),
+    (blocks(3, propagator="cg", window=3), plain),
+]
+
+
+def made(tables: Tables, change: Callable[[Tables], None]) -> Any:
+    """A run of a changed scene at t = 0."""
+    from latin_fmu.latin.record import Timings
+    from latin_fmu.latin.recorder import Recorder
+    from latin_fmu.latin.windows import Run
+
+    tables = {key: dict(value) if isinstance(value, dict) else value for key, value in tables.items()}
+    change(tables)
+    built = build(scene_from_dict(tables))
+    return Run(built.assembly, built.settings, Recorder(built.assembly, built.wanted, built.info), Timings())
+
+
+@pytest.mark.parametrize("fields", [CLASS_FIELDS, GROUP_FIELDS, RUN_FIELDS, RUN_NUMBERS])
+def test_every_field_is_documented(fields: Any) -> None:
+    names = [name for name, _ in fields]
+    assert len(set(names)) == len(names)
+    for name, meaning in fields:
+        assert len(meaning) > 7 or meaning in ("members", "points p", "their number", "their size"), name
+        pool = meaning.split(" ")[0].rstrip(",")
+        if pool in POOLS:  # an array: its pool, its shape
+            assert re.search(r"\(.*\)|first number|: panels|: columns|: rows|: the entries|: C = |state \(|int64", meaning), name
+    assert records.CLASS.names == tuple(name for name, _ in CLASS_FIELDS)
+    assert records.GROUP.names == tuple(name for name, _ in GROUP_FIELDS)
+    assert records.RUN.names == tuple(name for name, _ in RUN_FIELDS + RUN_NUMBERS)
+
+
+def class_sizes(row: Any, run: Any, rows: int) -> dict[str, int]:
+    """Numbers of the arrays of a class in the moving block, by the shapes that the records document."""
+    n, m, g, c, w = (int(row[name]) for name in ("n", "m", "n_inner", "n_channel", "n_live"))
+    window, wide, counted = int(run["longest_window"]), (n + int(row["n_motion"])) * m, int(row["accounted"])
+    sizes = {
+        "state": int(row["n_state"]), "totals": 6 * m * counted, "past": 11 * wide * counted,
+        "marched": 1, "passed": 1, "known": 1,
+        **dict.fromkeys(("u_free", "v_free", "load", "mass_a"), n * m), "sweep": n * padded_(m),
+        **dict.fromkeys(("inner", "inner_answer", "free_a"), g * m),
+        "w_free": c * m, "seen": window * c * m, "answered": window * c * m, "channel": c * m, "answer": c * m,
+        "vectors": 2 * m * w, "answers": 2 * m * w, "tile": (max(n, c) + SPARE) * LANES,
+        "extended": 8 * wide * counted,
+        "kept_states": (window // (isqrt(window) + 1) + 1) * int(row["n_state"]) if window > 1 else 0,
+        "probed": rows * int(row["n_probe"]) * m, "energies": rows * 6 * m * counted,
+    }  # fmt: skip
+    if row["kind"] == records.STATIC:
+        sizes["w_damped"] = c * m
+    return sizes
+
+
+def padded_(m: int) -> int:
+    """Numbers per row in tiles."""
+    return int(getattr(padded, "py_func", padded)(m))
+
+
+def run_sizes(run: Any, rows: int) -> dict[str, int]:
+    """The same for the run as a whole."""
+    n, w, most = int(run["n_flat"]), int(run["longest_window"]), int(run["max_iterations"])
+    depth, parts = int(run["depth"]), int(run["n_interface"])
+    return {
+        "f_hat": n, "w_hat": n, "scales": 3, "carry": 1, "worst": parts, "counts": 2,
+        **dict.fromkeys(("q", "w", "f", "s", "local_f", "local_w", "r", "last_q", "last_r"), w * n),
+        "dq": depth * w * n, "dr": depth * w * n, "gram": depth**2, "least": (depth + 3) * depth,
+        "coarse": 2 * int(run["n_coarse"]), "displacement": n, "layer": n, "acceleration": n, "shares": parts,
+        "norms": 4, "merits": 2 * (3 * most + 64), "measure": 8,
+        "errors": rows * most, "mismatches": rows * most, "iterations": rows,
+        "history_f": rows * n, "history_w": rows * n, "history_gap": rows * int(run["n_point"]),
+    }  # fmt: skip
+
+
+def group_sizes(group: Any) -> dict[str, int]:
+    """The same for a group."""
+    p, h = int(group["n_point"]), int(group["n_component"])
+    width = p * h if group["elastic"] else p
+    return {
+        "gap": p, "layer": p * h if group["elastic"] else 0, "reach": width, "jump": p * h, "traction": p * h,
+        "opening": 4 * width, "opened": 4 * width,
+    }  # fmt: skip
+
+
+def arrays(image: Any) -> Iterator[tuple[str, str, int, int]]:
+    """Name, documented pool, first number and size of each array of the moving block."""
+    run = image.run[0]
+    parts = [("run", RUN_FIELDS, run, run_sizes(run, image.rows))]
+    parts += [(f"class {c}", CLASS_FIELDS, row, class_sizes(row, run, image.rows)) for c, row in enumerate(image.classes)]
+    parts += [(f"group {g}", GROUP_FIELDS, group, group_sizes(group)) for g, group in enumerate(image.groups)]
+    for who, fields, record, sizes in parts:
+        meanings = dict(fields)
+        for name, size in sizes.items():
+            pool = re.split(r"[ ,:]", meanings[name])[0]
+            yield f"{who}: {name}", pool, int(record[name]), size
+
+
+@pytest.mark.parametrize(("tables", "change"), CASES)
+def test_arrays_lie_in_their_pools_and_do_not_overlap(tables: Tables, change: Callable[[Tables], None]) -> None:
+    image = made(tables, change).image
+    image._write_records()
+    owner = np.full(len(image.moving), -1)
+    ends: dict[str, list[int]] = {pool: [] for pool in MOVING}
+    found = list(arrays(image))
+    for number, (name, pool, first, size) in enumerate(found):
+        assert pool in MOVING, name
+        assert first % LINE == 0, name
+        assert 0 <= first <= first + size <= len(image.moving), name
+        taken = owner[first : first + size]
+        assert (taken == -1).all(), f"{name} lies on {found[int(taken.max(initial=0))][0]}"
+        taken[:] = number
+        if size:
+            ends[pool] += [first, first + size]
+    # one range each: state, work, output, and what drives the run behind them
+    assert min(ends["state"]) == 0
+    assert max(ends["state"]) <= len(image.state) <= min(ends["work"])
+    assert max(ends["work"]) <= min(ends["output"])
+    histories = [int(row["constant"]) for row in image.classes]
+    assert max(ends["output"]) <= min(histories)
+    for row in image.classes:  # the motion is part of the state of its class, in order
+        size = int(row["n"] * row["m"])
+        places = [int(row[name]) for name in ("rest", "u", "v", "a", "residual")]
+        assert places[0] == row["state"]
+        assert all(b - a >= size for a, b in zip(places[1:], places[2:], strict=False))
+        assert places[-1] + size <= row["state"] + row["n_state"]
+        if row["accounted"]:
+            assert row["energy"] == row["totals"]
+            assert row["totals"] + len(TERMS) * row["m"] <= row["past"]
+            wide = int((row["n"] + row["n_motion"]) * row["m"])
+            assert row["past"] + 11 * wide <= row["energy"] + row["n_energy"] < row["past"] + 11 * wide + LINE
+
+
+@pytest.mark.parametrize(("tables", "change"), CASES)
+def test_constants_lie_in_their_block(tables: Tables, change: Callable[[Tables], None]) -> None:
+    """Positions of matrices in compressed rows are within the block, in numbers of their kind, and what they say fits."""
+    image = made(tables, change).image
+    image._write_records()
+    pools = image.pools
+    for row in image.classes:
+        n, m = int(row["n"]), int(row["m"])
+        assert sorted(pools.fixed_int[row["order"] : row["order"] + n].tolist()) == list(range(n))
+        for name in ("mass", "stiffness", "damping", "trace", "spread", "probe"):
+            rows = int(row[f"{name}_rows"])
+            if rows == 0:
+                continue
+            starts = pools.fixed_int[row[f"{name}_starts"] : row[f"{name}_starts"] + rows + 1]
+            assert starts[0] == 0
+            assert (np.diff(starts) >= 0).all()
+            end = int(row[f"{name}_columns"]) + int(starts[-1])
+            assert end <= len(pools.fixed_col)
+            assert int(row[f"{name}_values"]) + int(starts[-1]) <= len(pools.fixed)
+            columns = pools.fixed_col[row[f"{name}_columns"] : end]
+            limit = {"trace": row["n_inner"], "spread": row["n_channel"]}.get(name, n)
+            assert columns.max(initial=0) < limit
+        channels = pools.fixed_int[row["channels"] : row["channels"] + int(row["n_channel"]) * m]
+        assert len(set(channels.tolist())) == len(channels)
+        assert channels.max(initial=0) < image.n_flat
+        for name in ("force", "inertia", "velocity", "displacement", "acceleration", "work"):
+            terms = int(row[f"{name}_terms"])
+            if terms:
+                starts = pools.moving_int[row[f"{name}_starts"] : row[f"{name}_starts"] + terms + 1]
+                end = int(row[f"{name}_amplitudes"]) + terms * int(image.run[0]["n_time"])
+                assert end <= len(image.moving)
+                assert int(row[f"{name}_values"]) + int(starts[-1]) <= len(image.moving)
+
+
+def test_what_is_not_a_field_is_never_written_or_read() -> None:
+    """Numbers between the arrays are marked with NaN before a run: none of them changes, none gets into the answer."""
+    for tables, change in (CASES[2], CASES[3], CASES[7], CASES[10]):
+        if PLAIN and change is not plain:
+            continue
+        bare, marked = made(tables, change), made(tables, change)
+        image = marked.image
+        image._write_records()
+        own = np.zeros(image._tail, dtype=bool)
+        for _, _, first, size in arrays(image):
+            own[first : first + size] = True
+        gaps = np.flatnonzero(~own)
+        assert len(gaps)
+        marks = np.full(len(gaps), 0x7FF8DEADBEEFCAFE, dtype=np.int64)
+        image.moving.view(np.int64)[gaps] = marks
+        work = [(f, s) for _, pool, f, s in arrays(image) if pool == "work"]
+        run = image.run[0]
+        kept = [(int(run[name]), 8) for name in ("measure", "counts")]
+        kept += [(int(row[name]), 1) for row in image.classes for name in ("marched", "known")]
+        for first, size in work:  # scratch holds nothing that a run depends on
+            if (first, size) not in kept and first not in [at for at, _ in kept]:
+                image.moving[first : first + size] = np.nan
+        for run_ in (bare, marked):
+            run_.all()
+        np.testing.assert_array_equal(image.moving.view(np.int64)[gaps], marks)
+        np.testing.assert_array_equal(bare.recorder.f_hat, marked.recorder.f_hat)
+        np.testing.assert_array_equal(bare.recorder.w_hat, marked.recorder.w_hat)
+        assert all(w.converged for w in marked.state.windows)
+
+
+@pytest.mark.parametrize(("tables", "change"), CASES)
+def test_a_snapshot_is_a_copy_of_the_state(tables: Tables, change: Callable[[Tables], None]) -> None:
+    """Run, copy the range of the state, go on, put it back, go on again: the same bits, energies included."""
+    run = made(tables, change)
+    half = run.assembly.n_instant // 2
+    length = run.settings.window or half
+    instants = half // length * length
+
+    def on() -> dict[str, Any]:
+        begun = run.assembly.instant
+        for number in range(instants // length):
+            run.advance(length, number, 100)
+        first, last = begun + 1, run.assembly.instant
+        assert last == begun + instants
+        found = {"state": run.image.state.copy(), "f": run.recorder.f_hat[first : last + 1].copy()}
+        for c, p in enumerate(run.assembly.propagators):
+            found |= {f"{c} {term}": values for term, values in p.totals.items()}
+        return found
+
+    on()
+    kept, begun, seen = run.image.state.copy(), run.assembly.instant, run.recorder._instant
+    first = on()
+    run.image.state[:] = kept
+    run._move(begun)
+    run.recorder._instant = seen
+    again = on()
+    assert np.abs(first["f"]).max() > 0.0
+    for name, values in first.items():
+        np.testing.assert_array_equal(values, again[name], err_msg=name)
+
+
+def test_propagators_stand_in_the_image() -> None:
+    """Their motion is a view of it, not a copy."""
+    run = made(*CASES[2])
+    for c, p in enumerate(run.assembly.propagators):
+        at = int(run.image.classes[c]["u"])
+        assert np.shares_memory(p.state.u, run.image.moving)
+        np.testing.assert_array_equal(p.state.u.ravel(), run.image.moving[at : at + p.state.u.size])
+    run.image.call(entries.BEGIN)
+    assert all(p.instant == 0 for p in run.assembly.propagators)
+
+
+def test_segments_keep_what_they_use_and_no_more() -> None:
+    """The image does not grow from segment to segment: a co-simulation has thousands."""
+    tables = blocks(2)
+    tables["load"]["press_top"]["law"] = {"type": "input"}
+    run = SegmentedRun(scene_from_dict(tables))
+    sizes = []
+    for i in range(4):
+        run.advance((i + 1) * 1e-6, 5, {"press_top": np.full(6, 1.0 + i)})
+        assert run._run is not None
+        image = run._run.image
+        sizes.append((len(image.moving), len(image.fixed), len(image._fixed._known)))
+    assert len(set(sizes[1:])) == 1
