@@ -16,8 +16,7 @@ equations                                                              module
            in windows of several instants                              kernels.sweep, kernels.windows
 (12)-(17)  search directions k                                         latin.search_direction
 (15)-(17)  local stage: F_hat - F = k (W_hat - W), point by point      kernels.local_stage, kernels.laws
-(18)-(19)  points, normals, gap of an interface                        assembly.pairing, assembly.opposite,
-           faces whose nodes do not match                              fem.mortar
+(18)-(19)  points, normals, gap of an interface                        assembly.pairing, assembly.opposite
 (20)-(23)  unilateral contact with Coulomb friction                    interface.contact, kernels.laws
 (24)       error indicator; force residual                             kernels.indicator
            loop, acceleration; from instant to instant                 kernels.iteration, kernels.acceleration
@@ -27,7 +26,7 @@ equations                                                              module
            time schemes; their energy identity                         time_scheme.hht, kernels.energy
 =====================================================================  ==========================================
 
-What a run holds in numbers lies in a few pools of memory that ``kernels.records`` describes.
+Faces whose nodes do not match are joined by ``fem.mortar``. What a run holds in numbers lies in a few pools of memory that ``kernels.records`` describes.
 
 A run: ``solve(load_scene("scene.toml"))`` gives a ``Solution`` whose ``to_datatree()`` and ``save()`` give xarray
 and netCDF.

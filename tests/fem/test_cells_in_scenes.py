@@ -97,7 +97,7 @@ def test_explicit_march(tmp_path: Path, cell_type: str) -> None:
     built = build(scene_from_dict(tables))
     (propagator,) = built.assembly.propagators
     assert propagator.members[0].inertia.diagonal().min() > 0
-    assert propagator._dashpots.diagonal().min() > 0
+    assert propagator.dashpots.diagonal().min() > 0
     assert propagator.stability.longest > 5e-9
     solution = api.solve(scene_from_dict(tables))
     assert solution.energy is not None
