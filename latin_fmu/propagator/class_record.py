@@ -60,7 +60,7 @@ def put_symmetric(
 ) -> None:
     """A symmetric matrix (n, n): its diagonal and strict lower triangle, all of it where members are taken eight at a
     time; ``known`` keeps the halves of patterns."""
-    if matrix is None:
+    if matrix is None or matrix.nnz == 0:  # rigid bodies have no stiffness
         return
     if row["m"] >= TILED:
         put_matrix(block, row, name, matrix)
