@@ -60,7 +60,7 @@ def put_symmetric(
 ) -> None:
     """A symmetric matrix (n, n): its diagonal and strict lower triangle, all of it where members are taken eight at a
     time; ``known`` keeps the halves of patterns."""
-    if matrix is None or matrix.nnz == 0:  # rigid bodies have no stiffness
+    if matrix is None:
         return
     if row["m"] >= TILED:
         put_matrix(block, row, name, matrix)
@@ -69,7 +69,8 @@ def put_symmetric(
     if held is None:
         held = known[id(matrix.indices)] = lower_pattern(matrix), matrix.indices
     lower: LowerPattern = held[0]
-    diagonal = np.where(lower.on_diagonal >= 0, matrix.data[np.maximum(lower.on_diagonal, 0)], 0.0)
+    diagonal, there = np.zeros(matrix.shape[0]), lower.on_diagonal >= 0  # a rigid body's stiffness has no entry
+    diagonal[there] = matrix.data[lower.on_diagonal[there]]
     row[f"{name}_rows"] = int(matrix.shape[0])
     row[f"{name}_starts"] = block.put(lower.starts, np.int64)
     row[f"{name}_columns"] = block.put(lower.columns, np.uint32)
