@@ -15,8 +15,10 @@ import scipy.sparse.linalg as spla
 from latin_fmu.assembly.build import Prepared
 from latin_fmu.assembly.merge import Merged, merge
 from latin_fmu.compiled import COMPILES
+from latin_fmu.kernels import entries
 from latin_fmu.propagator import DirectPropagator
 from latin_fmu.propagator.cholesky import interface_factor
+from latin_fmu.propagator.image import Image
 from latin_fmu.propagator.model import reduced_rank
 
 NOTHING = np.zeros((0, 1))
@@ -52,15 +54,15 @@ class Floor:
 
     def compiled(self) -> DirectPropagator:
         """The kernels of the package's march, no interpreter between the instants."""
-        from latin_fmu.march import classes, instants, work  # only where there is a compiler
-
-        ready, body = self._ready, self._begun()
-        steps = len(ready.time) - 1
-        table = classes.ClassTable([body], [np.zeros((0, 1), dtype=np.int64)], [None])
-        table.begin(steps + 1)
-        table.take_up()
-        instants.march_alone(table.rows, work.coefficients(ready.scheme, ready.dt, 0.0), 1, steps)
-        table.store(steps, [None])
+        body = self._begun()
+        steps = len(self._ready.time) - 1
+        image = Image([body], [np.zeros((0, 1), dtype=np.int64)], np.zeros(0, dtype=bool))
+        image.begin(steps + 1, {})
+        image.bind(1)
+        for first in range(1, steps + 1, image.rows):
+            image.set({"first_row": first})
+            image.call(entries.MARCH, first, min(image.rows, steps + 1 - first))
+        body.instant = steps
         return body
 
     def displacements(self) -> Iterator[np.ndarray]:

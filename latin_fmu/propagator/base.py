@@ -301,7 +301,7 @@ class Propagator(ABC):
         image = self._alone()
         image.set({"first_row": self.instant + 1})
         image.predict(self._class, self.instant + 1)
-        return self._part("w_free", self.n_channel * len(self.members)).reshape(self.n_channel, -1).copy()
+        return self._part("w_free", self.n_channel * len(self.members)).reshape(self.n_channel, len(self.members)).copy()
 
     def respond(self, q: Array) -> Array:
         """W for q after ``predict``."""
