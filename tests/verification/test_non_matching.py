@@ -301,6 +301,33 @@ def test_a_held_face_does_not_give_the_points() -> None:
     assert len(solution.interfaces["i"].areas) == 16
 
 
+# -- every behaviour and scheme -----------------------------------------------------------------------------------
+LAYER = {"normal_stiffness": 1e14, "tangential_stiffness": 1e13}
+BEHAVIOURS: dict[str, dict[str, Any]] = {
+    "perfect": {}, "no_slip": {}, "contact": {"friction_coefficient": 0.2}, "elastic_layer": LAYER,
+    "soft_contact": {"normal_stiffness": 1e14, "friction_coefficient": 0.2},
+    "viscous_joint": {"normal_viscosity": 1e7, "tangential_viscosity": 1e6},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("scheme", ["hht", "massless_contact"])
+@pytest.mark.parametrize("behaviour", BEHAVIOURS)
+def test_every_behaviour(behaviour: str, scheme: str) -> None:
+    """A finer block in a stack under a pulse: forces near those of the matching stack, energies that close."""
+    found = []
+    for elements in (3, 4):
+        made = stack(3, behaviour)
+        made["substructure"]["b2"]["box"]["elements"] = [elements] * 3
+        made["time"]["scheme"] = scheme
+        for interface in made["interface"].values():
+            interface.update(BEHAVIOURS[behaviour])
+        solution = solve(made)
+        found.append(np.trapezoid(solution.interfaces["i2"].normal_resultant(), solution.time))
+        terms = solution.energy
+        assert np.abs(terms["balance"]).max() <= 1e-10 * max(np.abs(t).max() for t in terms.values())
+    assert found[1] == pytest.approx(found[0], rel=0.03)
+
+
 # -- sessions and FMUs --------------------------------------------------------------------------------------------
 def thrown_stack(**solver: Any) -> dict[str, Any]:
     """Three blocks of different meshes under a pulse."""
