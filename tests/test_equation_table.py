@@ -87,7 +87,7 @@ def modules() -> list[tuple[str, str]]:
     table = latin_fmu.__doc__.split("=" * 69 + "  " + "=" * 42 + "\n")[2]
     found = []
     for line in table.splitlines():
-        found += [(line[:69].strip(), name.strip()) for name in line[69:].split(",")]
+        found += [(line[:69].strip(), name.strip()) for name in line[69:].split(",") if name.strip()]
     return found
 
 
