@@ -82,12 +82,12 @@ def iterations(n: int) -> float:
 @contextmanager
 def without_coarse() -> Iterator[None]:
     """The global stage as it would be without its coarse problem."""
-    balance = Coarse.balance
-    Coarse.balance = lambda *_: None  # type: ignore[method-assign]
+    size = Coarse.size
+    Coarse.size = property(lambda _: 0)  # type: ignore[method-assign, assignment]
     try:
         yield
     finally:
-        Coarse.balance = balance  # type: ignore[method-assign]
+        Coarse.size = size  # type: ignore[method-assign]
 
 
 def draw_loop(axis: Axes, bar: latin_fmu.Solution, force: Array) -> None:

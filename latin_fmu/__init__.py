@@ -26,7 +26,8 @@ equations                                                              module
            time schemes; their energy identity                         time_scheme.hht, kernels.energy
 =====================================================================  ==========================================
 
-Faces whose nodes do not match are joined by ``fem.mortar``. What a run holds in numbers lies in a few pools of memory that ``kernels.records`` describes.
+Faces whose nodes do not match are joined by ``fem.mortar``. What a run holds in numbers lies in a few pools of memory
+that ``kernels.records`` describes.
 
 A run: ``solve(load_scene("scene.toml"))`` gives a ``Solution`` whose ``to_datatree()`` and ``save()`` give xarray
 and netCDF.

@@ -70,13 +70,16 @@ MUTATIONS = {
         "traction = 0.5 * work[group.traction : group.traction + size]\n",
     ),
     "pressure of the law halved": (
-        "kernels.laws", "pressure = max(0.0, -(jump[0] + reach[0])) / z[0] if", "pressure = 0.5 * max(0.0, -(jump[0] + reach[0])) / z[0] if",
+        "kernels.laws", "pressure = max(0.0, -(jump[0] + reach[0])) / z[0] if",
+        "pressure = 0.5 * max(0.0, -(jump[0] + reach[0])) / z[0] if",
     ),
     "sign of K u": (
-        "kernels.substructure", "add_stiffness(pools, c, -1.0, u_free, load)", "add_stiffness(pools, c, 1.0, u_free, load)",
+        "kernels.substructure", "add_stiffness(pools, c, -1.0, u_free, load)",
+        "add_stiffness(pools, c, 1.0, u_free, load)",
     ),
     "(24) times 1e6": (
-        "kernels.indicator", "np.sqrt(difference / window / measure[2])", "np.sqrt(1e6 * difference / window / measure[2])",
+        "kernels.indicator", "np.sqrt(difference / window / measure[2])",
+        "np.sqrt(1e6 * difference / window / measure[2])",
     ),
 }  # fmt: skip
 
@@ -102,7 +105,9 @@ def test_modules_of_the_table_exist() -> None:
 
 def test_contributing_names_modules_that_exist() -> None:
     text = (ROOT / "CONTRIBUTING.md").read_text()
-    for name in re.findall(r"`((?:latin_fmu/)?(?:kernels|latin|propagator|interface|scene|time_scheme|assembly)/\w+\.py)`", text):
+    for name in re.findall(
+        r"`((?:latin_fmu/)?(?:kernels|latin|propagator|interface|scene|time_scheme|assembly)/\w+\.py)`", text
+    ):
         assert (PACKAGE / name.removeprefix("latin_fmu/")).is_file(), name
 
 
@@ -127,8 +132,6 @@ def test_what_the_mutants_change_stands_there_once() -> None:
         assert (PACKAGE / f"{module.replace('.', '/')}.py").read_text().count(said) == 1, module
 
 
-
-
 def answer(folder: Path, mutation: str | None) -> list[object]:
     """Forces and iterations of the crushing, with the kernels of a copy of the package compiled from that copy."""
     shutil.copytree(PACKAGE, folder / "latin_fmu", ignore=shutil.ignore_patterns("__pycache__"))
@@ -139,7 +142,8 @@ def answer(folder: Path, mutation: str | None) -> list[object]:
     done = subprocess.run(
         [sys.executable, "-c", FORCES, str(ROOT / "models" / "two_specimen_crushing" / "scene.toml")],
         capture_output=True, text=True, check=False, cwd=folder,
-        env={**os.environ, "PYTHONPATH": str(folder), "LATIN_FMU_LIBRARY": "0", "LATIN_FMU_CACHE": str(folder / "cache")},
+        env={**os.environ, "PYTHONPATH": str(folder), "LATIN_FMU_LIBRARY": "0",
+             "LATIN_FMU_CACHE": str(folder / "cache")},
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     found: list[object] = json.loads(done.stdout)

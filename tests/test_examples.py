@@ -40,6 +40,7 @@ def test_every_example_is_tested_here() -> None:
     } - {"example_tools"}
     assert names == {
         "waves_in_bars",
+        "own_law",  # run by tests/latin/test_own_law.py
         "crushing_friction",
         "crushing_reference",
         "convergence_friction",

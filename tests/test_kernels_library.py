@@ -293,7 +293,15 @@ def test_every_entry_equals_its_python_function(monkeypatch):
         factor.solve(np.ones((400, 2)))
         shape, tile = factor.symbolic, np.random.default_rng(1).normal(size=400 * LANES)
         for sweep in (sweeps.forward_tile, sweeps.backward_tile):
-            sweep(shape.first, shape.row_start, shape.rows, shape.panel_start, factor.panels, tile, np.zeros(SPARE * LANES))
+            sweep(
+                shape.first,
+                shape.row_start,
+                shape.rows,
+                shape.panel_start,
+                factor.panels,
+                tile,
+                np.zeros(SPARE * LANES),
+            )
     accelerated = Anderson(np.ones(7), 3, 0.8)
     for q in np.random.default_rng(2).normal(size=(3, 7)):
         accelerated.next(q, -0.1 * q)
@@ -333,14 +341,22 @@ def small_scenes() -> list[dict[str, Any]]:
             "a": {"material": "m", "box": {"origin": [0.0, 0.0, 0.0], **box}},
             "b": {"material": "m", "box": {"origin": [0.0, 0.0, 0.01], **box}, "initial_velocity": [0.5, 0.0, -5.0]},
         },
-        "interface": {"floor": {"sides": ["a.zmin", "ground"], **rubs}, "meet": {"sides": ["a.zmax", "b.zmin"], **rubs}},
-        "load": {"press": {"face": "b.zmax", "traction": [3e7, 0.0, -1e8], "law": {"type": "half_sine", "duration": 4e-6}}},
+        "interface": {
+            "floor": {"sides": ["a.zmin", "ground"], **rubs}, "meet": {"sides": ["a.zmax", "b.zmin"], **rubs},
+        },
+        "load": {
+            "press": {"face": "b.zmax", "traction": [3e7, 0.0, -1e8], "law": {"type": "half_sine", "duration": 4e-6}}
+        },
         "time": {"end": 2.4e-6, "instants": 6},
         "solver": {},
         "output": {"energy": True},
     }  # fmt: skip
     side_by_side = {
-        f"c{i}": {"material": "m", "box": {"origin": [0.02 * i, 0.0, 0.0], **box}, "initial_velocity": [0.0, 0.1 * i, -2.0]}
+        f"c{i}": {
+            "material": "m",
+            "box": {"origin": [0.02 * i, 0.0, 0.0], **box},
+            "initial_velocity": [0.0, 0.1 * i, -2.0],
+        }
         for i in range(9)
     }
     damped = {"m": {**plain["material"]["m"], "rayleigh_mass": 1e4, "rayleigh_stiffness": 1e-9}}

@@ -1,4 +1,4 @@
-"""What is looked at, shown or kept beside a run changes no bit of it: observer, progress, threads, results, energies."""
+"""What is looked at, shown or kept beside a run changes no bit of it: observer, progress, threads, results."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Contact with friction, Eqs. (18)-(23): closed forms, statuses, and the law against a statement of its own in NumPy."""
+"""Contact with friction, Eqs. (18)-(23): closed forms, statuses, and the law against a statement in NumPy."""
 
 from __future__ import annotations
 

@@ -15,7 +15,6 @@ MEMBERS = [1, 2, 3, 7, 8, 9, 17]
 RNG = np.random.default_rng(7)
 
 
-
 @pytest.fixture(autouse=True)
 def in_python(monkeypatch: pytest.MonkeyPatch) -> None:
     """Lets kernels call each other in Python; the entries of the library are compared with theirs elsewhere."""

@@ -101,7 +101,9 @@ def test_compiled_laws_are_those_of_the_registry() -> None:
 def test_laws_without_an_interface_are_refused(blocks_scene: Any) -> None:
     scene = latin_fmu.scene_from_dict(blocks_scene())
     law = build(scene).assembly.interfaces[0].behaviour
-    with pytest.raises(SceneError, match=r"behaviours\.flor: no interface of this name.*did you mean 'floor'"):
+    with pytest.raises(
+        SceneError, match=r"behaviours\.flor: no interface of this name.*did you mean 'floor'"
+    ):
         latin_fmu.solve(scene, behaviours={"flor": law})
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator
+from itertools import pairwise
 from math import isqrt
 from typing import Any
 
@@ -155,7 +156,9 @@ def test_every_field_is_documented(fields: Any) -> None:
         assert len(meaning) > 7 or meaning in ("members", "points p", "their number", "their size"), name
         pool = meaning.split(" ")[0].rstrip(",")
         if pool in POOLS:  # an array: its pool, its shape
-            assert re.search(r"\(.*\)|first number|: panels|: columns|: rows|: the entries|: C = |state \(|int64", meaning), name
+            assert re.search(
+                r"\(.*\)|first number|: panels|: columns|: rows|: the entries|: C = |state \(|int64", meaning
+            ), name
     assert records.CLASS.names == tuple(name for name, _ in CLASS_FIELDS)
     assert records.GROUP.names == tuple(name for name, _ in GROUP_FIELDS)
     assert records.RUN.names == tuple(name for name, _ in RUN_FIELDS + RUN_NUMBERS)
@@ -215,7 +218,10 @@ def arrays(image: Any) -> Iterator[tuple[str, str, int, int]]:
     """Name, documented pool, first number and size of each array of the moving block."""
     run = image.run[0]
     parts = [("run", RUN_FIELDS, run, run_sizes(run, image.rows))]
-    parts += [(f"class {c}", CLASS_FIELDS, row, class_sizes(row, run, image.rows)) for c, row in enumerate(image.classes)]
+    parts += [
+        (f"class {c}", CLASS_FIELDS, row, class_sizes(row, run, image.rows))
+        for c, row in enumerate(image.classes)
+    ]
     parts += [(f"group {g}", GROUP_FIELDS, group, group_sizes(group)) for g, group in enumerate(image.groups)]
     for who, fields, record, sizes in parts:
         meanings = dict(fields)
@@ -225,7 +231,9 @@ def arrays(image: Any) -> Iterator[tuple[str, str, int, int]]:
 
 
 @pytest.mark.parametrize(("tables", "change"), CASES)
-def test_arrays_lie_in_their_pools_and_do_not_overlap(tables: Tables, change: Callable[[Tables], None]) -> None:
+def test_arrays_lie_in_their_pools_and_do_not_overlap(
+    tables: Tables, change: Callable[[Tables], None]
+) -> None:
     image = made(tables, change).image
     image._write_records()
     owner = np.full(len(image.moving), -1)
@@ -250,7 +258,7 @@ def test_arrays_lie_in_their_pools_and_do_not_overlap(tables: Tables, change: Ca
         size = int(row["n"] * row["m"])
         places = [int(row[name]) for name in ("rest", "u", "v", "a", "residual")]
         assert places[0] == row["state"]
-        assert all(b - a >= size for a, b in zip(places[1:], places[2:], strict=False))
+        assert all(b - a >= size for a, b in pairwise(places[1:]))
         assert places[-1] + size <= row["state"] + row["n_state"]
         if row["accounted"]:
             assert row["energy"] == row["totals"]
@@ -261,7 +269,7 @@ def test_arrays_lie_in_their_pools_and_do_not_overlap(tables: Tables, change: Ca
 
 @pytest.mark.parametrize(("tables", "change"), CASES)
 def test_constants_lie_in_their_block(tables: Tables, change: Callable[[Tables], None]) -> None:
-    """Positions of matrices in compressed rows are within the block, in numbers of their kind, and what they say fits."""
+    """Positions of matrices in compressed rows are within the block, in numbers of their kind, and fit."""
     image = made(tables, change).image
     image._write_records()
     pools = image.pools

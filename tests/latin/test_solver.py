@@ -190,9 +190,7 @@ def test_without_acceleration_the_given_relaxation_is_used() -> None:
     assert scripted.asked == [0.0, 0.25, 0.5]
 
 
-def test_real_chain_marks_its_windows(
-    blocks_scene: Any, made: Any, begun: Any, python_driver: Any
-) -> None:
+def test_real_chain_marks_its_windows(blocks_scene: Any, made: Any, begun: Any, python_driver: Any) -> None:
     """A tolerance below round-off: relaxation, point by point, then the best iterate; the run goes on and says so."""
     python_driver()  # whose windows are solved with the fall-backs, from the first iteration
     run = begun(made(blocks_scene(solver={"tolerance": 1e-20})))
@@ -209,9 +207,7 @@ def test_real_chain_marks_its_windows(
     assert np.isfinite(run.f_hat).all()
 
 
-def test_a_failed_window_commits_its_best_iterate(
-    blocks_scene: Any, made: Any, begun: Any
-) -> None:
+def test_a_failed_window_commits_its_best_iterate(blocks_scene: Any, made: Any, begun: Any) -> None:
     seen: list[tuple[float, np.ndarray]] = []
     run = begun(made(blocks_scene(solver={"tolerance": 1e-20, "max_iterations": 9})))
     run._observer = lambda event: seen.append((event.error_indicator, event.f_hat.copy()))

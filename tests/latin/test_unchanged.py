@@ -118,7 +118,7 @@ def test_an_answer_to_what_has_not_changed_is_the_answer(made: Any, begun: Any, 
 
 
 def test_what_counts_as_unchanged(made: Any, begun: Any) -> None:
-    """Squared changes of q in the norm of the indicator, summed over the instants, up to reuse x scale x n / classes."""
+    """Squared changes of q in the norm of the indicator, summed over instants, up to reuse x scale x n / classes."""
     run, n = march(made, begun), WINDOW
     open_window(run, n, 1e-4)
     image, channel = run.image, int(run.assembly.channels[0].ravel()[4])

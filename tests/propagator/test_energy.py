@@ -4,7 +4,7 @@ With D the change over the step n, n + 1, Newmark's relations give
 
     D T = Du . M a_g - (beta - gamma/2) dt^2 a_g . M Da,   a_g = (1 - gamma) a_n + gamma a_{n+1},
 
-and the equation of motion M a_{n+1} = (1 + alpha) R_{n+1} - alpha R_n makes M a_g a weighted mean of the residual forces
+and the equation of motion M a_{n+1} = (1 + alpha) R_{n+1} - alpha R_n makes M a_g a weighted mean of the forces
 R = f + lambda - C v - K u of the instants n - 1, n, n + 1 (R_{-1} = R_0 at the start).
 """
 
@@ -78,7 +78,11 @@ def marched(propagator: Any, tractions: Array, incoming: bool = False) -> tuple[
     found = []
     for j in range(m):
         u, v, a, x = (np.array([row[i] for row in rows[j]]) for i in range(4))
-        motion = propagator.forcing.motion_table()[0, ..., j] if propagator.forcing.moves else np.zeros((len(u), 0))
+        motion = (
+            propagator.forcing.motion_table()[0, ..., j]
+            if propagator.forcing.moves
+            else np.zeros((len(u), 0))
+        )
         totals = {t: np.array([row[4][t] for row in rows[j]]) for t in TERMS}
         found.append(Fields(u, v, a, x, motion[: len(u)], totals))
     return found, np.array(acted)
@@ -87,7 +91,10 @@ def marched(propagator: Any, tractions: Array, incoming: bool = False) -> tuple[
 def loads_of(model: Any, history: Any) -> Array:
     """Loads (n, n_full) of a member."""
     terms = zip(history.amplitudes, model.loads, strict=True)
-    return sum((np.outer(amplitude, term.pattern) for amplitude, term in terms), np.zeros((len(history.time), model.n_full)))
+    return sum(
+        (np.outer(amplitude, term.pattern) for amplitude, term in terms),
+        np.zeros((len(history.time), model.n_full)),
+    )
 
 
 def summed(steps: Array) -> Array:
@@ -104,7 +111,9 @@ def check(found: Fields, expected: dict[str, Array]) -> None:
     """Every term, and what is left of the balance."""
     size = max(np.abs(values).max() for values in expected.values())
     for term in TERMS:
-        np.testing.assert_allclose(found.totals[term], expected[term], rtol=0, atol=1e-10 * size, err_msg=term)
+        np.testing.assert_allclose(
+            found.totals[term], expected[term], rtol=0, atol=1e-10 * size, err_msg=term
+        )
     stored = found.totals["kinetic"] + found.totals["elastic"]
     rest = (
         stored - stored[0] + found.totals["damping_dissipation"] + found.totals["scheme_dissipation"]
@@ -154,9 +163,7 @@ def test_terms_of_the_direct_march(
 
 
 @pytest.mark.parametrize("modes", [0, 5])
-def test_terms_of_the_reduced_march(
-    scheme: Any, kind: str, modes: int, model: Make, tractions: Make
-) -> None:
+def test_terms_of_the_reduced_march(scheme: Any, kind: str, modes: int, model: Make, tractions: Make) -> None:
     """In the unknowns of the reduced body."""
     members = [model(kind, seed) for seed in range(2)]
     propagator = ReducedPropagator([d.model for d in members], scheme, DT, energy=True, n_mode=modes)
@@ -211,7 +218,13 @@ def test_terms_of_the_static_march(kind: str, model: Make, tractions: Make, chan
     members = [model(kind, seed) for seed in range(2)]
     members = [
         changed(
-            d, {"displacement": np.zeros(d.model.n_full), "velocity": np.zeros(d.model.n_full), "mass": None, "damping": None}
+            d,
+            {
+                "displacement": np.zeros(d.model.n_full),
+                "velocity": np.zeros(d.model.n_full),
+                "mass": None,
+                "damping": None,
+            },
         )
         for d in members
     ]

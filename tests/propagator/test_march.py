@@ -188,9 +188,7 @@ def test_members_march_as_if_alone(
         close(together.full_velocity(j), alone.full_velocity(0), 1e-12)
         close(together.state.residual[:, j : j + 1], alone.state.residual, 1e-11)
         for term in TERMS:
-            assert together.totals[term][j] == pytest.approx(
-                alone.totals[term][0], rel=1e-9, abs=1e-12
-            )
+            assert together.totals[term][j] == pytest.approx(alone.totals[term][0], rel=1e-9, abs=1e-12)
 
 
 def test_admittance_is_symmetric_and_positive(scheme: Any, kind: str, model: Make, begin: Make) -> None:
@@ -301,9 +299,7 @@ def test_segments_are_one_run(
     close(pieces.full_velocity(0).ravel(), expected.v[-1], 1e-12)
     close(pieces.state.residual, whole.state.residual, 1e-11)
     for term in TERMS:
-        assert pieces.totals[term][0] == pytest.approx(
-            whole.totals[term][0], rel=1e-10, abs=1e-12
-        )
+        assert pieces.totals[term][0] == pytest.approx(whole.totals[term][0], rel=1e-10, abs=1e-12)
 
 
 def test_a_state_can_be_taken_up_by_another_propagator(
