@@ -5,8 +5,8 @@ Coulomb's law lets the shear grow with the pressure without end; here it yields 
     |F_t| <= min(mu P, tau_max),
 
 as faces do under pressures near the yield stress of their material. ``CappedFriction.local`` is the whole law:
-tractions on side E for the velocities that both sides would take without them, all points at once. It is handed to ``solve`` in
-the place of the law that the scene names; the iteration then calls it from Python.
+tractions on side E for the velocities that both sides would take without them, all points at once. It is handed to
+``solve`` in the place of the law that the scene names; the iteration then calls it from Python.
 
     python examples/own_law.py
 """
