@@ -85,11 +85,11 @@ def run(
             )
         )
 
-    march = Run(
-        assembly, built.settings, recorder, timings,
-        None if observer is None else observe, None if progress is None else progress.update,
-    )  # fmt: skip
-    with one_thread():  # threads on small dense products cost more than they give
+    with one_thread():  # threads on small dense products cost more than they give, and take sums in another order
+        march = Run(
+            assembly, built.settings, recorder, timings,
+            None if observer is None else observe, None if progress is None else progress.update,
+        )
         march.all()
     state = march.state
     converged, sentence = status(assembly, built.settings, state.windows, state.interface_indicator)
