@@ -405,7 +405,7 @@ def small_scenes() -> list[dict[str, Any]]:
 
 
 def test_whole_runs_equal_those_of_the_python_functions():
-    """The kernels of the iteration as plain Python, in another process: the same iterations and (to round-off) fields."""
+    """The kernels of the iteration as plain Python, in another process: same iterations and, to round-off, fields."""
     scenes = json.dumps(small_scenes())
     results = []
     for choice in ("1", "setup"):
