@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..assembly.segments import Segment, SegmentedRun
+from ..blas_threads import one_thread
 from ..errors import SolverError
 from ..latin.record import Array, InterfaceHistory, Timings
 from ..latin.recorder import Recorder
@@ -54,7 +55,8 @@ class Windowed:
         given = {name: np.full(len(assembly.time), value) for name, value in amplitudes.items()}
         built.timeline.begin(assembly, assembly.time, given, assembly.ground_start)
         recorder = Recorder(assembly, built.wanted, built.info)
-        Run(assembly, built.settings, recorder, Timings())
+        with one_thread():
+            Run(assembly, built.settings, recorder, Timings())
         self.interfaces = recorder.interfaces(assembly)
         self.time, self.segment = np.zeros(1), None
         self._impulse = np.zeros_like(self._impulse)
