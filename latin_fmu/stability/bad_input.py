@@ -42,8 +42,9 @@ def _no_elements(scene: Description) -> None:
     scene["substructure"]["low"]["box"]["elements"] = [3, 0, 3]
 
 
-def _unlike_meshes(scene: Description) -> None:
-    scene["substructure"]["low"]["box"]["elements"] = [3, 2, 3]
+def _nothing_in_common(scene: Description) -> None:
+    box = scene["substructure"]["low"]["box"]
+    box["origin"] = [box["origin"][0] + 3 * box["size"][0], *box["origin"][1:]]
 
 
 def _facing_away(scene: Description) -> None:
@@ -58,7 +59,7 @@ DAMAGES: Final[dict[str, tuple[Damage, str]]] = {
     "Poisson's ratio 0.5": (_incompressible, "material.first.poisson_ratio"),
     "unknown face": (_unknown_face, "interface.meet.sides"),
     "no elements": (_no_elements, "substructure.low.box.elements"),
-    "faces that do not match": (_unlike_meshes, "interface.meet.sides"),
+    "faces with nothing in common": (_nothing_in_common, "interface.meet.sides"),
     "faces that look away": (_facing_away, "interface.meet.sides"),
 }
 
