@@ -118,6 +118,49 @@ def four_rows(a: Array, n: int, x: Array, out: Array) -> None:
 
 
 @ordered_kernel
+def subtract_four(a: Array, n: int, t: Array, x: Array) -> None:
+    """x (n, 8) -= A^T t for four rows of A, ``n`` apart in a, and t (4, 8)."""
+    a0, a1, a2, a3 = t[0], t[1], t[2], t[3]
+    a4, a5, a6, a7 = t[4], t[5], t[6], t[7]
+    b0, b1, b2, b3 = t[8], t[9], t[10], t[11]
+    b4, b5, b6, b7 = t[12], t[13], t[14], t[15]
+    c0, c1, c2, c3 = t[16], t[17], t[18], t[19]
+    c4, c5, c6, c7 = t[20], t[21], t[22], t[23]
+    d0, d1, d2, d3 = t[24], t[25], t[26], t[27]
+    d4, d5, d6, d7 = t[28], t[29], t[30], t[31]
+    b, c, d = a[n:], a[2 * n :], a[3 * n :]
+    for k in range(n):
+        v0, v1, v2, v3 = a[k], b[k], c[k], d[k]
+        row = x[LANES * k : LANES * (k + 1)]
+        row[0] -= v0 * a0 + v1 * b0 + v2 * c0 + v3 * d0
+        row[1] -= v0 * a1 + v1 * b1 + v2 * c1 + v3 * d1
+        row[2] -= v0 * a2 + v1 * b2 + v2 * c2 + v3 * d2
+        row[3] -= v0 * a3 + v1 * b3 + v2 * c3 + v3 * d3
+        row[4] -= v0 * a4 + v1 * b4 + v2 * c4 + v3 * d4
+        row[5] -= v0 * a5 + v1 * b5 + v2 * c5 + v3 * d5
+        row[6] -= v0 * a6 + v1 * b6 + v2 * c6 + v3 * d6
+        row[7] -= v0 * a7 + v1 * b7 + v2 * c7 + v3 * d7
+
+
+@ordered_kernel
+def subtract_one(a: Array, n: int, t: Array, x: Array) -> None:
+    """x (n, 8) -= a (n,) times t (8,)."""
+    a0, a1, a2, a3 = t[0], t[1], t[2], t[3]
+    a4, a5, a6, a7 = t[4], t[5], t[6], t[7]
+    for k in range(n):
+        v = a[k]
+        row = x[LANES * k : LANES * (k + 1)]
+        row[0] -= v * a0
+        row[1] -= v * a1
+        row[2] -= v * a2
+        row[3] -= v * a3
+        row[4] -= v * a4
+        row[5] -= v * a5
+        row[6] -= v * a6
+        row[7] -= v * a7
+
+
+@ordered_kernel
 def _sparse_row(columns: Any, values: Array, x: Array, out: Array) -> None:
     """out (8,) = a row in compressed form times x (n, 8)."""
     s0 = s1 = s2 = s3 = s4 = s5 = s6 = s7 = 0.0

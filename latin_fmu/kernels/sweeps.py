@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiled import entry, kernel
-from .lanes import LANES, four_rows, one_row
+from .lanes import LANES, four_rows, one_row, subtract_four, subtract_one
 
 Array = NDArray[np.float64]
 
@@ -140,16 +140,12 @@ def backward_tile(
                 line = x[rows[i + r] * LANES : rows[i + r] * LANES + LANES]
                 for j in range(LANES):
                     tail[r * LANES + j] = line[j]
-            for k in range(width):
-                v0, v1, v2, v3 = panel[at + k], panel[at + width + k], panel[at + 2 * width + k], panel[at + 3 * width + k]
-                line = own[LANES * k : LANES * k + LANES]
-                for j in range(LANES):
-                    line[j] -= v0 * tail[j] + v1 * tail[8 + j] + v2 * tail[16 + j] + v3 * tail[24 + j]
+            subtract_four(panel[at:], width, tail, own)
             at += 4 * width
             i += 4
         while i < last:
             tail[:LANES] = x[rows[i] * LANES : rows[i] * LANES + LANES]
-            _subtract_outer(panel[at:], width, tail, own)
+            subtract_one(panel[at:], width, tail, own)
             at += width
             i += 1
         for i in range(width):  # L11^-T in place: row i of L11^-1 brings x_i to the rows above and to itself
@@ -157,13 +153,4 @@ def backward_tile(
             for j in range(LANES):
                 tail[j] = -line[j]
                 line[j] = 0.0
-            _subtract_outer(panel[width * i :], i + 1, tail, own)
-
-
-@kernel
-def _subtract_outer(a: Array, n: int, x: Array, out: Array) -> None:
-    """out (n, 8) -= a (n,) times x (8,)."""
-    for k in range(n):
-        line = out[LANES * k : LANES * k + LANES]
-        for j in range(LANES):
-            line[j] -= a[k] * x[j]
+            subtract_one(panel[width * i :], i + 1, tail, own)
