@@ -27,7 +27,11 @@ from . import library
 
 # Sums may be taken in another (fixed) order: without that they are not vectorised.
 ORDERED: Final = {"fastmath": {"contract", "nsz"}}
-OPTIONS: Final[dict[str, Any]] = {"nogil": True, "fastmath": {"reassoc", "contract", "nsz"}, "error_model": "numpy"}
+OPTIONS: Final[dict[str, Any]] = {
+    "nogil": True,
+    "fastmath": {"reassoc", "contract", "nsz"},
+    "error_model": "numpy",
+}
 BUILD: Final[dict[str, Any]] = {}  # further options in a process that builds the library
 KEPT: Final = 8  # folders; those not used for longest are removed
 

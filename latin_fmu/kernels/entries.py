@@ -28,9 +28,36 @@ from .sweep import begin_window, rewind
 from .windows import end_window_instant, open_accounts, read_start
 
 (
-    MARCH, PREDICT, SOLVE, END_CLASS, END_INSTANT, FIRST_GUESS, FREE_MOTION, STAGE, LINEAR_STAGE, OUTGOING, PREPARE, POINTS,
-    FINISH, MEASURE, JUDGE, NEXT, OPEN, BEGIN, REWIND, END_WINDOW, ACCEPT, READ_START, OPEN_ACCOUNTS, FREE_LOAD,
-    FREE_VELOCITY, INTERFACE_LOAD, ADVANCE, COMMIT, RESPOND, FORCES,
+    MARCH,
+    PREDICT,
+    SOLVE,
+    END_CLASS,
+    END_INSTANT,
+    FIRST_GUESS,
+    FREE_MOTION,
+    STAGE,
+    LINEAR_STAGE,
+    OUTGOING,
+    PREPARE,
+    POINTS,
+    FINISH,
+    MEASURE,
+    JUDGE,
+    NEXT,
+    OPEN,
+    BEGIN,
+    REWIND,
+    END_WINDOW,
+    ACCEPT,
+    READ_START,
+    OPEN_ACCOUNTS,
+    FREE_LOAD,
+    FREE_VELOCITY,
+    INTERFACE_LOAD,
+    ADVANCE,
+    COMMIT,
+    RESPOND,
+    FORCES,
     AFTER,
 ) = range(31)
 """Actions, in the order of ``call``."""
@@ -39,14 +66,30 @@ _ITEM: Final = "f8[::1], i8[::1]"
 POOLS: Final = fields(
     Pools,
     f"run[::1], classes[::1], groups[::1], {_ITEM}, u4[::1], f4[::1], {_ITEM}",
-    run=RUN, classes=CLASS, groups=GROUP,
+    run=RUN,
+    classes=CLASS,
+    groups=GROUP,
 )
 
 
 # both drivers run these, the compiled one from inside ``march_instants``
 share(
-    predict, first_guess, free_motion, stage, linear_stage, outgoing, prepare, solve_points, finish, measure, judge,
-    next_iterate, open_window, accept, end_class, end_instant,
+    predict,
+    first_guess,
+    free_motion,
+    stage,
+    linear_stage,
+    outgoing,
+    prepare,
+    solve_points,
+    finish,
+    measure,
+    judge,
+    next_iterate,
+    open_window,
+    accept,
+    end_class,
+    end_instant,
 )
 
 
@@ -117,5 +160,10 @@ def call(pools: Any, action: int, a: int, b: int, c: int, d: int) -> int:
         force_residual(pools, a)
     else:
         n = run.n_flat
-        linear_response(pools, a, pools.moving[run.q + b * n : run.q + (b + 1) * n], pools.moving[run.w + b * n : run.w + (b + 1) * n])
+        linear_response(
+            pools,
+            a,
+            pools.moving[run.q + b * n : run.q + (b + 1) * n],
+            pools.moving[run.w + b * n : run.w + (b + 1) * n],
+        )
     return 0

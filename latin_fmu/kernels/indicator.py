@@ -39,7 +39,10 @@ def error_indicator(pools: Any, window: int) -> float:
         at = i * n
         q, r = work[run.q + at : run.q + at + n], work[run.r + at : run.r + at + n]
         f, w = work[run.f + at : run.f + at + n], work[run.w + at : run.w + at + n]
-        f_hat, w_hat = work[run.local_f + at : run.local_f + at + n], work[run.local_w + at : run.local_w + at + n]
+        f_hat, w_hat = (
+            work[run.local_f + at : run.local_f + at + n],
+            work[run.local_w + at : run.local_w + at + n],
+        )
         for j in range(n):
             rest = f_hat[j] + k[j] * w_hat[j] - q[j]
             r[j] = rest
@@ -126,7 +129,10 @@ def accept(pools: Any, window: int) -> None:
         state[run.scales + e] = work[run.measure + 2 + e]
     share = work[run.shares : run.shares + run.n_interface]
     share[:] = 0.0
-    weights, interface = pools.fixed[run.weights : run.weights + n], pools.fixed_int[run.interface : run.interface + n]
+    weights, interface = (
+        pools.fixed[run.weights : run.weights + n],
+        pools.fixed_int[run.interface : run.interface + n],
+    )
     for i in range(window):
         r = work[run.r + i * n : run.r + (i + 1) * n]
         for j in range(n):

@@ -94,7 +94,10 @@ def free_motion(pools: Any, instant: int, w: Array) -> None:
     for c in range(len(pools.classes)):
         row = pools.classes[c]
         size = row.n_channel * row.m
-        channels, w_free = pools.fixed_int[row.channels : row.channels + size], pools.moving[row.w_free : row.w_free + size]
+        channels, w_free = (
+            pools.fixed_int[row.channels : row.channels + size],
+            pools.moving[row.w_free : row.w_free + size],
+        )
         for at in range(size):
             w[channels[at]] = w_free[at]
     for e in range(run.n_ground):
@@ -140,7 +143,10 @@ def keep_fields(pools: Any, instant: int, i: int) -> None:
     """Keep the local-stage fields of instant i of the window."""
     run, work, state, output = pools.run[0], pools.moving, pools.moving, pools.moving
     n = run.n_flat
-    f_hat, w_hat = work[run.local_f + i * n : run.local_f + (i + 1) * n], work[run.local_w + i * n : run.local_w + (i + 1) * n]
+    f_hat, w_hat = (
+        work[run.local_f + i * n : run.local_f + (i + 1) * n],
+        work[run.local_w + i * n : run.local_w + (i + 1) * n],
+    )
     row = instant - run.first_row
     to_f, to_w = run.history_f + row * n, run.history_w + row * n
     last_f, last_w = state[run.f_hat : run.f_hat + n], state[run.w_hat : run.w_hat + n]

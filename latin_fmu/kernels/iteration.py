@@ -67,8 +67,14 @@ def _balance(pools: Any) -> None:
     total[:] = 0.0
     starts = pools.fixed_int[run.coarse_balance_starts : run.coarse_balance_starts + size + 1]
     add_rows(
-        size, starts, pools.fixed_col[run.coarse_balance_columns : run.coarse_balance_columns + starts[size]],
-        direction[run.coarse_balance_values : run.coarse_balance_values + starts[size]], 1.0, 1, rest, total,
+        size,
+        starts,
+        pools.fixed_col[run.coarse_balance_columns : run.coarse_balance_columns + starts[size]],
+        direction[run.coarse_balance_values : run.coarse_balance_values + starts[size]],
+        1.0,
+        1,
+        rest,
+        total,
     )
     for i in range(size):
         line = direction[run.coarse_inverse + i * size : run.coarse_inverse + (i + 1) * size]
@@ -78,13 +84,25 @@ def _balance(pools: Any) -> None:
         motion[i] = now
     starts = pools.fixed_int[run.coarse_incoming_starts : run.coarse_incoming_starts + n + 1]
     add_rows(
-        n, starts, pools.fixed_col[run.coarse_incoming_columns : run.coarse_incoming_columns + starts[n]],
-        direction[run.coarse_incoming_values : run.coarse_incoming_values + starts[n]], 1.0, 1, motion, q,
+        n,
+        starts,
+        pools.fixed_col[run.coarse_incoming_columns : run.coarse_incoming_columns + starts[n]],
+        direction[run.coarse_incoming_values : run.coarse_incoming_values + starts[n]],
+        1.0,
+        1,
+        motion,
+        q,
     )
     starts = pools.fixed_int[run.coarse_answer_starts : run.coarse_answer_starts + n + 1]
     add_rows(
-        n, starts, pools.fixed_col[run.coarse_answer_columns : run.coarse_answer_columns + starts[n]],
-        direction[run.coarse_answer_values : run.coarse_answer_values + starts[n]], 1.0, 1, motion, w,
+        n,
+        starts,
+        pools.fixed_col[run.coarse_answer_columns : run.coarse_answer_columns + starts[n]],
+        direction[run.coarse_answer_values : run.coarse_answer_values + starts[n]],
+        1.0,
+        1,
+        motion,
+        w,
     )
 
 
@@ -148,7 +166,10 @@ def judge(pools: Any, window: int, phase: int, iteration: int, accelerated: bool
     found = 0
     if best == -1.0:
         found, numbers[6] = BEST, numbers[2]
-    if iteration + 1 - phase >= PATIENCE and recent > (STALL_ACCELERATED if accelerated else STALL_PLAIN) * before:
+    if (
+        iteration + 1 - phase >= PATIENCE
+        and recent > (STALL_ACCELERATED if accelerated else STALL_PLAIN) * before
+    ):
         found |= STALLED
     return found
 

@@ -50,7 +50,10 @@ def coulomb(pressure: float, friction: float, jump: Array, z: float, traction: A
         traction[i] = 0.0
     if len(jump) == 1 or z <= 0.0 or pressure <= 0.0:
         return
-    norm, limit = np.hypot(jump[1], jump[2]), friction * pressure * z  # limit: velocity that the cone can stop
+    norm, limit = (
+        np.hypot(jump[1], jump[2]),
+        friction * pressure * z,
+    )  # limit: velocity that the cone can stop
     scale = 1.0 if norm <= limit else limit / norm
     traction[1] = scale * jump[1] / z
     traction[2] = scale * jump[2] / z
@@ -75,7 +78,9 @@ def no_slip(jump: Array, z: Array, reach: Array, rate: float, parameters: Array,
 
 
 @kernel
-def elastic_layer(jump: Array, z: Array, reach: Array, rate: float, parameters: Array, traction: Array) -> None:
+def elastic_layer(
+    jump: Array, z: Array, reach: Array, rate: float, parameters: Array, traction: Array
+) -> None:
     """Bonded layer F_hat = k_l [u]: F_hat = k_l (s' - s + reach) / (rate + k_l z), parameters k_n and k_t, N m-3."""
     for i in range(len(jump)):
         stiffness = parameters[min(i, 1)]
@@ -83,7 +88,9 @@ def elastic_layer(jump: Array, z: Array, reach: Array, rate: float, parameters: 
 
 
 @kernel
-def soft_contact(jump: Array, z: Array, reach: Array, rate: float, parameters: Array, traction: Array) -> None:
+def soft_contact(
+    jump: Array, z: Array, reach: Array, rate: float, parameters: Array, traction: Array
+) -> None:
     """Contact through a layer, P = k_n max(0, -gap), with friction; parameters mu and k_n, N m-3."""
     pressure = parameters[1] * max(0.0, -(jump[0] + reach[0])) / (rate + parameters[1] * z[0])
     traction[0] = -pressure
@@ -130,6 +137,9 @@ def apply_law(law: int, jump: Array, z: Array, reach: Array, rate: float, parame
     """Tractions (n_point, n_component) on side E by the law with this code; arguments as for
     ``interface.behaviour.Behaviour.local``."""
     traction = np.zeros_like(jump, dtype=float)
-    arrays = [np.ascontiguousarray(x, dtype=float) for x in (jump, z, reach if reach.ndim == 2 else reach[:, None], parameters)]
+    arrays = [
+        np.ascontiguousarray(x, dtype=float)
+        for x in (jump, z, reach if reach.ndim == 2 else reach[:, None], parameters)
+    ]
     apply_to_points(law, *arrays[:3], float(rate), arrays[3], traction)
     return traction

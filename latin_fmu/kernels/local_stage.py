@@ -50,7 +50,10 @@ def prepare(pools: Any, g: int, i: int) -> None:
     width = group.n_component if group.elastic == 1 else 1
     count = group.n_point * width
     if i == 0:
-        opening, opened = work[group.opening : group.opening + 4 * count], work[group.opened : group.opened + 4 * count]
+        opening, opened = (
+            work[group.opening : group.opening + 4 * count],
+            work[group.opened : group.opened + 4 * count],
+        )
         for j in range(4 * count):
             opening[j] = opened[j]
     start = work[group.opening + 3 * count : group.opening + 4 * count]
@@ -73,13 +76,24 @@ def solve_points(pools: Any, g: int) -> None:
     width = h if group.elastic == 1 else 1
     rate = run.layer_rate if group.elastic == 1 else 1.0 / run.dt
     law, n_point = group.law, group.n_point
-    jump, traction = work[group.jump : group.jump + n_point * h], work[group.traction : group.traction + n_point * h]
-    z, reach = pools.fixed[group.z_sum : group.z_sum + 2 * n_point], work[group.reach : group.reach + n_point * width]
+    jump, traction = (
+        work[group.jump : group.jump + n_point * h],
+        work[group.traction : group.traction + n_point * h],
+    )
+    z, reach = (
+        pools.fixed[group.z_sum : group.z_sum + 2 * n_point],
+        work[group.reach : group.reach + n_point * width],
+    )
     parameters = pools.fixed[group.parameters : group.parameters + n_point * n_parameter]
     for p in range(n_point):
         apply(
-            law, jump[p * h : (p + 1) * h], z[2 * p : 2 * p + 2], reach[p * width : (p + 1) * width], rate,
-            parameters[p * n_parameter : (p + 1) * n_parameter], traction[p * h : (p + 1) * h],
+            law,
+            jump[p * h : (p + 1) * h],
+            z[2 * p : 2 * p + 2],
+            reach[p * width : (p + 1) * width],
+            rate,
+            parameters[p * n_parameter : (p + 1) * n_parameter],
+            traction[p * h : (p + 1) * h],
         )
 
 
@@ -190,7 +204,9 @@ def _jumps(pools: Any, g: int, kind: int, flat: Array) -> None:
     h = group.n_component
     size = group.n_point * h
     width = h if group.elastic == 1 else 1
-    out = pools.moving[group.opened + kind * group.n_point * width : group.opened + (kind + 1) * group.n_point * width]
+    out = pools.moving[
+        group.opened + kind * group.n_point * width : group.opened + (kind + 1) * group.n_point * width
+    ]
     for p in range(group.n_point):
         for c in range(width):
             out[p * width + c] = flat[group.start + size + p * h + c] - flat[group.start + p * h + c]

@@ -15,7 +15,15 @@ Array = NDArray[np.float64]
 
 @kernel
 def add_symmetric(
-    n: int, diagonal: Array, starts: Any, columns: Any, values: Array, factor: float, m: int, x: Array, out: Array,
+    n: int,
+    diagonal: Array,
+    starts: Any,
+    columns: Any,
+    values: Array,
+    factor: float,
+    m: int,
+    x: Array,
+    out: Array,
     scratch: Array,
 ) -> None:
     """out (n m,) += factor A x for a symmetric A: its diagonal and strict lower triangle in compressed rows, all of it
@@ -54,7 +62,9 @@ def _half_product(
 
 
 @kernel
-def add_rows(n: int, starts: Any, columns: Any, values: Array, factor: float, m: int, x: Array, out: Array) -> None:
+def add_rows(
+    n: int, starts: Any, columns: Any, values: Array, factor: float, m: int, x: Array, out: Array
+) -> None:
     """out (n m,) += factor A x for A in compressed rows."""
     for i in range(n):
         column, value = columns[starts[i] : starts[i + 1]], values[starts[i] : starts[i + 1]]

@@ -44,7 +44,10 @@ _MATRIX: Final = (
     ("{0}_columns", "constants, uint32: columns of the entries"),
     ("{0}_values", "constants: the entries"),
 )
-_HALF: Final = (*_MATRIX, ("{0}_diagonal", "constants (n,): diagonal where only the strict lower triangle is kept"))
+_HALF: Final = (
+    *_MATRIX,
+    ("{0}_diagonal", "constants (n,): diagonal where only the strict lower triangle is kept"),
+)
 _TERM: Final = (
     ("{0}_terms", "number of patterns of {1}"),
     ("{0}_starts", "histories, int64 (terms + 1,): first entry of each pattern"),
@@ -90,7 +93,10 @@ CLASS_FIELDS: Final[tuple[Field, ...]] = (
     ("panel_start", "constants, int64 (n_super + 1,): first number of each panel"),
     ("panels", "constants: panels [L11^-1; L21]"),
     ("n_panels", "their size"),
-    ("schur_inverse", "constants (g, g) packed or (g,): S^-1, accelerations of interface dofs per force, kg-1"),
+    (
+        "schur_inverse",
+        "constants (g, g) packed or (g,): S^-1, accelerations of interface dofs per force, kg-1",
+    ),
     # interface
     ("dofs", "constants, int64 (g,): interface dofs"),
     ("area", "constants (c,): areas, m2"),
@@ -151,7 +157,11 @@ CLASS_FIELDS: Final[tuple[Field, ...]] = (
     *_fields(_HALF, "stiffness", "K"),
     *_fields(_HALF, "damping", "the damping C"),
     *_fields(_HALF, "dashpots", "the lumped damping of an EXPLICIT class"),
-    *_fields(_MATRIX, "border_mass", "M between prescribed motions and dofs, then among motions (n_motion, n + n_motion)"),
+    *_fields(
+        _MATRIX,
+        "border_mass",
+        "M between prescribed motions and dofs, then among motions (n_motion, n + n_motion)",
+    ),
     *_fields(_MATRIX, "border_stiffness", "K likewise"),
     *_fields(_MATRIX, "border_damping", "C likewise"),
     *_fields(_MATRIX, "border_dashpots", "lumped damping likewise"),
@@ -184,7 +194,10 @@ GROUP_FIELDS: Final[tuple[Field, ...]] = (
     ("reach", "work (p,) or (p, h): see ``interface.behaviour``, rule 3"),
     ("jump", "work (p, h): free velocity of E' relative to E, m s-1"),
     ("traction", "work (p, h): on side E, Pa"),
-    ("opening", "work (4, p, h or 1): opening inside a window, its velocity and acceleration, what the next instant starts from"),
+    (
+        "opening",
+        "work (4, p, h or 1): opening inside a window, its velocity and acceleration, what the next instant starts from",
+    ),
     ("opened", "work (4, p, h or 1): the same at the start of the window"),
 )
 """Interfaces of one law and number of components, their points one after the other."""
@@ -213,11 +226,14 @@ RUN_FIELDS: Final[tuple[Field, ...]] = (
     ("metric", "direction (N,): squared weights of q in the acceleration"),
     ("bonds", "direction (N, N): q from the free velocities where all interfaces are perfect"),
     ("coarse_inverse", "direction (n_coarse, n_coarse)"),
-    *((k.replace("constants", "direction"), t.replace("constants", "direction")) for k, t in (
-        *_fields(_MATRIX, "coarse_balance", "sums of forces over an interface (n_coarse, N)"),
-        *_fields(_MATRIX, "coarse_incoming", "q of coarse motions (N, n_coarse)"),
-        *_fields(_MATRIX, "coarse_answer", "W of coarse motions (N, n_coarse)"),
-    )),
+    *(
+        (k.replace("constants", "direction"), t.replace("constants", "direction"))
+        for k, t in (
+            *_fields(_MATRIX, "coarse_balance", "sums of forces over an interface (n_coarse, N)"),
+            *_fields(_MATRIX, "coarse_incoming", "q of coarse motions (N, n_coarse)"),
+            *_fields(_MATRIX, "coarse_answer", "W of coarse motions (N, n_coarse)"),
+        )
+    ),
     ("ground_velocity", "histories (T, n_ground), m s-1"),
     ("ground_displacement", "histories (T, n_ground), m, ahead by ``gap_lead``"),
     ("ground_layer", "histories (T, n_ground): what elastic groups start from, m"),
@@ -228,7 +244,10 @@ RUN_FIELDS: Final[tuple[Field, ...]] = (
     ("scales", "state (3,): largest norms met: fields, normal and tangential forces"),
     ("carry", "state (1,): share of the last velocities in the first guess of the next instant"),
     ("worst", "state (n_interface,): largest indicator of each interface"),
-    ("counts", "work (2,): substructure-instants marched in windows of several instants, and solved through Y"),
+    (
+        "counts",
+        "work (2,): substructure-instants marched in windows of several instants, and solved through Y",
+    ),
     ("q", "work (w, N): incoming quantity F + k W, Pa"),
     ("w", "work (w, N): velocities of the linear stage, m s-1"),
     ("f", "work (w, N): tractions of the linear stage, Pa"),
@@ -248,8 +267,14 @@ RUN_FIELDS: Final[tuple[Field, ...]] = (
     ("acceleration", "work (N,)"),
     ("shares", "work (n_interface,)"),
     ("norms", "work (4,)"),
-    ("merits", "work (3 max_iterations + 64, 2): distance from the tolerance of each iterate, by eta and with the force residual"),
-    ("measure", "work (8,): error, force residual, scales reached (3), ratio of merits, scale of the best iterate"),
+    (
+        "merits",
+        "work (3 max_iterations + 64, 2): distance from the tolerance of each iterate, by eta and with the force residual",
+    ),
+    (
+        "measure",
+        "work (8,): error, force residual, scales reached (3), ratio of merits, scale of the best iterate",
+    ),
     ("errors", "output (R, max_iterations): sqrt(eta) of the iterations"),
     ("mismatches", "output (calls, max_iterations): force residual likewise"),
     ("iterations", "output, int64 (R,)"),

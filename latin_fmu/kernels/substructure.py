@@ -89,7 +89,11 @@ def free_load(pools: Any, c: int, instant: int) -> None:
             u_free[i] = u[i]
         add_stiffness(pools, c, -1.0, u, load)
         return
-    u_v, u_a, v_a = run.u_v, run.u_a, run.v_a  # numbers of a record are loaded anew after every store of a loop
+    u_v, u_a, v_a = (
+        run.u_v,
+        run.u_a,
+        run.v_a,
+    )  # numbers of a record are loaded anew after every store of a loop
     for i in range(size):
         u_free[i] = u[i] + u_v * v[i] + u_a * a[i]
         v_free[i] = v[i] + v_a * a[i]
@@ -108,7 +112,10 @@ def forward(pools: Any, c: int) -> None:
     ``inner``."""
     row, work, constants, numbers = pools.classes[c], pools.moving, pools.fixed, pools.fixed_int
     n, m, n_interior, n_inner, n_super = row.n, row.m, row.n_interior, row.n_inner, row.n_super
-    first, row_start = numbers[row.first : row.first + n_super + 1], numbers[row.row_start : row.row_start + n_super + 1]
+    first, row_start = (
+        numbers[row.first : row.first + n_super + 1],
+        numbers[row.row_start : row.row_start + n_super + 1],
+    )
     panel_start = numbers[row.panel_start : row.panel_start + n_super + 1]
     rows, order = numbers[row.rows : row.rows + row.n_rows], numbers[row.order : row.order + n]
     panels = constants[row.panels : row.panels + (0 if row.single == 1 else row.n_panels)]
@@ -150,7 +157,10 @@ def free_velocity(pools: Any, c: int, instant: int) -> None:
     """Velocities of the channels without tractions, from the interface part of the half solution in ``inner``."""
     row, run, work, state = pools.classes[c], pools.run[0], pools.moving, pools.moving
     m, n_inner, size = row.m, row.n_inner, row.n_channel * row.m
-    inner, reached = work[row.inner : row.inner + n_inner * m], work[row.inner_answer : row.inner_answer + n_inner * m]
+    inner, reached = (
+        work[row.inner : row.inner + n_inner * m],
+        work[row.inner_answer : row.inner_answer + n_inner * m],
+    )
     free_a, w_free = work[row.free_a : row.free_a + n_inner * m], work[row.w_free : row.w_free + size]
     dofs = pools.fixed_int[row.dofs : row.dofs + n_inner]
     tile = tile_of(row, work)
@@ -169,7 +179,9 @@ def free_velocity(pools: Any, c: int, instant: int) -> None:
         for i in range(size):
             w_free[i] += damped[i]
         return
-    inverse = pools.fixed[row.schur_inverse : row.schur_inverse + symmetric_size(n_inner, row.plain_inverse, m)]
+    inverse = pools.fixed[
+        row.schur_inverse : row.schur_inverse + symmetric_size(n_inner, row.plain_inverse, m)
+    ]
     product(n_inner, inverse, row.plain_inverse, m, inner, free_a, tile)
     u, u_free = state[row.u : row.u + row.n * m], work[row.u_free : row.u_free + row.n * m]
     v_free = work[row.v_free : row.v_free + row.n * m]
@@ -228,18 +240,31 @@ def linear_response(pools: Any, c: int, q: Array, w: Array) -> None:
     row, work = pools.classes[c], pools.moving
     m, n_live, size = row.m, row.n_live, row.n_channel * row.m
     channels = pools.fixed_int[row.channels : row.channels + size]
-    live, area = pools.fixed_int[row.live : row.live + n_live], pools.fixed[row.area : row.area + row.n_channel]
+    live, area = (
+        pools.fixed_int[row.live : row.live + n_live],
+        pools.fixed[row.area : row.area + row.n_channel],
+    )
     k, w_free = pools.fixed[row.k : row.k + row.n_channel], work[row.w_free : row.w_free + size]
     damped = work[row.w_damped : row.w_damped + size]
-    incoming, answer = work[row.channel : row.channel + n_live * m], work[row.answer : row.answer + n_live * m]
+    incoming, answer = (
+        work[row.channel : row.channel + n_live * m],
+        work[row.answer : row.answer + n_live * m],
+    )
     tile = tile_of(row, work)
     for i in range(n_live):
         for j in range(m):
             at = live[i] * m + j
             incoming[i * m + j] = area[live[i]] * (q[channels[at]] - k[live[i]] * damped[at])
     plain = row.plain_response
-    product(n_live, pools.fixed[row.response : row.response + symmetric_size(n_live, plain, m)], plain, m, incoming,
-            answer, tile)
+    product(
+        n_live,
+        pools.fixed[row.response : row.response + symmetric_size(n_live, plain, m)],
+        plain,
+        m,
+        incoming,
+        answer,
+        tile,
+    )
     for at in range(size):
         w[channels[at]] = w_free[at]
     for i in range(n_live):
@@ -263,7 +288,10 @@ def interface_load(pools: Any, c: int, instant: int, flat: Array) -> bool:
     """Interface values of the solution in ``inner_answer``; False where the class goes on resting."""
     row, run, work = pools.classes[c], pools.run[0], pools.moving
     m, n_inner, size = row.m, row.n_inner, row.n_channel * row.m
-    channels, area = pools.fixed_int[row.channels : row.channels + size], pools.fixed[row.area : row.area + row.n_channel]
+    channels, area = (
+        pools.fixed_int[row.channels : row.channels + size],
+        pools.fixed[row.area : row.area + row.n_channel],
+    )
     nodal, largest, n_channel = work[row.channel : row.channel + size], 0.0, row.n_channel
     for i in range(n_channel):
         for j in range(m):
@@ -276,7 +304,10 @@ def interface_load(pools: Any, c: int, instant: int, flat: Array) -> bool:
         work[row.sweep : row.sweep + row.n * tile_width(m)] = 0.0
         work[row.passed] = 0.0
     pools.moving[row.rest] = 0.0
-    inner, last = work[row.inner : row.inner + n_inner * m], work[row.inner_answer : row.inner_answer + n_inner * m]
+    inner, last = (
+        work[row.inner : row.inner + n_inner * m],
+        work[row.inner_answer : row.inner_answer + n_inner * m],
+    )
     free_a = work[row.free_a : row.free_a + n_inner * m]
     tile = tile_of(row, work)
     inner[:] = 0.0
@@ -295,7 +326,9 @@ def interface_load(pools: Any, c: int, instant: int, flat: Array) -> bool:
     for i in range(size):
         nodal[i] *= weight
     add_spread(pools, c, nodal, inner)
-    inverse = pools.fixed[row.schur_inverse : row.schur_inverse + symmetric_size(n_inner, row.plain_inverse, m)]
+    inverse = pools.fixed[
+        row.schur_inverse : row.schur_inverse + symmetric_size(n_inner, row.plain_inverse, m)
+    ]
     product(n_inner, inverse, row.plain_inverse, m, inner, last, tile)
     for i in range(n_inner * m):
         last[i] += free_a[i]
@@ -307,7 +340,10 @@ def backward(pools: Any, c: int) -> None:
     """Full solution in ``load`` from ``sweep`` and the interface values in ``inner_answer``."""
     row, work, constants, numbers = pools.classes[c], pools.moving, pools.fixed, pools.fixed_int
     n, m, n_interior, n_inner, n_super = row.n, row.m, row.n_interior, row.n_inner, row.n_super
-    first, row_start = numbers[row.first : row.first + n_super + 1], numbers[row.row_start : row.row_start + n_super + 1]
+    first, row_start = (
+        numbers[row.first : row.first + n_super + 1],
+        numbers[row.row_start : row.row_start + n_super + 1],
+    )
     panel_start = numbers[row.panel_start : row.panel_start + n_super + 1]
     rows, order = numbers[row.rows : row.rows + row.n_rows], numbers[row.order : row.order + n]
     panels = constants[row.panels : row.panels + (0 if row.single == 1 else row.n_panels)]
@@ -362,7 +398,9 @@ def advance(pools: Any, c: int, instant: int) -> None:
             v[massless[e] * m + j] = u[massless[e] * m + j]
     for i in range(size):
         a[i] = solved[i]
-    for e in range(row.n_massless):  # statics alone moves them: a velocity that means something, and no memory
+    for e in range(
+        row.n_massless
+    ):  # statics alone moves them: a velocity that means something, and no memory
         for j in range(m):
             at = massless[e] * m + j
             u_new = u_free[at] + late * v_free[at] + gain_u * a[at]
@@ -396,9 +434,16 @@ def read_channels(
     """of_u u + of_v v + of_a a of the channels into ``out`` (N,); ``normal``: only normal channels need be right."""
     row, work, state = pools.classes[c], pools.moving, pools.moving
     m, n_inner, size = row.m, row.n_inner, row.n_channel * row.m
-    channels, dofs = pools.fixed_int[row.channels : row.channels + size], pools.fixed_int[row.dofs : row.dofs + n_inner]
+    channels, dofs = (
+        pools.fixed_int[row.channels : row.channels + size],
+        pools.fixed_int[row.dofs : row.dofs + n_inner],
+    )
     inner, answer = work[row.inner : row.inner + n_inner * m], work[row.answer : row.answer + size]
-    u, v, a = state[row.u : row.u + row.n * m], state[row.v : row.v + row.n * m], state[row.a : row.a + row.n * m]
+    u, v, a = (
+        state[row.u : row.u + row.n * m],
+        state[row.v : row.v + row.n * m],
+        state[row.a : row.a + row.n * m],
+    )
     for i in range(n_inner):
         for j in range(m):
             inner[i * m + j] = of_u * u[dofs[i] * m + j]
@@ -431,7 +476,12 @@ def probe(pools: Any, c: int, instant: int) -> None:
     out[:] = 0.0
     starts = pools.fixed_int[row.probe_starts : row.probe_starts + row.n_probe + 1]
     add_rows(
-        row.n_probe, starts, pools.fixed_col[row.probe_columns : row.probe_columns + starts[row.n_probe]],
-        pools.fixed[row.probe_values : row.probe_values + starts[row.n_probe]], 1.0, row.m,
-        pools.moving[row.v : row.v + row.n * row.m], out,
+        row.n_probe,
+        starts,
+        pools.fixed_col[row.probe_columns : row.probe_columns + starts[row.n_probe]],
+        pools.fixed[row.probe_values : row.probe_values + starts[row.n_probe]],
+        1.0,
+        row.m,
+        pools.moving[row.v : row.v + row.n * row.m],
+        out,
     )

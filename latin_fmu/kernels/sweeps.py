@@ -141,7 +141,12 @@ def backward_tile(
                 for j in range(LANES):
                     tail[r * LANES + j] = line[j]
             for k in range(width):
-                v0, v1, v2, v3 = panel[at + k], panel[at + width + k], panel[at + 2 * width + k], panel[at + 3 * width + k]
+                v0, v1, v2, v3 = (
+                    panel[at + k],
+                    panel[at + width + k],
+                    panel[at + 2 * width + k],
+                    panel[at + 3 * width + k],
+                )
                 line = own[LANES * k : LANES * k + LANES]
                 for j in range(LANES):
                     line[j] -= v0 * tail[j] + v1 * tail[8 + j] + v2 * tail[16 + j] + v3 * tail[24 + j]

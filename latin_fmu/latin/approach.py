@@ -53,8 +53,13 @@ def second_guess(
     if factor is None:
         return "from rest", f_hat
     wanted = replace(settings.search_direction, factor=factor * settings.search_direction.factor)
-    rough = replace(settings, search_direction=wanted, tolerance=max(_ROUGHLY, settings.tolerance),
-                    force_tolerance=np.inf, max_iterations=_ITERATIONS)
+    rough = replace(
+        settings,
+        search_direction=wanted,
+        tolerance=max(_ROUGHLY, settings.tolerance),
+        force_tolerance=np.inf,
+        max_iterations=_ITERATIONS,
+    )
     soft = Direction(assembly, rough, 1)
     soft.bind()
     image.bind(_SOFT, soft.run_fields(), soft.group_fields(), afresh=True)

@@ -114,9 +114,7 @@ class PointByPoint:
         return f, v
 
     @staticmethod
-    def _settle(
-        point: _Point, f: Array, v: Array, reaches: list[Array], rates: tuple[float, float]
-    ) -> None:
+    def _settle(point: _Point, f: Array, v: Array, reaches: list[Array], rates: tuple[float, float]) -> None:
         """One point, everything else held: f and v are brought up to date."""
         first, second = (side.channels for side in point.sides)
         group, old = point.group, f[first]

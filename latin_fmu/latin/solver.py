@@ -131,7 +131,9 @@ class Stages:
         reach = image.group_field(g, "reach", *(shape if elastic else shape[:1]))
         rate = image.run[0]["layer_rate"] if elastic else 1.0 / image.run[0]["dt"]
         z = self.direction.group_fields()[g]["z_sum"]
-        traction = group.behaviour.local(image.group_field(g, "jump", *shape).copy(), z, reach.copy(), float(rate), group.parameters)
+        traction = group.behaviour.local(
+            image.group_field(g, "jump", *shape).copy(), z, reach.copy(), float(rate), group.parameters
+        )
         image.group_field(g, "traction", *shape)[...] = traction
 
     def judge(self, phase: int, iteration: int, accelerated: bool) -> int:
@@ -150,7 +152,11 @@ class Stages:
 
     def put(self, iterate: Iterate) -> None:
         """Make an iterate the last one."""
-        for name, values in zip(("q", "local_f", "local_w", "r"), (iterate.q, iterate.f_hat, iterate.w_hat, iterate.residual), strict=True):
+        for name, values in zip(
+            ("q", "local_f", "local_w", "r"),
+            (iterate.q, iterate.f_hat, iterate.w_hat, iterate.residual),
+            strict=True,
+        ):
             self.field(name)[...] = values
         self.image.field("measure", 8)[:] = iterate.measures
 
@@ -248,7 +254,9 @@ class WindowSolver:
         image.call(entries.FREE_MOTION, stages.first)
         free = image.field("w", image.n_flat).copy()
         reaches = [
-            image.group_field(g, "reach", group.n_point, group.n_component if group.behaviour.elastic else 1).copy()
+            image.group_field(
+                g, "reach", group.n_point, group.n_component if group.behaviour.elastic else 1
+            ).copy()
             for g, group in enumerate(direction.assembly.layout.groups)
         ]
         rates = float(1.0 / image.run[0]["dt"]), float(image.run[0]["layer_rate"])
@@ -268,7 +276,9 @@ class WindowSolver:
 
         settings, direction = self._settings, stages.direction
         weight = np.where(direction.k > 0, np.sqrt(direction.metric), 0.0)
-        stages.field("q")[...] = newton(evaluate, best.q, weight, settings.tolerance, _NEWTON * settings.max_iterations)
+        stages.field("q")[...] = newton(
+            evaluate, best.q, weight, settings.tolerance, _NEWTON * settings.max_iterations
+        )
 
     def _report(self, number: int, record: WindowRecord, stages: Stages) -> None:
         error = record.error_indicator[-1]

@@ -38,7 +38,11 @@ from .window_list import WindowList
 HOPELESS = 0.3
 _FIRST = 16  # instants of the first call, which tells how long they take
 _SECONDS = 0.2  # aimed at per call, so that progress is shown and an interruption is heard
-_ONE, _LONG, _BONDS = 1, 2, 3  # search directions: windows of one instant, longer ones, perfect interfaces at once
+_ONE, _LONG, _BONDS = (
+    1,
+    2,
+    3,
+)  # search directions: windows of one instant, longer ones, perfect interfaces at once
 
 Progress = Callable[[int, int, int, float], None]  # windows done, windows, iteration, indicator
 
@@ -98,7 +102,9 @@ class Run:
         if scales is None:
             scales = self._negligible()
         self.image.field("scales", 3)[:] = scales
-        self._threads = Threads([float(r["n_panels"] * r["m"]) for r in self.image.classes], self.settings.threads)
+        self._threads = Threads(
+            [float(r["n_panels"] * r["m"]) for r in self.image.classes], self.settings.threads
+        )
         self._per_instant, self._refused = 0.0, False
 
     def _negligible(self) -> Array:
@@ -210,7 +216,9 @@ class Run:
         n = min(n, image.rows, longest, recorder.instants_unseen())
         first, before = assembly.instant + 1, clock.perf_counter()
         image.set({"first_row": first})
-        done = self._march_together(first, n) if self._threads.several else image.call(entries.MARCH, first, n)
+        done = (
+            self._march_together(first, n) if self._threads.several else image.call(entries.MARCH, first, n)
+        )
         if done:
             self._step_to(first + done - 1)
             recorder.kept(assembly, image, self._probes, done)
@@ -307,7 +315,9 @@ class Run:
             image.call(entries.FIRST_GUESS, stages.first)
             if self._bonds is not None and self._single != _BONDS:  # too many for one matrix, or redundant
                 image.call(entries.FREE_MOTION, stages.first)
-                stages.field("q")[0] = self._bonds.guess(image.field("w", image.n_flat).copy(), stages.direction.k)
+                stages.field("q")[0] = self._bonds.guess(
+                    image.field("w", image.n_flat).copy(), stages.direction.k
+                )
             return
         stages.field("q")[...] = stages.direction.incoming(self.f_hat, self.w_hat)
 
@@ -318,7 +328,9 @@ class Run:
         image.call(entries.ACCEPT, n)
         if not record.converged:
             image.field("scales", 3)[:] = scales  # a failed iterate must not loosen the windows that follow
-        image.field("carry", 1)[0] = float(APPROACH not in record.fallbacks)  # bodies that travelled far have arrived
+        image.field("carry", 1)[0] = float(
+            APPROACH not in record.fallbacks
+        )  # bodies that travelled far have arrived
         if n > 1:
             image.call(entries.REWIND)
         image.set({"first_row": first})

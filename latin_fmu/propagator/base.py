@@ -80,7 +80,11 @@ class Propagator(ABC):
     dt: float
 
     def __init__(
-        self, members: Sequence[SubstructureModel], scheme: TimeScheme, dt: float, energy: bool,
+        self,
+        members: Sequence[SubstructureModel],
+        scheme: TimeScheme,
+        dt: float,
+        energy: bool,
         kept: list[tuple[float, Any]] | None = None,
     ) -> None:
         self.members = list(members)
@@ -224,7 +228,10 @@ class Propagator(ABC):
         if self._image is None:
             return
         self._account = None if self._energy() is None else self._energy().copy()  # type: ignore[union-attr]
-        self._own = {name: field.copy() for name, field in zip(("u", "v", "a", "residual"), self.state[1:], strict=True)}
+        self._own = {
+            name: field.copy()
+            for name, field in zip(("u", "v", "a", "residual"), self.state[1:], strict=True)
+        }
         self._image = None
 
     def _part(self, first: str, size: int) -> Array:
@@ -252,7 +259,9 @@ class Propagator(ABC):
         if self._image is None:
             return Motion(self.instant, **self._own)
         shape = self.n_dof, len(self.members)
-        fields = [self._part(name, shape[0] * shape[1]).reshape(shape) for name in ("u", "v", "a", "residual")]
+        fields = [
+            self._part(name, shape[0] * shape[1]).reshape(shape) for name in ("u", "v", "a", "residual")
+        ]
         return Motion(self.instant, *fields)
 
     def _set(self, u: Array, v: Array, a: Array | None = None, residual: Array | None = None) -> None:
@@ -279,7 +288,10 @@ class Propagator(ABC):
         if self._image is None:
             m = len(self.members)
             flat = np.arange(self.n_channel * m, dtype=np.int64).reshape(self.n_channel, m)
-            run = {"area": np.repeat(self.operators.area, m), "static": int(self.scheme.name == "quasi_static")}
+            run = {
+                "area": np.repeat(self.operators.area, m),
+                "static": int(self.scheme.name == "quasi_static"),
+            }
             self._image = Image([self], [flat], np.ones(flat.size, dtype=bool), run=run)
             self._alone_since = object()
         image = self._image
@@ -301,7 +313,11 @@ class Propagator(ABC):
         image = self._alone()
         image.set({"first_row": self.instant + 1})
         image.predict(self._class, self.instant + 1)
-        return self._part("w_free", self.n_channel * len(self.members)).reshape(self.n_channel, len(self.members)).copy()
+        return (
+            self._part("w_free", self.n_channel * len(self.members))
+            .reshape(self.n_channel, len(self.members))
+            .copy()
+        )
 
     def respond(self, q: Array) -> Array:
         """W for q after ``predict``."""

@@ -32,7 +32,9 @@ def coefficients(scheme: Any, dt: float) -> Fields:
     """Numbers of ``records.RUN_NUMBERS`` that a time scheme brings for a step: the factors of its linear recursions,
     read off its own functions."""
     zero, one = np.zeros(1), np.ones(1)
-    late = 0.5 * dt if scheme.explicit else 0.0  # half of the step is made before the forces are known, half after
+    late = (
+        0.5 * dt if scheme.explicit else 0.0
+    )  # half of the step is made before the forces are known, half after
     u_v, _ = scheme.predict(zero, one, zero, dt)
     u_a, v_a = scheme.predict(zero, zero, one, dt)
     w = [
@@ -41,19 +43,39 @@ def coefficients(scheme: Any, dt: float) -> Fields:
     ]
     layer_v, layer_a = (scheme.layer_jump(zero, *va, dt)[0] for va in ((one, zero), (zero, one)))
     follow = [
-        scheme.advance_opening(zero, v, a, new, dt) for v, a, new in ((one, zero, zero), (zero, one, zero), (zero, zero, one))
+        scheme.advance_opening(zero, v, a, new, dt)
+        for v, a, new in ((one, zero, zero), (zero, one, zero), (zero, zero, one))
     ]
     forces, accelerations = scheme.energy_weights()
     numbers = {
-        "dt": dt, "u_v": u_v - late, "u_a": u_a, "v_a": v_a, "velocity_gain": scheme.velocity_gain(dt),
-        "displacement_gain": scheme.displacement_gain(dt), "interface_gain": scheme.interface_gain(dt),
-        "force_weight": scheme.force_weight, "memory_weight": scheme.memory_weight, "w_u_old": w[0], "w_u": w[1],
-        "w_v": w[2], "u_late": late, "gap_lead": scheme.gap_lead(dt), "layer_v": layer_v, "layer_a": layer_a,
+        "dt": dt,
+        "u_v": u_v - late,
+        "u_a": u_a,
+        "v_a": v_a,
+        "velocity_gain": scheme.velocity_gain(dt),
+        "displacement_gain": scheme.displacement_gain(dt),
+        "interface_gain": scheme.interface_gain(dt),
+        "force_weight": scheme.force_weight,
+        "memory_weight": scheme.memory_weight,
+        "w_u_old": w[0],
+        "w_u": w[1],
+        "w_v": w[2],
+        "u_late": late,
+        "gap_lead": scheme.gap_lead(dt),
+        "layer_v": layer_v,
+        "layer_a": layer_a,
         "layer_rate": 1 / scheme.layer_jump(zero, zero, zero, dt)[1],
-        "opening_v": follow[0][0], "opening_a": follow[1][0], "opening_new": follow[2][0],
-        "rate_v": follow[0][1], "rate_a": follow[1][1], "rate_new": follow[2][1],
-        "energy_before": forces[0], "energy_old": forces[1], "energy_new": forces[2],
-        "energy_a_old": accelerations[0], "energy_a_new": accelerations[1],
+        "opening_v": follow[0][0],
+        "opening_a": follow[1][0],
+        "opening_new": follow[2][0],
+        "rate_v": follow[0][1],
+        "rate_a": follow[1][1],
+        "rate_new": follow[2][1],
+        "energy_before": forces[0],
+        "energy_old": forces[1],
+        "energy_new": forces[2],
+        "energy_a_old": accelerations[0],
+        "energy_a_new": accelerations[1],
         "inertia_dissipation": scheme.inertia_dissipation(dt),
     }
     return {name: float(np.asarray(value).reshape(-1)[0]) for name, value in numbers.items()}
@@ -91,9 +113,15 @@ class Image:
         self.groups = np.zeros(len(groups), dtype=GROUP)
         self._fixed, self._directions = Block(), {}
         self._run: Fields = {
-            "n_flat": self.n_flat, "longest_window": window, "max_iterations": 1,
-            "reuse": -1.0, "rest_traction": -1.0, "relaxation": 1.0, "longest_step": np.inf,
-            **coefficients(first.scheme, first.dt), **self._placed(run or {}, self._fixed),
+            "n_flat": self.n_flat,
+            "longest_window": window,
+            "max_iterations": 1,
+            "reuse": -1.0,
+            "rest_traction": -1.0,
+            "relaxation": 1.0,
+            "longest_step": np.inf,
+            **coefficients(first.scheme, first.dt),
+            **self._placed(run or {}, self._fixed),
         }
         self._groups = [self._placed(group, self._fixed) for group in groups]
         self._rows = [
@@ -166,7 +194,11 @@ class Image:
             row["probed"] = block.reserve(self.rows * row["n_probe"] * row["m"])
             row["energies"] = block.reserve(self.rows * 6 * row["m"] * row["accounted"])
         for name, size in (
-            ("errors", most), ("mismatches", most), ("iterations", 1), ("history_f", n), ("history_w", n),
+            ("errors", most),
+            ("mismatches", most),
+            ("iterations", 1),
+            ("history_f", n),
+            ("history_w", n),
             ("history_gap", run["n_point"]),
         ):
             run[name] = block.reserve(self.rows * size)
@@ -185,7 +217,10 @@ class Image:
 
     # -- directions ---------------------------------------------------------------------------------------------
     def bind(
-        self, key: int, run: Mapping[str, Any] | None = None, groups: Sequence[Mapping[str, Any]] = (),
+        self,
+        key: int,
+        run: Mapping[str, Any] | None = None,
+        groups: Sequence[Mapping[str, Any]] = (),
         afresh: bool = False,
     ) -> None:
         """Let the kernels use a search direction: that under ``key``, or, where there is none yet (or ``afresh``), the one
@@ -197,7 +232,9 @@ class Image:
                 rows.append({})
                 class_record.direction(self._fixed, rows[-1], propagator, constant)
             self._directions[key] = (
-                self._placed(run or {}, self._fixed), rows, [self._placed(group, self._fixed) for group in groups],
+                self._placed(run or {}, self._fixed),
+                rows,
+                [self._placed(group, self._fixed) for group in groups],
             )
         if key != self._current:
             self._current = key
@@ -218,8 +255,15 @@ class Image:
         kind = np.recarray if PLAIN else np.ndarray  # plain Python reads fields as attributes
         fixed, moving = self.fixed, self.moving
         self.pools = Pools(
-            self.run.view(kind), self.classes.view(kind), self.groups.view(kind),
-            fixed, fixed.view(np.int64), fixed.view(np.uint32), fixed.view(np.float32), moving, moving.view(np.int64),
+            self.run.view(kind),
+            self.classes.view(kind),
+            self.groups.view(kind),
+            fixed,
+            fixed.view(np.int64),
+            fixed.view(np.uint32),
+            fixed.view(np.float32),
+            moving,
+            moving.view(np.int64),
         )
         self._written = True
 
