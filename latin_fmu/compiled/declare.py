@@ -172,8 +172,8 @@ def ordered_kernel(function: Function) -> Function:
 
 
 def share(*kernels: Any) -> None:
-    """Let kernels that several others call keep one body of machine code in the library: inlined, the same sums could be
-    taken in another order here and there."""
+    """Mark kernels that several others call: they keep one body of machine code in the library. Inlined, the same sums
+    could be taken in another order by each of the callers."""
     for function in kernels:
         if isinstance(function, Kernel):
             function.shared = True

@@ -28,8 +28,8 @@ Array = NDArray[np.float64]
 TERMS = ("kinetic", "elastic", "work_of_loads", "interface_work", "damping_dissipation", "scheme_dissipation")
 """Terms of the account, in the order of ``totals``."""
 _KINETIC, _ELASTIC, _LOADS, _INTERFACE, _DAMPING, _SCHEME = range(6)
-# places of ``past``: fields, then forces of the last instant and of the one before it
-_U, _A, _MASS_A, _NOW, _BEFORE = 0, 1, 2, 3, 7
+# places of ``past``: displacements (0), fields, then forces of the last instant and of the one before it
+_A, _MASS_A, _NOW, _BEFORE = 1, 2, 3, 7
 _V, _K_V, _FORCE, _K_U, _MASS_V = 1, 2, 3, 4, 5  # of EXPLICIT classes
 
 
@@ -183,7 +183,7 @@ def _state_energies(pools: Any, c: int, instant: int, elastic: Array) -> None:
 @kernel
 def open_account(pools: Any, c: int, instant: int, flat: Array) -> None:
     """Begin the account of a class in its present motion under tractions flat (N,)."""
-    row, work, state = pools.classes[c], pools.moving, pools.moving
+    row, state = pools.classes[c], pools.moving
     if row.accounted == 0:
         return
     m, size, wide = row.m, row.n * row.m, (row.n + row.n_motion) * row.m
@@ -191,9 +191,8 @@ def open_account(pools: Any, c: int, instant: int, flat: Array) -> None:
     now = past[_NOW * wide : _BEFORE * wide]
     state[row.totals : row.totals + 6 * m] = 0.0
     _forces(pools, c, instant, flat, now)
-    if (
-        row.kind == STATIC
-    ):  # loads that do not start from zero are counted as growing over the first increment
+    if row.kind == STATIC:
+        # loads that do not start from zero are counted as growing over the first increment
         for i in range(size):
             now[2 * wide + i] = now[i] - now[3 * wide + i]
     _state_energies(pools, c, instant, now[:wide])
@@ -274,7 +273,7 @@ def _account_weighted(pools: Any, c: int, instant: int, flat: Array) -> None:
 @kernel
 def _account_explicit(pools: Any, c: int, instant: int, flat: Array) -> None:
     """The step of an EXPLICIT class; the elastic force of its middle is K u + dt/2 K v of the old instant."""
-    row, run, work, state = pools.classes[c], pools.run[0], pools.moving, pools.moving
+    row, work, state = pools.classes[c], pools.moving, pools.moving
     n, m, wide, dt = row.n, row.m, (row.n + row.n_motion) * row.m, pools.run[0].dt
     past, scratch = state[row.past : row.past + 11 * wide], work[row.extended : row.extended + 8 * wide]
     new = scratch[4 * wide : 8 * wide]

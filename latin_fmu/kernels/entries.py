@@ -148,7 +148,7 @@ def call(pools: Any, action: int, a: int, b: int, c: int, d: int) -> int:
     elif action == FREE_VELOCITY:
         free_velocity(pools, a, b)
     elif action == INTERFACE_LOAD:
-        return int(interface_load(pools, a, b, pools.moving[run.local_f : run.local_f + run.n_flat]))
+        return int(interface_load(pools, a, pools.moving[run.local_f : run.local_f + run.n_flat]))
     elif action == ADVANCE:
         advance(pools, a, b)
     elif action == COMMIT:

@@ -20,8 +20,8 @@ Array = NDArray[np.float64]
 
 @kernel
 def march_instants(pools: Any, first: int, n: int) -> int:
-    """Solve up to n windows of one instant from the instant ``first`` on; number of those that converged before one that
-    did not (which leaves state and output as they were at its start)."""
+    """Solve up to n windows of one instant from the instant ``first`` on; number of those that converged before one
+    that did not (which leaves state and output as they were at its start)."""
     for call in range(n):
         instant = first + call
         for c in range(len(pools.classes)):
@@ -57,10 +57,11 @@ def solve_instant(pools: Any, instant: int, call: int) -> bool:
 
 @kernel
 def first_guess(pools: Any, instant: int) -> None:
-    """q of the first iterate of an instant: of the last fields; where nothing touched, of the free motion, the answer as
-    long as nothing does. With ``direct_bonds`` the solution itself.
+    """q of the first iterate of an instant: that of the last fields; where no traction acted, that of the free motion,
+    which is the solution as long as no gap closes. With ``direct_bonds`` the solution itself.
 
-    No extrapolation: accepted within the tolerance as it is, it would feed its own error and gain energy.
+    The fields are not extrapolated: an extrapolation accepted within the tolerance would feed its own error and gain
+    energy.
     """
     run, work, state, direction = pools.run[0], pools.moving, pools.moving, pools.fixed
     n = run.n_flat
@@ -70,7 +71,7 @@ def first_guess(pools: Any, instant: int) -> None:
         free_motion(pools, instant, w)
         q[:] = 0.0
         add_dense(n, n, direction[run.bonds : run.bonds + n * n], 1, w, q)
-        return None
+        return
     touched, carry = False, state[run.carry]
     if run.static == 1:
         carry *= pools.moving[run.continuation + instant]
@@ -79,12 +80,11 @@ def first_guess(pools: Any, instant: int) -> None:
         q[j] = f_hat[j] + k[j] * carry * w_hat[j]
         touched = touched or f_hat[j] != 0.0
     if touched or run.static == 1:
-        return None
+        return
     w = work[run.w : run.w + n]
     free_motion(pools, instant, w)
     for j in range(n):
         q[j] = k[j] * w[j]
-    return True
 
 
 @kernel

@@ -6,8 +6,8 @@ law of contact is end-of-instant: with G the gap at the start of the instant,
     0 <= max(G, 0) / dt + d_new   perp   P_new >= 0.
 
 Inside a window of several instants the gap follows the displacement recursion of the time scheme, which removes the
-half-step bias that G + dt d gives the closing instant of an accelerated body; taking max(G, 0) never pushes a penetrated
-point out, so that it adds no energy. The penetration left is at most dt/2 times the closing velocity.
+half-step bias that G + dt d gives the closing instant of an accelerated body. With max(G, 0) a penetrated point is not
+pushed out, so that no energy is added. The penetration left is at most dt/2 times the closing velocity.
 """
 
 from __future__ import annotations

@@ -135,7 +135,8 @@ def packed_product(n: int, a: Array, x: Array, out: Array) -> None:
 
 @kernel
 def symmetric_size(n: int, plain: int, m: int) -> int:
-    """Numbers that a symmetric dense matrix (n, n) takes for m members: its diagonal, its lower triangle or all of it."""
+    """Numbers that a symmetric dense matrix (n, n) takes for m members: those of its diagonal, of its lower triangle or
+    all."""
     if plain == 1:
         return n
     return n * n if m >= TILED else n * (n + 1) // 2

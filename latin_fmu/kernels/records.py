@@ -16,7 +16,8 @@ float64, int64, uint32 or float32 numbers. A record holds sizes, and for every a
 its block; kernels slice. There is no address in a record: blocks can be copied, saved, mapped and shared.
 
 Dimensions: n dofs of a member, m members of a class, g interface dofs, c channels (interface unknowns) of a member,
-N = n_flat channels of the assembly, p points of a group, h components per point, T instants of the segment, w instants of the longest window, R rows of output.
+N = n_flat channels of the assembly, p points of a group, h components per point, T instants of the segment, w instants
+of the longest window, R rows of output.
 Arrays over members have the member as last index. A channel is one interface unknown in the local frame: one
 component (N, t1 or t2) at one point of one side of one interface.
 """
@@ -178,7 +179,7 @@ CLASS_FIELDS: Final[tuple[Field, ...]] = (
 """A class of identical substructures."""
 
 GROUP_FIELDS: Final[tuple[Field, ...]] = (
-    ("law", "code of the law (``local_stage.LAWS``), -1 where the Python driver calls it"),
+    ("law", "code of the law (``laws.LAWS``), -1 where the Python driver calls it"),
     ("elastic", "1 where the law depends on the jump of displacement"),
     ("opens", "1 where the group has gaps"),
     ("start", "first channel of the group: block (2, p, h)"),
@@ -196,7 +197,7 @@ GROUP_FIELDS: Final[tuple[Field, ...]] = (
     ("traction", "work (p, h): on side E, Pa"),
     (
         "opening",
-        "work (4, p, h or 1): opening inside a window, its velocity and acceleration, what the next instant starts from",
+        "work (4, p, h or 1): opening inside a window, its velocity and acceleration, start of the next instant",
     ),
     ("opened", "work (4, p, h or 1): the same at the start of the window"),
 )
@@ -269,14 +270,14 @@ RUN_FIELDS: Final[tuple[Field, ...]] = (
     ("norms", "work (4,)"),
     (
         "merits",
-        "work (3 max_iterations + 64, 2): distance from the tolerance of each iterate, by eta and with the force residual",
+        "work (3 max_iterations + 64, 2): distance of each iterate from the tolerance, by eta and with force residual",
     ),
     (
         "measure",
         "work (8,): error, force residual, scales reached (3), ratio of merits, scale of the best iterate",
     ),
     ("errors", "output (R, max_iterations): sqrt(eta) of the iterations"),
-    ("mismatches", "output (calls, max_iterations): force residual likewise"),
+    ("mismatches", "output (R, max_iterations): force residual likewise"),
     ("iterations", "output, int64 (R,)"),
     ("history_f", "output (R, N): accepted tractions, Pa"),
     ("history_w", "output (R, N): accepted velocities, m s-1"),

@@ -1,6 +1,7 @@
 """One class of substructures over one instant, Eqs. (9)-(14); arrays of a class are flat (rows x members).
 
-With the scheme's predictors u_free, v_free and A the operator of the march, one instant of a DIRECT or EXPLICIT class is
+With the predictors u_free, v_free of the scheme and A the operator of the march, one instant of a DIRECT or EXPLICIT
+class is
 
     A a = w (f - K u_free - C v_free) - w_memory R_old - M a_imposed + w T^T area F,   w = ``force_weight``
     W = w_free + Y area (q - k w_free)                     the linear stage F = q - k W on the dashpots k
@@ -89,11 +90,8 @@ def free_load(pools: Any, c: int, instant: int) -> None:
             u_free[i] = u[i]
         add_stiffness(pools, c, -1.0, u, load)
         return
-    u_v, u_a, v_a = (
-        run.u_v,
-        run.u_a,
-        run.v_a,
-    )  # numbers of a record are loaded anew after every store of a loop
+    # locals: numbers of a record are loaded anew after every store of a loop
+    u_v, u_a, v_a = run.u_v, run.u_a, run.v_a
     for i in range(size):
         u_free[i] = u[i] + u_v * v[i] + u_a * a[i]
         v_free[i] = v[i] + v_a * a[i]
@@ -108,8 +106,8 @@ def free_load(pools: Any, c: int, instant: int) -> None:
 
 @kernel
 def forward(pools: Any, c: int) -> None:
-    """Half solve of the load: the inside stays in ``sweep`` (in tiles from TILED members on), the interface part goes to
-    ``inner``."""
+    """Half solve of the load: the inside stays in ``sweep`` (in tiles from TILED members on), the interface part goes
+    to ``inner``."""
     row, work, constants, numbers = pools.classes[c], pools.moving, pools.fixed, pools.fixed_int
     n, m, n_interior, n_inner, n_super = row.n, row.m, row.n_interior, row.n_inner, row.n_super
     first, row_start = (
@@ -204,7 +202,7 @@ def respond(pools: Any, c: int, row_of_window: int, reuse: bool) -> int:
     its share of all classes, keeps that solution.
     """
     row, run, work = pools.classes[c], pools.run[0], pools.moving
-    m, n_live, size = row.m, row.n_live, row.n_channel * row.m
+    m, size = row.m, row.n_channel * row.m
     channels = pools.fixed_int[row.channels : row.channels + size]
     q = work[run.q + row_of_window * run.n_flat : run.q + (row_of_window + 1) * run.n_flat]
     w = work[run.w + row_of_window * run.n_flat : run.w + (row_of_window + 1) * run.n_flat]
@@ -274,9 +272,9 @@ def linear_response(pools: Any, c: int, q: Array, w: Array) -> None:
 
 @kernel
 def commit(pools: Any, c: int, instant: int, flat: Array) -> int:
-    """End the instant with tractions (STATIC: incoming quantities q) flat (N,) over the assembly; number of substructures
-    marched."""
-    if not interface_load(pools, c, instant, flat):
+    """End the instant with tractions (STATIC: incoming quantities q) flat (N,) over the assembly; number of
+    substructures marched."""
+    if not interface_load(pools, c, flat):
         return 0
     backward(pools, c)
     advance(pools, c, instant)
@@ -284,7 +282,7 @@ def commit(pools: Any, c: int, instant: int, flat: Array) -> int:
 
 
 @kernel
-def interface_load(pools: Any, c: int, instant: int, flat: Array) -> bool:
+def interface_load(pools: Any, c: int, flat: Array) -> bool:
     """Interface values of the solution in ``inner_answer``; False where the class goes on resting."""
     row, run, work = pools.classes[c], pools.run[0], pools.moving
     m, n_inner, size = row.m, row.n_inner, row.n_channel * row.m
@@ -398,9 +396,8 @@ def advance(pools: Any, c: int, instant: int) -> None:
             v[massless[e] * m + j] = u[massless[e] * m + j]
     for i in range(size):
         a[i] = solved[i]
-    for e in range(
-        row.n_massless
-    ):  # statics alone moves them: a velocity that means something, and no memory
+    # statics alone moves them: their velocity is the difference quotient, and their acceleration is zero
+    for e in range(row.n_massless):
         for j in range(m):
             at = massless[e] * m + j
             u_new = u_free[at] + late * v_free[at] + gain_u * a[at]

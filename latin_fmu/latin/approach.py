@@ -45,8 +45,8 @@ def second_guess(
 ) -> tuple[str, Array]:
     """Where the first guess has led nowhere: a name and q (n_flat,) of the next increment.
 
-    From rest with the last tractions ``f_hat``, or a first look on soft springs where there is far to travel; propagators
-    and image are left bound to the soft direction then.
+    From rest with the last tractions ``f_hat``; where there is far to travel, from a first run of the iteration on soft
+    springs, which leaves propagators and image bound to the soft direction.
     """
     direction = stages.direction
     factor = softening(assembly, direction.k, gaps)

@@ -101,7 +101,8 @@ class PointByPoint:
         self, free: Array, f_hat: Array, reaches: list[Array], rates: tuple[float, float]
     ) -> tuple[Array, Array]:
         """Tractions and velocities (n_flat,) from the velocities ``free`` without tractions and a first guess of the
-        tractions; ``reaches`` per group and ``rates`` (of elastic behaviours the second): see ``interface.behaviour``."""
+        tractions; ``reaches`` per group and ``rates`` (of elastic behaviours the second): see
+        ``interface.behaviour``."""
         f, v = f_hat.copy(), free.copy()
         for admittance, channels in zip(self._admittances, self.assembly.channels, strict=True):
             v[channels] += admittance @ f[channels]

@@ -128,4 +128,5 @@ def continuation(assembly: Assembly) -> Array:
         ground[1:] |= np.einsum("ti,ti->t", velocity[1:], velocity[:-1]) > 0.0
     part = np.divide(along, size, out=ground.astype(float), where=(size > 0) & (change > 0))
     part[:2] = 1.0  # the start of a run has no velocities, that of a segment goes on
-    return np.clip(part, 0.0, 1.0)
+    share: Array = np.clip(part, 0.0, 1.0)
+    return share

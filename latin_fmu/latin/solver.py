@@ -1,9 +1,9 @@
 """The LATIN loop over one window from Python, with its fall-back chain.
 
-The stages are those of ``kernels.iteration``, called one by one: for observers, laws written in Python, factors that the
-kernels do not hold, and windows in which the iteration stalls. A stalled acceleration gives way to Newton's method
-(without inertia), to relaxation 1/2 from the best iterate, and in windows of one instant to a solution point by point;
-the best iterate, never the last, is what a window that does not converge returns.
+The stages are those of ``kernels.iteration``, called one by one: for observers, laws written in Python, factors that
+the kernels do not hold, and windows in which the iteration stalls. A stalled acceleration is followed by Newton's
+method (without inertia), by relaxation 1/2 from the best iterate, and in windows of one instant by a solution point by
+point. A window that does not converge returns its best iterate, which need not be the last.
 """
 
 from __future__ import annotations
@@ -146,9 +146,9 @@ class Stages:
 
     def iterate(self) -> Iterate:
         """A copy of the last iterate."""
-        fields = [self.field(name).copy() for name in ("q", "local_f", "local_w", "r")]
+        q, f_hat, w_hat, residual = (self.field(name).copy() for name in ("q", "local_f", "local_w", "r"))
         measures = self.measures()
-        return Iterate(*fields, float(measures[0]), measures)
+        return Iterate(q, f_hat, w_hat, residual, float(measures[0]), measures)
 
     def put(self, iterate: Iterate) -> None:
         """Make an iterate the last one."""

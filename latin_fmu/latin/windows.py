@@ -29,7 +29,7 @@ from .recorder import Recorder
 from .run_image import histories, make_image
 from .settings import Settings
 from .slide_probes import SlideProbes
-from .solver import Iterate, Observer, Stages, WindowSolver
+from .solver import Observer, Stages, WindowSolver
 from .start import start
 from .threads import Threads
 from .window_list import WindowList
@@ -38,11 +38,8 @@ from .window_list import WindowList
 HOPELESS = 0.3
 _FIRST = 16  # instants of the first call, which tells how long they take
 _SECONDS = 0.2  # aimed at per call, so that progress is shown and an interruption is heard
-_ONE, _LONG, _BONDS = (
-    1,
-    2,
-    3,
-)  # search directions: windows of one instant, longer ones, perfect interfaces at once
+# search directions: windows of one instant, longer ones, perfect interfaces at once
+_ONE, _LONG, _BONDS = 1, 2, 3
 
 Progress = Callable[[int, int, int, float], None]  # windows done, windows, iteration, indicator
 
@@ -108,7 +105,8 @@ class Run:
         self._per_instant, self._refused = 0.0, False
 
     def _negligible(self) -> Array:
-        """Scales of negligible fields, relative to the largest load: eta's denominator, normal and tangential forces."""
+        """Scales of negligible fields, relative to the largest load: denominator of eta, normal and tangential
+        forces."""
         image, level = self.image, self.direction(1).level
         image.field("local_f", image.n_flat)[:], image.field("r", image.n_flat)[:] = level, 0.0
         measures = image.field("measure", 8)
@@ -132,7 +130,8 @@ class Run:
         return self.image.field("w_hat", self.image.n_flat)
 
     def handed_on(self) -> list[tuple[str, int]]:
-        """Names and sizes of the fields of the image that the next segment starts from, beside the propagators' states."""
+        """Names and sizes of the fields of the image that the next segment starts from, beside the states of the
+        propagators."""
         return [("f_hat", self.image.n_flat), ("w_hat", self.image.n_flat), ("scales", 3), ("carry", 1)]
 
     def direction(self, n: int) -> Direction:
@@ -300,7 +299,7 @@ class Run:
                 state.windows.append(record)
                 self._count(before)
                 return record
-        self._end_window(stages, accepted, record)
+        self._end_window(stages, record)
         self._count(before)
         return record
 
@@ -321,16 +320,15 @@ class Run:
             return
         stages.field("q")[...] = stages.direction.incoming(self.f_hat, self.w_hat)
 
-    def _end_window(self, stages: Stages, accepted: Iterate, record: WindowRecord) -> None:
+    def _end_window(self, stages: Stages, record: WindowRecord) -> None:
         """Move the substructures to the end of the window and keep its fields."""
         image, n, first = self.image, stages.n, stages.first
         scales = image.field("scales", 3).copy()
         image.call(entries.ACCEPT, n)
         if not record.converged:
             image.field("scales", 3)[:] = scales  # a failed iterate must not loosen the windows that follow
-        image.field("carry", 1)[0] = float(
-            APPROACH not in record.fallbacks
-        )  # bodies that travelled far have arrived
+        # bodies that travelled far have arrived
+        image.field("carry", 1)[0] = float(APPROACH not in record.fallbacks)
         if n > 1:
             image.call(entries.REWIND)
         image.set({"first_row": first})

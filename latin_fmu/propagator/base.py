@@ -11,8 +11,8 @@ on the channels of all interfaces of the substructure together; D is constant fo
    of the last ``bind``; ``commit`` ends the instant with the tractions found.
 2. ``operators`` is the same object as long as the time step is.
 3. Everything is linear in loads, initial values and tractions; members do not depend on each other.
-4. ``snapshot``/``restore`` within a segment, ``get_state``/``set_state`` between segments hold all that the next instant
-   needs: a march that goes on from them is the same to the last bit.
+4. ``snapshot``/``restore`` within a segment, ``get_state``/``set_state`` between segments hold all that the next
+   instant needs: a march that goes on from them is the same to the last bit.
 5. ``channel_displacement`` is what gaps are read from (``TimeScheme.gap_lead`` ahead of the instant).
 6. The account of energies closes with the scheme's own identity (``kernels.energy``).
 
@@ -48,7 +48,8 @@ class MassFactor(Protocol):
 
 
 class Motion(NamedTuple):
-    """Displacements, velocities, accelerations and residual forces (n_dof, n_member) at an instant, m, m s-1, m s-2, N."""
+    """Displacements, velocities, accelerations and residual forces (n_dof, n_member) at an instant; m, m s-1, m s-2,
+    N."""
 
     instant: int
     u: Array
@@ -366,7 +367,7 @@ class Propagator(ABC):
         model = self.members[member]
         return model.node_values(model.expansion @ field[:, member] + imposed[:, member])
 
-    def sample(self) -> None:
+    def sample(self) -> None:  # noqa: B027, most propagators have no remarks
         """Add the present state to what ``remarks`` are made from."""
 
     def remarks(self) -> list[str]:

@@ -69,10 +69,8 @@ def put_symmetric(
     if held is None:
         held = known[id(matrix.indices)] = lower_pattern(matrix), matrix.indices
     lower: LowerPattern = held[0]
-    diagonal, there = (
-        np.zeros(matrix.shape[0]),
-        lower.on_diagonal >= 0,
-    )  # a rigid body's stiffness has no entry
+    # the stiffness of a rigid body has no entry on the diagonal
+    diagonal, there = np.zeros(matrix.shape[0]), lower.on_diagonal >= 0
     diagonal[there] = matrix.data[lower.on_diagonal[there]]
     row[f"{name}_rows"] = int(matrix.shape[0])
     row[f"{name}_starts"] = block.put(lower.starts, np.int64)

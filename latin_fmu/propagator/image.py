@@ -1,15 +1,15 @@
 """The image of a run: records and blocks of memory that hold everything its kernels read and write.
 
-The layout is that of ``kernels.records``. ``fixed`` is filled when the operators of a time step and the search directions
-are known; ``moving`` holds state, work, output and the histories of the present segment, in this order, so that a new
-segment changes its end only.
+The layout is that of ``kernels.records``. ``fixed`` is filled when the operators of a time step and the search
+directions are known. ``moving`` holds state, work, output and the histories of the present segment, in this order, so
+that a new segment changes its end only.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from math import isqrt
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import scipy.sparse as sp
@@ -32,9 +32,8 @@ def coefficients(scheme: Any, dt: float) -> Fields:
     """Numbers of ``records.RUN_NUMBERS`` that a time scheme brings for a step: the factors of its linear recursions,
     read off its own functions."""
     zero, one = np.zeros(1), np.ones(1)
-    late = (
-        0.5 * dt if scheme.explicit else 0.0
-    )  # half of the step is made before the forces are known, half after
+    # half of an explicit step is made before the forces are known, half after
+    late = 0.5 * dt if scheme.explicit else 0.0
     u_v, _ = scheme.predict(zero, one, zero, dt)
     u_a, v_a = scheme.predict(zero, zero, one, dt)
     w = [
@@ -88,8 +87,7 @@ class Image:
     ----------
     propagators : one per class, begun. channels : per class the places (n_channel, m) of its channels among ``n_flat``.
     normal : (n_flat,) True where a channel is normal to its interface. probes : per class rows (n_probe, n) whose
-    velocities are kept, or None. run, groups : further fields of the records, arrays among them (``constants`` by name).
-    numbers : fields of the run beside those of the time scheme.
+    velocities are kept, or None. run, groups : further fields of the records by name: numbers, arrays and matrices.
     window : instants of the longest window. n_time, histories : as for ``begin``, where the segment is known.
     """
 
@@ -111,7 +109,8 @@ class Image:
         self.run = np.zeros(1, dtype=RUN)
         self.classes = np.zeros(len(self.propagators), dtype=CLASS)
         self.groups = np.zeros(len(groups), dtype=GROUP)
-        self._fixed, self._directions = Block(), {}
+        self._fixed = Block()
+        self._directions: dict[int, tuple[Fields, list[Fields], list[Fields]]] = {}
         self._run: Fields = {
             "n_flat": self.n_flat,
             "longest_window": window,
@@ -149,7 +148,7 @@ class Image:
             if isinstance(value, np.ndarray):
                 placed[name] = block.put(value, np.int64 if value.dtype.kind in "iub" else np.float64)
             elif sp.issparse(value):
-                class_record.put_matrix(block, placed, name, value)
+                class_record.put_matrix(block, placed, name, cast(sp.csr_array, value))
             else:
                 placed[name] = value
         return placed
@@ -223,8 +222,8 @@ class Image:
         groups: Sequence[Mapping[str, Any]] = (),
         afresh: bool = False,
     ) -> None:
-        """Let the kernels use a search direction: that under ``key``, or, where there is none yet (or ``afresh``), the one
-        bound to the propagators with these fields of the records."""
+        """Use a search direction: that under ``key``, or, where there is none yet (or ``afresh``), the one bound to the
+        propagators with these fields of the records."""
         if afresh or key not in self._directions:
             self._current = None
             rows: list[Fields] = []
@@ -269,7 +268,7 @@ class Image:
 
     # -- use ----------------------------------------------------------------------------------------------------
     def call(self, action: int, a: int = 0, b: int = 0, c: int = 0, d: int = 0) -> int:
-        """Let the kernels do an action of ``kernels.entries``."""
+        """Do an action of ``kernels.entries``; what it returns."""
         if not self._written:
             self._write_records()
         return int(entries.call(self.pools, action, a, b, c, d))
@@ -298,7 +297,7 @@ class Image:
     def _commit(self, c: int, instant: int) -> None:
         row = self._rows[c]
         rested = bool(self._of(c, "passed", 1)[0])
-        if not self.call(entries.INTERFACE_LOAD, c, instant):
+        if not self.call(entries.INTERFACE_LOAD, c):
             return
         y = np.zeros((row["n"] - row["n_inner"], row["m"])) if rested else self._half[c]
         last = self._of(c, "inner_answer", row["n_inner"], row["m"])
