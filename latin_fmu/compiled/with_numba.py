@@ -64,20 +64,6 @@ def _by_types(made: Any) -> Any:
     return made
 
 
-def c_function(function: Callable[..., Any], n_integer: int, n_float: int) -> Any:
-    """``numba.cfunc`` of a function of so many pointers to int32 and then to float64."""
-    numba: Any = import_module("numba")
-    types = numba.types
-    signature = types.void(
-        *[types.CPointer(types.int32)] * n_integer, *[types.CPointer(types.float64)] * n_float
-    )
-    placed = _placed(function)
-    if placed is not None:
-        with suppress(RuntimeError):
-            return numba.cfunc(signature, cache=True, error_model="numpy")(placed)
-    return numba.cfunc(signature, error_model="numpy")(function)
-
-
 def _placed(function: Callable[..., Any]) -> FunctionType | None:
     """The function as if it came from the copy of its source in the cache folder; None without one."""
     assert isinstance(function, FunctionType)

@@ -171,6 +171,7 @@ class Anderson:
     def next(self, q: Array, residual: Array) -> Array:
         """Next iterate (n,)."""
         out = np.array(q, dtype=float)
+        last_q, last_r, dq, dr, gram, least = self._arrays
         anderson(
             out,
             np.ascontiguousarray(residual, dtype=float),
@@ -178,7 +179,12 @@ class Anderson:
             self._relaxation,
             np.inf,
             self._metric,
-            *self._arrays,
+            last_q,
+            last_r,
+            dq,
+            dr,
+            gram,
+            least,
             self._count,
         )
         self._count += 1

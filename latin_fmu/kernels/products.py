@@ -76,20 +76,6 @@ def add_rows(
 
 
 @kernel
-def add_transposed(
-    n: int, starts: Any, columns: Any, values: Array, factor: float, m: int, x: Array, out: Array
-) -> None:
-    """out += factor A^T x for A (n, ...) in compressed rows, x (n m,)."""
-    for i in range(n):
-        column, value = columns[starts[i] : starts[i + 1]], values[starts[i] : starts[i + 1]]
-        line = x[i * m : i * m + m]
-        for e in range(len(column)):
-            now, at = factor * value[e], np.int64(column[e]) * m
-            for j in range(m):
-                out[at + j] += now * line[j]
-
-
-@kernel
 def add_dense(rows: int, columns: int, table: Array, m: int, x: Array, out: Array) -> None:
     """out (rows m,) += A x for a dense A (rows, columns)."""
     if m == 1:

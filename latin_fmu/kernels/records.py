@@ -265,7 +265,6 @@ RUN_FIELDS: Final[tuple[Field, ...]] = (
     ("coarse", "work (2, n_coarse)"),
     ("displacement", "work (N,): displacements that gaps are read from, m"),
     ("layer", "work (N,): displacements that layers start from, m"),
-    ("acceleration", "work (N,)"),
     ("shares", "work (n_interface,)"),
     ("norms", "work (4,)"),
     (

@@ -182,7 +182,7 @@ class Image:
         depth, most, wide = int(run.get("depth", 0)), run["max_iterations"], self.window * n
         sizes = dict.fromkeys(("q", "w", "f", "s", "local_f", "local_w", "r", "last_q", "last_r"), wide)
         sizes |= {"dq": depth * wide, "dr": depth * wide, "gram": depth * depth, "least": (depth + 3) * depth}
-        sizes |= {"coarse": 2 * int(run.get("n_coarse", 0)), "displacement": n, "layer": n, "acceleration": n}
+        sizes |= {"coarse": 2 * int(run.get("n_coarse", 0)), "displacement": n, "layer": n}
         sizes |= {"shares": n_interface, "norms": 4, "merits": 6 * most + 128, "measure": 8, "counts": 2}
         for name, size in sizes.items():
             run[name] = block.reserve(size)
