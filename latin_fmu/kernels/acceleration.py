@@ -25,8 +25,8 @@ RANK = 1e-12
 
 @kernel
 def least_squares(gram: Array, depth: int, right: Array, n: int, scratch: Array, x: Array) -> None:
-    """x (n,) = solution of gram[:n, :n] x = right by a Cholesky factor of unit diagonal; directions whose pivot is
-    below RANK depend on those before and get 0. gram (depth, depth), scratch ((depth + 1) depth,)."""
+    """x (n,) = solution of gram[:n, :n] x = right by a Cholesky factor of unit diagonal; x is 0 for directions whose
+    pivot is below RANK, as they depend on those before. gram (depth, depth), scratch ((depth + 1) depth,)."""
     factor, size = scratch[: depth * depth], scratch[depth * depth : depth * (depth + 1)]
     for a in range(n):
         size[a] = np.sqrt(max(gram[a * depth + a], 1e-300))
@@ -74,10 +74,10 @@ def anderson(
 ) -> None:
     """q (n,) := next iterate, with ``count`` steps made since the start; a negative count relaxes.
 
-    metric : (n_flat,) squared weights of the norm, for each instant of q anew. dq, dr : (depth, n) ring of differences,
+    metric : (n_flat,) squared weights of the norm, the same at each instant. dq, dr : (depth, n) ring of differences,
     gram : (depth, depth) their weighted products, least : ((depth + 3) depth,) scratch. longest : longest step, in
-    lengths of the residual (a body that slides back to where it sticks has the same residual iteration after iteration,
-    and differences that vanish would throw it anywhere).
+    lengths of the residual. A body that slides back to where it sticks has the same residual iteration after iteration;
+    with differences of residuals close to zero the step would have any length.
     """
     n, n_flat = len(q), len(metric)
     if depth == 0 or count <= 0:

@@ -1,4 +1,4 @@
-"""Energies of the members of a class, each term by itself: none is the remainder of the others.
+"""Energies of the members of a class: each term is computed on its own, none as the remainder of the others.
 
 Dofs and prescribed motions together, D the change over a step from instant n to n + 1, ( )_w weighted over the instants
 n - 1, n, n + 1 and a_w over n, n + 1 as the time scheme does (``TimeScheme.energy_weights``):
@@ -8,7 +8,7 @@ n - 1, n, n + 1 and a_w over n, n + 1 as the time scheme does (``TimeScheme.ener
     STATIC    D V = Du.(mean f + mean lambda) + reactions
 
 x = ``inertia_dissipation``; f loads, lambda tractions of the interfaces; reactions work where the motion is prescribed
-and are counted with the loads. The sums hold exactly: what is left over is round-off.
+and are counted with the loads. The sums hold up to round-off.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The one door of compiled code to a run: ``call(pools, action, a, b, c)``.
+"""The entry through which Python runs the kernels of a run: ``call(pools, action, a, b, c, d)``.
 
 Every action is a function of the modules beside this one. They share one entry, so that the code which they have in
 common is compiled once.
@@ -95,7 +95,7 @@ share(
 
 @entry("pools, i8, i8, i8, i8, i8 -> i8", pools=POOLS)
 def call(pools: Any, action: int, a: int, b: int, c: int, d: int) -> int:
-    """Do an action with its arguments; what it returns, 0 where it returns nothing."""
+    """Do an action with its arguments; its result, 0 where it has none."""
     run = pools.run[0]
     if action == MARCH:
         return march_instants(pools, a, b)

@@ -6,9 +6,10 @@ over interfaces, sides and the instants of the window, Z the material impedance 
 ``error_indicator`` is sqrt(eta). Without inertia the denominator leaves out the velocities: a body may travel far under
 next to no force. By E+, F_hat - F = r/2 and W_hat - W = r/(2k) with the residual r = (F_hat + k W_hat) - q.
 
-The indicator is blind to shear and to soft sides of a contrast. The run stops on both it and the force residual: nodal
-forces f of F - F_hat in the norm sqrt(f . C f) of the admittance C of one instant (the velocity error that they would
-cause), normal and tangential parts each against its own largest value so far.
+The indicator alone weights shear and the soft side of a contrast too little. A window has converged when both the
+indicator and the force residual are within tolerance. The force residual is the norm sqrt(f . C f) of the nodal forces
+f of F - F_hat, with the admittance C of one instant: the velocity error that these forces would cause. Normal and
+tangential parts are each relative to their own largest value so far.
 """
 
 from __future__ import annotations

@@ -49,7 +49,7 @@ def solve_instant(pools: Any, instant: int, call: int) -> bool:
     used = iterate(pools, 1, instant, call)
     pools.moving_int[run.iterations + call] = used
     if used <= 0:
-        work[run.counts + 1] = solved  # the Python driver counts its own
+        work[run.counts + 1] = solved  # the Python driver solves this instant again, and counts
         return False
     accept(pools, 1)
     return True
@@ -108,7 +108,7 @@ def free_motion(pools: Any, instant: int, w: Array) -> None:
 def end_class(pools: Any, c: int, instant: int) -> None:
     """End an instant solved as a window of its own for one class: motion, energies, probed velocities, displacements of
     its channels. The tractions of the local stage act, so that action equals reaction to round-off; a class without
-    inertia takes the incoming quantity, which says where a floating body stands."""
+    inertia takes the incoming quantity q, which determines the position of a floating body."""
     run, work, row = pools.run[0], pools.moving, pools.classes[c]
     flat = work[run.local_f : run.local_f + run.n_flat]
     incoming = work[run.q : run.q + run.n_flat] if run.static == 1 else flat
@@ -120,7 +120,7 @@ def end_class(pools: Any, c: int, instant: int) -> None:
 
 @kernel
 def after_class(pools: Any, c: int, instant: int, tractions: Array, marched: bool) -> None:
-    """What is read off a class at the end of an instant with tractions (N,)."""
+    """Energies, probed velocities and channel displacements of a class at the end of an instant with tractions (N,)."""
     run, work = pools.run[0], pools.moving
     account(pools, c, instant, tractions, marched)
     probe(pools, c, instant)

@@ -40,7 +40,7 @@ def outgoing(pools: Any, i: int) -> None:
 
 @kernel
 def prepare(pools: Any, g: int, i: int) -> None:
-    """What the law of a group works on at instant i of the window: ``jump`` and ``reach``."""
+    """Arguments of the law of a group at instant i of the window: ``jump`` and ``reach``."""
     group, run, work = pools.groups[g], pools.run[0], pools.moving
     size = group.n_point * group.n_component
     s = work[run.s + i * run.n_flat : run.s + (i + 1) * run.n_flat]
@@ -143,10 +143,10 @@ def _follow(pools: Any, g: int, w_hat: Array) -> None:
 
 @kernel
 def open_window(pools: Any, window: int, instant: int) -> None:
-    """What the groups start from at the first instant of a window; ``instant``: the present one.
+    """Openings of the groups at the start of a window; ``instant``: the present one.
 
-    One instant: the gaps and layer jumps that the instant before has left. Several: opening, its velocity and its
-    acceleration in the present motion of the substructures.
+    A window of one instant takes the gaps and layer jumps at the end of the instant before. A window of several takes
+    opening, its velocity and its acceleration from the present motion of the substructures.
     """
     run, work = pools.run[0], pools.moving
     for g in range(len(pools.groups)):
@@ -216,8 +216,8 @@ def _jumps(pools: Any, g: int, kind: int, flat: Array) -> None:
 
 @kernel
 def read_gaps(pools: Any, instant: int) -> None:
-    """Gaps at the end of an instant from the displacements of the substructures (no drift), kept; what elastic groups
-    start from at the next one."""
+    """Gaps at the end of an instant from the displacements of the substructures (so they do not drift), kept; layer
+    jumps of elastic groups for the next instant."""
     run, work = pools.run[0], pools.moving
     displacement = work[run.displacement : run.displacement + run.n_flat]
     layer = work[run.layer : run.layer + run.n_flat]

@@ -110,7 +110,7 @@ def springs(pools: Any, c: int, x: Array, out: Array) -> None:
 
 @kernel
 def forces(pools: Any, c: int, instant: int, out: Array) -> None:
-    """Add the forces of the instant that come and go."""
+    """Add the time-dependent forces of the instant."""
     row = pools.classes[c]
     _terms(
         pools,
@@ -144,7 +144,7 @@ def inertia(pools: Any, c: int, instant: int, factor: float, out: Array) -> None
 
 @kernel
 def imposed(pools: Any, c: int, instant: int, order: int, factor: float, out: Array) -> None:
-    """Add factor times what prescribed motions bring to the channels: displacements (``order`` 0), velocities (1) or
+    """Add factor times the share of prescribed motions in the channels: displacements (``order`` 0), velocities (1) or
     accelerations (2)."""
     row = pools.classes[c]
     if order == 0:

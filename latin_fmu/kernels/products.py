@@ -27,8 +27,8 @@ def add_symmetric(
     scratch: Array,
 ) -> None:
     """out (n m,) += factor A x for a symmetric A: its diagonal and strict lower triangle in compressed rows, all of it
-    from ``lanes.TILED`` members on. Two members are taken one after the other: half the matrix on numbers that lie
-    together is faster than whole rows on both.
+    from ``lanes.TILED`` members on. Two members are taken one after the other: half of the matrix times contiguous
+    vectors is faster than the whole matrix times both.
     """
     if m >= TILED:
         sparse_product(n, starts, columns, values, factor, m, x, out, scratch)
@@ -95,8 +95,8 @@ def add_dense(rows: int, columns: int, table: Array, m: int, x: Array, out: Arra
 
 @kernel
 def packed_product(n: int, a: Array, x: Array, out: Array) -> None:
-    """out = A x, A given by the rows of its lower triangle one after the other: half the memory to read, which is
-    what a product with a matrix that does not stay in the cache costs. Two rows at a time."""
+    """out = A x, A given by the rows of its lower triangle one after the other. Half of the memory is read, and reading
+    is the cost of a product with a matrix larger than the cache. Two rows at a time."""
     at, i = 0, 0
     while i + 2 <= n:
         first, second = a[at : at + i], a[at + i + 1 : at + 2 * i + 1]

@@ -1,4 +1,4 @@
-"""What a run holds in numbers: pools, and records that say what lies where in them.
+"""The memory of a run: pools of numbers, and records with sizes and with the place of every array.
 
 ======  =========  ===============================================================  ================================
 block   pool       holds                                                            changes
@@ -11,9 +11,9 @@ moving  work       scratch of the iteration                                     
 moving  output     fields, gaps, probes, energies of the instants                   written once per instant
 ======  =========  ===============================================================  ================================
 
-A block is one allocation, a pool a range of it; a snapshot is a copy of the range of the state. Blocks are seen as
+A block is one allocation, a pool a range of it; a snapshot is a copy of the range of the state. Blocks are viewed as
 float64, int64, uint32 or float32 numbers. A record holds sizes, and for every array the position of its first number in
-its block; kernels slice. There is no address in a record: blocks can be copied, saved, mapped and shared.
+its block; kernels slice. A record holds no address: blocks can be copied, saved, mapped and shared.
 
 Dimensions: n dofs of a member, m members of a class, g interface dofs, c channels (interface unknowns) of a member,
 N = n_flat channels of the assembly, p points of a group, h components per point, T instants of the segment, w instants
@@ -80,7 +80,7 @@ CLASS_FIELDS: Final[tuple[Field, ...]] = (
     ("factored", "1 where the kernels hold the factor; 0 where the Python driver solves"),
     ("single", "1 where the panels are float32"),
     ("grouped", "1 where four rows of a panel are taken at a time (factor within the cache)"),
-    ("driven", "1 where more than loads that come and go drives the class"),
+    ("driven", "1 where constant forces or prescribed motions drive the class, and for STATIC classes"),
     ("accounted", "1 where energies are accounted for"),
     ("dense_trace", "1 where the trace is a dense matrix"),
     ("plain_inverse", "1 where S^-1 is diagonal"),
@@ -301,7 +301,7 @@ RUN_NUMBERS: Final[tuple[Field, ...]] = (
     ("gap_lead", "how far ahead displacements are that gaps are read from, s"),
     ("layer_v", "weight of v in what layers start from, s"),
     ("layer_a", "weight of a in what layers start from, s2"),
-    ("layer_rate", "1 / (displacement that layers see per velocity of the new instant), s-1"),
+    ("layer_rate", "1 / (displacement of layers per velocity of the new instant), s-1"),
     ("opening_v", "weight of the old opening velocity in the new opening, s"),
     ("opening_a", "weight of the old opening acceleration, s2"),
     ("opening_new", "weight of the new opening velocity, s"),

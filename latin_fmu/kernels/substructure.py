@@ -7,7 +7,7 @@ class is
     W = w_free + Y area (q - k w_free)                     the linear stage F = q - k W on the dashpots k
     v = v_free + velocity_gain a,  u = u_free + u_late v_free + displacement_gain a
 
-A STATIC class stands on the springs k/dt of the search direction,
+A STATIC class is supported by the springs k/dt of the search direction,
 
     (K + T^T area k/dt T) (u_new - u) = f_new - K u + T^T area q,   W = T (u_new - u) / dt,
 
@@ -165,7 +165,7 @@ def free_velocity(pools: Any, c: int, instant: int) -> None:
     w_free[:] = 0.0
     if row.kind == STATIC:
         for i in range(n_inner * m):
-            free_a[i] = inner[i]  # what the interface carries of the load
+            free_a[i] = inner[i]  # the load condensed on the interface
         springs(pools, c, inner, reached)
         dt = run.dt
         for i in range(n_inner * m):
@@ -197,9 +197,9 @@ def respond(pools: Any, c: int, row_of_window: int, reuse: bool) -> int:
     """W at the channels of the class for q of one instant of the window: w_free + Y area (q - k w_damped); number of
     substructures solved for.
 
-    A class at rest responds with zero as long as q stays below ``rest_traction``. With ``reuse`` a class whose q has
-    changed by no more than a hundredth of the tolerance since its last solve, in the norm of the error indicator and as
-    its share of all classes, keeps that solution.
+    W of a class at rest is zero as long as q stays below ``rest_traction``. With ``reuse`` the last solution of a class
+    is taken again where its q has changed by no more than a hundredth of the tolerance since then, in the norm of the
+    error indicator divided by the number of classes.
     """
     row, run, work = pools.classes[c], pools.run[0], pools.moving
     m, size = row.m, row.n_channel * row.m
@@ -283,7 +283,7 @@ def commit(pools: Any, c: int, instant: int, flat: Array) -> int:
 
 @kernel
 def interface_load(pools: Any, c: int, flat: Array) -> bool:
-    """Interface values of the solution in ``inner_answer``; False where the class goes on resting."""
+    """Interface values of the solution in ``inner_answer``; False where the class stays at rest."""
     row, run, work = pools.classes[c], pools.run[0], pools.moving
     m, n_inner, size = row.m, row.n_inner, row.n_channel * row.m
     channels, area = (

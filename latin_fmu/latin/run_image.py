@@ -41,7 +41,7 @@ def make_image(assembly: Assembly, settings: Settings, direction: Direction, pro
         "area": layout.area,
         "interface": layout.interface,
         "ground": ground,
-        # without inertia there is no energy to add: a penetration the tolerance has left is pushed out
+        # without inertia no energy is added where a penetration within the tolerance is pushed out
         "deepest": -np.inf if static else 0.0,
         "longest_step": _LONGEST_STATIC if static else np.inf,
         "n_coarse": 0 if direction.coarse is None else direction.coarse.size,
@@ -78,7 +78,7 @@ def make_image(assembly: Assembly, settings: Settings, direction: Direction, pro
 
 
 def rules(settings: Settings) -> dict[str, float]:
-    """Numbers of the run's record that a run may change."""
+    """Numbers of the record of the run that may change during it."""
     return {
         "tolerance": settings.tolerance,
         "force_tolerance": settings.force_tolerance,
@@ -127,6 +127,6 @@ def continuation(assembly: Assembly) -> Array:
     for velocity in assembly.ground.values():
         ground[1:] |= np.einsum("ti,ti->t", velocity[1:], velocity[:-1]) > 0.0
     part = np.divide(along, size, out=ground.astype(float), where=(size > 0) & (change > 0))
-    part[:2] = 1.0  # the start of a run has no velocities, that of a segment goes on
+    part[:2] = 1.0  # at the start of a run there are no velocities; a segment continues the one before
     share: Array = np.clip(part, 0.0, 1.0)
     return share

@@ -24,7 +24,7 @@ from .settings import Settings
 
 RELAXED, POINT_BY_POINT, NEWTON = "relaxation 1/2", "points one after the other", "Newton-Krylov"
 _NEWTON = 3  # iterations of the Newton-Krylov fall-back, in max_iterations
-_LAST_WORD = 20  # iterations after the last fall-back
+_AFTER_LAST = 20  # iterations after the last fall-back
 
 
 @dataclass
@@ -41,7 +41,7 @@ class Iterate:
 
 @dataclass(frozen=True)
 class IterationEvent:
-    """What an observer is given after each iteration (fields of the window's instants).
+    """Argument of an observer after each iteration (fields of the instants of the window).
 
     ``f_hat``, ``w_hat`` : (n, n_flat) local-stage tractions and velocities. ``trial`` marches the linear stage
     of this iterate, calling its argument at each instant.
@@ -63,8 +63,8 @@ class Slide:
     """Relaxation 1/2 with run-ups, for bodies that slide or topple back to where they stick under a small excess of
     force: the residual is the same iteration after iteration, and so is the step.
 
-    Every ``PERIOD`` iterations that changed nothing the last step is taken many times at once, twice as many as the
-    time before; the relaxations in between take out what else the run-up has stirred up.
+    After every ``PERIOD`` iterations with nearly the same residual the step is taken many times at once, twice as many
+    as the time before. The relaxations in between reduce the other errors that this step has caused.
 
     Parameters
     ----------
@@ -167,7 +167,7 @@ class WindowSolver:
     Parameters
     ----------
     observer : called after each iteration. progress : called with iteration and indicator after each iteration.
-    trial : marches the linear stage of the last iterate without consequences (``Run.trial``).
+    trial : marches the linear stage of the last iterate and restores the state after it (``Run._trial``).
     """
 
     def __init__(
@@ -224,7 +224,7 @@ class WindowSolver:
                 stages.put(best)
                 self._step(stages, 0, slide, True)
             else:
-                limit = record.iterations + _LAST_WORD
+                limit = record.iterations + _AFTER_LAST
                 self._point_by_point(stages, best)
         stages.put(best)
         return best
@@ -243,8 +243,10 @@ class WindowSolver:
             return NEWTON
         if RELAXED not in used and not exhausted:
             return RELAXED
-        wanted = self._settings.max_iterations >= PATIENCE  # fewer: a look at the iteration, not an answer
-        # without inertia a floating body has no admittance to go from point to point with
+        wanted = (
+            self._settings.max_iterations >= PATIENCE
+        )  # fewer: the iteration is studied, no solution is wanted
+        # without inertia a floating body has no admittance, which the solution point by point needs
         wanted = wanted and stages.n == 1 and not self._static
         return POINT_BY_POINT if wanted and POINT_BY_POINT not in used else None
 
@@ -264,7 +266,7 @@ class WindowSolver:
         stages.field("q")[0] = direction.incoming(f_hat, w_hat)
 
     def _newton(self, stages: Stages, best: Iterate, record: WindowRecord) -> None:
-        """q where Newton's method has come to; each of its products counts as an iteration."""
+        """q after Newton's method; each of its products counts as an iteration."""
 
         def evaluate(q: Array) -> tuple[Array, Array]:
             stages.field("q")[...] = q

@@ -36,8 +36,8 @@ from .window_list import WindowList
 
 # Stop the run if a window ends with sqrt(eta) above this value.
 HOPELESS = 0.3
-_FIRST = 16  # instants of the first call, which tells how long they take
-_SECONDS = 0.2  # aimed at per call, so that progress is shown and an interruption is heard
+_FIRST = 16  # instants of the first call, whose time sets the number of those of the next calls
+_SECONDS = 0.2  # aimed at per call: progress is shown and interruptions are handled between calls
 # search directions: windows of one instant, longer ones, perfect interfaces at once
 _ONE, _LONG, _BONDS = 1, 2, 3
 
@@ -46,7 +46,7 @@ Progress = Callable[[int, int, int, float], None]  # windows done, windows, iter
 
 @dataclass
 class RunState:
-    """How the windows went so far."""
+    """Records and counts of the windows so far."""
 
     windows: WindowList = field(default_factory=WindowList)
     marched: int = 0  # substructure-instants
@@ -59,7 +59,7 @@ class Run:
 
     Parameters
     ----------
-    assembly, settings : what and how. recorder : keeps the accepted fields.
+    assembly, settings : the problem and the rules of its solution. recorder : keeps the accepted fields.
     observer : called after each iteration. progress : called after each iteration with window counts.
     """
 
@@ -142,7 +142,7 @@ class Run:
         return self._directions[key]
 
     def _use(self, key: int) -> None:
-        """Let propagators and image use a search direction."""
+        """Bind propagators and image to a search direction."""
         direction = self.direction(2 if key == _LONG else 1)
         direction.bind()
         if key == _BONDS:
@@ -169,7 +169,7 @@ class Run:
         self.recorder.start(self.assembly, self.image, self._probes)
 
     def choices(self) -> dict[str, str]:
-        """What was chosen automatically."""
+        """Automatic choices, in words."""
         kinds = {_ONE: "windows of one instant", _LONG: "longer windows"}
         if self._bonds is not None:
             return {"bonds": "one linear solve per instant"}
@@ -182,7 +182,7 @@ class Run:
 
     # -- windows ------------------------------------------------------------------------------------------------
     def all(self) -> None:
-        """Solve every window of the interval; stops after one whose best iterate is far from any answer."""
+        """Solve every window of the interval; stops after one whose best iterate is far from a solution (HOPELESS)."""
         total = self.assembly.n_instant
         length = self.settings.window or total
         count = -(-total // length)
@@ -202,7 +202,7 @@ class Run:
                 number += 1
 
     def _compiles(self) -> bool:
-        """Whether the kernels hold every factor, know every law, and the bonds where those are solved at once."""
+        """Whether the kernels hold every factor and every law, and the bonds where those are solved at once."""
         if self._bonds is not None and self._single != _BONDS:
             return False
         return self.image.factored and all(g["law"] >= 0 for g in self.image.groups)
@@ -292,7 +292,7 @@ class Run:
             self._count(before)
             return self._one_by_one(record, n, number, count)
         if not record.converged:
-            # NaN included; without inertia a state that is no equilibrium leads nowhere
+            # NaN included; without inertia nothing can follow a state that is no equilibrium
             self.stopped = self.assembly.quasi_static or not accepted.error <= HOPELESS
             if self.stopped:
                 image.call(entries.REWIND)
@@ -421,7 +421,7 @@ class Run:
             self._observer, self._progress = observer, progress
             image.state[:] = kept
             self._move(begun)
-        if self.stopped:  # no guess to be had: start from the last values
+        if self.stopped:  # there is no guess: the window starts from the last values
             self.stopped = False
             return None
         direction = self.direction(n)

@@ -4,8 +4,8 @@ Every substructure model and time scheme reduces, at the new instant, to
 
     v = v_free + D lambda
 
-on the channels of all interfaces of the substructure together; D is constant for a time step. One instant stands in
-``kernels.substructure``; a propagator is a handle on its class in the image of a run. Rules
+on the channels of all interfaces of the substructure together; D is constant for a time step. The march over one
+instant is in ``kernels.substructure``; a propagator is a handle on its class in the image of a run. Rules:
 
 1. ``predict`` marches to the next instant under its loads; ``respond`` gives W for an incoming q = F + k W, with the k
    of the last ``bind``; ``commit`` ends the instant with the tractions found.
@@ -40,7 +40,7 @@ _STEPS_KEPT = 4
 
 
 class MassFactor(Protocol):
-    """What solves with the mass matrix, at the start only."""
+    """Solver with the mass matrix, used at the start only."""
 
     def solve(self, b: Array) -> Array:
         """M^-1 b for b (n_dof, m)."""
@@ -216,7 +216,7 @@ class Propagator(ABC):
 
     # -- the class in the image of a run ------------------------------------------------------------------------
     def attach(self, image: Image, number: int) -> None:
-        """Let the motion stand in an image, as its class ``number``."""
+        """Move the motion into an image, as its class ``number``."""
         own, account = dict(zip(("u", "v", "a", "residual"), self.state[1:], strict=True)), self._energy()
         self._image, self._class, self._own = image, number, {}
         self._alone_since = None
@@ -368,10 +368,10 @@ class Propagator(ABC):
         return model.node_values(model.expansion @ field[:, member] + imposed[:, member])
 
     def sample(self) -> None:  # noqa: B027, most propagators have no remarks
-        """Add the present state to what ``remarks`` are made from."""
+        """Add the present state to the data of ``remarks``."""
 
     def remarks(self) -> list[str]:
-        """What a reader of the results should know of this propagator's accuracy."""
+        """Sentences on the accuracy of the results of this propagator."""
         return []
 
     # -- windows and segments -----------------------------------------------------------------------------------

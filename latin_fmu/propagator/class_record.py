@@ -110,7 +110,7 @@ def symmetric(matrix: Array, picked: Index, m: int, diagonal: bool) -> Array:
 def constants(
     block: Block, propagator: Any, flat: Index, probe: sp.csr_array | None, normal: NDArray[np.bool_]
 ) -> Row:
-    """Sizes of a class and all that stays as long as the time step does, put into the fixed block.
+    """Sizes of a class and the arrays that are constant for a time step, put into the fixed block.
 
     Parameters
     ----------
@@ -177,7 +177,7 @@ def constants(
 
 
 def _factor(block: Block, row: Row, factor: Any) -> None:
-    """What the substitutions read; a diagonal matrix has all dofs on the interface and no supernode."""
+    """Arrays of the substitutions; a diagonal matrix has all dofs on the interface and no supernode."""
     row["factored"] = 1
     if isinstance(factor, CholeskyFactor):
         shape = factor.symbolic
@@ -285,7 +285,7 @@ def work(block: Block, row: Row, window: int, stride: int) -> None:
 
 
 def histories(block: Block, row: Row, propagator: Any) -> None:
-    """What drives the class over a segment of time."""
+    """Loads and prescribed motions of the class over a segment of time."""
     forcing, m = propagator.forcing, row["m"]
     constant, terms = forcing.sums(propagator.members[0].trace, propagator.dashpots)
     row["driven"] = int(row["kind"] == STATIC or forcing.moves or bool(constant.any()))

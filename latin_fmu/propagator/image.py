@@ -29,8 +29,8 @@ _ROWS = (16, 512)  # and rows at least and at most
 
 
 def coefficients(scheme: Any, dt: float) -> Fields:
-    """Numbers of ``records.RUN_NUMBERS`` that a time scheme brings for a step: the factors of its linear recursions,
-    read off its own functions."""
+    """Numbers of ``records.RUN_NUMBERS`` that belong to a time scheme and a step: the factors of its linear recursions,
+    which are the values of its own functions for unit arguments."""
     zero, one = np.zeros(1), np.ones(1)
     # half of an explicit step is made before the forces are known, half after
     late = 0.5 * dt if scheme.explicit else 0.0
@@ -81,7 +81,7 @@ def coefficients(scheme: Any, dt: float) -> Fields:
 
 
 class Image:
-    """Records and blocks of the classes of substructures of a run, and of what stands between them.
+    """Records and blocks of the classes of substructures of a run and of the interfaces between them.
 
     Parameters
     ----------
@@ -204,7 +204,7 @@ class Image:
         self._tail = block.size
 
     def begin(self, n_time: int, histories: Mapping[str, Array]) -> None:
-        """Take over what drives the classes over a segment of time, and ``histories`` of the run."""
+        """Take over loads and prescribed motions of the classes in a segment of time, and ``histories`` of the run."""
         block = Block(self._tail)
         self._run["n_time"] = n_time
         for row, propagator in zip(self._rows, self.propagators, strict=True):
