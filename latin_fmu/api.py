@@ -85,10 +85,16 @@ def run(
             )
         )
 
-    with one_thread():  # threads on small dense products cost more than they give, and take sums in another order
+    with (
+        one_thread()
+    ):  # threads on small dense products cost more than they give, and take sums in another order
         march = Run(
-            assembly, built.settings, recorder, timings,
-            None if observer is None else observe, None if progress is None else progress.update,
+            assembly,
+            built.settings,
+            recorder,
+            timings,
+            None if observer is None else observe,
+            None if progress is None else progress.update,
         )
         march.all()
     state = march.state

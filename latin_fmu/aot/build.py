@@ -11,7 +11,7 @@ from importlib import import_module
 from pathlib import Path
 
 from ..compiled import library, with_numba
-from ..compiled.declare import Entry, Kernel, Pointers
+from ..compiled.declare import Entry, Kernel
 
 _LOG = logging.getLogger(__name__)
 
@@ -79,15 +79,15 @@ def _make(wanted: dict[str, Path], manifest: str) -> None:
         _LOG.info("%s: %d bytes", path, path.stat().st_size)
 
 
-def declared() -> Iterator[Entry | Pointers]:
-    """Entries and functions of pointers of all modules with kernels."""
+def declared() -> Iterator[Entry]:
+    """Entries of all modules with kernels."""
     root = library.__name__.removesuffix(".compiled.library")
     for source in library.kernel_sources(library.PACKAGE):
         if source.parts[0] == "compiled":
             continue
         module = import_module(".".join((root, *source.with_suffix("").parts)))
         for value in vars(module).values():
-            if isinstance(value, Entry | Pointers) and value.py_func.__module__ == module.__name__:
+            if isinstance(value, Entry) and value.py_func.__module__ == module.__name__:
                 yield value
 
 

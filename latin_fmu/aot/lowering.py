@@ -18,7 +18,7 @@ from numba.core.runtime.nrtdynmod import compile_nrt_functions
 from numba.np.arrayobj import make_array, populate_array
 from numba.np.numpy_support import from_dtype
 
-from ..compiled.declare import Entry, Pointers
+from ..compiled.declare import Entry
 from ..compiled.signature import Argument, Block, Bundle, Scalar, Signature
 
 _NUMBERS: Final = {"i8": types.int64, "f8": types.float64, "b1": types.boolean, "f4": types.float32}
@@ -83,28 +83,20 @@ def numba_type(argument: Argument) -> Any:
     return types.BaseTuple.from_types([numba_type(a) for a in argument.fields], argument.cls)
 
 
-def lower(context: Any, declared: Iterable[Entry | Pointers]) -> tuple[list[Any], list[str]]:
+def lower(context: Any, declared: Iterable[Entry]) -> tuple[list[Any], list[str]]:
     """LLVM modules of the entries and of all that they call, and the names to export."""
     libraries: dict[int, _Library] = {}
     wrappers, exported = [], []
     for item in declared:
-        calls: list[tuple[str, Any, Any]]
-        if isinstance(item, Entry):
-            calls = [(f"{item.symbol}_{i}", signature, [numba_type(a) for a in signature.arguments])
-                     for i, signature in enumerate(item.signatures)]  # fmt: skip
-        else:
-            pointers = [types.CPointer(types.int32)] * item.n_integer + [
-                types.CPointer(types.float64)
-            ] * item.n_float
-            calls = [(item.symbol, None, pointers)]
-        for symbol, signature, arguments in calls:
-            dispatcher = item.dispatcher
-            dispatcher.compile(tuple(arguments))
-            result = dispatcher.overloads[tuple(arguments)]
+        dispatcher = item.dispatcher
+        for number, signature in enumerate(item.signatures):
+            symbol = f"{item.symbol}_{number}"
+            arguments = tuple(numba_type(a) for a in signature.arguments)
+            dispatcher.compile(arguments)
+            result = dispatcher.overloads[arguments]
             for library in result.library.everything():
                 libraries[id(library)] = library
-            wrap = _pointer_wrapper if signature is None else _entry_wrapper
-            wrappers.append(wrap(context, symbol, signature, result))
+            wrappers.append(_entry_wrapper(context, symbol, signature, result))
             exported.append(symbol)
     if not any(library.name == "nrt" for library in libraries.values()):
         libraries[0] = compile_nrt_functions(context)
@@ -179,17 +171,3 @@ class _Slots:
             strides.insert(0, builder.mul(strides[0], length))
         populate_array(array, data, shape, strides, ir.Constant(_WORD, argument.dtype.itemsize), None)
         return array._getvalue()
-
-
-def _pointer_wrapper(context: Any, symbol: str, _signature: None, result: Any) -> Any:
-    """``void symbol(int32 *, ..., double *, ...)``."""
-    module = context.create_module(symbol)
-    kinds = [context.get_value_type(kind) for kind in result.fndesc.argtypes]
-    function = ir.Function(module, ir.FunctionType(ir.VoidType(), kinds), symbol)
-    builder = ir.IRBuilder(function.append_basic_block("entry"))
-    callee = _callee(context, module, result)
-    context.call_conv.call_function(
-        builder, callee, result.fndesc.restype, result.fndesc.argtypes, list(function.args)
-    )
-    builder.ret_void()
-    return llvm.parse_assembly(str(module))

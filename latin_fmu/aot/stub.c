@@ -1,5 +1,5 @@
-/* What the library holds besides the kernels: whether the processor runs it, the memory of kernels that allocate, and
-   small products of matrices. */
+/* What the library holds besides the kernels: whether the processor runs it, and the memory of kernels that
+   allocate. */
 
 #include <stddef.h>
 #include <stdint.h>
@@ -69,74 +69,7 @@ void NRT_MemInfo_call_dtor(MemInfo *memory) { free(memory); }
 
 /* Never reached: numba's code names them for errors that contiguous arrays of equal lengths do not give. */
 void *PyExc_RuntimeError;
-void Py_FatalError(const char *message) { abort(); }
 void PyErr_SetString(void *kind, const char *message) { abort(); }
 void *PyObject_Hash(void *object) { abort(); }
 void *PyTuple_Pack(intptr_t n, ...) { abort(); }
 void *PyUnicode_FromKindAndData(int kind, const void *data, intptr_t size) { abort(); }
-int numba_gil_ensure(void) { abort(); }
-void *NRT_MemInfo_new_varsize_dtor(size_t size, void *destructor) { abort(); }
-void *NRT_MemInfo_varsize_realloc(void *memory, size_t size) { abort(); }
-
-/* Strides of a contiguous array in another shape of as many numbers. */
-int numba_attempt_nocopy_reshape(intptr_t n, const intptr_t *dims, const intptr_t *strides, intptr_t new_n,
-                                 const intptr_t *new_dims, intptr_t *new_strides, intptr_t item, int fortran)
-{
-    intptr_t step = item;
-    for (intptr_t i = new_n - 1; i >= 0; i--) {
-        new_strides[i] = step;
-        step *= new_dims[i];
-    }
-    return !fortran;
-}
-
-int numba_xxdot(char kind, char conjugate, intptr_t n, const double *x, const double *y, double *out)
-{
-    double total = 0.0;
-    for (intptr_t i = 0; i < n; i++)
-        total += x[i] * y[i];
-    *out = total;
-    return kind == 'd' ? 0 : -1;
-}
-
-/* y = alpha A x (+ beta y) by columns, as BLAS. */
-int numba_xxgemv(char kind, char trans, intptr_t m, intptr_t n, const double *alpha, const double *a, intptr_t lda,
-                 const double *x, const double *beta, double *y)
-{
-    intptr_t rows = trans == 'n' ? m : n;
-    if (kind != 'd')
-        return -1;
-    for (intptr_t i = 0; i < rows; i++)
-        y[i] = *beta == 0.0 ? 0.0 : *beta * y[i];
-    for (intptr_t j = 0; j < n; j++)
-        for (intptr_t i = 0; i < m; i++) {
-            if (trans == 'n')
-                y[i] += *alpha * a[j * lda + i] * x[j];
-            else
-                y[j] += *alpha * a[j * lda + i] * x[i];
-        }
-    return 0;
-}
-
-/* C = alpha A B (+ beta C) by columns, as BLAS. */
-int numba_xxgemm(char kind, char transa, char transb, intptr_t m, intptr_t n, intptr_t k, const double *alpha,
-                 const double *a, intptr_t lda, const double *b, intptr_t ldb, const double *beta, double *c,
-                 intptr_t ldc)
-{
-    if (kind != 'd')
-        return -1;
-    for (intptr_t j = 0; j < n; j++) {
-        for (intptr_t i = 0; i < m; i++)
-            c[j * ldc + i] = *beta == 0.0 ? 0.0 : *beta * c[j * ldc + i];
-        for (intptr_t l = 0; l < k; l++) {
-            double factor = *alpha * (transb == 'n' ? b[j * ldb + l] : b[l * ldb + j]);
-            if (transa == 'n')
-                for (intptr_t i = 0; i < m; i++)
-                    c[j * ldc + i] += factor * a[l * lda + i];
-            else
-                for (intptr_t i = 0; i < m; i++)
-                    c[j * ldc + i] += factor * a[i * lda + l];
-        }
-    }
-    return 0;
-}

@@ -6,12 +6,12 @@ import struct
 from collections.abc import Iterable, Iterator
 from typing import Final
 
-_SYMBOL_TABLE, _FUNCTION_OR_NONE = 2, 0
+_SYMBOL_TABLE = 2
 
 # What the C library of every target has.
 C_LIBRARY: Final = frozenset({"memset", "memcpy", "memmove", "malloc", "free", "abort", "hypot", "log10"})
 
-# What stub.c defines: memory of kernels that allocate, products of ``np.dot``, and error paths that are never reached.
+# What stub.c defines: memory of kernels that allocate, and error paths that are never reached.
 STUB: Final = frozenset(
     [
         "NRT_Allocate",
@@ -19,19 +19,11 @@ STUB: Final = frozenset(
         "NRT_MemInfo_alloc",
         "NRT_MemInfo_alloc_aligned",
         "NRT_MemInfo_call_dtor",
-        "NRT_MemInfo_new_varsize_dtor",
-        "NRT_MemInfo_varsize_realloc",
         "PyErr_SetString",
         "PyExc_RuntimeError",
-        "Py_FatalError",
         "PyObject_Hash",
         "PyTuple_Pack",
         "PyUnicode_FromKindAndData",
-        "numba_attempt_nocopy_reshape",
-        "numba_gil_ensure",
-        "numba_xxdot",
-        "numba_xxgemm",
-        "numba_xxgemv",
     ]
 )
 

@@ -75,11 +75,11 @@ def with_behaviours(
 ) -> list[InterfaceUnit]:
     """Interfaces with behaviours of the caller's own, by name, in the place of those of the scene."""
     names = [unit.name for unit in units]
-    for name in sorted(set(behaviours) - set(names)):
-        problems.append(
-            Problem(f"behaviours.{name}", "no interface of this name", name, ", ".join(names) or "none: no interfaces",
-                    did_you_mean(name, names))
-        )  # fmt: skip
+    allowed = ", ".join(names) or "none: no interfaces"
+    problems.extend(
+        Problem(f"behaviours.{name}", "no interface of this name", name, allowed, did_you_mean(name, names))
+        for name in sorted(set(behaviours) - set(names))
+    )
     return [replace(unit, behaviour=behaviours.get(unit.name, unit.behaviour)) for unit in units]
 
 

@@ -7,7 +7,6 @@ import os
 from collections.abc import Callable
 from ctypes import byref
 from functools import cached_property
-from importlib import import_module
 from typing import Any, Final, TypeVar, cast
 
 from . import library, with_numba
@@ -91,30 +90,6 @@ class Entry(Kernel):
         return self.dispatcher(*arguments)
 
 
-class Pointers:
-    """A function of pointers, called by its address: ``n_integer`` to int32 and then ``n_float`` to float64."""
-
-    def __init__(self, function: Callable[..., None], n_integer: int, n_float: int) -> None:
-        self.py_func, self.n_integer, self.n_float = function, n_integer, n_float
-        self.symbol = f"{_module(function).replace('.', '_')}_{function.__name__}"
-
-    @cached_property
-    def dispatcher(self) -> Any:
-        """numba's compiled function of pointers, for the build of the library."""
-        return with_numba.dispatcher(self.py_func)
-
-    @cached_property
-    def _made(self) -> Any:
-        return with_numba.c_function(self.py_func, self.n_integer, self.n_float)
-
-    def __call__(self) -> int:
-        """The address; 0 where compilation is off."""
-        if not COMPILES:
-            return 0
-        known = library.loaded()
-        return int(self._made.address) if known is None else library.address_of(known, self.symbol)
-
-
 class Later:
     """An object of numba that kernels name, made when numba compiles: modules of kernels do not import numba."""
 
@@ -141,13 +116,6 @@ class Later:
         return context.resolve_value_type(made)
 
 
-def _carray() -> Any:
-    return import_module("numba").carray
-
-
-carray: Final[Any] = Later(_carray)
-
-
 def lazy_intrinsic(define: Callable[..., Any], in_python: Callable[..., Any] | None = None) -> Any:
     """Decorator: ``numba.extending.intrinsic`` of a function that imports what it needs of numba itself; ``in_python``
     does the same where a kernel is run uncompiled."""
@@ -172,8 +140,8 @@ def ordered_kernel(function: Function) -> Function:
 
 
 def share(*kernels: Any) -> None:
-    """Let kernels that several others call keep one body of machine code in the library: inlined, the same sums could be
-    taken in another order here and there."""
+    """Mark kernels that several others call: they keep one body of machine code in the library. Inlined, the same sums
+    could be taken in another order by each of the callers."""
     for function in kernels:
         if isinstance(function, Kernel):
             function.shared = True
@@ -203,11 +171,6 @@ def compiled(twin: Function, *signatures: str, **names: Any) -> Callable[[Functi
         return entry(*signatures, **names)(function) if signatures else kernel(function)
 
     return choose
-
-
-def native(n_integer: int, n_float: int) -> Callable[[Callable[..., None]], Callable[[], int]]:
-    """Decorator: address of a function of pointers, ``n_integer`` to int32 and then ``n_float`` to float64."""
-    return lambda function: Pointers(function, n_integer, n_float)
 
 
 def _module(function: Callable[..., Any]) -> str:

@@ -28,7 +28,6 @@ _MARKS: Final = (
     b"@ordered_kernel",
     b"@entry",
     b"@compiled",
-    b"@native",
     b"@lazy_intrinsic",
 )  # sources that hold kernels
 _MACHINES: Final = MappingProxyType({"amd64": "x86_64", "arm64": "aarch64"})
@@ -153,8 +152,3 @@ def call_of(found: ctypes.CDLL, symbol: str) -> Callable[[bytes, Any], int]:
     """An entry: status from the slots of the arguments and a pointer to the result."""
     shape = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_char_p, ctypes.c_void_p)
     return shape((symbol, found))
-
-
-def address_of(found: ctypes.CDLL, symbol: str) -> int:
-    """Address of a function."""
-    return int(ctypes.cast(getattr(found, symbol), ctypes.c_void_p).value or 0)

@@ -27,7 +27,11 @@ from . import library
 
 # Sums may be taken in another (fixed) order: without that they are not vectorised.
 ORDERED: Final = {"fastmath": {"contract", "nsz"}}
-OPTIONS: Final[dict[str, Any]] = {"nogil": True, "fastmath": {"reassoc", "contract", "nsz"}, "error_model": "numpy"}
+OPTIONS: Final[dict[str, Any]] = {
+    "nogil": True,
+    "fastmath": {"reassoc", "contract", "nsz"},
+    "error_model": "numpy",
+}
 BUILD: Final[dict[str, Any]] = {}  # further options in a process that builds the library
 KEPT: Final = 8  # folders; those not used for longest are removed
 
@@ -60,20 +64,6 @@ def _by_types(made: Any) -> Any:
     return made
 
 
-def c_function(function: Callable[..., Any], n_integer: int, n_float: int) -> Any:
-    """``numba.cfunc`` of a function of so many pointers to int32 and then to float64."""
-    numba: Any = import_module("numba")
-    types = numba.types
-    signature = types.void(
-        *[types.CPointer(types.int32)] * n_integer, *[types.CPointer(types.float64)] * n_float
-    )
-    placed = _placed(function)
-    if placed is not None:
-        with suppress(RuntimeError):
-            return numba.cfunc(signature, cache=True, error_model="numpy")(placed)
-    return numba.cfunc(signature, error_model="numpy")(function)
-
-
 def _placed(function: Callable[..., Any]) -> FunctionType | None:
     """The function as if it came from the copy of its source in the cache folder; None without one."""
     assert isinstance(function, FunctionType)
@@ -101,7 +91,7 @@ def _ready(package: Path) -> Path | None:
     if fresh:
         where = "in this process only" if folder is None else f"once; kept in {folder}"
         logging.getLogger("latin_fmu").warning(
-            "%s: numba compiles the kernels now, about a minute of processor time (%s)",
+            "%s: numba compiles the kernels now, two to three minutes of processor time (%s)",
             library.reason(),
             where,
         )

@@ -25,8 +25,8 @@ RANK = 1e-12
 
 @kernel
 def least_squares(gram: Array, depth: int, right: Array, n: int, scratch: Array, x: Array) -> None:
-    """x (n,) = solution of gram[:n, :n] x = right by a Cholesky factor of unit diagonal; directions whose pivot is
-    below RANK depend on those before and get 0. gram (depth, depth), scratch ((depth + 1) depth,)."""
+    """x (n,) = solution of gram[:n, :n] x = right by a Cholesky factor of unit diagonal; x is 0 for directions whose
+    pivot is below RANK, as they depend on those before. gram (depth, depth), scratch ((depth + 1) depth,)."""
     factor, size = scratch[: depth * depth], scratch[depth * depth : depth * (depth + 1)]
     for a in range(n):
         size[a] = np.sqrt(max(gram[a * depth + a], 1e-300))
@@ -58,15 +58,26 @@ def least_squares(gram: Array, depth: int, right: Array, n: int, scratch: Array,
 
 @entry("f8[::1], f8[::1], i8, f8, f8, f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], i8")
 def anderson(
-    q: Array, residual: Array, depth: int, relaxation: float, longest: float, metric: Array, last_q: Array,
-    last_r: Array, dq: Array, dr: Array, gram: Array, least: Array, count: int,
+    q: Array,
+    residual: Array,
+    depth: int,
+    relaxation: float,
+    longest: float,
+    metric: Array,
+    last_q: Array,
+    last_r: Array,
+    dq: Array,
+    dr: Array,
+    gram: Array,
+    least: Array,
+    count: int,
 ) -> None:
     """q (n,) := next iterate, with ``count`` steps made since the start; a negative count relaxes.
 
-    metric : (n_flat,) squared weights of the norm, for each instant of q anew. dq, dr : (depth, n) ring of differences,
+    metric : (n_flat,) squared weights of the norm, the same at each instant. dq, dr : (depth, n) ring of differences,
     gram : (depth, depth) their weighted products, least : ((depth + 3) depth,) scratch. longest : longest step, in
-    lengths of the residual (a body that slides back to where it sticks has the same residual iteration after iteration,
-    and differences that vanish would throw it anywhere).
+    lengths of the residual. A body that slides back to where it sticks has the same residual iteration after iteration;
+    with differences of residuals close to zero the step would have any length.
     """
     n, n_flat = len(q), len(metric)
     if depth == 0 or count <= 0:
@@ -80,7 +91,7 @@ def anderson(
         own_q[j] = q[j] - last_q[j]
         own_r[j] = residual[j] - last_r[j]
         last_q[j], last_r[j] = q[j], residual[j]
-    right, gamma = least[: depth], least[depth : 2 * depth]
+    right, gamma = least[:depth], least[depth : 2 * depth]
     for a in range(kept):
         product, projection = 0.0, 0.0
         for start in range(0, n, n_flat):
@@ -126,10 +137,18 @@ def next_iterate(pools: Any, window: int, count: int) -> None:
     run, work = pools.run[0], pools.moving
     n = window * run.n_flat
     anderson(
-        work[run.q : run.q + n], work[run.r : run.r + n], run.depth, run.relaxation, run.longest_step,
-        pools.fixed[run.metric : run.metric + run.n_flat], work[run.last_q : run.last_q + n],
-        work[run.last_r : run.last_r + n], work[run.dq : run.dq + run.depth * n], work[run.dr : run.dr + run.depth * n],
-        work[run.gram : run.gram + run.depth * run.depth], work[run.least : run.least + (run.depth + 3) * run.depth],
+        work[run.q : run.q + n],
+        work[run.r : run.r + n],
+        run.depth,
+        run.relaxation,
+        run.longest_step,
+        pools.fixed[run.metric : run.metric + run.n_flat],
+        work[run.last_q : run.last_q + n],
+        work[run.last_r : run.last_r + n],
+        work[run.dq : run.dq + run.depth * n],
+        work[run.dr : run.dr + run.depth * n],
+        work[run.gram : run.gram + run.depth * run.depth],
+        work[run.least : run.least + (run.depth + 3) * run.depth],
         count,
     )
 
@@ -145,14 +164,28 @@ class Anderson:
     def __init__(self, metric: Array, depth: int, relaxation: float) -> None:
         n = len(metric)
         self._metric, self._depth, self._relaxation, self._count = metric, depth, relaxation, 0
-        self._arrays = [np.zeros(size) for size in (n, n, depth * n, depth * n, depth * depth, (depth + 3) * depth)]
+        self._arrays = [
+            np.zeros(size) for size in (n, n, depth * n, depth * n, depth * depth, (depth + 3) * depth)
+        ]
 
     def next(self, q: Array, residual: Array) -> Array:
         """Next iterate (n,)."""
         out = np.array(q, dtype=float)
+        last_q, last_r, dq, dr, gram, least = self._arrays
         anderson(
-            out, np.ascontiguousarray(residual, dtype=float), self._depth, self._relaxation, np.inf, self._metric,
-            *self._arrays, self._count,
+            out,
+            np.ascontiguousarray(residual, dtype=float),
+            self._depth,
+            self._relaxation,
+            np.inf,
+            self._metric,
+            last_q,
+            last_r,
+            dq,
+            dr,
+            gram,
+            least,
+            self._count,
         )
         self._count += 1
         return out

@@ -1,4 +1,4 @@
-"""Energies of the members of a class, each term by itself: none is the remainder of the others.
+"""Energies of the members of a class: each term is computed on its own, none as the remainder of the others.
 
 Dofs and prescribed motions together, D the change over a step from instant n to n + 1, ( )_w weighted over the instants
 n - 1, n, n + 1 and a_w over n, n + 1 as the time scheme does (``TimeScheme.energy_weights``):
@@ -8,7 +8,7 @@ n - 1, n, n + 1 and a_w over n, n + 1 as the time scheme does (``TimeScheme.ener
     STATIC    D V = Du.(mean f + mean lambda) + reactions
 
 x = ``inertia_dissipation``; f loads, lambda tractions of the interfaces; reactions work where the motion is prescribed
-and are counted with the loads. The sums hold exactly: what is left over is round-off.
+and are counted with the loads. The sums hold up to round-off.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ Array = NDArray[np.float64]
 TERMS = ("kinetic", "elastic", "work_of_loads", "interface_work", "damping_dissipation", "scheme_dissipation")
 """Terms of the account, in the order of ``totals``."""
 _KINETIC, _ELASTIC, _LOADS, _INTERFACE, _DAMPING, _SCHEME = range(6)
-# places of ``past``: fields, then forces of the last instant and of the one before it
-_U, _A, _MASS_A, _NOW, _BEFORE = 0, 1, 2, 3, 7
+# places of ``past``: displacements (0), fields, then forces of the last instant and of the one before it
+_A, _MASS_A, _NOW, _BEFORE = 1, 2, 3, 7
 _V, _K_V, _FORCE, _K_U, _MASS_V = 1, 2, 3, 4, 5  # of EXPLICIT classes
 
 
@@ -72,8 +72,14 @@ def _product(pools: Any, c: int, which: int, x: Array, out: Array) -> None:
     if count > 0:
         starts = pools.fixed_int[starts_at : starts_at + count + 1]
         _add_border(
-            n, count, starts, pools.fixed_col[columns_at : columns_at + starts[count]],
-            pools.fixed[values_at : values_at + starts[count]], m, x, out,
+            n,
+            count,
+            starts,
+            pools.fixed_col[columns_at : columns_at + starts[count]],
+            pools.fixed[values_at : values_at + starts[count]],
+            m,
+            x,
+            out,
         )
 
 
@@ -101,8 +107,13 @@ def _loads(pools: Any, c: int, instant: int, out: Array) -> None:
         starts = pools.moving_int[row.work_starts : row.work_starts + n + 1]
         at = row.work_amplitudes + n * instant
         add_terms(
-            n, starts, pools.moving_int[row.work_rows : row.work_rows + starts[n]],
-            pools.moving[row.work_values : row.work_values + starts[n]], pools.moving[at : at + n], 1.0, out,
+            n,
+            starts,
+            pools.moving_int[row.work_rows : row.work_rows + starts[n]],
+            pools.moving[row.work_values : row.work_values + starts[n]],
+            pools.moving[at : at + n],
+            1.0,
+            out,
         )
 
 
@@ -156,7 +167,10 @@ def _state_energies(pools: Any, c: int, instant: int, elastic: Array) -> None:
     row, work, state = pools.classes[c], pools.moving, pools.moving
     m, wide = row.m, (row.n + row.n_motion) * row.m
     totals = state[row.totals : row.totals + 6 * m]
-    field, image = work[row.extended : row.extended + wide], work[row.extended + wide : row.extended + 2 * wide]
+    field, image = (
+        work[row.extended : row.extended + wide],
+        work[row.extended + wide : row.extended + 2 * wide],
+    )
     totals[: 2 * m] = 0.0
     if row.kind != STATIC:
         _field(pools, c, row.v, 1, instant, field)
@@ -169,7 +183,7 @@ def _state_energies(pools: Any, c: int, instant: int, elastic: Array) -> None:
 @kernel
 def open_account(pools: Any, c: int, instant: int, flat: Array) -> None:
     """Begin the account of a class in its present motion under tractions flat (N,)."""
-    row, work, state = pools.classes[c], pools.moving, pools.moving
+    row, state = pools.classes[c], pools.moving
     if row.accounted == 0:
         return
     m, size, wide = row.m, row.n * row.m, (row.n + row.n_motion) * row.m
@@ -177,7 +191,8 @@ def open_account(pools: Any, c: int, instant: int, flat: Array) -> None:
     now = past[_NOW * wide : _BEFORE * wide]
     state[row.totals : row.totals + 6 * m] = 0.0
     _forces(pools, c, instant, flat, now)
-    if row.kind == STATIC:  # loads that do not start from zero are counted as growing over the first increment
+    if row.kind == STATIC:
+        # loads that do not start from zero are counted as growing over the first increment
         for i in range(size):
             now[2 * wide + i] = now[i] - now[3 * wide + i]
     _state_energies(pools, c, instant, now[:wide])
@@ -187,7 +202,9 @@ def open_account(pools: Any, c: int, instant: int, flat: Array) -> None:
     else:
         _field(pools, c, row.a, 2, instant, past[_A * wide : (_A + 1) * wide])
         if row.kind != STATIC:
-            _product(pools, c, 0, past[_A * wide : (_A + 1) * wide], past[_MASS_A * wide : (_MASS_A + 1) * wide])
+            _product(
+                pools, c, 0, past[_A * wide : (_A + 1) * wide], past[_MASS_A * wide : (_MASS_A + 1) * wide]
+            )
         past[_BEFORE * wide :] = now
     _write(pools, c, instant)
 
@@ -256,7 +273,7 @@ def _account_weighted(pools: Any, c: int, instant: int, flat: Array) -> None:
 @kernel
 def _account_explicit(pools: Any, c: int, instant: int, flat: Array) -> None:
     """The step of an EXPLICIT class; the elastic force of its middle is K u + dt/2 K v of the old instant."""
-    row, run, work, state = pools.classes[c], pools.run[0], pools.moving, pools.moving
+    row, work, state = pools.classes[c], pools.moving, pools.moving
     n, m, wide, dt = row.n, row.m, (row.n + row.n_motion) * row.m, pools.run[0].dt
     past, scratch = state[row.past : row.past + 11 * wide], work[row.extended : row.extended + 8 * wide]
     new = scratch[4 * wide : 8 * wide]
@@ -282,7 +299,10 @@ def _account_explicit(pools: Any, c: int, instant: int, flat: Array) -> None:
     _add_dot(m, 0.5, field, mass_v, totals[_KINETIC * m : (_KINETIC + 1) * m])
     _add_dot(m, -dt * dt / 8, field, k_v, totals[_SCHEME * m : (_SCHEME + 1) * m])
     _add_dot(
-        m, dt * dt / 8, past[_V * wide : (_V + 1) * wide], past[_K_V * wide : (_K_V + 1) * wide],
+        m,
+        dt * dt / 8,
+        past[_V * wide : (_V + 1) * wide],
+        past[_K_V * wide : (_K_V + 1) * wide],
         totals[_SCHEME * m : (_SCHEME + 1) * m],
     )
     _field(pools, c, row.u, 0, instant, moved)
@@ -318,7 +338,10 @@ def _forces_without_damping(pools: Any, c: int, instant: int, flat: Array, field
 def _keep_explicit(pools: Any, c: int, instant: int, loads: Array, elastic: Array, past: Array) -> None:
     """Keep velocities, K v, loads, K u and M v for the next step."""
     wide = len(elastic)
-    kept_loads, kept_elastic = past[_FORCE * wide : (_FORCE + 1) * wide], past[_K_U * wide : (_K_U + 1) * wide]
+    kept_loads, kept_elastic = (
+        past[_FORCE * wide : (_FORCE + 1) * wide],
+        past[_K_U * wide : (_K_U + 1) * wide],
+    )
     for i in range(wide):  # element by element: ``elastic`` and ``loads`` may lie in ``past``
         now_loads, now_elastic = loads[i], elastic[i]
         kept_loads[i], kept_elastic[i] = now_loads, now_elastic

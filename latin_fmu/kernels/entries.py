@@ -1,4 +1,4 @@
-"""The one door of compiled code to a run: ``call(pools, action, a, b, c)``.
+"""The entry through which Python runs the kernels of a run: ``call(pools, action, a, b, c, d)``.
 
 Every action is a function of the modules beside this one. They share one entry, so that the code which they have in
 common is compiled once.
@@ -28,9 +28,36 @@ from .sweep import begin_window, rewind
 from .windows import end_window_instant, open_accounts, read_start
 
 (
-    MARCH, PREDICT, SOLVE, END_CLASS, END_INSTANT, FIRST_GUESS, FREE_MOTION, STAGE, LINEAR_STAGE, OUTGOING, PREPARE, POINTS,
-    FINISH, MEASURE, JUDGE, NEXT, OPEN, BEGIN, REWIND, END_WINDOW, ACCEPT, READ_START, OPEN_ACCOUNTS, FREE_LOAD,
-    FREE_VELOCITY, INTERFACE_LOAD, ADVANCE, COMMIT, RESPOND, FORCES,
+    MARCH,
+    PREDICT,
+    SOLVE,
+    END_CLASS,
+    END_INSTANT,
+    FIRST_GUESS,
+    FREE_MOTION,
+    STAGE,
+    LINEAR_STAGE,
+    OUTGOING,
+    PREPARE,
+    POINTS,
+    FINISH,
+    MEASURE,
+    JUDGE,
+    NEXT,
+    OPEN,
+    BEGIN,
+    REWIND,
+    END_WINDOW,
+    ACCEPT,
+    READ_START,
+    OPEN_ACCOUNTS,
+    FREE_LOAD,
+    FREE_VELOCITY,
+    INTERFACE_LOAD,
+    ADVANCE,
+    COMMIT,
+    RESPOND,
+    FORCES,
     AFTER,
 ) = range(31)
 """Actions, in the order of ``call``."""
@@ -39,20 +66,36 @@ _ITEM: Final = "f8[::1], i8[::1]"
 POOLS: Final = fields(
     Pools,
     f"run[::1], classes[::1], groups[::1], {_ITEM}, u4[::1], f4[::1], {_ITEM}",
-    run=RUN, classes=CLASS, groups=GROUP,
+    run=RUN,
+    classes=CLASS,
+    groups=GROUP,
 )
 
 
 # both drivers run these, the compiled one from inside ``march_instants``
 share(
-    predict, first_guess, free_motion, stage, linear_stage, outgoing, prepare, solve_points, finish, measure, judge,
-    next_iterate, open_window, accept, end_class, end_instant,
+    predict,
+    first_guess,
+    free_motion,
+    stage,
+    linear_stage,
+    outgoing,
+    prepare,
+    solve_points,
+    finish,
+    measure,
+    judge,
+    next_iterate,
+    open_window,
+    accept,
+    end_class,
+    end_instant,
 )
 
 
 @entry("pools, i8, i8, i8, i8, i8 -> i8", pools=POOLS)
 def call(pools: Any, action: int, a: int, b: int, c: int, d: int) -> int:
-    """Do an action with its arguments; what it returns, 0 where it returns nothing."""
+    """Do an action with its arguments; its result, 0 where it has none."""
     run = pools.run[0]
     if action == MARCH:
         return march_instants(pools, a, b)
@@ -105,7 +148,7 @@ def call(pools: Any, action: int, a: int, b: int, c: int, d: int) -> int:
     elif action == FREE_VELOCITY:
         free_velocity(pools, a, b)
     elif action == INTERFACE_LOAD:
-        return int(interface_load(pools, a, b, pools.moving[run.local_f : run.local_f + run.n_flat]))
+        return int(interface_load(pools, a, pools.moving[run.local_f : run.local_f + run.n_flat]))
     elif action == ADVANCE:
         advance(pools, a, b)
     elif action == COMMIT:
@@ -117,5 +160,10 @@ def call(pools: Any, action: int, a: int, b: int, c: int, d: int) -> int:
         force_residual(pools, a)
     else:
         n = run.n_flat
-        linear_response(pools, a, pools.moving[run.q + b * n : run.q + (b + 1) * n], pools.moving[run.w + b * n : run.w + (b + 1) * n])
+        linear_response(
+            pools,
+            a,
+            pools.moving[run.q + b * n : run.q + (b + 1) * n],
+            pools.moving[run.w + b * n : run.w + (b + 1) * n],
+        )
     return 0

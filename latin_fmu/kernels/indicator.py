@@ -6,9 +6,10 @@ over interfaces, sides and the instants of the window, Z the material impedance 
 ``error_indicator`` is sqrt(eta). Without inertia the denominator leaves out the velocities: a body may travel far under
 next to no force. By E+, F_hat - F = r/2 and W_hat - W = r/(2k) with the residual r = (F_hat + k W_hat) - q.
 
-The indicator is blind to shear and to soft sides of a contrast. The run stops on both it and the force residual: nodal
-forces f of F - F_hat in the norm sqrt(f . C f) of the admittance C of one instant (the velocity error that they would
-cause), normal and tangential parts each against its own largest value so far.
+The indicator alone weights shear and the soft side of a contrast too little. A window has converged when both the
+indicator and the force residual are within tolerance. The force residual is the norm sqrt(f . C f) of the nodal forces
+f of F - F_hat, with the admittance C of one instant: the velocity error that these forces would cause. Normal and
+tangential parts are each relative to their own largest value so far.
 """
 
 from __future__ import annotations
@@ -39,7 +40,10 @@ def error_indicator(pools: Any, window: int) -> float:
         at = i * n
         q, r = work[run.q + at : run.q + at + n], work[run.r + at : run.r + at + n]
         f, w = work[run.f + at : run.f + at + n], work[run.w + at : run.w + at + n]
-        f_hat, w_hat = work[run.local_f + at : run.local_f + at + n], work[run.local_w + at : run.local_w + at + n]
+        f_hat, w_hat = (
+            work[run.local_f + at : run.local_f + at + n],
+            work[run.local_w + at : run.local_w + at + n],
+        )
         for j in range(n):
             rest = f_hat[j] + k[j] * w_hat[j] - q[j]
             r[j] = rest
@@ -126,7 +130,10 @@ def accept(pools: Any, window: int) -> None:
         state[run.scales + e] = work[run.measure + 2 + e]
     share = work[run.shares : run.shares + run.n_interface]
     share[:] = 0.0
-    weights, interface = pools.fixed[run.weights : run.weights + n], pools.fixed_int[run.interface : run.interface + n]
+    weights, interface = (
+        pools.fixed[run.weights : run.weights + n],
+        pools.fixed_int[run.interface : run.interface + n],
+    )
     for i in range(window):
         r = work[run.r + i * n : run.r + (i + 1) * n]
         for j in range(n):

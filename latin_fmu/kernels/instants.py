@@ -20,8 +20,8 @@ Array = NDArray[np.float64]
 
 @kernel
 def march_instants(pools: Any, first: int, n: int) -> int:
-    """Solve up to n windows of one instant from the instant ``first`` on; number of those that converged before one that
-    did not (which leaves state and output as they were at its start)."""
+    """Solve up to n windows of one instant from the instant ``first`` on; number of those that converged before one
+    that did not (which leaves state and output as they were at its start)."""
     for call in range(n):
         instant = first + call
         for c in range(len(pools.classes)):
@@ -49,7 +49,7 @@ def solve_instant(pools: Any, instant: int, call: int) -> bool:
     used = iterate(pools, 1, instant, call)
     pools.moving_int[run.iterations + call] = used
     if used <= 0:
-        work[run.counts + 1] = solved  # the Python driver counts its own
+        work[run.counts + 1] = solved  # the Python driver solves this instant again, and counts
         return False
     accept(pools, 1)
     return True
@@ -57,10 +57,11 @@ def solve_instant(pools: Any, instant: int, call: int) -> bool:
 
 @kernel
 def first_guess(pools: Any, instant: int) -> None:
-    """q of the first iterate of an instant: of the last fields; where nothing touched, of the free motion, the answer as
-    long as nothing does. With ``direct_bonds`` the solution itself.
+    """q of the first iterate of an instant: that of the last fields; where no traction acted, that of the free motion,
+    which is the solution as long as no gap closes. With ``direct_bonds`` the solution itself.
 
-    No extrapolation: accepted within the tolerance as it is, it would feed its own error and gain energy.
+    The fields are not extrapolated: an extrapolation accepted within the tolerance would feed its own error and gain
+    energy.
     """
     run, work, state, direction = pools.run[0], pools.moving, pools.moving, pools.fixed
     n = run.n_flat
@@ -70,7 +71,7 @@ def first_guess(pools: Any, instant: int) -> None:
         free_motion(pools, instant, w)
         q[:] = 0.0
         add_dense(n, n, direction[run.bonds : run.bonds + n * n], 1, w, q)
-        return None
+        return
     touched, carry = False, state[run.carry]
     if run.static == 1:
         carry *= pools.moving[run.continuation + instant]
@@ -79,12 +80,11 @@ def first_guess(pools: Any, instant: int) -> None:
         q[j] = f_hat[j] + k[j] * carry * w_hat[j]
         touched = touched or f_hat[j] != 0.0
     if touched or run.static == 1:
-        return None
+        return
     w = work[run.w : run.w + n]
     free_motion(pools, instant, w)
     for j in range(n):
         q[j] = k[j] * w[j]
-    return True
 
 
 @kernel
@@ -94,7 +94,10 @@ def free_motion(pools: Any, instant: int, w: Array) -> None:
     for c in range(len(pools.classes)):
         row = pools.classes[c]
         size = row.n_channel * row.m
-        channels, w_free = pools.fixed_int[row.channels : row.channels + size], pools.moving[row.w_free : row.w_free + size]
+        channels, w_free = (
+            pools.fixed_int[row.channels : row.channels + size],
+            pools.moving[row.w_free : row.w_free + size],
+        )
         for at in range(size):
             w[channels[at]] = w_free[at]
     for e in range(run.n_ground):
@@ -105,7 +108,7 @@ def free_motion(pools: Any, instant: int, w: Array) -> None:
 def end_class(pools: Any, c: int, instant: int) -> None:
     """End an instant solved as a window of its own for one class: motion, energies, probed velocities, displacements of
     its channels. The tractions of the local stage act, so that action equals reaction to round-off; a class without
-    inertia takes the incoming quantity, which says where a floating body stands."""
+    inertia takes the incoming quantity q, which determines the position of a floating body."""
     run, work, row = pools.run[0], pools.moving, pools.classes[c]
     flat = work[run.local_f : run.local_f + run.n_flat]
     incoming = work[run.q : run.q + run.n_flat] if run.static == 1 else flat
@@ -117,7 +120,7 @@ def end_class(pools: Any, c: int, instant: int) -> None:
 
 @kernel
 def after_class(pools: Any, c: int, instant: int, tractions: Array, marched: bool) -> None:
-    """What is read off a class at the end of an instant with tractions (N,)."""
+    """Energies, probed velocities and channel displacements of a class at the end of an instant with tractions (N,)."""
     run, work = pools.run[0], pools.moving
     account(pools, c, instant, tractions, marched)
     probe(pools, c, instant)
@@ -140,7 +143,10 @@ def keep_fields(pools: Any, instant: int, i: int) -> None:
     """Keep the local-stage fields of instant i of the window."""
     run, work, state, output = pools.run[0], pools.moving, pools.moving, pools.moving
     n = run.n_flat
-    f_hat, w_hat = work[run.local_f + i * n : run.local_f + (i + 1) * n], work[run.local_w + i * n : run.local_w + (i + 1) * n]
+    f_hat, w_hat = (
+        work[run.local_f + i * n : run.local_f + (i + 1) * n],
+        work[run.local_w + i * n : run.local_w + (i + 1) * n],
+    )
     row = instant - run.first_row
     to_f, to_w = run.history_f + row * n, run.history_w + row * n
     last_f, last_w = state[run.f_hat : run.f_hat + n], state[run.w_hat : run.w_hat + n]

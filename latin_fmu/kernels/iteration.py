@@ -1,7 +1,8 @@
 """The LATIN loop over one window: linear stage, local stage, indicator, next iterate.
 
-``stage`` is one iteration up to its measures, ``judge`` what they mean; ``iterate`` repeats both until the window has
-converged, stalled or run out of iterations. The Python driver calls the same functions one by one.
+``stage`` is one iteration up to its measures, ``judge`` compares these with the tolerances; ``iterate`` repeats both
+until the window has converged or stalled, or the iterations are used up. The Python driver calls the same functions one
+by one.
 """
 
 from __future__ import annotations
@@ -22,20 +23,20 @@ from .sweep import sweep
 Array = NDArray[np.float64]
 
 PATIENCE, RECENT = 12, 6
-"""Iterations before a stall is looked for, and iterations that have to bring progress."""
+"""Iterations before the first check for a stall, and number of the last ones in which the merit has to fall."""
 STALL_ACCELERATED, STALL_PLAIN = 0.7, 0.99
 """Fraction of the best merit before that the recent ones have to fall below, with acceleration and without."""
 AT_REST = 1e-2
-"""Fraction of the tolerance below which nothing happens and the first iterate is the answer."""
+"""Fraction of the tolerance up to which the first iterate of an instant is accepted."""
 CONVERGED, BEST, STALLED, BROKEN = 1, 2, 4, 8
-"""What ``judge`` finds, as bits: both tolerances met; best iterate so far; no progress; numbers out of range."""
+"""Bits of the result of ``judge``: both tolerances met; best iterate so far; no progress; numbers out of range."""
 
 
 @kernel
 def linear_stage(pools: Any, window: int, first: int, iteration: int) -> None:
     """W of the linear stage (8)-(14) over the window that starts with instant ``first``, for the q of ``work``.
 
-    One instant is condensed on the interfaces: W = W_0 + Y q. Several instants are marched anew.
+    One instant is condensed on the interfaces: W = W_0 + Y q. Several instants are marched in every iteration.
     """
     run, work = pools.run[0], pools.moving
     solved = 0
@@ -67,8 +68,14 @@ def _balance(pools: Any) -> None:
     total[:] = 0.0
     starts = pools.fixed_int[run.coarse_balance_starts : run.coarse_balance_starts + size + 1]
     add_rows(
-        size, starts, pools.fixed_col[run.coarse_balance_columns : run.coarse_balance_columns + starts[size]],
-        direction[run.coarse_balance_values : run.coarse_balance_values + starts[size]], 1.0, 1, rest, total,
+        size,
+        starts,
+        pools.fixed_col[run.coarse_balance_columns : run.coarse_balance_columns + starts[size]],
+        direction[run.coarse_balance_values : run.coarse_balance_values + starts[size]],
+        1.0,
+        1,
+        rest,
+        total,
     )
     for i in range(size):
         line = direction[run.coarse_inverse + i * size : run.coarse_inverse + (i + 1) * size]
@@ -78,13 +85,25 @@ def _balance(pools: Any) -> None:
         motion[i] = now
     starts = pools.fixed_int[run.coarse_incoming_starts : run.coarse_incoming_starts + n + 1]
     add_rows(
-        n, starts, pools.fixed_col[run.coarse_incoming_columns : run.coarse_incoming_columns + starts[n]],
-        direction[run.coarse_incoming_values : run.coarse_incoming_values + starts[n]], 1.0, 1, motion, q,
+        n,
+        starts,
+        pools.fixed_col[run.coarse_incoming_columns : run.coarse_incoming_columns + starts[n]],
+        direction[run.coarse_incoming_values : run.coarse_incoming_values + starts[n]],
+        1.0,
+        1,
+        motion,
+        q,
     )
     starts = pools.fixed_int[run.coarse_answer_starts : run.coarse_answer_starts + n + 1]
     add_rows(
-        n, starts, pools.fixed_col[run.coarse_answer_columns : run.coarse_answer_columns + starts[n]],
-        direction[run.coarse_answer_values : run.coarse_answer_values + starts[n]], 1.0, 1, motion, w,
+        n,
+        starts,
+        pools.fixed_col[run.coarse_answer_columns : run.coarse_answer_columns + starts[n]],
+        direction[run.coarse_answer_values : run.coarse_answer_values + starts[n]],
+        1.0,
+        1,
+        motion,
+        w,
     )
 
 
@@ -110,11 +129,12 @@ def stage(pools: Any, window: int, first: int, iteration: int) -> None:
 
 @kernel
 def judge(pools: Any, window: int, phase: int, iteration: int, accelerated: bool) -> int:
-    """What the measures of an iteration mean, as bits of CONVERGED, BEST, STALLED and BROKEN.
+    """State of the iteration by its measures, as bits of CONVERGED, BEST, STALLED and BROKEN.
 
-    The merit of an iterate is its distance from both tolerances (1: met); where the force residual is not known it is
-    taken in proportion to the indicator, with the ratio of the last iterate that knows it. The iteration has stalled
-    where the best of the RECENT merits since the iteration ``phase`` is not enough below the best before.
+    The merit of an iterate is its distance from both tolerances (1: met). Where the force residual is not computed, the
+    merit is that of the indicator times the ratio of the last iterate for which both were computed. The iteration has
+    stalled where the best of the last RECENT merits is above STALL_ACCELERATED or STALL_PLAIN times the best before
+    those, counted from the iteration ``phase`` on.
     """
     run, work = pools.run[0], pools.moving
     numbers = work[run.measure : run.measure + 8]
@@ -129,7 +149,7 @@ def judge(pools: Any, window: int, phase: int, iteration: int, accelerated: bool
             numbers[5] = known / merit
     merits[2 * iteration], merits[2 * iteration + 1] = merit, known
     met = error <= run.tolerance and forces <= run.force_tolerance
-    # a warm start within tolerance is not accepted as it is: step after step its lag would add up
+    # a first guess just within tolerance is not accepted: its error would add up from instant to instant
     if met and (window > 1 or iteration > 0 or error <= AT_REST * run.tolerance):
         return CONVERGED | BEST
     if not np.isfinite(error):
@@ -148,7 +168,10 @@ def judge(pools: Any, window: int, phase: int, iteration: int, accelerated: bool
     found = 0
     if best == -1.0:
         found, numbers[6] = BEST, numbers[2]
-    if iteration + 1 - phase >= PATIENCE and recent > (STALL_ACCELERATED if accelerated else STALL_PLAIN) * before:
+    if (
+        iteration + 1 - phase >= PATIENCE
+        and recent > (STALL_ACCELERATED if accelerated else STALL_PLAIN) * before
+    ):
         found |= STALLED
     return found
 

@@ -1,7 +1,8 @@
 """Products on eight members at a time, laid out side by side: rows of eight numbers, missing members are zeros.
 
-Eight sums in eight local variables: with sums kept in order the compiler takes them for one vector register, which it
-does not where it may reorder the sum over a row. The results equal those of one member after the other up to round-off.
+Eight sums are kept in eight local variables. With sums kept in order the compiler puts them into one vector register;
+where it may reorder the sum over a row it does not. The results equal those of one member after the other up to
+round-off.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ Array = NDArray[np.float64]
 
 LANES: Final = 8
 TILED: Final = 3
-"""From so many members on, eight at a time cost less than one after the other."""
+"""Number of members from which on eight at a time cost less than one after the other."""
 SPARE: Final = 4
 """Rows of eight that scratch has beyond those of the dofs."""
 

@@ -1,8 +1,8 @@
 """Laws of interfaces, one point at a time: traction on side E from the relative free velocity of the sides.
 
 At one instant, with s = W - F / k on each side (the velocity it would take without traction), z = 1/k summed over both
-sides and the opening velocity d = (s' - s) - z F_hat, a law is a relation between F_hat and d, N from E to E'. It is
-solved here explicitly, point by point: that is the local stage (15)-(17). Components are N, t1, t2 (N alone where h = 1).
+sides and the opening velocity d = (s' - s) - z F_hat, a law is a relation between F_hat and d, N from E to E'. Its
+explicit solution, point by point, is the local stage (15)-(17). Components are N, t1, t2 (N alone where h = 1).
 
     jump         (h,) s' - s, m s-1
     z            (2,) normal and tangential, m3 N-1 s-1; 0 where both sides are held
@@ -32,7 +32,7 @@ LAWS: Final = {
     "soft_contact": SOFT_CONTACT,
     "viscous_joint": VISCOUS_JOINT,
 }
-"""Code of each law that the compiled driver knows, by its name in the registry of behaviours."""
+"""Code of each compiled law, by its name in the registry of behaviours."""
 
 
 @kernel
@@ -50,7 +50,8 @@ def coulomb(pressure: float, friction: float, jump: Array, z: float, traction: A
         traction[i] = 0.0
     if len(jump) == 1 or z <= 0.0 or pressure <= 0.0:
         return
-    norm, limit = np.hypot(jump[1], jump[2]), friction * pressure * z  # limit: velocity that the cone can stop
+    # limit: velocity that the cone can stop
+    norm, limit = np.hypot(jump[1], jump[2]), friction * pressure * z
     scale = 1.0 if norm <= limit else limit / norm
     traction[1] = scale * jump[1] / z
     traction[2] = scale * jump[2] / z
@@ -75,7 +76,9 @@ def no_slip(jump: Array, z: Array, reach: Array, rate: float, parameters: Array,
 
 
 @kernel
-def elastic_layer(jump: Array, z: Array, reach: Array, rate: float, parameters: Array, traction: Array) -> None:
+def elastic_layer(
+    jump: Array, z: Array, reach: Array, rate: float, parameters: Array, traction: Array
+) -> None:
     """Bonded layer F_hat = k_l [u]: F_hat = k_l (s' - s + reach) / (rate + k_l z), parameters k_n and k_t, N m-3."""
     for i in range(len(jump)):
         stiffness = parameters[min(i, 1)]
@@ -83,7 +86,9 @@ def elastic_layer(jump: Array, z: Array, reach: Array, rate: float, parameters: 
 
 
 @kernel
-def soft_contact(jump: Array, z: Array, reach: Array, rate: float, parameters: Array, traction: Array) -> None:
+def soft_contact(
+    jump: Array, z: Array, reach: Array, rate: float, parameters: Array, traction: Array
+) -> None:
     """Contact through a layer, P = k_n max(0, -gap), with friction; parameters mu and k_n, N m-3."""
     pressure = parameters[1] * max(0.0, -(jump[0] + reach[0])) / (rate + parameters[1] * z[0])
     traction[0] = -pressure
@@ -130,6 +135,7 @@ def apply_law(law: int, jump: Array, z: Array, reach: Array, rate: float, parame
     """Tractions (n_point, n_component) on side E by the law with this code; arguments as for
     ``interface.behaviour.Behaviour.local``."""
     traction = np.zeros_like(jump, dtype=float)
-    arrays = [np.ascontiguousarray(x, dtype=float) for x in (jump, z, reach if reach.ndim == 2 else reach[:, None], parameters)]
-    apply_to_points(law, *arrays[:3], float(rate), arrays[3], traction)
+    reach = reach if reach.ndim == 2 else reach[:, None]
+    jump, z, reach, parameters = (np.ascontiguousarray(x, dtype=float) for x in (jump, z, reach, parameters))
+    apply_to_points(law, jump, z, reach, float(rate), parameters, traction)
     return traction

@@ -6,8 +6,8 @@ law of contact is end-of-instant: with G the gap at the start of the instant,
     0 <= max(G, 0) / dt + d_new   perp   P_new >= 0.
 
 Inside a window of several instants the gap follows the displacement recursion of the time scheme, which removes the
-half-step bias that G + dt d gives the closing instant of an accelerated body; taking max(G, 0) never pushes a penetrated
-point out, so that it adds no energy. The penetration left is at most dt/2 times the closing velocity.
+half-step bias that G + dt d gives the closing instant of an accelerated body. With max(G, 0) a penetrated point is not
+pushed out, so that no energy is added. The penetration left is at most dt/2 times the closing velocity.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def outgoing(pools: Any, i: int) -> None:
 
 @kernel
 def prepare(pools: Any, g: int, i: int) -> None:
-    """What the law of a group works on at instant i of the window: ``jump`` and ``reach``."""
+    """Arguments of the law of a group at instant i of the window: ``jump`` and ``reach``."""
     group, run, work = pools.groups[g], pools.run[0], pools.moving
     size = group.n_point * group.n_component
     s = work[run.s + i * run.n_flat : run.s + (i + 1) * run.n_flat]
@@ -50,7 +50,10 @@ def prepare(pools: Any, g: int, i: int) -> None:
     width = group.n_component if group.elastic == 1 else 1
     count = group.n_point * width
     if i == 0:
-        opening, opened = work[group.opening : group.opening + 4 * count], work[group.opened : group.opened + 4 * count]
+        opening, opened = (
+            work[group.opening : group.opening + 4 * count],
+            work[group.opened : group.opened + 4 * count],
+        )
         for j in range(4 * count):
             opening[j] = opened[j]
     start = work[group.opening + 3 * count : group.opening + 4 * count]
@@ -73,13 +76,24 @@ def solve_points(pools: Any, g: int) -> None:
     width = h if group.elastic == 1 else 1
     rate = run.layer_rate if group.elastic == 1 else 1.0 / run.dt
     law, n_point = group.law, group.n_point
-    jump, traction = work[group.jump : group.jump + n_point * h], work[group.traction : group.traction + n_point * h]
-    z, reach = pools.fixed[group.z_sum : group.z_sum + 2 * n_point], work[group.reach : group.reach + n_point * width]
+    jump, traction = (
+        work[group.jump : group.jump + n_point * h],
+        work[group.traction : group.traction + n_point * h],
+    )
+    z, reach = (
+        pools.fixed[group.z_sum : group.z_sum + 2 * n_point],
+        work[group.reach : group.reach + n_point * width],
+    )
     parameters = pools.fixed[group.parameters : group.parameters + n_point * n_parameter]
     for p in range(n_point):
         apply(
-            law, jump[p * h : (p + 1) * h], z[2 * p : 2 * p + 2], reach[p * width : (p + 1) * width], rate,
-            parameters[p * n_parameter : (p + 1) * n_parameter], traction[p * h : (p + 1) * h],
+            law,
+            jump[p * h : (p + 1) * h],
+            z[2 * p : 2 * p + 2],
+            reach[p * width : (p + 1) * width],
+            rate,
+            parameters[p * n_parameter : (p + 1) * n_parameter],
+            traction[p * h : (p + 1) * h],
         )
 
 
@@ -129,10 +143,10 @@ def _follow(pools: Any, g: int, w_hat: Array) -> None:
 
 @kernel
 def open_window(pools: Any, window: int, instant: int) -> None:
-    """What the groups start from at the first instant of a window; ``instant``: the present one.
+    """Openings of the groups at the start of a window; ``instant``: the present one.
 
-    One instant: the gaps and layer jumps that the instant before has left. Several: opening, its velocity and its
-    acceleration in the present motion of the substructures.
+    A window of one instant takes the gaps and layer jumps at the end of the instant before. A window of several takes
+    opening, its velocity and its acceleration from the present motion of the substructures.
     """
     run, work = pools.run[0], pools.moving
     for g in range(len(pools.groups)):
@@ -190,7 +204,9 @@ def _jumps(pools: Any, g: int, kind: int, flat: Array) -> None:
     h = group.n_component
     size = group.n_point * h
     width = h if group.elastic == 1 else 1
-    out = pools.moving[group.opened + kind * group.n_point * width : group.opened + (kind + 1) * group.n_point * width]
+    out = pools.moving[
+        group.opened + kind * group.n_point * width : group.opened + (kind + 1) * group.n_point * width
+    ]
     for p in range(group.n_point):
         for c in range(width):
             out[p * width + c] = flat[group.start + size + p * h + c] - flat[group.start + p * h + c]
@@ -200,8 +216,8 @@ def _jumps(pools: Any, g: int, kind: int, flat: Array) -> None:
 
 @kernel
 def read_gaps(pools: Any, instant: int) -> None:
-    """Gaps at the end of an instant from the displacements of the substructures (no drift), kept; what elastic groups
-    start from at the next one."""
+    """Gaps at the end of an instant from the displacements of the substructures (so they do not drift), kept; layer
+    jumps of elastic groups for the next instant."""
     run, work = pools.run[0], pools.moving
     displacement = work[run.displacement : run.displacement + run.n_flat]
     layer = work[run.layer : run.layer + run.n_flat]

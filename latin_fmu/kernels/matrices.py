@@ -31,7 +31,11 @@ def add_mass(pools: Any, c: int, factor: float, x: Array, out: Array) -> None:
         starts,
         pools.fixed_col[row.mass_columns : row.mass_columns + starts[row.n]],
         pools.fixed[row.mass_values : row.mass_values + starts[row.n]],
-        factor, row.m, x, out, tile_of(row, pools.moving),
+        factor,
+        row.m,
+        x,
+        out,
+        tile_of(row, pools.moving),
     )
 
 
@@ -46,7 +50,11 @@ def add_stiffness(pools: Any, c: int, factor: float, x: Array, out: Array) -> No
         starts,
         pools.fixed_col[row.stiffness_columns : row.stiffness_columns + starts[row.n]],
         pools.fixed[row.stiffness_values : row.stiffness_values + starts[row.n]],
-        factor, row.m, x, out, tile_of(row, pools.moving),
+        factor,
+        row.m,
+        x,
+        out,
+        tile_of(row, pools.moving),
     )
 
 
@@ -63,7 +71,11 @@ def add_damping(pools: Any, c: int, factor: float, x: Array, out: Array) -> None
         starts,
         pools.fixed_col[row.damping_columns : row.damping_columns + starts[row.n]],
         pools.fixed[row.damping_values : row.damping_values + starts[row.n]],
-        factor, row.m, x, out, tile_of(row, pools.moving),
+        factor,
+        row.m,
+        x,
+        out,
+        tile_of(row, pools.moving),
     )
 
 
@@ -80,7 +92,11 @@ def add_dashpots(pools: Any, c: int, factor: float, x: Array, out: Array) -> Non
         starts,
         pools.fixed_col[row.dashpots_columns : row.dashpots_columns + starts[row.n]],
         pools.fixed[row.dashpots_values : row.dashpots_values + starts[row.n]],
-        factor, row.m, x, out, tile_of(row, pools.moving),
+        factor,
+        row.m,
+        x,
+        out,
+        tile_of(row, pools.moving),
     )
 
 
@@ -94,9 +110,19 @@ def springs(pools: Any, c: int, x: Array, out: Array) -> None:
 
 @kernel
 def forces(pools: Any, c: int, instant: int, out: Array) -> None:
-    """Add the forces of the instant that come and go."""
+    """Add the time-dependent forces of the instant."""
     row = pools.classes[c]
-    _terms(pools, row.force_terms, row.force_starts, row.force_rows, row.force_values, row.force_amplitudes, instant, 1.0, out)
+    _terms(
+        pools,
+        row.force_terms,
+        row.force_starts,
+        row.force_rows,
+        row.force_values,
+        row.force_amplitudes,
+        instant,
+        1.0,
+        out,
+    )
 
 
 @kernel
@@ -104,36 +130,71 @@ def inertia(pools: Any, c: int, instant: int, factor: float, out: Array) -> None
     """Add factor times the inertia of the prescribed motions."""
     row = pools.classes[c]
     _terms(
-        pools, row.inertia_terms, row.inertia_starts, row.inertia_rows, row.inertia_values, row.inertia_amplitudes,
-        instant, factor, out,
+        pools,
+        row.inertia_terms,
+        row.inertia_starts,
+        row.inertia_rows,
+        row.inertia_values,
+        row.inertia_amplitudes,
+        instant,
+        factor,
+        out,
     )
 
 
 @kernel
 def imposed(pools: Any, c: int, instant: int, order: int, factor: float, out: Array) -> None:
-    """Add factor times what prescribed motions bring to the channels: displacements (``order`` 0), velocities (1) or
+    """Add factor times the share of prescribed motions in the channels: displacements (``order`` 0), velocities (1) or
     accelerations (2)."""
     row = pools.classes[c]
     if order == 0:
         _terms(
-            pools, row.displacement_terms, row.displacement_starts, row.displacement_rows, row.displacement_values,
-            row.displacement_amplitudes, instant, factor, out,
+            pools,
+            row.displacement_terms,
+            row.displacement_starts,
+            row.displacement_rows,
+            row.displacement_values,
+            row.displacement_amplitudes,
+            instant,
+            factor,
+            out,
         )
     elif order == 1:
         _terms(
-            pools, row.velocity_terms, row.velocity_starts, row.velocity_rows, row.velocity_values,
-            row.velocity_amplitudes, instant, factor, out,
+            pools,
+            row.velocity_terms,
+            row.velocity_starts,
+            row.velocity_rows,
+            row.velocity_values,
+            row.velocity_amplitudes,
+            instant,
+            factor,
+            out,
         )
     else:
         _terms(
-            pools, row.acceleration_terms, row.acceleration_starts, row.acceleration_rows, row.acceleration_values,
-            row.acceleration_amplitudes, instant, factor, out,
+            pools,
+            row.acceleration_terms,
+            row.acceleration_starts,
+            row.acceleration_rows,
+            row.acceleration_values,
+            row.acceleration_amplitudes,
+            instant,
+            factor,
+            out,
         )
 
 
 @kernel
 def _terms(
-    pools: Any, n: int, starts_at: int, rows_at: int, values_at: int, amplitudes_at: int, instant: int, factor: float,
+    pools: Any,
+    n: int,
+    starts_at: int,
+    rows_at: int,
+    values_at: int,
+    amplitudes_at: int,
+    instant: int,
+    factor: float,
     out: Array,
 ) -> None:
     if n == 0:
@@ -141,8 +202,13 @@ def _terms(
     starts = pools.moving_int[starts_at : starts_at + n + 1]
     at = amplitudes_at + n * instant
     add_terms(
-        n, starts, pools.moving_int[rows_at : rows_at + starts[n]], pools.moving[values_at : values_at + starts[n]],
-        pools.moving[at : at + n], factor, out,
+        n,
+        starts,
+        pools.moving_int[rows_at : rows_at + starts[n]],
+        pools.moving[values_at : values_at + starts[n]],
+        pools.moving[at : at + n],
+        factor,
+        out,
     )
 
 
@@ -153,8 +219,14 @@ def add_trace(pools: Any, c: int, x: Array, out: Array, normal: bool) -> None:
     if row.dense_trace == 0:
         starts = pools.fixed_int[row.trace_starts : row.trace_starts + row.n_channel + 1]
         add_rows(
-            row.n_channel, starts, pools.fixed_col[row.trace_columns : row.trace_columns + starts[row.n_channel]],
-            pools.fixed[row.trace_values : row.trace_values + starts[row.n_channel]], 1.0, row.m, x, out,
+            row.n_channel,
+            starts,
+            pools.fixed_col[row.trace_columns : row.trace_columns + starts[row.n_channel]],
+            pools.fixed[row.trace_values : row.trace_values + starts[row.n_channel]],
+            1.0,
+            row.m,
+            x,
+            out,
         )
         return
     if not normal:
@@ -181,6 +253,12 @@ def add_spread(pools: Any, c: int, x: Array, out: Array) -> None:
         return
     starts = pools.fixed_int[row.spread_starts : row.spread_starts + row.n_inner + 1]
     add_rows(
-        row.n_inner, starts, pools.fixed_col[row.spread_columns : row.spread_columns + starts[row.n_inner]],
-        pools.fixed[row.spread_values : row.spread_values + starts[row.n_inner]], 1.0, row.m, x, out,
+        row.n_inner,
+        starts,
+        pools.fixed_col[row.spread_columns : row.spread_columns + starts[row.n_inner]],
+        pools.fixed[row.spread_values : row.spread_values + starts[row.n_inner]],
+        1.0,
+        row.m,
+        x,
+        out,
     )

@@ -15,12 +15,20 @@ Array = NDArray[np.float64]
 
 @kernel
 def add_symmetric(
-    n: int, diagonal: Array, starts: Any, columns: Any, values: Array, factor: float, m: int, x: Array, out: Array,
+    n: int,
+    diagonal: Array,
+    starts: Any,
+    columns: Any,
+    values: Array,
+    factor: float,
+    m: int,
+    x: Array,
+    out: Array,
     scratch: Array,
 ) -> None:
     """out (n m,) += factor A x for a symmetric A: its diagonal and strict lower triangle in compressed rows, all of it
-    from ``lanes.TILED`` members on. Two members are taken one after the other: half the matrix on numbers that lie
-    together is faster than whole rows on both.
+    from ``lanes.TILED`` members on. Two members are taken one after the other: half of the matrix times contiguous
+    vectors is faster than the whole matrix times both.
     """
     if m >= TILED:
         sparse_product(n, starts, columns, values, factor, m, x, out, scratch)
@@ -54,7 +62,9 @@ def _half_product(
 
 
 @kernel
-def add_rows(n: int, starts: Any, columns: Any, values: Array, factor: float, m: int, x: Array, out: Array) -> None:
+def add_rows(
+    n: int, starts: Any, columns: Any, values: Array, factor: float, m: int, x: Array, out: Array
+) -> None:
     """out (n m,) += factor A x for A in compressed rows."""
     for i in range(n):
         column, value = columns[starts[i] : starts[i + 1]], values[starts[i] : starts[i + 1]]
@@ -63,20 +73,6 @@ def add_rows(n: int, starts: Any, columns: Any, values: Array, factor: float, m:
             now, at = factor * value[e], np.int64(column[e]) * m
             for j in range(m):
                 line[j] += now * x[at + j]
-
-
-@kernel
-def add_transposed(
-    n: int, starts: Any, columns: Any, values: Array, factor: float, m: int, x: Array, out: Array
-) -> None:
-    """out += factor A^T x for A (n, ...) in compressed rows, x (n m,)."""
-    for i in range(n):
-        column, value = columns[starts[i] : starts[i + 1]], values[starts[i] : starts[i + 1]]
-        line = x[i * m : i * m + m]
-        for e in range(len(column)):
-            now, at = factor * value[e], np.int64(column[e]) * m
-            for j in range(m):
-                out[at + j] += now * line[j]
 
 
 @kernel
@@ -99,8 +95,8 @@ def add_dense(rows: int, columns: int, table: Array, m: int, x: Array, out: Arra
 
 @kernel
 def packed_product(n: int, a: Array, x: Array, out: Array) -> None:
-    """out = A x, A given by the rows of its lower triangle one after the other: half the memory to read, which is
-    what a product with a matrix that does not stay in the cache costs. Two rows at a time."""
+    """out = A x, A given by the rows of its lower triangle one after the other. Half of the memory is read, and reading
+    is the cost of a product with a matrix larger than the cache. Two rows at a time."""
     at, i = 0, 0
     while i + 2 <= n:
         first, second = a[at : at + i], a[at + i + 1 : at + 2 * i + 1]
@@ -125,7 +121,8 @@ def packed_product(n: int, a: Array, x: Array, out: Array) -> None:
 
 @kernel
 def symmetric_size(n: int, plain: int, m: int) -> int:
-    """Numbers that a symmetric dense matrix (n, n) takes for m members: its diagonal, its lower triangle or all of it."""
+    """Numbers that a symmetric dense matrix (n, n) takes for m members: those of its diagonal, of its lower triangle or
+    all."""
     if plain == 1:
         return n
     return n * n if m >= TILED else n * (n + 1) // 2

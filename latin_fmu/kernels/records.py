@@ -1,4 +1,4 @@
-"""What a run holds in numbers: pools, and records that say what lies where in them.
+"""The memory of a run: pools of numbers, and records with sizes and with the place of every array.
 
 ======  =========  ===============================================================  ================================
 block   pool       holds                                                            changes
@@ -11,12 +11,13 @@ moving  work       scratch of the iteration                                     
 moving  output     fields, gaps, probes, energies of the instants                   written once per instant
 ======  =========  ===============================================================  ================================
 
-A block is one allocation, a pool a range of it; a snapshot is a copy of the range of the state. Blocks are seen as
+A block is one allocation, a pool a range of it; a snapshot is a copy of the range of the state. Blocks are viewed as
 float64, int64, uint32 or float32 numbers. A record holds sizes, and for every array the position of its first number in
-its block; kernels slice. There is no address in a record: blocks can be copied, saved, mapped and shared.
+its block; kernels slice. A record holds no address: blocks can be copied, saved, mapped and shared.
 
 Dimensions: n dofs of a member, m members of a class, g interface dofs, c channels (interface unknowns) of a member,
-N = n_flat channels of the assembly, p points of a group, h components per point, T instants of the segment, w instants of the longest window, R rows of output.
+N = n_flat channels of the assembly, p points of a group, h components per point, T instants of the segment, w instants
+of the longest window, R rows of output.
 Arrays over members have the member as last index. A channel is one interface unknown in the local frame: one
 component (N, t1 or t2) at one point of one side of one interface.
 """
@@ -44,7 +45,10 @@ _MATRIX: Final = (
     ("{0}_columns", "constants, uint32: columns of the entries"),
     ("{0}_values", "constants: the entries"),
 )
-_HALF: Final = (*_MATRIX, ("{0}_diagonal", "constants (n,): diagonal where only the strict lower triangle is kept"))
+_HALF: Final = (
+    *_MATRIX,
+    ("{0}_diagonal", "constants (n,): diagonal where only the strict lower triangle is kept"),
+)
 _TERM: Final = (
     ("{0}_terms", "number of patterns of {1}"),
     ("{0}_starts", "histories, int64 (terms + 1,): first entry of each pattern"),
@@ -76,7 +80,7 @@ CLASS_FIELDS: Final[tuple[Field, ...]] = (
     ("factored", "1 where the kernels hold the factor; 0 where the Python driver solves"),
     ("single", "1 where the panels are float32"),
     ("grouped", "1 where four rows of a panel are taken at a time (factor within the cache)"),
-    ("driven", "1 where more than loads that come and go drives the class"),
+    ("driven", "1 where constant forces or prescribed motions drive the class, and for STATIC classes"),
     ("accounted", "1 where energies are accounted for"),
     ("dense_trace", "1 where the trace is a dense matrix"),
     ("plain_inverse", "1 where S^-1 is diagonal"),
@@ -90,7 +94,10 @@ CLASS_FIELDS: Final[tuple[Field, ...]] = (
     ("panel_start", "constants, int64 (n_super + 1,): first number of each panel"),
     ("panels", "constants: panels [L11^-1; L21]"),
     ("n_panels", "their size"),
-    ("schur_inverse", "constants (g, g) packed or (g,): S^-1, accelerations of interface dofs per force, kg-1"),
+    (
+        "schur_inverse",
+        "constants (g, g) packed or (g,): S^-1, accelerations of interface dofs per force, kg-1",
+    ),
     # interface
     ("dofs", "constants, int64 (g,): interface dofs"),
     ("area", "constants (c,): areas, m2"),
@@ -151,7 +158,11 @@ CLASS_FIELDS: Final[tuple[Field, ...]] = (
     *_fields(_HALF, "stiffness", "K"),
     *_fields(_HALF, "damping", "the damping C"),
     *_fields(_HALF, "dashpots", "the lumped damping of an EXPLICIT class"),
-    *_fields(_MATRIX, "border_mass", "M between prescribed motions and dofs, then among motions (n_motion, n + n_motion)"),
+    *_fields(
+        _MATRIX,
+        "border_mass",
+        "M between prescribed motions and dofs, then among motions (n_motion, n + n_motion)",
+    ),
     *_fields(_MATRIX, "border_stiffness", "K likewise"),
     *_fields(_MATRIX, "border_damping", "C likewise"),
     *_fields(_MATRIX, "border_dashpots", "lumped damping likewise"),
@@ -168,7 +179,7 @@ CLASS_FIELDS: Final[tuple[Field, ...]] = (
 """A class of identical substructures."""
 
 GROUP_FIELDS: Final[tuple[Field, ...]] = (
-    ("law", "code of the law (``local_stage.LAWS``), -1 where the Python driver calls it"),
+    ("law", "code of the law (``laws.LAWS``), -1 where the Python driver calls it"),
     ("elastic", "1 where the law depends on the jump of displacement"),
     ("opens", "1 where the group has gaps"),
     ("start", "first channel of the group: block (2, p, h)"),
@@ -184,7 +195,10 @@ GROUP_FIELDS: Final[tuple[Field, ...]] = (
     ("reach", "work (p,) or (p, h): see ``interface.behaviour``, rule 3"),
     ("jump", "work (p, h): free velocity of E' relative to E, m s-1"),
     ("traction", "work (p, h): on side E, Pa"),
-    ("opening", "work (4, p, h or 1): opening inside a window, its velocity and acceleration, what the next instant starts from"),
+    (
+        "opening",
+        "work (4, p, h or 1): opening inside a window, its velocity and acceleration, start of the next instant",
+    ),
     ("opened", "work (4, p, h or 1): the same at the start of the window"),
 )
 """Interfaces of one law and number of components, their points one after the other."""
@@ -213,11 +227,14 @@ RUN_FIELDS: Final[tuple[Field, ...]] = (
     ("metric", "direction (N,): squared weights of q in the acceleration"),
     ("bonds", "direction (N, N): q from the free velocities where all interfaces are perfect"),
     ("coarse_inverse", "direction (n_coarse, n_coarse)"),
-    *((k.replace("constants", "direction"), t.replace("constants", "direction")) for k, t in (
-        *_fields(_MATRIX, "coarse_balance", "sums of forces over an interface (n_coarse, N)"),
-        *_fields(_MATRIX, "coarse_incoming", "q of coarse motions (N, n_coarse)"),
-        *_fields(_MATRIX, "coarse_answer", "W of coarse motions (N, n_coarse)"),
-    )),
+    *(
+        (k.replace("constants", "direction"), t.replace("constants", "direction"))
+        for k, t in (
+            *_fields(_MATRIX, "coarse_balance", "sums of forces over an interface (n_coarse, N)"),
+            *_fields(_MATRIX, "coarse_incoming", "q of coarse motions (N, n_coarse)"),
+            *_fields(_MATRIX, "coarse_answer", "W of coarse motions (N, n_coarse)"),
+        )
+    ),
     ("ground_velocity", "histories (T, n_ground), m s-1"),
     ("ground_displacement", "histories (T, n_ground), m, ahead by ``gap_lead``"),
     ("ground_layer", "histories (T, n_ground): what elastic groups start from, m"),
@@ -228,7 +245,10 @@ RUN_FIELDS: Final[tuple[Field, ...]] = (
     ("scales", "state (3,): largest norms met: fields, normal and tangential forces"),
     ("carry", "state (1,): share of the last velocities in the first guess of the next instant"),
     ("worst", "state (n_interface,): largest indicator of each interface"),
-    ("counts", "work (2,): substructure-instants marched in windows of several instants, and solved through Y"),
+    (
+        "counts",
+        "work (2,): substructure-instants marched in windows of several instants, and solved through Y",
+    ),
     ("q", "work (w, N): incoming quantity F + k W, Pa"),
     ("w", "work (w, N): velocities of the linear stage, m s-1"),
     ("f", "work (w, N): tractions of the linear stage, Pa"),
@@ -245,13 +265,18 @@ RUN_FIELDS: Final[tuple[Field, ...]] = (
     ("coarse", "work (2, n_coarse)"),
     ("displacement", "work (N,): displacements that gaps are read from, m"),
     ("layer", "work (N,): displacements that layers start from, m"),
-    ("acceleration", "work (N,)"),
     ("shares", "work (n_interface,)"),
     ("norms", "work (4,)"),
-    ("merits", "work (3 max_iterations + 64, 2): distance from the tolerance of each iterate, by eta and with the force residual"),
-    ("measure", "work (8,): error, force residual, scales reached (3), ratio of merits, scale of the best iterate"),
+    (
+        "merits",
+        "work (3 max_iterations + 64, 2): distance of each iterate from the tolerance, by eta and with force residual",
+    ),
+    (
+        "measure",
+        "work (8,): error, force residual, scales reached (3), ratio of merits, scale of the best iterate",
+    ),
     ("errors", "output (R, max_iterations): sqrt(eta) of the iterations"),
-    ("mismatches", "output (calls, max_iterations): force residual likewise"),
+    ("mismatches", "output (R, max_iterations): force residual likewise"),
     ("iterations", "output, int64 (R,)"),
     ("history_f", "output (R, N): accepted tractions, Pa"),
     ("history_w", "output (R, N): accepted velocities, m s-1"),
@@ -276,7 +301,7 @@ RUN_NUMBERS: Final[tuple[Field, ...]] = (
     ("gap_lead", "how far ahead displacements are that gaps are read from, s"),
     ("layer_v", "weight of v in what layers start from, s"),
     ("layer_a", "weight of a in what layers start from, s2"),
-    ("layer_rate", "1 / (displacement that layers see per velocity of the new instant), s-1"),
+    ("layer_rate", "1 / (displacement of layers per velocity of the new instant), s-1"),
     ("opening_v", "weight of the old opening velocity in the new opening, s"),
     ("opening_a", "weight of the old opening acceleration, s2"),
     ("opening_new", "weight of the new opening velocity, s"),

@@ -1,12 +1,13 @@
 """One class of substructures over one instant, Eqs. (9)-(14); arrays of a class are flat (rows x members).
 
-With the scheme's predictors u_free, v_free and A the operator of the march, one instant of a DIRECT or EXPLICIT class is
+With the predictors u_free, v_free of the scheme and A the operator of the march, one instant of a DIRECT or EXPLICIT
+class is
 
     A a = w (f - K u_free - C v_free) - w_memory R_old - M a_imposed + w T^T area F,   w = ``force_weight``
     W = w_free + Y area (q - k w_free)                     the linear stage F = q - k W on the dashpots k
     v = v_free + velocity_gain a,  u = u_free + u_late v_free + displacement_gain a
 
-A STATIC class stands on the springs k/dt of the search direction,
+A STATIC class is supported by the springs k/dt of the search direction,
 
     (K + T^T area k/dt T) (u_new - u) = f_new - K u + T^T area q,   W = T (u_new - u) / dt,
 
@@ -89,7 +90,8 @@ def free_load(pools: Any, c: int, instant: int) -> None:
             u_free[i] = u[i]
         add_stiffness(pools, c, -1.0, u, load)
         return
-    u_v, u_a, v_a = run.u_v, run.u_a, run.v_a  # numbers of a record are loaded anew after every store of a loop
+    # locals: numbers of a record are loaded anew after every store of a loop
+    u_v, u_a, v_a = run.u_v, run.u_a, run.v_a
     for i in range(size):
         u_free[i] = u[i] + u_v * v[i] + u_a * a[i]
         v_free[i] = v[i] + v_a * a[i]
@@ -104,11 +106,14 @@ def free_load(pools: Any, c: int, instant: int) -> None:
 
 @kernel
 def forward(pools: Any, c: int) -> None:
-    """Half solve of the load: the inside stays in ``sweep`` (in tiles from TILED members on), the interface part goes to
-    ``inner``."""
+    """Half solve of the load: the inside stays in ``sweep`` (in tiles from TILED members on), the interface part goes
+    to ``inner``."""
     row, work, constants, numbers = pools.classes[c], pools.moving, pools.fixed, pools.fixed_int
     n, m, n_interior, n_inner, n_super = row.n, row.m, row.n_interior, row.n_inner, row.n_super
-    first, row_start = numbers[row.first : row.first + n_super + 1], numbers[row.row_start : row.row_start + n_super + 1]
+    first, row_start = (
+        numbers[row.first : row.first + n_super + 1],
+        numbers[row.row_start : row.row_start + n_super + 1],
+    )
     panel_start = numbers[row.panel_start : row.panel_start + n_super + 1]
     rows, order = numbers[row.rows : row.rows + row.n_rows], numbers[row.order : row.order + n]
     panels = constants[row.panels : row.panels + (0 if row.single == 1 else row.n_panels)]
@@ -150,14 +155,17 @@ def free_velocity(pools: Any, c: int, instant: int) -> None:
     """Velocities of the channels without tractions, from the interface part of the half solution in ``inner``."""
     row, run, work, state = pools.classes[c], pools.run[0], pools.moving, pools.moving
     m, n_inner, size = row.m, row.n_inner, row.n_channel * row.m
-    inner, reached = work[row.inner : row.inner + n_inner * m], work[row.inner_answer : row.inner_answer + n_inner * m]
+    inner, reached = (
+        work[row.inner : row.inner + n_inner * m],
+        work[row.inner_answer : row.inner_answer + n_inner * m],
+    )
     free_a, w_free = work[row.free_a : row.free_a + n_inner * m], work[row.w_free : row.w_free + size]
     dofs = pools.fixed_int[row.dofs : row.dofs + n_inner]
     tile = tile_of(row, work)
     w_free[:] = 0.0
     if row.kind == STATIC:
         for i in range(n_inner * m):
-            free_a[i] = inner[i]  # what the interface carries of the load
+            free_a[i] = inner[i]  # the load condensed on the interface
         springs(pools, c, inner, reached)
         dt = run.dt
         for i in range(n_inner * m):
@@ -169,7 +177,9 @@ def free_velocity(pools: Any, c: int, instant: int) -> None:
         for i in range(size):
             w_free[i] += damped[i]
         return
-    inverse = pools.fixed[row.schur_inverse : row.schur_inverse + symmetric_size(n_inner, row.plain_inverse, m)]
+    inverse = pools.fixed[
+        row.schur_inverse : row.schur_inverse + symmetric_size(n_inner, row.plain_inverse, m)
+    ]
     product(n_inner, inverse, row.plain_inverse, m, inner, free_a, tile)
     u, u_free = state[row.u : row.u + row.n * m], work[row.u_free : row.u_free + row.n * m]
     v_free = work[row.v_free : row.v_free + row.n * m]
@@ -187,12 +197,12 @@ def respond(pools: Any, c: int, row_of_window: int, reuse: bool) -> int:
     """W at the channels of the class for q of one instant of the window: w_free + Y area (q - k w_damped); number of
     substructures solved for.
 
-    A class at rest responds with zero as long as q stays below ``rest_traction``. With ``reuse`` a class whose q has
-    changed by no more than a hundredth of the tolerance since its last solve, in the norm of the error indicator and as
-    its share of all classes, keeps that solution.
+    W of a class at rest is zero as long as q stays below ``rest_traction``. With ``reuse`` the last solution of a class
+    is taken again where its q has changed by no more than a hundredth of the tolerance since then, in the norm of the
+    error indicator divided by the number of classes.
     """
     row, run, work = pools.classes[c], pools.run[0], pools.moving
-    m, n_live, size = row.m, row.n_live, row.n_channel * row.m
+    m, size = row.m, row.n_channel * row.m
     channels = pools.fixed_int[row.channels : row.channels + size]
     q = work[run.q + row_of_window * run.n_flat : run.q + (row_of_window + 1) * run.n_flat]
     w = work[run.w + row_of_window * run.n_flat : run.w + (row_of_window + 1) * run.n_flat]
@@ -228,18 +238,31 @@ def linear_response(pools: Any, c: int, q: Array, w: Array) -> None:
     row, work = pools.classes[c], pools.moving
     m, n_live, size = row.m, row.n_live, row.n_channel * row.m
     channels = pools.fixed_int[row.channels : row.channels + size]
-    live, area = pools.fixed_int[row.live : row.live + n_live], pools.fixed[row.area : row.area + row.n_channel]
+    live, area = (
+        pools.fixed_int[row.live : row.live + n_live],
+        pools.fixed[row.area : row.area + row.n_channel],
+    )
     k, w_free = pools.fixed[row.k : row.k + row.n_channel], work[row.w_free : row.w_free + size]
     damped = work[row.w_damped : row.w_damped + size]
-    incoming, answer = work[row.channel : row.channel + n_live * m], work[row.answer : row.answer + n_live * m]
+    incoming, answer = (
+        work[row.channel : row.channel + n_live * m],
+        work[row.answer : row.answer + n_live * m],
+    )
     tile = tile_of(row, work)
     for i in range(n_live):
         for j in range(m):
             at = live[i] * m + j
             incoming[i * m + j] = area[live[i]] * (q[channels[at]] - k[live[i]] * damped[at])
     plain = row.plain_response
-    product(n_live, pools.fixed[row.response : row.response + symmetric_size(n_live, plain, m)], plain, m, incoming,
-            answer, tile)
+    product(
+        n_live,
+        pools.fixed[row.response : row.response + symmetric_size(n_live, plain, m)],
+        plain,
+        m,
+        incoming,
+        answer,
+        tile,
+    )
     for at in range(size):
         w[channels[at]] = w_free[at]
     for i in range(n_live):
@@ -249,9 +272,9 @@ def linear_response(pools: Any, c: int, q: Array, w: Array) -> None:
 
 @kernel
 def commit(pools: Any, c: int, instant: int, flat: Array) -> int:
-    """End the instant with tractions (STATIC: incoming quantities q) flat (N,) over the assembly; number of substructures
-    marched."""
-    if not interface_load(pools, c, instant, flat):
+    """End the instant with tractions (STATIC: incoming quantities q) flat (N,) over the assembly; number of
+    substructures marched."""
+    if not interface_load(pools, c, flat):
         return 0
     backward(pools, c)
     advance(pools, c, instant)
@@ -259,11 +282,14 @@ def commit(pools: Any, c: int, instant: int, flat: Array) -> int:
 
 
 @kernel
-def interface_load(pools: Any, c: int, instant: int, flat: Array) -> bool:
-    """Interface values of the solution in ``inner_answer``; False where the class goes on resting."""
+def interface_load(pools: Any, c: int, flat: Array) -> bool:
+    """Interface values of the solution in ``inner_answer``; False where the class stays at rest."""
     row, run, work = pools.classes[c], pools.run[0], pools.moving
     m, n_inner, size = row.m, row.n_inner, row.n_channel * row.m
-    channels, area = pools.fixed_int[row.channels : row.channels + size], pools.fixed[row.area : row.area + row.n_channel]
+    channels, area = (
+        pools.fixed_int[row.channels : row.channels + size],
+        pools.fixed[row.area : row.area + row.n_channel],
+    )
     nodal, largest, n_channel = work[row.channel : row.channel + size], 0.0, row.n_channel
     for i in range(n_channel):
         for j in range(m):
@@ -276,7 +302,10 @@ def interface_load(pools: Any, c: int, instant: int, flat: Array) -> bool:
         work[row.sweep : row.sweep + row.n * tile_width(m)] = 0.0
         work[row.passed] = 0.0
     pools.moving[row.rest] = 0.0
-    inner, last = work[row.inner : row.inner + n_inner * m], work[row.inner_answer : row.inner_answer + n_inner * m]
+    inner, last = (
+        work[row.inner : row.inner + n_inner * m],
+        work[row.inner_answer : row.inner_answer + n_inner * m],
+    )
     free_a = work[row.free_a : row.free_a + n_inner * m]
     tile = tile_of(row, work)
     inner[:] = 0.0
@@ -295,7 +324,9 @@ def interface_load(pools: Any, c: int, instant: int, flat: Array) -> bool:
     for i in range(size):
         nodal[i] *= weight
     add_spread(pools, c, nodal, inner)
-    inverse = pools.fixed[row.schur_inverse : row.schur_inverse + symmetric_size(n_inner, row.plain_inverse, m)]
+    inverse = pools.fixed[
+        row.schur_inverse : row.schur_inverse + symmetric_size(n_inner, row.plain_inverse, m)
+    ]
     product(n_inner, inverse, row.plain_inverse, m, inner, last, tile)
     for i in range(n_inner * m):
         last[i] += free_a[i]
@@ -307,7 +338,10 @@ def backward(pools: Any, c: int) -> None:
     """Full solution in ``load`` from ``sweep`` and the interface values in ``inner_answer``."""
     row, work, constants, numbers = pools.classes[c], pools.moving, pools.fixed, pools.fixed_int
     n, m, n_interior, n_inner, n_super = row.n, row.m, row.n_interior, row.n_inner, row.n_super
-    first, row_start = numbers[row.first : row.first + n_super + 1], numbers[row.row_start : row.row_start + n_super + 1]
+    first, row_start = (
+        numbers[row.first : row.first + n_super + 1],
+        numbers[row.row_start : row.row_start + n_super + 1],
+    )
     panel_start = numbers[row.panel_start : row.panel_start + n_super + 1]
     rows, order = numbers[row.rows : row.rows + row.n_rows], numbers[row.order : row.order + n]
     panels = constants[row.panels : row.panels + (0 if row.single == 1 else row.n_panels)]
@@ -362,7 +396,8 @@ def advance(pools: Any, c: int, instant: int) -> None:
             v[massless[e] * m + j] = u[massless[e] * m + j]
     for i in range(size):
         a[i] = solved[i]
-    for e in range(row.n_massless):  # statics alone moves them: a velocity that means something, and no memory
+    # statics alone moves them: their velocity is the difference quotient, and their acceleration is zero
+    for e in range(row.n_massless):
         for j in range(m):
             at = massless[e] * m + j
             u_new = u_free[at] + late * v_free[at] + gain_u * a[at]
@@ -396,9 +431,16 @@ def read_channels(
     """of_u u + of_v v + of_a a of the channels into ``out`` (N,); ``normal``: only normal channels need be right."""
     row, work, state = pools.classes[c], pools.moving, pools.moving
     m, n_inner, size = row.m, row.n_inner, row.n_channel * row.m
-    channels, dofs = pools.fixed_int[row.channels : row.channels + size], pools.fixed_int[row.dofs : row.dofs + n_inner]
+    channels, dofs = (
+        pools.fixed_int[row.channels : row.channels + size],
+        pools.fixed_int[row.dofs : row.dofs + n_inner],
+    )
     inner, answer = work[row.inner : row.inner + n_inner * m], work[row.answer : row.answer + size]
-    u, v, a = state[row.u : row.u + row.n * m], state[row.v : row.v + row.n * m], state[row.a : row.a + row.n * m]
+    u, v, a = (
+        state[row.u : row.u + row.n * m],
+        state[row.v : row.v + row.n * m],
+        state[row.a : row.a + row.n * m],
+    )
     for i in range(n_inner):
         for j in range(m):
             inner[i * m + j] = of_u * u[dofs[i] * m + j]
@@ -431,7 +473,12 @@ def probe(pools: Any, c: int, instant: int) -> None:
     out[:] = 0.0
     starts = pools.fixed_int[row.probe_starts : row.probe_starts + row.n_probe + 1]
     add_rows(
-        row.n_probe, starts, pools.fixed_col[row.probe_columns : row.probe_columns + starts[row.n_probe]],
-        pools.fixed[row.probe_values : row.probe_values + starts[row.n_probe]], 1.0, row.m,
-        pools.moving[row.v : row.v + row.n * row.m], out,
+        row.n_probe,
+        starts,
+        pools.fixed_col[row.probe_columns : row.probe_columns + starts[row.n_probe]],
+        pools.fixed[row.probe_values : row.probe_values + starts[row.n_probe]],
+        1.0,
+        row.m,
+        pools.moving[row.v : row.v + row.n * row.m],
+        out,
     )

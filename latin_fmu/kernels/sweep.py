@@ -1,7 +1,7 @@
-"""Linear stage over a window of several instants: the march of one class, anew for every iterate.
+"""Linear stage over a window of several instants: the march of one class, repeated for every iterate.
 
-A class whose q has not changed up to some instant, as ``substructure.respond`` says it, keeps its solution up to there:
-the march starts from a state kept close before. States are kept every isqrt(window) + 1 instants.
+Where q of a class has changed negligibly up to some instant (criterion of ``substructure.respond``), its solution up
+to there is kept: the march starts from the last kept state before. States are kept every isqrt(window) + 1 instants.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def stride_of(window: int) -> int:
 
 @kernel
 def first_changed(pools: Any, c: int, window: int) -> int:
-    """First instant of the window whose q calls for a new solution of the class; ``window`` where none does."""
+    """First instant of the window whose q requires a new solution of the class; ``window`` where none does."""
     row, run, work = pools.classes[c], pools.run[0], pools.moving
     if work[row.known] == 0.0 or run.reuse < 0.0:
         return 0

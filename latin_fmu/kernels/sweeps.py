@@ -2,7 +2,7 @@
 
 Vectors are in elimination order, the interface dofs last: forward leaves [L^-1 b_I ; b_G - L_GI L^-1 b_I], backward
 turns [y ; x_G] into [L^-T (y - L_GI^T x_G) ; x_G]. One vector, or a tile of eight side by side. Four rows at a time are
-faster from cache, one after the other from memory (the processor fetches ahead).
+faster where the factor is in the cache; one after the other is faster from memory, which is then read in order.
 """
 
 from __future__ import annotations

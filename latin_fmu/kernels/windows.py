@@ -18,8 +18,8 @@ Array = NDArray[np.float64]
 
 @kernel
 def end_window_instant(pools: Any, instant: int, i: int) -> None:
-    """March every class over instant i of a window with the accepted q, and read it off. The linear-stage fields act,
-    whose dashpots keep the two sides of an interface together."""
+    """March every class over instant i of a window with the accepted q, and read gaps, energies and probes. The
+    tractions of the linear stage act: their dashpots k keep the two sides of an interface together."""
     run, work = pools.run[0], pools.moving
     n = run.n_flat
     q, w = work[run.q + i * n : run.q + (i + 1) * n], work[run.w + i * n : run.w + (i + 1) * n]

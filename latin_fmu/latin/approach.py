@@ -1,12 +1,13 @@
 """First guesses without inertia: loads that turn, bodies that travel far before they touch.
 
-The velocities of the last increment are a good guess as long as the loads go on as they did. Where they turn or stop
-they would set everything sliding the wrong way: ``continuation`` tells how much of them to keep.
+The velocities of the last increment are a good guess as long as the loads go on as they did. Where the loads turn or
+stop, these velocities have the wrong sign at sliding points: ``run_image.continuation`` is the share of them that the
+guess keeps.
 
-An iteration moves a body that nothing holds yet by the load over k. Where that is a small part of the gap to close, the
-iteration crawls and its acceleration misleads it. On springs soft enough to cross the gap at once, k = load / gap, all
-bodies are as good as rigid: the same loop tells in a few iterations who meets whom, and its tractions and velocities
-are the guess that the loop with the right k starts from.
+An iteration moves a body that is not held yet by the load over k. Where that is a small part of the gap to close, many
+iterations are needed, and the differences of their residuals are useless to the acceleration. On springs soft enough to
+cross the gap at once, k = load / gap, the strains of the bodies are negligible: a few iterations of the same loop find
+the faces in contact. Their tractions and velocities are the first guess of the loop with the right k.
 """
 
 from __future__ import annotations
@@ -43,18 +44,23 @@ def softening(assembly: Assembly, k: Array, gaps: list[Array]) -> float | None:
 def second_guess(
     assembly: Assembly, settings: Settings, image: Image, stages: Stages, f_hat: Array, gaps: list[Array]
 ) -> tuple[str, Array]:
-    """Where the first guess has led nowhere: a name and q (n_flat,) of the next increment.
+    """Guess after one from which the iteration has not converged: a name and q (n_flat,) of the next increment.
 
-    From rest with the last tractions ``f_hat``, or a first look on soft springs where there is far to travel; propagators
-    and image are left bound to the soft direction then.
+    From rest with the last tractions ``f_hat``; where the gap to close is large, from a first run of the iteration on
+    soft springs, which leaves propagators and image bound to the soft direction.
     """
     direction = stages.direction
     factor = softening(assembly, direction.k, gaps)
     if factor is None:
         return "from rest", f_hat
     wanted = replace(settings.search_direction, factor=factor * settings.search_direction.factor)
-    rough = replace(settings, search_direction=wanted, tolerance=max(_ROUGHLY, settings.tolerance),
-                    force_tolerance=np.inf, max_iterations=_ITERATIONS)
+    rough = replace(
+        settings,
+        search_direction=wanted,
+        tolerance=max(_ROUGHLY, settings.tolerance),
+        force_tolerance=np.inf,
+        max_iterations=_ITERATIONS,
+    )
     soft = Direction(assembly, rough, 1)
     soft.bind()
     image.bind(_SOFT, soft.run_fields(), soft.group_fields(), afresh=True)

@@ -4,9 +4,9 @@ With v = v_free + D lambda on every side, equal velocities and opposite forces o
 
     S x = v'_free - v_free,    S = D + D' assembled over all interfaces (symmetric, constant),
 
-x the nodal forces on sides E. S is factorised once. Bonds that say the same thing twice (an edge where four bodies
-meet) make it singular but leave it consistent: a shift of 1e-10 of its diagonal and iterative refinement give a
-solution of the original system.
+x the nodal forces on sides E. S is factorised once. Redundant bonds (an edge where four bodies meet) make the system
+singular but leave it consistent: a shift of 1e-10 of its diagonal and iterative refinement give a solution of the
+original system.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ LARGEST = 200_000_000
 
 
 def all_bonded(assembly: Assembly) -> bool:
-    """Whether every interface is perfect (and there is one), and S is not out of proportion."""
+    """Whether there are interfaces, all of them perfect, and S has at most ``LARGEST`` entries."""
     if (
         assembly.quasi_static
         or not assembly.interfaces
@@ -86,7 +86,7 @@ class Bonds:
 
     def incoming(self, k: Array) -> Array | None:
         """Operator (n_flat, n_flat) from the velocities without traction to q = F + k W of the bonds, for the compiled
-        march; None where it is too large, or where bonds that repeat each other make it inexact."""
+        march; None where it is too large, or where redundant bonds make it inexact."""
         n_flat = len(k)
         if n_flat > _DENSE:
             return None

@@ -56,7 +56,9 @@ class Coarse:
     def fields(self) -> dict[str, Array | sp.csr_array]:
         """What the kernels bring q and the W of the substructures to balance with."""
         return {
-            "coarse_inverse": self._inverse, "coarse_balance": self._balance, "coarse_incoming": self._incoming,
+            "coarse_inverse": self._inverse,
+            "coarse_balance": self._balance,
+            "coarse_incoming": self._incoming,
             "coarse_answer": self._answer,
         }
 

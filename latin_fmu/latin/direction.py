@@ -1,4 +1,4 @@
-"""Everything of a run that depends on the search direction: k, and what is weighted with it."""
+"""All data of a run that depend on the search direction: k, and the weights made from it."""
 
 from __future__ import annotations
 

@@ -101,7 +101,8 @@ class PointByPoint:
         self, free: Array, f_hat: Array, reaches: list[Array], rates: tuple[float, float]
     ) -> tuple[Array, Array]:
         """Tractions and velocities (n_flat,) from the velocities ``free`` without tractions and a first guess of the
-        tractions; ``reaches`` per group and ``rates`` (of elastic behaviours the second): see ``interface.behaviour``."""
+        tractions; ``reaches`` per group and ``rates`` (of elastic behaviours the second): see
+        ``interface.behaviour``."""
         f, v = f_hat.copy(), free.copy()
         for admittance, channels in zip(self._admittances, self.assembly.channels, strict=True):
             v[channels] += admittance @ f[channels]
@@ -114,9 +115,7 @@ class PointByPoint:
         return f, v
 
     @staticmethod
-    def _settle(
-        point: _Point, f: Array, v: Array, reaches: list[Array], rates: tuple[float, float]
-    ) -> None:
+    def _settle(point: _Point, f: Array, v: Array, reaches: list[Array], rates: tuple[float, float]) -> None:
         """One point, everything else held: f and v are brought up to date."""
         first, second = (side.channels for side in point.sides)
         group, old = point.group, f[first]

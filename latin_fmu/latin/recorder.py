@@ -87,7 +87,12 @@ class Recorder:
                 gap[now] = gaps[:, at : at + group.n_point]
             at += group.n_point
         if self._slide:
-            probes.read(assembly, now, [image.output(c, "probed", "n_probe")[rows] for c in self._classes], self._slide)
+            probes.read(
+                assembly,
+                now,
+                [image.output(c, "probed", "n_probe")[rows] for c in self._classes],
+                self._slide,
+            )
         if self._wanted.energy:
             for c, kept in enumerate(self._energy):
                 kept.append(image.output(c, "energies", 6)[rows].copy())

@@ -31,35 +31,58 @@ def make_image(assembly: Assembly, settings: Settings, direction: Direction, pro
     layout, static = assembly.layout, assembly.quasi_static
     ground, _, _ = assembly.ground_tables()
     run: dict[str, Any] = {
-        "n_interface": len(assembly.interfaces), "n_ground": len(ground), "depth": settings.anderson_depth,
-        "max_iterations": settings.max_iterations, "tangential": int(not layout.normal.all()),
-        "layers": int(any(g.behaviour.elastic for g in layout.groups)), "static": int(static),
-        "area": layout.area, "interface": layout.interface, "ground": ground,
-        # without inertia there is no energy to add: a penetration the tolerance has left is pushed out
+        "n_interface": len(assembly.interfaces),
+        "n_ground": len(ground),
+        "depth": settings.anderson_depth,
+        "max_iterations": settings.max_iterations,
+        "tangential": int(not layout.normal.all()),
+        "layers": int(any(g.behaviour.elastic for g in layout.groups)),
+        "static": int(static),
+        "area": layout.area,
+        "interface": layout.interface,
+        "ground": ground,
+        # without inertia no energy is added where a penetration within the tolerance is pushed out
         "deepest": -np.inf if static else 0.0,
         "longest_step": _LONGEST_STATIC if static else np.inf,
-        "n_coarse": 0 if direction.coarse is None else direction.coarse.size, "direct_bonds": 0,
-        **rules(settings), "rest_traction": assembly.rest_traction,
+        "n_coarse": 0 if direction.coarse is None else direction.coarse.size,
+        "direct_bonds": 0,
+        **rules(settings),
+        "rest_traction": assembly.rest_traction,
     }
     groups = [
         {
-            "law": law_of(group.behaviour), "elastic": int(group.behaviour.elastic), "opens": int(group.behaviour.opens),
-            "start": group.start, "n_point": group.n_point, "n_component": group.n_component,
-            "n_parameter": group.parameters.shape[1], "parameters": group.parameters.astype(float), "initial_gap": group.gap,
+            "law": law_of(group.behaviour),
+            "elastic": int(group.behaviour.elastic),
+            "opens": int(group.behaviour.opens),
+            "start": group.start,
+            "n_point": group.n_point,
+            "n_component": group.n_component,
+            "n_parameter": group.parameters.shape[1],
+            "parameters": group.parameters.astype(float),
+            "initial_gap": group.gap,
         }
         for group in layout.groups
     ]
     window = settings.window or assembly.n_instant
     return Image(
-        assembly.propagators, assembly.channels, layout.normal, probes.rows, run, groups, min(window, assembly.n_instant),
-        len(assembly.time), histories(assembly),
+        assembly.propagators,
+        assembly.channels,
+        layout.normal,
+        probes.rows,
+        run,
+        groups,
+        min(window, assembly.n_instant),
+        len(assembly.time),
+        histories(assembly),
     )
 
 
 def rules(settings: Settings) -> dict[str, float]:
-    """Numbers of the run's record that a run may change."""
+    """Numbers of the record of the run that may change during it."""
     return {
-        "tolerance": settings.tolerance, "force_tolerance": settings.force_tolerance, "relaxation": settings.relaxation,
+        "tolerance": settings.tolerance,
+        "force_tolerance": settings.force_tolerance,
+        "relaxation": settings.relaxation,
         "reuse": negligible(settings),
     }
 
@@ -79,8 +102,11 @@ def histories(assembly: Assembly) -> dict[str, Array]:
     layer_v, layer_a = (float(scheme.layer_jump(zero, *va, dt)[0][0]) for va in ((one, zero), (zero, one)))
     going_on = continuation(assembly) if assembly.quasi_static else np.ones(len(assembly.time))
     return {
-        "ground_velocity": velocity, "ground_displacement": displacement, "ground_acceleration": acceleration,
-        "ground_layer": displacement + layer_v * velocity + layer_a * acceleration, "continuation": going_on,
+        "ground_velocity": velocity,
+        "ground_displacement": displacement,
+        "ground_acceleration": acceleration,
+        "ground_layer": displacement + layer_v * velocity + layer_a * acceleration,
+        "continuation": going_on,
     }
 
 
@@ -101,5 +127,6 @@ def continuation(assembly: Assembly) -> Array:
     for velocity in assembly.ground.values():
         ground[1:] |= np.einsum("ti,ti->t", velocity[1:], velocity[:-1]) > 0.0
     part = np.divide(along, size, out=ground.astype(float), where=(size > 0) & (change > 0))
-    part[:2] = 1.0  # the start of a run has no velocities, that of a segment goes on
-    return np.clip(part, 0.0, 1.0)
+    part[:2] = 1.0  # at the start of a run there are no velocities; a segment continues the one before
+    share: Array = np.clip(part, 0.0, 1.0)
+    return share

@@ -1,9 +1,9 @@
 """The LATIN loop over one window from Python, with its fall-back chain.
 
-The stages are those of ``kernels.iteration``, called one by one: for observers, laws written in Python, factors that the
-kernels do not hold, and windows in which the iteration stalls. A stalled acceleration gives way to Newton's method
-(without inertia), to relaxation 1/2 from the best iterate, and in windows of one instant to a solution point by point;
-the best iterate, never the last, is what a window that does not converge returns.
+The stages are those of ``kernels.iteration``, called one by one: for observers, laws written in Python, factors that
+the kernels do not hold, and windows in which the iteration stalls. A stalled acceleration is followed by Newton's
+method (without inertia), by relaxation 1/2 from the best iterate, and in windows of one instant by a solution point by
+point. A window that does not converge returns its best iterate, which need not be the last.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from .settings import Settings
 
 RELAXED, POINT_BY_POINT, NEWTON = "relaxation 1/2", "points one after the other", "Newton-Krylov"
 _NEWTON = 3  # iterations of the Newton-Krylov fall-back, in max_iterations
-_LAST_WORD = 20  # iterations after the last fall-back
+_AFTER_LAST = 20  # iterations after the last fall-back
 
 
 @dataclass
@@ -41,7 +41,7 @@ class Iterate:
 
 @dataclass(frozen=True)
 class IterationEvent:
-    """What an observer is given after each iteration (fields of the window's instants).
+    """Argument of an observer after each iteration (fields of the instants of the window).
 
     ``f_hat``, ``w_hat`` : (n, n_flat) local-stage tractions and velocities. ``trial`` marches the linear stage
     of this iterate, calling its argument at each instant.
@@ -63,8 +63,8 @@ class Slide:
     """Relaxation 1/2 with run-ups, for bodies that slide or topple back to where they stick under a small excess of
     force: the residual is the same iteration after iteration, and so is the step.
 
-    Every ``PERIOD`` iterations that changed nothing the last step is taken many times at once, twice as many as the
-    time before; the relaxations in between take out what else the run-up has stirred up.
+    After every ``PERIOD`` iterations with nearly the same residual the step is taken many times at once, twice as many
+    as the time before. The relaxations in between reduce the other errors that this step has caused.
 
     Parameters
     ----------
@@ -131,7 +131,9 @@ class Stages:
         reach = image.group_field(g, "reach", *(shape if elastic else shape[:1]))
         rate = image.run[0]["layer_rate"] if elastic else 1.0 / image.run[0]["dt"]
         z = self.direction.group_fields()[g]["z_sum"]
-        traction = group.behaviour.local(image.group_field(g, "jump", *shape).copy(), z, reach.copy(), float(rate), group.parameters)
+        traction = group.behaviour.local(
+            image.group_field(g, "jump", *shape).copy(), z, reach.copy(), float(rate), group.parameters
+        )
         image.group_field(g, "traction", *shape)[...] = traction
 
     def judge(self, phase: int, iteration: int, accelerated: bool) -> int:
@@ -144,13 +146,17 @@ class Stages:
 
     def iterate(self) -> Iterate:
         """A copy of the last iterate."""
-        fields = [self.field(name).copy() for name in ("q", "local_f", "local_w", "r")]
+        q, f_hat, w_hat, residual = (self.field(name).copy() for name in ("q", "local_f", "local_w", "r"))
         measures = self.measures()
-        return Iterate(*fields, float(measures[0]), measures)
+        return Iterate(q, f_hat, w_hat, residual, float(measures[0]), measures)
 
     def put(self, iterate: Iterate) -> None:
         """Make an iterate the last one."""
-        for name, values in zip(("q", "local_f", "local_w", "r"), (iterate.q, iterate.f_hat, iterate.w_hat, iterate.residual), strict=True):
+        for name, values in zip(
+            ("q", "local_f", "local_w", "r"),
+            (iterate.q, iterate.f_hat, iterate.w_hat, iterate.residual),
+            strict=True,
+        ):
             self.field(name)[...] = values
         self.image.field("measure", 8)[:] = iterate.measures
 
@@ -161,7 +167,7 @@ class WindowSolver:
     Parameters
     ----------
     observer : called after each iteration. progress : called with iteration and indicator after each iteration.
-    trial : marches the linear stage of the last iterate without consequences (``Run.trial``).
+    trial : marches the linear stage of the last iterate and restores the state after it (``Run._trial``).
     """
 
     def __init__(
@@ -218,7 +224,7 @@ class WindowSolver:
                 stages.put(best)
                 self._step(stages, 0, slide, True)
             else:
-                limit = record.iterations + _LAST_WORD
+                limit = record.iterations + _AFTER_LAST
                 self._point_by_point(stages, best)
         stages.put(best)
         return best
@@ -237,8 +243,10 @@ class WindowSolver:
             return NEWTON
         if RELAXED not in used and not exhausted:
             return RELAXED
-        wanted = self._settings.max_iterations >= PATIENCE  # fewer: a look at the iteration, not an answer
-        # without inertia a floating body has no admittance to go from point to point with
+        wanted = (
+            self._settings.max_iterations >= PATIENCE
+        )  # fewer: the iteration is studied, no solution is wanted
+        # without inertia a floating body has no admittance, which the solution point by point needs
         wanted = wanted and stages.n == 1 and not self._static
         return POINT_BY_POINT if wanted and POINT_BY_POINT not in used else None
 
@@ -248,7 +256,9 @@ class WindowSolver:
         image.call(entries.FREE_MOTION, stages.first)
         free = image.field("w", image.n_flat).copy()
         reaches = [
-            image.group_field(g, "reach", group.n_point, group.n_component if group.behaviour.elastic else 1).copy()
+            image.group_field(
+                g, "reach", group.n_point, group.n_component if group.behaviour.elastic else 1
+            ).copy()
             for g, group in enumerate(direction.assembly.layout.groups)
         ]
         rates = float(1.0 / image.run[0]["dt"]), float(image.run[0]["layer_rate"])
@@ -256,7 +266,7 @@ class WindowSolver:
         stages.field("q")[0] = direction.incoming(f_hat, w_hat)
 
     def _newton(self, stages: Stages, best: Iterate, record: WindowRecord) -> None:
-        """q where Newton's method has come to; each of its products counts as an iteration."""
+        """q after Newton's method; each of its products counts as an iteration."""
 
         def evaluate(q: Array) -> tuple[Array, Array]:
             stages.field("q")[...] = q
@@ -268,7 +278,9 @@ class WindowSolver:
 
         settings, direction = self._settings, stages.direction
         weight = np.where(direction.k > 0, np.sqrt(direction.metric), 0.0)
-        stages.field("q")[...] = newton(evaluate, best.q, weight, settings.tolerance, _NEWTON * settings.max_iterations)
+        stages.field("q")[...] = newton(
+            evaluate, best.q, weight, settings.tolerance, _NEWTON * settings.max_iterations
+        )
 
     def _report(self, number: int, record: WindowRecord, stages: Stages) -> None:
         error = record.error_indicator[-1]

@@ -29,23 +29,24 @@ from .recorder import Recorder
 from .run_image import histories, make_image
 from .settings import Settings
 from .slide_probes import SlideProbes
-from .solver import Iterate, Observer, Stages, WindowSolver
+from .solver import Observer, Stages, WindowSolver
 from .start import start
 from .threads import Threads
 from .window_list import WindowList
 
 # Stop the run if a window ends with sqrt(eta) above this value.
 HOPELESS = 0.3
-_FIRST = 16  # instants of the first call, which tells how long they take
-_SECONDS = 0.2  # aimed at per call, so that progress is shown and an interruption is heard
-_ONE, _LONG, _BONDS = 1, 2, 3  # search directions: windows of one instant, longer ones, perfect interfaces at once
+_FIRST = 16  # instants of the first call, whose time sets the number of those of the next calls
+_SECONDS = 0.2  # aimed at per call: progress is shown and interruptions are handled between calls
+# search directions: windows of one instant, longer ones, perfect interfaces at once
+_ONE, _LONG, _BONDS = 1, 2, 3
 
 Progress = Callable[[int, int, int, float], None]  # windows done, windows, iteration, indicator
 
 
 @dataclass
 class RunState:
-    """How the windows went so far."""
+    """Records and counts of the windows so far."""
 
     windows: WindowList = field(default_factory=WindowList)
     marched: int = 0  # substructure-instants
@@ -58,7 +59,7 @@ class Run:
 
     Parameters
     ----------
-    assembly, settings : what and how. recorder : keeps the accepted fields.
+    assembly, settings : the problem and the rules of its solution. recorder : keeps the accepted fields.
     observer : called after each iteration. progress : called after each iteration with window counts.
     """
 
@@ -98,11 +99,14 @@ class Run:
         if scales is None:
             scales = self._negligible()
         self.image.field("scales", 3)[:] = scales
-        self._threads = Threads([float(r["n_panels"] * r["m"]) for r in self.image.classes], self.settings.threads)
+        self._threads = Threads(
+            [float(r["n_panels"] * r["m"]) for r in self.image.classes], self.settings.threads
+        )
         self._per_instant, self._refused = 0.0, False
 
     def _negligible(self) -> Array:
-        """Scales of negligible fields, relative to the largest load: eta's denominator, normal and tangential forces."""
+        """Scales of negligible fields, relative to the largest load: denominator of eta, normal and tangential
+        forces."""
         image, level = self.image, self.direction(1).level
         image.field("local_f", image.n_flat)[:], image.field("r", image.n_flat)[:] = level, 0.0
         measures = image.field("measure", 8)
@@ -126,7 +130,8 @@ class Run:
         return self.image.field("w_hat", self.image.n_flat)
 
     def handed_on(self) -> list[tuple[str, int]]:
-        """Names and sizes of the fields of the image that the next segment starts from, beside the propagators' states."""
+        """Names and sizes of the fields of the image that the next segment starts from, beside the states of the
+        propagators."""
         return [("f_hat", self.image.n_flat), ("w_hat", self.image.n_flat), ("scales", 3), ("carry", 1)]
 
     def direction(self, n: int) -> Direction:
@@ -137,7 +142,7 @@ class Run:
         return self._directions[key]
 
     def _use(self, key: int) -> None:
-        """Let propagators and image use a search direction."""
+        """Bind propagators and image to a search direction."""
         direction = self.direction(2 if key == _LONG else 1)
         direction.bind()
         if key == _BONDS:
@@ -164,7 +169,7 @@ class Run:
         self.recorder.start(self.assembly, self.image, self._probes)
 
     def choices(self) -> dict[str, str]:
-        """What was chosen automatically."""
+        """Automatic choices, in words."""
         kinds = {_ONE: "windows of one instant", _LONG: "longer windows"}
         if self._bonds is not None:
             return {"bonds": "one linear solve per instant"}
@@ -177,7 +182,7 @@ class Run:
 
     # -- windows ------------------------------------------------------------------------------------------------
     def all(self) -> None:
-        """Solve every window of the interval; stops after one whose best iterate is far from any answer."""
+        """Solve every window of the interval; stops after one whose best iterate is far from a solution (HOPELESS)."""
         total = self.assembly.n_instant
         length = self.settings.window or total
         count = -(-total // length)
@@ -197,7 +202,7 @@ class Run:
                 number += 1
 
     def _compiles(self) -> bool:
-        """Whether the kernels hold every factor, know every law, and the bonds where those are solved at once."""
+        """Whether the kernels hold every factor and every law, and the bonds where those are solved at once."""
         if self._bonds is not None and self._single != _BONDS:
             return False
         return self.image.factored and all(g["law"] >= 0 for g in self.image.groups)
@@ -210,7 +215,9 @@ class Run:
         n = min(n, image.rows, longest, recorder.instants_unseen())
         first, before = assembly.instant + 1, clock.perf_counter()
         image.set({"first_row": first})
-        done = self._march_together(first, n) if self._threads.several else image.call(entries.MARCH, first, n)
+        done = (
+            self._march_together(first, n) if self._threads.several else image.call(entries.MARCH, first, n)
+        )
         if done:
             self._step_to(first + done - 1)
             recorder.kept(assembly, image, self._probes, done)
@@ -285,14 +292,14 @@ class Run:
             self._count(before)
             return self._one_by_one(record, n, number, count)
         if not record.converged:
-            # NaN included; without inertia a state that is no equilibrium leads nowhere
+            # NaN included; without inertia nothing can follow a state that is no equilibrium
             self.stopped = self.assembly.quasi_static or not accepted.error <= HOPELESS
             if self.stopped:
                 image.call(entries.REWIND)
                 state.windows.append(record)
                 self._count(before)
                 return record
-        self._end_window(stages, accepted, record)
+        self._end_window(stages, record)
         self._count(before)
         return record
 
@@ -307,18 +314,21 @@ class Run:
             image.call(entries.FIRST_GUESS, stages.first)
             if self._bonds is not None and self._single != _BONDS:  # too many for one matrix, or redundant
                 image.call(entries.FREE_MOTION, stages.first)
-                stages.field("q")[0] = self._bonds.guess(image.field("w", image.n_flat).copy(), stages.direction.k)
+                stages.field("q")[0] = self._bonds.guess(
+                    image.field("w", image.n_flat).copy(), stages.direction.k
+                )
             return
         stages.field("q")[...] = stages.direction.incoming(self.f_hat, self.w_hat)
 
-    def _end_window(self, stages: Stages, accepted: Iterate, record: WindowRecord) -> None:
+    def _end_window(self, stages: Stages, record: WindowRecord) -> None:
         """Move the substructures to the end of the window and keep its fields."""
         image, n, first = self.image, stages.n, stages.first
         scales = image.field("scales", 3).copy()
         image.call(entries.ACCEPT, n)
         if not record.converged:
             image.field("scales", 3)[:] = scales  # a failed iterate must not loosen the windows that follow
-        image.field("carry", 1)[0] = float(APPROACH not in record.fallbacks)  # bodies that travelled far have arrived
+        # bodies that travelled far have arrived
+        image.field("carry", 1)[0] = float(APPROACH not in record.fallbacks)
         if n > 1:
             image.call(entries.REWIND)
         image.set({"first_row": first})
@@ -411,7 +421,7 @@ class Run:
             self._observer, self._progress = observer, progress
             image.state[:] = kept
             self._move(begun)
-        if self.stopped:  # no guess to be had: start from the last values
+        if self.stopped:  # there is no guess: the window starts from the last values
             self.stopped = False
             return None
         direction = self.direction(n)

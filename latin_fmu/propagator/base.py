@@ -4,15 +4,15 @@ Every substructure model and time scheme reduces, at the new instant, to
 
     v = v_free + D lambda
 
-on the channels of all interfaces of the substructure together; D is constant for a time step. One instant stands in
-``kernels.substructure``; a propagator is a handle on its class in the image of a run. Rules
+on the channels of all interfaces of the substructure together; D is constant for a time step. The march over one
+instant is in ``kernels.substructure``; a propagator is a handle on its class in the image of a run. Rules:
 
 1. ``predict`` marches to the next instant under its loads; ``respond`` gives W for an incoming q = F + k W, with the k
    of the last ``bind``; ``commit`` ends the instant with the tractions found.
 2. ``operators`` is the same object as long as the time step is.
 3. Everything is linear in loads, initial values and tractions; members do not depend on each other.
-4. ``snapshot``/``restore`` within a segment, ``get_state``/``set_state`` between segments hold all that the next instant
-   needs: a march that goes on from them is the same to the last bit.
+4. ``snapshot``/``restore`` within a segment, ``get_state``/``set_state`` between segments hold all that the next
+   instant needs: a march that goes on from them is the same to the last bit.
 5. ``channel_displacement`` is what gaps are read from (``TimeScheme.gap_lead`` ahead of the instant).
 6. The account of energies closes with the scheme's own identity (``kernels.energy``).
 
@@ -40,7 +40,7 @@ _STEPS_KEPT = 4
 
 
 class MassFactor(Protocol):
-    """What solves with the mass matrix, at the start only."""
+    """Solver with the mass matrix, used at the start only."""
 
     def solve(self, b: Array) -> Array:
         """M^-1 b for b (n_dof, m)."""
@@ -48,7 +48,8 @@ class MassFactor(Protocol):
 
 
 class Motion(NamedTuple):
-    """Displacements, velocities, accelerations and residual forces (n_dof, n_member) at an instant, m, m s-1, m s-2, N."""
+    """Displacements, velocities, accelerations and residual forces (n_dof, n_member) at an instant; m, m s-1, m s-2,
+    N."""
 
     instant: int
     u: Array
@@ -80,7 +81,11 @@ class Propagator(ABC):
     dt: float
 
     def __init__(
-        self, members: Sequence[SubstructureModel], scheme: TimeScheme, dt: float, energy: bool,
+        self,
+        members: Sequence[SubstructureModel],
+        scheme: TimeScheme,
+        dt: float,
+        energy: bool,
         kept: list[tuple[float, Any]] | None = None,
     ) -> None:
         self.members = list(members)
@@ -211,7 +216,7 @@ class Propagator(ABC):
 
     # -- the class in the image of a run ------------------------------------------------------------------------
     def attach(self, image: Image, number: int) -> None:
-        """Let the motion stand in an image, as its class ``number``."""
+        """Move the motion into an image, as its class ``number``."""
         own, account = dict(zip(("u", "v", "a", "residual"), self.state[1:], strict=True)), self._energy()
         self._image, self._class, self._own = image, number, {}
         self._alone_since = None
@@ -224,7 +229,10 @@ class Propagator(ABC):
         if self._image is None:
             return
         self._account = None if self._energy() is None else self._energy().copy()  # type: ignore[union-attr]
-        self._own = {name: field.copy() for name, field in zip(("u", "v", "a", "residual"), self.state[1:], strict=True)}
+        self._own = {
+            name: field.copy()
+            for name, field in zip(("u", "v", "a", "residual"), self.state[1:], strict=True)
+        }
         self._image = None
 
     def _part(self, first: str, size: int) -> Array:
@@ -252,7 +260,9 @@ class Propagator(ABC):
         if self._image is None:
             return Motion(self.instant, **self._own)
         shape = self.n_dof, len(self.members)
-        fields = [self._part(name, shape[0] * shape[1]).reshape(shape) for name in ("u", "v", "a", "residual")]
+        fields = [
+            self._part(name, shape[0] * shape[1]).reshape(shape) for name in ("u", "v", "a", "residual")
+        ]
         return Motion(self.instant, *fields)
 
     def _set(self, u: Array, v: Array, a: Array | None = None, residual: Array | None = None) -> None:
@@ -279,7 +289,10 @@ class Propagator(ABC):
         if self._image is None:
             m = len(self.members)
             flat = np.arange(self.n_channel * m, dtype=np.int64).reshape(self.n_channel, m)
-            run = {"area": np.repeat(self.operators.area, m), "static": int(self.scheme.name == "quasi_static")}
+            run = {
+                "area": np.repeat(self.operators.area, m),
+                "static": int(self.scheme.name == "quasi_static"),
+            }
             self._image = Image([self], [flat], np.ones(flat.size, dtype=bool), run=run)
             self._alone_since = object()
         image = self._image
@@ -301,7 +314,11 @@ class Propagator(ABC):
         image = self._alone()
         image.set({"first_row": self.instant + 1})
         image.predict(self._class, self.instant + 1)
-        return self._part("w_free", self.n_channel * len(self.members)).reshape(self.n_channel, len(self.members)).copy()
+        return (
+            self._part("w_free", self.n_channel * len(self.members))
+            .reshape(self.n_channel, len(self.members))
+            .copy()
+        )
 
     def respond(self, q: Array) -> Array:
         """W for q after ``predict``."""
@@ -350,11 +367,11 @@ class Propagator(ABC):
         model = self.members[member]
         return model.node_values(model.expansion @ field[:, member] + imposed[:, member])
 
-    def sample(self) -> None:
-        """Add the present state to what ``remarks`` are made from."""
+    def sample(self) -> None:  # noqa: B027, most propagators have no remarks
+        """Add the present state to the data of ``remarks``."""
 
     def remarks(self) -> list[str]:
-        """What a reader of the results should know of this propagator's accuracy."""
+        """Sentences on the accuracy of the results of this propagator."""
         return []
 
     # -- windows and segments -----------------------------------------------------------------------------------

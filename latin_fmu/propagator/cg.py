@@ -20,7 +20,7 @@ class CgPropagator(DirectPropagator):
     ) -> None:
         super().__init__([m.with_factor("cg") for m in members], scheme, dt, energy)
 
-    def mass_factor(self) -> ConjugateGradients:  # type: ignore[override]
+    def mass_factor(self) -> ConjugateGradients:
         """Solver with M."""
         mass = self.operators.mass
         if self.operators.massless.size:  # they start without acceleration

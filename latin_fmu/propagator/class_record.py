@@ -69,7 +69,8 @@ def put_symmetric(
     if held is None:
         held = known[id(matrix.indices)] = lower_pattern(matrix), matrix.indices
     lower: LowerPattern = held[0]
-    diagonal, there = np.zeros(matrix.shape[0]), lower.on_diagonal >= 0  # a rigid body's stiffness has no entry
+    # the stiffness of a rigid body has no entry on the diagonal
+    diagonal, there = np.zeros(matrix.shape[0]), lower.on_diagonal >= 0
     diagonal[there] = matrix.data[lower.on_diagonal[there]]
     row[f"{name}_rows"] = int(matrix.shape[0])
     row[f"{name}_starts"] = block.put(lower.starts, np.int64)
@@ -106,8 +107,10 @@ def symmetric(matrix: Array, picked: Index, m: int, diagonal: bool) -> Array:
     return lower
 
 
-def constants(block: Block, propagator: Any, flat: Index, probe: sp.csr_array | None, normal: NDArray[np.bool_]) -> Row:
-    """Sizes of a class and all that stays as long as the time step does, put into the fixed block.
+def constants(
+    block: Block, propagator: Any, flat: Index, probe: sp.csr_array | None, normal: NDArray[np.bool_]
+) -> Row:
+    """Sizes of a class and the arrays that are constant for a time step, put into the fixed block.
 
     Parameters
     ----------
@@ -120,8 +123,14 @@ def constants(block: Block, propagator: Any, flat: Index, probe: sp.csr_array | 
     static = propagator.scheme.name == "quasi_static"
     motions = propagator.members[0].imposed_pattern.shape[1]
     row: Row = {
-        "n": propagator.n_dof, "m": m, "n_inner": len(ops.dofs), "n_channel": len(flat), "n_live": len(live),
-        "n_massless": len(ops.massless), "n_probe": 0 if probe is None else int(probe.shape[0]), "n_motion": motions,
+        "n": propagator.n_dof,
+        "m": m,
+        "n_inner": len(ops.dofs),
+        "n_channel": len(flat),
+        "n_live": len(live),
+        "n_massless": len(ops.massless),
+        "n_probe": 0 if probe is None else int(probe.shape[0]),
+        "n_motion": motions,
         "kind": STATIC if static else EXPLICIT if propagator.scheme.explicit else DIRECT,
         "accounted": int(propagator.energy),
     }
@@ -140,7 +149,9 @@ def constants(block: Block, propagator: Any, flat: Index, probe: sp.csr_array | 
     if not static:
         row["plain_inverse"] = plain = int(inverse.ndim == 1 or is_diagonal(inverse))
         every = np.arange(row["n_inner"])
-        row["schur_inverse"] = block.put(inverse if inverse.ndim == 1 else symmetric(inverse, every, m, bool(plain)))
+        row["schur_inverse"] = block.put(
+            inverse if inverse.ndim == 1 else symmetric(inverse, every, m, bool(plain))
+        )
     row["plain_response"] = plain = int(is_diagonal(propagator.condensed) and is_diagonal(ops.compliance))
     is_normal = normal[flat[live]]
     assert (is_normal == is_normal[:, :1]).all(), "identical substructures with unlike interfaces"
@@ -152,7 +163,10 @@ def constants(block: Block, propagator: Any, flat: Index, probe: sp.csr_array | 
     )
     if isinstance(ops.trace, np.ndarray):
         row["dense_trace"] = 1
-        row["trace_table"], row["spread_table"] = block.put(ops.trace), block.put(np.ascontiguousarray(ops.trace.T))
+        row["trace_table"], row["spread_table"] = (
+            block.put(ops.trace),
+            block.put(np.ascontiguousarray(ops.trace.T)),
+        )
         row["normal_table"] = block.put(ops.trace[blocks[0]])
     else:
         put_matrix(block, row, "trace", ops.trace)
@@ -163,17 +177,24 @@ def constants(block: Block, propagator: Any, flat: Index, probe: sp.csr_array | 
 
 
 def _factor(block: Block, row: Row, factor: Any) -> None:
-    """What the substitutions read; a diagonal matrix has all dofs on the interface and no supernode."""
+    """Arrays of the substitutions; a diagonal matrix has all dofs on the interface and no supernode."""
     row["factored"] = 1
     if isinstance(factor, CholeskyFactor):
         shape = factor.symbolic
         row |= {
-            "n_interior": shape.n_interior, "n_super": len(shape.first) - 1, "grouped": int(factor.grouped),
-            "n_rows": len(shape.rows), "n_panels": factor.panels.size, "single": int(factor.dtype == np.float32),
+            "n_interior": shape.n_interior,
+            "n_super": len(shape.first) - 1,
+            "grouped": int(factor.grouped),
+            "n_rows": len(shape.rows),
+            "n_panels": factor.panels.size,
+            "single": int(factor.dtype == np.float32),
         }
         for name, array in (
-            ("first", shape.first), ("row_start", shape.row_start), ("rows", shape.rows),
-            ("panel_start", shape.panel_start), ("order", shape.order),
+            ("first", shape.first),
+            ("row_start", shape.row_start),
+            ("rows", shape.rows),
+            ("panel_start", shape.panel_start),
+            ("order", shape.order),
         ):
             row[name] = block.put(array, np.int64)
         row["panels"] = block.put(factor.panels, np.float32 if factor.dtype == np.float32 else np.float64)
@@ -194,7 +215,12 @@ def _borders(block: Block, row: Row, propagator: Any) -> None:
         put_symmetric(block, row, "dashpots", reduced, {})
     if not row["n_motion"]:
         return
-    matrices = {"mass": model.mass, "stiffness": model.stiffness, "damping": model.damping, "dashpots": dashpots}
+    matrices = {
+        "mass": model.mass,
+        "stiffness": model.stiffness,
+        "damping": model.damping,
+        "dashpots": dashpots,
+    }
     for name, matrix in matrices.items():
         if matrix is None:
             matrix = sp.csr_array((model.n_full, model.n_full))
@@ -231,12 +257,27 @@ def work(block: Block, row: Row, window: int, stride: int) -> None:
     n, m, c, g = row["n"], row["m"], row["n_channel"], row["n_inner"]
     wide = (n + row["n_motion"]) * m
     sizes = {
-        "marched": 1, "passed": 1, "u_free": n * m, "v_free": n * m, "load": n * m, "mass_a": n * m,
-        "sweep": padded(m) * n, "inner": g * m, "inner_answer": g * m, "free_a": g * m, "w_free": c * m,
-        "seen": window * c * m, "answered": window * c * m, "known": 1,
+        "marched": 1,
+        "passed": 1,
+        "u_free": n * m,
+        "v_free": n * m,
+        "load": n * m,
+        "mass_a": n * m,
+        "sweep": padded(m) * n,
+        "inner": g * m,
+        "inner_answer": g * m,
+        "free_a": g * m,
+        "w_free": c * m,
+        "seen": window * c * m,
+        "answered": window * c * m,
+        "known": 1,
         "kept_states": row["n_state"] * (window // stride + 1) if window > 1 else 0,
-        "channel": c * m, "answer": c * m, "vectors": 2 * m * row["n_live"], "answers": 2 * m * max(row["n_live"], c),
-        "tile": (max(n, c) + SPARE) * LANES, "extended": 8 * wide * row["accounted"],
+        "channel": c * m,
+        "answer": c * m,
+        "vectors": 2 * m * row["n_live"],
+        "answers": 2 * m * max(row["n_live"], c),
+        "tile": (max(n, c) + SPARE) * LANES,
+        "extended": 8 * wide * row["accounted"],
     }
     for name, size in sizes.items():
         row[name] = block.reserve(size)
@@ -244,7 +285,7 @@ def work(block: Block, row: Row, window: int, stride: int) -> None:
 
 
 def histories(block: Block, row: Row, propagator: Any) -> None:
-    """What drives the class over a segment of time."""
+    """Loads and prescribed motions of the class over a segment of time."""
     forcing, m = propagator.forcing, row["m"]
     constant, terms = forcing.sums(propagator.members[0].trace, propagator.dashpots)
     row["driven"] = int(row["kind"] == STATIC or forcing.moves or bool(constant.any()))

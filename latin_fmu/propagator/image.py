@@ -1,15 +1,15 @@
 """The image of a run: records and blocks of memory that hold everything its kernels read and write.
 
-The layout is that of ``kernels.records``. ``fixed`` is filled when the operators of a time step and the search directions
-are known; ``moving`` holds state, work, output and the histories of the present segment, in this order, so that a new
-segment changes its end only.
+The layout is that of ``kernels.records``. ``fixed`` is filled when the operators of a time step and the search
+directions are known. ``moving`` holds state, work, output and the histories of the present segment, in this order, so
+that a new segment changes its end only.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from math import isqrt
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import scipy.sparse as sp
@@ -29,10 +29,11 @@ _ROWS = (16, 512)  # and rows at least and at most
 
 
 def coefficients(scheme: Any, dt: float) -> Fields:
-    """Numbers of ``records.RUN_NUMBERS`` that a time scheme brings for a step: the factors of its linear recursions,
-    read off its own functions."""
+    """Numbers of ``records.RUN_NUMBERS`` that belong to a time scheme and a step: the factors of its linear recursions,
+    which are the values of its own functions for unit arguments."""
     zero, one = np.zeros(1), np.ones(1)
-    late = 0.5 * dt if scheme.explicit else 0.0  # half of the step is made before the forces are known, half after
+    # half of an explicit step is made before the forces are known, half after
+    late = 0.5 * dt if scheme.explicit else 0.0
     u_v, _ = scheme.predict(zero, one, zero, dt)
     u_a, v_a = scheme.predict(zero, zero, one, dt)
     w = [
@@ -41,33 +42,52 @@ def coefficients(scheme: Any, dt: float) -> Fields:
     ]
     layer_v, layer_a = (scheme.layer_jump(zero, *va, dt)[0] for va in ((one, zero), (zero, one)))
     follow = [
-        scheme.advance_opening(zero, v, a, new, dt) for v, a, new in ((one, zero, zero), (zero, one, zero), (zero, zero, one))
+        scheme.advance_opening(zero, v, a, new, dt)
+        for v, a, new in ((one, zero, zero), (zero, one, zero), (zero, zero, one))
     ]
     forces, accelerations = scheme.energy_weights()
     numbers = {
-        "dt": dt, "u_v": u_v - late, "u_a": u_a, "v_a": v_a, "velocity_gain": scheme.velocity_gain(dt),
-        "displacement_gain": scheme.displacement_gain(dt), "interface_gain": scheme.interface_gain(dt),
-        "force_weight": scheme.force_weight, "memory_weight": scheme.memory_weight, "w_u_old": w[0], "w_u": w[1],
-        "w_v": w[2], "u_late": late, "gap_lead": scheme.gap_lead(dt), "layer_v": layer_v, "layer_a": layer_a,
+        "dt": dt,
+        "u_v": u_v - late,
+        "u_a": u_a,
+        "v_a": v_a,
+        "velocity_gain": scheme.velocity_gain(dt),
+        "displacement_gain": scheme.displacement_gain(dt),
+        "interface_gain": scheme.interface_gain(dt),
+        "force_weight": scheme.force_weight,
+        "memory_weight": scheme.memory_weight,
+        "w_u_old": w[0],
+        "w_u": w[1],
+        "w_v": w[2],
+        "u_late": late,
+        "gap_lead": scheme.gap_lead(dt),
+        "layer_v": layer_v,
+        "layer_a": layer_a,
         "layer_rate": 1 / scheme.layer_jump(zero, zero, zero, dt)[1],
-        "opening_v": follow[0][0], "opening_a": follow[1][0], "opening_new": follow[2][0],
-        "rate_v": follow[0][1], "rate_a": follow[1][1], "rate_new": follow[2][1],
-        "energy_before": forces[0], "energy_old": forces[1], "energy_new": forces[2],
-        "energy_a_old": accelerations[0], "energy_a_new": accelerations[1],
+        "opening_v": follow[0][0],
+        "opening_a": follow[1][0],
+        "opening_new": follow[2][0],
+        "rate_v": follow[0][1],
+        "rate_a": follow[1][1],
+        "rate_new": follow[2][1],
+        "energy_before": forces[0],
+        "energy_old": forces[1],
+        "energy_new": forces[2],
+        "energy_a_old": accelerations[0],
+        "energy_a_new": accelerations[1],
         "inertia_dissipation": scheme.inertia_dissipation(dt),
     }
     return {name: float(np.asarray(value).reshape(-1)[0]) for name, value in numbers.items()}
 
 
 class Image:
-    """Records and blocks of the classes of substructures of a run, and of what stands between them.
+    """Records and blocks of the classes of substructures of a run and of the interfaces between them.
 
     Parameters
     ----------
     propagators : one per class, begun. channels : per class the places (n_channel, m) of its channels among ``n_flat``.
     normal : (n_flat,) True where a channel is normal to its interface. probes : per class rows (n_probe, n) whose
-    velocities are kept, or None. run, groups : further fields of the records, arrays among them (``constants`` by name).
-    numbers : fields of the run beside those of the time scheme.
+    velocities are kept, or None. run, groups : further fields of the records by name: numbers, arrays and matrices.
     window : instants of the longest window. n_time, histories : as for ``begin``, where the segment is known.
     """
 
@@ -89,11 +109,18 @@ class Image:
         self.run = np.zeros(1, dtype=RUN)
         self.classes = np.zeros(len(self.propagators), dtype=CLASS)
         self.groups = np.zeros(len(groups), dtype=GROUP)
-        self._fixed, self._directions = Block(), {}
+        self._fixed = Block()
+        self._directions: dict[int, tuple[Fields, list[Fields], list[Fields]]] = {}
         self._run: Fields = {
-            "n_flat": self.n_flat, "longest_window": window, "max_iterations": 1,
-            "reuse": -1.0, "rest_traction": -1.0, "relaxation": 1.0, "longest_step": np.inf,
-            **coefficients(first.scheme, first.dt), **self._placed(run or {}, self._fixed),
+            "n_flat": self.n_flat,
+            "longest_window": window,
+            "max_iterations": 1,
+            "reuse": -1.0,
+            "rest_traction": -1.0,
+            "relaxation": 1.0,
+            "longest_step": np.inf,
+            **coefficients(first.scheme, first.dt),
+            **self._placed(run or {}, self._fixed),
         }
         self._groups = [self._placed(group, self._fixed) for group in groups]
         self._rows = [
@@ -121,7 +148,7 @@ class Image:
             if isinstance(value, np.ndarray):
                 placed[name] = block.put(value, np.int64 if value.dtype.kind in "iub" else np.float64)
             elif sp.issparse(value):
-                class_record.put_matrix(block, placed, name, value)
+                class_record.put_matrix(block, placed, name, cast(sp.csr_array, value))
             else:
                 placed[name] = value
         return placed
@@ -155,7 +182,7 @@ class Image:
         depth, most, wide = int(run.get("depth", 0)), run["max_iterations"], self.window * n
         sizes = dict.fromkeys(("q", "w", "f", "s", "local_f", "local_w", "r", "last_q", "last_r"), wide)
         sizes |= {"dq": depth * wide, "dr": depth * wide, "gram": depth * depth, "least": (depth + 3) * depth}
-        sizes |= {"coarse": 2 * int(run.get("n_coarse", 0)), "displacement": n, "layer": n, "acceleration": n}
+        sizes |= {"coarse": 2 * int(run.get("n_coarse", 0)), "displacement": n, "layer": n}
         sizes |= {"shares": n_interface, "norms": 4, "merits": 6 * most + 128, "measure": 8, "counts": 2}
         for name, size in sizes.items():
             run[name] = block.reserve(size)
@@ -166,14 +193,18 @@ class Image:
             row["probed"] = block.reserve(self.rows * row["n_probe"] * row["m"])
             row["energies"] = block.reserve(self.rows * 6 * row["m"] * row["accounted"])
         for name, size in (
-            ("errors", most), ("mismatches", most), ("iterations", 1), ("history_f", n), ("history_w", n),
+            ("errors", most),
+            ("mismatches", most),
+            ("iterations", 1),
+            ("history_f", n),
+            ("history_w", n),
             ("history_gap", run["n_point"]),
         ):
             run[name] = block.reserve(self.rows * size)
         self._tail = block.size
 
     def begin(self, n_time: int, histories: Mapping[str, Array]) -> None:
-        """Take over what drives the classes over a segment of time, and ``histories`` of the run."""
+        """Take over loads and prescribed motions of the classes in a segment of time, and ``histories`` of the run."""
         block = Block(self._tail)
         self._run["n_time"] = n_time
         for row, propagator in zip(self._rows, self.propagators, strict=True):
@@ -185,11 +216,14 @@ class Image:
 
     # -- directions ---------------------------------------------------------------------------------------------
     def bind(
-        self, key: int, run: Mapping[str, Any] | None = None, groups: Sequence[Mapping[str, Any]] = (),
+        self,
+        key: int,
+        run: Mapping[str, Any] | None = None,
+        groups: Sequence[Mapping[str, Any]] = (),
         afresh: bool = False,
     ) -> None:
-        """Let the kernels use a search direction: that under ``key``, or, where there is none yet (or ``afresh``), the one
-        bound to the propagators with these fields of the records."""
+        """Use a search direction: that under ``key``, or, where there is none yet (or ``afresh``), the one bound to the
+        propagators with these fields of the records."""
         if afresh or key not in self._directions:
             self._current = None
             rows: list[Fields] = []
@@ -197,7 +231,9 @@ class Image:
                 rows.append({})
                 class_record.direction(self._fixed, rows[-1], propagator, constant)
             self._directions[key] = (
-                self._placed(run or {}, self._fixed), rows, [self._placed(group, self._fixed) for group in groups],
+                self._placed(run or {}, self._fixed),
+                rows,
+                [self._placed(group, self._fixed) for group in groups],
             )
         if key != self._current:
             self._current = key
@@ -218,14 +254,21 @@ class Image:
         kind = np.recarray if PLAIN else np.ndarray  # plain Python reads fields as attributes
         fixed, moving = self.fixed, self.moving
         self.pools = Pools(
-            self.run.view(kind), self.classes.view(kind), self.groups.view(kind),
-            fixed, fixed.view(np.int64), fixed.view(np.uint32), fixed.view(np.float32), moving, moving.view(np.int64),
+            self.run.view(kind),
+            self.classes.view(kind),
+            self.groups.view(kind),
+            fixed,
+            fixed.view(np.int64),
+            fixed.view(np.uint32),
+            fixed.view(np.float32),
+            moving,
+            moving.view(np.int64),
         )
         self._written = True
 
     # -- use ----------------------------------------------------------------------------------------------------
     def call(self, action: int, a: int = 0, b: int = 0, c: int = 0, d: int = 0) -> int:
-        """Let the kernels do an action of ``kernels.entries``."""
+        """Do an action of ``kernels.entries``; what it returns."""
         if not self._written:
             self._write_records()
         return int(entries.call(self.pools, action, a, b, c, d))
@@ -254,7 +297,7 @@ class Image:
     def _commit(self, c: int, instant: int) -> None:
         row = self._rows[c]
         rested = bool(self._of(c, "passed", 1)[0])
-        if not self.call(entries.INTERFACE_LOAD, c, instant):
+        if not self.call(entries.INTERFACE_LOAD, c):
             return
         y = np.zeros((row["n"] - row["n_inner"], row["m"])) if rested else self._half[c]
         last = self._of(c, "inner_answer", row["n_inner"], row["m"])

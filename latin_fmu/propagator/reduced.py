@@ -28,8 +28,6 @@ from .diagonal import DiagonalFactor
 from .model import Array, LoadTerm, SubstructureModel
 from .reduction import reduce_model
 
-_SAMPLED = 4  # every so many instants the error is looked at
-
 
 @dataclass(frozen=True)
 class ReducedOperators:
@@ -37,7 +35,8 @@ class ReducedOperators:
 
     Attributes
     ----------
-    diagonal : (m,) of the stiffness. damp : (m, m) damping or None. dofs : all. trace : (n_channel, m). The others : see ``Operators``.
+    diagonal : (m,) of the stiffness. damp : (m, m) damping or None. dofs : all. trace : (n_channel, m). The others :
+    see ``Operators``.
     """
 
     diagonal: Array

@@ -48,6 +48,7 @@ class StaticPropagator(Propagator):
         if not self._kept:
             return build_static_operators(self.members[0], self._springs, dt)
         known, operators = self._kept[-1]
+        assert isinstance(operators, StaticOperators)
         return replace(operators, compliance=operators.compliance * (known / dt))
 
     def initial_unbalance(self, traction: Array) -> Array:  # noqa: ARG002, as other propagators

@@ -197,7 +197,7 @@ def run_sizes(run: Any, rows: int) -> dict[str, int]:
         "f_hat": n, "w_hat": n, "scales": 3, "carry": 1, "worst": parts, "counts": 2,
         **dict.fromkeys(("q", "w", "f", "s", "local_f", "local_w", "r", "last_q", "last_r"), w * n),
         "dq": depth * w * n, "dr": depth * w * n, "gram": depth**2, "least": (depth + 3) * depth,
-        "coarse": 2 * int(run["n_coarse"]), "displacement": n, "layer": n, "acceleration": n, "shares": parts,
+        "coarse": 2 * int(run["n_coarse"]), "displacement": n, "layer": n, "shares": parts,
         "norms": 4, "merits": 2 * (3 * most + 64), "measure": 8,
         "errors": rows * most, "mismatches": rows * most, "iterations": rows,
         "history_f": rows * n, "history_w": rows * n, "history_gap": rows * int(run["n_point"]),

@@ -93,7 +93,7 @@ class CholeskyFactor:
 
     def forward(self, b: Array) -> tuple[Array, Array]:
         """(y, c) of the class docstring for b (n, m); y is in elimination order and of use to ``backward`` only."""
-        n, m = b.shape
+        n, _ = b.shape
         n_interior = self.symbolic.n_interior
         self._check_rows("b", n, n_interior + len(self.last))
         x = self._swept(b[self.symbolic.order], forward_one, forward_tile)
