@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..compiled import entry, kernel
+from ..compiled import entry
 from .lanes import LANES, four_rows, one_row, subtract_four, subtract_one
 
 Array = NDArray[np.float64]
