@@ -118,9 +118,11 @@ def shipped() -> list[Path]:
     """Libraries of any platform that were made from these very sources: what a copy of the package takes along."""
     known = digest_of(PACKAGE, sources_of(PACKAGE)).encode()
     found = {
-        path.name: path for folder in (PACKAGE.parent / "build", PACKAGE) for path in folder.glob("_kernels-*.*")
+        path.name: path
+        for folder in (PACKAGE.parent / "build", PACKAGE)
+        for path in folder.glob("_kernels-*.*")
         if path.suffix in (".so", ".dll") and known in path.read_bytes()
-    }  # fmt: skip
+    }
     return sorted(found.values())
 
 

@@ -90,12 +90,15 @@ class Layout:
             counts = [u.geometry.n_point for u in units]
             ends = np.cumsum(counts)
             group = Group(
-                units[0].behaviour, start, int(ends[-1]), n_component,
+                units[0].behaviour,
+                start,
+                int(ends[-1]),
+                n_component,
                 np.concatenate([u.behaviour.point_parameters(n) for u, n in zip(units, counts, strict=True)]),
                 np.concatenate([u.geometry.gap for u in units]),
                 np.concatenate([np.full(n, u.preload) for u, n in zip(units, counts, strict=True)]),
                 {i: slice(int(e) - n, int(e)) for i, n, e in zip(members, counts, ends, strict=True)},
-            )  # fmt: skip
+            )
             self.groups.append(group)
             self._group_of.update(dict.fromkeys(members, group))
             start = group.stop

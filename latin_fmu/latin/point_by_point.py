@@ -125,9 +125,12 @@ class PointByPoint:
         if not elastic:
             reach = reach.reshape(-1)
         new = group.behaviour.local(
-            (v[second] - v[first] + z * old)[None], point.z, reach, rates[int(elastic)],
+            (v[second] - v[first] + z * old)[None],
+            point.z,
+            reach,
+            rates[int(elastic)],
             group.parameters[point.index : point.index + 1],
-        )[0]  # fmt: skip
+        )[0]
         step = new - old
         if step.any():
             f[first], f[second] = new, -new

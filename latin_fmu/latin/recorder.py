@@ -178,9 +178,16 @@ class Recorder:
                 table = self._member_energy(name)
                 energy = {term: table[:, j] for j, term in enumerate(TERMS)}
             histories[name] = SubstructureHistory(
-                name, info.nodes, info.cells, info.cell_type, time,
-                stored.get("displacement"), stored.get("velocity"), stored.get("stress"), energy,
-            )  # fmt: skip
+                name,
+                info.nodes,
+                info.cells,
+                info.cell_type,
+                time,
+                stored.get("displacement"),
+                stored.get("velocity"),
+                stored.get("stress"),
+                energy,
+            )
         return histories
 
     def assembly_energy(self, assembly: Assembly) -> dict[str, Array] | None:
@@ -209,9 +216,13 @@ class Recorder:
             total["ground_work"] = sum(works, np.zeros(n))
         stored = total["kinetic"] + total["elastic"]
         total["balance"] = (
-            stored - stored[0] + total["damping_dissipation"] + total["scheme_dissipation"]
-            - total["work_of_loads"] - total["interface_work"]
-        )  # fmt: skip
+            stored
+            - stored[0]
+            + total["damping_dissipation"]
+            + total["scheme_dissipation"]
+            - total["work_of_loads"]
+            - total["interface_work"]
+        )
         return total
 
 
@@ -257,12 +268,22 @@ def interface_history(
         status = unit.behaviour.status(f_hat, parameters)
         status[-f_hat[..., 0] <= _NO_CONTACT * characteristic] = SEPARATION
     return InterfaceHistory(
-        name=unit.name, behaviour=unit.behaviour.name, sides=unit.sides, points=geometry.points,
-        areas=geometry.areas, normals=geometry.frames[:, 0], initial_gap=geometry.gap,
+        name=unit.name,
+        behaviour=unit.behaviour.name,
+        sides=unit.sides,
+        points=geometry.points,
+        areas=geometry.areas,
+        normals=geometry.frames[:, 0],
+        initial_gap=geometry.gap,
         friction_coefficient=getattr(unit.behaviour, "friction_coefficient", None),
-        traction=traction, velocity=velocity, gap=gap,
-        contact_status=status, friction_power=power, layer_energy=layer_energy, joint_power=joint_power,
-    )  # fmt: skip
+        traction=traction,
+        velocity=velocity,
+        gap=gap,
+        contact_status=status,
+        friction_power=power,
+        layer_energy=layer_energy,
+        joint_power=joint_power,
+    )
 
 
 def _in_global_axes(values: Array, frames: Array) -> Array:

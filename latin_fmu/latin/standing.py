@@ -26,9 +26,12 @@ _STILL = 1e-9  # of the largest velocity, or of the size of the interface
 
 
 def standing_tractions(
-    assembly: Assembly, points: set[tuple[int, int]], traction: Array, unbalance: Sequence[Array],
+    assembly: Assembly,
+    points: set[tuple[int, int]],
+    traction: Array,
+    unbalance: Sequence[Array],
     factors: Sequence[MassFactor],
-) -> Array:  # fmt: skip
+) -> Array:
     """What contacts at the standing ``points`` add to the known tractions (n_flat,) at t = 0; zero elsewhere."""
     added = np.zeros_like(traction)
     if not points:

@@ -104,9 +104,16 @@ def size_of(model: SubstructureModel, members: int) -> Size:
     n = stiffness.shape[0]
     last, trace, rank = model.at_interface
     rough = Size(
-        n, len(last), trace.shape[0], members, stiffness.nnz, _ENTRIES * n ** (4 / 3), _FLOPS * float(n) ** 2,
-        mass_entries, damping_entries,
-    )  # fmt: skip
+        n,
+        len(last),
+        trace.shape[0],
+        members,
+        stiffness.nnz,
+        _ENTRIES * n ** (4 / 3),
+        _FLOPS * float(n) ** 2,
+        mass_entries,
+        damping_entries,
+    )
     if not COMPILES or n == 0:
         return rough
     from .cholesky.symbolic import analyse
@@ -120,9 +127,10 @@ def size_of(model: SubstructureModel, members: int) -> Size:
 def set_up_counts(kind: Kind, size: Size, modes: int = 50) -> Counts:
     """Operations that make the operators of a class."""
     counts = {
-        "class": 1.0, "cube": float(size.interface**3 + 3 * size.channels**3),
+        "class": 1.0,
+        "cube": float(size.interface**3 + 3 * size.channels**3),
         "square": float(size.interface**2 + size.channels**2),
-    }  # fmt: skip
+    }
     if kind == "direct":
         return counts | {"flop": size.factor_flops}
     if kind == "explicit":

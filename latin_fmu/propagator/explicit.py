@@ -133,9 +133,15 @@ class ExplicitPropagator(Propagator):
         full = sp.csr_array(spla.inv(sp.csc_matrix(held)))
         compliance = seen_by_channels(trace, dt, full[dofs][:, dofs].toarray())
         return ExplicitOperators(
-            *same, interface_factor(held, dofs), dofs, trace, model.spread, model.channel_area,
-            compliance, _NONE,
-        )  # fmt: skip
+            *same,
+            interface_factor(held, dofs),
+            dofs,
+            trace,
+            model.spread,
+            model.channel_area,
+            compliance,
+            _NONE,
+        )
 
     # -- start ------------------------------------------------------------------------------------------------
     def initial_unbalance(self, traction: Array) -> Array:

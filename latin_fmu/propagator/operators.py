@@ -64,6 +64,15 @@ def build_operators(model: SubstructureModel, scheme: TimeScheme, dt: float) -> 
         factor = interface_factor(matrix, dofs, rank, np.dtype(model.factor), pattern.analyses)
     gain = scheme.interface_gain(dt) * scheme.force_weight
     return Operators(
-        mass, damping, stiffness, factor, dofs, trace, model.spread, model.channel_area,
-        seen_by_channels(trace, gain, factor.schur_inverse), model.massless, gain,
-    )  # fmt: skip
+        mass,
+        damping,
+        stiffness,
+        factor,
+        dofs,
+        trace,
+        model.spread,
+        model.channel_area,
+        seen_by_channels(trace, gain, factor.schur_inverse),
+        model.massless,
+        gain,
+    )

@@ -100,9 +100,18 @@ class ReducedPropagator(Propagator):
         if damp is not None:
             factor = interface_factor(sp.csr_array(np.diag(a) + c_damping * damp), dofs)
         return ReducedOperators(
-            diagonal, damp, mass, damping, stiffness, factor, dofs, trace, model.channel_area, symmetric,
+            diagonal,
+            damp,
+            mass,
+            damping,
+            stiffness,
+            factor,
+            dofs,
+            trace,
+            model.channel_area,
+            symmetric,
             np.zeros(0, dtype=np.int64),
-        )  # fmt: skip
+        )
 
     # -- start ------------------------------------------------------------------------------------------------
     def initial_unbalance(self, traction: Array) -> Array:
@@ -160,10 +169,16 @@ def reduced_members(members: Sequence[SubstructureModel], n_mode: int) -> list[S
     stiffness[:m, :m] = np.diag(reduction.eigenvalues)
     damping = None if model.damping is None else sp.csr_array(projected(model.damping))
     common = replace(
-        model, mass=sp.csr_array(mass), damping=damping, stiffness=sp.csr_array(stiffness),
-        expansion=sp.csr_array(np.eye(m + n_motion)[:, :m]), trace=sp.csr_array(model.trace @ shapes),
-        imposed_pattern=np.eye(m + n_motion)[:, m:], ordering=None, nodal=shapes,
-    )  # fmt: skip
+        model,
+        mass=sp.csr_array(mass),
+        damping=damping,
+        stiffness=sp.csr_array(stiffness),
+        expansion=sp.csr_array(np.eye(m + n_motion)[:, :m]),
+        trace=sp.csr_array(model.trace @ shapes),
+        imposed_pattern=np.eye(m + n_motion)[:, m:],
+        ordering=None,
+        nodal=shapes,
+    )
     weighted = model.inertia @ basis
 
     def own(member: SubstructureModel) -> SubstructureModel:
@@ -171,10 +186,13 @@ def reduced_members(members: Sequence[SubstructureModel], n_mode: int) -> list[S
         start = [weighted.T @ np.where(free, field, 0.0) for field in (member.displacement, member.velocity)]
         rest = np.zeros(n_motion)
         return replace(
-            common, name=member.name, loads=[LoadTerm(t.name, shapes.T @ t.pattern) for t in member.loads],
-            displacement=np.concatenate([start[0], rest]), velocity=np.concatenate([start[1], rest]),
+            common,
+            name=member.name,
+            loads=[LoadTerm(t.name, shapes.T @ t.pattern) for t in member.loads],
+            displacement=np.concatenate([start[0], rest]),
+            velocity=np.concatenate([start[1], rest]),
             imposed_start=member.imposed_start,
-        )  # fmt: skip
+        )
 
     return [own(member) for member in members]
 

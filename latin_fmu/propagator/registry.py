@@ -18,9 +18,13 @@ Maker = Callable[[Sequence[SubstructureModel], TimeScheme, float, bool, Propagat
 
 
 def _direct(
-    members: Sequence[SubstructureModel], scheme: TimeScheme, dt: float, energy: bool, settings: PropagatorSettings,
+    members: Sequence[SubstructureModel],
+    scheme: TimeScheme,
+    dt: float,
+    energy: bool,
+    settings: PropagatorSettings,
     twin: Propagator | None = None,
-) -> Propagator:  # fmt: skip
+) -> Propagator:
     if settings.precision != "float64":
         members = [m.with_factor(settings.precision) for m in members]
     return DirectPropagator(members, scheme, dt, energy, twin if isinstance(twin, DirectPropagator) else None)
@@ -28,13 +32,17 @@ def _direct(
 
 def _explicit(
     members: Sequence[SubstructureModel], scheme: TimeScheme, dt: float, energy: bool, _: PropagatorSettings
-) -> Propagator:  # fmt: skip
+) -> Propagator:
     return ExplicitPropagator(members, scheme, dt, energy)
 
 
 def _reduced(
-    members: Sequence[SubstructureModel], scheme: TimeScheme, dt: float, energy: bool, settings: PropagatorSettings
-) -> Propagator:  # fmt: skip
+    members: Sequence[SubstructureModel],
+    scheme: TimeScheme,
+    dt: float,
+    energy: bool,
+    settings: PropagatorSettings,
+) -> Propagator:
     if members[0].nodal is not None:  # a rigid body has nothing to reduce
         return DirectPropagator(members, scheme, dt, energy)
     return ReducedPropagator(members, scheme, dt, energy, settings.modes)
@@ -42,7 +50,7 @@ def _reduced(
 
 def _cg(
     members: Sequence[SubstructureModel], scheme: TimeScheme, dt: float, energy: bool, _: PropagatorSettings
-) -> Propagator:  # fmt: skip
+) -> Propagator:
     return CgPropagator(members, scheme, dt, energy)
 
 
@@ -52,9 +60,13 @@ PROPAGATORS: Mapping[str, Maker] = MappingProxyType(
 
 
 def make_propagator(
-    members: Sequence[SubstructureModel], scheme: TimeScheme, dt: float, energy: bool, settings: PropagatorSettings,
+    members: Sequence[SubstructureModel],
+    scheme: TimeScheme,
+    dt: float,
+    energy: bool,
+    settings: PropagatorSettings,
     twin: Propagator | None = None,
-) -> Propagator:  # fmt: skip
+) -> Propagator:
     """Propagator of a class of identical substructures.
 
     Parameters

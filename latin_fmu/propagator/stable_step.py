@@ -116,9 +116,16 @@ def largest_eigenvalue(matrix: sp.csr_array, mass: Array) -> float:
 
 
 def lanczos_numpy(
-    pointers: Any, columns: Any, values: Array, inverse: Array, vectors: Array, diagonal: Array, beside: Array,
-    first: int, last: int,
-) -> None:  # fmt: skip
+    pointers: Any,
+    columns: Any,
+    values: Array,
+    inverse: Array,
+    vectors: Array,
+    diagonal: Array,
+    beside: Array,
+    first: int,
+    last: int,
+) -> None:
     """Steps of the Lanczos process on D A D, D = diag(inverse): fills ``diagonal`` and ``beside`` of the tridiagonal
     matrix; ``vectors`` (2, n) are the last two, q_-1 = 0 and q_0 at the start."""
     n = len(inverse)
@@ -138,9 +145,16 @@ def lanczos_numpy(
     "i8[::1], i8[::1], f8[::1], f8[::1], f8[:, ::1], f8[::1], f8[::1], i8, i8",
 )
 def _lanczos(
-    pointers: Any, columns: Any, values: Array, inverse: Array, vectors: Array, diagonal: Array, beside: Array,
-    first: int, last: int,
-) -> None:  # fmt: skip
+    pointers: Any,
+    columns: Any,
+    values: Array,
+    inverse: Array,
+    vectors: Array,
+    diagonal: Array,
+    beside: Array,
+    first: int,
+    last: int,
+) -> None:
     n = len(inverse)
     scaled, after = np.empty(n), np.empty(n)
     for step in range(first, last):
