@@ -490,7 +490,10 @@ def test_without_a_library_numba_compiles_once_and_says_so(tmp_path):
         )
         said.append((done.stdout.strip(), done.stderr.strip()))
     assert said[0][0] == "1"
-    assert "switched off (LATIN_FMU_LIBRARY=0): numba compiles the kernels now, two to three minutes" in said[0][1]
+    assert (
+        "switched off (LATIN_FMU_LIBRARY=0): numba compiles the kernels now, two to three minutes"
+        in said[0][1]
+    )
     assert str(store) in said[0][1]
     assert said[1] == ("", "")
     assert not list(ROOT.glob("latin_fmu/**/*.nbi"))
