@@ -45,8 +45,8 @@ FMI 3: any path.</li>
 <p>A Python on the importer's side with the packages of <code>externalDependencies.txt</code>; the solver itself is
 inside. Linux and Windows, x86-64.</p>
 <p>The kernels are inside, compiled for the kind of machine on which this FMU was made, if the package there held
-them. On others, and on processors without AVX2 and FMA, numba compiles them at the first step (two to three minutes) and
-keeps them, by content, in the folder <code>latin-fmu</code> of the user's cache (<code>~/.cache</code>): another
+them. On others, and on processors without AVX2 and FMA, numba compiles them at the first step (two to three minutes)
+and keeps them, by content, in the folder <code>latin-fmu</code> of the user's cache (<code>~/.cache</code>): another
 extraction does not compile again. The environment variable <code>LATIN_FMU_CACHE</code> names another folder, 0 keeps
 nothing; <code>LATIN_FMU_COMPILE=0</code> does without compilation at a slower march.</p>
 """

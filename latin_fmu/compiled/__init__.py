@@ -26,7 +26,6 @@ from __future__ import annotations
 from .declare import (
     COMPILES,
     PLAIN,
-    compiled,
     entry,
     kernel,
     lazy_intrinsic,
@@ -38,7 +37,6 @@ from .signature import fields
 __all__ = [
     "COMPILES",
     "PLAIN",
-    "compiled",
     "entry",
     "fields",
     "kernel",

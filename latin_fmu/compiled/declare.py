@@ -162,17 +162,6 @@ def entry(*signatures: str, **names: Any) -> Callable[[Function], Function]:
     return declare
 
 
-def compiled(twin: Function, *signatures: str, **names: Any) -> Callable[[Function], Function]:
-    """Decorator: an entry (a kernel without signatures), or its NumPy ``twin`` when compilation is off."""
-
-    def choose(function: Function) -> Function:
-        if not COMPILES:
-            return twin
-        return entry(*signatures, **names)(function) if signatures else kernel(function)
-
-    return choose
-
-
 def _module(function: Callable[..., Any]) -> str:
     """Module of a function below the package, whatever the package is called."""
     return function.__module__.removeprefix(f"{__package__.rsplit('.', 1)[0]}.")

@@ -27,7 +27,6 @@ _MARKS: Final = (
     b"@kernel",
     b"@ordered_kernel",
     b"@entry",
-    b"@compiled",
     b"@lazy_intrinsic",
 )  # sources that hold kernels
 _MACHINES: Final = MappingProxyType({"amd64": "x86_64", "arm64": "aarch64"})

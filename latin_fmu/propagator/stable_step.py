@@ -27,7 +27,7 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
-from ..compiled import compiled
+from ..compiled import entry
 from .model import Array
 from .operator_pattern import with_data
 
@@ -115,7 +115,8 @@ def largest_eigenvalue(matrix: sp.csr_array, mass: Array) -> float:
     return bound
 
 
-def lanczos_numpy(
+@entry("i8[::1], i8[::1], f8[::1], f8[::1], f8[:, ::1], f8[::1], f8[::1], i8, i8")
+def _lanczos(
     pointers: Any,
     columns: Any,
     values: Array,
@@ -128,33 +129,6 @@ def lanczos_numpy(
 ) -> None:
     """Steps of the Lanczos process on D A D, D = diag(inverse): fills ``diagonal`` and ``beside`` of the tridiagonal
     matrix; ``vectors`` (2, n) are the last two, q_-1 = 0 and q_0 at the start."""
-    n = len(inverse)
-    matrix = sp.csr_array((values, columns, pointers), shape=(n, n))
-    for step in range(first, last):
-        before, now = vectors
-        after = inverse * (matrix @ (inverse * now)) - (beside[step - 1] if step else 0.0) * before
-        diagonal[step] = now @ after
-        after -= diagonal[step] * now
-        beside[step] = np.linalg.norm(after)
-        vectors[0] = now
-        vectors[1] = after / beside[step] if beside[step] > 0.0 else 0.0
-
-
-@compiled(
-    lanczos_numpy,
-    "i8[::1], i8[::1], f8[::1], f8[::1], f8[:, ::1], f8[::1], f8[::1], i8, i8",
-)
-def _lanczos(
-    pointers: Any,
-    columns: Any,
-    values: Array,
-    inverse: Array,
-    vectors: Array,
-    diagonal: Array,
-    beside: Array,
-    first: int,
-    last: int,
-) -> None:
     n = len(inverse)
     scaled, after = np.empty(n), np.empty(n)
     for step in range(first, last):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,9 +15,34 @@ from latin_fmu.fem.elements import Elements
 from latin_fmu.fem.mesh import box_mesh
 from latin_fmu.propagator import stable_step
 from latin_fmu.propagator.lumping import lumped
-from latin_fmu.propagator.stable_step import StableStep, eigenvalue_bound, lanczos_numpy, largest_eigenvalue
+from latin_fmu.propagator.stable_step import StableStep, eigenvalue_bound, largest_eigenvalue
 
 Array = np.ndarray
+
+
+def lanczos_numpy(
+    pointers: Any,
+    columns: Any,
+    values: np.ndarray,
+    inverse: np.ndarray,
+    vectors: np.ndarray,
+    diagonal: np.ndarray,
+    beside: np.ndarray,
+    first: int,
+    last: int,
+) -> None:
+    """Steps of the Lanczos process on D A D, D = diag(inverse): fills ``diagonal`` and ``beside`` of the tridiagonal
+    matrix; ``vectors`` (2, n) are the last two, q_-1 = 0 and q_0 at the start."""
+    n = len(inverse)
+    matrix = sp.csr_array((values, columns, pointers), shape=(n, n))
+    for step in range(first, last):
+        before, now = vectors
+        after = inverse * (matrix @ (inverse * now)) - (beside[step - 1] if step else 0.0) * before
+        diagonal[step] = now @ after
+        after -= diagonal[step] * now
+        beside[step] = np.linalg.norm(after)
+        vectors[0] = now
+        vectors[1] = after / beside[step] if beside[step] > 0.0 else 0.0
 
 
 def box(
