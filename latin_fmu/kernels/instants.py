@@ -12,8 +12,9 @@ from .energy import account
 from .indicator import accept
 from .iteration import iterate
 from .local_stage import open_window, read_gaps
+from .matrices import probe, read_channels
 from .products import add_dense
-from .substructure import commit, predict, probe, read_channels
+from .substructure import commit, predict
 
 Array = NDArray[np.float64]
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ..compiled import kernel
 from .laws import apply
-from .substructure import read_channels
+from .matrices import read_channels
 
 Array = NDArray[np.float64]
 

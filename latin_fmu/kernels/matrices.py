@@ -1,4 +1,4 @@
-"""Matrices, loads and prescribed motions of a class, where its record says they lie."""
+"""Matrices, loads, prescribed motions and readings of a class, where its record says they lie."""
 
 from __future__ import annotations
 
@@ -260,5 +260,66 @@ def add_spread(pools: Any, c: int, x: Array, out: Array) -> None:
         1.0,
         row.m,
         x,
+        out,
+    )
+
+
+# -- reading the motion -------------------------------------------------------------------------------------------
+@kernel
+def read_channels(
+    pools: Any, c: int, instant: int, of_u: float, of_v: float, of_a: float, normal: bool, out: Array
+) -> None:
+    """of_u u + of_v v + of_a a of the channels into ``out`` (N,); ``normal``: only normal channels need be right."""
+    row, work, state = pools.classes[c], pools.moving, pools.moving
+    m, n_inner, size = row.m, row.n_inner, row.n_channel * row.m
+    channels, dofs = (
+        pools.fixed_int[row.channels : row.channels + size],
+        pools.fixed_int[row.dofs : row.dofs + n_inner],
+    )
+    inner, answer = work[row.inner : row.inner + n_inner * m], work[row.answer : row.answer + size]
+    u, v, a = (
+        state[row.u : row.u + row.n * m],
+        state[row.v : row.v + row.n * m],
+        state[row.a : row.a + row.n * m],
+    )
+    for i in range(n_inner):
+        for j in range(m):
+            inner[i * m + j] = of_u * u[dofs[i] * m + j]
+    if of_v != 0.0 or of_a != 0.0:
+        for i in range(n_inner):
+            for j in range(m):
+                at = dofs[i] * m + j
+                inner[i * m + j] += of_v * v[at] + of_a * a[at]
+    answer[:] = 0.0
+    add_trace(pools, c, inner, answer, normal)
+    if of_u != 0.0:
+        imposed(pools, c, instant, 0, of_u, answer)
+    if of_v != 0.0:
+        imposed(pools, c, instant, 1, of_v, answer)
+    if of_a != 0.0:
+        imposed(pools, c, instant, 2, of_a, answer)
+    for at in range(size):
+        out[channels[at]] = answer[at]
+
+
+@kernel
+def probe(pools: Any, c: int, instant: int) -> None:
+    """Keep the velocities of the probed rows."""
+    row = pools.classes[c]
+    size = row.n_probe * row.m
+    if size == 0:
+        return
+    at = row.probed + size * (instant - pools.run[0].first_row)
+    out = pools.moving[at : at + size]
+    out[:] = 0.0
+    starts = pools.fixed_int[row.probe_starts : row.probe_starts + row.n_probe + 1]
+    add_rows(
+        row.n_probe,
+        starts,
+        pools.fixed_col[row.probe_columns : row.probe_columns + starts[row.n_probe]],
+        pools.fixed[row.probe_values : row.probe_values + starts[row.n_probe]],
+        1.0,
+        row.m,
+        pools.moving[row.v : row.v + row.n * row.m],
         out,
     )

@@ -11,7 +11,8 @@ from ..compiled import kernel
 from .energy import open_account
 from .instants import after_class, keep_fields
 from .local_stage import read_gaps
-from .substructure import commit, linear_response, predict, probe, read_channels
+from .matrices import probe, read_channels
+from .substructure import commit, linear_response, predict
 
 Array = NDArray[np.float64]
 

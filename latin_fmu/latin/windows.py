@@ -18,14 +18,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..kernels import entries
-from ..propagator.image import Image
 from .approach import APPROACH, second_guess
 from .assembly import Assembly
 from .bonded import Bonds, all_bonded
 from .direction import Direction
 from .layout import Array
 from .record import Timings, WindowRecord
-from .recorder import Recorder
+from .recorder import Recorder, Tape
 from .run_image import histories, make_image
 from .settings import Settings
 from .slide_probes import SlideProbes
@@ -404,7 +403,7 @@ class Run:
         observer, progress, recorder, windows = self._observer, self._progress, self.recorder, state.windows
         indicator = state.interface_indicator
         self._observer = self._progress = None
-        tape = _Tape(image.n_flat)
+        tape = Tape(image.n_flat)
         self.recorder, state.windows = tape, WindowList()  # type: ignore[assignment]
         try:
             self._use(self._single)
@@ -450,21 +449,3 @@ class Run:
             self.recorder.kept(self.assembly, image, self._probes, 1)
         record.error_indicator, record.force_mismatch, record.converged = [0.0], [0.0], True
         self.state.windows.append(record)
-
-
-class _Tape:
-    """Recorder of a sequential pass."""
-
-    def __init__(self, n_flat: int) -> None:
-        self._n = n_flat
-        self.f_hat: list[Array] = []
-        self.w_hat: list[Array] = []
-
-    def instants_unseen(self) -> int:
-        """No limit."""
-        return 1 << 30
-
-    def kept(self, assembly: Assembly, image: Image, probes: SlideProbes, n: int, row: int = 0) -> None:  # noqa: ARG002
-        """Keep the fields of n instants."""
-        self.f_hat.append(image.field("history_f", image.rows, self._n)[row : row + n].copy())
-        self.w_hat.append(image.field("history_w", image.rows, self._n)[row : row + n].copy())
