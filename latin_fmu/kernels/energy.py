@@ -247,22 +247,28 @@ def _account_weighted(pools: Any, c: int, instant: int, flat: Array) -> None:
     _field(pools, c, row.u, 0, instant, field)
     before, old, now = run.energy_before, run.energy_old, run.energy_new
     of_old, of_new, loss = run.energy_a_old, run.energy_a_new, run.inertia_dissipation
-    for i in range(n + row.n_motion):
-        for j in range(m):
-            at = i * m + j
-            step = field[at] - past[at]
-            elastic = before * past[7 * wide + at] + old * past[3 * wide + at] + now * new[at]
-            damping = before * past[8 * wide + at] + old * past[4 * wide + at] + now * new[wide + at]
-            loads = before * past[9 * wide + at] + old * past[5 * wide + at] + now * new[2 * wide + at]
-            tractions = before * past[10 * wide + at] + old * past[6 * wide + at] + now * new[3 * wide + at]
-            a_old, mass_a_old = past[wide + at], past[2 * wide + at]
-            totals[_SCHEME * m + j] += step * (elastic - 0.5 * (past[3 * wide + at] + new[at]))
-            totals[_SCHEME * m + j] += loss * (of_old * a_old + of_new * a[at]) * (mass_a[at] - mass_a_old)
-            totals[_DAMPING * m + j] += step * damping
-            totals[_INTERFACE * m + j] += step * tractions
-            if i >= n:  # the reaction of a prescribed motion
-                loads = of_old * mass_a_old + of_new * mass_a[at] + elastic + damping
-            totals[_LOADS * m + j] += step * loads
+    u_old, a_old, mass_a_old = past[:wide], past[wide : 2 * wide], past[2 * wide : 3 * wide]
+    then, earlier = past[_NOW * wide : _BEFORE * wide], past[_BEFORE * wide : (_BEFORE + 4) * wide]
+    for j in range(m):  # sums in variables of their own: stored in every step they would not be vectorised
+        of_scheme = of_damping = of_interface = of_loads = 0.0
+        for at in range(j, wide, m):
+            step = field[at] - u_old[at]
+            elastic = before * earlier[at] + old * then[at] + now * new[at]
+            of_scheme += step * (elastic - 0.5 * (then[at] + new[at]))
+            of_scheme += loss * (of_old * a_old[at] + of_new * a[at]) * (mass_a[at] - mass_a_old[at])
+            of_damping += step * (before * earlier[wide + at] + old * then[wide + at] + now * new[wide + at])
+            second, third = 2 * wide + at, 3 * wide + at
+            of_loads += step * (before * earlier[second] + old * then[second] + now * new[second])
+            of_interface += step * (before * earlier[third] + old * then[third] + now * new[third])
+        for at in range(n * m + j, wide, m):  # reactions of prescribed motions, which carry no loads
+            force = of_old * mass_a_old[at] + of_new * mass_a[at]
+            force += before * earlier[at] + old * then[at] + now * new[at]
+            force += before * earlier[wide + at] + old * then[wide + at] + now * new[wide + at]
+            of_loads += (field[at] - u_old[at]) * force
+        totals[_SCHEME * m + j] += of_scheme
+        totals[_DAMPING * m + j] += of_damping
+        totals[_INTERFACE * m + j] += of_interface
+        totals[_LOADS * m + j] += of_loads
     past[_BEFORE * wide :] = past[_NOW * wide : _BEFORE * wide]
     past[_NOW * wide : _BEFORE * wide] = new
     past[:wide] = field
