@@ -37,9 +37,7 @@ class Kernels(BuildHookInterface):  # type: ignore[type-arg]
 
         target = os.environ.get("LATIN_FMU_TARGET") or host()
         if target in (None, "none"):
-            self.app.display_warning(
-                "no library of kernels for this machine: numba compiles them at the first run"
-            )
+            self.app.display_warning("no library of kernels for this machine: numba compiles them at the first run")
             return
         environment = {**os.environ, "LATIN_FMU_LIBRARY": "0", "OMP_NUM_THREADS": "1"}
         subprocess.run([sys.executable, "-m", "latin_fmu.aot", target], cwd=root, env=environment, check=True)

@@ -81,8 +81,9 @@ def lines(answers: Sequence[Answer], exact: Answer, floor: float) -> Iterator[st
         yield (
             f"    {a.name:28} {spent} {np.trapezoid(a.force, a.time):9.5f} {1e-3 * a.force[peak]:8.2f} "
             f"{1e6 * a.time[peak]:7.2f} {1e6 * a.separation:8.2f} {a.distance(exact):8.4f}  "
-            + a.work + ("" if a.complete else f"  (stopped at {1e6 * a.time[-1]:.2f} us)")
-        )  # fmt: skip
+            + a.work
+            + ("" if a.complete else f"  (stopped at {1e6 * a.time[-1]:.2f} us)")
+        )
 
 
 def compare(case: Case, limit: float) -> tuple[Answer, list[Answer]]:
@@ -92,9 +93,11 @@ def compare(case: Case, limit: float) -> tuple[Answer, list[Answer]]:
     floor.best()
     linear = cpu(floor.best)
     difference, bonded = proof(case, limit)
-    print(f"{case.case}, {case.n_blocks} blocks, mu = {case.mu:g}: linear transient {linear:.4f} s, CalculiX "
-          f"{bonded.seconds:.3f} s ({bonded.seconds / linear:.0f} x); displacements differ by {difference:.1e}",
-          flush=True)  # fmt: skip
+    print(
+        f"{case.case}, {case.n_blocks} blocks, mu = {case.mu:g}: linear transient {linear:.4f} s, CalculiX "
+        f"{bonded.seconds:.3f} s ({bonded.seconds / linear:.0f} x); displacements differ by {difference:.1e}",
+        flush=True,
+    )
     answers = [of_package(case, "latin_fmu")]
     shown = SETTINGS if case.n_blocks == 2 else {"more damping": SETTINGS["more damping"]}
     for name, choices in shown.items():

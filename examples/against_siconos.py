@@ -44,9 +44,7 @@ def compare(case: Case, rounds: int) -> None:
     outcome = contact_run(ready)
     forces = np.stack([outcome.interfaces[u.name].normal_resultant() for u in ready.units], axis=1)
     rivals = {tolerance: MoreauJean(ready, found, tolerance) for tolerance in TOLERANCES}
-    distances = {
-        t: float(np.linalg.norm(r.run() - forces) / np.linalg.norm(forces)) for t, r in rivals.items()
-    }
+    distances = {t: float(np.linalg.norm(r.run() - forces) / np.linalg.norm(forces)) for t, r in rivals.items()}
     floor = Floor(ready)
     works: dict[str, Callable[[], object]] = {"floor": floor.best, "own": lambda: contact_run(ready)}
     works |= {f"{tolerance:g}": rival.run for tolerance, rival in rivals.items()}

@@ -37,14 +37,15 @@ def histories(case: Case, solver: dict[str, Any], section: float = 1.0) -> tuple
     top = above.nodes[:, 2] >= above.nodes[:, 2].max() - 1e-9
     # the free corner of the interface, farthest from the planes of symmetry
     corner = [
-        int(np.argmax(b.nodes[:, :2].sum(axis=1) + s * 1e3 * b.nodes[:, 2]))
-        for b, s in ((below, 1), (above, -1))
+        int(np.argmax(b.nodes[:, :2].sum(axis=1) + s * 1e3 * b.nodes[:, 2])) for b, s in ((below, 1), (above, -1))
     ]
     slip = above.displacement[:, corner[1], 0] - below.displacement[:, corner[0], 0]
     force = found.interfaces["i1"].normal_resultant() / section
     return found.time, {
-        "contact force": force, "top displacement": above.displacement[:, top, 2].mean(axis=1), "corner slip": slip,
-    }  # fmt: skip
+        "contact force": force,
+        "top displacement": above.displacement[:, top, 2].mean(axis=1),
+        "corner slip": slip,
+    }
 
 
 def errors(time: Array, found: Histories, at: Array, exact: Histories) -> dict[str, float]:
@@ -67,9 +68,7 @@ def table() -> Iterator[str]:
     second = crushing(4, 0.3)
     finer = second.description["time"] | {"instants": FINER * second.description["time"]["instants"]}
     fine = replace(second, description=second.description | {"time": finer})
-    yield from _lines(
-        second, *histories(fine, {"propagator": "direct", "tolerance": 1e-5}), "finer steps", 1.0
-    )
+    yield from _lines(second, *histories(fine, {"propagator": "direct", "tolerance": 1e-5}), "finer steps", 1.0)
 
 
 def _lines(case: Case, at: Array, exact: Histories, reference: str, section: float) -> Iterator[str]:

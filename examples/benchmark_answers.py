@@ -55,9 +55,7 @@ def of_package(case: Case, name: str, **solver: float) -> Answer:
     work()
     seconds = float(np.median([cpu(work) for _ in range(3)]))
     last = found[-1]
-    return Answer(
-        name, seconds, last.time, last.interfaces["i1"].normal_resultant(), work=f"{last.passes:.1f} passes"
-    )
+    return Answer(name, seconds, last.time, last.interfaces["i1"].normal_resultant(), work=f"{last.passes:.1f} passes")
 
 
 def reference(case: Case) -> Answer:

@@ -13,9 +13,13 @@ from matplotlib.ticker import FixedLocator, NullLocator
 
 Row = Mapping[str, Any]
 COLOURS = {
-    "direct": BLUE, "direct_batched": GREEN, "explicit": ORANGE, "explicit_batched": PURPLE, "reduced": VERMILION,
+    "direct": BLUE,
+    "direct_batched": GREEN,
+    "explicit": ORANGE,
+    "explicit_batched": PURPLE,
+    "reduced": VERMILION,
     "reduced_batched": "#7F3C00",
-}  # fmt: skip
+}
 LABELS = {
     "direct": "direct, every block its own factor",
     "direct_batched": "direct, identical blocks share one",
@@ -32,9 +36,7 @@ MARKERS = ("o", "s", "^")
 def figure(rows: Sequence[Row]) -> Figure:
     """Ratio to the linear transient: P3 against the number of blocks, P2 against friction, P1 for each mesh."""
     drawing = Figure(figsize=(12.5, 5.6), layout="constrained")
-    drawing.suptitle(
-        "CPU time of contact in units of the linear transient of the same mesh", fontweight="bold"
-    )
+    drawing.suptitle("CPU time of contact in units of the linear transient of the same mesh", fontweight="bold")
     towers, crushing, bars = drawing.subplots(1, 3, width_ratios=(1.3, 1.3, 0.9), sharey=True)
     curves(towers, [r for r in rows if r["case"].startswith("P3")], "n_blocks")
     towers.set(xscale="log", xlabel="blocks", ylabel="ratio to the linear transient")
@@ -72,23 +74,14 @@ def curves(axis: Axes, rows: Sequence[Row], over: str) -> None:
     cases = sorted({r["case"] for r in rows}, key=lambda c: int(c.split("=")[1]))
     for kind, colour in COLOURS.items():
         for case, line, marker in zip(cases, LINES, MARKERS, strict=False):
-            found = sorted(
-                (r[over], r["ratio"]) for r in rows if (r["case"], r["propagator"]) == (case, kind)
-            )
+            found = sorted((r[over], r["ratio"]) for r in rows if (r["case"], r["propagator"]) == (case, kind))
             if found:
                 axis.plot(*zip(*found, strict=True), line, marker=marker, color=colour)
     meshes = [
         Line2D([], [], color="0.3", linestyle=line, marker=marker, label=case.split()[1])
         for case, line, marker in zip(cases, LINES, MARKERS, strict=False)
     ]
-    axis.legend(
-        handles=meshes,
-        fontsize="small",
-        frameon=False,
-        loc="upper right",
-        bbox_to_anchor=(1.0, 1.12),
-        ncols=3,
-    )
+    axis.legend(handles=meshes, fontsize="small", frameon=False, loc="upper right", bbox_to_anchor=(1.0, 1.12), ncols=3)
 
 
 def slender(axis: Axes, rows: Sequence[Row]) -> None:

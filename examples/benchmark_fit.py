@@ -95,8 +95,7 @@ def _ratio(runs: Sequence[tuple[Counts, float]], known: Mapping[str, float]) -> 
 
     def total(counts: Counts, ratio: float) -> float:
         return sum(
-            (ratio * known[n.removeprefix(MANY)] if n.startswith(MANY) else known[n]) * v
-            for n, v in counts.items()
+            (ratio * known[n.removeprefix(MANY)] if n.startswith(MANY) else known[n]) * v for n, v in counts.items()
         )
 
     tried = np.geomspace(0.1, 3.0, 200)

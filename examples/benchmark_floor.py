@@ -100,9 +100,7 @@ class Floor:
         """SciPy's SuperLU in the nested-dissection order of the mesh, in the same loop."""
         order = np.argsort(self._rank, kind="stable")
         matrix = sp.csc_array(self._operator()[order][:, order])
-        factor = spla.splu(
-            matrix, permc_spec="NATURAL", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
-        )
+        factor = spla.splu(matrix, permc_spec="NATURAL", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
         x = np.empty(len(order))
 
         def solve(b: np.ndarray) -> np.ndarray:

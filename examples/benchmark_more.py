@@ -49,10 +49,11 @@ def again(found: Sequence[Case]) -> Iterator[str]:
             {
                 "first": lambda ready=ready: contact_run(ready),
                 "second": lambda ready=ready, built=built, loads=loads: second_run(ready, built, loads),
-                "linear": floor.best, "again": march,
+                "linear": floor.best,
+                "again": march,
             },
             5,
-        )  # fmt: skip
+        )
         yield (
             f"    {case.case}, {case.n_blocks:2} blocks: first {times['first']:.4f}, second {times['second']:.4f} "
             f"({times['second'] / times['first']:.2f} of it, {times['second'] / times['linear']:.2f} of the linear "
@@ -69,17 +70,16 @@ def whole_windows(found: Sequence[Case]) -> Iterator[str]:
         unit = median(cpu(floor.best) for _ in range(5))
         for name, settings in WHOLE.items():
             # the force mismatch is no measure of the paper: its iteration stops on the indicator
-            ready = prepared(
-                case, OWN | settings | ({"force_tolerance": 1.0} if "window" in settings else {})
-            )
+            ready = prepared(case, OWN | settings | ({"force_tolerance": 1.0} if "window" in settings else {}))
             outcome = contact_run(ready)
             spent = cpu(lambda ready=ready: contact_run(ready))
             fallen = [f for w in outcome.windows for f in w.fallbacks if "window" in settings]
             yield (
                 f"    {case.case}, {case.n_blocks:2} blocks: {name:30} {outcome.passes:6.1f} passes   "
-                f"ratio {spent / unit:7.2f}" + ("" if outcome.converged else "   not converged")
+                f"ratio {spent / unit:7.2f}"
+                + ("" if outcome.converged else "   not converged")
                 + (f"   fell back: {', '.join(sorted(set(fallen)))}" if fallen else "")
-            )  # fmt: skip
+            )
 
 
 def memory(counts: Sequence[int], n: int) -> Iterator[str]:

@@ -41,9 +41,7 @@ def bars(elements: Sequence[int], published: float | None) -> Case:
     """P1. Poisson's ratio is 0 on the coarse mesh and 0.3 where the section is resolved."""
     slender = elements[0] == 1
     load = {"face": "b2.zmax", "pressure": 100e6, "law": {"type": "step"}}
-    scene = _stack(
-        [BAR if slender else STEEL] * 2, (EDGE, EDGE, LENGTH), elements, 1e-5, 0.0, load, 250, 0.4e-6
-    )
+    scene = _stack([BAR if slender else STEEL] * 2, (EDGE, EDGE, LENGTH), elements, 1e-5, 0.0, load, 250, 0.4e-6)
     return Case("P1 " + "x".join(map(str, elements)), 2, 0.0, scene, published)
 
 
@@ -108,23 +106,29 @@ def _pulse(blocks: int) -> Description:
 
 
 def _stack(
-    materials: Sequence[Description], size: Sequence[float], elements: Sequence[int], gap: float, mu: float,
-    load: Description, steps: int, step: float,
-) -> Description:  # fmt: skip
+    materials: Sequence[Description],
+    size: Sequence[float],
+    elements: Sequence[int],
+    gap: float,
+    mu: float,
+    load: Description,
+    steps: int,
+    step: float,
+) -> Description:
     """Blocks b1, b2, ... from the bottom to the top, interfaces i1, i2, ..., the load ``press``."""
     kinds = {f"m{k}": m for k, m in enumerate({str(m): m for m in materials}.values())}
     scene: Description = {
-        "name": "stack", "material": kinds, "substructure": {}, "interface": {}, "load": {"press": load},
+        "name": "stack",
+        "material": kinds,
+        "substructure": {},
+        "interface": {},
+        "load": {"press": load},
         "boundary": {"base": {"type": "symmetry", "face": "b1.zmin"}},
         "time": {"end": steps * step, "instants": steps},
-    }  # fmt: skip
+    }
     for i, material in enumerate(materials, 1):
         name = next(k for k, m in kinds.items() if m == material)
-        box = {
-            "origin": [0.0, 0.0, (i - 1) * (size[2] + gap)],
-            "size": list(size),
-            "elements": list(elements),
-        }
+        box = {"origin": [0.0, 0.0, (i - 1) * (size[2] + gap)], "size": list(size), "elements": list(elements)}
         scene["substructure"][f"b{i}"] = {"material": name, "box": box}
         for axis in "xy":
             scene["boundary"][f"b{i}_{axis}"] = {"type": "symmetry", "face": f"b{i}.{axis}min"}

@@ -37,9 +37,18 @@ def benchmarks(quick: bool) -> dict[str, latin_fmu.Scene]:
     """Problems P1, P2, P3 and stacks of plates without inertia, with factors of their own and shared ones."""
     small: list[Case] = [bars((1, 1, 50), None), crushing(4, 0.3), tower(4, 4), plates(4)]
     large = [
-        bars((4, 4, 100), None), crushing(4, 0.0), crushing(10, 0.3), crushing(14, 0.3), tower(2, 4), tower(8, 4),
-        tower(16, 4), tower(4, 6), tower(16, 6), plates(8), plates(16),
-    ]  # fmt: skip
+        bars((4, 4, 100), None),
+        crushing(4, 0.0),
+        crushing(10, 0.3),
+        crushing(14, 0.3),
+        tower(2, 4),
+        tower(8, 4),
+        tower(16, 4),
+        tower(4, 6),
+        tower(16, 6),
+        plates(8),
+        plates(16),
+    ]
     found = {}
     for case in small if quick else small + large:
         for kind, solver in (("own factors", OWN), ("shared", {"propagator": "direct"})):
@@ -69,11 +78,7 @@ def pairs(elements: int, instants: int) -> list[Pair]:
     start = changed(
         base(elements, instants),
         {
-            "load.back": {
-                "face": "b.zmax",
-                "pressure": 1e8,
-                "law": {"type": "half_sine", "duration": 30 * STEP},
-            },
+            "load.back": {"face": "b.zmax", "pressure": 1e8, "law": {"type": "half_sine", "duration": 30 * STEP}},
             "solver.share_identical": False,
         },
     )
@@ -84,19 +89,27 @@ def pairs(elements: int, instants: int) -> list[Pair]:
     return [
         Pair("contact", ("unilateral contact",), start, apart),
         Pair("friction", ("friction",), rubbed, start),
-        Pair("soft contact", ("unilateral contact", "friction", "layers and joints"),
-             changed(start, {"interface.meet": SOFT}), apart),
+        Pair(
+            "soft contact",
+            ("unilateral contact", "friction", "layers and joints"),
+            changed(start, {"interface.meet": SOFT}),
+            apart,
+        ),
         Pair("elastic layer", ("layers and joints",), changed(start, {"interface.meet": LAYER}), apart),
         Pair("viscous joint", ("layers and joints",), changed(start, {"interface.meet": JOINT}), apart),
         Pair("bond, one solve", ("perfect bond",), changed(start, {"interface.meet": bond}), apart),
-        Pair("bond, iterated", ("perfect bond",),
-             changed(start, {"interface.meet": bond, "solver.bonds": "iterate"}), apart),
+        Pair(
+            "bond, iterated",
+            ("perfect bond",),
+            changed(start, {"interface.meet": bond, "solver.bonds": "iterate"}),
+            apart,
+        ),
         Pair("damping", ("damping",), changed(start, {"material.steel.rayleigh_stiffness": 1e-8}), start),
         Pair("body force", ("body force",), changed(start, {"substructure.a.body_force": [0.0, 0.0, 1e7]}), start),
         Pair("energy balance", ("energy balance",), changed(start, {"output.energy": True}), start),
         Pair("stress", ("stress",), changed(start, {"output.stress": True}), start),
         Pair("interior history", ("interior history",), changed(start, {"output.fields": True}), start),
-    ]  # fmt: skip
+    ]
 
 
 def scene(tables: Tables) -> latin_fmu.Scene:

@@ -43,13 +43,9 @@ def figure(found: Mapping[str, tuple[Curve, Sequence[Curve]]], stacks: Stacks = 
             }  # the first one on top
             above.plot(1e6 * answer.time, 1e-3 * answer.force, label=answer.name, **curve)
         above.plot(1e6 * exact.time, 1e-3 * exact.force, **{**EXACT, "label": "reference", "zorder": 4})
-        above.set(
-            title=f"{title} (reference: {exact.name})", xlabel="time (µs)", ylabel="normal contact force (kN)"
-        )
+        above.set(title=f"{title} (reference: {exact.name})", xlabel="time (µs)", ylabel="normal contact force (kN)")
         places = range(len(answers))
-        below.barh(
-            places, [a.seconds for a in answers], color=[colour_of[a.name] for a in answers], height=0.6
-        )
+        below.barh(places, [a.seconds for a in answers], color=[colour_of[a.name] for a in answers], height=0.6)
         below.set_yticks(places, [a.name.replace(", ", ",\n") for a in answers])
         below.invert_yaxis()
         below.set(xscale="log", xlabel="CPU time (s), one thread")
@@ -59,9 +55,7 @@ def figure(found: Mapping[str, tuple[Curve, Sequence[Curve]]], stacks: Stacks = 
         below.set_xlim(right=6.0 * max(a.seconds for a in answers))
         tidy(above)
         tidy(below)
-    drawing.legend(
-        *grid[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=5, frameon=False
-    )
+    drawing.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=5, frameon=False)
     return drawing
 
 

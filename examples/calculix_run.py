@@ -17,9 +17,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-MISSING = (
-    "CalculiX (ccx) is not installed: Debian and Ubuntu have it as calculix-ccx; nothing is compared with it"
-)
+MISSING = "CalculiX (ccx) is not installed: Debian and Ubuntu have it as calculix-ccx; nothing is compared with it"
 _TIME = re.compile(r"time\s+([-+.\dEe]+)\s*$")
 _LONG = re.compile(r"(\.\d+)([+-]\d{3})\b")  # an exponent of three digits pushes its E out
 _PAIR = re.compile(r"slave set (\w+), master set (\w+) and time")
@@ -61,12 +59,7 @@ def run(deck: str, end: float, limit: float = 600.0) -> Finished:
     with TemporaryDirectory() as folder:
         place = Path(folder)
         (place / "deck.inp").write_text(deck)
-        one = {
-            **os.environ,
-            "OMP_NUM_THREADS": "1",
-            "CCX_NPROC_RESULTS": "1",
-            "CCX_NPROC_EQUATION_SOLVER": "1",
-        }
+        one = {**os.environ, "OMP_NUM_THREADS": "1", "CCX_NPROC_RESULTS": "1", "CCX_NPROC_EQUATION_SOLVER": "1"}
         before = os.times()
         with (place / "log").open("w") as log, suppress(subprocess.TimeoutExpired):
             subprocess.run(["ccx", "-i", "deck"], cwd=place, env=one, stdout=log, stderr=log, timeout=limit)
@@ -104,9 +97,7 @@ def read(text: str) -> Printed:
             moved[time] = field
         elif pair is not None:
             numbers = next(line for line in body if not line.lstrip().startswith("total"))
-            forces.setdefault((pair[1], pair[2]), {})[time] = np.array(
-                [float(x) for x in numbers.split()[:3]]
-            )
+            forces.setdefault((pair[1], pair[2]), {})[time] = np.array([float(x) for x in numbers.split()[:3]])
     times = sorted(moved or next(iter(forces.values()), {}))
     return Printed(
         np.array(times),

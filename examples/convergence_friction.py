@@ -20,9 +20,12 @@ COARSER = ("substructure.lower.box.elements=[3, 3, 3]", "substructure.upper.box.
 TOLERANCE = 1e-3
 # The figure shows the indicator, so the stopping rule on forces is out of the way here.
 WINDOW = (
-    "solver.window='whole'", "solver.start='zero'", "solver.max_iterations=120", f"solver.tolerance={TOLERANCE}",
+    "solver.window='whole'",
+    "solver.start='zero'",
+    "solver.max_iterations=120",
+    f"solver.tolerance={TOLERANCE}",
     "solver.force_tolerance=1.0",
-)  # fmt: skip
+)
 PANELS = {"none": "plain iteration, as published", "anderson": "with Anderson acceleration (depth 6)"}
 
 
@@ -75,9 +78,7 @@ def figure_of_convergence(curves: dict[str, dict[float, list[float]]]) -> Figure
 def draw_curves(axis: Axes, rows: dict[float, list[float]]) -> None:
     """sqrt(eta) against the iteration; a dot where the tolerance is met."""
     for (mu, errors), colour in zip(rows.items(), COLOURS, strict=True):
-        axis.semilogy(
-            range(1, len(errors) + 1), errors, color=colour, linewidth=1.5, label=f"$\\mu$ = {mu:g}"
-        )
+        axis.semilogy(range(1, len(errors) + 1), errors, color=colour, linewidth=1.5, label=f"$\\mu$ = {mu:g}")
         axis.plot(len(errors), errors[-1], "o", color=colour, markersize=5)
     for level in (1e-2, TOLERANCE):
         axis.axhline(level, color="0.6", linewidth=0.8, linestyle=":", zorder=0)

@@ -55,9 +55,7 @@ def measured(scenes: Mapping[str, latin_fmu.Scene], rounds: int) -> dict[str, Me
                 told[name] = float(np.mean([w.iterations for w in found.windows])), found.marched
     return {
         name: Measured(
-            run_sizes(prepare(one)),
-            *(median(part) for part in zip(*times[name][1:], strict=True)),
-            *told[name],
+            run_sizes(prepare(one)), *(median(part) for part in zip(*times[name][1:], strict=True)), *told[name]
         )
         for name, one in scenes.items()
     }
@@ -109,8 +107,11 @@ def main(argv: Sequence[str] | None = None) -> dict[str, float]:
         told = predicted(one.sizes, per)
         ratios[name] = sum(told) / one.total
         seconds = told[0], one.preparation + one.operators, told[1], one.march
-        print(f"{name:50}" + "".join(f"{1e3 * value:9.1f}" for value in seconds)
-              + f"{ratios[name]:8.2f}{one.sizes.iterations:8.1f}{one.iterations:6.1f}")  # fmt: skip
+        print(
+            f"{name:50}"
+            + "".join(f"{1e3 * value:9.1f}" for value in seconds)
+            + f"{ratios[name]:8.2f}{one.sizes.iterations:8.1f}{one.iterations:6.1f}"
+        )
     print(f"\n{'share of the march':50}{'told':>8}{'measured':>10}")
     by_effect = {pair.name: shares(pair, runs) for pair in switched}
     for name, (told_share, met) in by_effect.items():
@@ -149,9 +150,7 @@ def figure(
     names = list(by_effect)
     places = np.arange(len(names))[::-1]
     for shift, column, colour, label in ((0.2, 0, ORANGE, "explain"), (-0.2, 1, BLUE, "measured, on - off")):
-        right.barh(
-            places + shift, [100 * by_effect[n][column] for n in names], 0.38, color=colour, label=label
-        )
+        right.barh(places + shift, [100 * by_effect[n][column] for n in names], 0.38, color=colour, label=label)
     right.set_yticks(places, names)
     right.set(xlabel="share of the march (%)", title="What an effect takes")
     right.legend(frameon=False, loc="upper right")

@@ -22,15 +22,17 @@ from latin_fmu.latin.record import InterfaceHistory
 SCENE = MODELS / "two_specimen_crushing" / "scene.toml"
 FRICTION = (0.0, 0.05, 0.1, 10.0)
 STATES = (("stick", "#4D4D4D"), ("slip", "#F6D55C"), ("separation", "#EAEAEA"))
-NEGLIGIBLE = (
-    1e-3  # of the largest pressure: below it a point counts as open (numerical waves ahead of the front)
-)
+NEGLIGIBLE = 1e-3  # of the largest pressure: below it a point counts as open (numerical waves ahead of the front)
 COARSER = ("substructure.lower.box.elements=[3, 3, 3]", "substructure.upper.box.elements=[3, 3, 3]")
 # One window over the whole interval from zero fields and without acceleration: the published iteration.
 PAPER = (
-    "solver.window='whole'", "solver.start='zero'", "solver.acceleration='none'", "solver.max_iterations=60",
-    "solver.tolerance=2e-3", "solver.force_tolerance=1.0",
-)  # fmt: skip
+    "solver.window='whole'",
+    "solver.start='zero'",
+    "solver.acceleration='none'",
+    "solver.max_iterations=60",
+    "solver.tolerance=2e-3",
+    "solver.force_tolerance=1.0",
+)
 SHOWN = (1, 2, 4, 6, 8, 30)  # iterations
 
 
@@ -80,9 +82,7 @@ def solve(friction: float, settings: Sequence[str]) -> tuple[Crush, latin_fmu.So
 
 def iterates(friction: float, settings: Sequence[str], time: Array) -> tuple[list[Crush], list[float]]:
     """The same histories, and sqrt(eta), after each iteration of one window over the whole interval."""
-    scene = latin_fmu.load_scene(
-        SCENE, (f"interface.crush.friction_coefficient={friction}", *settings, *PAPER)
-    )
+    scene = latin_fmu.load_scene(SCENE, (f"interface.crush.friction_coefficient={friction}", *settings, *PAPER))
     kept: list[Crush] = []
 
     def keep(event: latin_fmu.Iteration) -> None:
@@ -143,9 +143,7 @@ def quantities(found: Crush) -> Iterator[tuple[str, Array]]:
 def figure_of_iterations(steps: Sequence[Crush], indicator: Sequence[float], reference: Crush) -> Figure:
     """Histories after some iterations above, their distance to the reference below."""
     figure = Figure(figsize=(12.5, 7.0), layout="constrained")
-    figure.suptitle(
-        "How the iterations find the contact of two crushed specimens ($\\mu$ = 0.1)", fontweight="bold"
-    )
+    figure.suptitle("How the iterations find the contact of two crushed specimens ($\\mu$ = 0.1)", fontweight="bold")
     shown = [i for i in SHOWN if i <= len(steps)]
     shades = [colormaps["plasma"](float(s)) for s in np.linspace(0.85, 0.1, len(shown))]
     top, bottom = figure.subplots(2, 3, height_ratios=(1.5, 1.0))
@@ -153,20 +151,9 @@ def figure_of_iterations(steps: Sequence[Crush], indicator: Sequence[float], ref
         rows = [dict(quantities(step))[label] for step in steps]
         for iteration, shade in zip(shown, shades, strict=True):
             axis.plot(
-                1e6 * reference.time,
-                rows[iteration - 1],
-                color=shade,
-                linewidth=1.6,
-                label=f"iteration {iteration}",
+                1e6 * reference.time, rows[iteration - 1], color=shade, linewidth=1.6, label=f"iteration {iteration}"
             )
-        axis.plot(
-            1e6 * reference.time,
-            exact,
-            color="black",
-            linewidth=1.0,
-            linestyle=(0, (5, 2)),
-            label="converged",
-        )
+        axis.plot(1e6 * reference.time, exact, color="black", linewidth=1.0, linestyle=(0, (5, 2)), label="converged")
         axis.set(title=label, xlabel="time (µs)", xlim=(0.0, 1e6 * reference.time[-1]))
         axis.axhline(0.0, color="0.6", linewidth=0.6, zorder=0)
         errors = [error(row, exact) for row in rows]
@@ -204,9 +191,7 @@ def figure_of_friction(found: dict[float, Crush]) -> Figure:
     strips = right.subplots(len(found), 1, sharex=True)
     for axis, (friction, curves), colour in zip(strips, found.items(), COLOURS, strict=False):
         draw_states(axis, curves)
-        axis.set_title(
-            f"$\\mu$ = {friction:g}", loc="left", fontsize="medium", color=colour, fontweight="bold"
-        )
+        axis.set_title(f"$\\mu$ = {friction:g}", loc="left", fontsize="medium", color=colour, fontweight="bold")
     strips[0].legend(fontsize="small", loc="lower right", ncols=3, bbox_to_anchor=(1.0, 1.0), frameon=False)
     strips[-1].set_xlabel("time (µs)")
     return figure

@@ -129,11 +129,7 @@ def write(file: Path, values: dict[str, float], errors: dict[str, float], force:
 
 
 def figure(
-    plan: Plan,
-    runs: Sequence[Measured],
-    early: dict[str, float],
-    values: dict[str, float],
-    errors: dict[str, float],
+    plan: Plan, runs: Sequence[Measured], early: dict[str, float], values: dict[str, float], errors: dict[str, float]
 ) -> Figure:
     """First contact and separation of the runs beside the value taken."""
     drawn = Figure(figsize=(9.5, 3.6), layout="constrained")
@@ -143,15 +139,11 @@ def figure(
         value, error = 1e6 * values[quantity], errors[quantity]
         axis.axhspan(value * (1 - error), value * (1 + error), color=ORANGE, alpha=0.3, linewidth=0)
         axis.axhline(value, color=ORANGE, label="taken, and its error")
-        axis.plot(
-            names, [1e6 * run.values[quantity] for run in runs], "o", color=BLUE, label="whole interval"
-        )
+        axis.plot(names, [1e6 * run.values[quantity] for run in runs], "o", color=BLUE, label="whole interval")
         if quantity == FIRST:
             axis.plot(list(early), [1e6 * t for t in early.values()], "s", color=GREEN, label="first 2.2 us")
         axis.margins(y=0.15)
-        axis.set(
-            xlabel="elements along an edge", ylabel=f"{quantity.rpartition('.')[2].replace('_', ' ')} (us)"
-        )
+        axis.set(xlabel="elements along an edge", ylabel=f"{quantity.rpartition('.')[2].replace('_', ' ')} (us)")
         axis.legend(frameon=False, fontsize="small")
         tidy(axis)
     return drawn

@@ -33,26 +33,20 @@ def half(whole: latin_fmu.Scene, name: str) -> latin_fmu.Scene:
     keep = {
         "substructure": {n: b for n, b in data["substructure"].items() if n in bodies},
         "interface": {
-            n: i
-            for n, i in data["interface"].items()
-            if n != "joint" and i["sides"][0].split(".")[0] in bodies
+            n: i for n, i in data["interface"].items() if n != "joint" and i["sides"][0].split(".")[0] in bodies
         },
         "load": {n: v for n, v in data["load"].items() if v["face"].split(".")[0] in bodies},
     }
     keep["load"]["cut"] = {"face": CUT[name], "traction": [0.0, 0.0, UNIT], "law": {"type": "input"}}
     sensor = {"cut": {"substructure": CUT[name].split(".")[0], "point": [0.0, 0.0, 0.5]}}
     solver = {"tolerance": 1e-9, "force_tolerance": 1e-9}
-    return latin_fmu.scene_from_dict(
-        {**data, **keep, "name": name, "sensor": sensor, "solver": solver, "output": {}}
-    )
+    return latin_fmu.scene_from_dict({**data, **keep, "name": name, "sensor": sensor, "solver": solver, "output": {}})
 
 
 def main() -> dict[str, float]:
     """Run both; numbers that tests look at."""
     # scene
-    whole = latin_fmu.load_scene(
-        MODEL, ["solver.window=1", "solver.tolerance=1e-9", "solver.force_tolerance=1e-9"]
-    )
+    whole = latin_fmu.load_scene(MODEL, ["solver.window=1", "solver.tolerance=1e-9", "solver.force_tolerance=1e-9"])
     steel = whole.material["steel"]
     impedance = float(np.sqrt(steel.young_modulus * steel.density))
     dt = whole.time.time_step
@@ -77,9 +71,7 @@ def main() -> dict[str, float]:
     joint = one.interfaces["joint"]
     expected = joint.force()[1 : N_STEP + 1, 2] / joint.areas.sum()
     error = float(np.abs(np.array(forces) - expected).max() / np.abs(expected).max())
-    print(
-        f"stress at the cut: peak {np.abs(expected).max() / 1e6:.1f} MPa, two FMUs against one run: {error:.1e}"
-    )
+    print(f"stress at the cut: peak {np.abs(expected).max() / 1e6:.1f} MPa, two FMUs against one run: {error:.1e}")
     print(f"iterations of the master: {np.mean(iterations):.1f} a step on average, {max(iterations)} at most")
     return {"error": error, "iterations": float(np.mean(iterations))}
 

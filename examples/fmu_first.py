@@ -23,9 +23,7 @@ def main() -> dict[str, float]:
         assert fmpy.validation.validate_fmu(str(fmu)) == []
         h, n = 1.5e-6, 10  # communication step, s; number of steps
         names = ["time", "load.press.value", "load.press.rate"]
-        ramp = np.array(
-            [(i * h, i / n, 1.0 / (n * h)) for i in range(n + 1)], dtype=[(name, float) for name in names]
-        )
+        ramp = np.array([(i * h, i / n, 1.0 / (n * h)) for i in range(n + 1)], dtype=[(name, float) for name in names])
         result = fmpy.simulate_fmu(str(fmu), stop_time=n * h, output_interval=h, input=ramp)
     force, slipping = result["interface.crush.normalForce"], result["interface.crush.slipping"]
     print(f"normal force at the end {force[-1] / 1e3:.2f} kN, {100 * slipping[-1]:.0f} % of the area slips")

@@ -64,17 +64,14 @@ def simulated(scene: Scene, folder: Path) -> Pair:
 def draw(axis: Axes, pair: Pair, contact: str, title: str) -> None:
     """Contact force of both over time."""
     force = f"interface.{contact}.normalForce"
+    axis.plot(pair.full["time"], pair.full[force], color=BLUE, linewidth=1.6, label="co-simulation (LATIN, full mesh)")
     axis.plot(
-        pair.full["time"],
-        pair.full[force],
-        color=BLUE,
-        linewidth=1.6,
-        label="co-simulation (LATIN, full mesh)",
-    )
-    axis.plot(
-        pair.reduced["time"], pair.reduced[force], color=VERMILION, linewidth=0.8,
+        pair.reduced["time"],
+        pair.reduced[force],
+        color=VERMILION,
+        linewidth=0.8,
         label="Model Exchange (CVode, reduced model)",
-    )  # fmt: skip
+    )
     axis.set_title(f"{title}\n{pair.states} states", fontsize="medium", loc="left")
     axis.xaxis.set_major_locator(MaxNLocator(4))
     axis.xaxis.set_major_formatter(EngFormatter(unit="s"))

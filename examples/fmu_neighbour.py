@@ -54,8 +54,15 @@ class Hammer(Fmi2Slave):
 def main() -> dict[str, float]:
     """Couple both; numbers that tests look at."""
     # scene: the load becomes an input, one unit is 1 Pa on the head
-    scene = latin_fmu.load_scene(MODEL, ["load.press.law=input", "load.press.pressure=1.0", "time.step=0.3e-6",
-                                         "sensor.head={substructure='upper', point=[0, 0, 0.02]}"])  # fmt: skip
+    scene = latin_fmu.load_scene(
+        MODEL,
+        [
+            "load.press.law=input",
+            "load.press.pressure=1.0",
+            "time.step=0.3e-6",
+            "sensor.head={substructure='upper', point=[0, 0, 0.02]}",
+        ],
+    )
     h, n, impulse, force = 0.3e-6, 160, 0.0, 0.0
     with tempfile.TemporaryDirectory() as folder:
         script = Path(folder) / "hammer_neighbour.py"

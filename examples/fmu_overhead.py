@@ -51,9 +51,7 @@ class Watch:
 def inside(name: str) -> Any:
     """A module of the solver that travels in the FMU of this process."""
     return next(
-        m
-        for key, m in sys.modules.items()
-        if key.startswith("latin_fmu_") and key.endswith(f".latin_fmu.{name}")
+        m for key, m in sys.modules.items() if key.startswith("latin_fmu_") and key.endswith(f".latin_fmu.{name}")
     )
 
 

@@ -20,9 +20,7 @@ def main() -> dict[str, float]:
     with tempfile.TemporaryDirectory() as folder:
         fmu = build_fmu(scene, Path(folder) / "crushing.fmu")
         line = ("first", "interface.crush.slipping", "second", "load.press.value")
-        package = write_ssp(
-            Path(folder) / "pair.ssp", "pair", {"first": fmu, "second": fmu}, [line], scene.time.end
-        )
+        package = write_ssp(Path(folder) / "pair.ssp", "pair", {"first": fmu, "second": fmu}, [line], scene.time.end)
         described = read_ssd(str(package))
     system = described.system
     print(f"{system.name}: {[e.name for e in system.elements]}, {len(system.connections)} connection(s)")

@@ -86,12 +86,13 @@ def scene() -> latin_fmu.Scene:
         "interface": {"floor": {"sides": ["block.zmin", "ground"], "friction_coefficient": 0.5}},
         "load": {
             "press": {
-                "face": "block.zmax", "traction": [1e8, 0.0, -3e8],
+                "face": "block.zmax",
+                "traction": [1e8, 0.0, -3e8],
                 "law": {"type": "half_sine", "duration": 6e-6},
             }
         },
         "time": {"end": 8e-6, "instants": 40},
-    }  # fmt: skip
+    }
     return latin_fmu.scene_from_dict(tables)
 
 

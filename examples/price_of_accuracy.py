@@ -64,12 +64,8 @@ class Case:
 def main(argv: Sequence[str] | None = None) -> dict[str, float]:
     """Study, search, compare, and return the checked numbers."""
     said = options(argv, __doc__)
-    models, targets, budget = (
-        (("impact_bar",), TARGETS[:1], 8.0) if said.quick else (QUANTITIES, TARGETS, 60.0)
-    )
-    print(
-        f"{'':34}{'target':>8}{'true':>9}{'told':>9}{'CPU s':>9}{'own scheme':>12}{'ratio':>7}{'any':>9}{'ratio':>7}"
-    )
+    models, targets, budget = (("impact_bar",), TARGETS[:1], 8.0) if said.quick else (QUANTITIES, TARGETS, 60.0)
+    print(f"{'':34}{'target':>8}{'true':>9}{'told':>9}{'CPU s':>9}{'own scheme':>12}{'ratio':>7}{'any':>9}{'ratio':>7}")
     cases = []
     for model in models:
         scene = latin_fmu.load_scene(MODELS / model / "scene.toml", BARE)
@@ -91,9 +87,7 @@ def compared(model: str, found: Study, quantity: str, target: float) -> Case:
     rounds = ROUNDS if first < SHORT else 1
     seconds: list[list[float]] = [[], [], []]
     for _ in range(rounds):
-        seconds[0].append(
-            timed(lambda: choose(scene, target, LIMIT, lambda _: None))[1] if rounds > 1 else first
-        )
+        seconds[0].append(timed(lambda: choose(scene, target, LIMIT, lambda _: None))[1] if rounds > 1 else first)
         for i, row in enumerate(rows, 1):
             seconds[i].append(math.nan if row is None else timed(lambda row=row: again(scene, row))[1])
     assert choice.solution is not None
@@ -152,10 +146,21 @@ def figure(cases: Sequence[Case]) -> Figure:
     for colour, target in zip(COLOURS, TARGETS, strict=False):
         for mark, cost, name in (("o", "own", "own scheme"), ("x", "best", "any scheme")):
             chosen = [c for c in cases if c.target == target and c.choice.reached]
-            axis.plot([getattr(c, cost) for c in chosen], [c.seconds for c in chosen], mark, color=colour,
-                      markersize=5, label=f"{100 * target:g} %, {name}")  # fmt: skip
-    axis.set(xscale="log", yscale="log", xlabel="CPU s of the cheapest setting of the study",
-             ylabel="CPU s of the whole search", title="What a wanted accuracy costs")  # fmt: skip
+            axis.plot(
+                [getattr(c, cost) for c in chosen],
+                [c.seconds for c in chosen],
+                mark,
+                color=colour,
+                markersize=5,
+                label=f"{100 * target:g} %, {name}",
+            )
+    axis.set(
+        xscale="log",
+        yscale="log",
+        xlabel="CPU s of the cheapest setting of the study",
+        ylabel="CPU s of the whole search",
+        title="What a wanted accuracy costs",
+    )
     axis.legend(frameon=False, fontsize="small")
     tidy(axis)
     return drawn

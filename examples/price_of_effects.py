@@ -56,22 +56,26 @@ ROWS = (
     Row("rigid upper block", None, {"substructure.b.rigid": True}),
     Row("bond, one solve", None, {"interface.meet.behaviour": "perfect"}),
     Row("bond, iterated", None, {"interface.meet.behaviour": "perfect", "solver.bonds": "iterate"}),
-)  # fmt: skip
+)
 
 
 def base(elements: int, instants: int) -> Tables:
     """Two blocks in frictionless contact."""
     box = {"size": [EDGE] * 3, "elements": [elements] * 3}
     return {
-        "name": "base", "material": {"steel": dict(STEEL)},
+        "name": "base",
+        "material": {"steel": dict(STEEL)},
         "substructure": {
             "a": {"material": "steel", "box": box},
             "b": {"material": "steel", "box": {**box, "origin": [0.0, 0.0, EDGE]}},
         },
         "interface": {"meet": dict(MEET)},
         "load": {"push": {"face": "a.zmin", "pressure": 1e8, "law": {"type": "half_sine", "duration": 30 * STEP}}},
-        "time": {"end": instants * STEP, "instants": instants}, "output": {}, "solver": {}, "boundary": {},
-    }  # fmt: skip
+        "time": {"end": instants * STEP, "instants": instants},
+        "output": {},
+        "solver": {},
+        "boundary": {},
+    }
 
 
 def chain(elements: int) -> Tables:
@@ -81,19 +85,11 @@ def chain(elements: int) -> Tables:
     del tables["interface"]["meet"], tables["substructure"]["a"], tables["substructure"]["b"]
     for i in range(1, 9):
         across, along = max(elements // 2, 1), 4 * elements
-        box = {
-            "origin": [0.0, 0.0, 2 * EDGE * i],
-            "size": [EDGE, EDGE, 2 * EDGE],
-            "elements": [across, across, along],
-        }
+        box = {"origin": [0.0, 0.0, 2 * EDGE * i], "size": [EDGE, EDGE, 2 * EDGE], "elements": [across, across, along]}
         tables["substructure"][f"b{i}"] = {"material": "steel", "box": box}
         if i > 1:
             tables["interface"][f"i{i}"] = {"sides": [f"b{i - 1}.zmax", f"b{i}.zmin"], "behaviour": "perfect"}
-    tables["load"]["push"] = {
-        "face": "b1.zmin",
-        "pressure": 1e8,
-        "law": {"type": "half_sine", "duration": transit},
-    }
+    tables["load"]["push"] = {"face": "b1.zmin", "pressure": 1e8, "law": {"type": "half_sine", "duration": transit}}
     tables["time"]["end"] = 2.9 * transit
     return tables
 
@@ -166,26 +162,25 @@ def main(argv: Sequence[str] | None = None) -> dict[str, float]:
     waves = [changed(chain(elements), {"solver.skip_at_rest": kind}) for kind in kinds]
     rest = dict(zip(kinds, in_turns(waves, rounds), strict=True))
     marched = {
-        k: latin_fmu.solve(latin_fmu.scene_from_dict(w)).outcome.marched
-        for k, w in zip(kinds, waves, strict=True)
+        k: latin_fmu.solve(latin_fmu.scene_from_dict(w)).outcome.marched for k, w in zip(kinds, waves, strict=True)
     }
 
     # check
     print(f"{'':34}{'CPU ms':>10}{'of base':>10}{'unknowns':>10}{'interface':>11}{'peak MB':>9}")
     for name, tables in zip(names, scenes, strict=True):
         bodies, interface = unknowns(tables)
-        print(f"{name:34}{1e3 * seconds[name]:10.2f}{seconds[name] / seconds['base']:10.2f}{bodies:10d}{interface:11d}"
-              f"{np.nan if said.quick else megabytes(tables):9.1f}")  # fmt: skip
+        print(
+            f"{name:34}{1e3 * seconds[name]:10.2f}{seconds[name] / seconds['base']:10.2f}{bodies:10d}{interface:11d}"
+            f"{np.nan if said.quick else megabytes(tables):9.1f}"
+        )
     numbers = {
-        "open_contact_over_no_interface": seconds["contact (against none): idle"]
-        / seconds["base, blocks apart"],
+        "open_contact_over_no_interface": seconds["contact (against none): idle"] / seconds["base, blocks apart"],
         "idle_friction_over_frictionless": seconds["friction: idle"] / seconds["base"],
         "energy_over_none": seconds["energy balance: at work"] / seconds["base"],
         "soft_contact_over_contact": seconds["soft contact: at work"] / seconds["friction: at work"],
         "layer_over_iterated_bond": seconds["elastic layer: at work"] / seconds["bond, iterated: at work"],
         "rigid_over_elastic": seconds["rigid upper block: at work"] / seconds["base"],
-        "one_solve_over_iterated_bond": seconds["bond, one solve: at work"]
-        / seconds["bond, iterated: at work"],
+        "one_solve_over_iterated_bond": seconds["bond, one solve: at work"] / seconds["bond, iterated: at work"],
         "interface_unknowns_frictionless": float(unknowns(start)[1]),
         "interface_unknowns_friction": float(unknowns(changed(start, ROWS[1].active or {}))[1]),
         "chain_marched_exact": marched["exact"],
@@ -208,19 +203,22 @@ def figure(seconds: dict[str, float]) -> Figure:
         for shift, kind, colour in ((0.2, "idle", ORANGE), (-0.2, "at work", BLUE)):
             value = seconds.get(f"{row.name}: {kind}")
             if value is not None:
-                axis.barh(place + shift, value / reference, height=0.38, color=colour,
-                          label=kind if place == len(ROWS) - 1 else None)  # fmt: skip
-                axis.text(
-                    value / reference + 0.02,
+                axis.barh(
                     place + shift,
-                    f"{value / reference:.2f}",
-                    va="center",
-                    fontsize="small",
+                    value / reference,
+                    height=0.38,
+                    color=colour,
+                    label=kind if place == len(ROWS) - 1 else None,
+                )
+                axis.text(
+                    value / reference + 0.02, place + shift, f"{value / reference:.2f}", va="center", fontsize="small"
                 )
     axis.axvline(1.0, color="0.3", linewidth=1.0, linestyle="--")
     axis.set_yticks(range(len(ROWS)), [row.name for row in reversed(ROWS)])
-    axis.set(xlabel="CPU time of the march over that of the base (1: the effect is off)",
-             title="What an effect costs where a scene calls for it")  # fmt: skip
+    axis.set(
+        xlabel="CPU time of the march over that of the base (1: the effect is off)",
+        title="What an effect costs where a scene calls for it",
+    )
     axis.legend(frameon=False, loc="lower right")
     tidy(axis)
     return drawn

@@ -32,16 +32,7 @@ from benchmark_figure import figure
 from benchmark_floor import Floor
 from benchmark_more import tables
 from benchmark_problems import Case, all_cases, quick_cases
-from benchmark_timing import (
-    contact_run,
-    cpu,
-    force_error,
-    in_turn,
-    prepared,
-    rounds_for,
-    second_run,
-    stable,
-)
+from benchmark_timing import contact_run, cpu, force_error, in_turn, prepared, rounds_for, second_run, stable
 from example_tools import save
 
 from latin_fmu.api import run
@@ -91,11 +82,18 @@ def measure(case: Case, rounds: int | None = None) -> tuple[list[Row], dict[str,
     floor = min(floors.values())
     rows = [
         Row(
-            case.case, case.n_blocks, case.mu, name, seconds[name] / floor, floor, seconds[name],
-            outcome.passes, force_error(outcome, reference),
+            case.case,
+            case.n_blocks,
+            case.mu,
+            name,
+            seconds[name] / floor,
+            floor,
+            seconds[name],
+            outcome.passes,
+            force_error(outcome, reference),
         )
         for name, outcome in outcomes.items()
-    ]  # fmt: skip
+    ]
     return rows, floors
 
 
@@ -136,9 +134,7 @@ def options(argv: Sequence[str] | None) -> Namespace:
     parser.add_argument("--finest", action="store_true", help="P2 with 20^3 elements in a block too")
     parser.add_argument("--only", default="", metavar="TEXT", help='cases whose name holds TEXT, as "P3 n=4"')
     parser.add_argument("--rounds", type=int, help="repetitions; chosen by the time of the floor if left out")
-    parser.add_argument(
-        "--more", action="store_true", help="accuracy, second runs, whole windows and memory too"
-    )
+    parser.add_argument("--more", action="store_true", help="accuracy, second runs, whole windows and memory too")
     parser.add_argument("--json", action="store_true", help="one list of objects, nothing else")
     parser.add_argument("-o", "--output", type=Path, default=Path("figures"), help="folder of the figure")
     return parser.parse_args(argv)

@@ -21,9 +21,13 @@ class _Options(ctypes.Structure):
     """First fields of SolverOptions."""
 
     _fields_ = [
-        ("solver", ctypes.c_int), ("is_set", ctypes.c_bool), ("n_int", ctypes.c_int),
-        ("ints", ctypes.POINTER(ctypes.c_int)), ("n_double", ctypes.c_int), ("doubles", _Doubles),
-    ]  # fmt: skip
+        ("solver", ctypes.c_int),
+        ("is_set", ctypes.c_bool),
+        ("n_int", ctypes.c_int),
+        ("ints", ctypes.POINTER(ctypes.c_int)),
+        ("n_double", ctypes.c_int),
+        ("doubles", _Doubles),
+    ]
 
 
 def library() -> ctypes.CDLL | None:
@@ -60,22 +64,22 @@ class Contacts:
         self.q, self.mu = np.zeros(3 * n), np.ascontiguousarray(mu, dtype=float)
         self.impulse, self._velocity = np.zeros((2, 3 * n))
         listed = found.SBCM_new_3x3(
-            n, n, len(row), self._row.ctypes.data_as(_Unsigned), self._column.ctypes.data_as(_Unsigned),
+            n,
+            n,
+            len(row),
+            self._row.ctypes.data_as(_Unsigned),
+            self._column.ctypes.data_as(_Unsigned),
             _doubles(self._blocks),
-        )  # fmt: skip
-        matrix = found.NM_create_from_data(_SPARSE_BLOCK, 3 * n, 3 * n, found.SBCM_to_SBM(listed))
-        self._problem = found.frictionContactProblem_new_with_data(
-            3, n, matrix, _doubles(self.q), _doubles(self.mu)
         )
+        matrix = found.NM_create_from_data(_SPARSE_BLOCK, 3 * n, 3 * n, found.SBCM_to_SBM(listed))
+        self._problem = found.frictionContactProblem_new_with_data(3, n, matrix, _doubles(self.q), _doubles(self.mu))
         self._options = found.solver_options_create(_GAUSS_SEIDEL)
         self._options.contents.doubles[0] = tolerance
         self._options.contents.ints[0] = 10_000
 
     def solve(self) -> int:
         """``impulse`` (3 n,) for the present ``q``, from the last one; iterations."""
-        self._library.fc3d_driver(
-            self._problem, _doubles(self.impulse), _doubles(self._velocity), self._options
-        )
+        self._library.fc3d_driver(self._problem, _doubles(self.impulse), _doubles(self._velocity), self._options)
         return int(self._options.contents.ints[1])
 
 

@@ -44,17 +44,12 @@ class MoreauJean:
             for c, m in zip(ready.classes, self.models, strict=True)
         ]
         self.traces = [sp.csr_array(t) for t in traces]
-        spread = [
-            sp.csr_array((np.ones(len(r)), (r, np.arange(len(r)))), shape=(3 * n, len(r))) for r in self.rows
-        ]
+        spread = [sp.csr_array((np.ones(len(r)), (r, np.arange(len(r)))), shape=(3 * n, len(r))) for r in self.rows]
         self.h = sp.csr_array(sp.hstack([s @ t for s, t in zip(spread, self.traces, strict=True)]))
         self.mass = sp.csr_array(sp.block_diag([m.reduced[0] for m in self.models], format="csr"))
         self.stiffness = sp.csr_array(sp.block_diag([m.reduced[2] for m in self.models], format="csr"))
         self.mu = np.concatenate(
-            [
-                np.full(u.geometry.n_point, ready.scene.interface[u.name].friction_coefficient)
-                for u in ready.units
-            ]
+            [np.full(u.geometry.n_point, ready.scene.interface[u.name].friction_coefficient) for u in ready.units]
         )
         self.gap = np.concatenate([u.geometry.gap for u in ready.units])
         self.iterations = 0
@@ -110,9 +105,7 @@ class MoreauJean:
         total = self.mass.shape[0]
         for model in self.models:
             reduced = [np.asarray(model.expansion.T @ load.pattern) for load in model.loads]
-            for pattern, law in zip(
-                reduced, ready.timeline.histories(model, ready.time).amplitudes, strict=True
-            ):
+            for pattern, law in zip(reduced, ready.timeline.histories(model, ready.time).amplitudes, strict=True):
                 column = np.zeros(total)
                 column[start : start + len(pattern)] = pattern
                 columns.append(column)

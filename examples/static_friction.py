@@ -96,11 +96,7 @@ def draw_loop(axis: Axes, bar: latin_fmu.Solution, force: Array) -> None:
     pull = PULL * np.interp(fine, [0, 1, 3, 5], [0, 1, -1, 1])
     axis.plot(1e3 * exact(pull, fine), 1e-3 * pull, **EXACT)
     axis.plot(1e3 * end(bar), 1e-3 * force, "o", color=BLUE, markersize=3.5, label="computed")
-    axis.set(
-        title="A gripped bar through a cycle of load",
-        xlabel="displacement of the end (mm)",
-        ylabel="pull (kN)",
-    )
+    axis.set(title="A gripped bar through a cycle of load", xlabel="displacement of the end (mm)", ylabel="pull (kN)")
     axis.legend(fontsize="small", frameon=False)
     tidy(axis)
 
@@ -113,9 +109,7 @@ def draw_slip(axis: Axes, bar: latin_fmu.Solution) -> None:
     x = history.nodes[line, 0]
     reach = np.maximum(x - (LENGTH - PULL / LOST), 0.0)
     for instant, sign, colour, name in ((10, 1, BLUE, "pulled"), (30, -1, VERMILION, "pushed")):
-        axis.plot(
-            x, 1e3 * history.displacement[instant, line, 0], "o", color=colour, markersize=3.5, label=name
-        )
+        axis.plot(x, 1e3 * history.displacement[instant, line, 0], "o", color=colour, markersize=3.5, label=name)
         axis.plot(x, sign * 1e3 * LOST * reach**2 / (2 * STIFFNESS), **{**EXACT, "label": None})
     axis.set(title="Along the bar, at the turning points", xlabel="x (m)", ylabel="displacement (mm)")
     axis.legend(fontsize="small", frameon=False)
@@ -124,9 +118,7 @@ def draw_slip(axis: Axes, bar: latin_fmu.Solution) -> None:
 
 def draw_stack(axis: Axes, flat: dict[int, float], growing: dict[int, float]) -> None:
     """Mean iterations against the number of plates."""
-    axis.plot(
-        list(growing), list(growing.values()), "s--", color=VERMILION, label="without the coarse problem"
-    )
+    axis.plot(list(growing), list(growing.values()), "s--", color=VERMILION, label="without the coarse problem")
     axis.plot(list(flat), list(flat.values()), "o-", color=BLUE, label="with it")
     axis.set(title="Plates pressed and sheared", xlabel="plates", ylabel="iterations per increment, mean")
     axis.set_xscale("log", base=2)

@@ -145,9 +145,7 @@ def relative_error(found: Stress, exact: Stress) -> float:
     borders = np.linspace(0.0, 3 * LENGTH, len(exact.x) + 1)
     primitive = np.concatenate([np.zeros((len(rows), 1)), np.cumsum(rows, axis=1)], axis=1)
     edges = np.linspace(0.0, 3 * LENGTH, len(found.x) + 1)
-    mean = (
-        np.array([np.diff(np.interp(edges, borders, row)) for row in primitive]) * len(found.x) / len(exact.x)
-    )
+    mean = np.array([np.diff(np.interp(edges, borders, row)) for row in primitive]) * len(found.x) / len(exact.x)
     return float(np.linalg.norm(found.values - mean) / np.linalg.norm(mean))
 
 
@@ -175,15 +173,25 @@ def figure_of_waves(found: Stress, exact: Stress) -> Figure:
     left, right = halves(figure, 1.15)
     axes = left.subplots(len(SHOWN), 1, sharex=True)
     notes = (
-        "compression enters bar 1", "and runs through the joint", "the free end turns it into tension",
-        "gap closed: the rest goes into bar 2", "tension back in bar 1, compression in bar 2", "the far end reflects",
-    )  # fmt: skip
+        "compression enters bar 1",
+        "and runs through the joint",
+        "the free end turns it into tension",
+        "gap closed: the rest goes into bar 2",
+        "tension back in bar 1, compression in bar 2",
+        "the far end reflects",
+    )
     for axis, time, note in zip(axes, SHOWN, notes, strict=True):
         draw_bars(axis)
         axis.plot(found.x, found.at(time), color=BLUE, linewidth=1.6, label="computed")
         axis.plot(exact.x, exact.at(time), **EXACT)
-        axis.text(0.01, 0.93, f"t = {time:.2f} L/c  ({1e6 * time * TRANSIT:.0f} µs): {note}", va="top",
-                  fontsize="small", transform=axis.transAxes)  # fmt: skip
+        axis.text(
+            0.01,
+            0.93,
+            f"t = {time:.2f} L/c  ({1e6 * time * TRANSIT:.0f} µs): {note}",
+            va="top",
+            fontsize="small",
+            transform=axis.transAxes,
+        )
     name_bars(axes[0])
     axes[0].legend(loc="lower right", fontsize="small", ncols=2, frameon=False)
     left.supylabel("stress (MPa), tension > 0", fontsize="medium")
@@ -194,17 +202,20 @@ def figure_of_waves(found: Stress, exact: Stress) -> Figure:
 
 def draw_plane(axis: Axes, found: Stress) -> None:
     """Stress as colour over place and time, with the times of the snapshots."""
-    image = axis.pcolormesh(
-        found.x, found.time, found.values, cmap="RdBu_r", vmin=-120, vmax=120, rasterized=True
-    )
+    image = axis.pcolormesh(found.x, found.time, found.values, cmap="RdBu_r", vmin=-120, vmax=120, rasterized=True)
     axis.figure.colorbar(image, ax=axis, label="stress (MPa): compression blue, tension red", shrink=0.8)
     axis.axvline(2 * LENGTH, color="black", linewidth=1.2)
     axis.axvline(LENGTH, color="0.4", linewidth=0.8, linestyle=":")
     axis.plot([2 * LENGTH] * 2, [2.3, 3.0], color="black", linewidth=6, solid_capstyle="butt")
     for time in SHOWN:
         axis.axhline(time, color="0.25", linewidth=0.6, linestyle=(0, (2, 3)))
-    axis.annotate("contact presses\n(exact: 2.3 to\n3.0 L/c)", (2 * LENGTH, 2.65), (2.2 * LENGTH, 0.95),
-                  fontsize="small", arrowprops={"arrowstyle": "->", "linewidth": 0.8})  # fmt: skip
+    axis.annotate(
+        "contact presses\n(exact: 2.3 to\n3.0 L/c)",
+        (2 * LENGTH, 2.65),
+        (2.2 * LENGTH, 0.95),
+        fontsize="small",
+        arrowprops={"arrowstyle": "->", "linewidth": 0.8},
+    )
     name_bars(axis)
     axis.set(xlabel="place along the bars (m)", ylabel="time (L/c)", ylim=(0.0, found.time[-1]))
 
@@ -220,8 +231,14 @@ def figure_of_iterations(iterates: Sequence[Stress], errors: Sequence[float], ex
             axis.plot(iterate.x, iterate.at(time), color=VERMILION, linewidth=1.6, label="this iteration")
             axis.plot(exact.x, exact.at(time), **EXACT)
         axes[row, 0].set_ylabel("MPa")
-        axes[row, 0].text(0.01, 0.93, f"iteration {row + 1}:  sqrt(eta) = {error:.2g}", va="top", fontsize="small",
-                          transform=axes[row, 0].transAxes)  # fmt: skip
+        axes[row, 0].text(
+            0.01,
+            0.93,
+            f"iteration {row + 1}:  sqrt(eta) = {error:.2g}",
+            va="top",
+            fontsize="small",
+            transform=axes[row, 0].transAxes,
+        )
     for axis, time in zip(axes[0], BUILT_AT, strict=True):
         axis.set_title(f"t = {time:.2f} L/c  ({1e6 * time * TRANSIT:.0f} µs)", pad=16)
         name_bars(axis)

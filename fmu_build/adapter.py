@@ -36,9 +36,7 @@ class Adapter:
         self.held.append(vars(sys.modules[type(self).__module__]))
         pin_library(self.resources)  # type: ignore[attr-defined]
         relocate(self.package, self.resources)  # type: ignore[attr-defined]
-        missing = [
-            name for name in self.needed if name not in sys.modules and importlib.util.find_spec(name) is None
-        ]
+        missing = [name for name in self.needed if name not in sys.modules and importlib.util.find_spec(name) is None]
         if missing:
             raise ImportError(
                 f"this FMU needs the Python packages {', '.join(missing)}, which {sys.executable} does not have: "

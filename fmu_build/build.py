@@ -80,10 +80,16 @@ def fmu_files(scene: Scene, fmi: Fmi) -> Files:
     token = content_hash(package, inside, {"variables": variables, "fmi": fmi.encode()})
     identifier = identifier_of(scene)
     facts = Facts(
-        model=scene.name, identifier=identifier, token=token_of(token, fmi), table=table, version=latin_fmu.__version__,
+        model=scene.name,
+        identifier=identifier,
+        token=token_of(token, fmi),
+        table=table,
+        version=latin_fmu.__version__,
         description=scene.description or f"Impact with frictional contact: {scene.name}",
-        stop_time=scene.time.end, step_size=suggested_step(scene), tolerance=accuracy_of(scene.solver.tolerance),
-    )  # fmt: skip
+        stop_time=scene.time.end,
+        step_size=suggested_step(scene),
+        tolerance=accuracy_of(scene.solver.tolerance),
+    )
     script = _SCRIPT.format(package=name, fmi=fmi, exporter=exporter.name, identifier=identifier)
     slave = f"slave_{token[:16]}"
     description = (fmi2_description if fmi == "2" else fmi3_description)(facts)

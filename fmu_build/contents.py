@@ -21,9 +21,7 @@ Files = dict[str, bytes]
 _ADAPTERS = ("__init__.py", "adapter.py", "co_simulation_adapter.py", "fmi2.py", "fmi3.py")
 _EXPORTERS = {"2": "pythonfmu", "3": "pythonfmu3"}
 _LEFT_OUT = ("cli.py", "__main__.py", "commands", "accuracy", "stability", "aot")  # nothing an FMU runs
-_BARE_INIT = (
-    '"""The solver inside an FMU; nothing is imported before it is needed."""\n\n__version__ = "{}"\n'
-)
+_BARE_INIT = '"""The solver inside an FMU; nothing is imported before it is needed."""\n\n__version__ = "{}"\n'
 
 
 @dataclass(frozen=True)
@@ -44,13 +42,9 @@ class Exporter:
         name = _EXPORTERS[fmi]
         spec = importlib.util.find_spec(name)
         if spec is None or spec.origin is None:
-            raise ModuleNotFoundError(
-                f"building FMI {fmi} needs {name}: pip install 'latin-fmu[fmu]'", name=name
-            )
+            raise ModuleNotFoundError(f"building FMI {fmi} needs {name}: pip install 'latin-fmu[fmu]'", name=name)
         folder = Path(spec.origin).parent
-        modules = {
-            path.name: path.read_bytes() for path in sorted(folder.glob("*.py")) if path.name != "__main__.py"
-        }
+        modules = {path.name: path.read_bytes() for path in sorted(folder.glob("*.py")) if path.name != "__main__.py"}
         binaries = folder / "resources" / "binaries"
         found = (p for p in sorted(binaries.rglob("*")) if p.suffix in (".so", ".dll", ".dylib"))
         libraries = {path.relative_to(binaries).as_posix(): path.read_bytes() for path in found}
@@ -60,9 +54,7 @@ class Exporter:
         """Its licence files, as installed."""
         distribution = importlib.metadata.distribution(self.name)
         return {
-            f"documentation/licenses/{self.name}/{Path(str(file)).name}": Path(
-                str(file.locate())
-            ).read_bytes()
+            f"documentation/licenses/{self.name}/{Path(str(file)).name}": Path(str(file.locate())).read_bytes()
             for file in sorted(distribution.files or [], key=str)
             if Path(str(file)).name.upper().startswith(("LICENSE", "LICENCE", "COPYING", "NOTICE"))
         }
@@ -81,9 +73,7 @@ def package_files(exporter: Exporter) -> Files:
     files |= {f"latin_fmu/{path.name}": path.read_bytes() for path in library.shipped()}
     files["latin_fmu/__init__.py"] = _BARE_INIT.format(latin_fmu.__version__).encode()
     here = Path(__file__).parent
-    files |= {
-        f"fmu_build/{name}": (here / name).read_bytes() for name in _ADAPTERS if (here / name).is_file()
-    }
+    files |= {f"fmu_build/{name}": (here / name).read_bytes() for name in _ADAPTERS if (here / name).is_file()}
     return files | {f"{exporter.name}/{name}": content for name, content in exporter.modules.items()}
 
 
@@ -130,14 +120,5 @@ def _requirements() -> list[str]:
     try:
         required = importlib.metadata.requires("latin-fmu") or []
     except importlib.metadata.PackageNotFoundError:  # run from a source folder
-        return [
-            "numpy",
-            "scipy",
-            "numba",
-            "meshio",
-            "pydantic",
-            "xarray",
-            "netCDF4",
-            "threadpoolctl",
-        ]
+        return ["numpy", "scipy", "numba", "meshio", "pydantic", "xarray", "netCDF4", "threadpoolctl"]
     return sorted(r for r in required if "extra ==" not in r and not r.startswith("matplotlib"))

@@ -90,8 +90,11 @@ def cross_check_files(inputs: Inputs) -> Files:
         f"{stem}_ref.opt": "".join(f"{key}, {value!r}\n" for key, value in options.items()).encode(),
     }
     if histories:
-        columns = {f"load.{name}.{what}": column for name, pair in histories.items()
-                   for what, column in zip(("value", "rate"), pair, strict=True)}  # fmt: skip
+        columns = {
+            f"load.{name}.{what}": column
+            for name, pair in histories.items()
+            for what, column in zip(("value", "rate"), pair, strict=True)
+        }
         files[f"{stem}_in.csv"] = _table(["time", *columns], zip(times, *columns.values(), strict=True))
     return files
 

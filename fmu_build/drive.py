@@ -29,27 +29,21 @@ class Drive:
     outputs : names of the scalar outputs. complaint : last message of the FMU when a step was refused, else "".
     """
 
-    def __init__(
-        self, path: str | Path, start: Mapping[str, Any] | None = None, inputs: Columns | None = None
-    ) -> None:
+    def __init__(self, path: str | Path, start: Mapping[str, Any] | None = None, inputs: Columns | None = None) -> None:
         self._folder = ""
         if not Path(path).is_file():
             raise InputError([Problem(str(path), "no such file")], "the FMU cannot be opened")
         try:
             self.description = fmpy.read_model_description(str(path))
         except Exception as error:  # fmpy raises bare exceptions
-            raise InputError(
-                [Problem(str(path), f"not a valid FMU: {error}")], "the FMU cannot be opened"
-            ) from None
+            raise InputError([Problem(str(path), f"not a valid FMU: {error}")], "the FMU cannot be opened") from None
         if self.description.coSimulation is None:
             raise InputError([Problem(str(path), "not an FMU for co-simulation")], "the FMU cannot be opened")
         self._by_name = {v.name: v for v in self.description.modelVariables}
         self._inputs = dict(inputs or {})
         self._time = list(self._inputs.pop("time", []))
         self._check([*(start or {}), *self._inputs])
-        self.outputs = [
-            v.name for v in self.description.modelVariables if v.causality == "output" and not v.dimensions
-        ]
+        self.outputs = [v.name for v in self.description.modelVariables if v.causality == "output" and not v.dimensions]
         experiment = self.description.defaultExperiment
         self.stop_time = float(getattr(experiment, "stopTime", None) or 1.0)
         self.step_size = float(getattr(experiment, "stepSize", None) or self.stop_time / 50)
@@ -68,9 +62,11 @@ class Drive:
     def _instance(self) -> Any:
         kind: Callable[..., Any] = FMU3Slave if self.three else FMU2Slave
         fmu = kind(
-            guid=self.description.guid, unzipDirectory=self._folder, instanceName=self.description.modelName,
+            guid=self.description.guid,
+            unzipDirectory=self._folder,
+            instanceName=self.description.modelName,
             modelIdentifier=self.description.coSimulation.modelIdentifier,
-        )  # fmt: skip
+        )
         if self.three:
             fmu.instantiate(loggingOn=True, logMessage=lambda _e, _s, _c, text: self._hear(text))
             return fmu
@@ -85,9 +81,7 @@ class Drive:
         return fmu
 
     def _hear(self, text: bytes | str) -> None:
-        self._message = (text.decode(errors="replace") if isinstance(text, bytes) else text).replace(
-            "%%", "%"
-        )
+        self._message = (text.decode(errors="replace") if isinstance(text, bytes) else text).replace("%%", "%")
 
     def set(self, name: str, value: Any) -> None:
         """Set a variable."""

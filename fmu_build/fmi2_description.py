@@ -16,14 +16,19 @@ def fmi2_description(facts: Facts) -> Element:
     """The model description; the table must hold scalars only."""
     root = head(facts, "2.0", "guid")
     SubElement(
-        root, "CoSimulation",
+        root,
+        "CoSimulation",
         {
-            "modelIdentifier": facts.identifier, "needsExecutionTool": "true",
-            "canHandleVariableCommunicationStepSize": "true", "canInterpolateInputs": "false",
-            "canNotUseMemoryManagementFunctions": "true", "canGetAndSetFMUstate": "true",
-            "canSerializeFMUstate": "true", "canBeInstantiatedOnlyOncePerProcess": "false",
+            "modelIdentifier": facts.identifier,
+            "needsExecutionTool": "true",
+            "canHandleVariableCommunicationStepSize": "true",
+            "canInterpolateInputs": "false",
+            "canNotUseMemoryManagementFunctions": "true",
+            "canGetAndSetFMUstate": "true",
+            "canSerializeFMUstate": "true",
+            "canBeInstantiatedOnlyOncePerProcess": "false",
         },
-    )  # fmt: skip
+    )
     add_units(root, facts)
     add_logging_and_experiment(root, facts)
     variables = SubElement(root, "ModelVariables")

@@ -16,13 +16,17 @@ def fmi3_description(facts: Facts) -> Element:
     """The model description."""
     root = head(facts, "3.0", "instantiationToken")
     SubElement(
-        root, "CoSimulation",
+        root,
+        "CoSimulation",
         {
-            "modelIdentifier": facts.identifier, "needsExecutionTool": "true",
-            "canBeInstantiatedOnlyOncePerProcess": "false", "canGetAndSetFMUState": "true",
-            "canSerializeFMUState": "true", "canHandleVariableCommunicationStepSize": "true",
+            "modelIdentifier": facts.identifier,
+            "needsExecutionTool": "true",
+            "canBeInstantiatedOnlyOncePerProcess": "false",
+            "canGetAndSetFMUState": "true",
+            "canSerializeFMUState": "true",
+            "canHandleVariableCommunicationStepSize": "true",
         },
-    )  # fmt: skip
+    )
     add_units(root, facts)
     add_logging_and_experiment(root, facts)
     references = facts.references()
@@ -32,15 +36,11 @@ def fmi3_description(facts: Facts) -> Element:
     structure = SubElement(root, "ModelStructure")
     outputs = [variable for variable in facts.table if variable.causality == "output"]
     for variable in outputs:
-        SubElement(
-            structure, "Output", {"valueReference": str(references[variable.name]), "dependencies": ""}
-        )
+        SubElement(structure, "Output", {"valueReference": str(references[variable.name]), "dependencies": ""})
     for variable in outputs:
         depends = " ".join(str(references[name]) for name in variable.initial_dependencies)
         SubElement(
-            structure,
-            "InitialUnknown",
-            {"valueReference": str(references[variable.name]), "dependencies": depends},
+            structure, "InitialUnknown", {"valueReference": str(references[variable.name]), "dependencies": depends}
         )
     return root
 

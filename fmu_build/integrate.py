@@ -28,9 +28,7 @@ class Integration:
     outputs : names of the outputs. complaint : why a run ended early, else "".
     """
 
-    def __init__(
-        self, path: str | Path, start: Mapping[str, Any] | None = None, inputs: Columns | None = None
-    ) -> None:
+    def __init__(self, path: str | Path, start: Mapping[str, Any] | None = None, inputs: Columns | None = None) -> None:
         self._path, self._start, self._inputs = str(path), dict(start or {}), dict(inputs or {})
         description = fmpy.read_model_description(self._path)
         known = {v.name for v in description.modelVariables}
@@ -57,11 +55,17 @@ class Integration:
 
         try:
             result = fmpy.simulate_fmu(
-                self._path, stop_time=stop, output_interval=step, relative_tolerance=self._tolerance,
-                start_values=self._start, input=self._signals(), output=self.outputs,
-                step_finished=keep, record_events=False,
+                self._path,
+                stop_time=stop,
+                output_interval=step,
+                relative_tolerance=self._tolerance,
+                start_values=self._start,
+                input=self._signals(),
+                output=self.outputs,
+                step_finished=keep,
+                record_events=False,
                 logger=lambda _e, _s, _c, text: said.append(text.decode(errors="replace")),
-            )  # fmt: skip
+            )
             rows = [list(row) for row in result]
         except Exception as error:  # fmpy and CVode raise bare exceptions
             self.complaint = (said or [str(error)])[-1].replace("%%", "%")

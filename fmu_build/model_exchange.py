@@ -76,19 +76,22 @@ def model_exchange_files(scene: Scene, n_mode: int, n_patch: int) -> Files:
     system = reduced_system(scene, n_mode, n_patch)
     names = _names(scene, system)
     package = package_files(exporter)
-    package["fmu_build/model_exchange_adapter.py"] = (
-        Path(__file__).with_name("model_exchange_adapter.py").read_bytes()
-    )
+    package["fmu_build/model_exchange_adapter.py"] = Path(__file__).with_name("model_exchange_adapter.py").read_bytes()
     name = f"latin_fmu_{content_hash(package)[:12]}"
     inside: Files = {"reduced.bin": system.to_bytes(), "variables.json": names.to_text().encode()}
     token = content_hash(package, inside, {"scene": scene.text().encode()})
     identifier = re.sub(r"\W", "_", scene.name) + "_reduced"
     facts = Facts(
-        model=f"{scene.name}_reduced", identifier=identifier, token=token_of(token, "3"), table=names.table,
+        model=f"{scene.name}_reduced",
+        identifier=identifier,
+        token=token_of(token, "3"),
+        table=names.table,
         version=latin_fmu.__version__,
         description=f"Reduced model, for a cross-check: {scene.description or scene.name}",
-        stop_time=scene.time.end, step_size=scene.time.end / STEPS, tolerance=TOLERANCE,
-    )  # fmt: skip
+        stop_time=scene.time.end,
+        step_size=scene.time.end / STEPS,
+        tolerance=TOLERANCE,
+    )
     script = _SCRIPT.format(package=name, exporter=exporter.name, identifier=identifier)
     slave = f"slave_{token[:16]}"
     here = Path(__file__).parent

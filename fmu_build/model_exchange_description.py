@@ -18,13 +18,17 @@ def model_exchange_description(facts: Facts, names: Names) -> Element:
     """The model description; ``facts.table`` is that of ``names``."""
     root = head(facts, "3.0", "instantiationToken")
     SubElement(
-        root, "ModelExchange",
+        root,
+        "ModelExchange",
         {
-            "modelIdentifier": facts.identifier, "needsExecutionTool": "true",
-            "canBeInstantiatedOnlyOncePerProcess": "false", "canGetAndSetFMUState": "true",
-            "canSerializeFMUState": "true", "needsCompletedIntegratorStep": "false",
+            "modelIdentifier": facts.identifier,
+            "needsExecutionTool": "true",
+            "canBeInstantiatedOnlyOncePerProcess": "false",
+            "canGetAndSetFMUState": "true",
+            "canSerializeFMUState": "true",
+            "needsCompletedIntegratorStep": "false",
         },
-    )  # fmt: skip
+    )
     units = [output(local.name, local.unit, local.description) for local in names.locals]
     add_units(root, replace(facts, table=[*facts.table, *units]))
     add_logging_and_experiment(root, facts)
@@ -47,10 +51,14 @@ def _add_variables(root: Element, facts: Facts, names: Names) -> None:
 
 def _local(reference: int, local: Local) -> dict[str, str]:
     facts = {
-        "name": local.name, "valueReference": str(reference), "description": local.description,
-        "causality": "local", "variability": "continuous",
-        "initial": "calculated" if local.start is None else "exact", "unit": UNITS[local.unit].name,
-    }  # fmt: skip
+        "name": local.name,
+        "valueReference": str(reference),
+        "description": local.description,
+        "causality": "local",
+        "variability": "continuous",
+        "initial": "calculated" if local.start is None else "exact",
+        "unit": UNITS[local.unit].name,
+    }
     if local.nominal is not None:
         facts["nominal"] = value_text(local.nominal)
     if local.start is not None:
@@ -68,8 +76,10 @@ def _add_structure(root: Element, facts: Facts, names: Names) -> None:
     indicators = range(names.indicators, names.count)
     calculated = [i for i in outputs if i not in names.states]
     for tag, references in (
-        ("Output", outputs), ("ContinuousStateDerivative", derivatives),
-        ("InitialUnknown", [*calculated, *derivatives]), ("EventIndicator", indicators),
-    ):  # fmt: skip
+        ("Output", outputs),
+        ("ContinuousStateDerivative", derivatives),
+        ("InitialUnknown", [*calculated, *derivatives]),
+        ("EventIndicator", indicators),
+    ):
         for reference in references:
             SubElement(structure, tag, {"valueReference": str(reference)})

@@ -44,12 +44,8 @@ simulation. Saving and restoring the state (serialised or not) is exact.</li>
 def model_exchange_page(facts: Facts, names: Names, scene_text: str, n_mode: int, n_patch: int) -> str:
     """The page: what it is, use, variables, scene."""
     rows = [
-        (v.name, v.causality, v.unit or "", "" if v.start is None else str(v.start), v.description)
-        for v in names.table
-    ] + [
-        (v.name, "local", v.unit, "" if v.start is None else f"{v.start:g}", v.description)
-        for v in names.locals
-    ]
+        (v.name, v.causality, v.unit or "", "" if v.start is None else str(v.start), v.description) for v in names.table
+    ] + [(v.name, "local", v.unit, "" if v.start is None else f"{v.start:g}", v.description) for v in names.locals]
     table = "\n".join(
         f"<tr><td>{number}</td><td><code>{escape(row[0])}</code></td>"
         + "".join(f"<td>{escape(text)}</td>" for text in row[1:])

@@ -20,11 +20,7 @@ _SSD, _SSC = f"{_SSP}/SystemStructureDescription", f"{_SSP}/SystemStructureCommo
 
 
 def write_ssp(
-    target: str | Path,
-    name: str,
-    components: Mapping[str, str | Path],
-    connections: Sequence[Connection],
-    stop: float,
+    target: str | Path, name: str, components: Mapping[str, str | Path], connections: Sequence[Connection], stop: float
 ) -> Path:
     """Write the package. ``components``: FMUs by name; ``stop``: end of the default experiment, s.
 
@@ -41,9 +37,7 @@ def write_ssp(
         source = f"resources/{component}.fmu"
         files[source] = Path(path).read_bytes()
         element = SubElement(
-            elements,
-            "ssd:Component",
-            {"name": component, "type": "application/x-fmu-sharedlibrary", "source": source},
+            elements, "ssd:Component", {"name": component, "type": "application/x-fmu-sharedlibrary", "source": source}
         )
         connectors = SubElement(element, "ssd:Connectors")
         kinds = _causalities(Path(path))

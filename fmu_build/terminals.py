@@ -25,13 +25,19 @@ def terminals(facts: Facts) -> Element:
         kind, name, member = match.groups()
         if (key := f"{kind}.{name}") not in found:
             found[key] = Element(
-                "Terminal", {"name": key, "matchingRule": "bus", "terminalKind": f"latin_fmu.{kind}",
-                             "description": f"{kind} {name} of the scene"},
-            )  # fmt: skip
+                "Terminal",
+                {
+                    "name": key,
+                    "matchingRule": "bus",
+                    "terminalKind": f"latin_fmu.{kind}",
+                    "description": f"{kind} {name} of the scene",
+                },
+            )
         SubElement(
-            found[key], "TerminalMemberVariable",
+            found[key],
+            "TerminalMemberVariable",
             {"variableName": variable.name, "memberName": member, "variableKind": "signal"},
-        )  # fmt: skip
+        )
     if found:
         SubElement(root, "Terminals").extend(found.values())
     return root

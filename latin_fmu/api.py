@@ -79,15 +79,9 @@ def run(
 
     def observe(event: IterationEvent) -> None:
         assert observer is not None
-        observer(
-            Iteration(
-                event.window, event.iteration, event.error_indicator, event.force_mismatch, event, assembly
-            )
-        )
+        observer(Iteration(event.window, event.iteration, event.error_indicator, event.force_mismatch, event, assembly))
 
-    with (
-        one_thread()
-    ):  # threads on small dense products cost more than they give, and take sums in another order
+    with one_thread():  # threads on small dense products cost more than they give, and take sums in another order
         march = Run(
             assembly,
             built.settings,
@@ -141,8 +135,7 @@ def check(scene: Scene) -> list[str]:
     ]
     lines += body_lines(prepared.bodies)
     lines += [
-        f"  {', '.join(p.names)}: {p.n_dof} unknowns, {p.n_channel} interface channels"
-        for p in assembly.propagators
+        f"  {', '.join(p.names)}: {p.n_dof} unknowns, {p.n_channel} interface channels" for p in assembly.propagators
     ]
     lines += [_interface_line(u, u.name not in scene.interface) for u in assembly.interfaces]
     lines += [] if built.start is None else [f"  start: {built.start.told}"]

@@ -36,19 +36,24 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("__init__", "__main__"),
 )
 NUMERICAL = ("kernels", "fem", "interface", "time_scheme", "propagator", "latin")
-FOREIGN = {
-    "xarray",
-    "netCDF4",
-    "pydantic",
-    "matplotlib",
-    "fmpy",
-    "pythonfmu",
-    "pythonfmu3",
-    "typer",
-    "meshio",
+FOREIGN = {"xarray", "netCDF4", "pydantic", "matplotlib", "fmpy", "pythonfmu", "pythonfmu3", "typer", "meshio"}
+FILE_CALLS = {
+    "open",
+    "read_text",
+    "read_bytes",
+    "write_text",
+    "write_bytes",
+    "load",
+    "save",
+    "savez",
+    "loadtxt",
+    "savetxt",
+    "genfromtxt",
+    "fromfile",
+    "tofile",
+    "mkdir",
+    "unlink",
 }
-FILE_CALLS = {"open", "read_text", "read_bytes", "write_text", "write_bytes", "load", "save", "savez", "loadtxt",
-              "savetxt", "genfromtxt", "fromfile", "tofile", "mkdir", "unlink"}  # fmt: skip
 SPEAKERS = ("cli.py", "__main__.py", "commands")  # where printing belongs
 MUTABLE_CALLS = {"dict", "list", "set", "bytearray", "defaultdict", "OrderedDict", "Counter", "deque"}
 
@@ -94,9 +99,7 @@ def called(module: Path) -> Iterator[tuple[str, int]]:
                 yield node.func.id, node.lineno
             elif isinstance(node.func, ast.Attribute):
                 of = node.func.value
-                if not (
-                    isinstance(of, ast.Name) and of.id == "builder"
-                ):  # instructions of the compiler's back end
+                if not (isinstance(of, ast.Name) and of.id == "builder"):  # instructions of the compiler's back end
                     yield node.func.attr, node.lineno
 
 
@@ -205,9 +208,7 @@ def test_package_loads_under_another_name(tmp_path: Path, name: str) -> None:
         f"import sys, {name}; assert {name}.load_scene; "
         "assert not [m for m in sys.modules if m.split('.')[0] == 'latin_fmu']"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False
-    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
 
 

@@ -63,9 +63,7 @@ def test_deck_holds_the_scene(modules: dict[str, ModuleType]) -> None:
         f"N_B{b}_{a}MIN, {k}, {k}" for b in (1, 2) for k, a in ((1, "X"), (2, "Y"))
     ]
     assert cards["*DYNAMIC, ALPHA=-0.1"][0].split(", ")[:2] == ["1.500000000e-07", "3.000000000e-05"]
-    law = np.array([float(x) for line in cards["*AMPLITUDE, NAME=A_PRESS"] for x in line.split(",")]).reshape(
-        -1, 2
-    )
+    law = np.array([float(x) for line in cards["*AMPLITUDE, NAME=A_PRESS"] for x in line.split(",")]).reshape(-1, 2)
     assert len(law) == 201
     assert law[:67, 1] == pytest.approx(np.sin(np.pi * law[:67, 0] / 10e-6), abs=1e-8)
     assert (law[67:, 1] == 0.0).all()
@@ -212,9 +210,8 @@ def test_exact_contact_stress_of_the_bars(modules: dict[str, ModuleType]) -> Non
 
 
 def test_says_when_there_is_no_calculix(
-    modules: dict[str, ModuleType], monkeypatch: pytest.MonkeyPatch, tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
+    modules: dict[str, ModuleType], monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     example = importlib.import_module("against_calculix")
     monkeypatch.setattr(example, "installed", lambda: False)
     assert example.main(["-o", str(tmp_path / "none")]) == 0
@@ -226,9 +223,7 @@ def test_says_when_there_is_no_calculix(
 def test_figure_has_a_column_for_each_case(tmp_path: Path) -> None:
     answer = importlib.import_module("benchmark_answers").Answer
     time = np.linspace(0.0, 1e-5, 20)
-    made = [
-        answer(name, 0.1 * (k + 1), time, np.sin(3e5 * time)) for k, name in enumerate(("own", "other, soft"))
-    ]
+    made = [answer(name, 0.1 * (k + 1), time, np.sin(3e5 * time)) for k, name in enumerate(("own", "other, soft"))]
     drawing = importlib.import_module("calculix_figure").figure(
         {"P1": (made[0], made), "P2": (made[0], made)},
         [(n, dict.fromkeys(("own", "shared", "other"), (0.1 * n, 1e-3))) for n in (4, 8)],

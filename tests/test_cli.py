@@ -134,11 +134,7 @@ def test_bad_input_is_two_and_explained_before_any_solve(
 
 @pytest.mark.parametrize(("error", "code"), [(KeyboardInterrupt(), 130), (SolverError("singular"), 3)])
 def test_a_run_cut_short(
-    error: BaseException,
-    code: int,
-    scene: str,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+    error: BaseException, code: int, scene: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def stopped(*_: object, **__: object) -> None:
         raise error
@@ -205,11 +201,7 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.parametrize(
-    "setting",
-    [
-        "solver.max_iterations=1",
-        'solver.search_direction={type="uniform", normal=1e-12, tangential=1e-12}',
-    ],
+    "setting", ["solver.max_iterations=1", 'solver.search_direction={type="uniform", normal=1e-12, tangential=1e-12}']
 )
 @pytest.mark.parametrize("window", ["1", "'whole'"])
 def test_a_run_that_stops_early_is_written_and_can_be_plotted(tmp_path, capsys, setting, window):
@@ -217,9 +209,23 @@ def test_a_run_that_stops_early_is_written_and_can_be_plotted(tmp_path, capsys, 
     scene = str(MODELS / "two_specimen_crushing" / "scene.toml")
     out = tmp_path / "out.nc"
     code = main(
-        ["run", scene, "-o", str(out), "--set", setting, "--set", f"solver.window={window}",
-         "--set", "solver.max_iterations=1", "--set", "solver.start=zero", "--set", "time.end=6e-6"]
-    )  # fmt: skip
+        [
+            "run",
+            scene,
+            "-o",
+            str(out),
+            "--set",
+            setting,
+            "--set",
+            f"solver.window={window}",
+            "--set",
+            "solver.max_iterations=1",
+            "--set",
+            "solver.start=zero",
+            "--set",
+            "time.end=6e-6",
+        ]
+    )
     assert code == 1
     assert "stopped there, results end at t =" in capsys.readouterr().out
     assert main(["plot", str(out), "-o", str(tmp_path / "out.png")]) == 0

@@ -66,22 +66,26 @@ print(json.dumps([outcome.interfaces["crush"].force().tolist(), [w.iterations fo
 # module of the table, what it says, what a mutant says
 MUTATIONS = {
     "traction of the local stage halved": (
-        "kernels.local_stage", "traction = work[group.traction : group.traction + size]\n",
+        "kernels.local_stage",
+        "traction = work[group.traction : group.traction + size]\n",
         "traction = 0.5 * work[group.traction : group.traction + size]\n",
     ),
     "pressure of the law halved": (
-        "kernels.laws", "pressure = max(0.0, -(jump[0] + reach[0])) / z[0] if",
+        "kernels.laws",
+        "pressure = max(0.0, -(jump[0] + reach[0])) / z[0] if",
         "pressure = 0.5 * max(0.0, -(jump[0] + reach[0])) / z[0] if",
     ),
     "sign of K u": (
-        "kernels.substructure", "add_stiffness(pools, c, -1.0, u_free, load)",
+        "kernels.substructure",
+        "add_stiffness(pools, c, -1.0, u_free, load)",
         "add_stiffness(pools, c, 1.0, u_free, load)",
     ),
     "(24) times 1e6": (
-        "kernels.indicator", "np.sqrt(difference / window / measure[2])",
+        "kernels.indicator",
+        "np.sqrt(difference / window / measure[2])",
         "np.sqrt(1e6 * difference / window / measure[2])",
     ),
-}  # fmt: skip
+}
 
 
 def modules() -> list[tuple[str, str]]:
@@ -114,16 +118,21 @@ def test_contributing_names_modules_that_exist() -> None:
 def test_a_default_run_enters_every_module_of_the_table() -> None:
     """With the kernels as plain Python: functions of the file are called, not only its names imported."""
     done = subprocess.run(
-        [sys.executable, "-c", TRACED], capture_output=True, text=True, check=False, cwd=ROOT,
+        [sys.executable, "-c", TRACED],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=ROOT,
         env={**os.environ, "PYTHONPATH": str(ROOT), "LATIN_FMU_COMPILE": "setup"},
-    )  # fmt: skip
+    )
     assert done.returncode == 0, done.stderr
     entered = {Path(name) for name in json.loads(done.stdout)}
     contracts = {"interface.behaviour"}  # no computation of its own
     missing = [
-        name for _, name in modules()
+        name
+        for _, name in modules()
         if name not in contracts and PACKAGE / f"{name.replace('.', '/')}.py" not in entered
-    ]  # fmt: skip
+    ]
     assert missing == []
 
 
@@ -144,9 +153,12 @@ def answer(folder: Path, mutation: str | None) -> list[object]:
     subprocess.run(build, check=True, cwd=folder, env=away | {"LATIN_FMU_LIBRARY": "0"})
     done = subprocess.run(
         [sys.executable, "-c", FORCES, str(ROOT / "models" / "two_specimen_crushing" / "scene.toml")],
-        capture_output=True, text=True, check=False, cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=folder,
         env=away | {"LATIN_FMU_CACHE": "0"},
-    )  # fmt: skip
+    )
     assert done.returncode == 0, done.stderr
     found: list[object] = json.loads(done.stdout)
     return found

@@ -96,21 +96,14 @@ def test_crushing_reference(example: ModuleType, tmp_path: Path) -> None:
     """Half as fine, the values are those of the file beside the scene, its errors and those told granted."""
     numbers = example.main(["--quick", "-o", str(tmp_path)])
     assert _figures(tmp_path) == {"crushing_reference.png"}
-    shipped, made = (
-        json.loads((folder / "reference.json").read_text()) for folder in (example.SCENE.parent, tmp_path)
-    )
+    shipped, made = (json.loads((folder / "reference.json").read_text()) for folder in (example.SCENE.parent, tmp_path))
     assert made["holds_for"] == shipped["holds_for"]
     for quantity, value in shipped["values"].items():
         key = quantity.rpartition(".")[2]
         error = shipped["errors"][quantity] + numbers[f"error_of_{key}"]
         assert numbers[key] == pytest.approx(value, rel=error), quantity
         assert error < 0.25
-    for key, error in (
-        ("impulse", 1e-3),
-        ("first_contact", 2e-2),
-        ("separation", 5e-3),
-        ("peak_force", 2e-2),
-    ):
+    for key, error in (("impulse", 1e-3), ("first_contact", 2e-2), ("separation", 5e-3), ("peak_force", 2e-2)):
         assert numbers[f"error_of_{key}"] < error
 
 
@@ -171,9 +164,7 @@ def test_cost_model(example: ModuleType, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("example", ["benchmark_fit"], indirect=True)
-def test_the_fit_finds_the_seconds_that_made_the_times(
-    example: ModuleType, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_fit_finds_the_seconds_that_made_the_times(example: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
     """Times made up from other seconds than those of the package: the fit tells every run what it took."""
     monkeypatch.syspath_prepend(str(EXAMPLES))
     scenes = importlib.import_module("benchmark_scenes")

@@ -18,17 +18,34 @@ from latin_fmu.scene.reader import scene_from_dict
 
 MODELS = Path(__file__).parents[1] / "models"
 NAMES = {
-    "inertia", "elastic bodies", "rigid bodies", "damping", "absorbing ends", "body force", "surface loads",
-    "initial motion", "static start", "prescribed motion", "unilateral contact", "friction", "initial gap",
-    "perfect bond", "layers and joints", "preload", "interior history", "stress", "energy balance",
-}  # fmt: skip
+    "inertia",
+    "elastic bodies",
+    "rigid bodies",
+    "damping",
+    "absorbing ends",
+    "body force",
+    "surface loads",
+    "initial motion",
+    "static start",
+    "prescribed motion",
+    "unilateral contact",
+    "friction",
+    "initial gap",
+    "perfect bond",
+    "layers and joints",
+    "preload",
+    "interior history",
+    "stress",
+    "energy balance",
+}
 
 
 def tables() -> dict[str, Any]:
     """Two blocks in frictionless contact, one pushed: as few effects as a scene can have."""
     box = {"size": [0.01, 0.01, 0.02], "elements": [2, 2, 4]}
     return {
-        "name": "two", "material": {"steel": {"young_modulus": 210e9, "poisson_ratio": 0.3, "density": 7800.0}},
+        "name": "two",
+        "material": {"steel": {"young_modulus": 210e9, "poisson_ratio": 0.3, "density": 7800.0}},
         "substructure": {
             "a": {"material": "steel", "box": box},
             "b": {"material": "steel", "box": {**box, "origin": [0.0, 0.0, 0.02]}},
@@ -36,7 +53,7 @@ def tables() -> dict[str, Any]:
         "interface": {"meet": {"sides": ["a.zmax", "b.zmin"]}},
         "load": {"push": {"face": "a.zmin", "pressure": 1e6, "law": "step"}},
         "time": {"end": 1e-5, "instants": 20},
-    }  # fmt: skip
+    }
 
 
 def told(scene: dict[str, Any]) -> Explanation:
@@ -105,11 +122,7 @@ def test_behaviours_are_told_apart() -> None:
     assert told(scene).prediction["iterations_per_instant"] == 1.0
     scene["solver"] = {"bonds": "iterate"}
     assert "at once" not in told(scene).choices["window"]
-    scene["interface"]["meet"] |= {
-        "behaviour": "elastic_layer",
-        "normal_stiffness": 1e12,
-        "tangential_stiffness": 0.0,
-    }
+    scene["interface"]["meet"] |= {"behaviour": "elastic_layer", "normal_stiffness": 1e12, "tangential_stiffness": 0.0}
     assert on(told(scene)) == BASE - {"unilateral contact"} | {"layers and joints"}
     del scene["interface"]
     assert on(told(scene)) == BASE - {"unilateral contact"}
@@ -152,9 +165,7 @@ def test_friction_counts_two_thirds_of_the_unknowns() -> None:
         ("output.fields", True, "interior history"),
     ],
 )
-def test_the_cost_of_an_effect_is_the_difference_to_the_scene_without(
-    path: str, value: Any, effect: str
-) -> None:
+def test_the_cost_of_an_effect_is_the_difference_to_the_scene_without(path: str, value: Any, effect: str) -> None:
     """What explain tells of one scene is what the predictions of two scenes differ by."""
     plain, scene = tables(), tables()
     *holders, key = path.split(".")
@@ -232,20 +243,31 @@ def test_every_model_is_explained_for_a_reader(path: Path, capsys: pytest.Captur
 def test_json_keeps_its_keys(capsys: pytest.CaptureFixture[str]) -> None:
     path = MODELS / "two_specimen_crushing" / "scene.toml"
     assert main(["explain", str(path), "--json", "--set", "interface.crush.friction_coefficient=0"]) == 0
-    report = json.loads(
-        capsys.readouterr().out, parse_constant=lambda name: pytest.fail(f"{name} is not JSON")
-    )
+    report = json.loads(capsys.readouterr().out, parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))
     assert report["schema_version"] == "1.0"
-    assert set(report) == {
-        "schema_version", "scene", "effects", "choices", "prediction", "suggestions", "warnings",
-    }  # fmt: skip
+    assert set(report) == {"schema_version", "scene", "effects", "choices", "prediction", "suggestions", "warnings"}
     assert set(report["effects"][0]) == {
-        "name", "on", "why", "lines", "reason", "switch", "unknowns", "kernels", "memory_bytes", "share_of_time",
-    }  # fmt: skip
+        "name",
+        "on",
+        "why",
+        "lines",
+        "reason",
+        "switch",
+        "unknowns",
+        "kernels",
+        "memory_bytes",
+        "share_of_time",
+    }
     assert set(report["prediction"]) == {
-        "cpu_seconds_set_up", "cpu_seconds_instants", "cpu_seconds_instant", "memory_bytes", "unknowns",
-        "interface_unknowns", "instants", "iterations_per_instant",
-    }  # fmt: skip
+        "cpu_seconds_set_up",
+        "cpu_seconds_instants",
+        "cpu_seconds_instant",
+        "memory_bytes",
+        "unknowns",
+        "interface_unknowns",
+        "instants",
+        "iterations_per_instant",
+    }
     assert set(report["choices"]) == {"window", "search direction", "acceleration", "propagator"}
     friction = next(e for e in report["effects"] if e["name"] == "friction")
     assert not friction["on"]

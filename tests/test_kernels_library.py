@@ -33,9 +33,7 @@ from latin_fmu.propagator.cholesky.factor import CholeskyFactor
 ROOT = Path(__file__).parents[1]
 
 pytestmark = pytest.mark.skipif(not COMPILES, reason="compilation is off")
-with_library = pytest.mark.skipif(
-    library.loaded() is None, reason="no library here: an editable installation"
-)
+with_library = pytest.mark.skipif(library.loaded() is None, reason="no library here: an editable installation")
 
 
 class Pair(NamedTuple):
@@ -62,7 +60,7 @@ RECORD = np.dtype([("n", np.int64), ("x", np.float64)])
         ("u4[::1]", (np.zeros(0, dtype=np.uint32),), ["address", 0]),
         ("Pair, rows[::1]", (Pair(np.ones((1, 2)), 2.0), np.zeros(4, RECORD)), ["address", 1, 2, 2.0, "address", 4]),
     ],
-)  # fmt: skip
+)
 def test_arguments_are_packed_without_copies(text, arguments, slots):
     signature = Signature(text, {"Pair": PAIR, "rows": RECORD})
     packed = signature.pack(arguments)
@@ -173,10 +171,20 @@ def test_a_run_needs_no_numba(name, end, tmp_path):
     home.mkdir()
     environment = {**os.environ, "HOME": str(home), "XDG_CACHE_HOME": str(home), "PYTHONPATH": str(ROOT)}
     done = subprocess.run(
-        [sys.executable, "-B", "-c", code, str(ROOT / "models" / f"{name}.toml"), str(tmp_path / "out.nc"),
-         f"time.end={end}"],
-        capture_output=True, text=True, check=False, env=environment,
-    )  # fmt: skip
+        [
+            sys.executable,
+            "-B",
+            "-c",
+            code,
+            str(ROOT / "models" / f"{name}.toml"),
+            str(tmp_path / "out.nc"),
+            f"time.end={end}",
+        ],
+        capture_output=True,
+        text=True,
+        check=False,
+        env=environment,
+    )
     assert done.returncode == 0, done.stderr
     assert not list(home.rglob("*"))
     assert sorted(p.name for p in tmp_path.iterdir()) == ["home", "out.nc"]
@@ -259,10 +267,7 @@ RUNS = (
     ("stacked_blocks/n02", {"time.end": "1e-5"}),
     ("two_specimen_crushing/scene", {**CRUSHING, "solver.window": "whole"}),
     ("two_specimen_crushing/scene", {**CRUSHING, "solver.precision": "float32"}),
-    (
-        "stacked_blocks/n02",
-        {"time.end": "4e-6", "time.scheme.type": "central_difference", "time.step": "2e-8"},
-    ),
+    ("stacked_blocks/n02", {"time.end": "4e-6", "time.scheme.type": "central_difference", "time.step": "2e-8"}),
 )
 
 
@@ -333,7 +338,8 @@ def small_scenes() -> list[dict[str, Any]]:
             "b": {"material": "m", "box": {"origin": [0.0, 0.0, 0.01], **box}, "initial_velocity": [0.5, 0.0, -5.0]},
         },
         "interface": {
-            "floor": {"sides": ["a.zmin", "ground"], **rubs}, "meet": {"sides": ["a.zmax", "b.zmin"], **rubs},
+            "floor": {"sides": ["a.zmin", "ground"], **rubs},
+            "meet": {"sides": ["a.zmax", "b.zmin"], **rubs},
         },
         "load": {
             "press": {"face": "b.zmax", "traction": [3e7, 0.0, -1e8], "law": {"type": "half_sine", "duration": 4e-6}}
@@ -341,7 +347,7 @@ def small_scenes() -> list[dict[str, Any]]:
         "time": {"end": 2.4e-6, "instants": 6},
         "solver": {},
         "output": {"energy": True},
-    }  # fmt: skip
+    }
     side_by_side = {
         f"c{i}": {
             "material": "m",
@@ -356,21 +362,23 @@ def small_scenes() -> list[dict[str, Any]]:
     soft = {"behaviour": "soft_contact", "normal_stiffness": 2e15, "friction_coefficient": 0.2}
     moved = {
         "substructure": {name: {"material": "m", "box": body["box"]} for name, body in plain["substructure"].items()},
-        "boundary": {
-            "drive": {"type": "velocity", "face": "a.xmin", "components": ["x"], "value": [2.0], "law": law}
-        },
+        "boundary": {"drive": {"type": "velocity", "face": "a.xmin", "components": ["x"], "value": [2.0], "law": law}},
         "interface": {
-            "floor": {"sides": ["a.zmin", "ground"], **soft, "ground_velocity": {
-                "direction": [0.0, 0.0, 1.0], "amplitude": 3.0, "law": law}},
+            "floor": {
+                "sides": ["a.zmin", "ground"],
+                **soft,
+                "ground_velocity": {"direction": [0.0, 0.0, 1.0], "amplitude": 3.0, "law": law},
+            },
             "meet": {"sides": ["a.zmax", "b.zmin"], **layer},
         },
-    }  # fmt: skip
+    }
     return [
         plain,
         plain | {"solver": {"window": 3}},
         plain | {"solver": {"precision": "float32"}},
         plain | {"material": damped, "time": {"end": 2.4e-6, "instants": 24, "scheme": {"type": "central_difference"}}},
-        plain | {
+        plain
+        | {
             "time": {**plain["time"], "scheme": {"type": "massless_contact"}},
             "substructure": {
                 name: {**body, "box": {**body["box"], "elements": [1, 1, 2]}}
@@ -379,20 +387,26 @@ def small_scenes() -> list[dict[str, Any]]:
         },
         plain | moved,
         plain | moved | {"solver": {"window": 3}, "material": damped},
-        plain | {
-            "interface": {"meet": {"sides": ["a.zmax", "b.zmin"], "behaviour": "perfect"}},
-        },
-        plain | {
-            "substructure": side_by_side, "load": {},
+        plain | {"interface": {"meet": {"sides": ["a.zmax", "b.zmin"], "behaviour": "perfect"}}},
+        plain
+        | {
+            "substructure": side_by_side,
+            "load": {},
             "interface": {f"i{i}": {"sides": [f"c{i}.zmin", "ground"], **rubs} for i in range(9)},
         },
-        plain | {
+        plain
+        | {
             "time": {"end": 1.0, "instants": 3, "quasi_static": True},
             "substructure": moved["substructure"],
-            "load": {"press": {"face": "b.zmax", "traction": [1e7, 0.0, -1e8],
-                               "law": {"type": "table", "times": [0.0, 1.0], "values": [0.0, 1.0]}}},
+            "load": {
+                "press": {
+                    "face": "b.zmax",
+                    "traction": [1e7, 0.0, -1e8],
+                    "law": {"type": "table", "times": [0.0, 1.0], "values": [0.0, 1.0]},
+                }
+            },
         },
-    ]  # fmt: skip
+    ]
 
 
 def test_whole_runs_equal_those_of_the_python_functions():
@@ -401,9 +415,13 @@ def test_whole_runs_equal_those_of_the_python_functions():
     results = []
     for choice in ("1", "setup"):
         done = subprocess.run(
-            [sys.executable, "-c", RUN_OF_BLOCKS, scenes], capture_output=True, text=True, check=False, cwd=ROOT,
+            [sys.executable, "-c", RUN_OF_BLOCKS, scenes],
+            capture_output=True,
+            text=True,
+            check=False,
+            cwd=ROOT,
             env={**os.environ, "PYTHONPATH": str(ROOT), "LATIN_FMU_COMPILE": choice},
-        )  # fmt: skip
+        )
         assert done.returncode == 0, done.stderr
         results.append(json.loads(done.stdout))
     for number, (one, other) in enumerate(zip(*results, strict=True)):
@@ -424,9 +442,7 @@ def test_whole_runs_equal_those_of_the_python_functions():
 @pytest.fixture
 def tree(tmp_path) -> Path:
     """A copy of the package."""
-    shutil.copytree(
-        library.PACKAGE, tmp_path / "latin_fmu", ignore=shutil.ignore_patterns("__pycache__", "_kernels*")
-    )
+    shutil.copytree(library.PACKAGE, tmp_path / "latin_fmu", ignore=shutil.ignore_patterns("__pycache__", "_kernels*"))
     return tmp_path / "latin_fmu"
 
 
@@ -477,23 +493,13 @@ def test_without_a_library_numba_compiles_once_and_says_so(tmp_path):
         "print(*seen.dispatcher.stats.cache_misses.values())\n"
     )
     store = tmp_path / "store"
-    environment = {
-        **os.environ,
-        "LATIN_FMU_LIBRARY": "0",
-        "LATIN_FMU_CACHE": str(store),
-        "PYTHONPATH": str(ROOT),
-    }
+    environment = {**os.environ, "LATIN_FMU_LIBRARY": "0", "LATIN_FMU_CACHE": str(store), "PYTHONPATH": str(ROOT)}
     said = []
     for _ in range(2):
-        done = subprocess.run(
-            [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment
-        )
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment)
         said.append((done.stdout.strip(), done.stderr.strip()))
     assert said[0][0] == "1"
-    assert (
-        "switched off (LATIN_FMU_LIBRARY=0): numba compiles the kernels now, two to three minutes"
-        in said[0][1]
-    )
+    assert "switched off (LATIN_FMU_LIBRARY=0): numba compiles the kernels now, two to three minutes" in said[0][1]
     assert str(store) in said[0][1]
     assert said[1] == ("", "")
     assert not list(ROOT.glob("latin_fmu/**/*.nbi"))
@@ -512,16 +518,12 @@ def test_the_cache_folder_follows_the_contents(tree, base, tmp_path):
     first = with_numba.cache_folder(tree)
     assert first is not None
     assert first.parent == base
-    assert (first / "propagator_cholesky_dense.py").read_text() == (
-        tree / "propagator/cholesky/dense.py"
-    ).read_text()
+    assert (first / "propagator_cholesky_dense.py").read_text() == (tree / "propagator/cholesky/dense.py").read_text()
     again = tmp_path / "extracted again"
     shutil.copytree(tree, again)
     assert with_numba.cache_folder(again) == first
     (again / "notes.py").write_text("nothing compiled here\n")
-    (again / "propagator" / "cholesky" / "dense.py").write_text(
-        "from ..model import x\n\n\n@kernel\ndef f(): ...\n"
-    )
+    (again / "propagator" / "cholesky" / "dense.py").write_text("from ..model import x\n\n\n@kernel\ndef f(): ...\n")
     with_numba.cache_folder.cache_clear()
     assert with_numba.cache_folder(again) not in (None, first)
 
@@ -613,9 +615,12 @@ def test_a_kernel_that_prints_does_not_pass_the_build(tmp_path):
     file = tmp_path / "talk.py"
     file.write_text(code)
     done = subprocess.run(
-        [sys.executable, str(file)], capture_output=True, text=True, check=True,
+        [sys.executable, str(file)],
+        capture_output=True,
+        text=True,
+        check=True,
         env={**os.environ, "PYTHONPATH": str(ROOT), "LATIN_FMU_LIBRARY": "0"},
-    )  # fmt: skip
+    )
     named = done.stdout.split(";")[0].removeprefix("the kernels need ").strip().split(", ")
     assert "numba_gil_ensure" in named
     assert not symbols.STUB & set(named)
@@ -631,12 +636,7 @@ def test_wheels(target, tag, tmp_path):
         pytest.skip("expects the names of Linux on x86-64")
     tree = tmp_path / "tree"
     shutil.copytree(ROOT, tree, ignore=shutil.ignore_patterns(".git", "build", ".venv*", "__pycache__"))
-    environment = {
-        **os.environ,
-        "PATH": "/bin-without-compilers",
-        "HOME": str(tmp_path),
-        "LATIN_FMU_TARGET": target,
-    }
+    environment = {**os.environ, "PATH": "/bin-without-compilers", "HOME": str(tmp_path), "LATIN_FMU_TARGET": target}
     environment.pop("PYTHONPATH", None)
     command = [sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "-w", str(tmp_path), "."]
     subprocess.run(command, cwd=tree, env=environment, check=True)
@@ -645,6 +645,4 @@ def test_wheels(target, tag, tmp_path):
     assert wheel.stat().st_size <= 1_000_000
     with zipfile.ZipFile(wheel) as archive:
         libraries = [name for name in archive.namelist() if "_kernels-" in name]
-    assert [name.split(".")[-1] for name in libraries] == {"": ["so"], "windows-x86_64": ["dll"], "none": []}[
-        target
-    ]
+    assert [name.split(".")[-1] for name in libraries] == {"": ["so"], "windows-x86_64": ["dll"], "none": []}[target]

@@ -20,9 +20,7 @@ def module(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> M
     return importlib.import_module(request.param)
 
 
-def _rows(
-    module: ModuleType, arguments: list[str], capsys: pytest.CaptureFixture[str]
-) -> list[dict[str, object]]:
+def _rows(module: ModuleType, arguments: list[str], capsys: pytest.CaptureFixture[str]) -> list[dict[str, object]]:
     module.main([*arguments, "--json"])
     rows = json.loads(capsys.readouterr().out)
     for row in rows:
@@ -72,29 +70,19 @@ def test_floors_are_the_same_linear_transient(module: ModuleType) -> None:
 def test_figure_shows_every_row(module: ModuleType, tmp_path: Path) -> None:
     rows = [
         dict(zip(KEYS, (case, blocks, mu, kind, 1.2, 0.1, 0.12, 4.0, 1e-3), strict=True))
-        for case, blocks, mu in (
-            ("P1 1x1x50", 2, 0.0),
-            ("P2 n=4", 2, 0.1),
-            ("P3 n=4", 2, 0.3),
-            ("P3 n=4", 16, 0.3),
-        )
+        for case, blocks, mu in (("P1 1x1x50", 2, 0.0), ("P2 n=4", 2, 0.1), ("P3 n=4", 2, 0.3), ("P3 n=4", 16, 0.3))
         for kind in ("direct", "direct_batched")
     ]
     drawing = module.figure(rows)
     drawing.savefig(tmp_path / "figure.png")
-    points = sum(
-        len(line.get_xdata()) for axis in drawing.axes for line in axis.lines if line.get_marker() != "None"
-    )
+    points = sum(len(line.get_xdata()) for axis in drawing.axes for line in axis.lines if line.get_marker() != "None")
     assert points == len(rows)
 
 
 @pytest.mark.parametrize("module", ["benchmark_accuracy"], indirect=True)
 def test_iteration_adds_nothing_to_the_error_of_the_steps(module: ModuleType) -> None:
     """Default tolerances against the coupled discrete problem, both measured from the exact solution of P1."""
-    problems, exact = (
-        importlib.import_module("benchmark_problems"),
-        importlib.import_module("benchmark_exact"),
-    )
+    problems, exact = (importlib.import_module("benchmark_problems"), importlib.import_module("benchmark_exact"))
     case = problems.bars((1, 1, 50), None)
     at = np.linspace(0.0, 100e-6, 2001)
     full, default = (

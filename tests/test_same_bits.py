@@ -104,7 +104,5 @@ def test_looking_changes_nothing(path: Path, tmp_path: Path, monkeypatch: pytest
 
 @pytest.mark.slow
 @pytest.mark.parametrize("path", SCENES, ids=names)
-def test_looking_changes_nothing_in_a_whole_run(
-    path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_looking_changes_nothing_in_a_whole_run(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     compare(path, [], tmp_path, monkeypatch)

@@ -29,9 +29,7 @@ def pieces(run: SegmentedRun, bounds, total: int, **kwargs):
     return parts
 
 
-@pytest.mark.parametrize(
-    "model", ["impact_bar/scene", "shear_interface/scene", "two_specimen_crushing/scene"]
-)
+@pytest.mark.parametrize("model", ["impact_bar/scene", "shear_interface/scene", "two_specimen_crushing/scene"])
 def test_segments_equal_the_whole_run(model):
     """Same windows, same numbers: cutting the interval changes results by round-off of the instants only."""
     described = scene(model, "output.fields=false")
@@ -83,9 +81,7 @@ def test_reset_starts_again():
     run = SegmentedRun(described)
     first = run.advance(0.7, 140)
     run.reset()
-    assert np.array_equal(
-        first.interfaces["wall"].traction, run.advance(0.7, 140).interfaces["wall"].traction
-    )
+    assert np.array_equal(first.interfaces["wall"].traction, run.advance(0.7, 140).interfaces["wall"].traction)
 
 
 @pytest.mark.parametrize("damage", [b"", b"nonsense", lambda b: b[:-8], lambda b: b + b"x", lambda b: b[:40]])
@@ -169,13 +165,7 @@ def test_driven_bodies_go_on_where_they_are():
                 }
             },
             "boundary": {
-                "push": {
-                    "type": "velocity",
-                    "face": "bar.zmin",
-                    "components": ["z"],
-                    "value": [0.2],
-                    "law": law,
-                }
+                "push": {"type": "velocity", "face": "bar.zmin", "components": ["z"], "value": [0.2], "law": law}
             },
             "time": {"end": 6.0, "instants": 120},
             "solver": {"tolerance": 1e-10},

@@ -62,9 +62,7 @@ def test_answer_of_the_rival() -> None:
     assert there.sum(axis=0) == pytest.approx(here.sum(axis=0), rel=2e-3)
 
 
-def test_says_when_there_is_no_siconos(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_says_when_there_is_no_siconos(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     example = importlib.import_module("against_siconos")
     monkeypatch.setattr(example, "library", lambda: None)
     assert example.main([]) == 0

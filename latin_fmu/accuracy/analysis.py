@@ -69,12 +69,7 @@ def _remaining(rows: list[Row], quantity: str, mesh: bool) -> float:
 def _iteration(study: Study, own: Row | None, quantity: str) -> float:
     """Distance between the scene's tolerance and a tight one."""
     tight = next(
-        (
-            r
-            for r in study.of(TOLERANCE)
-            if r.tolerance == TIGHT and r.resolution.mesh == r.resolution.time == 1.0
-        ),
-        None,
+        (r for r in study.of(TOLERANCE) if r.tolerance == TIGHT and r.resolution.mesh == r.resolution.time == 1.0), None
     )
     if own is None or own.run is None or tight is None or tight.run is None:
         return math.nan

@@ -137,7 +137,5 @@ class CostModel:
 def exponent_of(scene: Scene) -> float:
     """How the cost of a step grows with the number of elements along an edge: 1 for bars, 2 x 1.2 for plates, 4 for
     solids."""
-    directions = {
-        i for b in scene.substructure.values() if b.box for i, n in enumerate(b.box.elements) if n > 1
-    }
+    directions = {i for b in scene.substructure.values() if b.box for i, n in enumerate(b.box.elements) if n > 1}
     return {0: 0.0, 1: 1.0, 2: 2.4, 3: 4.0}[len(directions)] if counts_that_vary(scene) else 0.0

@@ -25,17 +25,17 @@ def datatree(study: Study) -> xr.DataTree:
     """
     root = xr.Dataset(
         attrs={
-            **provenance(), "Conventions": CONVENTIONS, "title": f"{study.scene.name}: what accuracy costs",
-            "scene_name": study.scene.name, "scene": study.scene.text(), "reference": study.reference.text,
-            "reference_is_exact": np.int8(study.reference.exact), "cpu_seconds": study.seconds,
+            **provenance(),
+            "Conventions": CONVENTIONS,
+            "title": f"{study.scene.name}: what accuracy costs",
+            "scene_name": study.scene.name,
+            "scene": study.scene.text(),
+            "reference": study.reference.text,
+            "reference_is_exact": np.int8(study.reference.exact),
+            "cpu_seconds": study.seconds,
         }
-    )  # fmt: skip
-    groups = {
-        "/": root,
-        "/runs": _runs(study),
-        "/sources": _sources(study),
-        "/tolerances": _tolerances(study),
-    }
+    )
+    groups = {"/": root, "/runs": _runs(study), "/sources": _sources(study), "/tolerances": _tolerances(study)}
     if study.windows:
         groups["/windows"] = _windows(study)
     return xr.DataTree.from_dict(groups, name=study.scene.name)
@@ -45,26 +45,14 @@ def _runs(study: Study) -> xr.Dataset:
     rows, quantities = study.rows, study.quantities
     table = xr.Dataset(coords={"quantity": _texts(quantities)})
     table["quantity_unit"] = ("quantity", _texts([kind_of(q).unit for q in quantities]))
-    for name, text in (
-        ("series", "series of the study"),
-        ("variant", "scheme"),
-        ("failure", "why there is no answer"),
-    ):
+    for name, text in (("series", "series of the study"), ("variant", "scheme"), ("failure", "why there is no answer")):
         table[name] = ("run", _texts([getattr(r, name) for r in rows]), {"long_name": text})
     numbers: dict[str, tuple[list[float], str, str]] = {
         "mesh": ([r.resolution.mesh for r in rows], "1", "elements per length, relative to the scene"),
         "steps": ([r.resolution.time for r in rows], "1", "steps per time, relative to the scene"),
         "tolerance": ([r.tolerance for r in rows], "1", "tolerance on sqrt(eta)"),
-        "iterations": (
-            [_of(r, lambda run: run.iterations[0]) for r in rows],
-            "1",
-            "mean iterations of a window",
-        ),
-        "passes": (
-            [_of(r, lambda run: run.passes) for r in rows],
-            "1",
-            "substructure-instants solved over all",
-        ),
+        "iterations": ([_of(r, lambda run: run.iterations[0]) for r in rows], "1", "mean iterations of a window"),
+        "passes": ([_of(r, lambda run: run.passes) for r in rows], "1", "substructure-instants solved over all"),
         "cpu": ([_of(r, lambda run: run.cpu) for r in rows], "s", "CPU time, set-up included, output not"),
     }
     for part in ("setup", "march", "other", "output"):
@@ -72,14 +60,14 @@ def _runs(study: Study) -> xr.Dataset:
         numbers[f"cpu_{part}"] = (seconds, "s", f"CPU time: {part.replace('_', ' ')}")
     for name, (values, unit, meaning) in numbers.items():
         table[name] = ("run", np.array(values, dtype=float), {"units": unit, "long_name": meaning})
-    errors = np.array([[study.error(r, q) for q in quantities] for r in rows]).reshape(
-        len(rows), len(quantities)
-    )
+    errors = np.array([[study.error(r, q) for q in quantities] for r in rows]).reshape(len(rows), len(quantities))
     table["error"] = (("run", "quantity"), errors, {"units": "1", "long_name": "relative error"})
     read = [[_of(r, lambda run, q=q: run.measured.values.get(q, np.nan)) for q in quantities] for r in rows]
     table["value"] = (
-        ("run", "quantity"), np.array(read, dtype=float).reshape(errors.shape), {"long_name": "value, in its unit"},
-    )  # fmt: skip
+        ("run", "quantity"),
+        np.array(read, dtype=float).reshape(errors.shape),
+        {"long_name": "value, in its unit"},
+    )
     return table
 
 
@@ -104,9 +92,10 @@ def _tolerances(study: Study) -> xr.Dataset:
     table = xr.Dataset(coords={"quantity": _texts(study.quantities), "mesh": np.array(meshes, dtype=float)})
     table["mesh"].attrs.update(units="1", long_name="refinement factor of the mesh")
     table["useful_tolerance"] = (
-        ("quantity", "mesh"), np.array(values, dtype=float).reshape(len(found), len(meshes)),
+        ("quantity", "mesh"),
+        np.array(values, dtype=float).reshape(len(found), len(meshes)),
         {"units": "1", "long_name": "tolerance on sqrt(eta) below which a smaller one buys nothing"},
-    )  # fmt: skip
+    )
     return table
 
 
@@ -116,9 +105,7 @@ def _windows(study: Study) -> xr.Dataset:
     missing = (np.nan, np.nan)
     cube = np.array([[study.windows.get((n, d), missing) for d in directions] for n in lengths], dtype=float)
     table = xr.Dataset(coords={"window": _texts(lengths), "search_direction": _texts(directions)})
-    for i, (name, meaning) in enumerate(
-        (("iterations", "mean iterations of a window"), ("passes", "passes"))
-    ):
+    for i, (name, meaning) in enumerate((("iterations", "mean iterations of a window"), ("passes", "passes"))):
         attributes = {"units": "1", "long_name": meaning}
         table[name] = (("window", "search_direction"), cube[:, :, i], attributes)
     return table

@@ -30,17 +30,12 @@ def judged(
             QuantityEstimate(
                 quantity, value, kind.unit, result.error, result.order, kind.order, result.bound_only, mesh, time
             )
-        )  # fmt: skip
+        )
     return tuple(estimates)
 
 
 def differences_of(
-    scene: Scene,
-    quantity: str,
-    run: Measured,
-    coarser: Mapping[str, Measured],
-    companions: Companions,
-    sampling: float,
+    scene: Scene, quantity: str, run: Measured, coarser: Mapping[str, Measured], companions: Companions, sampling: float
 ) -> Differences:
     """What the coarser runs say of one quantity."""
     half, quarter, mesh = coarser["half"], coarser.get("quarter"), coarser.get("half_mesh")

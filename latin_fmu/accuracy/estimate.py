@@ -45,9 +45,7 @@ def estimate_error(scene: Scene, solution: Solution, tell: Tell | None = None) -
     return ErrorEstimate(estimates, tuple(remarks), clock.process_time() - start, FLOOR)
 
 
-def _coarser_runs(
-    scene: Scene, companions: Companions, remarks: list[str], tell: Tell | None
-) -> dict[str, Measured]:
+def _coarser_runs(scene: Scene, companions: Companions, remarks: list[str], tell: Tell | None) -> dict[str, Measured]:
     """Quantities of the coarser runs that can be made and converge, by name; a remark for each other."""
     lean = in_short_windows(scene)
     found: dict[str, Measured] = {}

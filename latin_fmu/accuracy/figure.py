@@ -18,8 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _MARKS: Final = "osD^vP*X"
-_PARTS: Final = (("setup", "set-up"), ("march", "march"),
-                 ("other", "other"), ("output", "output"))  # fmt: skip
+_PARTS: Final = (("setup", "set-up"), ("march", "march"), ("other", "other"), ("output", "output"))
 
 
 def cost_figure(study: Study) -> Figure:
@@ -38,9 +37,7 @@ def cost_figure(study: Study) -> Figure:
     cost_split(panels.pop(0), study)
     for axes in panels:
         axes.set_axis_off()
-    figure.suptitle(
-        f"{study.scene.name}: what accuracy costs. Reference: {study.reference.text}", fontsize=10
-    )
+    figure.suptitle(f"{study.scene.name}: what accuracy costs. Reference: {study.reference.text}", fontsize=10)
     return figure
 
 
@@ -89,13 +86,19 @@ def tolerance_map(axes: Axes, study: Study, quantity: str) -> None:
         if factor in meshes:
             table[meshes.index(factor), tolerances.index(r.tolerance)] = study.error(r, quantity)
     if table.size and np.isfinite(table).any():
-        image = axes.imshow(
-            np.log10(np.maximum(table, 1e-5)), aspect="auto", cmap="viridis_r", origin="lower"
-        )
+        image = axes.imshow(np.log10(np.maximum(table, 1e-5)), aspect="auto", cmap="viridis_r", origin="lower")
         axes.figure.colorbar(image, ax=axes, label="log10 relative error").ax.tick_params(labelsize=7)
         for i, j in np.ndindex(*table.shape):
-            axes.text(j, i, percent(float(table[i, j])), ha="center", va="center", fontsize=7, color="white",
-                      bbox={"facecolor": "black", "alpha": 0.35, "pad": 1, "linewidth": 0})  # fmt: skip
+            axes.text(
+                j,
+                i,
+                percent(float(table[i, j])),
+                ha="center",
+                va="center",
+                fontsize=7,
+                color="white",
+                bbox={"facecolor": "black", "alpha": 0.35, "pad": 1, "linewidth": 0},
+            )
         _line(axes, [useful[m] for m in meshes], tolerances)
     axes.set_xticks(range(len(tolerances)), [f"{t:g}" for t in tolerances], fontsize=7)
     axes.set_yticks(range(len(meshes)), [f"x {m:.2g}" for m in meshes], fontsize=7)
@@ -133,13 +136,8 @@ def iterations(axes: Axes, study: Study) -> None:
 def cost_split(axes: Axes, study: Study) -> None:
     """Shares of the CPU time along the refinement of the scene's own scheme."""
     rows = [r for r in study.of(TOGETHER) if r.run is not None]
-    labels = [
-        f"x {r.resolution.mesh:.2g}" if r.resolution.mesh != 1.0 else f"x {r.resolution.time:.2g}"
-        for r in rows
-    ]
-    table = np.array(
-        [[getattr(r.run.timings, part) for part, _ in _PARTS] for r in rows if r.run is not None]
-    )
+    labels = [f"x {r.resolution.mesh:.2g}" if r.resolution.mesh != 1.0 else f"x {r.resolution.time:.2g}" for r in rows]
+    table = np.array([[getattr(r.run.timings, part) for part, _ in _PARTS] for r in rows if r.run is not None])
     table = table.reshape(len(rows), len(_PARTS))
     shares = 100 * table / np.maximum(table.sum(axis=1, keepdims=True), 1e-12)
     bottom = np.zeros(len(rows))

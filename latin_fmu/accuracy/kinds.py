@@ -43,14 +43,17 @@ class Kind:
 
 _INSTANT: Final = "the instant itself, a hundredth of the interval at least"
 
-IMPULSE: Final = Kind(
-    "impulse", "N s", "normal force integrated over time", "integral of the magnitude of the force"
-)
+IMPULSE: Final = Kind("impulse", "N s", "normal force integrated over time", "integral of the magnitude of the force")
 FIRST_CONTACT: Final = Kind(
-    "first_contact", "s",
+    "first_contact",
+    "s",
     "instant at which the normal force first exceeds 1 % of its peak (sides that come from apart: at which they meet)",
-    _INSTANT, safety=0.65, iteration=0.15, change=3.0, changes=(1.4, 0.6),
-)  # fmt: skip
+    _INSTANT,
+    safety=0.65,
+    iteration=0.15,
+    change=3.0,
+    changes=(1.4, 0.6),
+)
 SEPARATION: Final = Kind(
     "separation",
     "s",
@@ -62,13 +65,25 @@ SEPARATION: Final = Kind(
 )
 PEAK_FORCE: Final = Kind("peak_force", "N", "largest normal force", "itself", change=4.0, changes=(4.0, 0.5))
 FRICTION_WORK: Final = Kind(
-    "friction_work", "J", "work dissipated by friction",
-    "itself, a thousandth of impulse x largest velocity at least", iteration=2.0, change=2.4, changes=(1.2, 0.3),
-)  # fmt: skip
+    "friction_work",
+    "J",
+    "work dissipated by friction",
+    "itself, a thousandth of impulse x largest velocity at least",
+    iteration=2.0,
+    change=2.4,
+    changes=(1.2, 0.3),
+)
 FORCE_HISTORY: Final = Kind(
-    "force_history", "N s0.5", "normal force over time, distance in L2", "L2 norm of the force",
-    order=0.5, safety=0.95, iteration=1.0, change=2.0, changes=(2.0, 0.2),
-)  # fmt: skip
+    "force_history",
+    "N s0.5",
+    "normal force over time, distance in L2",
+    "L2 norm of the force",
+    order=0.5,
+    safety=0.95,
+    iteration=1.0,
+    change=2.0,
+    changes=(2.0, 0.2),
+)
 DISPLACEMENT: Final = Kind(
     "displacement",
     "m",
@@ -78,9 +93,7 @@ DISPLACEMENT: Final = Kind(
     changes=(1.8, 0.2),
 )
 
-KINDS: Final = (
-    IMPULSE, FIRST_CONTACT, SEPARATION, PEAK_FORCE, FRICTION_WORK, FORCE_HISTORY, DISPLACEMENT
-)  # fmt: skip
+KINDS: Final = (IMPULSE, FIRST_CONTACT, SEPARATION, PEAK_FORCE, FRICTION_WORK, FORCE_HISTORY, DISPLACEMENT)
 """All kinds, in the order of tables."""
 
 

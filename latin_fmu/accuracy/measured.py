@@ -77,16 +77,12 @@ def _add_interface(found: Measured, time: Array, history: InterfaceHistory, end:
     """Impulse, instants, peak, friction work and force history of one interface."""
     force = _until(time, history.normal_resultant(), end)
     found.forces[history.name] = force
-    pulls = float(
-        np.einsum("p,tp->t", history.areas, np.linalg.norm(history.traction, axis=2)).max(initial=0.0)
-    )
+    pulls = float(np.einsum("p,tp->t", history.areas, np.linalg.norm(history.traction, axis=2)).max(initial=0.0))
     entries = of_force(force, end, history.contact_status is not None, ROUND_OFF * pulls)
     if (met := _closing(time, history, entries)) is not None:
         entries[kinds.FIRST_CONTACT.key] = (met, max(met, 1e-2 * end))
     if history.friction_power is not None and history.friction_coefficient:
-        work = _until(
-            time, np.concatenate([[0.0], np.cumsum(history.friction_power[1:]) * found.step]), end
-        ).value[-1]
+        work = _until(time, np.concatenate([[0.0], np.cumsum(history.friction_power[1:]) * found.step]), end).value[-1]
         least = 1e-3 * entries[kinds.IMPULSE.key][1] * float(np.abs(history.velocity).max(initial=0.0))
         entries[kinds.FRICTION_WORK.key] = (float(work), max(float(work), least))
     for key, (value, scale) in entries.items():
@@ -119,9 +115,7 @@ def _closing(time: Array, history: InterfaceHistory, entries: dict[str, tuple[fl
     return float(min(time[i - 1] + wait, time[i]))
 
 
-_SMOOTH = (
-    7  # steps; a front rings at a wavelength of a few elements, and a step is about an element's transit
-)
+_SMOOTH = 7  # steps; a front rings at a wavelength of a few elements, and a step is about an element's transit
 
 
 def of_force(force: Force, end: float, opens: bool, nothing: float = 0.0) -> dict[str, tuple[float, float]]:
@@ -140,9 +134,7 @@ def of_force(force: Force, end: float, opens: bool, nothing: float = 0.0) -> dic
         never = peak <= nothing
         first = end if never else _first_above(force.time, size, level)
         last = (
-            end
-            if never
-            else float(force.time[-1]) - _first_above(force.time[-1] - force.time[::-1], size[::-1], level)
+            end if never else float(force.time[-1]) - _first_above(force.time[-1] - force.time[::-1], size[::-1], level)
         )
         entries[kinds.FIRST_CONTACT.key] = (first, max(first, 1e-2 * end))
         entries[kinds.SEPARATION.key] = (last, max(last, 1e-2 * end))

@@ -48,11 +48,13 @@ def at_resolution(scene: Scene, resolution: Resolution) -> Scene:
     changes: dict[str, object] = {"output": _lean(scene)}
     if resolution.mesh != 1.0:
         changes["substructure"] = {
-            name: body if body.box is None else body.model_copy(
+            name: body
+            if body.box is None
+            else body.model_copy(
                 update={"box": body.box.model_copy(update={"elements": _scaled(body.box.elements, resolution.mesh)})}
             )
             for name, body in scene.substructure.items()
-        }  # fmt: skip
+        }
     if resolution.time != 1.0:
         n = max(1, math.ceil(scene.time.n_step * resolution.time - 1e-6))
         step = scene.time.time_step / resolution.time

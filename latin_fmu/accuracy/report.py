@@ -15,8 +15,16 @@ TARGETS = (0.05, 0.01, 0.002)
 """Accuracies whose price is told."""
 
 _SPLIT: tuple[str, ...] = (
-    "quantity", "error as written", "mesh", "time step", "iteration", "reduction", "order", "mesh alone", "step alone"
-)  # fmt: skip
+    "quantity",
+    "error as written",
+    "mesh",
+    "time step",
+    "iteration",
+    "reduction",
+    "order",
+    "mesh alone",
+    "step alone",
+)
 
 
 def as_text(study: Study) -> str:
@@ -27,23 +35,13 @@ def as_text(study: Study) -> str:
         f"reference: {study.reference.text}",
     ]
     if own is not None:
-        lines.append(
-            "  its own error: " + ", ".join(f"{q.quantity} {percent(q.error)}" for q in own.quantities)
-        )
+        lines.append("  its own error: " + ", ".join(f"{q.quantity} {percent(q.error)}" for q in own.quantities))
     prices: list[tuple[str, ...]] = [("quantity", *(f"for {percent(t)}" for t in TARGETS))]
     prices += [(q, *(_price(price(study, q, t)) for t in TARGETS)) for q in study.quantities]
     split = [_SPLIT, *(_source(sources(study, q)) for q in study.quantities)]
-    lines += [
-        "",
-        "cheapest setting that reaches an accuracy, and keeps it when refined (CPU s):",
-        *aligned(prices),
-    ]
+    lines += ["", "cheapest setting that reaches an accuracy, and keeps it when refined (CPU s):", *aligned(prices)]
     lines += ["", "sources of error at the resolution of the scene, observed orders:", *aligned(split)]
-    lines += [
-        "",
-        "tolerance on sqrt(eta) below which a smaller one buys nothing, by mesh:",
-        *aligned(_useful(study)),
-    ]
+    lines += ["", "tolerance on sqrt(eta) below which a smaller one buys nothing, by mesh:", *aligned(_useful(study))]
     failed = failures(study)
     lines += ["", f"{len(failed)} run(s) failed or were refused" + (":" if failed else "")]
     return "\n".join([*lines, *(f"  {text}" for text in failed)])
@@ -136,7 +134,7 @@ def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
     return [
         "  " + "  ".join(c.ljust(w) if i == 0 else c.rjust(w) for i, (c, w) in enumerate(zip(row, widths, strict=True)))
         for row in rows
-    ]  # fmt: skip
+    ]
 
 
 def _price(found: Price) -> str:
@@ -149,10 +147,17 @@ def _price(found: Price) -> str:
 
 def _price_data(found: Price) -> dict[str, Any]:
     row = found.row
-    reached = {} if row is None or row.run is None else {
-        "cpu_seconds": row.run.cpu, "scheme": row.variant, "mesh": row.resolution.mesh, "steps": row.resolution.time,
-        "error": _plain(found.error),
-    }  # fmt: skip
+    reached = (
+        {}
+        if row is None or row.run is None
+        else {
+            "cpu_seconds": row.run.cpu,
+            "scheme": row.variant,
+            "mesh": row.resolution.mesh,
+            "steps": row.resolution.time,
+            "error": _plain(found.error),
+        }
+    )
     return {"target": found.target, "reached": row is not None, **reached}
 
 

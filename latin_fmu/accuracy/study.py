@@ -55,9 +55,7 @@ class Study:
     def of(self, series: str, variant: str | None = None) -> list[Row]:
         """Rows of a series that succeeded, in order of cost."""
         wanted = self.main if variant is None else variant
-        found = [
-            r for r in self.rows if r.series == series and r.variant == wanted and r.run and not r.failure
-        ]
+        found = [r for r in self.rows if r.series == series and r.variant == wanted and r.run and not r.failure]
         return sorted(found, key=lambda r: (r.resolution.mesh, r.resolution.time, -r.tolerance))
 
     def error(self, row: Row, quantity: str) -> float:
@@ -66,10 +64,7 @@ class Study:
         if row.run is None or quantity not in row.run.measured.values:
             return math.nan
         finest = self.reference.resolution
-        if (
-            finest is not None
-            and min(row.resolution.mesh / finest.mesh, row.resolution.time / finest.time) > 0.75
-        ):
+        if finest is not None and min(row.resolution.mesh / finest.mesh, row.resolution.time / finest.time) > 0.75:
             return math.nan
         return row.run.measured.error(quantity, self.reference.measured)
 
@@ -141,8 +136,10 @@ def _finest(scene: Scene, bench: Bench, main: Variant, runs: list[Run]) -> Refer
     if companions is not None:
         coarser: dict[str, Measured] = {}
         for name, relative in (
-            ("half", companions.half), ("quarter", companions.quarter), ("half_mesh", companions.half_mesh),
-        ):  # fmt: skip
+            ("half", companions.half),
+            ("quarter", companions.quarter),
+            ("half_mesh", companions.half_mesh),
+        ):
             if relative is not None:
                 point = Resolution(at.mesh * relative.mesh, at.time * relative.time)
                 run = bench.run(REFERENCE, main, point)

@@ -28,10 +28,7 @@ _LOOSEST, _TIGHTEST = 1e-2, 1e-9
 _STARTS = (0.35, 0.5, 0.71, 1.0, 1.41, 2.0, 2.83, 4.0)
 """Resolutions to start from: the first that has a coarser run; errors of still coarser ones tell nothing."""
 _MARGIN = 0.95  # of the target, aimed at
-_LEAP, _GROWTH = (
-    3.0,
-    25.0,
-)  # the next run at most this much finer, and this many times dearer: more is not trusted
+_LEAP, _GROWTH = (3.0, 25.0)  # the next run at most this much finer, and this many times dearer: more is not trusted
 _NEARLY_TWICE = 1.7
 _LEAST = 1.2  # least refinement
 _ROUNDS = 16
@@ -92,9 +89,7 @@ def choose(scene: Scene, target: float, limit: float, tell: Tell) -> Choice:
     """
     kind = kind_of(scene.accuracy.quantity)
     tolerance = min(max(tolerance_for(target, kind.iteration), _TIGHTEST), _LOOSEST)
-    lean = in_short_windows(scene).model_copy(
-        update={"solver": with_tolerance(in_short_windows(scene), tolerance)}
-    )
+    lean = in_short_windows(scene).model_copy(update={"solver": with_tolerance(in_short_windows(scene), tolerance)})
     search = _Search(scene, Ladder(lean, tell), target, limit, tell)
     return search.run()
 
@@ -160,9 +155,7 @@ class _Search:
         if self.ladder.runs:
             foreseen = self._model().seconds(at.mesh, at.time)
             if foreseen > self.limit:
-                return (
-                    f"the next run would take about {foreseen:.0f} CPU s, above the limit of {self.limit:g} s"
-                )
+                return f"the next run would take about {foreseen:.0f} CPU s, above the limit of {self.limit:g} s"
             if (need := memory_foreseen(self.scene, at)) > memory_of_the_machine():
                 return f"the next run would need about {need / 1e9:.0f} GB of memory"
             self.tell(f"foreseen {foreseen:.2g} CPU s for mesh x {at.mesh:.3g}, steps x {at.time:.3g}")
@@ -185,9 +178,7 @@ class _Search:
             return told(error)
         quantity, judged = self.tried[factor]
         order = "" if math.isnan(judged.order) else f", observed order {judged.order:.1f}"
-        self.tell(
-            f"         {quantity}: {'bound' if judged.bound_only else 'error'} {percent(judged.error)}{order}"
-        )
+        self.tell(f"         {quantity}: {'bound' if judged.bound_only else 'error'} {percent(judged.error)}{order}")
         return ""
 
     def _stuck(self) -> bool:
@@ -213,9 +204,7 @@ class _Search:
             return Choice(None, lost, quantity, math.inf, False, math.nan, self.ladder.seconds, sentence)
         quantity, judged = self.tried[best]
         at = self.ladder.at(best)
-        sentence += (
-            f". Best: {quantity} {percent(judged.error)} at mesh x {at.mesh:.3g}, steps x {at.time:.3g}"
-        )
+        sentence += f". Best: {quantity} {percent(judged.error)} at mesh x {at.mesh:.3g}, steps x {at.time:.3g}"
         return self._choice(best, quantity, judged, sentence, reached=False)
 
     def _choice(self, factor: float, quantity: str, judged: Judged, sentence: str, reached: bool) -> Choice:
@@ -232,9 +221,7 @@ class _Search:
         for quantity, value in run.measured.values.items():
             judged, kind = ladder_error(self.ladder, factor, quantity), kind_of(quantity)
             orders = (judged.order, kind.order, judged.bound_only)
-            found.append(
-                QuantityEstimate(quantity, value, kind.unit, judged.error, *orders, math.nan, math.nan)
-            )
+            found.append(QuantityEstimate(quantity, value, kind.unit, judged.error, *orders, math.nan, math.nan))
         return ErrorEstimate(tuple(found), (), self.ladder.seconds - run.cpu, FLOOR)
 
 

@@ -66,11 +66,15 @@ def variants_of(scene: Scene) -> list[Variant]:
 def directions_of(scene: Scene) -> list[str]:
     """Search directions that need no parameters."""
     tables = tables_in(Solver.model_fields["search_direction"].annotation)
-    return [
-        str(tag_of(table))
-        for table in tables
-        if not any(field.is_required() for field in table.model_fields.values())
-    ] if scene.interface else []  # fmt: skip
+    return (
+        [
+            str(tag_of(table))
+            for table in tables
+            if not any(field.is_required() for field in table.model_fields.values())
+        ]
+        if scene.interface
+        else []
+    )
 
 
 def changed(scene: Scene, changes: dict[str, dict[str, Any]]) -> Scene:

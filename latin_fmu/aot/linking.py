@@ -29,17 +29,29 @@ def link(content: bytes, manifest: str, target: Target, library: Path) -> None:
     with tempfile.TemporaryDirectory(dir=library.parent) as folder:
         made, source = Path(folder) / library.name, Path(folder) / "manifest.c"
         (Path(folder) / "kernels.o").write_bytes(content)
-        export = (
-            "__declspec(dllexport)" if "windows" in target.zig else '__attribute__((visibility("default")))'
-        )
+        export = "__declspec(dllexport)" if "windows" in target.zig else '__attribute__((visibility("default")))'
         text = manifest.replace("\n", "\\n")
         source.write_text(f'{export} const char latin_fmu_manifest[] = "{text}";\n', encoding="utf-8")
         command = [
-            sys.executable, "-m", "ziglang", "cc", "-target", target.zig, "-shared", "-O3", "-fno-math-errno",
-            "-fvisibility=hidden", "-s", "-o", str(made), str(Path(folder) / "kernels.o"), str(_STUB), str(source),
+            sys.executable,
+            "-m",
+            "ziglang",
+            "cc",
+            "-target",
+            target.zig,
+            "-shared",
+            "-O3",
+            "-fno-math-errno",
+            "-fvisibility=hidden",
+            "-s",
+            "-o",
+            str(made),
+            str(Path(folder) / "kernels.o"),
+            str(_STUB),
+            str(source),
             *(() if "windows" in target.zig else ("-lm",)),
             *(("-Wl,--no-undefined",) if "linux" in target.zig else ()),
-        ]  # fmt: skip
+        ]
         cache = str(library.parent / "zig")  # nothing is written into the user's home
         environment = {**os.environ, "ZIG_GLOBAL_CACHE_DIR": cache, "ZIG_LOCAL_CACHE_DIR": cache}
         done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)

@@ -73,12 +73,7 @@ def marched_share(arrival: float, time: Array) -> float:
 def _inside(scene: Scene, name: str) -> float:
     """When a body is disturbed all over."""
     described = scene.substructure[name]
-    moving = (
-        described.initial_velocity,
-        described.initial_spin,
-        described.initial_displacement,
-        described.body_force,
-    )
+    moving = (described.initial_velocity, described.initial_spin, described.initial_displacement, described.body_force)
     return 0.0 if any(any(values) for values in moving) else np.inf
 
 

@@ -175,9 +175,13 @@ def build_bodies(scene: Scene, problems: list[Problem]) -> dict[str, Body]:
             mesh = found
             if description.bending_modes and not set(BENDING_CELLS) & set(mesh.cell_types):
                 problems.append(
-                    Problem(f"substructure.{name}.bending_modes", "the mesh has no 8-node hexahedra",
-                            ", ".join(mesh.cell_types), remedy="leave the key out")
-                )  # fmt: skip
+                    Problem(
+                        f"substructure.{name}.bending_modes",
+                        "the mesh has no 8-node hexahedra",
+                        ", ".join(mesh.cell_types),
+                        remedy="leave the key out",
+                    )
+                )
             shape = Shape(mesh, material, description.bending_modes)
             bodies[name] = Body(name, mesh, shape, description)
     return bodies

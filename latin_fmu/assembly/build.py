@@ -151,20 +151,11 @@ class Prepared:
         if problems := unstable_steps(propagators, scene, self.dt):
             raise SceneError(problems, "the scene cannot be built")
         assembly = Assembly(
-            propagators,
-            [c.channels for c in classes],
-            units,
-            layout,
-            impedance,
-            self.characteristic_traction,
-            scheme,
+            propagators, [c.channels for c in classes], units, layout, impedance, self.characteristic_traction, scheme
         )
-        level = {
-            "off": -1.0,
-            "exact": 0.0,
-            "round_off": ROUND_OFF,
-            "tolerance": REST * scene.solver.tolerance,
-        }[scene.solver.skip_at_rest]
+        level = {"off": -1.0, "exact": 0.0, "round_off": ROUND_OFF, "tolerance": REST * scene.solver.tolerance}[
+            scene.solver.skip_at_rest
+        ]
         assembly.rest_traction = level * (assembly.characteristic_traction if level > 0 else 1.0)
         if start is not None:
             start.hand_over(assembly)
@@ -177,15 +168,7 @@ class Prepared:
         warnings = (*self.remarks, *without_factor, *([] if static else unresolved_sides(assembly)))
         warnings += () if start is None else start.remarks
         return Built(
-            assembly,
-            settings_of(scene),
-            wanted,
-            self.info,
-            warnings,
-            timeline,
-            self.prediction,
-            start,
-            self.recovered,
+            assembly, settings_of(scene), wanted, self.info, warnings, timeline, self.prediction, start, self.recovered
         )
 
     def started(self, amplitudes: Mapping[str, float]) -> Built:
@@ -198,9 +181,7 @@ class Prepared:
 
 
 def build(
-    scene: Scene,
-    amplitudes: Mapping[str, float] | None = None,
-    behaviours: Mapping[str, Behaviour] | None = None,
+    scene: Scene, amplitudes: Mapping[str, float] | None = None, behaviours: Mapping[str, Behaviour] | None = None
 ) -> Built:
     """Meshes, matrices, interfaces and factors of a scene, and the equilibrium it starts from where it asks for one.
 
@@ -227,9 +208,7 @@ def prepare(scene: Scene, behaviours: Mapping[str, Behaviour] | None = None) -> 
     if scene.contact:
         scene = with_found(scene, bodies, problems)
         remarks += lonely_remarks(scene, bodies)
-    conditions = {
-        name: conditions_on(body, boundaries_of(scene, name), problems) for name, body in bodies.items()
-    }
+    conditions = {name: conditions_on(body, boundaries_of(scene, name), problems) for name, body in bodies.items()}
     messages = Messages(problems, remarks)
     found = [build_interface(n, i, bodies, conditions, messages) for n, i in scene.interface.items()]
     if problems:
@@ -250,10 +229,11 @@ def prepare(scene: Scene, behaviours: Mapping[str, Behaviour] | None = None) -> 
         arrival = arrival_times(scene, bodies, units, time)
         classes = cut_by_arrival(classes, {name: marched_share(t, time) for name, t in arrival.items()})
     remarks += [
-        *redundancy_remarks(scene), *locking_remarks(scene, bodies),
+        *redundancy_remarks(scene),
+        *locking_remarks(scene, bodies),
         *(lumping_remarks(bodies) if scheme.explicit else []),
         *([] if scene.time.quasi_static else sampling_remarks(scene, time)),
-    ]  # fmt: skip
+    ]
     return Prepared(scene, bodies, conditions, units, layout, classes, scheme, time, tuple(remarks))
 
 

@@ -45,9 +45,14 @@ def check_faces(scene: Scene, bodies: dict[str, Body], problems: list[Problem]) 
         if face not in known and face != ALL_OF_IT:
             close = difflib.get_close_matches(face, known, 1)
             problems.append(
-                Problem(where, "unknown face", side, ", ".join(known) or "no named surface group touches this volume",
-                        f"did you mean {substructure}.{close[0]!s}?" if close else None)
-            )  # fmt: skip
+                Problem(
+                    where,
+                    "unknown face",
+                    side,
+                    ", ".join(known) or "no named surface group touches this volume",
+                    f"did you mean {substructure}.{close[0]!s}?" if close else None,
+                )
+            )
 
 
 def boundaries_of(scene: Scene, substructure: str) -> dict[str, Boundary]:
@@ -64,9 +69,7 @@ def characteristic_traction(scene: Scene, bodies: dict[str, Body], time: Array) 
     sizes = [0.0]
     for load in scene.load.values():
         amplitude = largest_amplitude(load.law, time)
-        size = (
-            abs(load.pressure) if load.pressure is not None else float(np.linalg.norm(load.traction or 0.0))
-        )
+        size = abs(load.pressure) if load.pressure is not None else float(np.linalg.norm(load.traction or 0.0))
         sizes.append(size * amplitude)
     impedances = _impact_impedances(bodies, float(time[1] - time[0]))
     for name, body in bodies.items():
@@ -156,28 +159,26 @@ def sampling_remarks(scene: Scene, time: Array) -> list[str]:
     return remarks
 
 
-def initial_problems(
-    scene: Scene, units: list[InterfaceUnit], problems: list[Problem], remarks: list[str]
-) -> None:
+def initial_problems(scene: Scene, units: list[InterfaceUnit], problems: list[Problem], remarks: list[str]) -> None:
     """Overlaps, open preloads and torn bonds that initial displacements make; velocity jumps of bonds are remarks."""
     for unit in units:
-        first, second = (
-            None if side == GROUND else scene.substructure[split_face(side)[0]] for side in unit.sides
-        )
+        first, second = (None if side == GROUND else scene.substructure[split_face(side)[0]] for side in unit.sides)
         assert first is not None
         zero = (0.0, 0.0, 0.0)
-        jump = np.subtract(
-            zero if second is None else second.initial_displacement, first.initial_displacement
-        )
+        jump = np.subtract(zero if second is None else second.initial_displacement, first.initial_displacement)
         where = f"interface.{unit.name}"
         if unit.behaviour.compliant:
             continue
         if not unit.behaviour.opens:
             if jump.any():
                 problems.append(
-                    Problem(where, "initial displacements tear a bonded interface", str(jump.tolist()),
-                            remedy="give both sides the same initial displacement")
-                )  # fmt: skip
+                    Problem(
+                        where,
+                        "initial displacements tear a bonded interface",
+                        str(jump.tolist()),
+                        remedy="give both sides the same initial displacement",
+                    )
+                )
             if second is not None and first.initial_velocity != second.initial_velocity:
                 remarks.append(
                     f"interface {unit.name}: bonded sides start with different velocities; the jump is lost in the "
@@ -188,11 +189,19 @@ def initial_problems(
         size = float(np.ptp(unit.geometry.points, axis=0).max())
         if gap.min() < -1e-9 * max(size, float(np.abs(jump).max())):
             problems.append(
-                Problem(where, "the sides overlap at the start", f"by {-gap.min():.6g} m in all",
-                        remedy="change initial_displacement, or move the meshes apart")
-            )  # fmt: skip
+                Problem(
+                    where,
+                    "the sides overlap at the start",
+                    f"by {-gap.min():.6g} m in all",
+                    remedy="change initial_displacement, or move the meshes apart",
+                )
+            )
         elif unit.preload > 0 and gap.max() > 1e-9 * size and not unit.geometry.gap.any():
             problems.append(
-                Problem(f"{where}.preload", "a preloaded interface cannot be open", f"{gap.max():.6g} m",
-                        remedy="leave out the initial displacement that opens it, or the preload")
-            )  # fmt: skip
+                Problem(
+                    f"{where}.preload",
+                    "a preloaded interface cannot be open",
+                    f"{gap.max():.6g} m",
+                    remedy="leave out the initial displacement that opens it, or the preload",
+                )
+            )

@@ -148,24 +148,32 @@ def _normal_axis(body: Body, name: str, boundary: Symmetry, problems: list[Probl
     axis = int(np.argmax(np.abs(normals[0])))
     if np.abs(np.abs(normals[:, axis]) - 1).max() > _FLAT:
         problems.append(
-            Problem(f"boundary.{name}.face", "a symmetry face must be plane and face an axis", boundary.face,
-                    "a plane face normal to x, y or z", 'turn the mesh, or use type = "fixed" with components')
-        )  # fmt: skip
+            Problem(
+                f"boundary.{name}.face",
+                "a symmetry face must be plane and face an axis",
+                boundary.face,
+                "a plane face normal to x, y or z",
+                'turn the mesh, or use type = "fixed" with components',
+            )
+        )
         return None
     return axis
 
 
 def _drive(
-    name: str, boundary: PrescribedVelocity | PrescribedDisplacement, nodes: Index, dofs: _Dofs,
-    problems: list[Problem],
-) -> None:  # fmt: skip
+    name: str, boundary: PrescribedVelocity | PrescribedDisplacement, nodes: Index, dofs: _Dofs, problems: list[Problem]
+) -> None:
     for component, value in zip(boundary.components, boundary.value, strict=True):
         moved = dofs.with_tied(3 * nodes + AXES.index(component))
         if (dofs.driver[moved] >= 0).any() or dofs.held[moved].any():
             problems.append(
-                Problem(f"boundary.{name}", "drives nodes already held or driven by another condition", boundary.face,
-                        remedy="shared edges belong to one condition: leave the component out of one of them")
-            )  # fmt: skip
+                Problem(
+                    f"boundary.{name}",
+                    "drives nodes already held or driven by another condition",
+                    boundary.face,
+                    remedy="shared edges belong to one condition: leave the component out of one of them",
+                )
+            )
             continue
         dofs.driver[moved] = len(dofs.motions)
         dofs.motions.append(Motion(boundary.law, value, isinstance(boundary, PrescribedDisplacement)))
@@ -182,9 +190,13 @@ def _tie(body: Body, name: str, boundary: Periodic, dofs: _Dofs, problems: list[
                 dofs.tie(3 * first.nodes + component, 3 * second.nodes[partner] + component)
             return
     problems.append(
-        Problem(f"boundary.{name}.faces", "the nodes of periodic faces must match one to one",
-                f"{len(first.nodes)} and {len(second.nodes)} nodes", remedy="mesh opposite faces alike")
-    )  # fmt: skip
+        Problem(
+            f"boundary.{name}.faces",
+            "the nodes of periodic faces must match one to one",
+            f"{len(first.nodes)} and {len(second.nodes)} nodes",
+            remedy="mesh opposite faces alike",
+        )
+    )
 
 
 def _absorb(body: Body, face_name: str) -> tuple[sp.csr_array, sp.csr_array]:

@@ -19,16 +19,12 @@ def memory_needed(classes: list[ModelClass], settings: PropagatorSettings) -> fl
     return sum(bytes_held(settings.kind, size, settings.modes, settings.precision) for size in sizes)
 
 
-def fitting(
-    classes: list[ModelClass], settings: PropagatorSettings, memory: float | None = None
-) -> PropagatorSettings:
+def fitting(classes: list[ModelClass], settings: PropagatorSettings, memory: float | None = None) -> PropagatorSettings:
     """The settings, or conjugate gradients where a direct march does not fit in the ``memory`` (bytes; None: of this
     machine)."""
     room = FITS * (physical_memory() if memory is None else memory)
     if settings.kind != "direct" or not room:
         return settings
-    if (
-        sum(factor_bytes(c.members[0].expansion.shape[1]) for c in classes) < 0.3 * room
-    ):  # no need to look closer
+    if sum(factor_bytes(c.members[0].expansion.shape[1]) for c in classes) < 0.3 * room:  # no need to look closer
         return settings
     return replace(settings, kind="cg") if memory_needed(classes, settings) > room else settings

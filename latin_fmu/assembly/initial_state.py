@@ -31,9 +31,7 @@ class InitialState:
     def displaced(self, classes: list[ModelClass]) -> list[ModelClass]:
         """The classes with these initial displacements."""
         return [
-            replace(
-                c, members=[m.displaced(self.displacement.get(m.name, m.displacement)) for m in c.members]
-            )
+            replace(c, members=[m.displaced(self.displacement.get(m.name, m.displacement)) for m in c.members])
             for c in classes
         ]
 

@@ -19,15 +19,7 @@ from numpy.typing import NDArray
 from ..fem.elasticity import BENDING_CELLS
 from ..fem.mesh import FacetSet
 from ..fem.walls import Walls, walls
-from ..scene.boundaries import (
-    AXES,
-    Boundary,
-    Fixed,
-    Periodic,
-    PrescribedDisplacement,
-    PrescribedVelocity,
-    Symmetry,
-)
+from ..scene.boundaries import AXES, Boundary, Fixed, Periodic, PrescribedDisplacement, PrescribedVelocity, Symmetry
 from ..scene.fields import split_face
 from ..scene.schema import Scene
 from .body import Body
@@ -57,11 +49,7 @@ def locking_remarks(scene: Scene, bodies: dict[str, Body]) -> list[str]:
         found = _box_walls(body, boundaries) if box is not None else _mesh_walls(body, boundaries)
         extent = float(body.mesh.extent().max())
         if (told := _told(found, stiff, set(body.mesh.cell_types), extent)) is not None:
-            remedy = (
-                f"set substructure.{name}.bending_modes"
-                if "hexahedron" in stiff
-                else "use quadratic elements"
-            )
+            remedy = f"set substructure.{name}.bending_modes" if "hexahedron" in stiff else "use quadratic elements"
             remarks.append(f"substructure {name}: {told}; {remedy} (waves along it are not concerned)")
     return remarks
 
@@ -76,10 +64,7 @@ def _told(found: Walls, stiff: set[str], types: set[str], extent: float) -> str 
     """What is wrong with the walls of a body of this size, if anything: slender ones bend, and short ones if they are
     very coarse."""
     factors = _factors(stiff, types)
-    excess = (
-        np.array([factors.get(kind, 0.0) for kind in found.kind.tolist()])
-        * (found.length / found.thickness) ** 2
-    )
+    excess = np.array([factors.get(kind, 0.0) for kind in found.kind.tolist()]) * (found.length / found.thickness) ** 2
     slender = extent / found.thickness
     coarse = (excess > np.where(slender > 10.0, 0.2, 0.6)) & (slender > 5.0)
     if found.area[coarse].sum() <= _SHARE * found.area.sum():
@@ -123,9 +108,7 @@ def _box_walls(body: Body, boundaries: Iterable[Boundary]) -> Walls:
 
 
 def _face(boundary_condition: Boundary) -> str:
-    return (
-        boundary_condition.faces[0] if isinstance(boundary_condition, Periodic) else boundary_condition.face
-    )
+    return boundary_condition.faces[0] if isinstance(boundary_condition, Periodic) else boundary_condition.face
 
 
 def _held_axes(boundary_condition: Boundary) -> NDArray[np.bool_]:

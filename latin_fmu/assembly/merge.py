@@ -61,9 +61,7 @@ def bonded(
 
 
 def merge(
-    members: Sequence[SubstructureModel],
-    interfaces: Sequence[InterfaceUnit],
-    info: Mapping[str, SubstructureInfo],
+    members: Sequence[SubstructureModel], interfaces: Sequence[InterfaceUnit], info: Mapping[str, SubstructureInfo]
 ) -> Merged:
     """Matrices of substructures with every interface between them bonded; ``info`` holds their meshes.
 
@@ -136,9 +134,7 @@ def _same_dofs(interfaces: Sequence[InterfaceUnit], where: dict[str, slice], n: 
     return np.asarray(connected_components(graph, directed=False)[1])
 
 
-def _merged_expansion(
-    models: dict[str, SubstructureModel], where: dict[str, slice], same: np.ndarray
-) -> sp.csr_array:
+def _merged_expansion(models: dict[str, SubstructureModel], where: dict[str, slice], same: np.ndarray) -> sp.csr_array:
     """Selection matrix of the merged body: dofs tied by an interface or within a body are one."""
     apart = sp.csr_array(sp.block_diag([models[n].expansion for n in where]))
     n_full, n = apart.shape
@@ -146,9 +142,7 @@ def _merged_expansion(
     held_rows = np.flatnonzero(np.diff(apart.indptr) == 0)
     rows = np.flatnonzero(np.diff(apart.indptr))
     count = int(same.max()) + 1
-    graph = sp.coo_array(
-        (np.ones(len(rows)), (same[rows], count + apart.indices)), shape=(count + n, count + n)
-    )
+    graph = sp.coo_array((np.ones(len(rows)), (same[rows], count + apart.indices)), shape=(count + n, count + n))
     _, label = connected_components(graph, directed=False)
     held = np.zeros(int(label.max()) + 1, dtype=bool)
     held[label[same[held_rows]]] = True

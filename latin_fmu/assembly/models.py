@@ -38,9 +38,13 @@ class ModelClass:
 
 
 def model_classes(
-    scene: Scene, bodies: dict[str, Body], conditions: dict[str, Conditions], units: list[InterfaceUnit],
-    layout: Layout, scheme: TimeScheme,
-) -> list[ModelClass]:  # fmt: skip
+    scene: Scene,
+    bodies: dict[str, Body],
+    conditions: dict[str, Conditions],
+    units: list[InterfaceUnit],
+    layout: Layout,
+    scheme: TimeScheme,
+) -> list[ModelClass]:
     """Matrices of every substructure, grouped into classes of identical ones (of one each where the scene asks)."""
     classes: dict[bytes, list[tuple[SubstructureModel, Index]]] = {}
     for name, body in bodies.items():
@@ -93,14 +97,22 @@ def _model(
         return (replace(rigid, mass=None) if isinstance(scheme, QuasiStatic) else rigid), flat
     mass = _without_contact_mass(name, body, units) if scheme.massless_contact else _mass(body, scheme)
     model = SubstructureModel(
-        name=name, mass=mass, damping=_damping(body, held), stiffness=body.shape.stiffness, expansion=held.expansion,
-        trace=trace, channel_area=area, loads=loads,
+        name=name,
+        mass=mass,
+        damping=_damping(body, held),
+        stiffness=body.shape.stiffness,
+        expansion=held.expansion,
+        trace=trace,
+        channel_area=area,
+        loads=loads,
         displacement=np.tile(body.description.initial_displacement, body.mesh.n_node),
         velocity=body.initial_velocity(),
-        imposed_pattern=held.pattern, imposed_start=held.start(),
-        ordering=body.shape.rank, lumped_mass=body.shape.lumped_mass if scheme.explicit else None,
+        imposed_pattern=held.pattern,
+        imposed_start=held.start(),
+        ordering=body.shape.rank,
+        lumped_mass=body.shape.lumped_mass if scheme.explicit else None,
         lumped_damping=_lumped_damping(body, held) if scheme.explicit else None,
-    )  # fmt: skip
+    )
     return model, flat
 
 
@@ -113,10 +125,15 @@ def _without_contact_mass(name: str, body: Body, units: list[InterfaceUnit]) -> 
         return without_contact_mass(body.shape.mass, body.mesh, _contact_nodes(name, units))
     except ValueError as error:
         raise SceneError(
-            [Problem("time.scheme", f"massless_contact, substructure {name}: {error}",
-                     remedy="give it two elements between its contacts, or choose another scheme")],
+            [
+                Problem(
+                    "time.scheme",
+                    f"massless_contact, substructure {name}: {error}",
+                    remedy="give it two elements between its contacts, or choose another scheme",
+                )
+            ],
             "the scene cannot be built",
-        ) from error  # fmt: skip
+        ) from error
 
 
 def _contact_nodes(name: str, units: list[InterfaceUnit]) -> Index:
@@ -125,10 +142,7 @@ def _contact_nodes(name: str, units: list[InterfaceUnit]) -> Index:
         unit.geometry.traces[i]
         for unit in units
         for i, side in enumerate(unit.sides)
-        if unit.behaviour.opens
-        and not unit.behaviour.compliant
-        and side != GROUND
-        and split_face(side)[0] == name
+        if unit.behaviour.opens and not unit.behaviour.compliant and side != GROUND and split_face(side)[0] == name
     ]
     found = [np.unique(trace.indices // 3) for trace in traces if trace is not None]
     return np.unique(np.concatenate(found)).astype(np.int64) if found else np.zeros(0, dtype=np.int64)
@@ -179,9 +193,7 @@ def _signature(model: SubstructureModel, body: Body) -> bytes:
     """Equal for substructures whose operators are equal (loads, initial values and place do not count)."""
     digest = hashlib.sha256()
     size = float(body.mesh.extent().max())
-    digest.update(
-        repr((body.shape.material, body.shape.bending_modes, body.mesh.cell_types, f"{size:.9e}")).encode()
-    )
+    digest.update(repr((body.shape.material, body.shape.bending_modes, body.mesh.cell_types, f"{size:.9e}")).encode())
     digest.update(np.round((body.mesh.nodes - body.mesh.nodes[0]) / size, 9).astype("f8").tobytes())
     for block in body.mesh.blocks:
         digest.update(block.cells.tobytes())
@@ -192,9 +204,7 @@ def _signature(model: SubstructureModel, body: Body) -> bytes:
             digest.update(np.ascontiguousarray(part).tobytes())
     digest.update((np.round(model.channel_area / size**2, 12) + 0.0).tobytes())
     if model.damping is not None:
-        digest.update(
-            repr((model.damping.nnz, float(model.damping.trace()), float(abs(model.damping).sum()))).encode()
-        )
+        digest.update(repr((model.damping.nnz, float(model.damping.trace()), float(abs(model.damping).sum()))).encode())
         digest.update(model.damping.indices.astype(np.int64).tobytes())
     digest.update(model.imposed_pattern.tobytes())
     if model.nodal is not None:

@@ -79,10 +79,7 @@ def node_by_node(first: Side, second: Side) -> Opposite | None:
         return None
     points, trace = own_points(body, facets, face)
     if face.change is None and other.change is None:
-        there, other_trace = (
-            other_body.mesh.nodes[other.nodes[partner]],
-            selection(other.nodes[partner], other_body),
-        )
+        there, other_trace = (other_body.mesh.nodes[other.nodes[partner]], selection(other.nodes[partner], other_body))
     else:
         areas, opposite = face.positive_areas, other.positive_areas[partner]
         if np.abs(opposite - areas).max() > _SAME_AREA * areas.max():
@@ -92,9 +89,7 @@ def node_by_node(first: Side, second: Side) -> Opposite | None:
         other_trace = sp.csr_array(other_trace[(3 * partner[:, None] + np.arange(3)).ravel()])
     normals = face.normals
     distance = np.einsum("pi,pi->p", there - points, normals)
-    return Opposite(
-        points, face.positive_areas, normals, distance, (trace, other_trace), np.zeros(len(distance))
-    )
+    return Opposite(points, face.positive_areas, normals, distance, (trace, other_trace), np.zeros(len(distance)))
 
 
 def _partners(face: Face, other: Face, points: Array, there: Array) -> Index | None:
@@ -144,9 +139,7 @@ def by_mortar(
 class _Pair:
     """Two faces; what one of them gives as the owner is worked out once."""
 
-    def __init__(
-        self, sides: tuple[Side, Side], reach: float | None, held: tuple[Mask | None, Mask | None]
-    ) -> None:
+    def __init__(self, sides: tuple[Side, Side], reach: float | None, held: tuple[Mask | None, Mask | None]) -> None:
         self.surfaces = tuple(Surface(body.mesh.nodes, facets) for body, facets in sides)
         self._reach, self._held = reach, held
         self._mortars: dict[int, Mortar | None] = {}
@@ -188,9 +181,16 @@ class _Pair:
         traces = [without(_of_vectors(t), gone) for t in (found.owner, found.other)]
         shares = tuple(float(found.areas.sum()) / s.area for s in self.surfaces)
         return Opposite(
-            points, found.areas, normals, np.einsum("pi,pi->p", jump, normals),
-            (traces[side], traces[1 - side]), found.sags, side, False, (shares[0], shares[1]),
-        )  # fmt: skip
+            points,
+            found.areas,
+            normals,
+            np.einsum("pi,pi->p", jump, normals),
+            (traces[side], traces[1 - side]),
+            found.sags,
+            side,
+            False,
+            (shares[0], shares[1]),
+        )
 
 
 def _of_vectors(trace: sp.csr_array) -> sp.csr_array:
@@ -216,6 +216,11 @@ def on_plane(side: Side, point: Array, normal: Array) -> Opposite | None:
     vector = face.vector_areas if face.change is None else face.change.T @ face.vector_areas
     normals = np.tile(-normal, (len(points), 1))
     return Opposite(
-        points, -vector @ normal, normals, (points - point) @ normal, (trace, None), np.zeros(len(points)),
+        points,
+        -vector @ normal,
+        normals,
+        (points - point) @ normal,
+        (trace, None),
+        np.zeros(len(points)),
         matching=False,
-    )  # fmt: skip
+    )

@@ -37,11 +37,7 @@ class Messages:
 
 
 def build_interface(
-    name: str,
-    interface: Interface,
-    bodies: dict[str, Body],
-    conditions: Mapping[str, Conditions],
-    messages: Messages,
+    name: str, interface: Interface, bodies: dict[str, Body], conditions: Mapping[str, Conditions], messages: Messages
 ) -> InterfaceUnit | None:
     """The interface ready to be solved, or None (with its problems told) when its faces do not fit."""
     sides = [_side(bodies, side) for side in interface.sides if side != GROUND]
@@ -59,14 +55,16 @@ def build_interface(
     if behaviour.elastic and pressure > 0 and interface.normal_stiffness:
         gap = gap - pressure / interface.normal_stiffness
     frames = local_frames(found.normals)
-    geometry = InterfaceGeometry(
-        found.points, found.areas, frames, gap, found.traces, found.owner, found.matching
-    )
+    geometry = InterfaceGeometry(found.points, found.areas, frames, gap, found.traces, found.owner, found.matching)
     if pressure > 0 and gap.max() > 0:
         messages.problems.append(
-            Problem(f"interface.{name}.preload", "a preloaded interface cannot be open", f"gap up to {gap.max():g} m",
-                    remedy="close the gap of the meshes, or leave the preload out")
-        )  # fmt: skip
+            Problem(
+                f"interface.{name}.preload",
+                "a preloaded interface cannot be open",
+                f"gap up to {gap.max():g} m",
+                remedy="close the gap of the meshes, or leave the preload out",
+            )
+        )
     return InterfaceUnit(name, interface.sides, behaviour, geometry, pressure)
 
 
@@ -102,9 +100,14 @@ def _on_ground(name: str, interface: Interface, side: Side, problems: list[Probl
         found = on_plane(side, np.asarray(ground.point), normal)
         if found is None:
             problems.append(
-                Problem(f"interface.{name}.ground", "no facet of the face looks at the plane", interface.sides[0],
-                        "facets within 60 degrees of it", "turn the normal: it points out of the ground")
-            )  # fmt: skip
+                Problem(
+                    f"interface.{name}.ground",
+                    "no facet of the face looks at the plane",
+                    interface.sides[0],
+                    "facets within 60 degrees of it",
+                    "turn the normal: it points out of the ground",
+                )
+            )
         return found
     body, facets = side
     face = face_of(body.mesh.nodes, facets)
@@ -113,23 +116,21 @@ def _on_ground(name: str, interface: Interface, side: Side, problems: list[Probl
     if interface.behaves_open and bent > MATCHING:
         angle = np.degrees(np.arccos(np.clip((normals @ normals[0]).min(), -1, 1)))
         problems.append(
-            Problem(f"interface.{name}.sides", "a curved face against ground without a place", interface.sides[0],
-                    f"a plane face (its normals differ by {angle:.2g} degrees)",
-                    "give the ground a place: ground = {point = [...], normal = [...]}")
-        )  # fmt: skip
+            Problem(
+                f"interface.{name}.sides",
+                "a curved face against ground without a place",
+                interface.sides[0],
+                f"a plane face (its normals differ by {angle:.2g} degrees)",
+                "give the ground a place: ground = {point = [...], normal = [...]}",
+            )
+        )
         return None
     points, trace = own_points(body, facets, face)
-    return Opposite(
-        points, face.positive_areas, normals, np.zeros(len(points)), (trace, None), np.zeros(len(points))
-    )
+    return Opposite(points, face.positive_areas, normals, np.zeros(len(points)), (trace, None), np.zeros(len(points)))
 
 
 def _opposite(
-    name: str,
-    interface: Interface,
-    sides: tuple[Side, Side],
-    conditions: Mapping[str, Conditions],
-    messages: Messages,
+    name: str, interface: Interface, sides: tuple[Side, Side], conditions: Mapping[str, Conditions], messages: Messages
 ) -> Opposite | None:
     """Two faces of bodies: nodes that match, else the part they have in common."""
     first, second = sides
@@ -160,10 +161,11 @@ def _apart(name: str, interface: Interface, first: Side, second: Side) -> Proble
         return Problem(where, "the two faces do not face each other", sides)
     within = "" if interface.search is None else f" within {interface.search:g} m"
     return Problem(
-        where, f"the two faces have no part in common{within}", f"{sides}: common area 0 m2, "
-        f"nearest nodes {distance.min():.4g} m apart",
+        where,
+        f"the two faces have no part in common{within}",
+        f"{sides}: common area 0 m2, nearest nodes {distance.min():.4g} m apart",
         remedy="place the meshes opposite each other (is the scale right?), or choose other faces",
-    )  # fmt: skip
+    )
 
 
 def _gap(name: str, interface: Interface, found: Opposite, problems: list[Problem]) -> Array | None:
@@ -196,33 +198,43 @@ def _gap(name: str, interface: Interface, found: Opposite, problems: list[Proble
         return distance
     if distance.any() and np.abs(distance - given).max() > 1e-6 * max(given, float(distance.max())):
         problems.append(
-            Problem(f"interface.{name}.gap", "differs from the distance of the two meshes", f"{given:g} m",
-                    f"{distance.min():g} to {distance.max():g} m",
-                    "leave gap out to use the distance, or let the meshes touch to use the number")
-        )  # fmt: skip
+            Problem(
+                f"interface.{name}.gap",
+                "differs from the distance of the two meshes",
+                f"{given:g} m",
+                f"{distance.min():g} to {distance.max():g} m",
+                "leave gap out to use the distance, or let the meshes touch to use the number",
+            )
+        )
         return None
     return np.full(len(distance), given)
 
 
 def _overlap(name: str, interface: Interface, depth: float) -> Problem:
     if interface.against_ground:
-        return Problem(f"interface.{name}.ground", "the face and the ground overlap at the start", f"by {depth:.6g} m",
-                       remedy="move the plane, or turn the normal (it points out of the ground)")  # fmt: skip
+        return Problem(
+            f"interface.{name}.ground",
+            "the face and the ground overlap at the start",
+            f"by {depth:.6g} m",
+            remedy="move the plane, or turn the normal (it points out of the ground)",
+        )
     remedy = "move one of the meshes apart"
     if "gap" in TAKES[interface.behaviour]:
         remedy += ', or set gap = "closed"'
-    return Problem(
-        f"interface.{name}.sides", "the two faces overlap at the start", f"by {depth:.6g} m", remedy=remedy
-    )
+    return Problem(f"interface.{name}.sides", "the two faces overlap at the start", f"by {depth:.6g} m", remedy=remedy)
 
 
 def _bonded(name: str, distance: Array, size: float, problems: list[Problem]) -> Array | None:
     if np.abs(distance).max() <= MATCHING * size:
         return np.zeros(len(distance))
     problems.append(
-        Problem(f"interface.{name}.sides", "bonded faces must touch", f"{np.abs(distance).max():.6g} m apart",
-                remedy='move the meshes together, or use behaviour = "contact"')
-    )  # fmt: skip
+        Problem(
+            f"interface.{name}.sides",
+            "bonded faces must touch",
+            f"{np.abs(distance).max():.6g} m apart",
+            remedy='move the meshes together, or use behaviour = "contact"',
+        )
+    )
     return None
 
 
@@ -232,9 +244,12 @@ def _closed(name: str, found: Opposite, problems: list[Problem]) -> Array | None
     if far <= _CLOSABLE * spacing:
         return np.zeros(len(found.distance))
     problems.append(
-        Problem(f"interface.{name}.gap", "the faces are too far apart, or overlap too much, to count as closed",
-                f"{found.distance.min():.4g} to {found.distance.max():.4g} m",
-                f"up to the node spacing, {spacing:.4g} m",
-                'move the meshes together, or use gap = "measured"')
-    )  # fmt: skip
+        Problem(
+            f"interface.{name}.gap",
+            "the faces are too far apart, or overlap too much, to count as closed",
+            f"{found.distance.min():.4g} to {found.distance.max():.4g} m",
+            f"up to the node spacing, {spacing:.4g} m",
+            'move the meshes together, or use gap = "measured"',
+        )
+    )
     return None

@@ -60,9 +60,7 @@ class Prediction:
                 continue
             march = self.n_instant * other.instant if kind == "reduced" else other.total(self.n_instant)
             if march < _WORTH * own:
-                sentence = (
-                    f"another answer by the {kind} propagator ({what}): about {march:.2g} s, not {own:.2g} s"
-                )
+                sentence = f"another answer by the {kind} propagator ({what}): about {march:.2g} s, not {own:.2g} s"
                 if kind == "reduced":
                     sentence += f", after {other.setup:.2g} s of set-up"
                 found.append((kind, sentence, march / own))

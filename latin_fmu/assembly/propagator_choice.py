@@ -23,9 +23,7 @@ def chosen_propagators(scene: Scene, classes: list[ModelClass]) -> tuple[Propaga
     chosen = fitting(classes, asked)
     if chosen.kind == asked.kind:
         return asked, []
-    told = (
-        "the factors do not fit in the memory of this machine: conjugate gradients are used, which are slow"
-    )
+    told = "the factors do not fit in the memory of this machine: conjugate gradients are used, which are slow"
     return chosen, [told]
 
 
@@ -51,8 +49,9 @@ def unstable_steps(propagators: list[Propagator], scene: Scene, dt: float) -> li
         Problem(
             "time.step" if scene.time.step is not None else "time.instants",
             f"the step is longer than the stable one of the explicit propagator (substructure {shortest.names[0]})",
-            f"a step of {dt:.6g} s", f"at most {longest:.6g} s",
+            f"a step of {dt:.6g} s",
+            f"at most {longest:.6g} s",
             f"give [time] instants = {int(np.ceil(scene.time.end / longest))} or more, "
             "or choose an implicit propagator",
         )
-    ]  # fmt: skip
+    ]

@@ -48,9 +48,7 @@ class RigidConditions(Conditions):
         free, rest = self.basis[:, :n_free], self.basis[:, n_free:]
         wanted = self.body.coordinates(translation, rotation) - rest @ driven
         mass = self.body.mass
-        found = (
-            la.solve(free.T @ mass @ free, free.T @ mass @ wanted, assume_a="pos") if n_free else np.zeros(0)
-        )
+        found = la.solve(free.T @ mass @ free, free.T @ mass @ wanted, assume_a="pos") if n_free else np.zeros(0)
         return np.concatenate([found, driven])
 
 
@@ -67,9 +65,14 @@ def rigid_conditions(
     for name, boundary in boundaries.items():
         if isinstance(boundary, Periodic):
             problems.append(
-                Problem(f"boundary.{name}", "a rigid body cannot be periodic", body.name, "an elastic substructure",
-                        f"remove the boundary, or substructure.{body.name}.rigid")
-            )  # fmt: skip
+                Problem(
+                    f"boundary.{name}",
+                    "a rigid body cannot be periodic",
+                    body.name,
+                    "an elastic substructure",
+                    f"remove the boundary, or substructure.{body.name}.rigid",
+                )
+            )
             return held
     rigid = rigid_body(body.mesh, body.shape.material.density)
     driven = held.pattern.any(axis=1)
@@ -79,19 +82,21 @@ def rigid_conditions(
     motions = la.lstsq(rows, wanted)[0] if wanted.size else np.zeros((6, len(held.motions)))
     if wanted.size and np.abs(rows @ motions - wanted).max() > _ROUND_OFF:
         problems.append(
-            Problem(f"substructure.{body.name}.rigid", "a rigid body cannot follow its boundary conditions",
-                    ", ".join(boundaries), "motions that a rigid body can make",
-                    "hold or drive it through faces that move together, or leave it elastic")
-        )  # fmt: skip
+            Problem(
+                f"substructure.{body.name}.rigid",
+                "a rigid body cannot follow its boundary conditions",
+                ", ".join(boundaries),
+                "motions that a rigid body can make",
+                "hold or drive it through faces that move together, or leave it elastic",
+            )
+        )
     free = _null_space(rows)
     basis = np.concatenate([free, motions], axis=1)
     n_free, n_full = free.shape[1], basis.shape[1]
     expansion = sp.csr_array(np.eye(n_full)[:, :n_free])
     nodal = rigid.modes @ basis
     dashpots = None if held.dashpots is None else sp.csr_array(nodal.T @ (held.dashpots @ nodal))
-    return RigidConditions(
-        expansion, np.eye(n_full)[:, n_free:], held.motions, dashpots, dashpots, rigid, basis
-    )
+    return RigidConditions(expansion, np.eye(n_full)[:, n_free:], held.motions, dashpots, dashpots, rigid, basis)
 
 
 def _null_space(rows: Array) -> Array:
@@ -143,9 +148,7 @@ def rigid_model(
         loads=[replace(load, pattern=nodal.T @ load.pattern) for load in loads],
         displacement=held.values(np.asarray(description.initial_displacement), still, start),
         velocity=held.values(
-            np.asarray(description.initial_velocity),
-            np.asarray(description.initial_spin),
-            np.zeros(len(start)),
+            np.asarray(description.initial_velocity), np.asarray(description.initial_spin), np.zeros(len(start))
         ),
         imposed_pattern=held.pattern,
         imposed_start=start,

@@ -19,9 +19,7 @@ from ..propagator.seconds import CACHE
 from .run_sizes import STATIC, RunSizes
 
 _WHOLE = 0.65  # marches of the whole interval per iteration: instants before the first change are not marched again
-_SEQUENTIAL = (
-    1.3  # iterations of the windows of one instant that a longer one starts from, over both its marches
-)
+_SEQUENTIAL = 1.3  # iterations of the windows of one instant that a longer one starts from, over both its marches
 _STATIC_WINDOW = 2.0  # first guess, coarse problem and bookkeeping of an increment, in iterations
 
 
@@ -54,9 +52,12 @@ def set_up(sizes: RunSizes) -> Counts:
     parts = [set_up_counts(kind, c.size, sizes.modes) for c in sizes.classes]
     unknowns = sum(c.n_member * c.size.unknowns for c in sizes.classes)
     whole = {
-        "run": 1.0, "body": float(sizes.bodies), "interface": float(sizes.interfaces), "cell": float(sizes.cells),
+        "run": 1.0,
+        "body": float(sizes.bodies),
+        "interface": float(sizes.interfaces),
+        "cell": float(sizes.cells),
         "unknown": float(unknowns),
-    }  # fmt: skip
+    }
     return added(whole, *parts)
 
 
@@ -78,9 +79,7 @@ def _compiled(sizes: RunSizes) -> Counts:
         instant_counts(sizes.kind, c.size, sizes.iterations, sizes.modes, sizes.precision, marched=c.marched)
         for c in sizes.classes
     ]
-    read = sum(
-        c.marched * bytes_read(sizes.kind, c.size, sizes.iterations, sizes.modes) for c in sizes.classes
-    )
+    read = sum(c.marched * bytes_read(sizes.kind, c.size, sizes.iterations, sizes.modes) for c in sizes.classes)
     held = sum(bytes_held(sizes.kind, c.size, sizes.modes) for c in sizes.classes)
     bonds = float(sizes.n_flat) ** 2 if sizes.at_once else 0.0
     beyond = {"beyond": read * max(0.0, 1.0 - CACHE / held)} if held else {}
@@ -97,9 +96,7 @@ def _windows(sizes: RunSizes) -> Counts:
         passes = 2.0
     inner = _SEQUENTIAL if sizes.sequential else sizes.iterations if sizes.window == 1 else 1.0
     parts = [
-        instant_counts(
-            sizes.kind, c.size, inner, sizes.modes, sizes.precision, compiled=False, marched=c.marched
-        )
+        instant_counts(sizes.kind, c.size, inner, sizes.modes, sizes.precision, compiled=False, marched=c.marched)
         for c in sizes.classes
     ]
     turns = {"turn": inner * len(sizes.classes), "column": inner * sizes.n_flat} if sizes.interfaces else {}
@@ -113,9 +110,7 @@ def _static(sizes: RunSizes) -> Counts:
     for c in sizes.classes:
         m, together = c.n_member, "" if c.n_member == 1 else MANY
         dense = m * (iterations * c.size.channels**2 + 2.0 * c.size.interface**2)
-        per_class.append(
-            {"call": 1.0, f"{together}sweep": 2.0 * m * c.size.factor_entries, f"{together}dense": dense}
-        )
+        per_class.append({"call": 1.0, f"{together}sweep": 2.0 * m * c.size.factor_entries, f"{together}dense": dense})
     turns = iterations + _STATIC_WINDOW
     loop = {"turn": turns * len(sizes.classes), "column": turns * sizes.n_flat}
     return scaled(added(*per_class, loop), sizes.n_instant)
@@ -139,8 +134,7 @@ def _kept(sizes: RunSizes) -> Counts:
     elastic = [c for c in sizes.classes if not c.rigid]
     if sizes.energy:
         entries = sum(
-            c.n_member * (c.size.entries + c.size.mass_entries + c.size.damping_entries)
-            for c in sizes.classes
+            c.n_member * (c.size.entries + c.size.mass_entries + c.size.damping_entries) for c in sizes.classes
         )
         counts["energy"] = float(sizes.n_instant * len(sizes.classes))
         counts["energy_entry"] = float(sizes.n_instant * entries)

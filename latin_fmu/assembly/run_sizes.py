@@ -84,13 +84,7 @@ class RunSizes:
     @property
     def compiled(self) -> bool:
         """Whether whole instants are compiled."""
-        return (
-            COMPILES
-            and self.window == 1
-            and not self.static
-            and self.kind != "cg"
-            and self.precision == "float64"
-        )
+        return COMPILES and self.window == 1 and not self.static and self.kind != "cg" and self.precision == "float64"
 
     @property
     def members(self) -> int:
@@ -98,9 +92,14 @@ class RunSizes:
         return sum(c.n_member for c in self.classes)
 
     def resized(
-        self, channels: float = 1.0, interface: float = 1.0, entries: float = 1.0, mass_entries: float = 1.0,
-        damping_entries: float = 1.0, factor_entries: float = 1.0,
-    ) -> RunSizes:  # fmt: skip
+        self,
+        channels: float = 1.0,
+        interface: float = 1.0,
+        entries: float = 1.0,
+        mass_entries: float = 1.0,
+        damping_entries: float = 1.0,
+        factor_entries: float = 1.0,
+    ) -> RunSizes:
         """With the sizes of every class multiplied by these factors."""
 
         def changed(size: Size) -> Size:
@@ -134,15 +133,28 @@ def run_sizes(prepared: Prepared) -> RunSizes:
     at_once = solved_at_once(scene, units)
     output, start = scene.output, scene.time.start
     return RunSizes(
-        classes=tuple(classes), kind=settings.kind, modes=settings.modes, precision=settings.precision,
-        bodies=len(prepared.bodies), interfaces=len(units), cells=sum(shapes.values()),
+        classes=tuple(classes),
+        kind=settings.kind,
+        modes=settings.modes,
+        precision=settings.precision,
+        bodies=len(prepared.bodies),
+        interfaces=len(units),
+        cells=sum(shapes.values()),
         n_flat=prepared.layout.n_flat,
         probed=tuple(u.geometry.n_point for u in units if u.behaviour.n_component == 1),
-        n_instant=scene.time.n_step, window=window, sequential=sequential,
-        static=scene.time.quasi_static, iterations=expected_iterations(scene, units), at_once=at_once,
-        fields=output.keeps_fields, stress=output.stress, energy=output.energy, every=output.every,
-        unbalanced=_unbalanced(scene), increments=start.increments if start.type == "static" else 0,
-    )  # fmt: skip
+        n_instant=scene.time.n_step,
+        window=window,
+        sequential=sequential,
+        static=scene.time.quasi_static,
+        iterations=expected_iterations(scene, units),
+        at_once=at_once,
+        fields=output.keeps_fields,
+        stress=output.stress,
+        energy=output.energy,
+        every=output.every,
+        unbalanced=_unbalanced(scene),
+        increments=start.increments if start.type == "static" else 0,
+    )
 
 
 def solved_at_once(scene: Scene, units: Sequence[InterfaceUnit]) -> bool:

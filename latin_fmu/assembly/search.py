@@ -58,10 +58,14 @@ def with_found(scene: Scene, bodies: dict[str, Body], problems: list[Problem]) -
                 found[free] = table.interface(first, second)
             elif depth > 0.0:
                 problems.append(
-                    Problem(f"contact.{name}.search", f"{first} and {second} overlap at the start by more than this",
-                            f"{depth:.4g} m", f"at most {table.search:g} m",
-                            "move the meshes apart, or leave the pair out by except")
-                )  # fmt: skip
+                    Problem(
+                        f"contact.{name}.search",
+                        f"{first} and {second} overlap at the start by more than this",
+                        f"{depth:.4g} m",
+                        f"at most {table.search:g} m",
+                        "move the meshes apart, or leave the pair out by except",
+                    )
+                )
     return scene.model_copy(update={"interface": {**scene.interface, **found}, "contact": {}})
 
 

@@ -81,9 +81,7 @@ class SegmentedRun:
             settings = self.built.settings
             self.built = replace(
                 self.built,
-                settings=replace(
-                    settings, tolerance=tolerance, force_tolerance=factor * settings.force_tolerance
-                ),
+                settings=replace(settings, tolerance=tolerance, force_tolerance=factor * settings.force_tolerance),
             )
         self._inputs = [n for n, load in scene.load.items() if isinstance(load.law, InputLaw)]
         self._amplitudes: dict[str, float] | None = None  # that the static start was found for
@@ -121,9 +119,7 @@ class SegmentedRun:
             for n in self._inputs
         }
 
-    def advance(
-        self, end: float, n: int, loads: Mapping[str, Array] | None = None, accept: bool = False
-    ) -> Segment:
+    def advance(self, end: float, n: int, loads: Mapping[str, Array] | None = None, accept: bool = False) -> Segment:
         """Solve n steps from the present time to ``end``.
 
         Parameters
@@ -208,9 +204,7 @@ class SegmentedRun:
     def _place(self, substructure: str) -> tuple[Propagator, int]:
         """Its propagator and its number there."""
         return next(
-            (p, p.names.index(substructure))
-            for p in self.built.assembly.propagators
-            if substructure in p.names
+            (p, p.names.index(substructure)) for p in self.built.assembly.propagators if substructure in p.names
         )
 
     # -- snapshots ------------------------------------------------------------------------------------------------

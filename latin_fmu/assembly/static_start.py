@@ -51,23 +51,33 @@ def start_problems(
     """What keeps a scene with ``time.start = "static"`` from having one static equilibrium."""
     still = resting(scene)
     if not still:
-        yield Problem("time.start", "every substructure has an initial velocity: nothing is at rest", "static",
-                      "given", "leave time.start out")  # fmt: skip
+        yield Problem(
+            "time.start",
+            "every substructure has an initial velocity: nothing is at rest",
+            "static",
+            "given",
+            "leave time.start out",
+        )
         return
     for unit in units:
         moving = [n for n in (split_face(side)[0] for side in unit.sides) if n != GROUND and n not in still]
         tied = bonds(unit.behaviour) or unit.behaviour.elastic or unit.preload > 0
         if moving and tied:
             yield Problem(
-                f"interface.{unit.name}", "holds or presses a substructure that has an initial velocity, so that it is "
-                "not in equilibrium at the start", moving[0], None,
+                f"interface.{unit.name}",
+                "holds or presses a substructure that has an initial velocity, so that it is "
+                "not in equilibrium at the start",
+                moving[0],
+                None,
                 f"remove the velocity of {moving[0]}, or leave time.start out",
-            )  # fmt: skip
+            )
     kept = static_interfaces(scene)
     yield from unheld(
-        {n: bodies[n] for n in still}, {n: conditions[n] for n in still}, [u for u in units if u.name in kept],
+        {n: bodies[n] for n in still},
+        {n: conditions[n] for n in still},
+        [u for u in units if u.name in kept],
         "time.start",
-    )  # fmt: skip
+    )
 
 
 def static_state(whole: Prepared, amplitudes: Mapping[str, float]) -> InitialState | None:
@@ -90,20 +100,23 @@ def static_state(whole: Prepared, amplitudes: Mapping[str, float]) -> InitialSta
     for tolerance, force in wanted:
         built = prepared.build()
         built = replace(built, settings=replace(built.settings, tolerance=tolerance, force_tolerance=force))
-        run = Run(
-            built.assembly, built.settings, Recorder(built.assembly, built.wanted, built.info), Timings()
-        )
+        run = Run(built.assembly, built.settings, Recorder(built.assembly, built.wanted, built.info), Timings())
         run.all()
-        converged, sentence = status(
-            built.assembly, built.settings, run.state.windows, run.state.interface_indicator
-        )
+        converged, sentence = status(built.assembly, built.settings, run.state.windows, run.state.interface_indicator)
         if converged:
             return _handed(built, run, amplitudes, tolerance)
     raise SceneError(
-        [Problem("time.start", f"no static equilibrium under the loads of t = 0 was found: {sentence}", "static",
-                 "given", "hold what slides or topples, or leave time.start out")],
+        [
+            Problem(
+                "time.start",
+                f"no static equilibrium under the loads of t = 0 was found: {sentence}",
+                "static",
+                "given",
+                "hold what slides or topples, or leave time.start out",
+            )
+        ],
         "the scene cannot be built",
-    )  # fmt: skip
+    )
 
 
 def _handed(built: Built, run: Run, amplitudes: Mapping[str, float], tolerance: float) -> InitialState:
@@ -124,9 +137,13 @@ def _handed(built: Built, run: Run, amplitudes: Mapping[str, float], tolerance: 
             closure[unit.name] = np.where(traction[unit.name][:, 0] < 0.0, gaps[id(group)][points], 0.0)
     windows = run.state.windows
     told = f"static equilibrium, {len(windows)} increment(s), {sum(w.iterations for w in windows)} iterations"
-    remarks = () if tolerance in TIGHT else (
-        f"the static start was found to {tolerance:g} only (wanted {TIGHT[-1]:g}): what it leaves unbalanced moves",
-    )  # fmt: skip
+    remarks = (
+        ()
+        if tolerance in TIGHT
+        else (
+            f"the static start was found to {tolerance:g} only (wanted {TIGHT[-1]:g}): what it leaves unbalanced moves",
+        )
+    )
     return InitialState(displacement, traction, closure, dict(amplitudes), told, remarks)
 
 
@@ -141,6 +158,14 @@ def _prepared(whole: Prepared, scene: Scene) -> Prepared:
     classes = model_classes(scene, bodies, conditions, units, layout, scheme)
     time = np.linspace(0.0, scene.time.end, scene.time.n_step + 1)
     return replace(
-        whole, scene=scene, bodies=bodies, conditions=conditions, units=units, layout=layout, classes=classes,
-        scheme=scheme, time=time, remarks=(),
-    )  # fmt: skip
+        whole,
+        scene=scene,
+        bodies=bodies,
+        conditions=conditions,
+        units=units,
+        layout=layout,
+        classes=classes,
+        scheme=scheme,
+        time=time,
+        remarks=(),
+    )

@@ -50,9 +50,7 @@ def static_traction(scene: Scene, bodies: dict[str, Body], time: Array) -> float
     body along its whole length."""
     sizes = [i.preload for i in scene.interface.values()]
     for load in scene.load.values():
-        size = (
-            abs(load.pressure) if load.pressure is not None else float(np.linalg.norm(load.traction or 0.0))
-        )
+        size = abs(load.pressure) if load.pressure is not None else float(np.linalg.norm(load.traction or 0.0))
         sizes.append(size * largest_amplitude(load.law, time))
     softest = np.inf
     travels = [0.0]
@@ -70,9 +68,7 @@ def static_traction(scene: Scene, bodies: dict[str, Body], time: Array) -> float
         if interface.ground_velocity is not None:
             ground = interface.ground_velocity
             speed = ground.law.sample(time)
-            travels.append(
-                float(np.linalg.norm(ground.vector)) * float(np.abs(np.cumsum(speed)).max() * time[1])
-            )
+            travels.append(float(np.linalg.norm(ground.vector)) * float(np.abs(np.cumsum(speed)).max() * time[1]))
     return max(*sizes, softest * max(travels), 0.0)
 
 

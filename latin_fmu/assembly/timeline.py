@@ -39,9 +39,7 @@ class Timeline:
             propagator.begin([self.histories(member, time, given) for member in propagator.members], dt)
         assembly.begin(time, dt, self._ground(assembly, time), ground_start)
 
-    def histories(
-        self, model: SubstructureModel, time: Array, given: Mapping[str, Array] | None = None
-    ) -> Histories:
+    def histories(self, model: SubstructureModel, time: Array, given: Mapping[str, Array] | None = None) -> Histories:
         """What drives one substructure at the instants; ``given`` as for ``begin``."""
         amplitudes = [self._amplitude(load.name, time, given or {}) for load in model.loads]
         motion = self._conditions[model.name].velocity(time, over_steps=self._scene.time.quasi_static)

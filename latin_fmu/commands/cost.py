@@ -30,26 +30,37 @@ def register(add: AddParser) -> None:
     """Declare the subcommand."""
     text = "tell what accuracy costs in time: work-precision study of a scene"
     parser = add(
-        "cost", help=text, description=text.capitalize() + ".", epilog=_EXAMPLES,
+        "cost",
+        help=text,
+        description=text.capitalize() + ".",
+        epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
-    )  # fmt: skip
+    )
     parser.add_argument("scenes", metavar="SCENE", type=Path, nargs="+", help="scene file (TOML)")
     parser.add_argument(
-        "--set", metavar="a.b.c=value", action="append", default=[], dest="overrides",
+        "--set",
+        metavar="a.b.c=value",
+        action="append",
+        default=[],
+        dest="overrides",
         help="change one setting of every scene; may be repeated",
-    )  # fmt: skip
-    parser.add_argument(
-        "-o", "--output", metavar="FOLDER", type=Path,
-        help="write NAME_cost.md, .png and .nc per scene here, and work_precision.png for several",
-    )  # fmt: skip
-    parser.add_argument(
-        "--budget", metavar="SECONDS", type=float, default=None,
-        help=f"CPU seconds per scene, about (default {_BUDGET:g}, {_QUICK:g} with --quick)",
-    )  # fmt: skip
-    parser.add_argument("--quick", action="store_true", help="a small budget")
-    parser.add_argument(
-        "--json", action="store_true", help="print JSON (a list), and nothing else, on stdout"
     )
+    parser.add_argument(
+        "-o",
+        "--output",
+        metavar="FOLDER",
+        type=Path,
+        help="write NAME_cost.md, .png and .nc per scene here, and work_precision.png for several",
+    )
+    parser.add_argument(
+        "--budget",
+        metavar="SECONDS",
+        type=float,
+        default=None,
+        help=f"CPU seconds per scene, about (default {_BUDGET:g}, {_QUICK:g} with --quick)",
+    )
+    parser.add_argument("--quick", action="store_true", help="a small budget")
+    parser.add_argument("--json", action="store_true", help="print JSON (a list), and nothing else, on stdout")
     parser.add_argument("--quiet", action="store_true", help="no progress")
     parser.set_defaults(command=_cost)
 

@@ -27,20 +27,19 @@ events of FMI 3 Model Exchange, for a cross-check by another integrator; co-simu
 
 def register(add: AddParser) -> None:
     """Declare the subcommand."""
-    text = (
-        "make an FMU of a scene for co-simulation (or of a reduced model for model exchange), and validate it"
-    )
+    text = "make an FMU of a scene for co-simulation (or of a reduced model for model exchange), and validate it"
     parser = add(
-        "fmu", help=text, description=text.capitalize() + ".", epilog=_EXAMPLES,
+        "fmu",
+        help=text,
+        description=text.capitalize() + ".",
+        epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
-    )  # fmt: skip
+    )
     add_scene(parser)
     parser.add_argument(
         "-o", "--output", metavar="X.fmu", type=Path, help="file to write (default: <name of the scene>.fmu)"
     )
-    parser.add_argument(
-        "--fmi", choices=("2", "3"), help="version of the FMI (default: 2; of a reduced model 3)"
-    )
+    parser.add_argument("--fmi", choices=("2", "3"), help="version of the FMI (default: 2; of a reduced model 3)")
     parser.add_argument(
         "--inputs", metavar="LOAD,...", default="", help="loads that become inputs; 'all' for every load"
     )
@@ -50,12 +49,8 @@ def register(add: AddParser) -> None:
     parser.add_argument(
         "--model-exchange", action="store_true", help="a reduced model as differential equations (FMI 3 only)"
     )
-    parser.add_argument(
-        "--modes", metavar="N", type=int, help="reduced model: elastic modes per body (default: 12)"
-    )
-    parser.add_argument(
-        "--patches", metavar="P", type=int, help="reduced model: patches per contact (default: 4)"
-    )
+    parser.add_argument("--modes", metavar="N", type=int, help="reduced model: elastic modes per body (default: 12)")
+    parser.add_argument("--patches", metavar="P", type=int, help="reduced model: patches per contact (default: 4)")
     parser.set_defaults(command=_fmu)
 
 
@@ -91,9 +86,7 @@ def _fmu(arguments: argparse.Namespace) -> int:
     for name, content in files.items():
         with written_whole(target.with_name(name)) as draft:
             draft.write_bytes(content)
-    print(
-        f"FMU: {target} ({target.stat().st_size / 1e6:.1f} MB), valid{''.join(f', {n}' for n in sorted(files))}"
-    )
+    print(f"FMU: {target} ({target.stat().st_size / 1e6:.1f} MB), valid{''.join(f', {n}' for n in sorted(files))}")
     return CONVERGED
 
 

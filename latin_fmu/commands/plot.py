@@ -20,15 +20,9 @@ def register(add: AddParser) -> None:
     """Declare the subcommand."""
     text = "draw the assembly of a scene; forces, contact states and convergence of a results file; or its bodies"
     parser = add("plot", help=text, description=text.capitalize() + ".")
+    parser.add_argument("file", metavar="FILE", type=Path, help="scene (.toml), or results file written by run (.nc)")
     parser.add_argument(
-        "file", metavar="FILE", type=Path, help="scene (.toml), or results file written by run (.nc)"
-    )
-    parser.add_argument(
-        "-o",
-        "--output",
-        metavar="FIGURE",
-        type=Path,
-        help="png, pdf or svg (default: beside the file, as png)",
+        "-o", "--output", metavar="FIGURE", type=Path, help="png, pdf or svg (default: beside the file, as png)"
     )
     parser.add_argument(
         "--set",
@@ -43,15 +37,9 @@ def register(add: AddParser) -> None:
         action="store_true",
         help="of a results file: deformed bodies and the pressure on an interface (needs output.fields = true)",
     )
-    parser.add_argument(
-        "--interface", metavar="NAME", help="with --bodies: the interface (default: largest force)"
-    )
-    parser.add_argument(
-        "--time", metavar="S", type=float, help="with --bodies: the instant (default: largest force)"
-    )
-    parser.add_argument(
-        "--magnify", metavar="X", type=float, help="with --bodies: factor on the displacements"
-    )
+    parser.add_argument("--interface", metavar="NAME", help="with --bodies: the interface (default: largest force)")
+    parser.add_argument("--time", metavar="S", type=float, help="with --bodies: the instant (default: largest force)")
+    parser.add_argument("--magnify", metavar="X", type=float, help="with --bodies: factor on the displacements")
     parser.set_defaults(command=_plot)
 
 
@@ -108,9 +96,7 @@ def _check_options(arguments: argparse.Namespace) -> None:
         if getattr(arguments, key) is not None and not arguments.bodies
     ]
     if arguments.bodies and _is_scene(arguments.file):
-        problems.append(
-            Problem("--bodies", "a scene has no results", remedy="leave it out, or name a results file")
-        )
+        problems.append(Problem("--bodies", "a scene has no results", remedy="leave it out, or name a results file"))
     if arguments.magnify is not None and not 0.0 <= arguments.magnify < float("inf"):
         problems.append(Problem("--magnify", "out of range", str(arguments.magnify), "a number >= 0"))
     if arguments.time is not None and not arguments.time >= 0.0:

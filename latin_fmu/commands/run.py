@@ -46,13 +46,9 @@ def register(add: AddParser) -> None:
         type=Path,
         help="results file (default: <name of the scene>.nc in the current folder)",
     )
-    parser.add_argument(
-        "--json", action="store_true", help="print a JSON report, and nothing else, on stdout"
-    )
+    parser.add_argument("--json", action="store_true", help="print a JSON report, and nothing else, on stdout")
     parser.add_argument("--quiet", action="store_true", help="no progress and no summary")
-    parser.add_argument(
-        "--vtk", metavar="FOLDER", type=Path, help="also write files for ParaView to this folder"
-    )
+    parser.add_argument("--vtk", metavar="FOLDER", type=Path, help="also write files for ParaView to this folder")
     parser.add_argument(
         "--no-estimate", action="store_true", help="no estimate of the error (accuracy.estimate = false)"
     )
@@ -152,9 +148,7 @@ def _estimated(scene: Scene, solution: Solution, arguments: argparse.Namespace) 
     return replace(solution, estimate=estimate_error(scene, solution))
 
 
-def _show(
-    solution: Solution, arguments: argparse.Namespace, written: list[str], choice: Choice | None
-) -> None:
+def _show(solution: Solution, arguments: argparse.Namespace, written: list[str], choice: Choice | None) -> None:
     """The report or the summary on stdout; with ``--json`` the status goes to stderr for people."""
     if arguments.json:
         print(_json(solution.report() | ({} if choice is None else {"accuracy_target": choice.report()})))

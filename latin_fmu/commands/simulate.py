@@ -28,19 +28,18 @@ def register(add: AddParser) -> None:
     """Declare the subcommand."""
     text = "run an FMU with fmpy"
     parser = add(
-        "simulate", help=text, description=text.capitalize() + ".", epilog=_EXAMPLES,
+        "simulate",
+        help=text,
+        description=text.capitalize() + ".",
+        epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
-    )  # fmt: skip
+    )
     parser.add_argument(
         "fmu", metavar="X.fmu", type=Path, help="FMU for co-simulation, or for model exchange (by CVode)"
     )
     parser.add_argument("--input", metavar="IN.csv", type=Path, help="inputs over time")
-    parser.add_argument(
-        "-o", "--output", metavar="OUT.csv", type=Path, help="outputs at every step (default: out.csv)"
-    )
-    parser.add_argument(
-        "--step", metavar="H", type=float, help="communication step, s (default: that of the FMU)"
-    )
+    parser.add_argument("-o", "--output", metavar="OUT.csv", type=Path, help="outputs at every step (default: out.csv)")
+    parser.add_argument("--step", metavar="H", type=float, help="communication step, s (default: that of the FMU)")
     parser.add_argument("--stop", metavar="T", type=float, help="end, s (default: that of the FMU)")
     parser.add_argument(
         "--start",
@@ -110,9 +109,7 @@ def read_columns(path: Path) -> dict[str, list[float]]:
         names = [name.strip() for name in rows[0]]
         columns = {name: [float(row[i]) for row in rows[1:]] for i, name in enumerate(names)}
     except (OSError, UnicodeDecodeError, ValueError, IndexError, csv.Error) as error:
-        problem = Problem(
-            str(path), f"not a table of numbers ({error})", None, "a header, then one row per time"
-        )
+        problem = Problem(str(path), f"not a table of numbers ({error})", None, "a header, then one row per time")
         raise InputError([problem], "the inputs cannot be read") from None
     times = columns.get("time", [])
     if len(times) < 1 or any(b <= a for a, b in pairwise(times)):

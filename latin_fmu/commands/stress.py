@@ -33,12 +33,8 @@ def register(add: AddParser) -> None:
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument(
-        "--quick", action="store_true", help="the cases that take less than a minute together"
-    )
-    parser.add_argument(
-        "--json", action="store_true", help="print one JSON list, and nothing else, on stdout"
-    )
+    parser.add_argument("--quick", action="store_true", help="the cases that take less than a minute together")
+    parser.add_argument("--json", action="store_true", help="print one JSON list, and nothing else, on stdout")
     parser.add_argument(
         "-o",
         "--output",

@@ -68,11 +68,7 @@ class Entry(Kernel):
         if known is None:
             return []
         return [
-            (
-                signature.pack,
-                library.call_of(known, f"{self.symbol}_{number}"),
-                library.RESULTS[signature.result],
-            )
+            (signature.pack, library.call_of(known, f"{self.symbol}_{number}"), library.RESULTS[signature.result])
             for number, signature in enumerate(self.signatures)
         ]
 

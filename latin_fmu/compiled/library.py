@@ -20,15 +20,8 @@ from types import MappingProxyType
 from typing import Any, Final
 
 PACKAGE: Final = Path(__file__).resolve().parents[1]
-RESULTS: Final = MappingProxyType(
-    {None: None, "i8": ctypes.c_int64, "b1": ctypes.c_bool, "f8": ctypes.c_double}
-)
-_MARKS: Final = (
-    b"@kernel",
-    b"@ordered_kernel",
-    b"@entry",
-    b"@lazy_intrinsic",
-)  # sources that hold kernels
+RESULTS: Final = MappingProxyType({None: None, "i8": ctypes.c_int64, "b1": ctypes.c_bool, "f8": ctypes.c_double})
+_MARKS: Final = (b"@kernel", b"@ordered_kernel", b"@entry", b"@lazy_intrinsic")  # sources that hold kernels
 _MACHINES: Final = MappingProxyType({"amd64": "x86_64", "arm64": "aarch64"})
 
 

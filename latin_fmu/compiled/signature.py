@@ -147,9 +147,7 @@ def _fill(slots: list[Any], arguments: Sequence[Argument], values: Sequence[Any]
         else:
             assert isinstance(argument, Bundle)
             if type(value) is not argument.cls:
-                raise MismatchError(
-                    f"argument {number + 1}: {_told(value)}; declared: {argument.cls.__name__}"
-                )
+                raise MismatchError(f"argument {number + 1}: {_told(value)}; declared: {argument.cls.__name__}")
             _fill(slots, argument.fields, cast(Any, value))
 
 

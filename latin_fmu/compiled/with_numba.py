@@ -27,11 +27,7 @@ from . import library
 
 # Sums may be taken in another (fixed) order: without that they are not vectorised.
 ORDERED: Final = {"fastmath": {"contract", "nsz"}}
-OPTIONS: Final[dict[str, Any]] = {
-    "nogil": True,
-    "fastmath": {"reassoc", "contract", "nsz"},
-    "error_model": "numpy",
-}
+OPTIONS: Final[dict[str, Any]] = {"nogil": True, "fastmath": {"reassoc", "contract", "nsz"}, "error_model": "numpy"}
 BUILD: Final[dict[str, Any]] = {}  # further options in a process that builds the library
 KEPT: Final = 8  # folders; those not used for longest are removed
 
@@ -56,9 +52,7 @@ def _by_types(made: Any) -> Any:
     original = made.get_call_template
 
     def template(arguments: Any, keywords: Any) -> Any:
-        return original(
-            tuple(unliteral(a) for a in arguments), {k: unliteral(a) for k, a in keywords.items()}
-        )
+        return original(tuple(unliteral(a) for a in arguments), {k: unliteral(a) for k, a in keywords.items()})
 
     made.get_call_template = template
     return made
@@ -76,9 +70,7 @@ def _placed(function: Callable[..., Any]) -> FunctionType | None:
         return None
     # numba names its files by the file name alone, and folders of ours are not deep
     code = function.__code__.replace(co_filename=str(folder / "_".join(source.parts)))
-    placed = FunctionType(
-        code, function.__globals__, function.__name__, function.__defaults__, function.__closure__
-    )
+    placed = FunctionType(code, function.__globals__, function.__name__, function.__defaults__, function.__closure__)
     placed.__qualname__, placed.__module__ = function.__qualname__, function.__module__
     return placed
 
@@ -91,9 +83,7 @@ def _ready(package: Path) -> Path | None:
     if fresh:
         where = "in this process only" if folder is None else f"once; kept in {folder}"
         logging.getLogger("latin_fmu").warning(
-            "%s: numba compiles the kernels now, two to three minutes of processor time (%s)",
-            library.reason(),
-            where,
+            "%s: numba compiles the kernels now, two to three minutes of processor time (%s)", library.reason(), where
         )
     return folder
 

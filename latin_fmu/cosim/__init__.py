@@ -20,12 +20,7 @@ __all__ = ["Session", "Settings", "StepReport", "WaveformMaster"]
 def __getattr__(name: str) -> object:
     from importlib import import_module
 
-    homes = {
-        "Session": "session",
-        "Settings": "settings",
-        "StepReport": "step_report",
-        "WaveformMaster": "waveform",
-    }
+    homes = {"Session": "session", "Settings": "settings", "StepReport": "step_report", "WaveformMaster": "waveform"}
     if name not in homes:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(f".{homes[name]}", __name__), name)

@@ -18,30 +18,18 @@ def array_table(scene: Scene, loads: Sequence[str], n_point: Mapping[str, int]) 
     """
     rows = [
         _count("window.size", scene.time.n_step + 1, "number of instants the arrays of a window can hold"),
-        _count(
-            "history.size", 1, "number of instants of the load histories of prescribed mode; 1: none given"
-        ),
+        _count("history.size", 1, "number of instants of the load histories of prescribed mode; 1: none given"),
     ]
     if loads:
         size = ("history.size",)
-        rows.append(
-            parameter(
-                "history.time", "real", 0.0, "instants of the load histories", unit="s", dimensions=size
-            )
-        )
+        rows.append(parameter("history.time", "real", 0.0, "instants of the load histories", unit="s", dimensions=size))
         rows += [
-            parameter(
-                f"load.{name}.history", "real", 0.0, f"amplitudes of load {name}", unit="1", dimensions=size
-            )
+            parameter(f"load.{name}.history", "real", 0.0, f"amplitudes of load {name}", unit="1", dimensions=size)
             for name in loads
         ]
     instants: tuple[int | str, ...] = ("window.size",)
-    rows.append(
-        output("window.count", "1", "number of instants of the window, its start included", minimum=0.0)
-    )
-    rows.append(
-        output("window.time", "s", "instants of the window, NaN beyond the last", dimensions=instants)
-    )
+    rows.append(output("window.count", "1", "number of instants of the window, its start included", minimum=0.0))
+    rows.append(output("window.time", "s", "instants of the window, NaN beyond the last", dimensions=instants))
     for name in scene.interface:
         rows += _interface_arrays(scene, name, instants, n_point[name])
     return tuple(rows)
@@ -53,28 +41,16 @@ def _count(name: str, start: int, description: str) -> Variable:
     )
 
 
-def _interface_arrays(
-    scene: Scene, name: str, instants: tuple[int | str, ...], n_point: int
-) -> Iterator[Variable]:
+def _interface_arrays(scene: Scene, name: str, instants: tuple[int | str, ...], n_point: int) -> Iterator[Variable]:
     where, note = f"interface.{name}", "at the instants of the window"
-    yield output(
-        f"{where}.window.force", "N", f"resultant force on the first side {note}", dimensions=(*instants, 3)
-    )
+    yield output(f"{where}.window.force", "N", f"resultant force on the first side {note}", dimensions=(*instants, 3))
     for side in ("E", "Ep"):
         yield output(
-            f"{where}.window.velocity{side}",
-            "m s-1",
-            f"mean velocity of side {side} {note}",
-            dimensions=(*instants, 3),
+            f"{where}.window.velocity{side}", "m s-1", f"mean velocity of side {side} {note}", dimensions=(*instants, 3)
         )
+    yield output(f"{where}.points.traction", "Pa", "traction on the first side at the points", dimensions=(n_point, 3))
     yield output(
-        f"{where}.points.traction", "Pa", "traction on the first side at the points", dimensions=(n_point, 3)
-    )
-    yield output(
-        f"{where}.points.velocity",
-        "m s-1",
-        "velocity of both sides at the points",
-        dimensions=(2, n_point, 3),
+        f"{where}.points.velocity", "m s-1", "velocity of both sides at the points", dimensions=(2, n_point, 3)
     )
     if not opens(scene.interface[name].behaviour):
         return

@@ -39,18 +39,14 @@ class ArrayReader:
 
     def size(self, reference: int, numbers: Array, place: Mapping[str, int]) -> int:
         """Number of elements."""
-        sizes = (
-            s if isinstance(s, int) else int(numbers[place[s]]) for s in self._table[reference].dimensions
-        )
+        sizes = (s if isinstance(s, int) else int(numbers[place[s]]) for s in self._table[reference].dimensions)
         return int(np.prod(list(sizes), dtype=np.int64))
 
     def write(self, reference: int, values: Sequence[float]) -> None:
         """Keep the values of an array parameter."""
         self._given[reference] = np.array(values, dtype=float)
 
-    def read(
-        self, reference: int, numbers: Array, place: Mapping[str, int], session: Session | None
-    ) -> list[float]:
+    def read(self, reference: int, numbers: Array, place: Mapping[str, int], session: Session | None) -> list[float]:
         """Elements in row-major order."""
         size = self.size(reference, numbers, place)
         variable = self._table[reference]
@@ -123,7 +119,9 @@ def _over_window(history: InterfaceHistory, what: str) -> Array:
 
 def _at_points(history: InterfaceHistory, what: str, instant: int) -> Array:
     source = {
-        "traction": history.traction, "velocity": history.velocity, "gap": history.gap,
+        "traction": history.traction,
+        "velocity": history.velocity,
+        "gap": history.gap,
         "status": history.contact_status,
-    }[what]  # fmt: skip
+    }[what]
     return np.zeros(0) if source is None else np.asarray(source[instant], dtype=float)

@@ -52,11 +52,7 @@ def exchange_dataset(table: Sequence[Variable], steps: Sequence[AcceptedStep]) -
     outputs = [v for v in table if v.causality == "output"]
     rows = np.array([step.row for step in steps]).reshape(len(steps), len(outputs))
     columns: dict[str, tuple[tuple[str, ...], Array, dict[str, str]]] = {
-        "step_start": (
-            ("time",),
-            np.array([s.start for s in steps]),
-            {"units": "s", "long_name": "start of the step"},
-        )
+        "step_start": (("time",), np.array([s.start for s in steps]), {"units": "s", "long_name": "start of the step"})
     }
     for variable in table:
         if variable.causality == "input":
@@ -90,9 +86,7 @@ def _plain(name: str) -> str:
 def joined(segments: Sequence[Segment], timings: Timings, warnings: tuple[str, ...]) -> Outcome:
     """Segments that follow one another as one run."""
     time = np.concatenate([segments[0].time, *(s.time[1:] for s in segments[1:])])
-    interfaces = {
-        name: _joined_interface([s.interfaces[name] for s in segments]) for name in segments[0].interfaces
-    }
+    interfaces = {name: _joined_interface([s.interfaces[name] for s in segments]) for name in segments[0].interfaces}
     substructures = {
         name: _joined_fields([s.substructures[name] for s in segments]) for name in segments[0].substructures
     }
@@ -104,24 +98,23 @@ def joined(segments: Sequence[Segment], timings: Timings, warnings: tuple[str, .
         }
     indicator = max(s.error_indicator for s in segments)
     return Outcome(
-        time=time, interfaces=interfaces, substructures=substructures, windows=_joined_windows(segments),
-        interface_indicator={}, converged=all(s.converged for s in segments),
+        time=time,
+        interfaces=interfaces,
+        substructures=substructures,
+        windows=_joined_windows(segments),
+        interface_indicator={},
+        converged=all(s.converged for s in segments),
         status=f"{len(segments)} accepted segment(s), largest error indicator {indicator:.3g}",
-        passes=float("nan"), energy=energy, timings=timings, warnings=warnings,
-    )  # fmt: skip
+        passes=float("nan"),
+        energy=energy,
+        timings=timings,
+        warnings=warnings,
+    )
 
 
 def _joined_interface(parts: Sequence[InterfaceHistory]) -> InterfaceHistory:
     changes: dict[str, Array] = {}
-    for key in (
-        "traction",
-        "velocity",
-        "gap",
-        "contact_status",
-        "friction_power",
-        "layer_energy",
-        "joint_power",
-    ):
+    for key in ("traction", "velocity", "gap", "contact_status", "friction_power", "layer_energy", "joint_power"):
         if getattr(parts[0], key) is not None:
             changes[key] = np.concatenate([getattr(p, key)[(i > 0) :] for i, p in enumerate(parts)])
     return replace(parts[0], **changes)  # type: ignore[arg-type]

@@ -33,9 +33,7 @@ def read_histories(path: str | Path, loads: Sequence[str]) -> Histories:
         raise _bad(file, "no time column", "call the column of times 'time'")
     times = columns.pop("time")
     problems = [
-        Problem(
-            f"{file}: {name}", "no load of this name is set from outside", None, ", ".join(loads) or "none"
-        )
+        Problem(f"{file}: {name}", "no load of this name is set from outside", None, ", ".join(loads) or "none")
         for name in columns
         if name not in loads
     ]

@@ -92,9 +92,7 @@ class Loads:
 
     def curves(self, end: float) -> dict[str, Curve]:
         """The histories, and constants from 0 to ``end``, s, for loads without."""
-        found: dict[str, Curve] = {
-            name: ((0.0, end), (value, value)) for name, value in self.initial_values().items()
-        }
+        found: dict[str, Curve] = {name: ((0.0, end), (value, value)) for name, value in self.initial_values().items()}
         for name, (times, values) in self.histories.items():
             found[name] = (tuple(map(float, times)), tuple(map(float, values)))
         return found
@@ -120,10 +118,12 @@ class Loads:
     def tree(self) -> dict[str, Any]:
         """All of it."""
         return {
-            "value": self.value, "rate": self.rate, "reached": self._reached,
+            "value": self.value,
+            "rate": self.rate,
+            "reached": self._reached,
             "initial": {name: list(pair) for name, pair in self._initial.items()},
             "histories": {name: list(pair) for name, pair in self.histories.items()},
-        }  # fmt: skip
+        }
 
     def resume(self, tree: Mapping[str, Any]) -> None:
         """Back to a tree."""

@@ -195,9 +195,7 @@ class Participant:
         self._ready, self._failure = bool(tree["ready"]), tree["failure"]
 
     def _parts(self) -> tuple[Any, ...]:
-        return (
-            self._values.tree(), self._start_time, self._host_tolerance, self._ready, self._failure, self._session,
-        )  # fmt: skip
+        return (self._values.tree(), self._start_time, self._host_tolerance, self._ready, self._failure, self._session)
 
     def _take_parts(self, parts: tuple[Any, ...]) -> None:
         values, self._start_time, self._host_tolerance, self._ready, self._failure, self._session = parts

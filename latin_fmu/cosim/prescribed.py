@@ -161,14 +161,20 @@ def _as_asked(segment: Segment, scene: Scene) -> Segment:
     for name, history in segment.substructures.items():
         if scene.output.keeps_fields:
             asked[name] = replace(
-                history, time=history.time[keep], displacement=_cut(history.displacement, keep),
-                velocity=_cut(history.velocity, keep), stress=_cut(history.stress, keep),
-            )  # fmt: skip
+                history,
+                time=history.time[keep],
+                displacement=_cut(history.displacement, keep),
+                velocity=_cut(history.velocity, keep),
+                stress=_cut(history.stress, keep),
+            )
         elif history.stress is not None or history.energy is not None:
             asked[name] = replace(
-                history, time=history.time[keep] if history.stress is not None else np.zeros(0), displacement=None,
-                velocity=None, stress=_cut(history.stress, keep),
-            )  # fmt: skip
+                history,
+                time=history.time[keep] if history.stress is not None else np.zeros(0),
+                displacement=None,
+                velocity=None,
+                stress=_cut(history.stress, keep),
+            )
     return replace(segment, substructures=asked)
 
 

@@ -39,9 +39,7 @@ def nodes_of(places: Places) -> dict[str, NDArray[np.int64]]:
 
 
 def motion_of(
-    places: Places,
-    histories: Mapping[str, SubstructureHistory],
-    nodes: Mapping[str, NDArray[np.int64]] | None,
+    places: Places, histories: Mapping[str, SubstructureHistory], nodes: Mapping[str, NDArray[np.int64]] | None
 ) -> list[tuple[Array, Array]]:
     """Displacement and velocity (n_time, 3) of every sensor from stored fields, those of ``nodes`` or of all."""
     found = []

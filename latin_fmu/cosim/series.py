@@ -59,14 +59,7 @@ class InterfaceSeries:
         impulse : (n, 3), N s.
         """
         relative = self.velocity[:, 1] - self.velocity[:, 0]
-        parts = [
-            self.force,
-            impulse,
-            self.velocity[:, 0],
-            self.velocity[:, 1],
-            relative,
-            self.normal_force[:, None],
-        ]
+        parts = [self.force, impulse, self.velocity[:, 0], self.velocity[:, 1], relative, self.normal_force[:, None]]
         if self.gap is not None and self.smallest_gap is not None and self.shares is not None:
             parts += [self.gap[:, None], self.smallest_gap[:, None], self.shares]
         return np.concatenate(parts, axis=1)

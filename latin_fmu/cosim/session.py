@@ -109,9 +109,7 @@ class Session:
         """
         bad = self._loads.not_finite()
         if bad or not math.isfinite(t0):
-            raise InputError(
-                [Problem(bad or "start time", "is not a finite number")], "the session cannot start"
-            )
+            raise InputError([Problem(bad or "start time", "is not a finite number")], "the session cannot start")
         engine = self._built()
         engine.start(self._loads)
         self.row = engine.row
@@ -202,10 +200,14 @@ class Session:
         """Everything that determines the next steps and the outputs, versioned, bit-exact."""
         engine = self._engine if self.started else None
         tree: dict[str, Any] = {
-            "time": self.time, "t0": self._t0, "started": int(self.started), "row": self.row,
-            "loads": self._loads.tree(), "last": self.chain.identity,
+            "time": self.time,
+            "t0": self._t0,
+            "started": int(self.started),
+            "row": self.row,
+            "loads": self._loads.tree(),
+            "last": self.chain.identity,
             "engine": None if engine is None else engine.tree(),
-        }  # fmt: skip
+        }
         return encode(tree, self._kind)
 
     def restore(self, blob: bytes) -> None:

@@ -42,15 +42,12 @@ def session_error(session: Session, engine: Windowed | Prescribed | None) -> Err
         steps = list(session.chain)
         segments = [step.segment for step in steps if step.segment is not None]
         if not segments or len(segments) < len(steps) or segments[0].time[0] > 0.0:
-            return _none(
-                "the steps from the start on are not known: nothing was solved, or a state was restored"
-            )
+            return _none("the steps from the start on are not known: nothing was solved, or a state was restored")
         curves = curves_of(steps, session.settings.interpolation, session.given_curves())
     equal = list(takewhile(lambda s: abs(_step(s) / _step(segments[0]) - 1.0) <= _SAME_STEP, segments))
     scene = plain_scene(session.scene, session.settings, curves, equal)
     found = estimate_error(
-        scene,
-        Solution(joined(equal, engine.run.timings, engine.run.built.warnings), scene.text(), scene.name),
+        scene, Solution(joined(equal, engine.run.timings, engine.run.built.warnings), scene.text(), scene.name)
     )
     if len(equal) == len(segments):
         return found
@@ -58,9 +55,7 @@ def session_error(session: Session, engine: Windowed | Prescribed | None) -> Err
     return ErrorEstimate(found.quantities, (*found.remarks, remark), found.cpu, found.floor)
 
 
-def plain_scene(
-    scene: Scene, settings: Settings, curves: dict[str, Curve], segments: Sequence[Segment]
-) -> Scene:
+def plain_scene(scene: Scene, settings: Settings, curves: dict[str, Curve], segments: Sequence[Segment]) -> Scene:
     """The scene with the loads that were set, over the instants of equal segments from the start on."""
     loads = {
         name: load.model_copy(update={"law": TableLaw(times=curves[name][0], values=curves[name][1])})

@@ -32,9 +32,7 @@ class Settings:
 
     def choices(self) -> tuple[object, ...]:
         """All that has a say in the numbers."""
-        return (
-            self.mode, self.interpolation, self.time_step, self.end_time, self.tolerance, self.max_iterations,
-        )  # fmt: skip
+        return (self.mode, self.interpolation, self.time_step, self.end_time, self.tolerance, self.max_iterations)
 
     def step_of(self, scene: Scene) -> float:
         """Longest time step, s."""
@@ -47,12 +45,7 @@ class Settings:
             found.append(Problem("mode", "no such mode", str(self.mode), "0 (windowed) or 1 (prescribed)"))
         if self.interpolation not in (HOLD, RATE, LINE):
             found.append(
-                Problem(
-                    "inputInterpolation",
-                    "no such rule",
-                    str(self.interpolation),
-                    "0 (hold), 1 (rate), 2 (line)",
-                )
+                Problem("inputInterpolation", "no such rule", str(self.interpolation), "0 (hold), 1 (rate), 2 (line)")
             )
         for name, value in (("timeStep", self.time_step), ("endTime", self.end_time)):
             if value is not None and not (math.isfinite(value) and value > 0.0):

@@ -65,8 +65,7 @@ class Values:
         if not self._arrays.has(references):
             return len(references)
         return sum(
-            self._arrays.size(r, self._numbers, self._place) if 0 <= r < len(self.table) else 1
-            for r in references
+            self._arrays.size(r, self._numbers, self._place) if 0 <= r < len(self.table) else 1 for r in references
         )
 
     def set(self, references: Sequence[int], values: Sequence[float], ready: bool) -> None:

@@ -52,10 +52,7 @@ AXES = ("x", "y", "z")
 
 def vector(name: str, unit: str, description: str, *, depends: tuple[str, ...] = ()) -> list[Variable]:
     """Outputs ``name[1]``, ``name[2]``, ``name[3]`` along the global axes."""
-    return [
-        output(f"{name}[{i}]", unit, f"{description}, {axis}", depends=depends)
-        for i, axis in enumerate(AXES, 1)
-    ]
+    return [output(f"{name}[{i}]", unit, f"{description}, {axis}", depends=depends) for i, axis in enumerate(AXES, 1)]
 
 
 def output(
@@ -71,18 +68,7 @@ def output(
 ) -> Variable:
     """A real output."""
     return Variable(
-        name,
-        "output",
-        "continuous",
-        "real",
-        description,
-        unit,
-        None,
-        minimum,
-        maximum,
-        nominal,
-        depends,
-        dimensions,
+        name, "output", "continuous", "real", description, unit, None, minimum, maximum, nominal, depends, dimensions
     )
 
 
@@ -98,6 +84,4 @@ def parameter(
     dimensions: tuple[int | str, ...] = (),
 ) -> Variable:
     """A parameter, fixed before initialization ends."""
-    return Variable(
-        name, "parameter", "fixed", kind, description, unit, start, minimum, maximum, dimensions=dimensions
-    )
+    return Variable(name, "parameter", "fixed", kind, description, unit, start, minimum, maximum, dimensions=dimensions)

@@ -60,47 +60,71 @@ def scalar_table(scene: Scene) -> tuple[Variable, ...]:
 def _parameters(scene: Scene) -> Iterator[Variable]:
     time, solver = scene.time, scene.solver
     yield parameter(
-        "mode", "integer", WINDOWED,
-        "0: windowed, every step solves its own interval with the inputs given; 1: prescribed, the whole interval is "
-        "solved from given histories when initialization ends and played back", minimum=0, maximum=1,
-    )  # fmt: skip
-    yield parameter(
-        "inputInterpolation", "integer", RATE,
-        "load inside a step. 0: held at the value; 1: value + rate x time since the start of the step; 2: straight "
-        "line from the end of the last step to the value, reached at the end of this step", minimum=0, maximum=2,
-    )  # fmt: skip
-    yield parameter(
-        "timeStep", "real", time.time_step, unit="s", minimum=0.0,
-        description="longest time step inside a communication step, which is cut into equal parts",
-    )  # fmt: skip
-    yield parameter(
-        "endTime", "real", time.end, unit="s", minimum=0.0,
-        description="end of the interval solved in prescribed mode, a whole number of timeStep",
-    )  # fmt: skip
-    yield parameter(
-        "tolerance", "real", solver.tolerance, unit="1", minimum=0.0, maximum=1.0,
-        description="tolerance on the error indicator sqrt(eta); a fifth of the importer's, if any, goes first",
-    )  # fmt: skip
-    yield parameter(
-        "maxIterations",
+        "mode",
         "integer",
-        solver.max_iterations,
-        "largest number of iterations of a window",
-        minimum=1,
+        WINDOWED,
+        "0: windowed, every step solves its own interval with the inputs given; 1: prescribed, the whole interval is "
+        "solved from given histories when initialization ends and played back",
+        minimum=0,
+        maximum=1,
     )
     yield parameter(
-        "historyFile", "string", "",
+        "inputInterpolation",
+        "integer",
+        RATE,
+        "load inside a step. 0: held at the value; 1: value + rate x time since the start of the step; 2: straight "
+        "line from the end of the last step to the value, reached at the end of this step",
+        minimum=0,
+        maximum=2,
+    )
+    yield parameter(
+        "timeStep",
+        "real",
+        time.time_step,
+        unit="s",
+        minimum=0.0,
+        description="longest time step inside a communication step, which is cut into equal parts",
+    )
+    yield parameter(
+        "endTime",
+        "real",
+        time.end,
+        unit="s",
+        minimum=0.0,
+        description="end of the interval solved in prescribed mode, a whole number of timeStep",
+    )
+    yield parameter(
+        "tolerance",
+        "real",
+        solver.tolerance,
+        unit="1",
+        minimum=0.0,
+        maximum=1.0,
+        description="tolerance on the error indicator sqrt(eta); a fifth of the importer's, if any, goes first",
+    )
+    yield parameter(
+        "maxIterations", "integer", solver.max_iterations, "largest number of iterations of a window", minimum=1
+    )
+    yield parameter(
+        "historyFile",
+        "string",
+        "",
         "prescribed mode: CSV or netCDF file with a time column or coordinate and one column or variable per load",
-    )  # fmt: skip
+    )
     yield parameter(
-        "resultsFile", "string", "",
+        "resultsFile",
+        "string",
+        "",
         "netCDF file written when the simulation is terminated, holding accepted steps only; nothing where empty",
-    )  # fmt: skip
+    )
     yield parameter(
-        "estimateError", "integer", 0,
+        "estimateError",
+        "integer",
+        0,
         "1: coarser runs, made when the simulation is terminated, tell the error of each quantity in the results file",
-        minimum=0, maximum=1,
-    )  # fmt: skip
+        minimum=0,
+        maximum=1,
+    )
 
 
 def _inputs(scene: Scene, name: str) -> Iterator[Variable]:
@@ -108,26 +132,16 @@ def _inputs(scene: Scene, name: str) -> Iterator[Variable]:
     assert isinstance(law, InputLaw)
     what = f"amplitude that multiplies load {name}"
     yield Variable(
-        f"load.{name}.value",
-        "input",
-        "continuous",
-        "real",
-        f"{what}, at the start of the step",
-        "1",
-        law.start_value,
+        f"load.{name}.value", "input", "continuous", "real", f"{what}, at the start of the step", "1", law.start_value
     )
-    yield Variable(
-        f"load.{name}.rate", "input", "continuous", "real", f"rate of the {what}, over the step", "s-1", 0.0
-    )
+    yield Variable(f"load.{name}.rate", "input", "continuous", "real", f"rate of the {what}, over the step", "s-1", 0.0)
 
 
 def _interface(scene: Scene, name: str, depends: tuple[str, ...]) -> Iterator[Variable]:
     interface = scene.interface[name]
     first, second = interface.sides
     where = f"interface.{name}"
-    yield from vector(
-        f"{where}.force", "N", f"resultant force of interface {name} on {first}", depends=depends
-    )
+    yield from vector(f"{where}.force", "N", f"resultant force of interface {name} on {first}", depends=depends)
     yield from vector(f"{where}.impulse", "N s", "time integral of the resultant force since the start")
     yield from vector(f"{where}.velocityE", "m s-1", f"mean velocity of {first}, weighted by area")
     yield from vector(f"{where}.velocityEp", "m s-1", f"mean velocity of {second}, weighted by area")
@@ -142,26 +156,16 @@ def _interface(scene: Scene, name: str, depends: tuple[str, ...]) -> Iterator[Va
         ("sticking", "in contact and sticking"),
         ("slipping", "in contact and slipping"),
     ):
-        yield output(
-            f"{where}.{key}", "1", f"share of the area {text}", minimum=0.0, maximum=1.0, depends=depends
-        )
+        yield output(f"{where}.{key}", "1", f"share of the area {text}", minimum=0.0, maximum=1.0, depends=depends)
 
 
 def _solver() -> Iterator[Variable]:
     yield output("solver.iterations", "1", "iterations of the last step, over all its windows", minimum=0.0)
+    yield output("solver.errorIndicator", "1", "largest error indicator sqrt(eta) of the windows of the last step")
     yield output(
-        "solver.errorIndicator", "1", "largest error indicator sqrt(eta) of the windows of the last step"
+        "solver.converged", "1", "1 where every window of the last step converged, else 0", minimum=0.0, maximum=1.0
     )
-    yield output(
-        "solver.converged",
-        "1",
-        "1 where every window of the last step converged, else 0",
-        minimum=0.0,
-        maximum=1.0,
-    )
-    yield output(
-        "solver.instants", "1", "number of time steps the last communication step was cut into", minimum=0.0
-    )
+    yield output("solver.instants", "1", "number of time steps the last communication step was cut into", minimum=0.0)
 
 
 def table_of(scene: Scene, n_point: Mapping[str, int] | None = None) -> tuple[Variable, ...]:

@@ -114,9 +114,7 @@ class WaveformMaster:
             if side.peer not in peers
         ]
         problems += [
-            Problem(
-                f"coupling {i}", "impedances must be positive", f"{c.first.impedance}, {c.second.impedance}"
-            )
+            Problem(f"coupling {i}", "impedances must be positive", f"{c.first.impedance}, {c.second.impedance}")
             for i, c in enumerate(couplings)
             if not (c.first.impedance > 0.0 and c.second.impedance > 0.0)
         ]
@@ -149,9 +147,7 @@ class WaveformMaster:
                 return MasterReport(iteration, mismatch, force)
             force = accelerator.next(force, residual)
         self._rewind(states)
-        raise SolverError(
-            f"the step at {t:g} s: velocities differ by {mismatch:.3g} after {self._max} iterations"
-        )
+        raise SolverError(f"the step at {t:g} s: velocities differ by {mismatch:.3g} after {self._max} iterations")
 
     def _advance(self, states: Mapping[str, bytes], force: Array, t: float, h: float) -> None:
         rate = (force - self.force) / h
@@ -168,8 +164,7 @@ class WaveformMaster:
         """W - W' at the end of the step, (n_coupling,)."""
         return np.array(
             [
-                self._peers[c.first.peer].value(c.first.velocity)
-                - self._peers[c.second.peer].value(c.second.velocity)
+                self._peers[c.first.peer].value(c.first.velocity) - self._peers[c.second.peer].value(c.second.velocity)
                 for c in self._couplings
             ]
         )

@@ -23,16 +23,10 @@ def choices(sizes: Sizes) -> dict[str, str]:
     direction = solver.search_direction
     kind: str = direction.type
     if kind == "automatic":
-        kind = (
-            "automatic: 1 / D_ii of one instant"
-            if solver.window == 1
-            else "automatic: rho c, or half the row value"
-        )
+        kind = "automatic: 1 / D_ii of one instant" if solver.window == 1 else "automatic: rho c, or half the row value"
     acceleration = solver.acceleration
     accelerated = (
-        f"anderson, depth {acceleration.depth}"
-        if isinstance(acceleration, Anderson)
-        else "none (plain iteration)"
+        f"anderson, depth {acceleration.depth}" if isinstance(acceleration, Anderson) else "none (plain iteration)"
     )
     if not sizes.prepared.units:
         window, kind, accelerated = "no interface: one linear march", "none", "none"

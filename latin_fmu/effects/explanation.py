@@ -47,8 +47,7 @@ class Explanation:
             "schema_version": SCHEMA_VERSION,
             "scene": self.scene,
             "effects": [
-                {**e.report(instant), "lines": [line_of(self.lines, key) for key in e.why]}
-                for e in self.effects
+                {**e.report(instant), "lines": [line_of(self.lines, key) for key in e.why]} for e in self.effects
             ],
             "choices": self.choices,
             "prediction": self.prediction,
@@ -120,9 +119,14 @@ def explain(scene: Scene, text: str = "") -> Explanation:
     effects = [effect(sizes) for effect in EFFECTS]
     predicted = prediction(sizes, effects)
     return Explanation(
-        scene.name, effects, choices(sizes), predicted,
-        suggestions(sizes, effects, predicted["cpu_seconds_instant"]), prepared.remarks, key_lines(text),
-    )  # fmt: skip
+        scene.name,
+        effects,
+        choices(sizes),
+        predicted,
+        suggestions(sizes, effects, predicted["cpu_seconds_instant"]),
+        prepared.remarks,
+        key_lines(text),
+    )
 
 
 def _suggested(suggestion: Suggestion) -> list[str]:

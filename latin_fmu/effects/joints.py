@@ -15,10 +15,16 @@ def contact(sizes: Sizes) -> Effect:
     found = _those(sizes, lambda u: u.behaviour.opens)
     n = sum(2 * u.geometry.n_point for u in found)
     return _interface(
-        sizes, "unilateral contact", found, "behaviour", n, "local stage, normal part",
-        f"{sum(u.geometry.n_point for u in found)} points may open", "an interface that may open",
+        sizes,
+        "unilateral contact",
+        found,
+        "behaviour",
+        n,
+        "local stage, normal part",
+        f"{sum(u.geometry.n_point for u in found)} points may open",
+        "an interface that may open",
         'behaviour = "perfect" (faces that never part)',
-    )  # fmt: skip
+    )
 
 
 def friction(sizes: Sizes) -> Effect:
@@ -26,22 +32,27 @@ def friction(sizes: Sizes) -> Effect:
     found = _those(sizes, lambda u: u.behaviour.opens and u.behaviour.n_component > 1)
     n = sum(4 * u.geometry.n_point for u in found)
     return _interface(
-        sizes, "friction", found, "friction_coefficient", n, "local stage, cone projection",
-        "tangential unknowns where mu > 0, or where nothing slips", "friction_coefficient > 0",
+        sizes,
+        "friction",
+        found,
+        "friction_coefficient",
+        n,
+        "local stage, cone projection",
+        "tangential unknowns where mu > 0, or where nothing slips",
+        "friction_coefficient > 0",
         "friction_coefficient = 0",
-    )  # fmt: skip
+    )
 
 
 def gap(sizes: Sizes) -> Effect:
     """Contacts that are open at the start."""
     found = _those(sizes, lambda u: u.behaviour.opens and bool((u.geometry.gap > 0).any()))
-    reason = (
-        f"open at the start, up to {max((float(u.geometry.gap.max()) for u in found), default=0.0):.4g} m"
-    )
+    reason = f"open at the start, up to {max((float(u.geometry.gap.max()) for u in found), default=0.0):.4g} m"
     why = tuple(f"interface.{u.name}.gap" for u in found)
     if not found:
-        return Effect("initial gap", False, ("interface.*.gap",), "every contact touches at the start",
-                      "gap > 0, or meshes apart")  # fmt: skip
+        return Effect(
+            "initial gap", False, ("interface.*.gap",), "every contact touches at the start", "gap > 0, or meshes apart"
+        )
     return Effect("initial gap", True, why, reason, "gap = 0")
 
 
@@ -50,9 +61,16 @@ def bond(sizes: Sizes) -> Effect:
     found = _those(sizes, lambda u: bonds(u.behaviour))
     n = sum(6 * u.geometry.n_point for u in found)
     return _interface(
-        sizes, "perfect bond", found, "behaviour", n, "local stage, bonds", "faces with one velocity",
-        'behaviour = "perfect"', "one mesh for both bodies",
-    )  # fmt: skip
+        sizes,
+        "perfect bond",
+        found,
+        "behaviour",
+        n,
+        "local stage, bonds",
+        "faces with one velocity",
+        'behaviour = "perfect"',
+        "one mesh for both bodies",
+    )
 
 
 def layers(sizes: Sizes) -> Effect:
@@ -60,18 +78,29 @@ def layers(sizes: Sizes) -> Effect:
     found = _those(sizes, lambda u: u.behaviour.compliant)
     n = sum(2 * u.geometry.n_point * u.behaviour.n_component for u in found if not u.behaviour.opens)
     return _interface(
-        sizes, "layers and joints", found, "behaviour", n, "local stage, layers",
-        "tractions that follow the jump of displacement or velocity", 'behaviour = "elastic_layer", ...',
+        sizes,
+        "layers and joints",
+        found,
+        "behaviour",
+        n,
+        "local stage, layers",
+        "tractions that follow the jump of displacement or velocity",
+        'behaviour = "elastic_layer", ...',
         'behaviour = "perfect"',
-    )  # fmt: skip
+    )
 
 
 def preload(sizes: Sizes) -> Effect:
     """Pressure at the start."""
     found = _those(sizes, lambda u: u.preload > 0)
     if not found:
-        return Effect("preload", False, ("interface.*.preload",), "no interface is pressed at the start",
-                      "preload, preload_force or interference > 0")  # fmt: skip
+        return Effect(
+            "preload",
+            False,
+            ("interface.*.preload",),
+            "no interface is pressed at the start",
+            "preload, preload_force or interference > 0",
+        )
     scene = sizes.scene.interface
     keys = tuple(
         f"interface.{u.name}.{key}"
@@ -79,8 +108,14 @@ def preload(sizes: Sizes) -> Effect:
         for key in ("preload", "preload_force", "interference")
         if getattr(scene[u.name], key) > 0
     )
-    return Effect("preload", True, keys, f"up to {max(u.preload for u in found):.4g} Pa at the start",
-                  "set it to 0", kernels=("forcing",))  # fmt: skip
+    return Effect(
+        "preload",
+        True,
+        keys,
+        f"up to {max(u.preload for u in found):.4g} Pa at the start",
+        "set it to 0",
+        kernels=("forcing",),
+    )
 
 
 def _those(sizes: Sizes, which: Callable[[InterfaceUnit], bool]) -> list[InterfaceUnit]:
@@ -89,16 +124,22 @@ def _those(sizes: Sizes, which: Callable[[InterfaceUnit], bool]) -> list[Interfa
 
 def _interface(
     sizes: Sizes, name: str, found: list[InterfaceUnit], key: str, n: int, kernel: str, reason: str, on: str, off: str
-) -> Effect:  # fmt: skip
+) -> Effect:
     """An effect that adds ``n`` interface unknowns: its share of the iteration goes with them."""
     if not found:
         return Effect(name, False, (f"interface.*.{key}",), "no interface asks for it", on)
     share = 1 - (1 - n / max(sizes.n_flat, 1)) ** 2
     return Effect(
-        name, True, tuple(f"interface.{u.name}.{key}" for u in found), reason, off, unknowns=n, kernels=(kernel,),
+        name,
+        True,
+        tuple(f"interface.{u.name}.{key}" for u in found),
+        reason,
+        off,
+        unknowns=n,
+        kernels=(kernel,),
         memory=int(8 * n * (2 * sizes.n_instant + 30) + sum(24 * c.size.channels**2 for c in sizes.classes) * share),
         cost=_cost(sizes, found, n),
-    )  # fmt: skip
+    )
 
 
 def _cost(sizes: Sizes, found: list[InterfaceUnit], n: int) -> float:

@@ -16,12 +16,15 @@ def fields(sizes: Sizes) -> Effect:
     if not asked:
         return Effect("interior history", False, ("output.fields",), "not asked for", "output.fields = true")
     return Effect(
-        "interior history", True, (*asked, "output.every"),
+        "interior history",
+        True,
+        (*asked, "output.every"),
         f"displacements and velocities of {nodes} nodes at {sizes.n_stored} instants",
         ", ".join(f"{key} = false" for key in asked),
-        kernels=("field storage",), memory=48 * nodes * sizes.n_stored,
+        kernels=("field storage",),
+        memory=48 * nodes * sizes.n_stored,
         cost=sizes.saved(replace(sizes.run, fields=False)),
-    )  # fmt: skip
+    )
 
 
 def stress(sizes: Sizes) -> Effect:
@@ -30,10 +33,15 @@ def stress(sizes: Sizes) -> Effect:
     if not sizes.scene.output.stress:
         return Effect("stress", False, ("output.stress",), "not asked for", "output.stress = true")
     return Effect(
-        "stress", True, ("output.stress", "output.every"), f"{cells} elements at {sizes.n_stored} instants",
-        "output.stress = false", kernels=("stress recovery",), memory=48 * cells * sizes.n_stored,
+        "stress",
+        True,
+        ("output.stress", "output.every"),
+        f"{cells} elements at {sizes.n_stored} instants",
+        "output.stress = false",
+        kernels=("stress recovery",),
+        memory=48 * cells * sizes.n_stored,
         cost=sizes.saved(replace(sizes.run, stress=False)),
-    )  # fmt: skip
+    )
 
 
 def energy(sizes: Sizes) -> Effect:
@@ -41,8 +49,12 @@ def energy(sizes: Sizes) -> Effect:
     if not sizes.scene.output.energy:
         return Effect("energy balance", False, ("output.energy",), "not asked for", "output.energy = true")
     return Effect(
-        "energy balance", True, ("output.energy",), "every term from the fields of every instant",
-        "output.energy = false", kernels=("energy meter",),
+        "energy balance",
+        True,
+        ("output.energy",),
+        "every term from the fields of every instant",
+        "output.energy = false",
+        kernels=("energy meter",),
         memory=8 * (sizes.n_instant + 1) * 7 * (1 + sum(c.n_member for c in sizes.classes)),
         cost=sizes.saved(replace(sizes.run, energy=False)),
-    )  # fmt: skip
+    )

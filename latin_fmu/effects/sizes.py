@@ -39,9 +39,12 @@ class Sizes:
         gone = sum(2 * u.geometry.n_point * u.behaviour.n_component for u in units)
         iterations = expected_iterations(self.scene, rest)
         return replace(
-            self._fewer(gone), iterations=iterations, interfaces=len(rest), probed=_probed(rest),
+            self._fewer(gone),
+            iterations=iterations,
+            interfaces=len(rest),
+            probed=_probed(rest),
             at_once=self.run.at_once and bool(rest),
-        )  # fmt: skip
+        )
 
     def without_friction(self, units: Sequence[InterfaceUnit]) -> RunSizes:
         """The run without the tangential unknowns of some of its interfaces."""
@@ -49,9 +52,10 @@ class Sizes:
         gone = sum(2 * u.geometry.n_point * (u.behaviour.n_component - 1) for u in units)
         iterations = expected_iterations(self.scene, rest) if rest else 0.0
         return replace(
-            self._fewer(gone), iterations=min(max(CONTACT, iterations), self.run.iterations),
+            self._fewer(gone),
+            iterations=min(max(CONTACT, iterations), self.run.iterations),
             probed=(*_probed(rest), *(u.geometry.n_point for u in units)),
-        )  # fmt: skip
+        )
 
     def _fewer(self, gone: int) -> RunSizes:
         left = 1.0 - gone / max(self.n_flat, 1)
@@ -96,10 +100,7 @@ class Sizes:
     def factor_bytes(self) -> int:
         """Factors and condensed operators."""
         return int(
-            sum(
-                8 * (c.size.factor_entries + c.size.interface**2 + 3 * c.size.channels**2)
-                for c in self.classes
-            )
+            sum(8 * (c.size.factor_entries + c.size.interface**2 + 3 * c.size.channels**2) for c in self.classes)
         )
 
 

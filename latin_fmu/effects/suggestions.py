@@ -25,8 +25,14 @@ SLOW = 10.0  # duration of the run over the longest transit
 def suggestions(sizes: Sizes, effects: list[Effect], instant: float) -> list[Suggestion]:
     """All suggestions; ``instant``: predicted CPU time of one instant, s."""
     makers: tuple[Callable[[Sizes, list[Effect], float], Iterator[Suggestion]], ...] = (
-        _friction, _open_gaps, _rigid, _kept, _slow, _late, _propagator,
-    )  # fmt: skip
+        _friction,
+        _open_gaps,
+        _rigid,
+        _kept,
+        _slow,
+        _late,
+        _propagator,
+    )
     return [s for make in makers for s in make(sizes, effects, instant)]
 
 
@@ -74,9 +80,7 @@ def _fastest(sizes: Sizes) -> float:
         if load.law.type == "input":
             return float("inf")
         body, _ = split_face(load.face)
-        size = (
-            abs(load.pressure) if load.pressure is not None else float(np.linalg.norm(load.traction or 0.0))
-        )
+        size = abs(load.pressure) if load.pressure is not None else float(np.linalg.norm(load.traction or 0.0))
         amplitude = float(np.abs(load.law.sample(sizes.prepared.time)).max())
         shape = sizes.prepared.bodies[body].shape
         # a face is driven at 2 p / rho c at most; every transit back and forth may add as much again
@@ -114,8 +118,9 @@ def _rigid(sizes: Sizes, _: list[Effect], instant: float) -> Iterator[Suggestion
             if stiff
             else f"a wave crosses it in {transit / sizes.prepared.dt:.2g} of a step"
         )
-        own = next(c for c, k in zip(sizes.classes, sizes.prepared.classes, strict=True)
-                   if name in [m.name for m in k.members])  # fmt: skip
+        own = next(
+            c for c, k in zip(sizes.classes, sizes.prepared.classes, strict=True) if name in [m.name for m in k.members]
+        )
         yield Suggestion(
             f"substructure {name}: {why}; as a rigid body it has 6 unknowns instead of {own.size.unknowns}",
             (f"substructure.{name}.rigid=true",),
@@ -145,9 +150,7 @@ def _kept(_: Sizes, effects: list[Effect], instant: float) -> Iterator[Suggestio
 
 def _slow(sizes: Sizes, effects: list[Effect], _: float) -> Iterator[Suggestion]:
     """Loads that are slow against the waves."""
-    if not next(e.on for e in effects if e.name == "inertia") or not hasattr(
-        sizes.scene.time, "quasi_static"
-    ):
+    if not next(e.on for e in effects if e.name == "inertia") or not hasattr(sizes.scene.time, "quasi_static"):
         return
     scene = sizes.scene
     if any(any(s.initial_velocity) or any(s.initial_spin) for s in scene.substructure.values()):
@@ -174,11 +177,7 @@ def _slow(sizes: Sizes, effects: list[Effect], _: float) -> Iterator[Suggestion]
 def _late(sizes: Sizes, _: list[Effect], instant: float) -> Iterator[Suggestion]:
     """Bodies that waves reach late or not at all."""
     scene, prepared = sizes.scene, sizes.prepared
-    if (
-        scene.solver.skip_at_rest == "tolerance"
-        or getattr(scene.time, "quasi_static", False)
-        or not prepared.units
-    ):
+    if scene.solver.skip_at_rest == "tolerance" or getattr(scene.time, "quasi_static", False) or not prepared.units:
         return
     arrival = arrival_times(scene, prepared.bodies, prepared.units, prepared.time)
     marched = {name: marched_share(t, prepared.time) for name, t in arrival.items()}
@@ -190,9 +189,7 @@ def _late(sizes: Sizes, _: list[Effect], instant: float) -> Iterator[Suggestion]
         f"{never} of {len(arrival)} substructures are not reached by a wave before the end, others late: passing over "
         f"what is at rest (to a hundredth of the tolerance) marches about {100 * share:.0f} % of all instants",
         ("solver.skip_at_rest=tolerance",),
-        1
-        - sizes.saved(replace(sizes.run, classes=tuple(replace(c, marched=share) for c in sizes.classes)))
-        / instant,
+        1 - sizes.saved(replace(sizes.run, classes=tuple(replace(c, marched=share) for c in sizes.classes))) / instant,
     )
 
 
@@ -206,9 +203,7 @@ def _longest_transit(sizes: Sizes) -> float:
     """Across the whole assembly at the slowest shear speed, s."""
     nodes = np.concatenate([b.mesh.nodes for b in sizes.prepared.bodies.values()])
     materials = [b.shape.material for b in sizes.prepared.bodies.values() if not b.rigid]
-    slowest = min(
-        (wave_speeds(m.young_modulus, m.poisson_ratio, m.density)[1] for m in materials), default=np.inf
-    )
+    slowest = min((wave_speeds(m.young_modulus, m.poisson_ratio, m.density)[1] for m in materials), default=np.inf)
     return float(np.ptp(nodes, axis=0).max() / slowest)
 
 

@@ -24,9 +24,7 @@ class Board:
     table : variables. loads : those set from outside. log : takes a level and a message.
     """
 
-    def __init__(
-        self, table: Sequence[Variable], loads: Sequence[str], log: Callable[[int, str], None]
-    ) -> None:
+    def __init__(self, table: Sequence[Variable], loads: Sequence[str], log: Callable[[int, str], None]) -> None:
         self._table, self._log = table, log
         self._place = {v.name: i for i, v in enumerate(table)}
         self.outputs = [i for i, v in enumerate(table) if v.causality == "output"]
@@ -62,10 +60,7 @@ class Board:
 
     def given(self) -> Given:
         """Loads set from outside."""
-        return {
-            n: (self._number(f"load.{n}.value"), self._number(f"load.{n}.rate"), t)
-            for n, t in self.since.items()
-        }
+        return {n: (self._number(f"load.{n}.value"), self._number(f"load.{n}.rate"), t) for n, t in self.since.items()}
 
     def finite(self) -> bool:
         """Whether all inputs are finite."""

@@ -65,7 +65,10 @@ def _body(members: list[SubstructureModel], bonds: list[InterfaceUnit], prepared
         merged = merge(members, bonds, prepared.info)
     except ValueError as error:
         where = ", ".join(f"interface.{unit.name}" for unit in bonds)
-        problem = Problem(where, f"perfect connections that no reduced model holds: {error}",
-                          remedy="mesh the two faces alike, or solve the scene itself")  # fmt: skip
+        problem = Problem(
+            where,
+            f"perfect connections that no reduced model holds: {error}",
+            remedy="mesh the two faces alike, or solve the scene itself",
+        )
         raise SceneError([problem], "the scene has no reduced model") from error
     return BondedBody("_".join(by_name), merged.model, by_name, merged.where)

@@ -42,10 +42,15 @@ def bond_of(interface: int, unit: InterfaceUnit, parts: Sequence[Part], load_nam
     pushed = (trace[:, body.where[name]] @ test.T).reshape(-1, 3, 3)  # patch, component, direction
     normal = unit.geometry.areas @ unit.geometry.frames[:, 0]
     return Bond(
-        interface=interface, inertia=rows(model.mass), damping=rows(model.damping), stiffness=rows(model.stiffness),
-        loads=loads, pressure=pushed[:, 0].T, shear=pushed[:, 1:].transpose(1, 2, 0),
+        interface=interface,
+        inertia=rows(model.mass),
+        damping=rows(model.damping),
+        stiffness=rows(model.stiffness),
+        loads=loads,
+        pressure=pushed[:, 0].T,
+        shear=pushed[:, 1:].transpose(1, 2, 0),
         normal=normal / np.linalg.norm(normal),
-    )  # fmt: skip
+    )
 
 
 def _translations(unit: InterfaceUnit, expansion: sp.csr_array) -> Array:

@@ -89,9 +89,7 @@ class ContactLaw:
         pressure = elastic * np.maximum(0.0, 1.0 - self.damping * motion.rate)
         speed, bound = np.hypot(*motion.sliding), self.regularisation.sliding
         reach = np.where(modes.sticking, bound, np.maximum(speed, 0.5 * bound))
-        return Traction(
-            pressure, elastic, self._friction * np.maximum(pressure, 0.0) * motion.sliding / reach
-        )
+        return Traction(pressure, elastic, self._friction * np.maximum(pressure, 0.0) * motion.sliding / reach)
 
     def indicators(self, motion: Motion, modes: Modes) -> tuple[Array, Array]:
         """Positive while the discrete states hold, (n_patch,) each, of the size 1 whatever the scene.

@@ -35,9 +35,7 @@ class Cut:
     def mean(self, values: Array) -> Array:
         """Means of values (n_point, ...) over the patches, weighted by area."""
         weights = self.unit.geometry.areas
-        return np.stack(
-            [np.tensordot(weights[m] / weights[m].sum(), values[m], axes=1) for m in self.members]
-        )
+        return np.stack([np.tensordot(weights[m] / weights[m].sum(), values[m], axes=1) for m in self.members])
 
     def trace(self, side: int) -> sp.csr_array | None:
         """(3 n_patch, n_full) mean motion of a side in local axes; None for the ground."""

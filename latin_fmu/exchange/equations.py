@@ -57,10 +57,14 @@ class Equations:
         rate = np.sqrt(s.stiffness / s.inertia)
         force = s.traction * max(float(s.contacts.area.sum()), 1e-300) if len(s.contacts.area) else 1.0
         work = float(s.inertia[np.unique(np.cumsum([0, *s.sizes[:-1]]))].sum()) * s.speed**2
-        return np.concatenate([
-            s.speed / np.maximum(rate, 1.0 / s.end), np.full(s.n, s.speed),
-            np.full(3 * len(s.interfaces), force * s.end), np.full(N_WORK * self.energy, work),
-        ])  # fmt: skip
+        return np.concatenate(
+            [
+                s.speed / np.maximum(rate, 1.0 / s.end),
+                np.full(s.n, s.speed),
+                np.full(3 * len(s.interfaces), force * s.end),
+                np.full(N_WORK * self.energy, work),
+            ]
+        )
 
     # -- patches --------------------------------------------------------------------------------------------------
     def motion(self, t: float, y: Array, segment: int) -> tuple[Motion, Array]:
@@ -94,9 +98,7 @@ class Equations:
         return self.law.called_for(self.motion(t, y, segment)[0], segment)
 
     # -- right-hand side --------------------------------------------------------------------------------------------
-    def evaluate(
-        self, t: float, y: Array, modes: Modes, given: dict[str, tuple[float, float, float]]
-    ) -> Evaluation:
+    def evaluate(self, t: float, y: Array, modes: Modes, given: dict[str, tuple[float, float, float]]) -> Evaluation:
         """Derivative and everything outputs need; ``given`` as in ``Amplitudes.at``."""
         s, n = self.system, self.system.n
         x, v, area = y[:n], y[n : 2 * n], s.contacts.area
@@ -116,9 +118,7 @@ class Equations:
         derivative = np.concatenate([v, acceleration, force.ravel(), works[: N_WORK * self.energy]])
         return Evaluation(derivative, motion, traction, ground)
 
-    def forces(
-        self, x: Array, v: Array, acceleration: Array, amplitudes: Array, pushed: Array, rubbed: Array
-    ) -> Array:
+    def forces(self, x: Array, v: Array, acceleration: Array, amplitudes: Array, pushed: Array, rubbed: Array) -> Array:
         """(n_interface, 3) resultants on side E."""
         on_patch = -pushed[:, None] * self._normal
         if self._slides:
@@ -126,7 +126,11 @@ class Equations:
         force: Array = self._gather @ on_patch
         for bond in self.system.bonds:
             force[bond.interface] = (
-                bond.inertia @ acceleration + bond.damping @ v + bond.stiffness @ x - bond.loads @ amplitudes
-                - bond.pressure @ pushed + np.einsum("cip,cp->i", bond.shear, rubbed)
-            )  # fmt: skip
+                bond.inertia @ acceleration
+                + bond.damping @ v
+                + bond.stiffness @ x
+                - bond.loads @ amplitudes
+                - bond.pressure @ pushed
+                + np.einsum("cip,cp->i", bond.shear, rubbed)
+            )
         return force

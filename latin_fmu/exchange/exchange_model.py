@@ -168,9 +168,16 @@ class ExchangeModel:
         """All of it, bit-exact."""
         board, modes = self.board, self.modes
         tree = {
-            "numbers": board.numbers, "since": board.since, "fixed": int(board.fixed), "time": self.time, "y": self.y,
-            "events": self.events, "closed": modes.closed, "sticking": modes.sticking, "segment": modes.segment,
-        }  # fmt: skip
+            "numbers": board.numbers,
+            "since": board.since,
+            "fixed": int(board.fixed),
+            "time": self.time,
+            "y": self.y,
+            "events": self.events,
+            "closed": modes.closed,
+            "sticking": modes.sticking,
+            "segment": modes.segment,
+        }
         return encode(tree, self._kind)
 
     @guarded

@@ -31,9 +31,7 @@ class Readings:
         for i in range(len(s.interfaces)):
             first, second = velocities[i]
             parts += [forces[i], impulses[i], first, second, second - first]
-            parts.append(
-                self._contact(i, modes, now) if i not in self._bonds else [-forces[i] @ self._bonds[i]]
-            )
+            parts.append(self._contact(i, modes, now) if i not in self._bonds else [-forces[i] @ self._bonds[i]])
         for place in s.places:
             parts += [place @ x, place @ v]
         if self._equations.energy:
@@ -49,12 +47,7 @@ class Readings:
         closed, sticking = modes.closed[here], modes.sticking[here] & (contacts.friction[here] > 0.0)
         gap = now.motion.gap[here]
         shares = [float(share @ flags) for flags in (closed, closed & sticking, closed & ~sticking)]
-        return [
-            float(area @ now.traction.pressure[here]) + 0.0,
-            float(share @ gap),
-            float(gap.min()),
-            *shares,
-        ]
+        return [float(area @ now.traction.pressure[here]) + 0.0, float(share @ gap), float(gap.min()), *shares]
 
     def _energies(self, x: Array, v: Array, works: Array, now: Evaluation) -> list[float]:
         s, equations = self._system, self._equations
@@ -65,7 +58,11 @@ class Readings:
         found["contact"] = 0.5 * float(np.sum(s.contacts.area * now.traction.elastic**2 / spring))
         start = 0.5 * float(s.inertia @ s.velocity**2 + s.stiffness @ s.displacement**2)
         found["balance"] = (
-            found["kinetic"] + found["elastic"] - start + found["damping_dissipation"] - found["work_of_loads"]
+            found["kinetic"]
+            + found["elastic"]
+            - start
+            + found["damping_dissipation"]
+            - found["work_of_loads"]
             - found["interface_work"]
-        )  # fmt: skip
+        )
         return [found[name] for name in ENERGY_NAMES]

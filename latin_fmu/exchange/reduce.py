@@ -51,19 +51,26 @@ def reduced_system(scene: Scene, n_mode: int = 12, n_patch: int = 4) -> ReducedS
     cuts = [Cut.of(i, u, n_patch) for i, u in enumerate(prepared.units) if not is_bond(u)]
     whole = bonded_bodies(prepared)
     problems = [
-        Problem(f"substructure.{next(iter(body.members))}", "nothing of it is free to move",
-                remedy="leave it out and let the others meet the ground")
-        for body in whole if not body.model.expansion.shape[1]
-    ]  # fmt: skip
+        Problem(
+            f"substructure.{next(iter(body.members))}",
+            "nothing of it is free to move",
+            remedy="leave it out and let the others meet the ground",
+        )
+        for body in whole
+        if not body.model.expansion.shape[1]
+    ]
     if problems:
         raise SceneError(problems, _HEADING)
     bodies = [ReducedBody.of(body, cuts, n_mode) for body in whole]
     n_state = 2 * sum(b.size for b in bodies) + 3 * len(prepared.units)
     if n_state > MAX_STATES:
         problem = Problem(
-            "modes, patches", f"give {n_state} states", f"{n_mode}, {n_patch}", f"at most {MAX_STATES} states",
+            "modes, patches",
+            f"give {n_state} states",
+            f"{n_mode}, {n_patch}",
+            f"at most {MAX_STATES} states",
             "take fewer modes, or fewer patches",
-        )  # fmt: skip
+        )
         raise SceneError([problem], _HEADING)
     system = _assembled(prepared, cuts, bodies)
     soft = {n: r for n, r in deflections(system, whole, cuts).items() if abs(r - 1.0) > COARSEST}
@@ -74,47 +81,45 @@ def reduced_system(scene: Scene, n_mode: int = 12, n_patch: int = 4) -> ReducedS
 
 def _too_coarse(load: str, ratio: float, n_patch: int) -> Problem:
     return Problem(
-        f"load.{load}", "with contacts closed, the reduced model does not deflect like the mesh",
-        f"{ratio:.2f} times, {n_patch} patches", f"within {100 * COARSEST:.0f} %",
+        f"load.{load}",
+        "with contacts closed, the reduced model does not deflect like the mesh",
+        f"{ratio:.2f} times, {n_patch} patches",
+        f"within {100 * COARSEST:.0f} %",
         "take more patches (a body that bends inside a patch meets no resistance), or solve the scene itself",
-    )  # fmt: skip
+    )
 
 
 def _unknown(scene: Scene, n_mode: int, n_patch: int) -> Iterator[Problem]:
-    for what, value, least, most in (
-        ("modes", n_mode, 0, MAX_STATES // 2),
-        ("patches", n_patch, 1, MAX_PATCHES),
-    ):
+    for what, value, least, most in (("modes", n_mode, 0, MAX_STATES // 2), ("patches", n_patch, 1, MAX_PATCHES)):
         if not least <= value <= most:
             yield Problem(what, "not a possible number", str(value), f"{least} to {most}")
     if scene.time.quasi_static:
         yield Problem("time.quasi_static", "a reduced model moves", "true", "false", "leave it out")
     if starts_static(scene):
-        yield Problem(
-            "time.start", "a reduced model starts from the values given", "static", "given", "leave it out"
-        )
+        yield Problem("time.start", "a reduced model starts from the values given", "static", "given", "leave it out")
     for name, interface in scene.interface.items():
         if interface.behaviour not in ("contact", "perfect"):
             yield Problem(
-                f"interface.{name}.behaviour",
-                "has no regularised law",
-                interface.behaviour,
-                "contact, perfect",
+                f"interface.{name}.behaviour", "has no regularised law", interface.behaviour, "contact, perfect"
             )
         elif interface.behaviour == "perfect" and GROUND in interface.sides:
             yield Problem(
-                f"interface.{name}.sides", "a bond with the ground", ", ".join(interface.sides),
+                f"interface.{name}.sides",
+                "a bond with the ground",
+                ", ".join(interface.sides),
                 remedy='hold the face by a boundary of type "fixed"',
-            )  # fmt: skip
+            )
     for name, body in scene.substructure.items():
         if body.rigid:
             yield Problem(f"substructure.{name}.rigid", "a rigid body has no modes", remedy="make it elastic")
     for name, boundary in scene.boundary.items():
         if isinstance(boundary, PrescribedVelocity | PrescribedDisplacement):
             yield Problem(
-                f"boundary.{name}.type", "motions are not prescribed to a reduced model", boundary.type,
+                f"boundary.{name}.type",
+                "motions are not prescribed to a reduced model",
+                boundary.type,
                 remedy="move the ground of a contact, or use a load",
-            )  # fmt: skip
+            )
 
 
 def _assembled(prepared: Prepared, cuts: Sequence[Cut], bodies: Sequence[ReducedBody]) -> ReducedSystem:
@@ -129,18 +134,31 @@ def _assembled(prepared: Prepared, cuts: Sequence[Cut], bodies: Sequence[Reduced
     speed = traction * float(np.mean(1.0 / impedance[impedance > 0.0])) if (impedance > 0.0).any() else 1.0
     places, sensors = _sensors(prepared, bodies)
     return ReducedSystem(
-        bodies=[b.body.name for b in bodies], sizes=[b.size for b in bodies], interfaces=[u.name for u in units],
-        inertia=m, stiffness=stiffness, damping=damping_of(bodies), loads=loads, load_names=names,
+        bodies=[b.body.name for b in bodies],
+        sizes=[b.size for b in bodies],
+        interfaces=[u.name for u in units],
+        inertia=m,
+        stiffness=stiffness,
+        damping=damping_of(bodies),
+        loads=loads,
+        load_names=names,
         laws={n: scene.load[n].law.model_dump() for n in dict.fromkeys(names) if n},
         displacement=np.concatenate([b.model.displacement for b in bodies]) / root,
         velocity=np.concatenate([b.model.velocity for b in bodies]) / root,
         contacts=_contacts(cuts, motion, stiffness),
-        bonds=[bond_of(i, u, [(b.body, b.basis, b.trace) for b in bodies], names)
-               for i, u in enumerate(units) if is_bond(u)],
+        bonds=[
+            bond_of(i, u, [(b.body, b.basis, b.trace) for b in bodies], names)
+            for i, u in enumerate(units)
+            if is_bond(u)
+        ],
         sides=np.concatenate([face_means(b.body, units) @ b.basis for b in bodies], axis=-1),
-        ground=_ground(scene, units), sensors=sensors, places=places,
-        traction=traction, speed=speed, end=scene.time.end,
-    )  # fmt: skip
+        ground=_ground(scene, units),
+        sensors=sensors,
+        places=places,
+        traction=traction,
+        speed=speed,
+        end=scene.time.end,
+    )
 
 
 def _contacts(cuts: Sequence[Cut], motion: Array, stiffness: Array) -> Contacts:
@@ -161,13 +179,16 @@ def _contacts(cuts: Sequence[Cut], motion: Array, stiffness: Array) -> Contacts:
     friction = [getattr(c.unit.behaviour, "friction_coefficient", 0.0) for c in cuts for _ in c.members]
     sliding = motion[:, 1:].transpose(1, 0, 2) * (np.array(friction).reshape(-1) > 0.0)[None, :, None]
     return Contacts(
-        owner=np.array(owner, dtype=float), area=np.concatenate([np.zeros(0), *(c.areas for c in cuts)]),
-        opening=motion[:, 0], sliding=sliding,
+        owner=np.array(owner, dtype=float),
+        area=np.concatenate([np.zeros(0), *(c.areas for c in cuts)]),
+        opening=motion[:, 0],
+        sliding=sliding,
         frames=np.concatenate([np.zeros((0, 3, 3)), *(c.mean(c.unit.geometry.frames) for c in cuts)]),
         gap=np.concatenate([np.zeros(0), *(c.mean(c.unit.geometry.gap) for c in cuts)]),
         preload=np.array([c.unit.preload for c in cuts for _ in c.members]),
-        friction=np.array(friction), stiffness=1.0 / np.array(softness),
-    )  # fmt: skip
+        friction=np.array(friction),
+        stiffness=1.0 / np.array(softness),
+    )
 
 
 def _ground(scene: Scene, units: Sequence[InterfaceUnit]) -> list[tuple[int, Array, dict[str, object]]]:

@@ -86,8 +86,6 @@ def damping_of(bodies: Sequence[ReducedBody]) -> Array | None:
     """(n, n) damping of all bodies, N s m-1; None where there is none."""
     if all(b.model.damping is None for b in bodies):
         return None
-    parts = [
-        np.zeros((b.size, b.size)) if b.model.damping is None else b.mass * b.model.damping for b in bodies
-    ]
+    parts = [np.zeros((b.size, b.size)) if b.model.damping is None else b.mass * b.model.damping for b in bodies]
     blocks: Array = sp.block_diag(parts).toarray()
     return blocks

@@ -46,7 +46,7 @@ def deflections(system: ReducedSystem, bodies: Sequence[BondedBody], cuts: Seque
 
 def _mesh(
     system: ReducedSystem, bodies: Sequence[BondedBody], cuts: Sequence[Cut], names: Sequence[str], growth: float
-) -> Array:  # fmt: skip
+) -> Array:
     """Deflections (n_load,) of the mesh."""
     models = [body.model for body in bodies]
     expansion = sp.csr_array(sp.block_diag([m.expansion for m in models]))

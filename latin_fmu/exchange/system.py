@@ -13,13 +13,7 @@ from ..latin.blob import decode, encode
 Array = NDArray[np.float64]
 STIFFNESS, DAMPING, SLIDING = "contactStiffness", "contactDamping", "slidingVelocity"
 EVENTS = "model.events"
-WORKS: Final = (
-    "work_of_loads",
-    "interface_work",
-    "friction_dissipation",
-    "contact_dissipation",
-    "damping_dissipation",
-)
+WORKS: Final = ("work_of_loads", "interface_work", "friction_dissipation", "contact_dissipation", "damping_dissipation")
 """Energies that are states, in the order of the states."""
 ENERGY_NAMES: Final = ("kinetic", "elastic", "contact", *WORKS, "balance")
 _KIND = "reduced system 1"

@@ -17,9 +17,7 @@ from .names import Local, Names
 from .system import DAMPING, ENERGY_NAMES, EVENTS, SLIDING, STIFFNESS, WORKS, ReducedSystem
 
 
-def names_of(
-    scene: Scene, system: ReducedSystem, starts: Sequence[float], nominals: Sequence[float]
-) -> Names:
+def names_of(scene: Scene, system: ReducedSystem, starts: Sequence[float], nominals: Sequence[float]) -> Names:
     """Variables of the reduced model of a scene.
 
     starts, nominals : of all states, in their order.
@@ -44,19 +42,31 @@ def _table(scene: Scene, default: Regularisation) -> Iterator[Variable]:
     rows = scalar_table(scene)
     yield rows[0]
     yield parameter(
-        STIFFNESS, "real", default.stiffness, unit="1", minimum=0.0,
+        STIFFNESS,
+        "real",
+        default.stiffness,
+        unit="1",
+        minimum=0.0,
         description="stiffness of the contact over the static stiffness of the two bodies under uniform pressure: they "
         "penetrate by 1 / this of their static shortening",
-    )  # fmt: skip
+    )
     yield parameter(
-        DAMPING, "real", default.damping, unit="1", minimum=0.0,
+        DAMPING,
+        "real",
+        default.damping,
+        unit="1",
+        minimum=0.0,
         description="damping of the contact: part of the pressure taken off where the bodies leave each other at their "
         "characteristic velocity",
-    )  # fmt: skip
+    )
     yield parameter(
-        SLIDING, "real", default.sliding, "sliding velocity below which a patch sticks: it creeps instead of resting",
-        unit="m s-1", minimum=0.0,
-    )  # fmt: skip
+        SLIDING,
+        "real",
+        default.sliding,
+        "sliding velocity below which a patch sticks: it creeps instead of resting",
+        unit="m s-1",
+        minimum=0.0,
+    )
     yield from (row for row in rows if row.causality == "input")
     for row in rows:
         if row.causality == "output" and row.name.startswith(("interface.", "sensor.")):
@@ -65,9 +75,7 @@ def _table(scene: Scene, default: Regularisation) -> Iterator[Variable]:
             yield replace(discrete, initial_dependencies=())
     if scene.output.energy:
         yield from (output(f"energy.{name}", "J", text) for name, text in _energies().items())
-    yield replace(
-        output(EVENTS, "1", "changes of contact states since the start", minimum=0.0), variability="discrete"
-    )
+    yield replace(output(EVENTS, "1", "changes of contact states since the start", minimum=0.0), variability="discrete")
 
 
 def _energies() -> dict[str, str]:
@@ -79,17 +87,13 @@ def _energies() -> dict[str, str]:
     return {name: texts[name] for name in ENERGY_NAMES}
 
 
-def _coordinates(
-    system: ReducedSystem, starts: Sequence[float], nominals: Sequence[float]
-) -> Iterator[Local]:
+def _coordinates(system: ReducedSystem, starts: Sequence[float], nominals: Sequence[float]) -> Iterator[Local]:
     number = 0
     for kind, unit in (("displacement", "m"), ("velocity", "m s-1")):
         for body, size in zip(system.bodies, system.sizes, strict=True):
             for i in range(1, size + 1):
                 text = f"{kind} of Ritz vector {i} of {body}, scaled by the root of its mass"
-                yield Local(
-                    f"modes.{body}.{kind}[{i}]", unit, text, float(starts[number]), float(nominals[number])
-                )
+                yield Local(f"modes.{body}.{kind}[{i}]", unit, text, float(starts[number]), float(nominals[number]))
                 number += 1
 
 
@@ -97,10 +101,7 @@ def _indicators(system: ReducedSystem) -> Iterator[Local]:
     owners = [system.interfaces[int(i)] for i in system.contacts.owner]
     numbers = [owners[: i + 1].count(o) for i, o in enumerate(owners)]
     for key, text in (
-        (
-            "gapIndicator",
-            "distance of patch {} of {} from opening or closing, in penetrations under the load",
-        ),
+        ("gapIndicator", "distance of patch {} of {} from opening or closing, in penetrations under the load"),
         ("slidingIndicator", "distance of patch {} of {} from stick or slip, in slidingVelocity"),
     ):
         for owner, number in zip(owners, numbers, strict=True):

@@ -33,9 +33,7 @@ def _cut(corners: Array, count: Index, start: Array, along: Array) -> tuple[Arra
     n, width, _ = corners.shape
     slot = np.arange(width)
     used = slot < count[:, None]
-    following = np.take_along_axis(
-        corners, np.where(slot + 1 < count[:, None], slot + 1, 0)[..., None], axis=1
-    )
+    following = np.take_along_axis(corners, np.where(slot + 1 < count[:, None], slot + 1, 0)[..., None], axis=1)
     left = _height(corners, start, along)
     left_next = _height(following, start, along)
     keeps = used & (left >= 0)
@@ -46,9 +44,7 @@ def _cut(corners: Array, count: Index, start: Array, along: Array) -> tuple[Arra
     taken = np.stack([keeps, crosses], axis=2).reshape(n, 2 * width)
     total = taken.sum(axis=1)
     order = np.argsort(~taken, axis=1, kind="stable")[:, : width + 1]
-    order = np.take_along_axis(
-        order, np.minimum(np.arange(width + 1), np.maximum(total - 1, 0)[:, None]), axis=1
-    )
+    order = np.take_along_axis(order, np.minimum(np.arange(width + 1), np.maximum(total - 1, 0)[:, None]), axis=1)
     return np.take_along_axis(both, order[..., None], axis=1), np.minimum(total, width + 1)
 
 

@@ -90,9 +90,7 @@ class Elements:
     def _pattern(self) -> tuple[Index, Index, Index]:
         """Pairs of nodes that share a cell, as compressed rows; and where the pairs of every cell are among them."""
         n = self.mesh.n_node
-        keys = np.concatenate(
-            [(b.cells[:, :, None] * n + b.cells[:, None, :]).ravel() for b in self.mesh.blocks]
-        )
+        keys = np.concatenate([(b.cells[:, :, None] * n + b.cells[:, None, :]).ravel() for b in self.mesh.blocks])
         pairs, where = np.unique(keys, return_inverse=True)
         starts = np.searchsorted(pairs, n * np.arange(n + 1, dtype=np.int64))
         return starts.astype(np.int64), pairs % n, where.ravel()

@@ -7,15 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
-from .facets import (
-    basis_change,
-    changes_basis,
-    quadratic,
-    shape,
-    slopes,
-    square_quadrature,
-    triangle_quadrature,
-)
+from .facets import basis_change, changes_basis, quadratic, shape, slopes, square_quadrature, triangle_quadrature
 from .mesh import Array, FacetSet, Index, Mesh
 
 _GAUSS = 1 / np.sqrt(3.0)
@@ -77,9 +69,7 @@ def _curved_integrals(kind: str, places: Array) -> tuple[Array, Array]:
     along = np.einsum("gak,fai->gkfi", slopes(kind, at), places)
     normal = np.cross(along[:, 0], along[:, 1])
     weighted = weights[:, None] * shape(kind, at)
-    return np.einsum("ga,gf->fa", weighted, np.linalg.norm(normal, axis=2)), np.einsum(
-        "ga,gfi->fai", weighted, normal
-    )
+    return np.einsum("ga,gf->fa", weighted, np.linalg.norm(normal, axis=2)), np.einsum("ga,gfi->fai", weighted, normal)
 
 
 def _facet_integrals(_: str, corners: Array) -> tuple[Array, Array]:

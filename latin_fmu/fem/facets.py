@@ -66,9 +66,7 @@ def shape(kind: str, at: Array) -> Array:
     if kind == "quad8":
         corner = 0.25 * (1 + sx) * (1 + sy) * (sx + sy - 1)
         bubble_x, bubble_y = 0.5 * (1 - x * x), 0.5 * (1 - y * y)
-        middle = np.stack(
-            [bubble_x * (1 - y), bubble_y * (1 + x), bubble_x * (1 + y), bubble_y * (1 - x)], axis=-1
-        )
+        middle = np.stack([bubble_x * (1 - y), bubble_y * (1 + x), bubble_x * (1 + y), bubble_y * (1 - x)], axis=-1)
         return np.concatenate([corner, middle], axis=-1)
     if kind == "quad9":
         line_x = np.stack([0.5 * x * (x - 1), 1 - x * x, 0.5 * x * (x + 1)], axis=-1)

@@ -52,10 +52,7 @@ def without_contact_mass(mass: sp.csr_array, mesh: Mesh, nodes: Index) -> sp.csr
 
 
 def _inner_neighbours(
-    mesh: Mesh,
-    of: NDArray[np.bool_],
-    links: Mapping[str, Local],
-    bare: NDArray[np.bool_] | None = None,
+    mesh: Mesh, of: NDArray[np.bool_], links: Mapping[str, Local], bare: NDArray[np.bool_] | None = None
 ) -> Index:
     """Pairs (n, 2): a node marked in ``of``, a neighbour over one of the ``links`` of its cell that is not ``bare``."""
     pairs = np.concatenate([b.cells[:, np.array(links[b.cell_type])].reshape(-1, 2) for b in mesh.blocks])

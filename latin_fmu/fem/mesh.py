@@ -124,9 +124,7 @@ def boundary(mesh: Mesh) -> FacetSet:
 
 def _single(block: FacetBlock) -> FacetBlock:
     """Facets whose corners no other facet of the block has."""
-    _, inverse, count = np.unique(
-        np.sort(block.corners, axis=1), axis=0, return_inverse=True, return_counts=True
-    )
+    _, inverse, count = np.unique(np.sort(block.corners, axis=1), axis=0, return_inverse=True, return_counts=True)
     return FacetBlock(block.kind, block.facets[count[inverse.ravel()] == 1])
 
 
@@ -150,9 +148,7 @@ def padded_cells(blocks: tuple[CellBlock, ...]) -> Index:
     """Connectivity of all blocks in one array (n_cell, widest), short rows filled with -1."""
     if len(blocks) == 1:
         return blocks[0].cells
-    table = np.full(
-        (sum(len(b.cells) for b in blocks), max(b.cells.shape[1] for b in blocks)), -1, dtype=np.int64
-    )
+    table = np.full((sum(len(b.cells) for b in blocks), max(b.cells.shape[1] for b in blocks)), -1, dtype=np.int64)
     row = 0
     for block in blocks:
         table[row : row + len(block.cells), : block.cells.shape[1]] = block.cells
@@ -166,8 +162,7 @@ def cell_blocks(padded: Index) -> tuple[CellBlock, ...]:
     starts = np.flatnonzero(np.diff(width, prepend=-1))
     ends = np.append(starts[1:], len(width))
     return tuple(
-        CellBlock(CELL_OF_N_NODE[int(width[a])], padded[a:b, : width[a]])
-        for a, b in zip(starts, ends, strict=True)
+        CellBlock(CELL_OF_N_NODE[int(width[a])], padded[a:b, : width[a]]) for a, b in zip(starts, ends, strict=True)
     )
 
 
@@ -187,10 +182,16 @@ def box_mesh(origin: Array, size: Array, elements: tuple[int, int, int]) -> Mesh
     corners = [
         number[i, j, k].ravel(order="F")
         for i, j, k in (
-            (low, low, low), (high, low, low), (high, high, low), (low, high, low),
-            (low, low, high), (high, low, high), (high, high, high), (low, high, high),
+            (low, low, low),
+            (high, low, low),
+            (high, high, low),
+            (low, high, low),
+            (low, low, high),
+            (high, low, high),
+            (high, high, high),
+            (low, high, high),
         )
-    ]  # fmt: skip
+    ]
     cells = np.stack(corners, axis=1)
     where = np.arange(len(cells)).reshape((nx, ny, nz), order="F")
     layers = (where[0], where[-1], where[:, 0], where[:, -1], where[:, :, 0], where[:, :, -1])

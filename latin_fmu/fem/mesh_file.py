@@ -49,10 +49,16 @@ def mesh_of(content: MeshContent, where: str, group: str | None = None, scale: f
     surface = boundary(bare)
     if len(blocks) > 1 and (apart := unjoined(surface)):
         raise MeshError(
-            [Problem(where, f"cells of the types {', '.join(bare.cell_types)} share nodes but not facets",
-                     f"{apart} facets", "cells that meet in facets of one kind, corner by corner",
-                     "mesh them with one type of cells, or make them two parts with a perfect interface")]
-        )  # fmt: skip
+            [
+                Problem(
+                    where,
+                    f"cells of the types {', '.join(bare.cell_types)} share nodes but not facets",
+                    f"{apart} facets",
+                    "cells that meet in facets of one kind, corner by corner",
+                    "mesh them with one type of cells, or make them two parts with a perfect interface",
+                )
+            ]
+        )
     return Mesh(nodes, bare.blocks, _named_faces(content, renumber, surface))
 
 
@@ -60,15 +66,7 @@ def _volume_cells(content: MeshContent, group: str | None, where: str) -> dict[s
     """Connectivity of the wanted volume by cell type."""
     if group is not None and group not in content.volumes:
         raise MeshError(
-            [
-                Problem(
-                    where,
-                    "no such volume group",
-                    group,
-                    allowed=listed(content.volumes),
-                    remedy=_no_group(content),
-                )
-            ]
+            [Problem(where, "no such volume group", group, allowed=listed(content.volumes), remedy=_no_group(content))]
         )
     blocks = dict(content.solids)
     if group is not None:
@@ -76,16 +74,21 @@ def _volume_cells(content: MeshContent, group: str | None, where: str) -> dict[s
     blocks = {kind: cells for kind, cells in blocks.items() if len(cells)}
     if not blocks:
         skipped = ", ".join(f"{count} {kind}" for kind, count in content.skipped.items())
-        raise MeshError(
-            [Problem(where, "the mesh holds no volume cells", skipped or None, allowed=", ".join(_VOLUME))]
-        )
+        raise MeshError([Problem(where, "the mesh holds no volume cells", skipped or None, allowed=", ".join(_VOLUME))])
     unknown = {kind: len(cells) for kind, cells in blocks.items() if kind not in _VOLUME}
     if unknown:
         counts = ", ".join(f"{count} {kind}" for kind, count in unknown.items())
         raise MeshError(
-            [Problem(where, "cell types that cannot be computed with", counts, ", ".join(_VOLUME),
-                     "mesh the part with cells of these types")]
-        )  # fmt: skip
+            [
+                Problem(
+                    where,
+                    "cell types that cannot be computed with",
+                    counts,
+                    ", ".join(_VOLUME),
+                    "mesh the part with cells of these types",
+                )
+            ]
+        )
     return blocks
 
 
@@ -101,10 +104,16 @@ def _right_side_out(nodes: Array, block: CellBlock, where: str) -> CellBlock:
     cells, bad = oriented(nodes, block)
     if bad.any():
         raise MeshError(
-            [Problem(where, f"{int(bad.sum())} {block.cell_type} cells have no volume or are tangled",
-                     f"first cell {int(bad.argmax())}", "a positive Jacobian at every node and integration point",
-                     "repair the mesh where it is distorted")]
-        )  # fmt: skip
+            [
+                Problem(
+                    where,
+                    f"{int(bad.sum())} {block.cell_type} cells have no volume or are tangled",
+                    f"first cell {int(bad.argmax())}",
+                    "a positive Jacobian at every node and integration point",
+                    "repair the mesh where it is distorted",
+                )
+            ]
+        )
     return CellBlock(block.cell_type, cells)
 
 
@@ -143,9 +152,7 @@ def _named_faces(content: MeshContent, renumber: Index, surface: FacetSet) -> di
     return faces
 
 
-def _add_face(
-    faces: dict[str, FacetSet], name: str, found: list[tuple[str, int]], by_kind: dict[str, Index]
-) -> None:
+def _add_face(faces: dict[str, FacetSet], name: str, found: list[tuple[str, int]], by_kind: dict[str, Index]) -> None:
     """The face made of boundary facets given by kind and row, if there are any."""
     kinds = dict.fromkeys(kind for kind, _ in found)
     if kinds:

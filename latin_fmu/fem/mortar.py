@@ -29,9 +29,7 @@ SLIVER = 0.5
 psi extrapolate. With 0.2 a soft block on the partly covered facets of a stiff plate took 44 iterations on average over
 forty random places, with 0.5 it took 21."""
 _CONDITION = 1e6  # of the integrals of a facet, beyond which constants take the place of its dual functions
-_INSIDE = (
-    0.95  # such a share of the area in those facets that are covered at all: at the edge of them, no sliver
-)
+_INSIDE = 0.95  # such a share of the area in those facets that are covered at all: at the edge of them, no sliver
 _NOTHING = 1e-6  # a covered share, or a share of the median area of points, that counts as none
 _AFFINE = 1e-9  # a quadrilateral this close to a parallelogram is one
 _CURVED_DEGREE = 12  # of the quadrature where the functions are no polynomials in the plane
@@ -80,9 +78,7 @@ class _Points:
         self.changed = changes_basis(owner.facets)
 
 
-def mortar(
-    owner: Surface, other: Surface, reach: float | None = None, least: float = SLIVER
-) -> Mortar | None:
+def mortar(owner: Surface, other: Surface, reach: float | None = None, least: float = SLIVER) -> Mortar | None:
     """Integrals over the common part of two faces; None where they have none.
 
     Parameters

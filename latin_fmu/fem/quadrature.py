@@ -27,11 +27,7 @@ def _line(n: int) -> Rule:
 def _times(first: Rule, second: Rule) -> Rule:
     """Product of two rules, the first one's points fastest."""
     points = np.concatenate(
-        [
-            np.tile(first.points, (len(second.points), 1)),
-            np.repeat(second.points, len(first.points), axis=0),
-        ],
-        axis=1,
+        [np.tile(first.points, (len(second.points), 1)), np.repeat(second.points, len(first.points), axis=0)], axis=1
     )
     return Rule(points, np.outer(second.weights, first.weights).ravel())
 
@@ -45,9 +41,7 @@ def simplex_rule(n: int, axes: int) -> Rule:
         x, w = roots_jacobi(n, axis, 0)
         x, w = 0.5 * (1 + x), w / 2.0 ** (axis + 1)
         # the simplex found so far, shrunk towards the new corner
-        points = np.concatenate(
-            [np.concatenate([(1 - t) * points, np.full((len(points), 1), t)], axis=1) for t in x]
-        )
+        points = np.concatenate([np.concatenate([(1 - t) * points, np.full((len(points), 1), t)], axis=1) for t in x])
         weights = np.outer(w, weights).ravel()
     return Rule(points, weights)
 

@@ -72,9 +72,7 @@ class Recovery:
         total, weight = np.zeros((n_node, n_time * 6)), np.zeros(n_node)
         for block, rule, to_nodes in self._pieces(n_time):
             points = points_in(self._elements.mesh.nodes, block, rule)
-            slopes = np.einsum(
-                "cpaj,tcai->tcpij", points.gradients, displacement[:, block.cells], optimize=True
-            )
+            slopes = np.einsum("cpaj,tcai->tcpij", points.gradients, displacement[:, block.cells], optimize=True)
             if self._bending and block.cell_type in BENDING_CELLS:
                 slopes += self._mode_slopes(points, displacement)
             stress = hooke(_symmetric(slopes), *self._lame)

@@ -87,9 +87,7 @@ class Surface:
         if n_piece == 1:
             corners = places[:, : N_CORNER[kind]]
         else:
-            corners = np.einsum("pca,fai->fpci", shape(kind, reference), places).reshape(
-                -1, reference.shape[1], 3
-            )
+            corners = np.einsum("pca,fai->fpci", shape(kind, reference), places).reshape(-1, reference.shape[1], 3)
         facet = np.repeat(np.arange(n_facet), n_piece)
         return Pieces(kind, facet, facets[facet], corners, np.tile(reference, (n_facet, 1, 1)))
 
@@ -121,10 +119,7 @@ class Surface:
         A chord h of a circle is h^2 / (8 R) away, and neighbours stand at the angle theta = h / R: h theta / 8, with
         h the height of the piece over the edge it shares. 0 on plane faces and across the edges of a body.
         """
-        ends = [
-            np.stack([p.corners, np.roll(p.corners, -1, axis=1)], axis=2).reshape(-1, 2, 3)
-            for p in self.pieces
-        ]
+        ends = [np.stack([p.corners, np.roll(p.corners, -1, axis=1)], axis=2).reshape(-1, 2, 3) for p in self.pieces]
         owner = [np.repeat(np.arange(p.n_piece), p.corners.shape[1]) for p in self.pieces]
         normals = np.concatenate([p.normals[o] for p, o in zip(self.pieces, owner, strict=True)])
         height = np.concatenate(

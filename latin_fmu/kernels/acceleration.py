@@ -164,9 +164,7 @@ class Anderson:
     def __init__(self, metric: Array, depth: int, relaxation: float) -> None:
         n = len(metric)
         self._metric, self._depth, self._relaxation, self._count = metric, depth, relaxation, 0
-        self._arrays = [
-            np.zeros(size) for size in (n, n, depth * n, depth * n, depth * depth, (depth + 3) * depth)
-        ]
+        self._arrays = [np.zeros(size) for size in (n, n, depth * n, depth * n, depth * depth, (depth + 3) * depth)]
 
     def next(self, q: Array, residual: Array) -> Array:
         """Next iterate (n,)."""

@@ -34,9 +34,7 @@ _V, _K_V, _FORCE, _K_U, _MASS_V = 1, 2, 3, 4, 5  # of EXPLICIT classes
 
 
 @kernel
-def _add_border(
-    n: int, count: int, starts: Any, columns: Any, values: Array, m: int, x: Array, out: Array
-) -> None:
+def _add_border(n: int, count: int, starts: Any, columns: Any, values: Array, m: int, x: Array, out: Array) -> None:
     """out += the rows of ``count`` prescribed motions of a symmetric matrix on dofs and motions times x, and their
     transpose in the dofs' rows."""
     for i in range(count):
@@ -167,10 +165,7 @@ def _state_energies(pools: Any, c: int, instant: int, elastic: Array) -> None:
     row, work, state = pools.classes[c], pools.moving, pools.moving
     m, wide = row.m, (row.n + row.n_motion) * row.m
     totals = state[row.totals : row.totals + 6 * m]
-    field, image = (
-        work[row.extended : row.extended + wide],
-        work[row.extended + wide : row.extended + 2 * wide],
-    )
+    field, image = (work[row.extended : row.extended + wide], work[row.extended + wide : row.extended + 2 * wide])
     totals[: 2 * m] = 0.0
     if row.kind != STATIC:
         _field(pools, c, row.v, 1, instant, field)
@@ -202,9 +197,7 @@ def open_account(pools: Any, c: int, instant: int, flat: Array) -> None:
     else:
         _field(pools, c, row.a, 2, instant, past[_A * wide : (_A + 1) * wide])
         if row.kind != STATIC:
-            _product(
-                pools, c, 0, past[_A * wide : (_A + 1) * wide], past[_MASS_A * wide : (_MASS_A + 1) * wide]
-            )
+            _product(pools, c, 0, past[_A * wide : (_A + 1) * wide], past[_MASS_A * wide : (_MASS_A + 1) * wide])
         past[_BEFORE * wide :] = now
     _write(pools, c, instant)
 
@@ -344,10 +337,7 @@ def _forces_without_damping(pools: Any, c: int, instant: int, flat: Array, field
 def _keep_explicit(pools: Any, c: int, instant: int, loads: Array, elastic: Array, past: Array) -> None:
     """Keep velocities, K v, loads, K u and M v for the next step."""
     wide = len(elastic)
-    kept_loads, kept_elastic = (
-        past[_FORCE * wide : (_FORCE + 1) * wide],
-        past[_K_U * wide : (_K_U + 1) * wide],
-    )
+    kept_loads, kept_elastic = (past[_FORCE * wide : (_FORCE + 1) * wide], past[_K_U * wide : (_K_U + 1) * wide])
     for i in range(wide):  # element by element: ``elastic`` and ``loads`` may lie in ``past``
         now_loads, now_elastic = loads[i], elastic[i]
         kept_loads[i], kept_elastic[i] = now_loads, now_elastic

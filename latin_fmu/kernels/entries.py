@@ -11,15 +11,7 @@ from typing import Any, Final
 from ..compiled import entry, fields, share
 from .acceleration import next_iterate
 from .indicator import accept, force_residual
-from .instants import (
-    after_class,
-    end_class,
-    end_instant,
-    first_guess,
-    free_motion,
-    march_instants,
-    solve_instant,
-)
+from .instants import after_class, end_class, end_instant, first_guess, free_motion, march_instants, solve_instant
 from .iteration import judge, linear_stage, measure, stage
 from .local_stage import finish, open_window, outgoing, prepare, solve_points
 from .records import CLASS, GROUP, RUN, Pools

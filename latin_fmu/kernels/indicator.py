@@ -40,10 +40,7 @@ def error_indicator(pools: Any, window: int) -> float:
         at = i * n
         q, r = work[run.q + at : run.q + at + n], work[run.r + at : run.r + at + n]
         f, w = work[run.f + at : run.f + at + n], work[run.w + at : run.w + at + n]
-        f_hat, w_hat = (
-            work[run.local_f + at : run.local_f + at + n],
-            work[run.local_w + at : run.local_w + at + n],
-        )
+        f_hat, w_hat = (work[run.local_f + at : run.local_f + at + n], work[run.local_w + at : run.local_w + at + n])
         for j in range(n):
             rest = f_hat[j] + k[j] * w_hat[j] - q[j]
             r[j] = rest

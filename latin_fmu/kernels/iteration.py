@@ -168,10 +168,7 @@ def judge(pools: Any, window: int, phase: int, iteration: int, accelerated: bool
     found = 0
     if best == -1.0:
         found, numbers[6] = BEST, numbers[2]
-    if (
-        iteration + 1 - phase >= PATIENCE
-        and recent > (STALL_ACCELERATED if accelerated else STALL_PLAIN) * before
-    ):
+    if iteration + 1 - phase >= PATIENCE and recent > (STALL_ACCELERATED if accelerated else STALL_PLAIN) * before:
         found |= STALLED
     return found
 

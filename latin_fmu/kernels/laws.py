@@ -76,9 +76,7 @@ def no_slip(jump: Array, z: Array, reach: Array, rate: float, parameters: Array,
 
 
 @kernel
-def elastic_layer(
-    jump: Array, z: Array, reach: Array, rate: float, parameters: Array, traction: Array
-) -> None:
+def elastic_layer(jump: Array, z: Array, reach: Array, rate: float, parameters: Array, traction: Array) -> None:
     """Bonded layer F_hat = k_l [u]: F_hat = k_l (s' - s + reach) / (rate + k_l z), parameters k_n and k_t, N m-3."""
     for i in range(len(jump)):
         stiffness = parameters[min(i, 1)]
@@ -86,9 +84,7 @@ def elastic_layer(
 
 
 @kernel
-def soft_contact(
-    jump: Array, z: Array, reach: Array, rate: float, parameters: Array, traction: Array
-) -> None:
+def soft_contact(jump: Array, z: Array, reach: Array, rate: float, parameters: Array, traction: Array) -> None:
     """Contact through a layer, P = k_n max(0, -gap), with friction; parameters mu and k_n, N m-3."""
     pressure = parameters[1] * max(0.0, -(jump[0] + reach[0])) / (rate + parameters[1] * z[0])
     traction[0] = -pressure
@@ -104,9 +100,7 @@ def viscous_joint(jump: Array, z: Array, parameters: Array, traction: Array) -> 
 
 
 @kernel
-def apply(
-    law: int, jump: Array, z: Array, reach: Array, rate: float, parameters: Array, traction: Array
-) -> None:
+def apply(law: int, jump: Array, z: Array, reach: Array, rate: float, parameters: Array, traction: Array) -> None:
     """The law with this code at one point."""
     if law == PERFECT:
         perfect(jump, z, traction)
@@ -123,9 +117,7 @@ def apply(
 
 
 @entry("i8, f8[:, ::1], f8[:, ::1], f8[:, ::1], f8, f8[:, ::1], f8[:, ::1]")
-def apply_to_points(
-    law: int, jump: Any, z: Any, reach: Any, rate: float, parameters: Any, traction: Any
-) -> None:
+def apply_to_points(law: int, jump: Any, z: Any, reach: Any, rate: float, parameters: Any, traction: Any) -> None:
     """The law with this code at all points; arrays (n_point, ...)."""
     for p in range(len(jump)):
         apply(law, jump[p], z[p], reach[p], rate, parameters[p], traction[p])

@@ -76,14 +76,8 @@ def solve_points(pools: Any, g: int) -> None:
     width = h if group.elastic == 1 else 1
     rate = run.layer_rate if group.elastic == 1 else 1.0 / run.dt
     law, n_point = group.law, group.n_point
-    jump, traction = (
-        work[group.jump : group.jump + n_point * h],
-        work[group.traction : group.traction + n_point * h],
-    )
-    z, reach = (
-        pools.fixed[group.z_sum : group.z_sum + 2 * n_point],
-        work[group.reach : group.reach + n_point * width],
-    )
+    jump, traction = (work[group.jump : group.jump + n_point * h], work[group.traction : group.traction + n_point * h])
+    z, reach = (pools.fixed[group.z_sum : group.z_sum + 2 * n_point], work[group.reach : group.reach + n_point * width])
     parameters = pools.fixed[group.parameters : group.parameters + n_point * n_parameter]
     for p in range(n_point):
         apply(
@@ -204,9 +198,7 @@ def _jumps(pools: Any, g: int, kind: int, flat: Array) -> None:
     h = group.n_component
     size = group.n_point * h
     width = h if group.elastic == 1 else 1
-    out = pools.moving[
-        group.opened + kind * group.n_point * width : group.opened + (kind + 1) * group.n_point * width
-    ]
+    out = pools.moving[group.opened + kind * group.n_point * width : group.opened + (kind + 1) * group.n_point * width]
     for p in range(group.n_point):
         for c in range(width):
             out[p * width + c] = flat[group.start + size + p * h + c] - flat[group.start + p * h + c]

@@ -277,11 +277,7 @@ def read_channels(
         pools.fixed_int[row.dofs : row.dofs + n_inner],
     )
     inner, answer = work[row.inner : row.inner + n_inner * m], work[row.answer : row.answer + size]
-    u, v, a = (
-        state[row.u : row.u + row.n * m],
-        state[row.v : row.v + row.n * m],
-        state[row.a : row.a + row.n * m],
-    )
+    u, v, a = (state[row.u : row.u + row.n * m], state[row.v : row.v + row.n * m], state[row.a : row.a + row.n * m])
     for i in range(n_inner):
         for j in range(m):
             inner[i * m + j] = of_u * u[dofs[i] * m + j]

@@ -62,9 +62,7 @@ def _half_product(
 
 
 @kernel
-def add_rows(
-    n: int, starts: Any, columns: Any, values: Array, factor: float, m: int, x: Array, out: Array
-) -> None:
+def add_rows(n: int, starts: Any, columns: Any, values: Array, factor: float, m: int, x: Array, out: Array) -> None:
     """out (n m,) += factor A x for A in compressed rows."""
     for i in range(n):
         column, value = columns[starts[i] : starts[i + 1]], values[starts[i] : starts[i + 1]]
@@ -168,9 +166,7 @@ def two_norms(n: int, a: Array, x: Array) -> tuple[float, float]:
 
 
 @kernel
-def add_terms(
-    n: int, starts: Any, rows: Any, values: Array, amplitudes: Array, factor: float, out: Array
-) -> None:
+def add_terms(n: int, starts: Any, rows: Any, values: Array, amplitudes: Array, factor: float, out: Array) -> None:
     """out += factor x sum of patterns (starts, rows, values) times their amplitudes (n,) at an instant."""
     for t in range(n):
         now = factor * amplitudes[t]

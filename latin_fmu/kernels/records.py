@@ -45,10 +45,7 @@ _MATRIX: Final = (
     ("{0}_columns", "constants, uint32: columns of the entries"),
     ("{0}_values", "constants: the entries"),
 )
-_HALF: Final = (
-    *_MATRIX,
-    ("{0}_diagonal", "constants (n,): diagonal where only the strict lower triangle is kept"),
-)
+_HALF: Final = (*_MATRIX, ("{0}_diagonal", "constants (n,): diagonal where only the strict lower triangle is kept"))
 _TERM: Final = (
     ("{0}_terms", "number of patterns of {1}"),
     ("{0}_starts", "histories, int64 (terms + 1,): first entry of each pattern"),
@@ -94,10 +91,7 @@ CLASS_FIELDS: Final[tuple[Field, ...]] = (
     ("panel_start", "constants, int64 (n_super + 1,): first number of each panel"),
     ("panels", "constants: panels [L11^-1; L21]"),
     ("n_panels", "their size"),
-    (
-        "schur_inverse",
-        "constants (g, g) packed or (g,): S^-1, accelerations of interface dofs per force, kg-1",
-    ),
+    ("schur_inverse", "constants (g, g) packed or (g,): S^-1, accelerations of interface dofs per force, kg-1"),
     # interface
     ("dofs", "constants, int64 (g,): interface dofs"),
     ("area", "constants (c,): areas, m2"),
@@ -159,9 +153,7 @@ CLASS_FIELDS: Final[tuple[Field, ...]] = (
     *_fields(_HALF, "damping", "the damping C"),
     *_fields(_HALF, "dashpots", "the lumped damping of an EXPLICIT class"),
     *_fields(
-        _MATRIX,
-        "border_mass",
-        "M between prescribed motions and dofs, then among motions (n_motion, n + n_motion)",
+        _MATRIX, "border_mass", "M between prescribed motions and dofs, then among motions (n_motion, n + n_motion)"
     ),
     *_fields(_MATRIX, "border_stiffness", "K likewise"),
     *_fields(_MATRIX, "border_damping", "C likewise"),
@@ -245,10 +237,7 @@ RUN_FIELDS: Final[tuple[Field, ...]] = (
     ("scales", "state (3,): largest norms met: fields, normal and tangential forces"),
     ("carry", "state (1,): share of the last velocities in the first guess of the next instant"),
     ("worst", "state (n_interface,): largest indicator of each interface"),
-    (
-        "counts",
-        "work (2,): substructure-instants marched in windows of several instants, and solved through Y",
-    ),
+    ("counts", "work (2,): substructure-instants marched in windows of several instants, and solved through Y"),
     ("q", "work (w, N): incoming quantity F + k W, Pa"),
     ("w", "work (w, N): velocities of the linear stage, m s-1"),
     ("f", "work (w, N): tractions of the linear stage, Pa"),
@@ -271,10 +260,7 @@ RUN_FIELDS: Final[tuple[Field, ...]] = (
         "merits",
         "work (3 max_iterations + 64, 2): distance of each iterate from the tolerance, by eta and with force residual",
     ),
-    (
-        "measure",
-        "work (8,): error, force residual, scales reached (3), ratio of merits, scale of the best iterate",
-    ),
+    ("measure", "work (8,): error, force residual, scales reached (3), ratio of merits, scale of the best iterate"),
     ("errors", "output (R, max_iterations): sqrt(eta) of the iterations"),
     ("mismatches", "output (R, max_iterations): force residual likewise"),
     ("iterations", "output, int64 (R,)"),

@@ -177,9 +177,7 @@ def free_velocity(pools: Any, c: int, instant: int) -> None:
         for i in range(size):
             w_free[i] += damped[i]
         return
-    inverse = pools.fixed[
-        row.schur_inverse : row.schur_inverse + symmetric_size(n_inner, row.plain_inverse, m)
-    ]
+    inverse = pools.fixed[row.schur_inverse : row.schur_inverse + symmetric_size(n_inner, row.plain_inverse, m)]
     product(n_inner, inverse, row.plain_inverse, m, inner, free_a, tile)
     u, u_free = state[row.u : row.u + row.n * m], work[row.u_free : row.u_free + row.n * m]
     v_free = work[row.v_free : row.v_free + row.n * m]
@@ -238,16 +236,10 @@ def linear_response(pools: Any, c: int, q: Array, w: Array) -> None:
     row, work = pools.classes[c], pools.moving
     m, n_live, size = row.m, row.n_live, row.n_channel * row.m
     channels = pools.fixed_int[row.channels : row.channels + size]
-    live, area = (
-        pools.fixed_int[row.live : row.live + n_live],
-        pools.fixed[row.area : row.area + row.n_channel],
-    )
+    live, area = (pools.fixed_int[row.live : row.live + n_live], pools.fixed[row.area : row.area + row.n_channel])
     k, w_free = pools.fixed[row.k : row.k + row.n_channel], work[row.w_free : row.w_free + size]
     damped = work[row.w_damped : row.w_damped + size]
-    incoming, answer = (
-        work[row.channel : row.channel + n_live * m],
-        work[row.answer : row.answer + n_live * m],
-    )
+    incoming, answer = (work[row.channel : row.channel + n_live * m], work[row.answer : row.answer + n_live * m])
     tile = tile_of(row, work)
     for i in range(n_live):
         for j in range(m):
@@ -302,10 +294,7 @@ def interface_load(pools: Any, c: int, flat: Array) -> bool:
         work[row.sweep : row.sweep + row.n * tile_width(m)] = 0.0
         work[row.passed] = 0.0
     pools.moving[row.rest] = 0.0
-    inner, last = (
-        work[row.inner : row.inner + n_inner * m],
-        work[row.inner_answer : row.inner_answer + n_inner * m],
-    )
+    inner, last = (work[row.inner : row.inner + n_inner * m], work[row.inner_answer : row.inner_answer + n_inner * m])
     free_a = work[row.free_a : row.free_a + n_inner * m]
     tile = tile_of(row, work)
     inner[:] = 0.0
@@ -324,9 +313,7 @@ def interface_load(pools: Any, c: int, flat: Array) -> bool:
     for i in range(size):
         nodal[i] *= weight
     add_spread(pools, c, nodal, inner)
-    inverse = pools.fixed[
-        row.schur_inverse : row.schur_inverse + symmetric_size(n_inner, row.plain_inverse, m)
-    ]
+    inverse = pools.fixed[row.schur_inverse : row.schur_inverse + symmetric_size(n_inner, row.plain_inverse, m)]
     product(n_inner, inverse, row.plain_inverse, m, inner, last, tile)
     for i in range(n_inner * m):
         last[i] += free_a[i]

@@ -21,9 +21,7 @@ _SWEEP = "i8[::1], i8[::1], i8[::1], i8[::1]"
 
 
 @entry(f"b1, {_SWEEP}, f8[::1], f8[::1]", f"b1, {_SWEEP}, f4[::1], f8[::1]")
-def forward_one(
-    grouped: bool, first: Any, row_start: Any, rows: Any, panel_start: Any, panels: Any, x: Array
-) -> None:
+def forward_one(grouped: bool, first: Any, row_start: Any, rows: Any, panel_start: Any, panels: Any, x: Array) -> None:
     """x (n,) := [L^-1 x_I ; x_G - L_GI L^-1 x_I]; ``grouped``: four rows of a panel at a time."""
     for s in range(len(first) - 1):
         xs = x[first[s] : first[s + 1]]
@@ -65,9 +63,7 @@ def forward_one(
 
 
 @entry(f"b1, {_SWEEP}, f8[::1], f8[::1]", f"b1, {_SWEEP}, f4[::1], f8[::1]")
-def backward_one(
-    grouped: bool, first: Any, row_start: Any, rows: Any, panel_start: Any, panels: Any, x: Array
-) -> None:
+def backward_one(grouped: bool, first: Any, row_start: Any, rows: Any, panel_start: Any, panels: Any, x: Array) -> None:
     """x (n,) := [L^-T (x_I - L_GI^T x_G) ; x_G]."""
     for s in range(len(first) - 2, -1, -1):
         xs = x[first[s] : first[s + 1]]
@@ -100,9 +96,7 @@ def backward_one(
 
 
 @entry(f"{_SWEEP}, f8[::1], f8[::1], f8[::1]", f"{_SWEEP}, f4[::1], f8[::1], f8[::1]")
-def forward_tile(
-    first: Any, row_start: Any, rows: Any, panel_start: Any, panels: Any, x: Array, tail: Array
-) -> None:
+def forward_tile(first: Any, row_start: Any, rows: Any, panel_start: Any, panels: Any, x: Array, tail: Array) -> None:
     """Forward substitution of a tile x (n, 8) in elimination order, in place; tail (4, 8) is scratch."""
     for s in range(len(first) - 1):
         width = first[s + 1] - first[s]
@@ -127,9 +121,7 @@ def forward_tile(
 
 
 @entry(f"{_SWEEP}, f8[::1], f8[::1], f8[::1]", f"{_SWEEP}, f4[::1], f8[::1], f8[::1]")
-def backward_tile(
-    first: Any, row_start: Any, rows: Any, panel_start: Any, panels: Any, x: Array, tail: Array
-) -> None:
+def backward_tile(first: Any, row_start: Any, rows: Any, panel_start: Any, panels: Any, x: Array, tail: Array) -> None:
     """Backward substitution of a tile x (n, 8) in elimination order, in place; tail (4, 8) is scratch."""
     for s in range(len(first) - 2, -1, -1):
         width = first[s + 1] - first[s]

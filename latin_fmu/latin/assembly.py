@@ -51,9 +51,7 @@ class Assembly:
         self.interfaces, self.layout, self.scheme = list(interfaces), layout, scheme
         self._impedance = impedance
         self.characteristic_traction = characteristic_traction
-        self.rest_traction = (
-            0.0  # substructures at rest stay there up to this traction, Pa; < 0: always marched
-        )
+        self.rest_traction = 0.0  # substructures at rest stay there up to this traction, Pa; < 0: always marched
         self._ground_frames = {
             i: (layout.channels(i, 1), unit.geometry.frames[:, : unit.behaviour.n_component])
             for i, unit in enumerate(self.interfaces)
@@ -76,9 +74,7 @@ class Assembly:
         over an increment."""
         return self._impedance * self.dt if self.quasi_static else self._impedance
 
-    def begin(
-        self, time: Array, dt: float, ground: Mapping[int, Array], start: Mapping[int, GroundState]
-    ) -> None:
+    def begin(self, time: Array, dt: float, ground: Mapping[int, Array], start: Mapping[int, GroundState]) -> None:
         """Set the instants of the run, or of its next segment.
 
         Parameters
@@ -90,8 +86,7 @@ class Assembly:
         self.time, self.dt = time, dt
         self.ground = dict(ground)
         self._travel = {
-            i: np.concatenate([np.zeros((1, 3)), np.cumsum(dt * self._mean(v), axis=0)])
-            for i, v in ground.items()
+            i: np.concatenate([np.zeros((1, 3)), np.cumsum(dt * self._mean(v), axis=0)]) for i, v in ground.items()
         }
         self.ground_start = dict(start)
         impedance = self.impedance
@@ -179,11 +174,7 @@ class Assembly:
             moved = self.ground_start[i].displacement + self._travel[i]
             velocity.append(np.einsum("pci,ti->tpc", frames, self.ground[i]).reshape(n_time, -1))
             displacement.append(np.einsum("pci,ti->tpc", frames, moved).reshape(n_time, -1))
-        return (
-            np.concatenate(channels),
-            np.concatenate(velocity, axis=1),
-            np.concatenate(displacement, axis=1),
-        )
+        return (np.concatenate(channels), np.concatenate(velocity, axis=1), np.concatenate(displacement, axis=1))
 
     def ground_accelerations(self) -> Array:
         """Accelerations (n_time, n) of the channels of the ground, as ``ground_tables`` orders them, m s-2."""

@@ -51,9 +51,7 @@ def decode(blob: bytes, kind: str) -> Any:
             raise ValueError("a state of another scene or of other settings")
         return _rebuilt(head["tree"], blob, start + length)
     except (ValueError, KeyError, TypeError, IndexError) as error:
-        problem = Problem(
-            "state", f"cannot be restored: {error}", remedy="restore only states of this very scene"
-        )
+        problem = Problem("state", f"cannot be restored: {error}", remedy="restore only states of this very scene")
         raise InputError([problem], "unusable state") from None
 
 

@@ -27,11 +27,7 @@ LARGEST = 200_000_000
 
 def all_bonded(assembly: Assembly) -> bool:
     """Whether there are interfaces, all of them perfect, and S has at most ``LARGEST`` entries."""
-    if (
-        assembly.quasi_static
-        or not assembly.interfaces
-        or not all(bonds(u.behaviour) for u in assembly.interfaces)
-    ):
+    if assembly.quasi_static or not assembly.interfaces or not all(bonds(u.behaviour) for u in assembly.interfaces):
         return False
     return sum(int(c.shape[0]) ** 2 * int(c.shape[1]) for c in assembly.channels) <= LARGEST
 
@@ -63,9 +59,7 @@ class Bonds:
             compliance = propagator.operators.compliance
             for member in channels.T:
                 block = compliance * sign[member] * sign[member][:, None]
-                parts.append(
-                    (np.repeat(row[member], len(member)), np.tile(row[member], len(member)), block.ravel())
-                )
+                parts.append((np.repeat(row[member], len(member)), np.tile(row[member], len(member)), block.ravel()))
         rows, columns, values = (np.concatenate(part) for part in zip(*parts, strict=True))
         return sp.coo_array((values, (rows, columns)), shape=(n, n)).tocsr()
 
@@ -98,10 +92,7 @@ class Bonds:
         if not np.abs(self._matrix @ force - jump).max(initial=0.0) <= _SOLVED:
             return None
         traction = np.zeros((n_flat, n_flat))
-        traction[self._first], traction[self._second] = (
-            force / self._area[:, None],
-            -force / self._area[:, None],
-        )
+        traction[self._first], traction[self._second] = (force / self._area[:, None], -force / self._area[:, None])
         velocity = np.eye(n_flat)
         for propagator, channels in zip(self.assembly.propagators, self.assembly.channels, strict=True):
             for member in channels.T:

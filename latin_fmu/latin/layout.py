@@ -69,9 +69,7 @@ class Group:
 
     def block(self, flat: Array) -> Array:
         """View (..., 2, n_point, n_component) of flat vectors (..., n_flat)."""
-        view: Array = flat[..., self.start : self.stop].reshape(
-            *flat.shape[:-1], 2, self.n_point, self.n_component
-        )
+        view: Array = flat[..., self.start : self.stop].reshape(*flat.shape[:-1], 2, self.n_point, self.n_component)
         return view
 
 

@@ -55,10 +55,7 @@ class PointByPoint:
     """
 
     def __init__(
-        self,
-        assembly: Assembly,
-        admittances: Sequence[Array] | None = None,
-        points: Set[tuple[int, int]] | None = None,
+        self, assembly: Assembly, admittances: Sequence[Array] | None = None, points: Set[tuple[int, int]] | None = None
     ) -> None:
         self.assembly = assembly
         own = [p.operators.admittance for p in assembly.propagators] if admittances is None else admittances
@@ -97,9 +94,7 @@ class PointByPoint:
                 own[component] += side.columns[side.neighbours == flat, component].sum()
         return _Point(group, g, p, sides, np.array([[own[0], own[1:].max(initial=0.0)]]))
 
-    def solve(
-        self, free: Array, f_hat: Array, reaches: list[Array], rates: tuple[float, float]
-    ) -> tuple[Array, Array]:
+    def solve(self, free: Array, f_hat: Array, reaches: list[Array], rates: tuple[float, float]) -> tuple[Array, Array]:
         """Tractions and velocities (n_flat,) from the velocities ``free`` without tractions and a first guess of the
         tractions; ``reaches`` per group and ``rates`` (of elastic behaviours the second): see
         ``interface.behaviour``."""

@@ -48,9 +48,7 @@ class SubstructureInfo:
 class Recorder:
     """Histories of interfaces (always) and substructures (as wanted)."""
 
-    def __init__(
-        self, assembly: Assembly, wanted: Wanted, substructures: dict[str, SubstructureInfo]
-    ) -> None:
+    def __init__(self, assembly: Assembly, wanted: Wanted, substructures: dict[str, SubstructureInfo]) -> None:
         self._wanted, self._info = wanted, substructures
         n_time, layout = len(assembly.time), assembly.layout
         self.f_hat = np.zeros((n_time, layout.n_flat))
@@ -87,12 +85,7 @@ class Recorder:
                 gap[now] = gaps[:, at : at + group.n_point]
             at += group.n_point
         if self._slide:
-            probes.read(
-                assembly,
-                now,
-                [image.output(c, "probed", "n_probe")[rows] for c in self._classes],
-                self._slide,
-            )
+            probes.read(assembly, now, [image.output(c, "probed", "n_probe")[rows] for c in self._classes], self._slide)
         if self._wanted.energy:
             for c, kept in enumerate(self._energy):
                 kept.append(image.output(c, "energies", 6)[rows].copy())

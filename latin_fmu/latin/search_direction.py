@@ -85,19 +85,11 @@ def unresolved_sides(assembly: Assembly) -> list[str]:
                 coarse = ratio > WARNED[1]
                 remarks.append(
                     f"interface {unit.name}, side {unit.sides[side]}: "
-                    + (
-                        "the mesh is too coarse for this step"
-                        if coarse
-                        else "the step is too long for this mesh"
-                    )
+                    + ("the mesh is too coarse for this step" if coarse else "the step is too long for this mesh")
                     + f" to follow the wave (resistance of the face over rho c = {ratio:.2g}, followed within "
                     f"{WARNED[0]} ... {WARNED[1]}); a contact shorter than the passage through a few elements is "
                     "not resolved: "
-                    + (
-                        "refine the mesh there (a smaller step alone does not help)"
-                        if coarse
-                        else "take smaller steps"
-                    )
+                    + ("refine the mesh there (a smaller step alone does not help)" if coarse else "take smaller steps")
                 )
     return remarks
 

@@ -27,11 +27,7 @@ class SlideProbes:
         where a class has none.
     """
 
-    def __init__(
-        self,
-        assembly: Assembly,
-        interfaces: Sequence[int],
-    ) -> None:
+    def __init__(self, assembly: Assembly, interfaces: Sequence[int]) -> None:
         propagators = self._propagators = assembly.propagators
         self._ground: list[int] = []
         self._places: list[tuple[int, int, slice, int, int]] = []  # class, member, rows, interface, side
@@ -61,9 +57,7 @@ class SlideProbes:
         ]
         self._ground = [i for i in interfaces if assembly.interfaces[i].against_ground]
 
-    def read(
-        self, assembly: Assembly, instants: slice, probed: Sequence[Array], slide: Mapping[int, Array]
-    ) -> None:
+    def read(self, assembly: Assembly, instants: slice, probed: Sequence[Array], slide: Mapping[int, Array]) -> None:
         """Write the velocities ``probed`` (n, n_probe, n_member) per class at n instants into ``slide``, (n_time, 2,
         n_point, 3) per interface."""
         for c, member, rows, i, side in self._places:

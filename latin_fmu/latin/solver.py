@@ -153,9 +153,7 @@ class Stages:
     def put(self, iterate: Iterate) -> None:
         """Make an iterate the last one."""
         for name, values in zip(
-            ("q", "local_f", "local_w", "r"),
-            (iterate.q, iterate.f_hat, iterate.w_hat, iterate.residual),
-            strict=True,
+            ("q", "local_f", "local_w", "r"), (iterate.q, iterate.f_hat, iterate.w_hat, iterate.residual), strict=True
         ):
             self.field(name)[...] = values
         self.image.field("measure", 8)[:] = iterate.measures
@@ -243,9 +241,7 @@ class WindowSolver:
             return NEWTON
         if RELAXED not in used and not exhausted:
             return RELAXED
-        wanted = (
-            self._settings.max_iterations >= PATIENCE
-        )  # fewer: the iteration is studied, no solution is wanted
+        wanted = self._settings.max_iterations >= PATIENCE  # fewer: the iteration is studied, no solution is wanted
         # without inertia a floating body has no admittance, which the solution point by point needs
         wanted = wanted and stages.n == 1 and not self._static
         return POINT_BY_POINT if wanted and POINT_BY_POINT not in used else None
@@ -256,9 +252,7 @@ class WindowSolver:
         image.call(entries.FREE_MOTION, stages.first)
         free = image.field("w", image.n_flat).copy()
         reaches = [
-            image.group_field(
-                g, "reach", group.n_point, group.n_component if group.behaviour.elastic else 1
-            ).copy()
+            image.group_field(g, "reach", group.n_point, group.n_component if group.behaviour.elastic else 1).copy()
             for g, group in enumerate(direction.assembly.layout.groups)
         ]
         rates = float(1.0 / image.run[0]["dt"]), float(image.run[0]["layer_rate"])
@@ -278,9 +272,7 @@ class WindowSolver:
 
         settings, direction = self._settings, stages.direction
         weight = np.where(direction.k > 0, np.sqrt(direction.metric), 0.0)
-        stages.field("q")[...] = newton(
-            evaluate, best.q, weight, settings.tolerance, _NEWTON * settings.max_iterations
-        )
+        stages.field("q")[...] = newton(evaluate, best.q, weight, settings.tolerance, _NEWTON * settings.max_iterations)
 
     def _report(self, number: int, record: WindowRecord, stages: Stages) -> None:
         error = record.error_indicator[-1]
@@ -294,6 +286,4 @@ class WindowSolver:
             assert self._trial is not None
             self._trial(stages, after)
 
-        self._observer(
-            IterationEvent(number, record.iterations, error, record.force_mismatch[-1], f_hat, w_hat, trial)
-        )
+        self._observer(IterationEvent(number, record.iterations, error, record.force_mismatch[-1], f_hat, w_hat, trial))

@@ -27,9 +27,7 @@ def start(assembly: Assembly) -> tuple[Array, Array]:
         return _at_rest(assembly)
     traction = np.zeros(assembly.layout.n_flat)
     _known_tractions(assembly, traction)
-    unbalance = [
-        p.initial_unbalance(traction[c]) for p, c in zip(propagators, assembly.channels, strict=True)
-    ]
+    unbalance = [p.initial_unbalance(traction[c]) for p, c in zip(propagators, assembly.channels, strict=True)]
     # a preload and its balance cancel to round-off: no reason to factorise the mass
     level = (
         (_BALANCED if assembly.start_tractions else _ROUND_OFF)
@@ -40,18 +38,14 @@ def start(assembly: Assembly) -> tuple[Array, Array]:
     assembly.ground_acceleration(ground, 0)
     moving = ground.any() or any(np.abs(u).max(initial=0.0) > level for u in unbalance)
     standing = standing_points(assembly)
-    moving |= bool(standing) and any(
-        p.channel_velocity().any() for p in propagators
-    )  # friction brakes what slides
+    moving |= bool(standing) and any(p.channel_velocity().any() for p in propagators)  # friction brakes what slides
     factors = [p.mass_factor() if moving else None for p in propagators]
     if moving:
         known = [f for f in factors if f is not None]
         carried = standing_tractions(assembly, standing, traction, unbalance, known)
         if carried.any():
             traction += carried
-            unbalance = [
-                p.initial_unbalance(traction[c]) for p, c in zip(propagators, assembly.channels, strict=True)
-            ]
+            unbalance = [p.initial_unbalance(traction[c]) for p, c in zip(propagators, assembly.channels, strict=True)]
         traction += _bonded_tractions(assembly, unbalance, known)
     for propagator, channels, factor in zip(propagators, assembly.channels, factors, strict=True):
         propagator.start(traction[channels], factor)
@@ -106,9 +100,7 @@ def _bonded_tractions(assembly: Assembly, unbalance: list[Array], factors: list[
     flat = np.zeros(assembly.layout.n_flat)
     if not bonded:
         return flat
-    first, second = (
-        np.concatenate([assembly.layout.channels(i, side).ravel() for i in bonded]) for side in (0, 1)
-    )
+    first, second = (np.concatenate([assembly.layout.channels(i, side).ravel() for i in bonded]) for side in (0, 1))
     area = assembly.layout.area[first]
     free, diagonal = np.zeros_like(flat), np.zeros_like(flat)
     assembly.ground_acceleration(free, 0)

@@ -33,9 +33,7 @@ def status(
 def _reached(settings: Settings, window: WindowRecord) -> str:
     """What the accepted iterate misses: the indicator, or the force mismatch where the indicator is met."""
     if window.final_error <= settings.tolerance and np.isfinite(window.final_mismatch):
-        return (
-            f"force mismatch of the sides {window.final_mismatch:.2e} (wanted {settings.force_tolerance:.1e})"
-        )
+        return f"force mismatch of the sides {window.final_mismatch:.2e} (wanted {settings.force_tolerance:.1e})"
     return f"error indicator {window.final_error:.2e} (wanted {settings.tolerance:.1e})"
 
 

@@ -31,9 +31,7 @@ class WindowList(Sequence[WindowRecord]):
         """
         most = int(counts.max(initial=0))
         errors, mismatches = errors[:, :most].copy(), mismatches[:, :most].copy()
-        self._records += zip(
-            range(first, first + len(counts)), counts.tolist(), errors, mismatches, strict=True
-        )
+        self._records += zip(range(first, first + len(counts)), counts.tolist(), errors, mismatches, strict=True)
 
     def cut(self, length: int) -> list[WindowRecord]:
         """Take off what is beyond so many windows."""

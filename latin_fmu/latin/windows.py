@@ -98,9 +98,7 @@ class Run:
         if scales is None:
             scales = self._negligible()
         self.image.field("scales", 3)[:] = scales
-        self._threads = Threads(
-            [float(r["n_panels"] * r["m"]) for r in self.image.classes], self.settings.threads
-        )
+        self._threads = Threads([float(r["n_panels"] * r["m"]) for r in self.image.classes], self.settings.threads)
         self._per_instant, self._refused = 0.0, False
 
     def _negligible(self) -> Array:
@@ -214,9 +212,7 @@ class Run:
         n = min(n, image.rows, longest, recorder.instants_unseen())
         first, before = assembly.instant + 1, clock.perf_counter()
         image.set({"first_row": first})
-        done = (
-            self._march_together(first, n) if self._threads.several else image.call(entries.MARCH, first, n)
-        )
+        done = self._march_together(first, n) if self._threads.several else image.call(entries.MARCH, first, n)
         if done:
             self._step_to(first + done - 1)
             recorder.kept(assembly, image, self._probes, done)
@@ -313,9 +309,7 @@ class Run:
             image.call(entries.FIRST_GUESS, stages.first)
             if self._bonds is not None and self._single != _BONDS:  # too many for one matrix, or redundant
                 image.call(entries.FREE_MOTION, stages.first)
-                stages.field("q")[0] = self._bonds.guess(
-                    image.field("w", image.n_flat).copy(), stages.direction.k
-                )
+                stages.field("q")[0] = self._bonds.guess(image.field("w", image.n_flat).copy(), stages.direction.k)
             return
         stages.field("q")[...] = stages.direction.incoming(self.f_hat, self.w_hat)
 
@@ -371,9 +365,7 @@ class Run:
 
     def _guess_again(self, stages: Stages, record: WindowRecord) -> None:
         """Another first guess of q without inertia."""
-        name, q = second_guess(
-            self.assembly, self.settings, self.image, stages, self.f_hat.copy(), self.gaps()
-        )
+        name, q = second_guess(self.assembly, self.settings, self.image, stages, self.f_hat.copy(), self.gaps())
         record.fallbacks.append(name)
         self._use(self._single)
         self._begin_window(stages)

@@ -49,9 +49,7 @@ class _Deck:
         self.problems = Problems(where)
         self.root = _Scope()
         self.parts: dict[str, _Scope] = {}
-        self.instances: list[
-            tuple[str, str, _Scope, list[Card]]
-        ] = []  # name, part, its own scope, placing lines
+        self.instances: list[tuple[str, str, _Scope, list[Card]]] = []  # name, part, its own scope, placing lines
         self.spelled: dict[str, str] = {}
         self.internal: set[str] = set()
         self.skipped: dict[str, int] = {}
@@ -122,15 +120,11 @@ class _Deck:
                 members += [(instance, f, 0, 0) for f in fields if f]
                 continue
             try:
-                first, last, step = (
-                    (*map(int, fields[:3]), 1)[:3] if len(fields) > 1 else (int(fields[0]),) * 2 + (1,)
-                )
+                first, last, step = (*map(int, fields[:3]), 1)[:3] if len(fields) > 1 else (int(fields[0]),) * 2 + (1,)
             except (ValueError, IndexError):
                 first = last = step = 0
             if step < 1 or not 0 < first < 2**62 or not 0 < last < 2**62:
-                self.problems.add(
-                    "not a range of labels", ", ".join(fields), "first, last, step > 0", line=line
-                )
+                self.problems.add("not a range of labels", ", ".join(fields), "first, last, step > 0", line=line)
                 continue
             members.append((instance, str(first), last, step))
         self._members(kind, name, members)
@@ -175,11 +169,7 @@ def _placed(points: Array, card: Card, problems: Problems) -> Array:
             with np.errstate(all="ignore"):  # absurd numbers make nodes that are not finite, refused later
                 points = _turned(points, values[:3], values[3:6] - values[:3], math.radians(values[6]))
         else:
-            allowed = (
-                "x, y, z of the translation"
-                if count == 3
-                else "two points of the axis and an angle: 7 numbers"
-            )
+            allowed = "x, y, z of the translation" if count == 3 else "two points of the axis and an angle: 7 numbers"
             problems.add("not the place of an instance", ", ".join(fields), allowed, line=line)
     return points
 
@@ -207,9 +197,7 @@ class _Model:
         instances = deck.instances or [(name, name, _Scope(), []) for name in deck.parts]
         for name, part, own, card in instances:
             if part not in deck.parts and not own.nodes:
-                self.problems.add(
-                    "an instance of a part that is not there", deck.spelled[part], listed(deck.parts)
-                )
+                self.problems.add("an instance of a part that is not there", deck.spelled[part], listed(deck.parts))
                 continue
             scope = _joined(deck.parts.get(part, _Scope()), own)
             self.frames.append(self._frame(name, scope, card[0] if card else None))
@@ -268,9 +256,7 @@ class _Model:
             else:
                 found.append(self._other(self._named(instance, frame), kind, text, (*path, key)))
         for instance, labels in singles.items():
-            found.append(
-                self._labelled(self._named(instance, frame), kind, np.array(labels, dtype=np.int64), key)
-            )
+            found.append(self._labelled(self._named(instance, frame), kind, np.array(labels, dtype=np.int64), key))
         self._resolved[memory] = np.unique(np.concatenate(found))
         return self._resolved[memory]
 
@@ -284,11 +270,7 @@ class _Model:
         return default
 
     def _labels(self, frame: _Frame, kind: str) -> tuple[Index, int]:
-        return (
-            (frame.node_labels, frame.first_node)
-            if kind == "N"
-            else (frame.element_labels, frame.first_element)
-        )
+        return (frame.node_labels, frame.first_node) if kind == "N" else (frame.element_labels, frame.first_element)
 
     def _range(self, frame: _Frame, kind: str, first: int, last: int, step: int) -> Index:
         labels, start = self._labels(frame, kind)
@@ -371,9 +353,7 @@ class _Model:
                 cells = self.cells[block][chosen - self.first[block]]
                 content.facets.setdefault(name, []).append(cells[:, : FLAT[kind]])
 
-    def _add_surface(
-        self, content: MeshContent, frame: _Frame, name: str, items: list[tuple[str, str]]
-    ) -> None:
+    def _add_surface(self, content: MeshContent, frame: _Frame, name: str, items: list[tuple[str, str]]) -> None:
         for text, label in items:
             if label == "NODE":
                 rows = self._other(frame, "N", text)
@@ -393,9 +373,7 @@ class _Model:
         if not label:
             return [cells[:, list(face)] for face in faces]
         if label[:1] != "S" or not label[1:].isdigit() or not 1 <= int(label[1:4]) <= len(faces):
-            self.problems.add(
-                f"the surface {name} names a face that a {kind} has not", label, f"S1 to S{len(faces)}"
-            )
+            self.problems.add(f"the surface {name} names a face that a {kind} has not", label, f"S1 to S{len(faces)}")
             return []
         return [cells[:, list(faces[int(label[1:4]) - 1])]]
 

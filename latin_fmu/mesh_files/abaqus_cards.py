@@ -83,9 +83,7 @@ def cards(text: str, include: Include, problems: Problems, depth: int = 0) -> It
             card.rows.append(line)
             card.lines.append(number)
         else:
-            problems.add(
-                "text before the first keyword", line.strip(), "a line that starts with *", line=number
-            )
+            problems.add("text before the first keyword", line.strip(), "a line that starts with *", line=number)
             return
     if card is not None:
         yield from _complete(card, include, problems, depth)
@@ -101,9 +99,7 @@ def _complete(card: Card, include: Include, problems: Problems, depth: int) -> I
     if card.keyword != "INCLUDE":
         yield card
     elif depth >= _DEEPEST:
-        problems.add(
-            "files include each other too deeply", card.name("INPUT"), f"{_DEEPEST} levels", line=card.line
-        )
+        problems.add("files include each other too deeply", card.name("INPUT"), f"{_DEEPEST} levels", line=card.line)
     else:
         name, outer = card.name("INPUT"), problems.where
         text = include(name)
@@ -139,9 +135,7 @@ def elements_of(card: Card, count: int, problems: Problems) -> tuple[Index, Inde
         except ValueError:
             numbers = [-1]
         if any(not 0 < v < 2**62 for v in numbers):
-            problems.add(
-                "not an element", ", ".join(fields), "label and nodes, positive whole numbers", line=line
-            )
+            problems.add("not an element", ", ".join(fields), "label and nodes, positive whole numbers", line=line)
             return np.zeros(0, dtype=np.int64), np.zeros((0, count), dtype=np.int64)
         values += numbers
     if len(values) % (count + 1):

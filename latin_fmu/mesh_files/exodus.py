@@ -62,9 +62,7 @@ def read_exodus(path: Path, where: str) -> MeshContent:
                 continue
             cells = np.asarray(variable[:], dtype=np.int64) - 1
             if cells.size and not (cells.min() >= 0 and cells.max() < len(content.points)):
-                problems.add(
-                    f"block {name} names a node that is not there", allowed=f"1 to {len(content.points)}"
-                )
+                problems.add(f"block {name} names a node that is not there", allowed=f"1 to {len(content.points)}")
                 continue
             blocks.append(_add_block(content, problems, name, str(variable.elem_type), cells))
         problems.stop()
@@ -123,9 +121,7 @@ def _add_block(
         content.facets.setdefault(name, []).append(cells[:, : FLAT[kind]])
         return kind, cells, nothing
     if key[0] in ("HEX", "TET", "WED"):
-        problems.add(
-            "element type not known", f"{element}, {cells.shape[1]} nodes", "HEX8, HEX20, TET4, TET10, WEDGE6"
-        )
+        problems.add("element type not known", f"{element}, {cells.shape[1]} nodes", "HEX8, HEX20, TET4, TET10, WEDGE6")
     content.skipped[element] = content.skipped.get(element, 0) + len(cells)
     return "", cells, nothing
 
@@ -147,9 +143,5 @@ def _facets(
             if (side == number).any():
                 found.append(cells[local[side == number]][:, list(face)])
         if faces and len(side) and not (side.min() >= 0 and side.max() < len(faces)):
-            problems.add(
-                f"side set {name} names a side that no {kind} has",
-                int(side.max()) + 1,
-                f"1 to {len(faces)}",
-            )
+            problems.add(f"side set {name} names a side that no {kind} has", int(side.max()) + 1, f"1 to {len(faces)}")
     return found

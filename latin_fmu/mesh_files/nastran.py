@@ -18,14 +18,7 @@ from .content import FLAT, Index, MeshContent, Problems, rows_of
 
 _SOLIDS: Final = {"CTETRA": (4, 10), "CPENTA": (6, 15), "CHEXA": (8, 20)}
 _SHELLS: Final = {"CTRIA3": 3, "CTRIAR": 3, "CTRIA6": 6, "CQUAD4": 4, "CQUADR": 4, "CQUAD8": 8}
-_NAMES: Final = {
-    4: "tetra",
-    10: "tetra10",
-    6: "wedge",
-    15: "wedge15",
-    8: "hexahedron",
-    20: "hexahedron20",
-}
+_NAMES: Final = {4: "tetra", 10: "tetra10", 6: "wedge", 15: "wedge15", 8: "hexahedron", 20: "hexahedron20"}
 # nodes in the middle of the vertical edges come before those of the upper ones; in VTK after them
 _ORDER: Final = {15: (*range(9), 12, 13, 14, 9, 10, 11), 20: (*range(12), 16, 17, 18, 19, 12, 13, 14, 15)}
 _EXPONENT = re.compile(r"(?<=[0-9.])([+-])")
@@ -118,9 +111,7 @@ def _number(text: str) -> float:
     try:
         return float(text)
     except ValueError:
-        return float(
-            _EXPONENT.sub(r"e\1", text.upper().replace("D", "E").replace("E+", "+").replace("E-", "-"))
-        )
+        return float(_EXPONENT.sub(r"e\1", text.upper().replace("D", "E").replace("E+", "+").replace("E-", "-")))
 
 
 class _Deck:
@@ -151,9 +142,7 @@ class _Deck:
             elif name in ("CBAR", "CBEAM", "CROD", "CPYRAM", "CELAS1", "CBUSH", "RBE2", "RBE3"):
                 self.skipped[name] = self.skipped.get(name, 0) + 1
                 if name == "CPYRAM":
-                    self.problems.add(
-                        "element type not known", name, ", ".join((*_SOLIDS, *_SHELLS)), line=line
-                    )
+                    self.problems.add("element type not known", name, ", ".join((*_SOLIDS, *_SHELLS)), line=line)
         except (ValueError, IndexError):
             self.problems.add(f"not a usable {name} entry", ", ".join(fields), line=line)
 

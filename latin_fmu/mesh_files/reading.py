@@ -61,16 +61,12 @@ def read_content(path: Path) -> MeshContent:
     """
     try:
         if not path.is_file():
-            raise MeshError(
-                [Problem(path.name, "no such mesh file", remedy="the path is relative to the scene file")]
-            )
+            raise MeshError([Problem(path.name, "no such mesh file", remedy="the path is relative to the scene file")])
         state = path.stat()
     except (OSError, ValueError) as error:  # a name that the system refuses
         raise MeshError([Problem(str(path)[:80], f"not a file name: {error}")], "unreadable mesh") from None
     if state.st_size > MAX_BYTES:
-        raise MeshError(
-            [Problem(path.name, "the file is too large", str(state.st_size), f"at most {MAX_BYTES} bytes")]
-        )
+        raise MeshError([Problem(path.name, "the file is too large", str(state.st_size), f"at most {MAX_BYTES} bytes")])
     suffix = path.suffix.lower()
     if suffix in _ABAQUS:
         return read_abaqus(_text(path), path.name, lambda name: _included(path, name))
@@ -82,9 +78,7 @@ def read_content(path: Path) -> MeshContent:
         except MeshError:
             raise
         except Exception as error:  # netCDF4 raises many kinds on damaged files
-            raise MeshError(
-                [Problem(path.name, f"not a usable Exodus file: {error}")], "unreadable mesh"
-            ) from None
+            raise MeshError([Problem(path.name, f"not a usable Exodus file: {error}")], "unreadable mesh") from None
     if suffix not in _MESHIO:
         raise MeshError(
             [

@@ -50,9 +50,7 @@ def _content(mesh: Any) -> MeshContent:
         rows.append(start + np.arange(count, dtype=np.int64))
         if block.type in CORNERS:
             cells = cells.astype(np.int64)
-            content.solids[block.type] = (
-                cells if not start else np.concatenate([content.solids[block.type], cells])
-            )
+            content.solids[block.type] = cells if not start else np.concatenate([content.solids[block.type], cells])
         elif block.type not in FLAT and block.type not in ("vertex", "line", "line3"):
             content.skipped[block.type] = content.skipped.get(block.type, 0) + count
     for name, chosen in _groups(mesh).items():
@@ -90,18 +88,12 @@ def _load(path: Path) -> Any:
 def _unreadable(path: Path, noise: str, error: BaseException) -> Problem:
     """What meshio says of a file: the reasons it prints, not the sum of them, which it prints last."""
     lines = [" ".join(line.split()) for line in noise.splitlines() if line.strip()]
-    reasons = [
-        line for line in lines if not line.startswith(("Error: Couldn't read file", "Couldn't read file"))
-    ]
+    reasons = [line for line in lines if not line.startswith(("Error: Couldn't read file", "Couldn't read file"))]
     own = "" if isinstance(error, SystemExit) else str(error) or type(error).__name__
     if isinstance(error, KeyError | IndexError | ValueError | AttributeError | TypeError):
         own = f"{type(error).__name__} {own}"
-    reason = (
-        "; ".join([*reasons[:3], own] if own else reasons[:3]) or "; ".join(lines[-1:]) or "no reason given"
-    )
-    return Problem(
-        path.name, f"cannot be read: {reason[:300]}", allowed=f"a whole file of the format {path.suffix}"
-    )
+    reason = "; ".join([*reasons[:3], own] if own else reasons[:3]) or "; ".join(lines[-1:]) or "no reason given"
+    return Problem(path.name, f"cannot be read: {reason[:300]}", allowed=f"a whole file of the format {path.suffix}")
 
 
 def _groups(mesh: Any) -> dict[str, list[Index]]:
@@ -115,11 +107,7 @@ def _groups(mesh: Any) -> dict[str, list[Index]]:
         # a set written before later blocks names no cell of them
         groups[name] = found + [nothing] * (len(mesh.cells) - len(found))
     physical = mesh.cell_data.get("gmsh:physical")
-    named = (
-        {name: tag for name, tag in mesh.field_data.items() if np.size(tag) == 2}
-        if physical is not None
-        else {}
-    )
+    named = {name: tag for name, tag in mesh.field_data.items() if np.size(tag) == 2} if physical is not None else {}
     for name, (tag, dimension) in named.items():
         if name not in groups:
             groups[name] = [
@@ -192,10 +180,6 @@ def _check_rows(path: Path, content: MeshContent) -> None:
     tables += [facets for found in content.facets.values() for facets in found]
     if any(t.size and not (t.min() >= 0 and t.max() < len(content.points)) for t in tables):
         raise MeshError(
-            [
-                Problem(
-                    path.name, "cells name nodes that are not there", allowed=f"{len(content.points)} nodes"
-                )
-            ],
+            [Problem(path.name, "cells name nodes that are not there", allowed=f"{len(content.points)} nodes")],
             "unreadable mesh",
         )

@@ -210,12 +210,8 @@ def _arrows(axis: Axes, scene: Scene, bodies: Mapping[str, Body], view: View) ->
         else:
             direction = np.asarray(load.traction, dtype=float)
             text = readable(float(np.linalg.norm(direction)), "Pa", 3)
-        ahead = float(((everything - centre) @ direction).max()) / max(
-            float(np.linalg.norm(direction)), 1e-300
-        )
-        outwards = (
-            bool(direction @ normal > 0) and ahead < 0.1 * length
-        )  # it pulls, and nothing is in the way
+        ahead = float(((everything - centre) @ direction).max()) / max(float(np.linalg.norm(direction)), 1e-300)
+        outwards = bool(direction @ normal > 0) and ahead < 0.1 * length  # it pulls, and nothing is in the way
         _arrow(axis, view, centre, direction, length, LOAD, f"{name}\n{text}", outwards)
     for name, boundary in scene.boundary.items():
         if isinstance(boundary, PrescribedVelocity | PrescribedDisplacement):
@@ -234,21 +230,12 @@ def _arrows(axis: Axes, scene: Scene, bodies: Mapping[str, Body], view: View) ->
             direction = np.asarray(vector, dtype=float)
             size = float(np.linalg.norm(direction))
             # from behind the body, so that neither arrow nor label lies on it
-            behind = 0.5 * (low + high) - 0.5 * (high - low) * np.sign(direction) * (
-                np.abs(direction) > 0.1 * size
-            )
+            behind = 0.5 * (low + high) - 0.5 * (high - low) * np.sign(direction) * (np.abs(direction) > 0.1 * size)
             _arrow(axis, view, behind, direction, length, colour, f"{body.name}\n{readable(size, unit, 3)}")
 
 
 def _arrow(
-    axis: Axes,
-    view: View,
-    at: Array,
-    direction: Array,
-    length: float,
-    colour: str,
-    label: str,
-    away: bool = False,
+    axis: Axes, view: View, at: Array, direction: Array, length: float, colour: str, label: str, away: bool = False
 ) -> None:
     size = float(np.linalg.norm(direction))
     if size > 0:
@@ -265,9 +252,7 @@ def _middle(bodies: Mapping[str, Body], face: str) -> tuple[Array, Array]:
     return centre, normal / max(float(np.linalg.norm(normal)), 1e-300)
 
 
-def _legend(
-    figure: Figure, assembly: _Assembly, tints: Mapping[str, str], strong: Mapping[str, Colour]
-) -> None:
+def _legend(figure: Figure, assembly: _Assembly, tints: Mapping[str, str], strong: Mapping[str, Colour]) -> None:
     from matplotlib.patches import Patch
 
     parts = [_Item(tints[n], f"{n} ({b.description.material})") for n, b in assembly.bodies.items()]
@@ -277,9 +262,7 @@ def _legend(
         kinds.setdefault(boundary.type, []).append(name)
     held = [_Item(SUPPORTS[kind], f"{kind}: {_few(names)}") for kind, names in kinds.items()]
     items = [*_shortened(parts, "parts"), *_shortened(joints, "interfaces"), *held]
-    handles = [
-        Patch(facecolor=item.colour, edgecolor="0.3", linewidth=0.5, label=item.text) for item in items
-    ]
+    handles = [Patch(facecolor=item.colour, edgecolor="0.3", linewidth=0.5, label=item.text) for item in items]
     columns = 4 if max(len(item.text) for item in items) < 30 else 3
     figure.legend(handles=handles, loc="outside lower center", ncols=columns, fontsize="small", frameon=False)
 

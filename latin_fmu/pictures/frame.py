@@ -70,9 +70,7 @@ def axes_with_units(axis: Axes, points: Array, view: View) -> None:
             place = start.copy()
             place[k] = tick * divisor
             at = view.project(place[None])[0] + 1.6 * _TICK * size * outward
-            axis.text(
-                at[0], at[1], f"{tick:.6g}", fontsize=7, color="0.25", clip_on=False, **_alignment(outward)
-            )
+            axis.text(at[0], at[1], f"{tick:.6g}", fontsize=7, color="0.25", clip_on=False, **_alignment(outward))
         at = view.project(0.5 * (start + end)[None])[0] + 5.0 * _TICK * size * outward
         axis.text(at[0], at[1], f"{'xyz'[k]} ({unit})", fontsize=8, clip_on=False, **_alignment(outward))
         _widen(axis, at + 2.5 * _TICK * size * outward)
@@ -88,9 +86,7 @@ def _axis_line(
             place = start.copy()
             place[k] = tick
             at = view.project(place[None])[0]
-            axis.plot(
-                *np.stack([at, at + _TICK * size * outward]).T, color="0.4", linewidth=0.8, clip_on=False
-            )
+            axis.plot(*np.stack([at, at + _TICK * size * outward]).T, color="0.4", linewidth=0.8, clip_on=False)
 
 
 def _alignment(outward: Array) -> dict[str, Any]:

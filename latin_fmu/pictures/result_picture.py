@@ -21,9 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _AZIMUTH, _ELEVATION = -60.0, 25.0
-_SEEN: Final = (
-    0.05  # of the size of the assembly: the largest displacement as drawn, where no factor is given
-)
+_SEEN: Final = 0.05  # of the size of the assembly: the largest displacement as drawn, where no factor is given
 _NEAR: Final = 0.8  # of the spacing of points: nodes this near to a point have its pressure
 _AROUND: Final = 0.35  # of the size of the interface, left around it
 _PLAIN: Final = np.array([0.80, 0.82, 0.85])
@@ -53,9 +51,7 @@ def result_figure(
     meshes = {name: _mesh(dataset) for name, dataset in bodies.items()}
     moved = {n: np.nan_to_num(d["displacement"].isel(time=index).values) for n, d in bodies.items()}
     figure = Figure(figsize=(11.0 if chosen else 7.5, 5.6), layout="constrained")
-    axes = figure.subplots(
-        1, 2 if chosen else 1, squeeze=False, width_ratios=(1.5, 1.0) if chosen else (1.0,)
-    )[0]
+    axes = figure.subplots(1, 2 if chosen else 1, squeeze=False, width_ratios=(1.5, 1.0) if chosen else (1.0,))[0]
     _draw_deformed(figure, axes[0], meshes, moved, magnify)
     if chosen:
         _draw_pressure(figure, axes[1], tree, chosen, float(instants[index]), meshes)
@@ -70,9 +66,7 @@ def _bodies(tree: xr.DataTree) -> dict[str, xr.Dataset]:
     found = {name: d for name, d in found.items() if "displacement" in d and "cell_nodes" in d}
     if not found:
         problem = Problem(
-            "substructures",
-            "the results hold no displacements of bodies",
-            remedy="run with --set output.fields=true",
+            "substructures", "the results hold no displacements of bodies", remedy="run with --set output.fields=true"
         )
         raise ResultsError([problem], "nothing to draw")
     return found
@@ -184,9 +178,7 @@ def _on_facets(skin: Skin, points: Array, outward: Array, values: Array, spacing
 
 def _towards(normal: Array) -> View:
     """The view, of four, that looks at a face most directly."""
-    views = [
-        View.at(azimuth, elevation) for elevation in (35.0, -35.0) for azimuth in (_AZIMUTH, _AZIMUTH + 180.0)
-    ]
+    views = [View.at(azimuth, elevation) for elevation in (35.0, -35.0) for azimuth in (_AZIMUTH, _AZIMUTH + 180.0)]
     return max(views, key=lambda view: float(view.viewer @ normal))
 
 

@@ -10,11 +10,7 @@ import numpy as np
 from ..fem.mesh import Array, Index, Mesh, boundary
 
 _SHARP: Final = np.cos(np.radians(30.0))  # facets that meet at a larger angle make an edge of the body
-_LIGHT: Final = (
-    -0.35,
-    0.55,
-    0.76,
-)  # from the left and above, or below where the viewer is below (right, up, viewer)
+_LIGHT: Final = (-0.35, 0.55, 0.76)  # from the left and above, or below where the viewer is below (right, up, viewer)
 _AMBIENT: Final = 0.55
 
 
@@ -84,9 +80,7 @@ class View:
         """Colours of the facets (n_facet, 3) with light from the left."""
         side = 1.0 if self.viewer[2] >= 0 else -1.0
         light = np.array([1.0, side, 1.0]) * _LIGHT @ np.stack([self.right, self.up, self.viewer])
-        shade = _AMBIENT + (1.0 - _AMBIENT) * np.clip(
-            skin.normals() @ light / np.linalg.norm(_LIGHT), 0.0, 1.0
-        )
+        shade = _AMBIENT + (1.0 - _AMBIENT) * np.clip(skin.normals() @ light / np.linalg.norm(_LIGHT), 0.0, 1.0)
         return np.clip(skin.colours * shade[:, None], 0.0, 1.0)
 
 

@@ -230,8 +230,7 @@ class Propagator(ABC):
             return
         self._account = None if self._energy() is None else self._energy().copy()  # type: ignore[union-attr]
         self._own = {
-            name: field.copy()
-            for name, field in zip(("u", "v", "a", "residual"), self.state[1:], strict=True)
+            name: field.copy() for name, field in zip(("u", "v", "a", "residual"), self.state[1:], strict=True)
         }
         self._image = None
 
@@ -260,9 +259,7 @@ class Propagator(ABC):
         if self._image is None:
             return Motion(self.instant, **self._own)
         shape = self.n_dof, len(self.members)
-        fields = [
-            self._part(name, shape[0] * shape[1]).reshape(shape) for name in ("u", "v", "a", "residual")
-        ]
+        fields = [self._part(name, shape[0] * shape[1]).reshape(shape) for name in ("u", "v", "a", "residual")]
         return Motion(self.instant, *fields)
 
     def _set(self, u: Array, v: Array, a: Array | None = None, residual: Array | None = None) -> None:
@@ -289,10 +286,7 @@ class Propagator(ABC):
         if self._image is None:
             m = len(self.members)
             flat = np.arange(self.n_channel * m, dtype=np.int64).reshape(self.n_channel, m)
-            run = {
-                "area": np.repeat(self.operators.area, m),
-                "static": int(self.scheme.name == "quasi_static"),
-            }
+            run = {"area": np.repeat(self.operators.area, m), "static": int(self.scheme.name == "quasi_static")}
             self._image = Image([self], [flat], np.ones(flat.size, dtype=bool), run=run)
             self._alone_since = object()
         image = self._image
@@ -315,9 +309,7 @@ class Propagator(ABC):
         image.set({"first_row": self.instant + 1})
         image.predict(self._class, self.instant + 1)
         return (
-            self._part("w_free", self.n_channel * len(self.members))
-            .reshape(self.n_channel, len(self.members))
-            .copy()
+            self._part("w_free", self.n_channel * len(self.members)).reshape(self.n_channel, len(self.members)).copy()
         )
 
     def respond(self, q: Array) -> Array:

@@ -15,9 +15,7 @@ from .model import SubstructureModel
 class CgPropagator(DirectPropagator):
     """March of a class of identical substructures; every solution by conjugate gradients (``conjugate_gradients``)."""
 
-    def __init__(
-        self, members: Sequence[SubstructureModel], scheme: TimeScheme, dt: float, energy: bool
-    ) -> None:
+    def __init__(self, members: Sequence[SubstructureModel], scheme: TimeScheme, dt: float, energy: bool) -> None:
         super().__init__([m.with_factor("cg") for m in members], scheme, dt, energy)
 
     def mass_factor(self) -> ConjugateGradients:

@@ -107,9 +107,7 @@ def symmetric(matrix: Array, picked: Index, m: int, diagonal: bool) -> Array:
     return lower
 
 
-def constants(
-    block: Block, propagator: Any, flat: Index, probe: sp.csr_array | None, normal: NDArray[np.bool_]
-) -> Row:
+def constants(block: Block, propagator: Any, flat: Index, probe: sp.csr_array | None, normal: NDArray[np.bool_]) -> Row:
     """Sizes of a class and the arrays that are constant for a time step, put into the fixed block.
 
     Parameters
@@ -149,9 +147,7 @@ def constants(
     if not static:
         row["plain_inverse"] = plain = int(inverse.ndim == 1 or is_diagonal(inverse))
         every = np.arange(row["n_inner"])
-        row["schur_inverse"] = block.put(
-            inverse if inverse.ndim == 1 else symmetric(inverse, every, m, bool(plain))
-        )
+        row["schur_inverse"] = block.put(inverse if inverse.ndim == 1 else symmetric(inverse, every, m, bool(plain)))
     row["plain_response"] = plain = int(is_diagonal(propagator.condensed) and is_diagonal(ops.compliance))
     is_normal = normal[flat[live]]
     assert (is_normal == is_normal[:, :1]).all(), "identical substructures with unlike interfaces"
@@ -163,10 +159,7 @@ def constants(
     )
     if isinstance(ops.trace, np.ndarray):
         row["dense_trace"] = 1
-        row["trace_table"], row["spread_table"] = (
-            block.put(ops.trace),
-            block.put(np.ascontiguousarray(ops.trace.T)),
-        )
+        row["trace_table"], row["spread_table"] = (block.put(ops.trace), block.put(np.ascontiguousarray(ops.trace.T)))
         row["normal_table"] = block.put(ops.trace[blocks[0]])
     else:
         put_matrix(block, row, "trace", ops.trace)
@@ -215,12 +208,7 @@ def _borders(block: Block, row: Row, propagator: Any) -> None:
         put_symmetric(block, row, "dashpots", reduced, {})
     if not row["n_motion"]:
         return
-    matrices = {
-        "mass": model.mass,
-        "stiffness": model.stiffness,
-        "damping": model.damping,
-        "dashpots": dashpots,
-    }
+    matrices = {"mass": model.mass, "stiffness": model.stiffness, "damping": model.damping, "dashpots": dashpots}
     for name, matrix in matrices.items():
         if matrix is None:
             matrix = sp.csr_array((model.n_full, model.n_full))

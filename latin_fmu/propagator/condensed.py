@@ -54,9 +54,7 @@ class CondensedFactor:
             )
             corner -= self._condense()
         self.schur: Array = 0.5 * (corner + corner.T)
-        inverse = (
-            la.cho_solve(la.cho_factor(self.schur), np.eye(len(last))) if len(last) else np.zeros((0, 0))
-        )
+        inverse = la.cho_solve(la.cho_factor(self.schur), np.eye(len(last))) if len(last) else np.zeros((0, 0))
         self.schur_inverse: Array = 0.5 * (inverse + inverse.T)
 
     def _condense(self) -> Array:

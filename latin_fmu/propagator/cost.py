@@ -24,9 +24,7 @@ Precision = Literal["float64", "float32"]
 
 _ENTRIES, _FLOPS = 21.0, 26.0  # of a factor, see the module docstring
 _SPARSE = 12  # bytes per entry of a sparse matrix
-_CG_STEPS: Final = (
-    40  # conjugate gradient iterations of one solution, for steps near the wave transit of an element
-)
+_CG_STEPS: Final = 40  # conjugate gradient iterations of one solution, for steps near the wave transit of an element
 _LANCZOS: Final = 60  # products with K that a stable step takes
 MANY: Final = "many_"  # operations on several members at once
 ITERATIONS: Final = 2.7  # LATIN iterations of an instant where nothing better is known
@@ -166,12 +164,7 @@ def instant_counts(
     interface = 2.0 * size.interface**2 + (iterations + 1.0) * size.channels**2
     if kind == "direct":
         half = 0.5 if precision == "float32" else 1.0
-        one = {
-            "sweep": 2 * half * size.factor_entries,
-            "sparse": float(sparse),
-            "vector": float(n),
-            "dense": interface,
-        }
+        one = {"sweep": 2 * half * size.factor_entries, "sparse": float(sparse), "vector": float(n), "dense": interface}
     elif kind == "explicit":  # the admittance of a lumped mass is diagonal
         one = {
             "sparse": float(size.entries + size.damping_entries),
@@ -179,10 +172,7 @@ def instant_counts(
         }
     elif kind == "reduced":
         basis = min(size.channels + modes, n)
-        one = {
-            "dense": 4.0 * size.channels * basis + (iterations + 1.0) * size.channels**2,
-            "vector": float(basis),
-        }
+        one = {"dense": 4.0 * size.channels * basis + (iterations + 1.0) * size.channels**2, "vector": float(basis)}
     else:
         steps = 2 * _CG_STEPS
         one = {"sparse": float(steps * sparse), "vector": float(2 * steps * n), "dense": interface}
@@ -224,6 +214,4 @@ def cost(
 ) -> Cost:
     """Predicted cost of a class; arguments as for ``instant_counts``."""
     instant = instant_counts(kind, size, modes=modes, precision=precision, compiled=compiled)
-    return Cost(
-        seconds(set_up_counts(kind, size, modes)), seconds(instant), bytes_held(kind, size, modes, precision)
-    )
+    return Cost(seconds(set_up_counts(kind, size, modes)), seconds(instant), bytes_held(kind, size, modes, precision))

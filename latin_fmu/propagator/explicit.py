@@ -75,9 +75,7 @@ class ExplicitPropagator(Propagator):
 
     operators: ExplicitOperators
 
-    def __init__(
-        self, members: Sequence[SubstructureModel], scheme: TimeScheme, dt: float, energy: bool
-    ) -> None:
+    def __init__(self, members: Sequence[SubstructureModel], scheme: TimeScheme, dt: float, energy: bool) -> None:
         rigid = members[0].nodal is not None  # a few unknowns, no stiffness: taken as they are
         if not rigid:
             first = members[0].with_lumped_mass
@@ -119,28 +117,12 @@ class ExplicitPropagator(Propagator):
             factor = DiagonalFactor(held.diagonal())
             trace, spread = model.reduced_trace, model.reduced_spread
             compliance = seen_of_diagonal(trace, dt, factor.inverse)
-            return ExplicitOperators(
-                *same,
-                factor,
-                factor.last,
-                trace,
-                spread,
-                model.channel_area,
-                compliance,
-                _NONE,
-            )
+            return ExplicitOperators(*same, factor, factor.last, trace, spread, model.channel_area, compliance, _NONE)
         dofs, trace, _ = model.at_interface
         full = sp.csr_array(spla.inv(sp.csc_matrix(held)))
         compliance = seen_by_channels(trace, dt, full[dofs][:, dofs].toarray())
         return ExplicitOperators(
-            *same,
-            interface_factor(held, dofs),
-            dofs,
-            trace,
-            model.spread,
-            model.channel_area,
-            compliance,
-            _NONE,
+            *same, interface_factor(held, dofs), dofs, trace, model.spread, model.channel_area, compliance, _NONE
         )
 
     # -- start ------------------------------------------------------------------------------------------------

@@ -211,9 +211,7 @@ class _Motion:
             force += self._damping @ v
         return force
 
-    def add_to(
-        self, sums: dict[str, Sum], at_channels: Array, column: int, members: int, lumped: Array | None
-    ) -> None:
+    def add_to(self, sums: dict[str, Sum], at_channels: Array, column: int, members: int, lumped: Array | None) -> None:
         """Add the parts of this motion; ``at_channels`` (n_channel, n_motion) its shapes at the channels, ``lumped``
         (n, n_motion) the lumped damping of an explicit class on them."""
         u, v, a = self.histories

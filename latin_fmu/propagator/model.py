@@ -16,9 +16,19 @@ from .operator_pattern import OperatorPattern
 
 # what depends neither on the way a model is factorised nor on its initial values
 _KEPT = frozenset(
-    ("reduced", "reduced_stiffness", "reduced_loads", "reduced_trace", "reduced_spread", "at_interface", "spread",
-     "operator_pattern", "massless", "with_lumped_mass")
-)  # fmt: skip
+    (
+        "reduced",
+        "reduced_stiffness",
+        "reduced_loads",
+        "reduced_trace",
+        "reduced_spread",
+        "at_interface",
+        "spread",
+        "operator_pattern",
+        "massless",
+        "with_lumped_mass",
+    )
+)
 _OF_MASS = frozenset(("reduced", "operator_pattern", "massless", "with_lumped_mass"))
 
 Array = NDArray[np.float64]

@@ -42,9 +42,7 @@ class Vibration:
         else:
             inverse = spla.LinearOperator((self.n, self.n), matvec=self._inverse, dtype=np.float64)
             start = np.cos(np.arange(self.n))  # the same modes every time
-            values, vectors = spla.eigsh(
-                self.stiffness, wanted, self.mass, sigma=-self.shift, v0=start, OPinv=inverse
-            )
+            values, vectors = spla.eigsh(self.stiffness, wanted, self.mass, sigma=-self.shift, v0=start, OPinv=inverse)
             order = np.argsort(values)
             values, vectors = values[order], vectors[:, order]
         free = values < _RIGID * self.shift

@@ -37,11 +37,7 @@ def _explicit(
 
 
 def _reduced(
-    members: Sequence[SubstructureModel],
-    scheme: TimeScheme,
-    dt: float,
-    energy: bool,
-    settings: PropagatorSettings,
+    members: Sequence[SubstructureModel], scheme: TimeScheme, dt: float, energy: bool, settings: PropagatorSettings
 ) -> Propagator:
     if members[0].nodal is not None:  # a rigid body has nothing to reduce
         return DirectPropagator(members, scheme, dt, energy)

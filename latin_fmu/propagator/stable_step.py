@@ -98,10 +98,7 @@ def largest_eigenvalue(matrix: sp.csr_array, mass: Array) -> float:
     q = np.cos(1.0 + np.arange(n) * np.sqrt(2.0))
     vectors = np.stack([np.zeros(n), q / np.linalg.norm(q)])
     diagonal, beside = np.zeros(_MOST), np.zeros(_MOST)
-    pointers, columns = (
-        matrix.indptr.astype(np.int64, copy=False),
-        matrix.indices.astype(np.int64, copy=False),
-    )
+    pointers, columns = (matrix.indptr.astype(np.int64, copy=False), matrix.indices.astype(np.int64, copy=False))
     for first in range(0, min(n, _MOST - _STEPS), _STEPS):
         last = first + _STEPS
         _lanczos(pointers, columns, matrix.data, inverse, vectors, diagonal, beside, first, last)

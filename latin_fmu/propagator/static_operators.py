@@ -93,12 +93,5 @@ def build_static_operators(model: SubstructureModel, springs: Array, dt: float) 
     diagonal = np.where(moves, np.maximum(own - springs, springs), 0.0)  # a rigid body has none of its own
     compliance = local @ (local @ factor.schur_inverse).T / dt
     return StaticOperators(
-        stiffness,
-        factor,
-        dofs,
-        local,
-        model.channel_area,
-        springs,
-        diagonal,
-        0.5 * (compliance + compliance.T),
+        stiffness, factor, dofs, local, model.channel_area, springs, diagonal, 0.5 * (compliance + compliance.T)
     )

@@ -64,9 +64,7 @@ INTERFACE: Final[Mapping[str, Meaning]] = {
     "layer_energy": Meaning("J", "elastic energy of the layer"),
     "joint_power": Meaning("W", "power dissipated by the viscous joint"),
     "error_indicator": Meaning(
-        "1",
-        "error indicator sqrt(eta) of this interface",
-        "largest over the windows, at their last iteration",
+        "1", "error indicator sqrt(eta) of this interface", "largest over the windows, at their last iteration"
     ),
 }
 
@@ -74,9 +72,7 @@ SUBSTRUCTURE: Final[Mapping[str, Meaning]] = {
     "displacement": Meaning("m", "displacement", "linear-stage field"),
     "velocity": Meaning("m s-1", "velocity", "linear-stage field"),
     "stress": Meaning("Pa", "mean stress of the element, tension positive", "linear-stage field"),
-    "strain": Meaning(
-        "1", "mean strain of the element", "components of the tensor: half the engineering shear"
-    ),
+    "strain": Meaning("1", "mean strain of the element", "components of the tensor: half the engineering shear"),
     "nodal_stress": Meaning(
         "Pa", "stress at the node, tension positive", "mean over the elements around the node, by volume"
     ),
@@ -90,13 +86,9 @@ ENERGY: Final[Mapping[str, Meaning]] = {
     "kinetic": Meaning("J", "kinetic energy"),
     "elastic": Meaning("J", "elastic energy"),
     "work_of_loads": Meaning("J", "work of the loads since the start of the run"),
-    "interface_work": Meaning(
-        "J", "work of the interface tractions on the substructures since the start of the run"
-    ),
+    "interface_work": Meaning("J", "work of the interface tractions on the substructures since the start of the run"),
     "friction_dissipation": Meaning("J", "energy dissipated by friction since the start of the run"),
-    "contact_dissipation": Meaning(
-        "J", "energy lost to the normal contact law (impacts) since the start of the run"
-    ),
+    "contact_dissipation": Meaning("J", "energy lost to the normal contact law (impacts) since the start of the run"),
     "layer_energy": Meaning("J", "elastic energy of the layers"),
     "joint_dissipation": Meaning("J", "energy dissipated by viscous joints since the start of the run"),
     "ground_work": Meaning("J", "work of moving ground since the start of the run"),

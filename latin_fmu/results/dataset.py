@@ -102,11 +102,7 @@ def interface_group(history: InterfaceHistory, time: Array, indicator: float | N
         columns["error_indicator"] = ((), indicator)
     positions = {axis: ("point", history.points[:, i]) for i, axis in enumerate(AXES)}
     labels = {"time": time, "side": SIDES, "component": AXES}
-    attrs: dict[str, object] = {
-        "behaviour": history.behaviour,
-        "face_E": history.sides[0],
-        "face_Ep": history.sides[1],
-    }
+    attrs: dict[str, object] = {"behaviour": history.behaviour, "face_E": history.sides[0], "face_Ep": history.sides[1]}
     if history.friction_coefficient is not None:
         attrs["friction_coefficient"] = float(history.friction_coefficient)
     return annotated(Group.of(columns, {**labels, **positions}, attrs), INTERFACE)

@@ -108,7 +108,7 @@ class ErrorEstimate:
             "expected_order": ([q.expected_order for q in found], "1", "expected order of convergence"),
             "change_with_mesh": ([q.mesh for q in found], "1", "relative change when the mesh alone is coarser"),
             "change_with_time_step": ([q.time for q in found], "1", "relative change when the step alone is longer"),
-        }  # fmt: skip
+        }
         dims = ("quantity",)
         names = np.array([q.quantity for q in found], dtype=np.str_)
         units = np.array([q.unit for q in found], dtype=np.str_)
@@ -121,9 +121,7 @@ class ErrorEstimate:
             variables[name] = Variable(dims, np.array(values, dtype=float), attributes)
         flags = {"flag_values": np.array([0, 1], dtype=np.int8), "flag_meanings": "estimate bound_only"}
         bounds = np.array([q.bound_only for q in found], dtype=np.int8)
-        variables["bound_only"] = Variable(
-            dims, bounds, {"long_name": "whether the estimate is only a bound", **flags}
-        )
+        variables["bound_only"] = Variable(dims, bounds, {"long_name": "whether the estimate is only a bound", **flags})
         attrs = {"remarks": "\n".join(self.remarks), "cpu_seconds": self.cpu}
         return Group(variables, frozenset(["quantity"]), attrs)
 

@@ -26,9 +26,7 @@ def check_target(path: str | Path) -> None:
     """
     target = Path(path)
     if target.is_dir():
-        raise unwritable(
-            target, "this is a folder, a file is needed", f"name a file, e.g. {target / 'out.nc'}"
-        )
+        raise unwritable(target, "this is a folder, a file is needed", f"name a file, e.g. {target / 'out.nc'}")
     check_folder(target.parent)
 
 

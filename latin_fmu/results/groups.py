@@ -38,10 +38,7 @@ class Group:
 
     @classmethod
     def of(
-        cls,
-        columns: Columns,
-        coordinates: Mapping[str, object] | None = None,
-        attrs: dict[str, Any] | None = None,
+        cls, columns: Columns, coordinates: Mapping[str, object] | None = None, attrs: dict[str, Any] | None = None
     ) -> Group:
         """From (dimensions, values) by name, and labels along dimensions by the name of the dimension."""
         given = {**columns, **(coordinates or {})}

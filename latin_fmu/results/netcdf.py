@@ -19,8 +19,14 @@ if TYPE_CHECKING:
 
 _CHUNK: Final = {"time": 50, "point": 4096, "node": 4096, "cell": 4096}
 _SINGLE_PRECISION = (
-    "displacement", "velocity", "stress", "strain", "nodal_stress", "principal_stress", "nodal_principal_stress",
-)  # fmt: skip
+    "displacement",
+    "velocity",
+    "stress",
+    "strain",
+    "nodal_stress",
+    "principal_stress",
+    "nodal_principal_stress",
+)
 
 
 def write_netcdf(tree: xr.DataTree, path: str | Path) -> None:
@@ -66,9 +72,10 @@ def _write_group(place: Any, where: str, group: Group) -> None:
 def _labels_of(group: Group, variable: Variable) -> str:
     """CF's list of the coordinates of a variable that are no dimensions of their own."""
     return " ".join(
-        name for name in sorted(group.labels)
+        name
+        for name in sorted(group.labels)
         if group.variables[name].dims != (name,) and set(group.variables[name].dims) <= set(variable.dims)
-    )  # fmt: skip
+    )
 
 
 def _write_array(place: Any, where: str, name: str, variable: Variable, attrs: Mapping[str, Any]) -> None:
@@ -142,9 +149,7 @@ def open_results(path: str | Path) -> xr.DataTree:
     if "scene_name" not in tree.attrs or not isinstance(version, str):
         tree.close()
         raise _unreadable(
-            source,
-            "this netCDF file was not written by latin_fmu",
-            remedy="give the .nc file written by a run",
+            source, "this netCDF file was not written by latin_fmu", remedy="give the .nc file written by a run"
         )
     if version.split(".")[0] != SCHEMA_VERSION.split(".")[0]:
         tree.close()

@@ -35,12 +35,7 @@ def colours(count: int) -> list[Colour]:
 
 
 def force_panel(
-    axis: Axes,
-    title: str,
-    time: Array,
-    curves: dict[str, Array],
-    scale: tuple[float, str],
-    reference: float,
+    axis: Axes, title: str, time: Array, curves: dict[str, Array], scale: tuple[float, str], reference: float
 ) -> None:
     """One force over time per interface; ``time`` (n_time,) in s, ``curves`` (n_time,) in N.
 
@@ -61,9 +56,7 @@ def force_panel(
         axis.legend(fontsize="small")
 
 
-def status_panel(
-    axis: Axes, name: str, dataset: xr.Dataset, scale: tuple[float, str], first: bool, last: bool
-) -> None:
+def status_panel(axis: Axes, name: str, dataset: xr.Dataset, scale: tuple[float, str], first: bool, last: bool) -> None:
     """Shares of the area that stick, slip and are open, stacked; ``first`` and ``last`` strip of a column."""
     divisor, unit = scale
     fields = InterfaceFields.of_dataset(dataset)
@@ -122,33 +115,21 @@ def count_panel(axis: Axes, convergence: xr.Dataset, scale: tuple[float, str]) -
         axis.plot(ends[failed], counts[failed], "x", color=DISTINCT[1], label="not converged")
         axis.legend(fontsize="small")
     title = f"Iterations of each of {counts.size} windows"
-    axis.set(
-        title=title, xlabel=f"time ({unit})", ylabel="iterations", ylim=(0, 1.1 * max(1, counts.max()) + 0.5)
-    )
+    axis.set(title=title, xlabel=f"time ({unit})", ylabel="iterations", ylim=(0, 1.1 * max(1, counts.max()) + 0.5))
     axis.set_xlim(0.0, ends[-1])
     axis.locator_params(axis="y", integer=True)
 
 
-def final_panel(
-    axis: Axes, convergence: xr.Dataset, tolerance: float | None, scale: tuple[float, str]
-) -> None:
+def final_panel(axis: Axes, convergence: xr.Dataset, tolerance: float | None, scale: tuple[float, str]) -> None:
     """Many windows: sqrt(eta) at the last iteration of each, at the time of its end."""
     divisor, unit = scale
     errors = _last_errors(convergence)
     axis.plot(
-        convergence["end_time"].values / divisor,
-        errors,
-        ".",
-        color=DISTINCT[0],
-        markersize=3,
-        label=r"$\sqrt{\eta}$",
+        convergence["end_time"].values / divisor, errors, ".", color=DISTINCT[0], markersize=3, label=r"$\sqrt{\eta}$"
     )
     _tolerance_line(axis, tolerance)
     axis.set(
-        title=r"Final $\sqrt{\eta}$ of each window",
-        xlabel=f"time ({unit})",
-        ylabel=r"$\sqrt{\eta}$",
-        yscale="log",
+        title=r"Final $\sqrt{\eta}$ of each window", xlabel=f"time ({unit})", ylabel=r"$\sqrt{\eta}$", yscale="log"
     )
     axis.set_xlim(0.0, convergence["end_time"].values[-1] / divisor)
     _at_least_two_decades(axis)
@@ -185,11 +166,7 @@ def energy_panel(axis: Axes, energy: xr.Dataset, scale: tuple[float, str]) -> No
     shown = {name: term for name, term in terms.items() if np.abs(term).max(initial=0.0) > 1e-6 * largest}
     for (name, term), colour in zip(shown.items(), colours(len(shown)), strict=True):
         axis.plot(
-            energy["time"].values / divisor,
-            term / size,
-            color=colour,
-            linewidth=1.2,
-            label=name.replace("_", " "),
+            energy["time"].values / divisor, term / size, color=colour, linewidth=1.2, label=name.replace("_", " ")
         )
     axis.set(title="Energy of the assembly", xlabel=f"time ({unit})", ylabel=f"energy ({label})")
     axis.set_xlim(energy["time"].values[0] / divisor, energy["time"].values[-1] / divisor)

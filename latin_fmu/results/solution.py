@@ -103,9 +103,7 @@ class Solution:
         return datatree(self._groups(), self.scene_name)
 
     def _groups(self) -> dict[str, Group]:
-        groups = result_groups(
-            self.outcome, self.scene_name, self.scene_text, self.provenance, self.recovered
-        )
+        groups = result_groups(self.outcome, self.scene_name, self.scene_text, self.provenance, self.recovered)
         if self.estimate is not None and self.estimate.quantities:
             groups["/accuracy"] = self.estimate.group()
         return groups

@@ -58,9 +58,7 @@ def check_export_folder(folder: str | Path) -> None:
     if target.exists() and not target.is_dir():
         raise unwritable(target, "this is a file, not a folder", "choose another folder")
     if target.is_dir() and any(path.suffix not in (".vtu", ".pvd") for path in target.iterdir()):
-        raise unwritable(
-            target, "the folder holds other files, an export would mix with them", "name a new folder"
-        )
+        raise unwritable(target, "the folder holds other files, an export would mix with them", "name a new folder")
     check_folder(target.absolute().parent)
 
 
@@ -101,13 +99,10 @@ def _write_all(tree: xr.DataTree, folder: Path) -> None:
         for i, time in enumerate(dataset["time"].values):
             piece = make(dataset.isel(time=i))
             file = f"{name}_{i:05d}.vtu"
-            mesh = meshio.Mesh(
-                piece.points, piece.cells, point_data=piece.point_data, cell_data=piece.cell_data
-            )
+            mesh = meshio.Mesh(piece.points, piece.cells, point_data=piece.point_data, cell_data=piece.cell_data)
             mesh.write(folder / file)
             entries.append(
-                f'    <DataSet timestep="{float(time)!r}" part="{part}" '
-                f"name={quoteattr(name)} file={quoteattr(file)}/>"
+                f'    <DataSet timestep="{float(time)!r}" part="{part}" name={quoteattr(name)} file={quoteattr(file)}/>'
             )
     head = ['<?xml version="1.0"?>', '<VTKFile type="Collection" version="0.1" byte_order="LittleEndian">']
     lines = [*head, "  <Collection>", *entries, "  </Collection>", "</VTKFile>", ""]
@@ -117,9 +112,7 @@ def _write_all(tree: xr.DataTree, folder: Path) -> None:
 def _parts(tree: xr.DataTree) -> dict[str, xr.Dataset]:
     """Groups to export by file name, substructures first, all at the same instants."""
     bodies = {
-        f"substructure_{name}": dataset
-        for name, dataset in _children(tree, "substructures")
-        if "time" in dataset.dims
+        f"substructure_{name}": dataset for name, dataset in _children(tree, "substructures") if "time" in dataset.dims
     }
     clouds = {f"interface_{name}": dataset for name, dataset in _children(tree, "interfaces")}
     if bodies:

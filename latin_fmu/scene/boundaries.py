@@ -15,9 +15,7 @@ AXES: tuple[Axis, ...] = ("x", "y", "z")
 
 def _check_axes(axes: tuple[Axis, ...]) -> tuple[Axis, ...]:
     if not axes or len(set(axes)) != len(axes):
-        raise refusal(
-            "components must be one to three different axes", value=list(axes), allowed="a subset of x, y, z"
-        )
+        raise refusal("components must be one to three different axes", value=list(axes), allowed="a subset of x, y, z")
     return axes
 
 
@@ -76,6 +74,5 @@ class Periodic(Table):
 
 
 Boundary = Annotated[
-    Fixed | Symmetry | PrescribedVelocity | PrescribedDisplacement | Absorbing | Periodic,
-    Field(discriminator="type"),
+    Fixed | Symmetry | PrescribedVelocity | PrescribedDisplacement | Absorbing | Periodic, Field(discriminator="type")
 ]

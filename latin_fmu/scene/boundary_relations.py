@@ -40,14 +40,8 @@ def boundary_problems(raw: Any) -> Iterator[Problem]:
 
 def _length_problems(where: str, table: RawTable) -> Iterator[Problem]:
     components, value = table.get("components"), table.get("value")
-    if (
-        isinstance(components, (list, tuple))
-        and isinstance(value, (list, tuple))
-        and len(components) != len(value)
-    ):
-        yield Problem(
-            f"{where}.value", "must have one number per component", shown(value), str(len(components))
-        )
+    if isinstance(components, (list, tuple)) and isinstance(value, (list, tuple)) and len(components) != len(value):
+        yield Problem(f"{where}.value", "must have one number per component", shown(value), str(len(components)))
 
 
 def _periodic_problems(raw: Any, where: str, table: RawTable) -> Iterator[Problem]:
@@ -60,15 +54,8 @@ def _periodic_problems(raw: Any, where: str, table: RawTable) -> Iterator[Proble
     if first is None or second is None:
         return
     if first == second or first[0] != second[0]:
-        yield Problem(
-            f"{where}.faces", "periodic faces must be two different faces of one substructure", shown(faces)
-        )
-    elif (
-        is_box(raw, first[0])
-        and first[1] in BOX_FACES
-        and second[1] in BOX_FACES
-        and first[1][0] != second[1][0]
-    ):
+        yield Problem(f"{where}.faces", "periodic faces must be two different faces of one substructure", shown(faces))
+    elif is_box(raw, first[0]) and first[1] in BOX_FACES and second[1] in BOX_FACES and first[1][0] != second[1][0]:
         yield Problem(
             f"{where}.faces",
             "periodic faces must be opposite",

@@ -16,12 +16,8 @@ Names = Annotated[tuple[Name, ...], BeforeValidator(_as_list)]
 
 
 class _ContactKeys(Table):
-    search: Annotated[
-        Real, about("boundaries nearer than this along the normal become an interface", "m", gt=0)
-    ]
-    parts: Annotated[
-        Names | None, about("substructures among which is searched; all of them where left out")
-    ] = None
+    search: Annotated[Real, about("boundaries nearer than this along the normal become an interface", "m", gt=0)]
+    parts: Annotated[Names | None, about("substructures among which is searched; all of them where left out")] = None
     behaviour: Annotated[Behaviour, about("what happens there, as for an interface")] = "contact"
     gap: Annotated[Gap | None, about("initial distance, as for an interface", "m")] = None
     friction_coefficient: Annotated[Real, about("Coulomb's coefficient mu", "1", ge=0)] = 0.0
@@ -40,9 +36,7 @@ class _ContactKeys(Table):
         taken = TAKES[self.behaviour]
         keys = [k for k in ("gap", *PARAMETERS) if k in taken and getattr(self, k) is not None]
         values: dict[str, Any] = {key: getattr(self, key) for key in keys}
-        return Interface(
-            sides=(f"{first}.*", f"{second}.*"), behaviour=self.behaviour, search=self.search, **values
-        )
+        return Interface(sides=(f"{first}.*", f"{second}.*"), behaviour=self.behaviour, search=self.search, **values)
 
 
 if TYPE_CHECKING:

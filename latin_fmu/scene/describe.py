@@ -39,9 +39,7 @@ def is_named(field: FieldInfo) -> bool:
     return get_origin(field.annotation) is dict
 
 
-def _walk(
-    root: type[BaseModel], location: Sequence[str | int]
-) -> tuple[list[type[BaseModel]], FieldInfo | None]:
+def _walk(root: type[BaseModel], location: Sequence[str | int]) -> tuple[list[type[BaseModel]], FieldInfo | None]:
     tables: list[type[BaseModel]] = [root]
     field: FieldInfo | None = None
     expects_name = False

@@ -35,9 +35,7 @@ def face_problems(raw: Any, where: str, face: str) -> Iterator[Problem]:
         yield (
             problem
             if close is None
-            else Problem(
-                where, problem.what, shown(face), problem.allowed, did_you_mean(face, known) or close
-            )
+            else Problem(where, problem.what, shown(face), problem.allowed, did_you_mean(face, known) or close)
         )
     elif is_box(raw, substructure) and name not in (*BOX_FACES, ALL_OF_IT):
         yield Problem(

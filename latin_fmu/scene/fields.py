@@ -121,9 +121,7 @@ PositiveCount = Annotated[int, Field(strict=True, ge=1)]
 Flag = Annotated[bool, Field(strict=True)]
 Text = Annotated[str, Field(strict=True), AfterValidator(_check_text)]
 Name = Annotated[
-    str,
-    Field(strict=True, json_schema_extra={"pattern": f"^{NAME_PATTERN.pattern}$"}),
-    AfterValidator(_check_name),
+    str, Field(strict=True, json_schema_extra={"pattern": f"^{NAME_PATTERN.pattern}$"}), AfterValidator(_check_name)
 ]
 BodyName = Annotated[Name, AfterValidator(_check_body_name)]
 Face = Annotated[Text, AfterValidator(_check_face)]

@@ -15,19 +15,21 @@ TAKES: Final[Mapping[str, tuple[str, ...]]] = {
     "contact": ("friction_coefficient", "gap", "preload", "preload_force"),
     "no_slip": ("gap", "preload", "preload_force"),
     "elastic_layer": ("normal_stiffness", "tangential_stiffness", "preload", "preload_force"),
-    "soft_contact": (
-        "normal_stiffness", "friction_coefficient", "gap", "preload", "preload_force", "interference",
-    ),
+    "soft_contact": ("normal_stiffness", "friction_coefficient", "gap", "preload", "preload_force", "interference"),
     "viscous_joint": ("normal_viscosity", "tangential_viscosity"),
-}  # fmt: skip
+}
 NEEDS: Final[Mapping[str, tuple[str, ...]]] = {
     "elastic_layer": ("normal_stiffness", "tangential_stiffness"),
     "soft_contact": ("normal_stiffness",),
     "viscous_joint": ("normal_viscosity", "tangential_viscosity"),
 }
 PARAMETERS: Final[tuple[str, ...]] = (
-    "friction_coefficient", "normal_stiffness", "tangential_stiffness", "normal_viscosity", "tangential_viscosity",
-)  # fmt: skip
+    "friction_coefficient",
+    "normal_stiffness",
+    "tangential_stiffness",
+    "normal_viscosity",
+    "tangential_viscosity",
+)
 _ALL: Final = tuple(dict.fromkeys(key for keys in TAKES.values() for key in keys))
 MEANINGLESS: Final[Mapping[str, tuple[str, ...]]] = {
     name: tuple(key for key in _ALL if key not in keys) for name, keys in TAKES.items()
@@ -55,9 +57,7 @@ def key_problems(where: str, table: RawTable, behaviour: str) -> Iterator[Proble
 
 
 def _value_problems(where: str, table: RawTable, behaviour: str) -> Iterator[Problem]:
-    pressed = [
-        key for key in _PRESSED if (number(table, key) or 0.0) > 0.0 and key in TAKES.get(behaviour, ())
-    ]
+    pressed = [key for key in _PRESSED if (number(table, key) or 0.0) > 0.0 and key in TAKES.get(behaviour, ())]
     if len(pressed) > 1:
         yield Problem(f"{where}.{pressed[1]}", f"given together with {pressed[0]!r}", None, "one of them")
     gap = number(table, "gap")

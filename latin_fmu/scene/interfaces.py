@@ -69,9 +69,7 @@ class GroundPlane(Table):
     """Rigid ground behind a plane."""
 
     point: Annotated[Vector, about("a point of the plane", "m")]
-    normal: Annotated[
-        Direction, about("normal of the plane, out of the ground (its length does not count)", "1")
-    ]
+    normal: Annotated[Direction, about("normal of the plane, out of the ground (its length does not count)", "1")]
 
 
 class Interface(Table):
@@ -79,9 +77,7 @@ class Interface(Table):
 
     sides: Annotated[Sides, about('two faces "substructure.face"; the second may be "ground" (rigid)')]
     behaviour: Annotated[Behaviour, about(f"what happens there: {', '.join(BEHAVIOUR_NAMES)}")] = "contact"
-    friction_coefficient: Annotated[
-        Real, about("Coulomb's coefficient mu (contact, soft_contact)", "1", ge=0)
-    ] = 0.0
+    friction_coefficient: Annotated[Real, about("Coulomb's coefficient mu (contact, soft_contact)", "1", ge=0)] = 0.0
     ground: Annotated[
         GroundPlane | None, about("place of the ground; behind the face, which must be plane, where left out")
     ] = None
@@ -93,8 +89,7 @@ class Interface(Table):
         ),
     ] = "automatic"
     search: Annotated[
-        Real | None,
-        about("only where the faces are nearer than this along N; anywhere where left out", "m", gt=0),
+        Real | None, about("only where the faces are nearer than this along N; anywhere where left out", "m", gt=0)
     ] = None
     gap: Annotated[
         Gap | None,
@@ -110,24 +105,20 @@ class Interface(Table):
     preload_force: Annotated[
         Real, about("the same as a normal force, spread evenly over the face (a tightened bolt)", "N", ge=0)
     ] = 0.0
-    interference: Annotated[
-        Real, about("the same as a compression of the layer (soft_contact)", "m", ge=0)
-    ] = 0.0
+    interference: Annotated[Real, about("the same as a compression of the layer (soft_contact)", "m", ge=0)] = 0.0
     normal_stiffness: Annotated[
         Real | None, about("stiffness per area along N (elastic_layer, soft_contact)", "N m-3", ge=0)
     ] = None
     tangential_stiffness: Annotated[
         Real | None, about("stiffness per area across N (elastic_layer)", "N m-3", ge=0)
     ] = None
-    normal_viscosity: Annotated[
-        Real | None, about("viscosity per area along N (viscous_joint)", "N s m-3", ge=0)
-    ] = None
+    normal_viscosity: Annotated[Real | None, about("viscosity per area along N (viscous_joint)", "N s m-3", ge=0)] = (
+        None
+    )
     tangential_viscosity: Annotated[
         Real | None, about("viscosity per area across N (viscous_joint)", "N s m-3", ge=0)
     ] = None
-    ground_velocity: Annotated[
-        GroundVelocity | None, about("motion of the ground; at rest where left out")
-    ] = None
+    ground_velocity: Annotated[GroundVelocity | None, about("motion of the ground; at rest where left out")] = None
 
     @property
     def against_ground(self) -> bool:

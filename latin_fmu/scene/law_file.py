@@ -36,11 +36,7 @@ def read_law_file(base_dir: Path, name: str) -> tuple[tuple[float, ...], tuple[f
             continue
         seen_text = True
         if row is None or not all(map(math.isfinite, row)):
-            raise refusal(
-                f"line {number} is not two finite numbers",
-                value=stripped[:60],
-                allowed=_TWO_COLUMNS,
-            )
+            raise refusal(f"line {number} is not two finite numbers", value=stripped[:60], allowed=_TWO_COLUMNS)
         rows.append(row)
     return tuple(row[0] for row in rows), tuple(row[1] for row in rows)
 

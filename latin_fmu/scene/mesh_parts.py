@@ -26,9 +26,7 @@ ALL = "*"
 def _all_or_listed(value: object) -> object:
     if isinstance(value, str) and value != ALL:
         raise refusal(
-            "must be a list of volume groups, or all of them",
-            value=value,
-            allowed='"*", or e.g. ["bolt", "nut"]',
+            "must be a list of volume groups, or all of them", value=value, allowed='"*", or e.g. ["bolt", "nut"]'
         )
     return (ALL,) if value == ALL else _as_list(value)
 
@@ -36,9 +34,7 @@ def _all_or_listed(value: object) -> object:
 class MeshParts(Table):
     """A mesh file with several parts: every volume group, or each group listed, becomes a substructure of its name."""
 
-    file: Annotated[
-        Text, about("mesh file, relative to the scene file (.msh, .inp, .bdf, .e, .vtu, .med ...)")
-    ]
+    file: Annotated[Text, about("mesh file, relative to the scene file (.msh, .inp, .bdf, .e, .vtu, .med ...)")]
     scale: Annotated[Real, about("length of one file unit (1e-3 for a mesh in mm)", "m", gt=0)] = 1.0
     parts: Annotated[
         tuple[Text, ...],
@@ -46,9 +42,7 @@ class MeshParts(Table):
         about('volume groups that become substructures; "*": all of them that share the cells out'),
         Field(min_length=1),
     ] = (ALL,)
-    material: Annotated[Name | None, about("material of the parts whose [substructure.PART] names none")] = (
-        None
-    )
+    material: Annotated[Name | None, about("material of the parts whose [substructure.PART] names none")] = None
 
 
 def part_name(group: str) -> str:
@@ -123,9 +117,7 @@ def _parts(name: str, table: MeshParts, base_dir: Path, problems: list[Problem])
             return {part_name(name): None}
     except MeshError as error:
         where = f"mesh.{name}.file"
-        problems += [
-            Problem(where, f"{p.where}: {p.what}", p.value, p.allowed, p.remedy) for p in error.problems
-        ]
+        problems += [Problem(where, f"{p.where}: {p.what}", p.value, p.allowed, p.remedy) for p in error.problems]
         return {}
     parts: dict[str, str | None] = {}
     for group in groups:
@@ -133,9 +125,7 @@ def _parts(name: str, table: MeshParts, base_dir: Path, problems: list[Problem])
         if part in parts:
             what = "two volume groups make the same name of a substructure"
             both = f"{parts[part]}, {group}"
-            problems.append(
-                Problem(f"mesh.{name}.parts", what, both, remedy="rename one of them, or list one")
-            )
+            problems.append(Problem(f"mesh.{name}.parts", what, both, remedy="rename one of them, or list one"))
         parts[part] = group
     return parts
 

@@ -49,9 +49,7 @@ def _apply(data: dict[str, Any], setting: str) -> Problem | None:
         return Problem(where, str(error), shown(text), "a TOML value")
     here: Any = data
     for depth, key in enumerate(keys[:-1]):
-        step = _entered(
-            here, key, path_text(keys[: depth + 1]), must_exist=depth == 1 and _has_names(data, keys[0])
-        )
+        step = _entered(here, key, path_text(keys[: depth + 1]), must_exist=depth == 1 and _has_names(data, keys[0]))
         if isinstance(step, Problem):
             return step
         here = step[0]

@@ -81,11 +81,7 @@ class CsvLaw(Table):
     @model_validator(mode="before")
     @classmethod
     def _load(cls, data: Any, info: ValidationInfo) -> Any:
-        if (
-            isinstance(data, dict)
-            and isinstance(data.get("file"), str)
-            and not {"times", "values"} & data.keys()
-        ):
+        if isinstance(data, dict) and isinstance(data.get("file"), str) and not {"times", "values"} & data.keys():
             times, values = read_law_file(base_dir_of(info.context), data["file"])
             return {**data, "times": times, "values": values}
         return data

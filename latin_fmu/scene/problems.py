@@ -81,13 +81,9 @@ def _problem(root: type[BaseModel], detail: ErrorDetails, raw: Any) -> Problem:
         return Problem(f"{where}.type", "unknown type", shown(tag), ", ".join(tags), did_you_mean(tag, tags))
     if kind == "literal_error":
         options = re.findall(r"'([^']*)'", context["expected"])
-        return Problem(
-            where, "unknown value", value, ", ".join(options), did_you_mean(detail["input"], options)
-        )
+        return Problem(where, "unknown value", value, ", ".join(options), did_you_mean(detail["input"], options))
     if kind == "missing" and isinstance(location[-1], int):
-        return Problem(
-            path_text(path[:-1]), "has too few values", value, allowed_text(field_at(root, location))
-        )
+        return Problem(path_text(path[:-1]), "has too few values", value, allowed_text(field_at(root, location)))
     what = _WHAT.get(kind, detail["msg"])
     if kind == "float_type" and isinstance(detail["input"], int) and not isinstance(detail["input"], bool):
         what = "too large for a number"

@@ -27,25 +27,37 @@ def propagator_problems(raw: Any) -> Iterator[Problem]:
     scheme = _kind(single_table(raw, "time"), "scheme")
     if kind == EXPLICIT and scheme not in (None, CENTRAL):
         yield Problem(
-            "solver.propagator", "the explicit propagator has a time scheme of its own", shown(scheme),
-            f'time.scheme = "{CENTRAL}", or none', "leave out time.scheme, or choose another propagator",
-        )  # fmt: skip
+            "solver.propagator",
+            "the explicit propagator has a time scheme of its own",
+            shown(scheme),
+            f'time.scheme = "{CENTRAL}", or none',
+            "leave out time.scheme, or choose another propagator",
+        )
     if kind == REDUCED and scheme not in (None, CENTRAL, *REDUCIBLE):
         yield Problem(
-            "solver.propagator", "vibration modes need a scheme in which every node has its mass", shown(scheme),
-            " or ".join(f'time.scheme = "{name}"' for name in REDUCIBLE), "choose another time scheme or propagator",
-        )  # fmt: skip
+            "solver.propagator",
+            "vibration modes need a scheme in which every node has its mass",
+            shown(scheme),
+            " or ".join(f'time.scheme = "{name}"' for name in REDUCIBLE),
+            "choose another time scheme or propagator",
+        )
     precision = single_table(raw, "solver").get("precision")
     if precision == "float32" and (scheme == CENTRAL or kind in (EXPLICIT, REDUCED, "cg")):
         yield Problem(
-            "solver.precision", "only the direct propagator has factors", shown(precision),
-            'solver.propagator = "direct" or "automatic"', "leave out solver.precision",
-        )  # fmt: skip
+            "solver.precision",
+            "only the direct propagator has factors",
+            shown(precision),
+            'solver.propagator = "direct" or "automatic"',
+            "leave out solver.precision",
+        )
     if scheme == CENTRAL and kind not in (None, "automatic", EXPLICIT):
         yield Problem(
-            "time.scheme", "central differences are marched by the explicit propagator only", shown(kind),
-            'solver.propagator = "explicit" or "automatic"', "choose another time scheme, or that propagator",
-        )  # fmt: skip
+            "time.scheme",
+            "central differences are marched by the explicit propagator only",
+            shown(kind),
+            'solver.propagator = "explicit" or "automatic"',
+            "choose another time scheme, or that propagator",
+        )
 
 
 def _kind(table: RawTable, key: str) -> str | None:

@@ -35,13 +35,9 @@ def scene_from_dict(data: Any, base_dir: str | Path | None = None) -> Scene:
     Raises SceneError with every problem found.
     """
     if not isinstance(data, dict):
-        raise SceneError(
-            [Problem("scene", "a scene must be a table", type(data).__name__)], "the scene cannot be used"
-        )
+        raise SceneError([Problem("scene", "a scene must be a table", type(data).__name__)], "the scene cannot be used")
     try:
-        return Scene.model_validate(
-            data, context={"base_dir": Path(base_dir) if base_dir is not None else Path()}
-        )
+        return Scene.model_validate(data, context={"base_dir": Path(base_dir) if base_dir is not None else Path()})
     except RecursionError:
         raise SceneError([Problem("scene", "nested too deeply")], "the scene cannot be used") from None
 
@@ -61,18 +57,14 @@ def _parsed(file: Path) -> dict[str, Any]:
 def _text(file: Path) -> str:
     try:
         if file.is_dir():
-            raise _unreadable(
-                file, "this is a folder", f"name the scene file, e.g. {(file / 'scene.toml').as_posix()}"
-            )
+            raise _unreadable(file, "this is a folder", f"name the scene file, e.g. {(file / 'scene.toml').as_posix()}")
         if file.stat().st_size > MAX_SCENE_BYTES:
             raise _unreadable(file, f"larger than {MAX_SCENE_BYTES} bytes", "put long tables into CSV files")
         return file.read_text(encoding="utf-8-sig")
     except (FileNotFoundError, NotADirectoryError):
         raise _unreadable(file, "no such file") from None
     except UnicodeDecodeError as error:
-        raise _unreadable(
-            file, f"not a text file in UTF-8 (byte {error.start})", "is it a scene file?"
-        ) from None
+        raise _unreadable(file, f"not a text file in UTF-8 (byte {error.start})", "is it a scene file?") from None
     except OSError as error:
         raise _unreadable(file, f"cannot be read ({error.strerror or type(error).__name__})") from None
     except ValueError as error:

@@ -74,9 +74,7 @@ def _table_text(table: type[BaseModel]) -> str:
 
 def _field_lines(name: str, field: FieldInfo) -> Iterator[str]:
     text = f"{name}: {allowed_text(field)}; {_default_text(field)}"
-    yield textwrap.fill(
-        text, _WIDTH, initial_indent=" " * 4, subsequent_indent=" " * 12, break_long_words=False
-    )
+    yield textwrap.fill(text, _WIDTH, initial_indent=" " * 4, subsequent_indent=" " * 12, break_long_words=False)
     yield textwrap.fill(field.description or "", _WIDTH, initial_indent=_INDENT, subsequent_indent=_INDENT)
 
 
@@ -87,9 +85,5 @@ def _default_text(field: FieldInfo) -> str:
     if default is None or default is PydanticUndefined or default in ((), {}, ""):
         return "optional"
     if isinstance(default, BaseModel):
-        return (
-            f"default {toml_value(default.model_dump(exclude_none=True))}"
-            if tag_of(type(default))
-            else "optional"
-        )
+        return f"default {toml_value(default.model_dump(exclude_none=True))}" if tag_of(type(default)) else "optional"
     return f"default {toml_value(default)}"

@@ -43,11 +43,7 @@ def relation_problems(raw: Any, base_dir: Path) -> list[Problem]:
 def _exactly_one(table: RawTable, where: str, first: str, second: str) -> Iterator[Problem]:
     count = given(table, first) + given(table, second)
     if count != 1:
-        what = (
-            f"both {first!r} and {second!r} are given"
-            if count
-            else f"neither {first!r} nor {second!r} is given"
-        )
+        what = f"both {first!r} and {second!r} are given" if count else f"neither {first!r} nor {second!r} is given"
         yield Problem(where, what, None, f"exactly one of {first!r} and {second!r}")
 
 
@@ -71,11 +67,7 @@ def _substructure_problems(raw: Any, base_dir: Path) -> Iterator[Problem]:
         file = mesh.get("file") if isinstance(mesh, dict) else None
         if isinstance(file, str) and not _is_file(base_dir, file):
             yield Problem(
-                f"{where}.mesh.file",
-                "no such file",
-                shown(file),
-                None,
-                "file names are relative to the scene file",
+                f"{where}.mesh.file", "no such file", shown(file), None, "file names are relative to the scene file"
             )
 
 
@@ -115,11 +107,7 @@ def _contact_problems(raw: Any) -> Iterator[Problem]:
             yield from key_problems(where, table, behaviour)
         pairs = table.get("except")
         named = [("parts", part) for part in text_list(table.get("parts"))]
-        named += [
-            ("except", n)
-            for pair in (pairs if isinstance(pairs, list | tuple) else ())
-            for n in text_list(pair)
-        ]
+        named += [("except", n) for pair in (pairs if isinstance(pairs, list | tuple) else ()) for n in text_list(pair)]
         for key, part in named:
             if substructures and part not in substructures:
                 yield unknown_name(f"{where}.{key}", "substructure", part, substructures)
@@ -128,9 +116,7 @@ def _contact_problems(raw: Any) -> Iterator[Problem]:
 def _pair_problems(where: str, table: RawTable, sides: list[str]) -> Iterator[Problem]:
     if sides[0] == GROUND:
         remedy = "name the ground second" if sides[1] != GROUND else "name a face of a substructure first"
-        yield Problem(
-            f"{where}.sides[0]", "the first side cannot be the ground", None, "a substructure face", remedy
-        )
+        yield Problem(f"{where}.sides[0]", "the first side cannot be the ground", None, "a substructure face", remedy)
     elif sides[0] == sides[1]:
         yield Problem(f"{where}.sides", "a face cannot meet itself", shown(sides), "two different faces")
     for key in ("ground_velocity", "ground"):
@@ -144,14 +130,20 @@ def _pair_problems(where: str, table: RawTable, sides: list[str]) -> Iterator[Pr
     for key in ("points_from", "search"):
         if given(table, key) and table[key] != "automatic" and GROUND in sides:
             yield Problem(
-                f"{where}.{key}", "there is no second face on this interface", shown(table[key]), None,
+                f"{where}.{key}",
+                "there is no second face on this interface",
+                shown(table[key]),
+                None,
                 f'remove it: the second side is "{GROUND}"',
-            )  # fmt: skip
+            )
     if table.get("gap") in ("measured", "closed") and GROUND in sides and not given(table, "ground"):
         yield Problem(
-            f"{where}.gap", "nothing to measure: the ground has no place", shown(table["gap"]), "a number >= 0 [m]",
+            f"{where}.gap",
+            "nothing to measure: the ground has no place",
+            shown(table["gap"]),
+            "a number >= 0 [m]",
             "give the distance, or the place: ground = {point = [...], normal = [...]}",
-        )  # fmt: skip
+        )
 
 
 def _load_problems(raw: Any) -> Iterator[Problem]:

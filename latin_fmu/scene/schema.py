@@ -5,14 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any, Self
 
-from pydantic import (
-    Field,
-    ModelWrapValidatorHandler,
-    PrivateAttr,
-    ValidationError,
-    ValidationInfo,
-    model_validator,
-)
+from pydantic import Field, ModelWrapValidatorHandler, PrivateAttr, ValidationError, ValidationInfo, model_validator
 
 from ..errors import Problem, SceneError
 from .accuracy_settings import Accuracy
@@ -65,9 +58,7 @@ class Scene(Table):
         about("interfaces found between boundaries, by name of the search"),
         Field(default_factory=dict),
     ]
-    boundary: Annotated[
-        dict[Name, Boundary], about("boundary conditions by name"), Field(default_factory=dict)
-    ]
+    boundary: Annotated[dict[Name, Boundary], about("boundary conditions by name"), Field(default_factory=dict)]
     load: Annotated[dict[Name, Load], about("loads by name"), Field(default_factory=dict)]
     sensor: Annotated[dict[Name, Sensor], about("sensors by name"), Field(default_factory=dict)]
     time: Annotated[Time, about("interval, instants, time scheme")]
@@ -79,9 +70,7 @@ class Scene(Table):
 
     @model_validator(mode="wrap")
     @classmethod
-    def _report_all_problems(
-        cls, data: Any, handler: ModelWrapValidatorHandler[Self], info: ValidationInfo
-    ) -> Self:
+    def _report_all_problems(cls, data: Any, handler: ModelWrapValidatorHandler[Self], info: ValidationInfo) -> Self:
         """Field errors and contradictions between fields in one `SceneError`."""
         raw = plain(data)
         if endless := [Problem(path_text(path), "too large for a number") for path in endless_numbers(raw)]:

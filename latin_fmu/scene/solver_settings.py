@@ -100,9 +100,7 @@ Window = Annotated[
 class Solver(Table):
     """Settings of the iteration; the defaults suit most scenes."""
 
-    tolerance: Annotated[
-        Real, about("on the amplitude of the error indicator, sqrt(eta)", "1", gt=0, lt=1)
-    ] = 1e-3
+    tolerance: Annotated[Real, about("on the amplitude of the error indicator, sqrt(eta)", "1", gt=0, lt=1)] = 1e-3
     force_tolerance: Annotated[
         Real | None, about("on the force mismatch of the sides; 10 * tolerance where left out", "1", gt=0)
     ] = None
@@ -111,8 +109,7 @@ class Solver(Table):
     acceleration: Annotated[Acceleration, about("acceleration of the iteration")] = Anderson()
     relaxation: Annotated[Real, about("1 is none, 1/2 is the safe one", "1", gt=0, le=1)] = 1.0
     window: Annotated[
-        Window,
-        about('instants solved together: a whole number >= 1, or "whole" for the interval in one piece', "1"),
+        Window, about('instants solved together: a whole number >= 1, or "whole" for the interval in one piece', "1")
     ] = 1
     skip_at_rest: Annotated[
         Literal["off", "exact", "round_off", "tolerance"],
@@ -130,9 +127,7 @@ class Solver(Table):
     ] = True
     bonds: Annotated[
         Literal["direct", "iterate"],
-        about(
-            "where all interfaces are perfect and window = 1: one linear solve per instant, or the iteration"
-        ),
+        about("where all interfaces are perfect and window = 1: one linear solve per instant, or the iteration"),
     ] = "direct"
     start: Annotated[
         Literal["sequential", "zero"],
@@ -142,15 +137,10 @@ class Solver(Table):
     propagator: Annotated[Propagator, about("how substructures are marched")] = AutomaticPropagator()
     precision: Annotated[
         Literal["float64", "float32"],
-        about(
-            "of the factors of the direct propagator; float32 halves their memory and moves results by 1e-8 to 1e-6"
-        ),
+        about("of the factors of the direct propagator; float32 halves their memory and moves results by 1e-8 to 1e-6"),
     ] = "float64"
     share_identical: Annotated[
-        bool,
-        about(
-            "identical substructures share one factorisation and are marched together: faster, same answer"
-        ),
+        bool, about("identical substructures share one factorisation and are marched together: faster, same answer")
     ] = True
 
     threads: Annotated[

@@ -19,11 +19,7 @@ def static_problems(raw: Any) -> Iterator[Problem]:
     if time.get("quasi_static") is not True:
         return
     scheme = time.get("scheme")
-    if scheme is not None and scheme not in (
-        "hht",
-        {"type": "hht"},
-        HHT().model_dump(),
-    ):  # but for the default
+    if scheme is not None and scheme not in ("hht", {"type": "hht"}, HHT().model_dump()):  # but for the default
         yield _refused("time.scheme", "a time scheme integrates inertia", scheme, "leave the scheme out")
     start = time.get("start")
     if (start.get("type", "static") if isinstance(start, dict) else start) == "static":
@@ -31,16 +27,11 @@ def static_problems(raw: Any) -> Iterator[Problem]:
     for name, table in named_tables(raw, "substructure").items():
         for key in ("initial_velocity", "initial_spin"):
             if _moves(table.get(key)):
-                yield _refused(
-                    f"substructure.{name}.{key}", "a velocity needs inertia", table[key], "remove it"
-                )
+                yield _refused(f"substructure.{name}.{key}", "a velocity needs inertia", table[key], "remove it")
     for name, table in named_tables(raw, "boundary").items():
         if table.get("type") == "absorbing":
             yield _refused(
-                f"boundary.{name}",
-                "an absorbing end resists waves only",
-                "absorbing",
-                "remove it, or hold the face",
+                f"boundary.{name}", "an absorbing end resists waves only", "absorbing", "remove it, or hold the face"
             )
     for name, table in named_tables(raw, "material").items():
         for key in _DAMPING:
@@ -52,10 +43,7 @@ def static_problems(raw: Any) -> Iterator[Problem]:
 def _solver_problems(solver: RawTable) -> Iterator[Problem]:
     if given(solver, "window") and solver["window"] != 1:
         yield _refused(
-            "solver.window",
-            "increments of load are solved one by one",
-            solver["window"],
-            "leave the window out",
+            "solver.window", "increments of load are solved one by one", solver["window"], "leave the window out"
         )
     propagator = solver.get("propagator")
     kind = propagator.get("type") if isinstance(propagator, dict) else propagator
@@ -69,9 +57,5 @@ def _moves(value: object) -> bool:
 
 def _refused(where: str, what: str, value: object, remedy: str) -> Problem:
     return Problem(
-        where,
-        f"{what}: not with quasi_static = true",
-        shown(value),
-        None,
-        f"{remedy}, or leave quasi_static out",
+        where, f"{what}: not with quasi_static = true", shown(value), None, f"{remedy}, or leave quasi_static out"
     )

@@ -29,8 +29,7 @@ def static_interfaces(scene: Scene) -> list[str]:
     return [
         name
         for name, interface in scene.interface.items()
-        if interface.behaviour != "viscous_joint"
-        and all(split_face(side)[0] in still for side in interface.sides)
+        if interface.behaviour != "viscous_joint" and all(split_face(side)[0] in still for side in interface.sides)
     ]
 
 

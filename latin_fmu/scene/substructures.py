@@ -15,17 +15,13 @@ MAX_ELEMENTS = 20_000_000
 
 def _check_amount(elements: tuple[int, int, int]) -> tuple[int, int, int]:
     if math.prod(elements) > MAX_ELEMENTS:
-        raise refusal(
-            "too many elements", value=elements, allowed=f"at most {MAX_ELEMENTS} in one substructure"
-        )
+        raise refusal("too many elements", value=elements, allowed=f"at most {MAX_ELEMENTS} in one substructure")
     return elements
 
 
 Sizes = Annotated[tuple[Positive, Positive, Positive], BeforeValidator(_as_list)]
 Elements = Annotated[
-    tuple[PositiveCount, PositiveCount, PositiveCount],
-    BeforeValidator(_as_list),
-    AfterValidator(_check_amount),
+    tuple[PositiveCount, PositiveCount, PositiveCount], BeforeValidator(_as_list), AfterValidator(_check_amount)
 ]
 
 
@@ -41,9 +37,7 @@ class MeshFile(Table):
     """A mesh read from a file (hexahedra of 8, 20 or 27 nodes, tetrahedra of 4 or 10, wedges of 6, also mixed); its
     faces are the named surface groups of the file."""
 
-    file: Annotated[
-        Text, about("mesh file, relative to the scene file (.msh, .inp, .bdf, .e, .vtu, .med ...)")
-    ]
+    file: Annotated[Text, about("mesh file, relative to the scene file (.msh, .inp, .bdf, .e, .vtu, .med ...)")]
     group: Annotated[Text | None, about("named volume group to take; the whole file where left out")] = None
     scale: Annotated[Real, about("length of one file unit (1e-3 for a mesh in mm)", "m", gt=0)] = 1.0
 
@@ -58,8 +52,7 @@ class Substructure(Table):
         Flag, about("undeformable: six unknowns (small rotations about the mass centre), no stiffness")
     ] = False
     bending_modes: Annotated[
-        Flag,
-        about("8-node hexahedra bend as they should: incompatible modes, eliminated inside each element"),
+        Flag, about("8-node hexahedra bend as they should: incompatible modes, eliminated inside each element")
     ] = False
     initial_velocity: Annotated[Vector, about("uniform velocity at t = 0", "m s-1")] = (0.0, 0.0, 0.0)
     initial_spin: Annotated[

@@ -22,9 +22,7 @@ class Newmark(Table):
     """Newmark's family; damped where gamma > 1/2, best with beta = (gamma + 1/2)^2 / 4."""
 
     type: Literal["newmark"] = "newmark"
-    beta: Annotated[Real, about("weight of the new acceleration in the displacement", "1", gt=0, le=0.5)] = (
-        0.25
-    )
+    beta: Annotated[Real, about("weight of the new acceleration in the displacement", "1", gt=0, le=0.5)] = 0.25
     gamma: Annotated[Real, about("weight of the new acceleration in the velocity", "1", ge=0.5, le=1)] = 0.5
 
 
@@ -67,17 +65,13 @@ class StaticStart(Table):
 
     type: Literal["static"] = "static"
     increments: Annotated[
-        Count,
-        about("steps in which the loads are raised (friction depends on the way)", "1", ge=1, le=10_000),
+        Count, about("steps in which the loads are raised (friction depends on the way)", "1", ge=1, le=10_000)
     ] = 5
 
 
 Start = Annotated[
     Annotated[GivenStart | StaticStart, Field(discriminator="type")],
-    BeforeValidator(
-        tagged_or("static"),
-        json_schema_input_type=Literal["given", "static"] | GivenStart | StaticStart,
-    ),
+    BeforeValidator(tagged_or("static"), json_schema_input_type=Literal["given", "static"] | GivenStart | StaticStart),
 ]
 
 
@@ -89,9 +83,7 @@ class Time(Table):
         Real | None, about("time step; `end` must be a whole number of steps (to 1e-6 step)", "s", gt=0)
     ] = None
     instants: Annotated[Count | None, about("number of steps", "1", ge=1, le=MAX_INSTANTS)] = None
-    scheme: Annotated[Scheme, about("time scheme; that of the explicit propagator where it is chosen")] = (
-        HHT()
-    )
+    scheme: Annotated[Scheme, about("time scheme; that of the explicit propagator where it is chosen")] = HHT()
 
     start: Annotated[Start, about("initial state: as given, or a static equilibrium")] = GivenStart()
 

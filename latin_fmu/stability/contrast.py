@@ -19,17 +19,29 @@ def cases() -> Iterator[Case]:
     """Contrasts of stiffness and density for bars and blocks, of length, and a side the mesh does not resolve."""
     for what in ("E", "rho"):
         for ratio in RATIOS:
-            yield Case(f"bars, {what} ratio {ratio:g}", "contrast",
-                       "stress Z1 Z2 v/(Z1+Z2), cost of contrast 1", partial(_bars, what, ratio))  # fmt: skip
+            yield Case(
+                f"bars, {what} ratio {ratio:g}",
+                "contrast",
+                "stress Z1 Z2 v/(Z1+Z2), cost of contrast 1",
+                partial(_bars, what, ratio),
+            )
     for friction in (0.0, 0.3):
         for what in ("E", "rho"):
             for ratio in RATIOS:
-                yield Case(f"blocks, {what} ratio {ratio:g}, mu {friction:g}", "contrast",
-                           "force of the same discrete problem at round-off, cost of contrast 1",
-                           partial(_blocks, what, ratio, friction))  # fmt: skip
+                yield Case(
+                    f"blocks, {what} ratio {ratio:g}, mu {friction:g}",
+                    "contrast",
+                    "force of the same discrete problem at round-off, cost of contrast 1",
+                    partial(_blocks, what, ratio, friction),
+                )
     for ratio in (1.0, 10.0, 100.0):
-        yield Case(f"bars, length ratio 1:{ratio:g}", "contrast",
-                   "the short bar stops: impulse rho L v", partial(_lengths, ratio), quick=ratio < 100)  # fmt: skip
+        yield Case(
+            f"bars, length ratio 1:{ratio:g}",
+            "contrast",
+            "the short bar stops: impulse rho L v",
+            partial(_lengths, ratio),
+            quick=ratio < 100,
+        )
     yield Case("blocks, soft side not resolved", "contrast", "converged is not accurate: warned", _unresolved)
 
 

@@ -23,17 +23,35 @@ def cases() -> Iterator[Case]:
     damped: dict[str, Any] = {"type": "newmark", "beta": 0.3025, "gamma": 0.6}
     schemes: dict[str, dict[str, Any]] = {"hht": {"type": "hht"}, "newmark, gamma 0.6": damped}
     for name, scheme in schemes.items():
-        yield Case(f"20 bounces, {name}", "duration", "energy never above its start, period kept",
-                   partial(_bounces, 20, 50, scheme), quick=False)  # fmt: skip
+        yield Case(
+            f"20 bounces, {name}",
+            "duration",
+            "energy never above its start, period kept",
+            partial(_bounces, 20, 50, scheme),
+            quick=False,
+        )
     for elements in (25, 50):
-        yield Case(f"20 bounces, massless contact nodes, {elements} elements", "duration",
-                   "at least 95 % of the energy kept at Courant number 0.6", partial(_keeps, elements),
-                   quick=elements < 50)  # fmt: skip
-    yield Case("5 bounces, hht", "duration", "energy never above its start, period kept",
-               partial(_bounces, 5, 25, {"type": "hht"}))  # fmt: skip
+        yield Case(
+            f"20 bounces, massless contact nodes, {elements} elements",
+            "duration",
+            "at least 95 % of the energy kept at Courant number 0.6",
+            partial(_keeps, elements),
+            quick=elements < 50,
+        )
+    yield Case(
+        "5 bounces, hht",
+        "duration",
+        "energy never above its start, period kept",
+        partial(_bounces, 5, 25, {"type": "hht"}),
+    )
     yield Case("energy after 3 bounces, hht", "duration", "loss falls by 1.5 per refinement", _refinement)
-    yield Case("50 transits in one window of contact", "duration", "mean force is the weight, energy kept",
-               _transits, quick=False)  # fmt: skip
+    yield Case(
+        "50 transits in one window of contact",
+        "duration",
+        "mean force is the weight, energy kept",
+        _transits,
+        quick=False,
+    )
 
 
 def bouncing(bounces: int, elements: int, scheme: dict[str, Any], **solver: Any) -> Description:
@@ -66,9 +84,7 @@ def _bounces(bounces: int, elements: int, scheme: dict[str, Any], bench: Bench) 
     exact = 1 + PERIOD * np.arange(len(start))
     damped = scheme["type"] != "hht"  # takes a quarter of the energy per three bounces, and so of the flight
     return [
-        Measure(
-            "first three contacts off by", float(np.abs(start / exact - 1).max()), 5e-2 if damped else 1e-2
-        ),
+        Measure("first three contacts off by", float(np.abs(start / exact - 1).max()), 5e-2 if damped else 1e-2),
         Measure("energy lost per bounce", (1 - kept(solution)) / bounces, 0.06),
         *energy_laws(solution),
     ]
@@ -106,9 +122,7 @@ def _transits(bench: Bench) -> list[Measure]:
     force = pressure_force(solution, "wall")
     weight = 100.0
     return [
-        Measure(
-            "mean force over weight off by", abs(impulse(solution, "wall") / (weight * 50 / 3) - 1), 5e-2
-        ),
+        Measure("mean force over weight off by", abs(impulse(solution, "wall") / (weight * 50 / 3) - 1), 5e-2),
         Measure("openings", openings(force, 10.0), 26),
         *energy_laws(solution),
     ]

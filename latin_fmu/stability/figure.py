@@ -35,9 +35,7 @@ def stability_figure(rows: Sequence[Row]) -> Figure:
         axes.grid(axis="x", color="0.92")
         axes.set_axisbelow(True)
     for start in starts:
-        counts.text(
-            1.01, start, rows[start].family, transform=counts.get_yaxis_transform(), fontsize=8, va="center"
-        )
+        counts.text(1.01, start, rows[start].family, transform=counts.get_yaxis_transform(), fontsize=8, va="center")
     failed = sum(not row.passed for row in rows)
     figure.suptitle(f"Stability suite: {len(rows) - failed} of {len(rows)} hard cases hold", fontsize=11)
     return figure
@@ -62,8 +60,16 @@ def _counts(axes: Axes, rows: Sequence[Row], place: np.ndarray) -> None:
     axes.scatter(largest, place, marker="|", color="0.3", s=22, label="largest", zorder=3)
     axes.scatter(mean, place, color=_GOOD, s=10, label="mean", zorder=3)
     helped = [i for i, row in enumerate(rows) if row.fallbacks]
-    axes.scatter(largest[helped], place[helped], marker="D", facecolors="none", edgecolors=_BAD, s=26,
-                 label="fall-back used", zorder=4)  # fmt: skip
+    axes.scatter(
+        largest[helped],
+        place[helped],
+        marker="D",
+        facecolors="none",
+        edgecolors=_BAD,
+        s=26,
+        label="fall-back used",
+        zorder=4,
+    )
     axes.set_xscale("log")
     axes.set_xlim(0.7, max(300.0, 1.3 * float(largest.max())))
     axes.set_xticks([1, 3, 10, 30, 100, 300], ["1", "3", "10", "30", "100", "300"], fontsize=7)

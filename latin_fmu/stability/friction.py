@@ -18,19 +18,34 @@ STICK = 1
 def cases() -> Iterator[Case]:
     """See the module docstring."""
     for friction in (0.0, 0.1, 0.3, 1.0, 10.0, 1e6):
-        yield Case(f"crushing, mu {friction:g}", "friction", "same cost at any mu; stick and slip where they belong",
-                   partial(_crushing, friction))  # fmt: skip
+        yield Case(
+            f"crushing, mu {friction:g}",
+            "friction",
+            "same cost at any mu; stick and slip where they belong",
+            partial(_crushing, friction),
+        )
     for angle in (0, 15, 30, 45, 60, 73):
-        yield Case(f"oblique impact, {angle} degrees", "friction",
-                   "impulse on the cone and against the sliding, momentum exact", partial(_oblique, angle))  # fmt: skip
+        yield Case(
+            f"oblique impact, {angle} degrees",
+            "friction",
+            "impulse on the cone and against the sliding, momentum exact",
+            partial(_oblique, angle),
+        )
     for friction in (0.0, 0.1, 0.3, 1.0, 10.0):
-        yield Case(f"corner of three walls, mu {friction:g}", "friction",
-                   "a node of three interfaces: converged; total force unique for mu <= 0.3",
-                   partial(_corner, friction))  # fmt: skip
+        yield Case(
+            f"corner of three walls, mu {friction:g}",
+            "friction",
+            "a node of three interfaces: converged; total force unique for mu <= 0.3",
+            partial(_corner, friction),
+        )
     yield Case("corner of three walls, no_slip", "friction", "converged where mu 1e6 is not", _no_slip_corner)
     yield Case("crushing, no_slip", "friction", "the answer of mu 1e6, same cost", _no_slip_crushing)
-    yield Case("corner of three walls, mu 1e6", "friction",
-               "not winnable point by point: stops with a sentence, laws kept", _hopeless)  # fmt: skip
+    yield Case(
+        "corner of three walls, mu 1e6",
+        "friction",
+        "not winnable point by point: stops with a sentence, laws kept",
+        _hopeless,
+    )
 
 
 def _crushing(friction: float, bench: Bench) -> list[Measure]:
@@ -142,9 +157,7 @@ def _no_slip_crushing(bench: Bench) -> list[Measure]:
     solution = bench.converged(_no_slip(press(0.0, 6, 60)))
     forces = (s.interfaces["meet"].force() for s in (solution, rough))
     return [
-        Measure(
-            "force differs by", distance(*forces), 0.05
-        ),  # holds the points that touch without pressure too
+        Measure("force differs by", distance(*forces), 0.05),  # holds the points that touch without pressure too
         Measure("normal impulse differs by", abs(impulse(solution) / impulse(rough) - 1), 2e-3),
         Measure("passes over mu 1e6", solution.passes / rough.passes, 1.5),
         *energy_laws(solution),
@@ -157,9 +170,7 @@ def _hopeless(bench: Bench) -> list[Measure]:
     vague = solution.converged or not ("interface" in said and "friction" in said and "step" in said)
     finite = all(np.isfinite(h.traction).all() for h in solution.interfaces.values())
     return [
-        Measure(
-            "sentence without interface, friction and remedy", float(vague and not solution.converged), 0
-        ),
+        Measure("sentence without interface, friction and remedy", float(vague and not solution.converged), 0),
         Measure("numbers that are not finite", float(not finite), 0),
         Measure("iterations in a window", max(bench.iterations), 300),
         *contact_laws(solution),

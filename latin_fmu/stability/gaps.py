@@ -20,26 +20,25 @@ def cases() -> Iterator[Case]:
     """See the module docstring."""
     for gap in (0.0, 1e-16, 1e-12, 1e-3, 0.5):
         yield Case(
-            f"bars, gap {gap:g} L",
-            "gap",
-            "impulse m v, contact when the gap is crossed",
-            partial(_closing, gap),
+            f"bars, gap {gap:g} L", "gap", "impulse m v, contact when the gap is crossed", partial(_closing, gap)
         )
     yield Case("bars, gap never closed", "gap", "no force, free flight, no iterations", _open)
     yield Case("bars that overlap", "gap", "refused before solving, with the depth", _overlap)
     yield Case("touching at t = 0 with a velocity jump", "gap", "no flip at the start", _touching)
     yield Case("at rest in touch, no load", "gap", "nothing happens", _rest)
-    yield Case("grazing: bar put on the ground under gravity", "gap",
-               "stress 0 ... 2 rho g L and back to 0, again and again", _grazing)  # fmt: skip
+    yield Case(
+        "grazing: bar put on the ground under gravity",
+        "gap",
+        "stress 0 ... 2 rho g L and back to 0, again and again",
+        _grazing,
+    )
     yield Case("grazing: bar released at the top of its flight", "gap", "no chatter", _kiss)
     yield Case("bars under preload", "gap", "stay at rest, keep their preload", _preload)
 
 
 def _thrown_together(gap: float, in_mesh: bool = True) -> Description:
     stuff = Stuff()
-    scene = two_boxes(
-        bar(stuff, 1.0, ELEMENTS, 1.0), bar(stuff, 1.0, ELEMENTS), STEP, 90, gap=gap if in_mesh else 0.0
-    )
+    scene = two_boxes(bar(stuff, 1.0, ELEMENTS, 1.0), bar(stuff, 1.0, ELEMENTS), STEP, 90, gap=gap if in_mesh else 0.0)
     if not in_mesh:
         scene["interface"]["meet"]["gap"] = gap
     return scene

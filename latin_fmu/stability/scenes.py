@@ -59,9 +59,15 @@ class Box:
 
 
 def two_boxes(
-    low: Box, up: Box, step: float, instants: int, friction: float = 0.0, gap: float = 0.0,
-    behaviour: str = "contact", **solver: Any,
-) -> Description:  # fmt: skip
+    low: Box,
+    up: Box,
+    step: float,
+    instants: int,
+    friction: float = 0.0,
+    gap: float = 0.0,
+    behaviour: str = "contact",
+    **solver: Any,
+) -> Description:
     """Box ``up`` stands on box ``low`` along z, ``gap`` apart; interface ``meet``; further keys: [solver]."""
     meet: dict[str, Any] = {"sides": ["low.zmax", "up.zmin"], "behaviour": behaviour}
     if behaviour == "contact":
@@ -124,9 +130,7 @@ ALUMINIUM, STEEL = Stuff(70e9, 2700.0, 0.3), Stuff(210e9, 7800.0, 0.3)
 EDGE, PRESSURE = 0.01, 200e6
 
 
-def press(
-    friction: float, elements: int = 3, instants: int = 100, quarter: bool = True, **solver: Any
-) -> Description:
+def press(friction: float, elements: int = 3, instants: int = 100, quarter: bool = True, **solver: Any) -> Description:
     """Steel block on aluminium block crushed by a half-sine pressure of 10 us; the base slides and stays down."""
     side, count = (EDGE, elements) if quarter else (2 * EDGE, 2 * elements)
     size, number = (side, side, EDGE), (count, count, elements)

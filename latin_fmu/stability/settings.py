@@ -12,27 +12,37 @@ from .scenes import ALUMINIUM, STEEL, Box, Stuff, two_boxes
 
 # (mass, length, time) units: how many of them make one kg, m, s
 UNITS: Final = {
-    "mm-t-s": (1e-3, 1e3, 1.0), "km": (1.0, 1e-3, 1.0), "nano (ug, nm, ns)": (1e9, 1e9, 1e9),
-    "g-mm-us": (1e3, 1e3, 1e6), "E 1e-9 of SI": (1e-9, 1.0, 1.0), "E 1e15 of SI": (1e3, 1e-6, 1e-3),
-}  # fmt: skip
+    "mm-t-s": (1e-3, 1e3, 1.0),
+    "km": (1.0, 1e-3, 1.0),
+    "nano (ug, nm, ns)": (1e9, 1e9, 1e9),
+    "g-mm-us": (1e3, 1e3, 1e6),
+    "E 1e-9 of SI": (1e-9, 1.0, 1.0),
+    "E 1e15 of SI": (1e3, 1e-6, 1e-3),
+}
 
 
 def cases() -> Iterator[Case]:
     """See the module docstring."""
     for kind in ("automatic", "impedance"):
         for factor in (1e-2, 0.1, 10.0, 1e2):
-            yield Case(
-                f"k {kind} x {factor:g}", "settings", "the answer of k x 1", partial(_direction, kind, factor)
-            )
+            yield Case(f"k {kind} x {factor:g}", "settings", "the answer of k x 1", partial(_direction, kind, factor))
     for window in (2, 5, 10, "whole"):
         for ratio in (1.0, 1e4):
-            yield Case(f"windows of {window}, E ratio {ratio:g}", "settings", "the answer of one-step windows",
-                       partial(_window, window, ratio))  # fmt: skip
+            yield Case(
+                f"windows of {window}, E ratio {ratio:g}",
+                "settings",
+                "the answer of one-step windows",
+                partial(_window, window, ratio),
+            )
     for name, units in UNITS.items():
         yield Case(f"units {name}", "settings", "SI after scaling, same iterations", partial(_units, units))
     for transits in (1e-6, 1e-3, 1.0, 1e2, 1e4):
-        yield Case(f"step of {transits:g} transits", "settings", "converged, laws kept, penetration bounded",
-                   partial(_step, transits))  # fmt: skip
+        yield Case(
+            f"step of {transits:g} transits",
+            "settings",
+            "converged, laws kept, penetration bounded",
+            partial(_step, transits),
+        )
 
 
 def _scene(ratio: float = 3.0, step: float = 0.2, **solver: Any) -> Description:
@@ -79,7 +89,4 @@ def _step(transits: float, bench: Bench) -> list[Measure]:
     """Round-off of the elastic energy grows with the square of the rigid travel: 3e-12 of it is allowed."""
     solution = bench.converged(_scene(step=transits))
     round_off = 1e-9 + 3e-12 * transits**2
-    return [
-        Measure("penetration over its bound", penetration_bound(solution), 1.0),
-        *laws(solution, round_off),
-    ]
+    return [Measure("penetration over its bound", penetration_bound(solution), 1.0), *laws(solution, round_off)]

@@ -17,25 +17,50 @@ def cases() -> Iterator[Case]:
     """See the module docstring."""
     for aspect in (10.0, 100.0, 1000.0):
         for shape in ("thin", "long", "flat"):
-            yield Case(f"{shape} elements, aspect {aspect:g}", "shape",
-                       "force of the same discrete problem at round-off", partial(_sliver, shape, aspect))  # fmt: skip
+            yield Case(
+                f"{shape} elements, aspect {aspect:g}",
+                "shape",
+                "force of the same discrete problem at round-off",
+                partial(_sliver, shape, aspect),
+            )
     for poisson in (-0.9, 0.45, 0.49, 0.499, 0.4999):
-        yield Case(f"Poisson's ratio {poisson:g}", "shape",
-                   "force of the problem at round-off; locking warned", partial(_poisson, poisson))  # fmt: skip
+        yield Case(
+            f"Poisson's ratio {poisson:g}",
+            "shape",
+            "force of the problem at round-off; locking warned",
+            partial(_poisson, poisson),
+        )
     for friction in (0.0, 0.1, 0.3, 1.0, 10.0):
-        yield Case(f"planes of symmetry across the interface, mu {friction:g}", "shape",
-                   "quarter model = full model", partial(_symmetry, friction))  # fmt: skip
+        yield Case(
+            f"planes of symmetry across the interface, mu {friction:g}",
+            "shape",
+            "quarter model = full model",
+            partial(_symmetry, friction),
+        )
     for friction in (0.0, 0.3):
-        yield Case(f"interface declared twice, mu {friction:g}", "shape",
-                   "total force that of one interface", partial(_twice, friction))  # fmt: skip
-        yield Case(f"eight blocks around a point, mu {friction:g}", "shape",
-                   "corner nodes of three interfaces, floating blocks: laws kept, symmetry kept",
-                   partial(_eight, friction))  # fmt: skip
+        yield Case(
+            f"interface declared twice, mu {friction:g}",
+            "shape",
+            "total force that of one interface",
+            partial(_twice, friction),
+        )
+        yield Case(
+            f"eight blocks around a point, mu {friction:g}",
+            "shape",
+            "corner nodes of three interfaces, floating blocks: laws kept, symmetry kept",
+            partial(_eight, friction),
+        )
     yield Case("smallest interface: one element face", "shape", "stress of a wider bar", _smallest)
-    yield Case("stack of 16 blocks, gap 0", "shape",
-               "converged, no flipping, separation of a tight run", partial(_stack, 16), quick=False)  # fmt: skip
-    yield Case("stack of 4 blocks, gap 0", "shape",
-               "converged, no flipping, separation of a tight run", partial(_stack, 4))  # fmt: skip
+    yield Case(
+        "stack of 16 blocks, gap 0",
+        "shape",
+        "converged, no flipping, separation of a tight run",
+        partial(_stack, 16),
+        quick=False,
+    )
+    yield Case(
+        "stack of 4 blocks, gap 0", "shape", "converged, no flipping, separation of a tight run", partial(_stack, 4)
+    )
 
 
 def _against_tight(bench: Bench, scene: Description, limit: float = 1e-2) -> list[Measure]:
@@ -137,10 +162,7 @@ def _stack(count: int, bench: Bench) -> list[Measure]:
             touching = (status > 0).astype(int)
             flips = max(flips, int(np.abs(np.diff(touching, axis=0)).sum(axis=0).max()))
         apart = max(apart, abs(float(ends[0] - ends[1])))
-    off, missing = (
-        0.0,
-        0.0,
-    )  # the worst instant is a separation, shifted within the tolerance: 3 % of the peak
+    off, missing = (0.0, 0.0)  # the worst instant is a separation, shifted within the tolerance: 3 % of the peak
     for name in solution.interfaces:
         found, wanted = (run.interfaces[name].force() for run in (solution, exact))
         off = max(off, float(np.linalg.norm(found - wanted) / np.linalg.norm(wanted)))

@@ -6,9 +6,7 @@ from . import bad_input, contrast, duration, friction, gaps, settings, shapes
 from .case import Case
 
 CASES: tuple[Case, ...] = tuple(
-    case
-    for family in (contrast, gaps, friction, shapes, settings, duration, bad_input)
-    for case in family.cases()
+    case for family in (contrast, gaps, friction, shapes, settings, duration, bad_input) for case in family.cases()
 )
 
 

@@ -11,12 +11,7 @@ from .massless import MasslessContact
 from .scheme import TimeScheme
 
 SCHEMES: Mapping[str, Callable[..., TimeScheme]] = MappingProxyType(
-    {
-        "hht": HHT,
-        "newmark": Newmark,
-        "massless_contact": MasslessContact,
-        "central_difference": CentralDifference,
-    }
+    {"hht": HHT, "newmark": Newmark, "massless_contact": MasslessContact, "central_difference": CentralDifference}
 )
 
 

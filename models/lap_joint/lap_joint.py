@@ -35,9 +35,7 @@ def plate(name: str, left: float, bottom: float, size: float) -> None:
 def washer() -> None:
     """A ring on the upper plate."""
     occ = gmsh.model.occ
-    ring = occ.cut(
-        [(2, occ.addDisk(0, 0, PLATE, WASHER, WASHER))], [(2, occ.addDisk(0, 0, PLATE, HOLE, HOLE))]
-    )[0]
+    ring = occ.cut([(2, occ.addDisk(0, 0, PLATE, WASHER, WASHER))], [(2, occ.addDisk(0, 0, PLATE, HOLE, HOLE))])[0]
     part("washer", extruded(ring, DISC, 1), WASHER_SIZE)
 
 

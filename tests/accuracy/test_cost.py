@@ -124,18 +124,8 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("small")
-def test_the_command_writes_page_figure_and_dataset(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    arguments = [
-        "cost",
-        str(MODELS / "impact_bar/scene.toml"),
-        "--budget",
-        "4",
-        "--json",
-        "-o",
-        str(tmp_path),
-    ]
+def test_the_command_writes_page_figure_and_dataset(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["cost", str(MODELS / "impact_bar/scene.toml"), "--budget", "4", "--json", "-o", str(tmp_path)]
     settings = ["--set", "substructure.bar.box.elements=[1, 1, 32]", "--set", "time.instants=128"]
     assert main([*arguments, *settings]) == 0
     captured = capsys.readouterr()
@@ -145,11 +135,7 @@ def test_the_command_writes_page_figure_and_dataset(
     assert {r["series"] for r in told["runs"]} == {"together", "space", "time", "tolerance", "windows"}
     refused = [r for r in told["runs"] if r["failure"]]
     assert any(r["scheme"] == "central_difference" for r in refused)  # its step is too long: listed
-    own = [
-        r["errors"]["wall.impulse"]
-        for r in told["runs"]
-        if r["series"] == "together" and r["scheme"] == "hht -0.1"
-    ]
+    own = [r["errors"]["wall.impulse"] for r in told["runs"] if r["series"] == "together" and r["scheme"] == "hht -0.1"]
     assert own[-1] < own[0] < 0.2
     assert "mesh x" in captured.err  # progress
     page = (tmp_path / "impact_bar_cost.md").read_text(encoding="utf-8")
@@ -189,9 +175,7 @@ def test_what_a_reduction_costs_is_told_apart(monkeypatch: pytest.MonkeyPatch) -
     assert unreduced(found.scene).scene.solver.propagator.type == "direct"
 
 
-def test_the_target_folder_is_checked_before_the_run(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_target_folder_is_checked_before_the_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "taken").write_text("")
     scene = str(MODELS / "impact_bar/scene.toml")
     assert main(["cost", scene, "-o", str(tmp_path / "taken")]) == 2

@@ -29,9 +29,7 @@ def test_no_order_without_differences() -> None:
 
 @pytest.mark.parametrize("order", [0.75, 1.0, 1.25])
 @pytest.mark.parametrize("ratios", [(2.0, 4.0), (5 / 3, 5.0)])
-def test_a_regular_sequence_gives_an_estimate_within_five_times(
-    order: float, ratios: tuple[float, float]
-) -> None:
+def test_a_regular_sequence_gives_an_estimate_within_five_times(order: float, ratios: tuple[float, float]) -> None:
     half, quarter = series(order, ratios)
     judged = judge(IMPULSE, Differences(half, quarter, steps=half, ratios=ratios))
     assert not judged.bound_only

@@ -57,10 +57,17 @@ def test_sides_that_fly_meet_between_two_instants() -> None:
     velocity = np.zeros((4, 2, 1, 3))
     velocity[:2, 1, 0, 2] = -2.0
     history = SimpleNamespace(
-        name="meet", areas=np.ones(1), normals=np.array([[0.0, 0.0, 1.0]]), traction=traction, velocity=velocity,
-        gap=np.array([[0.5], [0.1], [0.0], [0.0]]), contact_status=np.zeros((4, 1), dtype=np.int8),
-        friction_power=None, friction_coefficient=0.0, normal_resultant=lambda: force,
-    )  # fmt: skip
+        name="meet",
+        areas=np.ones(1),
+        normals=np.array([[0.0, 0.0, 1.0]]),
+        traction=traction,
+        velocity=velocity,
+        gap=np.array([[0.5], [0.1], [0.0], [0.0]]),
+        contact_status=np.zeros((4, 1), dtype=np.int8),
+        friction_power=None,
+        friction_coefficient=0.0,
+        normal_resultant=lambda: force,
+    )
     found = measure(time, {"meet": history}, 0.6)  # type: ignore[dict-item]
     assert found.values["meet.first_contact"] == pytest.approx(0.25)
 

@@ -14,14 +14,7 @@ from latin_fmu.accuracy.reference import FILE, declared, physics_of
 from latin_fmu.accuracy.refinement import Resolution, at_resolution
 from latin_fmu.accuracy.runs import measure_solution
 
-from ..verification.known_answers import (
-    MODELS,
-    beam_in_traction,
-    bouncing_bar,
-    impact_bar,
-    shear_interface,
-    shipped,
-)
+from ..verification.known_answers import MODELS, beam_in_traction, bouncing_bar, impact_bar, shear_interface, shipped
 
 REFINED = "two_specimen_crushing"
 DECLARED = tuple(sorted(file.parent.name for file in MODELS.glob(f"*/{FILE}")))
@@ -55,8 +48,7 @@ def test_meshes_and_solvers_do_not_change_the_physics(model: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "change",
-    ["material.bar.density=1.1", "substructure.bar.initial_velocity=[0.0, 0.0, -9.0]", "time.end=1.9"],
+    "change", ["material.bar.density=1.1", "substructure.bar.initial_velocity=[0.0, 0.0, -9.0]", "time.end=1.9"]
 )
 def test_other_physics_have_no_reference(change: str) -> None:
     assert declared(latin_fmu.load_scene(MODELS / "impact_bar/scene.toml", [change])) is None
@@ -86,8 +78,13 @@ def test_refined_runs_agree_with_another_scheme() -> None:
 def test_errors_of_a_reference_are_told_for_all_or_it_is_refused(errors: dict, tmp_path: Path) -> None:
     """One missing, one of zero, one that is no number."""
     scene = latin_fmu.scene_from_dict(tomllib.loads(shipped("impact_bar").text()), tmp_path)
-    data = {"scene": "impact_bar", "source": "runs", "holds_for": physics_of(scene), "errors": errors,
-            "values": {"wall.impulse": 200.0}}  # fmt: skip
+    data = {
+        "scene": "impact_bar",
+        "source": "runs",
+        "holds_for": physics_of(scene),
+        "errors": errors,
+        "values": {"wall.impulse": 200.0},
+    }
     (tmp_path / FILE).write_text(json.dumps(data))
     with pytest.raises(latin_fmu.SceneError, match="not a usable reference"):
         declared(scene)

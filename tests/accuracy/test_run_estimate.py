@@ -33,9 +33,15 @@ def test_summary_json_and_file_tell_the_estimate(scene: str, capsys: pytest.Capt
     told = json.loads(capsys.readouterr().out)["error_estimate"]
     impulse = told["quantities"]["meet.impulse"]
     assert set(impulse) == {
-        "value", "unit", "relative_error", "bound_only", "observed_order", "expected_order", "change_with_mesh",
+        "value",
+        "unit",
+        "relative_error",
+        "bound_only",
+        "observed_order",
+        "expected_order",
+        "change_with_mesh",
         "change_with_time_step",
-    }  # fmt: skip
+    }
     assert impulse["unit"] == "N s"
     assert 1e-3 <= impulse["relative_error"] < 1.0
     tree = latin_fmu.open_results("a.nc")
@@ -48,9 +54,7 @@ def test_summary_json_and_file_tell_the_estimate(scene: str, capsys: pytest.Capt
 
 
 @pytest.mark.parametrize("choice", [["--no-estimate"], ["--set", "accuracy.estimate=false"]])
-def test_no_estimate_where_none_is_wanted(
-    scene: str, choice: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_no_estimate_where_none_is_wanted(scene: str, choice: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["run", scene, "-o", "a.nc", "--json", *choice]) == 0
     assert "error_estimate" not in json.loads(capsys.readouterr().out)
     assert "accuracy" not in latin_fmu.open_results("a.nc").children
@@ -63,9 +67,7 @@ def test_companions_that_fail_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
 
     def failing(lean: latin_fmu.Scene, resolution: Resolution) -> Run:
         if resolution.mesh < 0.4:
-            raise latin_fmu.SceneError(
-                [Problem("substructure.bar", "two elements are needed")], "cannot be built"
-            )
+            raise latin_fmu.SceneError([Problem("substructure.bar", "two elements are needed")], "cannot be built")
         run = run_at(lean, resolution)
         return run if resolution.time < 1.0 else replace(run, converged=False)
 

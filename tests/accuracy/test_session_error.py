@@ -86,9 +86,7 @@ def test_prescribed_estimate_is_that_of_the_plain_run() -> None:
     estimate = session.estimate_error()
     check_true(estimate, session)
     expected = latin_fmu.estimate_error(plain, latin_fmu.solve(plain))
-    assert [q.error for q in estimate.quantities] == pytest.approx(
-        [q.error for q in expected.quantities], rel=1e-9
-    )
+    assert [q.error for q in estimate.quantities] == pytest.approx([q.error for q in expected.quantities], rel=1e-9)
 
 
 @pytest.mark.parametrize("rule", [HOLD, RATE])

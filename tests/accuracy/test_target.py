@@ -128,9 +128,7 @@ def test_the_search_makes_no_run_twice() -> None:
 def test_the_search_grows_towards_a_sharper_target() -> None:
     """Runs of the search with their halves, each finer than those before; the last costs more than all others."""
     told: list[str] = []
-    scene = latin_fmu.load_scene(
-        MODELS / "impact_bar/scene.toml", ["output.energy=false", "output.fields=false"]
-    )
+    scene = latin_fmu.load_scene(MODELS / "impact_bar/scene.toml", ["output.energy=false", "output.fields=false"])
     choice = choose(scene, 0.005, 60.0, told.append)
     assert choice.reached
     elements = [float(line.split("mesh x ")[1].split(",")[0]) for line in told if " s  mesh x" in line]

@@ -30,9 +30,7 @@ def whole() -> latin_fmu.Solution:
     """The plain run, with all fields."""
     loads = blocks().model_dump()["load"]
     law = {"type": "table", "times": TIMES, "values": VALUES}
-    return latin_fmu.solve(
-        blocks(load={**loads, "press": {**loads["press"], "law": law}}, output={"fields": True})
-    )
+    return latin_fmu.solve(blocks(load={**loads, "press": {**loads["press"], "law": law}}, output={"fields": True}))
 
 
 @pytest.mark.parametrize(

@@ -124,16 +124,22 @@ def test_lines_join():
     session.set_load("press", 0.5)
     assert session.step(0.0, H)
     session.set_load("press", 0.1)
-    assert session._loads.amplitudes(H, 2, session.settings.interpolation)["press"] == pytest.approx(
-        [0.5, 0.3, 0.1]
-    )
+    assert session._loads.amplitudes(H, 2, session.settings.interpolation)["press"] == pytest.approx([0.5, 0.3, 0.1])
 
 
 @pytest.mark.parametrize(
     ("t", "h", "words"),
-    [(0.0, 0.0, "too short"), (0.0, -1.0, "too short"), (0.0, 1e-30, "too short"), (0.0, 1e3, "at most"),
-     (0.0, math.nan, "finite"), (0.0, math.inf, "finite"), (math.nan, H, "finite"), (5e-7, H, "present time")],
-)  # fmt: skip
+    [
+        (0.0, 0.0, "too short"),
+        (0.0, -1.0, "too short"),
+        (0.0, 1e-30, "too short"),
+        (0.0, 1e3, "at most"),
+        (0.0, math.nan, "finite"),
+        (0.0, math.inf, "finite"),
+        (math.nan, H, "finite"),
+        (5e-7, H, "present time"),
+    ],
+)
 def test_absurd_steps_are_refused(t, h, words):
     session = Session(blocks())
     session.initialize()
@@ -253,9 +259,7 @@ def test_sensor_tells_the_motion_of_its_node():
     played = Session(blocks(), Settings(mode=1))
     played.initialize()
     assert played.step(0.0, 6e-6)
-    assert played.values([f"sensor.head.displacement[{i}]" for i in (1, 2, 3)]) == pytest.approx(
-        expected, rel=1e-9
-    )
+    assert played.values([f"sensor.head.displacement[{i}]" for i in (1, 2, 3)]) == pytest.approx(expected, rel=1e-9)
 
 
 def test_initial_outputs_hold_initial_velocity():
@@ -272,10 +276,15 @@ def test_quasi_static_session_equals_a_run_with_the_same_load():
     session = Session(blocks(time=time))
     session.initialize()
     rows = ramped(session, 6)
-    whole = latin_fmu.solve(latin_fmu.scene_from_dict(
-        table_scene(H * np.arange(7), 0.2 + 0.1 * np.arange(7)).model_dump(exclude={"interface"})
-        | {"time": time, "interface": {"crush": {"sides": ["lower.zmax", "upper.zmin"], "friction_coefficient": 0.2}}}
-    ))  # fmt: skip
+    whole = latin_fmu.solve(
+        latin_fmu.scene_from_dict(
+            table_scene(H * np.arange(7), 0.2 + 0.1 * np.arange(7)).model_dump(exclude={"interface"})
+            | {
+                "time": time,
+                "interface": {"crush": {"sides": ["lower.zmax", "upper.zmin"], "friction_coefficient": 0.2}},
+            }
+        )
+    )
     force = whole.interfaces["crush"].force()[5::5]
     index = [session.outputs.index(name) for name in FORCE]
     assert np.abs(rows[:, index] - force).max() <= 1e-6 * np.abs(force).max()

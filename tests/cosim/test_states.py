@@ -15,8 +15,7 @@ from .scenes import bar, blocks
 H = 0.4e-6
 ACTIONS = st.lists(
     st.tuples(
-        st.sampled_from(["step", "step", "stray", "save", "restore", "serialize", "reopen"]),
-        st.floats(0.05, 2.5),
+        st.sampled_from(["step", "step", "stray", "save", "restore", "serialize", "reopen"]), st.floats(0.05, 2.5)
     ),
     min_size=3,
     max_size=10,

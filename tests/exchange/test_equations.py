@@ -101,9 +101,7 @@ def test_at_the_bound_a_state_is_kept_and_left_beyond_it(equations):
 def test_preload_is_in_equilibrium():
     """A preloaded interface at rest: its pressure is the preload, and nothing moves."""
     scene = pair(
-        interface={
-            "meet": {"sides": ["lower.zmax", "upper.zmin"], "friction_coefficient": 0.3, "preload": 5e6}
-        }
+        interface={"meet": {"sides": ["lower.zmax", "upper.zmin"], "friction_coefficient": 0.3, "preload": 5e6}}
     )
     equations = Equations(reduced_system(scene, 4, 4), energy=False)
     y = equations.start()

@@ -90,9 +90,11 @@ def test_force_through_a_bond_is_what_accelerates_the_other_side():
     equations = Equations(system, energy=False)
     y = equations.start()
     y[: system.n] = np.divide(
-        system.loads[:, 0] - (system.inertia * _rigid(system)), system.stiffness,
-        out=np.zeros(system.n), where=system.stiffness > 0,
-    )  # fmt: skip
+        system.loads[:, 0] - (system.inertia * _rigid(system)),
+        system.stiffness,
+        out=np.zeros(system.n),
+        where=system.stiffness > 0,
+    )
     now = equations.evaluate(2e-6, y, equations.modes_at(2e-6, y), {})
     force = now.derivative[2 * system.n :]
     np.testing.assert_allclose(force, [0.0, 0.0, -0.5 * 100e6 * SIZE**2], atol=1e-6 * 100e6 * SIZE**2)
@@ -125,9 +127,7 @@ def test_what_has_no_reduced_model_is_said_at_once():
             "meet": {"sides": ["lower.zmax", "upper.zmin"], "behaviour": "no_slip"},
             "stick": {"sides": ["lower.zmin", "ground"], "behaviour": "perfect"},
         },
-        boundary={
-            "lift": {"type": "velocity", "face": "upper.zmax", "components": ["z"], "value": [1.0]},
-        },
+        boundary={"lift": {"type": "velocity", "face": "upper.zmax", "components": ["z"], "value": [1.0]}},
         load={},
         time={"end": 6e-6, "step": 0.2e-6, "quasi_static": True},
     )
@@ -135,19 +135,20 @@ def test_what_has_no_reduced_model_is_said_at_once():
         reduced_system(scene, -1, 0)
     where = [problem.where for problem in error.value.problems]
     assert where == [
-        "modes", "patches", "time.quasi_static", "interface.meet.behaviour", "interface.stick.sides",
+        "modes",
+        "patches",
+        "time.quasi_static",
+        "interface.meet.behaviour",
+        "interface.stick.sides",
         "boundary.lift.type",
-    ]  # fmt: skip
+    ]
 
 
 def test_too_many_states():
     with pytest.raises(SceneError, match="1 to 64"):
         reduced_system(pair(), 10, 1000)
     blocks = {
-        name: {
-            "material": "steel",
-            "box": {"origin": [0.02 * i, 0, 0], "size": [0.01] * 3, "elements": [2, 2, 2]},
-        }
+        name: {"material": "steel", "box": {"origin": [0.02 * i, 0, 0], "size": [0.01] * 3, "elements": [2, 2, 2]}}
         for i, name in enumerate("abcdefghijklmnopqr")
     }
     load = {"traction": [1.0, 2.0, 3.0]}
@@ -164,10 +165,7 @@ def test_scheme_and_solver_do_not_count():
 
 def test_rigid_bodies_have_no_modes():
     rigid = {"material": "steel", "rigid": True, "box": {"size": [0.01, 0.01, 0.01], "elements": [2, 2, 2]}}
-    upper = {
-        "material": "steel",
-        "box": {"origin": [0.0, 0.0, SIZE], "size": [SIZE] * 3, "elements": [2, 2, 2]},
-    }
+    upper = {"material": "steel", "box": {"origin": [0.0, 0.0, SIZE], "size": [SIZE] * 3, "elements": [2, 2, 2]}}
     with pytest.raises(SceneError, match=r"substructure\.lower\.rigid"):
         reduced_system(pair(substructure={"lower": rigid, "upper": upper}))
 

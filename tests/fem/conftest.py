@@ -48,18 +48,38 @@ def warped(request: pytest.FixtureRequest, box: Mesh) -> Mesh:
 
 
 GMSH_TYPE = {
-    "triangle": 2, "quad": 3, "tetra": 4, "hexahedron": 5, "wedge": 6, "pyramid": 7, "triangle6": 9, "quad9": 10,
-    "tetra10": 11, "hexahedron27": 12, "quad8": 16, "hexahedron20": 17, "wedge15": 18,
-}  # fmt: skip
+    "triangle": 2,
+    "quad": 3,
+    "tetra": 4,
+    "hexahedron": 5,
+    "wedge": 6,
+    "pyramid": 7,
+    "triangle6": 9,
+    "quad9": 10,
+    "tetra10": 11,
+    "hexahedron27": 12,
+    "quad8": 16,
+    "hexahedron20": 17,
+    "wedge15": 18,
+}
 # Place in the order of VTK of each node in the order of gmsh, where the two differ.
 GMSH_ORDER = {
     "tetra10": [0, 1, 2, 3, 4, 5, 6, 7, 9, 8],
     "hexahedron20": [*range(8), 8, 11, 16, 9, 17, 10, 18, 19, 12, 15, 13, 14],
     "hexahedron27": [*range(8), 8, 11, 16, 9, 17, 10, 18, 19, 12, 15, 13, 14, 24, 22, 20, 21, 23, 25, 26],
 }
-ABAQUS_TYPE = {"triangle": "S3", "quad": "S4", "tetra": "C3D4", "hexahedron": "C3D8", "wedge": "C3D6",
-               "hexahedron20": "C3D20", "tetra10": "C3D10", "triangle6": "STRI65", "quad8": "S8R",
-               "wedge15": "C3D15"}  # fmt: skip
+ABAQUS_TYPE = {
+    "triangle": "S3",
+    "quad": "S4",
+    "tetra": "C3D4",
+    "hexahedron": "C3D8",
+    "wedge": "C3D6",
+    "hexahedron20": "C3D20",
+    "tetra10": "C3D10",
+    "triangle6": "STRI65",
+    "quad8": "S8R",
+    "wedge15": "C3D15",
+}
 
 
 def write_msh(path: Path, nodes: Array, groups: Groups) -> None:
@@ -72,11 +92,26 @@ def write_msh(path: Path, nodes: Array, groups: Groups) -> None:
     surfaces = [f"{tags[n]} {span} 1 {whole[n]} 0" for n in groups if dims[n] == 2]
     volumes = [f"{tags[n]} {span} 1 {whole[n]} 0" for n in groups if dims[n] == 3]
     n = len(nodes)
-    lines = ["$MeshFormat", "4.1 0 8", "$EndMeshFormat", "$PhysicalNames", str(len(names)), *names,
-             "$EndPhysicalNames", "$Entities", f"0 0 {len(surfaces)} {len(volumes)}", *surfaces, *volumes,
-             "$EndEntities", "$Nodes", f"1 {n} 1 {n}", f"3 {max(tags.values())} 0 {n}",
-             *(str(i + 1) for i in range(n)), *(" ".join(map(repr, map(float, x))) for x in nodes),
-             "$EndNodes"]  # fmt: skip
+    lines = [
+        "$MeshFormat",
+        "4.1 0 8",
+        "$EndMeshFormat",
+        "$PhysicalNames",
+        str(len(names)),
+        *names,
+        "$EndPhysicalNames",
+        "$Entities",
+        f"0 0 {len(surfaces)} {len(volumes)}",
+        *surfaces,
+        *volumes,
+        "$EndEntities",
+        "$Nodes",
+        f"1 {n} 1 {n}",
+        f"3 {max(tags.values())} 0 {n}",
+        *(str(i + 1) for i in range(n)),
+        *(" ".join(map(repr, map(float, x))) for x in nodes),
+        "$EndNodes",
+    ]
     total = sum(len(cells) for _, cells in groups.values())
     lines += ["$Elements", f"{len(groups)} {total} 1 {total}"]
     tag = 0
@@ -98,8 +133,7 @@ def write_inp(path: Path, nodes: Array, groups: Groups) -> None:
             tag += 1
             words = [str(tag), *(str(c + 1) for c in cell)]
             lines += [
-                ", ".join(words[i : i + 15]) + ("," if i + 15 < len(words) else "")
-                for i in range(0, len(words), 15)
+                ", ".join(words[i : i + 15]) + ("," if i + 15 < len(words) else "") for i in range(0, len(words), 15)
             ]
     path.write_text("\n".join([*lines, ""]))
 

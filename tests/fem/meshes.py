@@ -60,10 +60,7 @@ def box_faces(mesh: Mesh) -> dict[str, FacetSet]:
     skin = boundary(mesh)
     for axis, letter in enumerate("xyz"):
         for end, value in (("min", low[axis]), ("max", high[axis])):
-            on = [
-                b.facets[np.all(np.abs(mesh.nodes[b.facets][..., axis] - value) < 1e-9, axis=1)]
-                for b in skin.blocks
-            ]
+            on = [b.facets[np.all(np.abs(mesh.nodes[b.facets][..., axis] - value) < 1e-9, axis=1)] for b in skin.blocks]
             faces[letter + end] = FacetSet.of(*(f for f in on if len(f)))
     return faces
 

@@ -30,12 +30,14 @@ def beam(body: dict[str, Any], axis: int = 2) -> dict[str, Any]:
     traction[axis] = LOAD
     ramp = {"type": "table", "times": [0.0, 1.0], "values": [0.0, 1.0]}
     return {
-        "name": "beam", "material": {"steel": {"young_modulus": E, "poisson_ratio": NU, "density": 7800.0}},
+        "name": "beam",
+        "material": {"steel": {"young_modulus": E, "poisson_ratio": NU, "density": 7800.0}},
         "substructure": {"beam": {"material": "steel", **body}},
         "boundary": {"root": {"type": "fixed", "face": "beam.xmin"}},
         "load": {"tip": {"face": "beam.xmax", "traction": traction, "law": ramp}},
-        "time": {"end": 1.0, "instants": 2, "quasi_static": True}, "output": {"fields": True},
-    }  # fmt: skip
+        "time": {"end": 1.0, "instants": 2, "quasi_static": True},
+        "output": {"fields": True},
+    }
 
 
 def box(elements: tuple[int, int, int], **keys: Any) -> dict[str, Any]:
@@ -85,12 +87,7 @@ def warned(tables: dict[str, Any]) -> list[str]:
 
 @pytest.mark.parametrize(
     ("cell_type", "elements", "stiffness"),
-    [
-        ("hexahedron", (20, 2, 1), 55),
-        ("tetra", (20, 2, 1), 378),
-        ("tetra", (40, 4, 2), 102),
-        ("wedge", (20, 2, 1), 53),
-    ],
+    [("hexahedron", (20, 2, 1), 55), ("tetra", (20, 2, 1), 378), ("tetra", (40, 4, 2), 102), ("wedge", (20, 2, 1), 53)],
 )
 def test_coarse_linear_meshes_are_warned_of(
     tmp_path: Path, cell_type: str, elements: tuple[int, int, int], stiffness: float
@@ -130,8 +127,11 @@ def test_a_thin_arm_of_a_bulky_body_is_warned_of(tmp_path: Path) -> None:
     nodes = np.concatenate([plate.nodes, block.nodes])
     cells = np.concatenate([plate.blocks[0].cells, plate.n_node + block.blocks[0].cells])
     unique, number = np.unique(np.round(nodes, 9), axis=0, return_inverse=True)
-    write_msh(tmp_path / "l.msh", unique, {"part": ("hexahedron", number.ravel()[cells]),
-                                           "xmin": ("quad", plate.faces["xmin"].blocks[0].facets)})  # fmt: skip
+    write_msh(
+        tmp_path / "l.msh",
+        unique,
+        {"part": ("hexahedron", number.ravel()[cells]), "xmin": ("quad", plate.faces["xmin"].blocks[0].facets)},
+    )
     tables = beam({"mesh": {"file": str(tmp_path / "l.msh")}})
     del tables["load"], tables["boundary"]
     tables["time"] = {"end": 1e-5, "instants": 2}
@@ -144,9 +144,7 @@ def test_bending_modes_need_hexahedra(tmp_path: Path) -> None:
         prepare(scene_from_dict(beam(meshed(tmp_path, "tetra", (4, 1, 1)) | {"bending_modes": True})))
 
 
-@pytest.mark.parametrize(
-    ("cell_type", "bending"), [("hexahedron", True), ("tetra10", False), ("hexahedron27", False)]
-)
+@pytest.mark.parametrize(("cell_type", "bending"), [("hexahedron", True), ("tetra10", False), ("hexahedron27", False)])
 def test_first_frequencies_of_the_cantilever(cell_type: str, bending: bool) -> None:
     """1.8751^2 / 2 pi sqrt(E I / rho A L^4) about both axes; plain hexahedra are 24 % too high about the thin one."""
     mesh = cut(box_mesh(np.zeros(3), np.array([L, B, H]), (20, 2, 1)), cell_type)

@@ -24,15 +24,17 @@ def two_bars(folder: Path, cell_type: str) -> dict[str, Any]:
     """A bar thrown on another one, nu = 0: their contact lasts 2 L / c with the force rho c A v / 2."""
     size, elements = (SIDE, SIDE, LENGTH), (2, 2, 4)
     return {
-        "name": "bars", "material": steel(),
+        "name": "bars",
+        "material": steel(),
         "substructure": {
             "low": box_file(folder / "low.msh", cell_type, size, elements),
             "up": box_file(folder / "up.msh", cell_type, size, elements, LENGTH)
             | {"initial_velocity": [0.0, 0.0, -VELOCITY]},
         },
         "interface": {"meet": {"sides": ["low.zmax", "up.zmin"]}},
-        "time": {"end": 1.5e-5, "instants": 100, "scheme": "massless_contact"}, "output": {"energy": True},
-    }  # fmt: skip
+        "time": {"end": 1.5e-5, "instants": 100, "scheme": "massless_contact"},
+        "output": {"energy": True},
+    }
 
 
 @pytest.mark.parametrize("cell_type", TYPES)
@@ -41,9 +43,7 @@ def test_impact_of_two_bars(tmp_path: Path, cell_type: str) -> None:
     assert solution.converged
     force = 7800 * SPEED * SIDE**2 * VELOCITY / 2
     impulse = solution.interfaces["meet"].impulse(solution.time)[-1]
-    assert abs(impulse[2]) == pytest.approx(
-        force * 2 * LENGTH / SPEED, rel=0.01 if cell_type in QUADRATIC else 0.03
-    )
+    assert abs(impulse[2]) == pytest.approx(force * 2 * LENGTH / SPEED, rel=0.01 if cell_type in QUADRATIC else 0.03)
     assert np.abs(impulse[:2]).max() < 1e-9 * abs(impulse[2])
     assert solution.energy is not None
     assert np.abs(solution.energy["balance"]).max() < 1e-11 * solution.energy["kinetic"][0]
@@ -56,12 +56,14 @@ def pulse(folder: Path, cell_type: str) -> dict[str, Any]:
     values = np.sin(2 * np.pi * times / transit) ** 2
     law = {"type": "table", "times": [*times.tolist(), 1.0], "values": [*values.tolist(), 0.0]}
     return {
-        "name": "pulse", "material": steel(),
+        "name": "pulse",
+        "material": steel(),
         "substructure": {"bar": box_file(folder / "bar.msh", cell_type, (SIDE, SIDE, 2 * LENGTH), (2, 2, 12))},
         "load": {"hit": {"face": "bar.zmin", "pressure": 1e6, "law": law}},
         "boundary": {"end": {"type": "absorbing", "face": "bar.zmax"}},
-        "time": {"end": 2 * transit, "instants": 200}, "output": {"energy": True},
-    }  # fmt: skip
+        "time": {"end": 2 * transit, "instants": 200},
+        "output": {"energy": True},
+    }
 
 
 @pytest.mark.parametrize("cell_type", TYPES)
@@ -120,10 +122,13 @@ def test_rigid_and_periodic_bodies(tmp_path: Path, cell_type: str) -> None:
     """Mass of a rigid body; a block with periodic sides strained along z stays straight."""
     body = box_file(tmp_path / "cube.msh", cell_type, (SIDE, SIDE, SIDE), (2, 2, 2))
     tables = {
-        "name": "cube", "material": steel(0.3), "substructure": {"cube": body | {"rigid": True}},
-        "load": {"push": {"face": "cube.zmin", "pressure": 1e6}}, "time": {"end": 1e-5, "instants": 4},
+        "name": "cube",
+        "material": steel(0.3),
+        "substructure": {"cube": body | {"rigid": True}},
+        "load": {"push": {"face": "cube.zmin", "pressure": 1e6}},
+        "time": {"end": 1e-5, "instants": 4},
         "output": {"fields": True},
-    }  # fmt: skip
+    }
     moved = api.solve(scene_from_dict(tables)).substructures["cube"].displacement
     assert moved is not None
     np.testing.assert_allclose(moved[-1, :, 2], 0.5 * 1e6 / (7800 * SIDE) * 1e-10, rtol=0.1)
@@ -148,9 +153,12 @@ def test_pressure_on_a_quadratic_face_is_consistent(tmp_path: Path) -> None:
     for cell_type, corner in (("tetra10", 0.0), ("hexahedron20", -1 / 12), ("hexahedron27", 1 / 36)):
         body = box_file(tmp_path / f"{cell_type}.msh", cell_type, (1.0, 1.0, 1.0), (1, 1, 1))
         tables = {
-            "name": "cube", "material": steel(), "substructure": {"cube": body}, "time": {"end": 1e-5, "instants": 1},
+            "name": "cube",
+            "material": steel(),
+            "substructure": {"cube": body},
+            "time": {"end": 1e-5, "instants": 1},
             "load": {"push": {"face": "cube.zmin", "pressure": 3.0}},
-        }  # fmt: skip
+        }
         prepared = prepare(scene_from_dict(tables))
         (load,) = prepared.classes[0].members[0].loads
         pattern = load.pattern.reshape(-1, 3)
@@ -163,9 +171,7 @@ def test_pressure_on_a_quadratic_face_is_consistent(tmp_path: Path) -> None:
 def test_explicit_march_of_twenty_nodes_is_remarked_on(tmp_path: Path) -> None:
     for cell_type, schemes in (("hexahedron20", {"central_difference"}), ("hexahedron27", set())):
         tables = pulse(tmp_path, cell_type)
-        tables["substructure"]["bar"] = box_file(
-            tmp_path / "bar.msh", cell_type, (SIDE, SIDE, LENGTH), (1, 1, 3)
-        )
+        tables["substructure"]["bar"] = box_file(tmp_path / "bar.msh", cell_type, (SIDE, SIDE, LENGTH), (1, 1, 3))
         for scheme in ("central_difference", "hht"):
             tables["time"]["scheme"] = scheme
             told = any("20-node" in r for r in prepare(scene_from_dict(tables)).remarks)

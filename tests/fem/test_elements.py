@@ -72,9 +72,7 @@ def test_uniform_stress_at_cells_and_nodes(cell_type: str, bending: bool) -> Non
     stress = six(uniform_stress())
     recovery = Recovery(elements, E, NU, bending)
     history = np.stack([linear, -2.0 * linear])
-    np.testing.assert_allclose(
-        MeanStress(elements, E, NU)(linear), np.tile(stress, (mesh.n_cell, 1)), atol=1e-12
-    )
+    np.testing.assert_allclose(MeanStress(elements, E, NU)(linear), np.tile(stress, (mesh.n_cell, 1)), atol=1e-12)
     nodal = recovery.nodal_stress(history)
     assert nodal.shape == (2, mesh.n_node, 6)
     np.testing.assert_allclose(nodal[0], np.tile(stress, (mesh.n_node, 1)), atol=1e-11)
@@ -107,9 +105,7 @@ def test_bent_element_has_the_stress_of_the_beam() -> None:
     x, y, z = mesh.nodes.T
     y, z = y - 0.5, z - 0.5
     curvature = 0.01
-    u = np.stack(
-        [-curvature * x * z, -NU * -curvature * y * z * 1.0, 0.5 * curvature * (x * x + NU * (z * z - y * y))]
-    )
+    u = np.stack([-curvature * x * z, -NU * -curvature * y * z * 1.0, 0.5 * curvature * (x * x + NU * (z * z - y * y))])
     found = Recovery(Elements(mesh), E, NU, bending_modes=True).nodal_stress(u.T[None])[0]
     np.testing.assert_allclose(found[:, 0], -E * curvature * z, rtol=1e-10)
     assert np.abs(found[:, [1, 3, 4, 5]]).max() < 1e-12
@@ -138,12 +134,8 @@ def volume_of_the_map(amplitude: float) -> float:
     x, w = np.polynomial.legendre.leggauss(6)
     points = ORIGIN + SIZE * 0.5 * (1 + np.stack(np.meshgrid(x, x, x, indexing="ij"), axis=-1).reshape(-1, 3))
     h = 1e-5
-    slope = [
-        (skewed(points + h * a, amplitude) - skewed(points - h * a, amplitude)) / (2 * h) for a in np.eye(3)
-    ]
-    return (
-        float(np.einsum("i,j,k->ijk", w, w, w).ravel() @ np.linalg.det(np.stack(slope, axis=2))) * VOLUME / 8
-    )
+    slope = [(skewed(points + h * a, amplitude) - skewed(points - h * a, amplitude)) / (2 * h) for a in np.eye(3)]
+    return float(np.einsum("i,j,k->ijk", w, w, w).ravel() @ np.linalg.det(np.stack(slope, axis=2))) * VOLUME / 8
 
 
 @pytest.mark.parametrize("cell_type", TYPES)
@@ -199,11 +191,7 @@ def manufactured(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
     wave = np.sin(2 * x) * np.cos(y) * np.exp(0.5 * z)
     u = np.stack([wave, 0 * x, 0 * x], axis=1)
     laplace = -4 - 1 + 0.25
-    slope = [
-        -4 * wave,
-        -2 * np.cos(2 * x) * np.sin(y) * np.exp(0.5 * z),
-        np.cos(2 * x) * np.cos(y) * np.exp(0.5 * z),
-    ]
+    slope = [-4 * wave, -2 * np.cos(2 * x) * np.sin(y) * np.exp(0.5 * z), np.cos(2 * x) * np.cos(y) * np.exp(0.5 * z)]
     force = -(first + shear) * np.stack(slope, axis=1)
     force[:, 0] -= shear * laplace * wave
     return u, force
@@ -211,9 +199,15 @@ def manufactured(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize(
     ("cell_type", "bending", "order"),
-    [("hexahedron", False, 2), ("hexahedron", True, 2), ("wedge", False, 2), ("tetra10", False, 3),
-     ("hexahedron20", False, 3), ("hexahedron27", False, 3)],
-)  # fmt: skip
+    [
+        ("hexahedron", False, 2),
+        ("hexahedron", True, 2),
+        ("wedge", False, 2),
+        ("tetra10", False, 3),
+        ("hexahedron20", False, 3),
+        ("hexahedron27", False, 3),
+    ],
+)
 def test_order_of_convergence(cell_type: str, bending: bool, order: float) -> None:
     """L2 error of a smooth field on distorted meshes falls with the power p + 1 of the element size."""
     errors = []
@@ -240,12 +234,8 @@ def test_order_of_convergence(cell_type: str, bending: bool, order: float) -> No
 
 def test_principal_values() -> None:
     """Uniaxial, pure shear, and a tensor turned in space."""
-    tensors = np.array(
-        [[5.0, 0, 0, 0, 0, 0], [0, 0, 0, 0, 0, 2.0], [0, 0, 0, 3.0, 0, 0], [-1, -1, -1, 0, 0, 0]]
-    )
+    tensors = np.array([[5.0, 0, 0, 0, 0, 0], [0, 0, 0, 0, 0, 2.0], [0, 0, 0, 3.0, 0, 0], [-1, -1, -1, 0, 0, 0]])
     wanted = [[5, 0, 0], [2, 0, -2], [3, 0, -3], [-1, -1, -1]]
     np.testing.assert_allclose(principal(tensors), wanted, atol=1e-14)
     turn, _ = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))
-    np.testing.assert_allclose(
-        principal(six(turn @ np.diag([4.0, -7.0, 1.0]) @ turn.T)), [4, 1, -7], rtol=1e-13
-    )
+    np.testing.assert_allclose(principal(six(turn @ np.diag([4.0, -7.0, 1.0]) @ turn.T)), [4, 1, -7], rtol=1e-13)

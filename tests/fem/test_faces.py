@@ -34,9 +34,7 @@ def test_areas_and_normals_of_a_straight_face(straight: Mesh, name: str) -> None
     area = 1.2 / [1.0, 0.8, 1.5][axis]
     assert surface.areas.min() > 0
     assert surface.areas.sum() == pytest.approx(area, rel=1e-13)
-    np.testing.assert_allclose(
-        surface.normals, np.tile(sign * np.eye(3)[axis], (len(surface.nodes), 1)), atol=1e-14
-    )
+    np.testing.assert_allclose(surface.normals, np.tile(sign * np.eye(3)[axis], (len(surface.nodes), 1)), atol=1e-14)
     np.testing.assert_allclose(surface.vector_areas, surface.areas[:, None] * surface.normals, atol=1e-15)
     assert (np.diff(surface.nodes) > 0).all()
     centre = (surface.areas[:, None] * straight.nodes[surface.nodes]).sum(axis=0) / area
@@ -79,10 +77,11 @@ def volume(mesh: Mesh) -> float:
 
 def test_facets_of_the_reference_cells_point_outwards() -> None:
     corners = {
-        "hexahedron": np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0],
-                                [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]]),
+        "hexahedron": np.array(
+            [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]]
+        ),
         "tetra": np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]),
-    }  # fmt: skip
+    }
     for cell_type, nodes in corners.items():
         mesh = Mesh.uniform(nodes.astype(float), cell_type, np.arange(len(nodes))[None])
         for i, local in enumerate(CELL_FACES[cell_type]):
@@ -95,8 +94,9 @@ def test_a_sphere_has_the_normals_of_a_sphere() -> None:
     """Vector-area normals of a curved face: a cube blown up to a ball."""
     mesh = box_mesh(-np.ones(3), 2 * np.ones(3), (8, 8, 8))
     longest = np.abs(mesh.nodes).max(axis=1)[:, None]
-    ball = mesh.nodes * np.divide(longest, np.linalg.norm(mesh.nodes, axis=1)[:, None], where=longest > 0,
-                                  out=np.zeros_like(longest))  # fmt: skip
+    ball = mesh.nodes * np.divide(
+        longest, np.linalg.norm(mesh.nodes, axis=1)[:, None], where=longest > 0, out=np.zeros_like(longest)
+    )
     whole = replace(mesh, nodes=ball, faces={"skin": boundary(mesh)})
     surface = face(whole, "skin")
     assert surface.areas.sum() == pytest.approx(4 * np.pi, rel=0.02)

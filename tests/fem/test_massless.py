@@ -76,6 +76,4 @@ def test_contact_nodes_follow_the_node_above(cell_type):
     moved = without_contact_mass(full, mesh, mesh.faces["zmin"].nodes)
     along = np.zeros((mesh.n_node, 3))
     along[:, 2] = mesh.nodes[:, 0] ** 2
-    assert along.ravel() @ moved @ along.ravel() == pytest.approx(
-        along.ravel() @ full @ along.ravel(), rel=1e-12
-    )
+    assert along.ravel() @ moved @ along.ravel() == pytest.approx(along.ravel() @ full @ along.ravel(), rel=1e-12)

@@ -9,8 +9,14 @@ from latin_fmu.fem.cells import CELL_EDGES, CELL_FACES, N_CORNER, N_NODE
 from latin_fmu.fem.mesh import CellBlock, Mesh, boundary, box_mesh, cell_blocks, padded_cells
 from latin_fmu.fem.shape_functions import cell_functions
 
-COUNTS = {"hexahedron": (8, 8), "tetra": (4, 4), "tetra10": (10, 4), "hexahedron20": (20, 8),
-          "hexahedron27": (27, 8), "wedge": (6, 6)}  # fmt: skip
+COUNTS = {
+    "hexahedron": (8, 8),
+    "tetra": (4, 4),
+    "tetra10": (10, 4),
+    "hexahedron20": (20, 8),
+    "hexahedron27": (27, 8),
+    "wedge": (6, 6),
+}
 
 
 @pytest.mark.parametrize("cell_type", COUNTS)

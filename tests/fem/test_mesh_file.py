@@ -70,10 +70,12 @@ def two_parts(cell: str) -> tuple[np.ndarray, dict[str, Any]]:
     renumber[bottom] = top
     nodes = np.concatenate([lower.nodes, upper.nodes])
     groups = {
-        "lower": (cell, lower.blocks[0].cells), "upper": (cell, renumber[upper.blocks[0].cells]),
-        "base": ("quad", facets(lower, "zmin")), "middle": ("quad", facets(lower, "zmax")),
+        "lower": (cell, lower.blocks[0].cells),
+        "upper": (cell, renumber[upper.blocks[0].cells]),
+        "base": ("quad", facets(lower, "zmin")),
+        "middle": ("quad", facets(lower, "zmax")),
         "roof": ("quad", renumber[facets(upper, "zmax")]),
-    }  # fmt: skip
+    }
     return nodes, groups
 
 
@@ -124,9 +126,7 @@ def other_cells(kind: str, corners: int) -> tuple[np.ndarray, dict[str, Any]]:
     return nodes, {"part": (kind, np.arange(corners)[None])}
 
 
-@pytest.mark.parametrize(
-    ("kind", "corners", "write"), [("wedge15", 15, write_inp), ("pyramid", 5, write_msh)]
-)
+@pytest.mark.parametrize(("kind", "corners", "write"), [("wedge15", 15, write_inp), ("pyramid", 5, write_msh)])
 def test_other_cells_are_refused_with_a_remedy(kind: str, corners: int, write: Write, tmp_path: Path) -> None:
     path = tmp_path / ("part.inp" if write is write_inp else "part.msh")
     write(path, *other_cells(kind, corners))
@@ -135,9 +135,13 @@ def test_other_cells_are_refused_with_a_remedy(kind: str, corners: int, write: W
 
 @pytest.mark.parametrize(
     ("cell_type", "writer"),
-    [(t, w) for t in ("tetra10", "hexahedron20", "hexahedron27", "wedge") for w in ("msh", "inp")
-     if (t, w) != ("hexahedron27", "inp")],
-)  # fmt: skip
+    [
+        (t, w)
+        for t in ("tetra10", "hexahedron20", "hexahedron27", "wedge")
+        for w in ("msh", "inp")
+        if (t, w) != ("hexahedron27", "inp")
+    ],
+)
 def test_every_type_of_cell_comes_back(cell_type: str, writer: str, tmp_path: Path) -> None:
     """Cells, also those numbered inside out, faces of each kind of facet, volume."""
     mesh = typed_box(cell_type, (2, 2, 2), shift=0.2)
@@ -221,16 +225,16 @@ def test_facets_inside_the_volume_are_no_face(written: Write) -> None:
 # Abaqus files in which groups are not one ELSET per block; "part" are the hexahedra, "top" the quadrilaterals.
 INP_STYLES = {
     "sets_after": "{nodes}*ELEMENT, TYPE=C3D8\n{cells}*ELEMENT, TYPE=S4\n{quads}"
-                  "*ELSET, ELSET=part\n1,2,3,4,5,6,7,8\n*ELSET, ELSET=top\n101,102,103,104\n",
+    "*ELSET, ELSET=part\n1,2,3,4,5,6,7,8\n*ELSET, ELSET=top\n101,102,103,104\n",
     "generated": "{nodes}*ELEMENT, TYPE=C3D8\n{cells}*ELEMENT, TYPE=S4\n{quads}"
-                 "*ELSET, ELSET=part, GENERATE\n1,8,1\n*ELSET, ELSET=top\n101,102,103,104\n",
+    "*ELSET, ELSET=part, GENERATE\n1,8,1\n*ELSET, ELSET=top\n101,102,103,104\n",
     "gmsh": "*HEADING\n part\n{nodes}*ELEMENT, type=CPS4, ELSET=Surface1\n{quads}*ELEMENT, type=C3D8, ELSET=Volume1\n"
-            "{cells}*ELSET,ELSET=part\n1,2,3,4,5,6,7,8\n*ELSET,ELSET=top\n101,102,103,104\n",
+    "{cells}*ELSET,ELSET=part\n1,2,3,4,5,6,7,8\n*ELSET,ELSET=top\n101,102,103,104\n",
     "set_before_a_later_block": "{nodes}*ELEMENT, TYPE=C3D8\n{cells}*ELSET, ELSET=part\n1,2,3,4,5,6,7,8\n"
-                                "*ELEMENT, TYPE=S4, ELSET=top\n{quads}",
+    "*ELEMENT, TYPE=S4, ELSET=top\n{quads}",
     "set_of_sets": "{nodes}*ELEMENT, TYPE=C3D8, ELSET=a\n{cells}*ELEMENT, TYPE=S4, ELSET=b\n{quads}"
-                   "*ELSET, ELSET=part\na\n*ELSET, ELSET=top\nb\n",
-}  # fmt: skip
+    "*ELSET, ELSET=part\na\n*ELSET, ELSET=top\nb\n",
+}
 
 
 @pytest.mark.parametrize("style", INP_STYLES)
@@ -239,9 +243,7 @@ def test_styles_of_abaqus_files(tmp_path: Path, style: str) -> None:
     mesh = box_mesh(np.zeros(3), np.ones(3), (2, 2, 2))
 
     def rows(table: np.ndarray, first: int, shift: int) -> str:
-        return "".join(
-            f"{first + i}, " + ", ".join(str(x + shift) for x in row) + "\n" for i, row in enumerate(table)
-        )
+        return "".join(f"{first + i}, " + ", ".join(str(x + shift) for x in row) + "\n" for i, row in enumerate(table))
 
     text = INP_STYLES[style].format(
         nodes="*NODE\n" + rows(mesh.nodes, 1, 0),
@@ -264,15 +266,22 @@ def test_missing_file_and_folder(tmp_path: Path) -> None:
     refused(lambda: read_content(tmp_path), tmp_path.name)
 
 
-GARBAGE = (b"", b"\n", b"hello", b"\x00\xff\xfe" * 200, b"$MeshFormat\n4.1 0 8\n",
-           b"$MeshFormat\n9.9 0 8\n$EndMeshFormat\n", b"*NODE\n1, a, b, c\n", b"*ELEMENT, TYPE=C3D8\n1,1,2\n",
-           b"*NODE\n1,0,0,0\n*ELEMENT, TYPE=X9\n1,1\n",
-           b"<VTKFile type='UnstructuredGrid'", b"# vtk DataFile Version 2.0\n")  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    "suffix", ["msh", "inp", "vtu", "vtk", "med", "xdmf", "bdf", "mesh", "stl", "zzz", ""]
+GARBAGE = (
+    b"",
+    b"\n",
+    b"hello",
+    b"\x00\xff\xfe" * 200,
+    b"$MeshFormat\n4.1 0 8\n",
+    b"$MeshFormat\n9.9 0 8\n$EndMeshFormat\n",
+    b"*NODE\n1, a, b, c\n",
+    b"*ELEMENT, TYPE=C3D8\n1,1,2\n",
+    b"*NODE\n1,0,0,0\n*ELEMENT, TYPE=X9\n1,1\n",
+    b"<VTKFile type='UnstructuredGrid'",
+    b"# vtk DataFile Version 2.0\n",
 )
+
+
+@pytest.mark.parametrize("suffix", ["msh", "inp", "vtu", "vtk", "med", "xdmf", "bdf", "mesh", "stl", "zzz", ""])
 def test_garbage_is_a_mesh_error_and_never_ends_the_process(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / (f"bad.{suffix}" if suffix else "bad")
     for content in GARBAGE:
@@ -306,9 +315,7 @@ def test_damaged_files_are_mesh_errors(box: Mesh, written: Write) -> None:
                 continue
 
 
-def test_reading_says_nothing(
-    box: Mesh, written: Write, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_reading_says_nothing(box: Mesh, written: Write, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     read_mesh(written(box.nodes, groups_of(box, top="zmax")))
     bad = tmp_path / "bad.msh"
     bad.write_text("hello")

@@ -20,14 +20,22 @@ PLANE: Callable[[Array], Array] = lambda x: np.column_stack([x, np.zeros(len(x))
 
 
 def sheet(
-    kind: str, n: int, m: int, size: tuple[float, float] = (1.0, 1.0), start: tuple[float, float] = (0.0, 0.0),
-    shape_of: Callable[[Array], Array] = PLANE, up: bool = True, skew: float = 0.0,
-) -> Surface:  # fmt: skip
+    kind: str,
+    n: int,
+    m: int,
+    size: tuple[float, float] = (1.0, 1.0),
+    start: tuple[float, float] = (0.0, 0.0),
+    shape_of: Callable[[Array], Array] = PLANE,
+    up: bool = True,
+    skew: float = 0.0,
+) -> Surface:
     """n x m rectangles of facets, mapped to space; ``up`` : normals along +z of the plane sheet."""
     fine = kind in ("triangle6", "quad8", "quad9")
     step = 2 if fine else 1
-    x, y = (start[0] + size[0] * np.arange(step * n + 1) / (step * n),
-            start[1] + size[1] * np.arange(step * m + 1) / (step * m))  # fmt: skip
+    x, y = (
+        start[0] + size[0] * np.arange(step * n + 1) / (step * n),
+        start[1] + size[1] * np.arange(step * m + 1) / (step * m),
+    )
     grid = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
     number = np.arange(grid[..., 0].size).reshape(grid.shape[:2])
     a, b, c, d = (
@@ -52,9 +60,7 @@ def sheet(
         ]
         facets = np.concatenate([corners, np.array(middles)], axis=1)
         if kind == "quad9":
-            facets = np.column_stack(
-                [facets, [lookup[tuple(np.round(raw[f].mean(axis=0), 9))] for f in corners]]
-            )
+            facets = np.column_stack([facets, [lookup[tuple(np.round(raw[f].mean(axis=0), 9))] for f in corners]])
     return Surface(shape_of(flat), FacetSet.of(facets.astype(np.int64)))
 
 
@@ -114,9 +120,7 @@ def test_partly_covered(kind: str) -> None:
 @pytest.mark.parametrize("share", [1e-1, 1e-3, 1e-5])
 def test_slivers_leave_no_point_with_little_area(share: float) -> None:
     owner = sheet("quad", 6, 6)
-    edge = (
-        2 + np.sqrt(2 * share)
-    ) / 6  # a strip of the next facets, whose far nodes have this share of their area
+    edge = (2 + np.sqrt(2 * share)) / 6  # a strip of the next facets, whose far nodes have this share of their area
     other = sheet("quad", 5, 5, (edge, edge), (1 / 6, 1 / 6), up=False)
     raw, found = mortar(owner, other, least=0.0), mortar(owner, other)
     assert raw is not None
@@ -190,9 +194,7 @@ def test_shape_functions_of_facets(kind: str) -> None:
     at = np.random.default_rng(1).random((7, 2))
     assert shape(kind, at).sum(axis=1) == pytest.approx(1.0)
     h = 1e-6
-    measured = np.stack(
-        [(shape(kind, at + h * e) - shape(kind, at - h * e)) / (2 * h) for e in np.eye(2)], axis=-1
-    )
+    measured = np.stack([(shape(kind, at + h * e) - shape(kind, at - h * e)) / (2 * h) for e in np.eye(2)], axis=-1)
     assert slopes(kind, at) == pytest.approx(measured, abs=1e-8)
 
 
@@ -200,9 +202,7 @@ def test_shape_functions_of_facets(kind: str) -> None:
     ("kind", "plain", "positive"),
     [("triangle6", (0, 1 / 3), (2 / 15, 1 / 5)), ("quad8", (-1 / 12, 1 / 3), (1 / 20, 1 / 5))],
 )
-def test_areas_after_the_change_of_basis(
-    kind: str, plain: tuple[float, float], positive: tuple[float, float]
-) -> None:
+def test_areas_after_the_change_of_basis(kind: str, plain: tuple[float, float], positive: tuple[float, float]) -> None:
     """int phi over the facet's area, at corners and middles (alpha = 1/5)."""
     assert ALPHA == 0.2
     points, weights = triangle_quadrature(4) if kind == "triangle6" else square_quadrature(3)

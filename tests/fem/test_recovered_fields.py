@@ -28,12 +28,14 @@ def pulled(folder: Path, cell_type: str) -> dict[str, Any]:
     """A cube drawn along z with free sides, nu = 0.3: stress 2 MPa, nothing else."""
     ramp = {"type": "table", "times": [0.0, 1.0], "values": [0.0, 1.0]}
     return {
-        "name": "cube", "material": steel(0.3),
+        "name": "cube",
+        "material": steel(0.3),
         "substructure": {"cube": box_file(folder / "cube.msh", cell_type, (1.0, 1.0, 1.0), (2, 2, 2))},
         "boundary": {side: {"type": "symmetry", "face": f"cube.{side}"} for side in ("xmin", "ymin", "zmin")},
         "load": {"pull": {"face": "cube.zmax", "pressure": -2e6, "law": ramp}},
-        "time": {"end": 1.0, "instants": 2, "quasi_static": True}, "output": dict(WANTED),
-    }  # fmt: skip
+        "time": {"end": 1.0, "instants": 2, "quasi_static": True},
+        "output": dict(WANTED),
+    }
 
 
 @pytest.mark.parametrize("cell_type", TYPES)
@@ -72,9 +74,7 @@ def check_tension(found: xr.Dataset, exactness: float) -> None:
 @pytest.mark.parametrize("body", ["bending modes", "tetra10", "hexahedron20"])
 def test_stress_of_the_bent_beam_at_half_length(tmp_path: Path, body: str) -> None:
     """sigma_xx = M z / I on the outer fibres, away from the ends."""
-    made = (
-        box((20, 2, 1), bending_modes=True) if body == "bending modes" else meshed(tmp_path, body, (20, 2, 1))
-    )
+    made = box((20, 2, 1), bending_modes=True) if body == "bending modes" else meshed(tmp_path, body, (20, 2, 1))
     tables = beam(made)
     tables["output"] = {"nodal_stress": True}
     found = api.solve(scene_from_dict(tables)).to_datatree()["substructures/beam"].to_dataset()

@@ -14,9 +14,13 @@ from latin_fmu.fem.shape_functions import cell_functions, mirrored
 
 TYPES = tuple(CELL_FACES)
 SKFEM = {
-    "hexahedron": skfem.ElementHex1, "hexahedron20": skfem.ElementHexS2, "hexahedron27": skfem.ElementHex2,
-    "tetra": skfem.ElementTetP1, "tetra10": skfem.ElementTetP2, "wedge": skfem.ElementWedge1,
-}  # fmt: skip
+    "hexahedron": skfem.ElementHex1,
+    "hexahedron20": skfem.ElementHexS2,
+    "hexahedron27": skfem.ElementHex2,
+    "tetra": skfem.ElementTetP1,
+    "tetra10": skfem.ElementTetP2,
+    "wedge": skfem.ElementWedge1,
+}
 
 
 @pytest.mark.parametrize("cell_type", TYPES)

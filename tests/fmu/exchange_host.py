@@ -36,9 +36,11 @@ class ExchangeHost:
         self.folder = fmpy.extract(str(fmu))
         self._references = {v.name: v.valueReference for v in self.description.modelVariables}
         self.fmu = FMU3Model(
-            guid=self.description.guid, unzipDirectory=self.folder, instanceName="instance",
+            guid=self.description.guid,
+            unzipDirectory=self.folder,
+            instanceName="instance",
             modelIdentifier=self.description.modelExchange.modelIdentifier,
-        )  # fmt: skip
+        )
         self.fmu.instantiate(loggingOn=True, logMessage=self._hear)
         self.n_state = self.description.numberOfContinuousStates
 

@@ -10,12 +10,7 @@ from typing import Any
 
 import fmpy
 import numpy as np
-from fmpy.fmi2 import (
-    FMU2Slave,
-    defaultCallbacks,
-    fmi2CallbackFunctions,
-    fmi2CallbackLoggerTYPE,
-)
+from fmpy.fmi2 import FMU2Slave, defaultCallbacks, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
 from fmpy.fmi3 import FMU3Slave
 
 
@@ -34,14 +29,14 @@ class Host:
         self.description = fmpy.read_model_description(str(fmu))
         self.three = self.description.fmiVersion.startswith("3")
         self.variables = {v.name: v for v in self.description.modelVariables}
-        self.outputs = [
-            v.name for v in self.description.modelVariables if v.causality == "output" and not v.dimensions
-        ]
+        self.outputs = [v.name for v in self.description.modelVariables if v.causality == "output" and not v.dimensions]
         kind: Any = FMU3Slave if self.three else FMU2Slave
         self.fmu = kind(
-            guid=self.description.guid, unzipDirectory=str(self.folder), instanceName=name,
+            guid=self.description.guid,
+            unzipDirectory=str(self.folder),
+            instanceName=name,
             modelIdentifier=self.description.coSimulation.modelIdentifier,
-        )  # fmt: skip
+        )
         try:
             self._instantiate()
         except Exception as error:
@@ -71,9 +66,7 @@ class Host:
         for key, value in values.items():
             name = key.replace("__", ".")
             kind = self.variables[name].type
-            getattr(self.fmu, f"set{kind}")(
-                [self.reference(name)], value if isinstance(value, list) else [value]
-            )
+            getattr(self.fmu, f"set{kind}")([self.reference(name)], value if isinstance(value, list) else [value])
 
     def read(self, names: Sequence[str] | None = None) -> np.ndarray:
         names = self.outputs if names is None else names

@@ -5,9 +5,7 @@ from __future__ import annotations
 import importlib.util
 from pathlib import Path
 
-_SPEC = importlib.util.spec_from_file_location(
-    "cosim_scenes", Path(__file__).parents[1] / "cosim" / "scenes.py"
-)
+_SPEC = importlib.util.spec_from_file_location("cosim_scenes", Path(__file__).parents[1] / "cosim" / "scenes.py")
 assert _SPEC is not None
 assert _SPEC.loader is not None
 _module = importlib.util.module_from_spec(_SPEC)

@@ -40,11 +40,7 @@ def test_contents(fmus, fmi):
         assert all(entry.compress_type == zipfile.ZIP_DEFLATED for entry in archive.infolist())
         page = archive.read("documentation/index.html").decode()
         packages = archive.read("documentation/externalDependencies.txt").decode()
-    assert {
-        "modelDescription.xml",
-        "resources/scene/scene.toml",
-        "documentation/licenses/license.txt",
-    } <= names
+    assert {"modelDescription.xml", "resources/scene/scene.toml", "documentation/licenses/license.txt"} <= names
     assert ("model.png" if fmi == "2" else "terminalsAndIcons/icon.png") in names
     assert "interface.crush.force[3]" in page
     assert "numba" in packages

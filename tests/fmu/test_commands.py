@@ -53,9 +53,13 @@ def test_a_refused_step_ends_the_run_with_its_message(scene_file, tmp_path, caps
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
-    [(["nowhere.fmu"], "no such file"), (["{fmu}", "--start", "x=1"], "no variable of this name"),
-     (["{fmu}", "--start", "x"], "NAME=VALUE"), (["{fmu}", "--input", "nowhere.csv"], "nowhere.csv")],
-)  # fmt: skip
+    [
+        (["nowhere.fmu"], "no such file"),
+        (["{fmu}", "--start", "x=1"], "no variable of this name"),
+        (["{fmu}", "--start", "x"], "NAME=VALUE"),
+        (["{fmu}", "--input", "nowhere.csv"], "nowhere.csv"),
+    ],
+)
 def test_bad_arguments(fmus, tmp_path, arguments, words, capsys):
     given = [a.replace("{fmu}", str(fmus["2"])) for a in arguments]
     assert cli.main(["simulate", *given, "-o", str(tmp_path / "o.csv")]) == 2

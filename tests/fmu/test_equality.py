@@ -53,9 +53,7 @@ def test_prescribed_from_netcdf(opened, tmp_path):
     import xarray as xr
 
     file = tmp_path / "loads.nc"
-    xr.Dataset({"press": ("time", [0.0, 1.0])}, coords={"time": [0.0, 3e-6]}).to_netcdf(
-        file, engine="netcdf4"
-    )
+    xr.Dataset({"press": ("time", [0.0, 1.0])}, coords={"time": [0.0, 3e-6]}).to_netcdf(file, engine="netcdf4")
     session = Session(blocks(), Settings(mode=1))
     session.set_history("press", [0.0, 3e-6], [0.0, 1.0])
     session.initialize()
@@ -86,9 +84,7 @@ def test_prescribed_from_arrays(opened):
     n = len(time)
     assert host.read(["window.count"]) == n
     assert np.array_equal(host.array("window.time", 31), time)
-    assert np.array_equal(
-        host.array("interface.crush.window.force", 93).reshape(31, 3), interfaces["crush"].force()
-    )
+    assert np.array_equal(host.array("interface.crush.window.force", 93).reshape(31, 3), interfaces["crush"].force())
     assert np.array_equal(
         host.array("interface.crush.points.traction", 27).reshape(9, 3), interfaces["crush"].traction[20]
     )
@@ -123,7 +119,10 @@ def test_simulate_fmu_runs_without_a_stop_time_in_the_setup(fmus, fmi):
     import fmpy
 
     result = fmpy.simulate_fmu(
-        str(fmus[fmi]), stop_time=3e-6, output_interval=1e-6, start_values={"load.press.value": 0.5},
+        str(fmus[fmi]),
+        stop_time=3e-6,
+        output_interval=1e-6,
+        start_values={"load.press.value": 0.5},
         output=["interface.crush.force[3]"],
-    )  # fmt: skip
+    )
     assert len(result) == 4

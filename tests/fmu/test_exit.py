@@ -53,8 +53,6 @@ def test_the_library_holds_nothing_when_the_interpreter_has_ended(fmus, fmi, tmp
     code = textwrap.dedent(_CODE.format(root=root, fmu=str(fmus[fmi]), folder=str(tmp_path)))
     if open_at_exit:
         code = code.replace("    host.close()\n", "    pass\n")
-    process = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, timeout=200, check=False
-    )
+    process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=200, check=False)
     assert process.returncode == 0, process.stderr
     assert json.loads(process.stdout.splitlines()[-1]) == [[1, 1], [1, 1], [0, 0]]

@@ -43,9 +43,12 @@ def start(fmu: Path, folder: Path, **environment: str) -> subprocess.Popen[str]:
     root = str(Path(__file__).parents[2])
     code = textwrap.dedent(_CODE.format(root=root, fmu=str(fmu), folder=str(folder), h=H))
     return subprocess.Popen(
-        [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        [sys.executable, "-c", code],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
         env={**os.environ, **environment},
-    )  # fmt: skip
+    )
 
 
 def result(process: subprocess.Popen[str]) -> dict[str, Any]:

@@ -176,10 +176,7 @@ def test_two_versions_of_the_package_in_one_process(opened, fmus, fmi, tmp_path,
         assert host.step(0.0, H)
     assert np.array_equal(first.read(), second.read())
     with zipfile.ZipFile(fmus[fmi]) as a, zipfile.ZipFile(other) as b:
-        roots = [
-            next(n.split("/")[1] for n in z.namelist() if n.startswith("resources/latin_fmu_"))
-            for z in (a, b)
-        ]
+        roots = [next(n.split("/")[1] for n in z.namelist() if n.startswith("resources/latin_fmu_")) for z in (a, b)]
     assert roots[0] != roots[1]
     for root, other_version in zip(roots, (False, True), strict=True):
         assert hasattr(sys.modules[f"{root}.latin_fmu.cosim.step_report"], "OTHER") == other_version
@@ -231,11 +228,7 @@ def test_missing_packages_are_named(fmus, fmi, tmp_path):
             print(json.dumps([str(error), *heard]))
     """
     done = subprocess.run(
-        [sys.executable, "-c", textwrap.dedent(code)],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=120,
+        [sys.executable, "-c", textwrap.dedent(code)], capture_output=True, text=True, check=False, timeout=120
     )
     assert done.returncode == 0, done.stderr
     said = " ".join(json.loads(done.stdout.splitlines()[-1]))

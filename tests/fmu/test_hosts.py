@@ -21,8 +21,13 @@ from .scenes import bar
 
 SCRIPTS = Path(__file__).parent / "hosts"
 STEP, N, INPUT, VALUE, OUTPUT = 1e-6, 4, "load.press.value", 0.6, "interface.crush.force[3]"
-MODULES = {"libcosimpy": "libcosimpy", "ecospy": "ecospy", "pathsim": "pathsim_fmi", "cofmupy": "cofmupy",
-           "gemseo": "gemseo_fmu"}  # fmt: skip
+MODULES = {
+    "libcosimpy": "libcosimpy",
+    "ecospy": "ecospy",
+    "pathsim": "pathsim_fmi",
+    "cofmupy": "cofmupy",
+    "gemseo": "gemseo_fmu",
+}
 
 
 def tool(environment: str, name: str) -> str:
@@ -38,9 +43,7 @@ def tool(environment: str, name: str) -> str:
 def python_of(host: str) -> str:
     """The Python that has the host; skips where it has not, or where the host itself cannot be loaded."""
     python = tool(host if host in ("cofmupy", "gemseo") else "common", "python")
-    done = subprocess.run(
-        [python, "-c", f"import {MODULES[host]}"], capture_output=True, text=True, check=False
-    )
+    done = subprocess.run([python, "-c", f"import {MODULES[host]}"], capture_output=True, text=True, check=False)
     if done.returncode:
         pytest.skip(f"{host} cannot be loaded: {done.stderr.strip().splitlines()[-1]}")
     return python
@@ -67,10 +70,7 @@ def expected(opened) -> list[float]:
 
 @pytest.mark.parametrize(
     ("host", "version"),
-    [
-        ("libcosimpy", "2"),
-        *((host, v) for host in ("ecospy", "pathsim", "cofmupy", "gemseo") for v in ("2", "3")),
-    ],
+    [("libcosimpy", "2"), *((host, v) for host in ("ecospy", "pathsim", "cofmupy", "gemseo") for v in ("2", "3"))],
 )
 def test_host(host, version, fmus, expected, tmp_path):
     """An input set, steps made, an output read."""
@@ -89,9 +89,12 @@ def test_container_of_two(fmus, expected, tmp_path):
     (tmp_path / "both.json").write_text(json.dumps(plan))
     ran([tool("common", "fmucontainer"), "-fmu-directory", ".", "-container", "both.json"], tmp_path)
     result = fmpy.simulate_fmu(
-        str(tmp_path / "both.fmu"), stop_time=N * STEP, output_interval=STEP, start_values={INPUT: VALUE},
+        str(tmp_path / "both.fmu"),
+        stop_time=N * STEP,
+        output_interval=STEP,
+        start_values={INPUT: VALUE},
         output=["interface.crush.force[3]", "interface.wall.velocityE[3]"],
-    )  # fmt: skip
+    )
     assert result[OUTPUT][1:] == pytest.approx(expected, rel=1e-9, abs=1e-6)
     assert result["interface.wall.velocityE[3]"][-1] == pytest.approx(-10.0)
 

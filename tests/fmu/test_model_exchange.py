@@ -86,15 +86,11 @@ def test_impulse_of_the_contact_is_that_of_the_solver(case, tmp_path):
 def test_more_modes_come_closer(tmp_path):
     """Two bars with a gap: 6 % off with 4 modes per body, 0.8 % with 24."""
     overrides, contact = CASES["beam_in_traction"]
-    scene = latin_fmu.load_scene(
-        MODELS / "beam_in_traction" / "scene.toml", [*overrides, "output.fields=false"]
-    )
+    scene = latin_fmu.load_scene(MODELS / "beam_in_traction" / "scene.toml", [*overrides, "output.fields=false"])
     time = np.linspace(0.0, scene.time.end, scene.time.n_step + 1)
     exact = latin_fmu.solve(scene).outcome.interfaces[contact].impulse(time)[-1, 2]
     few, many = (
-        integrate(build_model_exchange(scene, tmp_path / "me.fmu", n, 1))[0][
-            f"interface.{contact}.impulse[3]"
-        ][-1]
+        integrate(build_model_exchange(scene, tmp_path / "me.fmu", n, 1))[0][f"interface.{contact}.impulse[3]"][-1]
         for n in (4, 24)
     )
     assert abs(many / exact - 1.0) < 0.012 < 0.03 < abs(few / exact - 1.0)
@@ -186,9 +182,7 @@ def test_events_are_few_and_counted(pressed):
 
 def test_stiffer_contact_penetrates_less(pressed):
     soft, stiff = (
-        integrate(pressed, {"load.press.value": 1.0, "contactStiffness": k})[0][
-            "interface.crush.smallestGap"
-        ].min()
+        integrate(pressed, {"load.press.value": 1.0, "contactStiffness": k})[0]["interface.crush.smallestGap"].min()
         for k in (5.0, 50.0)
     )
     assert soft < 3.0 * stiff < 0.0
@@ -214,11 +208,7 @@ def test_contents(pressed):
         names = set(archive.namelist())
         page = archive.read("documentation/index.html").decode()
         needs = archive.read("documentation/externalDependencies.txt").decode()
-    assert {
-        "resources/reduced.bin",
-        "terminalsAndIcons/icon.png",
-        "documentation/licenses/license.txt",
-    } <= names
+    assert {"resources/reduced.bin", "terminalsAndIcons/icon.png", "documentation/licenses/license.txt"} <= names
     assert "cross-check" in page
     assert "interface.crush.gapIndicator[4]" in page
     assert "numba" not in needs

@@ -31,11 +31,7 @@ def pair(path: Path, fmi: str):
     """A test of a model and a version of the FMI; the quick tests leave out what takes seconds more."""
     quick = {
         "2": [p for p in SCENES if p.stem in ("n16", "scene")],
-        "3": [
-            p
-            for p in SCENES
-            if p.parent.name in ("impact_bar", "shear_interface") or p.stem in ("n02", "ground")
-        ],
+        "3": [p for p in SCENES if p.parent.name in ("impact_bar", "shear_interface") or p.stem in ("n02", "ground")],
     }
     marks = [] if path in quick[fmi] else [pytest.mark.slow]
     return pytest.param(path, fmi, id=f"{names(path)}-{fmi}", marks=marks)
@@ -103,9 +99,7 @@ def test_equal_to_the_reference(path, fmi, prepared, tmp_path):
 @pytest.mark.parametrize("path", SCENES, ids=names)
 def test_fmutool_finds_nothing(path, fmi, plain):
     folder = hosts_folder()
-    said = fmutool_report(
-        plain(path, fmi), "fmutool" if folder is None else str(folder / "common" / "bin" / "fmutool")
-    )
+    said = fmutool_report(plain(path, fmi), "fmutool" if folder is None else str(folder / "common" / "bin" / "fmutool"))
     if said is None:
         pytest.skip("fmutool is not installed: see tests/fmu/install_hosts.sh")
     assert "seems to be compliant" in said

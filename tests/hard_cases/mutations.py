@@ -13,9 +13,33 @@ from latin_fmu.cli import main
 
 MODELS = Path(__file__).parents[2] / "models"
 PIECES = (
-    b"", b"nan", b"-1", b"0", b"1e400", b"[", b"]", b"{", b'"', b"=", b"\n", b"\x00", b"\xff\xfe", b"#", b",", b";",
-    b"9999999999", b"inf", b"true", b"x", b"-", b".", b"$End", b"*", b"1e-300", b"\xe2\x82\xac",
-)  # fmt: skip
+    b"",
+    b"nan",
+    b"-1",
+    b"0",
+    b"1e400",
+    b"[",
+    b"]",
+    b"{",
+    b'"',
+    b"=",
+    b"\n",
+    b"\x00",
+    b"\xff\xfe",
+    b"#",
+    b",",
+    b";",
+    b"9999999999",
+    b"inf",
+    b"true",
+    b"x",
+    b"-",
+    b".",
+    b"$End",
+    b"*",
+    b"1e-300",
+    b"\xe2\x82\xac",
+)
 
 SMALL_SCENE = b"""name = "fuzz"
 [material.m]
@@ -96,9 +120,7 @@ def damaged(content: bytes, rng: np.random.Generator) -> bytes:
             numbers = list(re.finditer(rb"-?\d+(\.\d+)?(e-?\d+)?", content))
             if numbers:
                 hit = numbers[int(rng.integers(len(numbers)))]
-                content = (
-                    content[: hit.start()] + PIECES[int(rng.integers(len(PIECES)))] + content[hit.end() :]
-                )
+                content = content[: hit.start()] + PIECES[int(rng.integers(len(PIECES)))] + content[hit.end() :]
         if not content:
             break
     return content

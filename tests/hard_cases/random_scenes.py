@@ -32,8 +32,13 @@ def scene(seed: int) -> dict[str, Any]:
     scale = float(pick(speeds)) * 10.0 ** rng.uniform(-5, -2)
     friction = float(pick([0.0, 0.1, 0.3, 1.0, 10.0]))
     described: dict[str, Any] = {
-        "name": f"random_{seed}", "material": {}, "substructure": {}, "interface": {}, "boundary": {}, "load": {},
-    }  # fmt: skip
+        "name": f"random_{seed}",
+        "material": {},
+        "substructure": {},
+        "interface": {},
+        "boundary": {},
+        "load": {},
+    }
     level, transits = 0.0, []
     for i in range(count):
         height, layers = size * 10.0 ** rng.uniform(-0.5, 0.7), int(rng.integers(1, 7))
@@ -57,11 +62,7 @@ def scene(seed: int) -> dict[str, Any]:
     weight = max(s["density"] for s in stuffs)
     _load(described, rng, count, weight * float(max(speeds)) * scale, 60 * float(max(transits)))
     step = float(pick([min(transits), max(transits)])) * 10.0 ** rng.uniform(-1, 1)
-    described["time"] = {
-        "end": 40 * step,
-        "instants": 40,
-        "scheme": dict(SCHEMES[int(rng.integers(len(SCHEMES)))]),
-    }
+    described["time"] = {"end": 40 * step, "instants": 40, "scheme": dict(SCHEMES[int(rng.integers(len(SCHEMES)))])}
     described["solver"] = {
         "window": pick([1, 1, 1, 4, "whole"]).item(),
         "search_direction": {
@@ -97,15 +98,10 @@ def _surroundings(described: dict[str, Any], rng: np.random.Generator, count: in
             described["boundary"][f"x{i}"] = {"face": f"b{i}.xmin", "type": "symmetry"}
 
 
-def _load(
-    described: dict[str, Any], rng: np.random.Generator, count: int, traction: float, span: float
-) -> None:
+def _load(described: dict[str, Any], rng: np.random.Generator, count: int, traction: float, span: float) -> None:
     if rng.random() < 0.3:
         return
-    law = {
-        "type": str(rng.choice(["half_sine", "rectangular_pulse"])),
-        "duration": span * 10.0 ** rng.uniform(-2, 0),
-    }
+    law = {"type": str(rng.choice(["half_sine", "rectangular_pulse"])), "duration": span * 10.0 ** rng.uniform(-2, 0)}
     size = traction * 10.0 ** rng.uniform(-1, 1)
     if rng.random() < 0.7:
         described["load"]["push"] = {"face": f"b{count - 1}.zmax", "pressure": size, "law": law}
@@ -132,9 +128,7 @@ def outcome(seed: int) -> str:
         assert said.rstrip(".").split(". ")[-1], said
         return "not converged"
     check_energy(solution, described)
-    assert penetration_bound(solution) <= 1.0, (
-        f"penetration over its bound: {penetration_bound(solution):.3f}"
-    )
+    assert penetration_bound(solution) <= 1.0, f"penetration over its bound: {penetration_bound(solution):.3f}"
     return "converged"
 
 
@@ -157,6 +151,4 @@ def check_energy(solution: latin_fmu.Solution, described: dict[str, Any]) -> Non
         courant = max(courant, float(solution.time[1]) * speed / shortest)
     allowed = (1e-9 + 1e-12 * courant**2) * scale
     assert float(np.abs(energy["balance"]).max()) <= allowed, "energy balance"
-    assert float(np.diff(energy["friction_dissipation"]).min(initial=0.0)) >= -1e-9 * scale, (
-        "friction gives energy"
-    )
+    assert float(np.diff(energy["friction_dissipation"]).min(initial=0.0)) >= -1e-9 * scale, "friction gives energy"

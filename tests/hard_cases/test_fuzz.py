@@ -26,8 +26,20 @@ def check(seed, tmp_path, capsys):
         assert result.left == [], hint
         assert result.said.startswith("latin-fmu: "), hint
         named = result.said.split("latin-fmu: ", 1)[1]
-        places = ("material", "substructure", "interface", "boundary", "load", "time", "solver", "output",
-                  "line", "scene", os.sep, "name")  # fmt: skip
+        places = (
+            "material",
+            "substructure",
+            "interface",
+            "boundary",
+            "load",
+            "time",
+            "solver",
+            "output",
+            "line",
+            "scene",
+            os.sep,
+            "name",
+        )
         assert any(place in named for place in places), hint
     else:
         assert set(result.left) <= {"out.nc"}, hint

@@ -8,8 +8,7 @@ from latin_fmu.stability import CASES, run_case
 
 
 @pytest.mark.parametrize(
-    "case",
-    [pytest.param(c, id=f"{c.family}: {c.name}", marks=[] if c.quick else [pytest.mark.slow]) for c in CASES],
+    "case", [pytest.param(c, id=f"{c.family}: {c.name}", marks=[] if c.quick else [pytest.mark.slow]) for c in CASES]
 )
 def test_hard_case(case):
     """Every measure within its limit (the limits and their reasons stand with the case)."""

@@ -99,9 +99,7 @@ PARAMETERS: Mapping[str, tuple[Mapping[str, float], ...]] = MappingProxyType(
             {"normal_viscosity": 1e6, "tangential_viscosity": 1e-6},
             {"normal_viscosity": 1.0, "tangential_viscosity": 0.0},
         ),
-        "contact": tuple(
-            MappingProxyType({"friction_coefficient": mu}) for mu in (0.0, 1e-6, 0.2, 1.0, 10.0, 1e6)
-        ),
+        "contact": tuple(MappingProxyType({"friction_coefficient": mu}) for mu in (0.0, 1e-6, 0.2, 1.0, 10.0, 1e6)),
     }
 )
 RELATIONS: Mapping[str, Residual] = MappingProxyType(

@@ -76,6 +76,10 @@ def viscous_joint(jump: Array, z: Array, reach: Array, rate: float, parameters: 
 
 
 LAWS: Mapping[str, Law] = {
-    "perfect": perfect, "contact": contact, "no_slip": no_slip, "elastic_layer": elastic_layer,
-    "soft_contact": soft_contact, "viscous_joint": viscous_joint,
-}  # fmt: skip
+    "perfect": perfect,
+    "contact": contact,
+    "no_slip": no_slip,
+    "elastic_layer": elastic_layer,
+    "soft_contact": soft_contact,
+    "viscous_joint": viscous_joint,
+}

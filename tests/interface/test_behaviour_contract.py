@@ -70,9 +70,7 @@ def test_law_is_that_of_numpy(behaviour: Behaviour, solve: Solve, points: Any, g
     np.testing.assert_allclose(solve(p), expected, rtol=1e-13, atol=1e-15)
 
 
-def test_a_solution_is_a_fixed_point_for_any_search_direction(
-    behaviour: Behaviour, solve: Solve, points: Any
-) -> None:
+def test_a_solution_is_a_fixed_point_for_any_search_direction(behaviour: Behaviour, solve: Solve, points: Any) -> None:
     """Idempotence, also when k changes: the answer satisfies the relation, which knows nothing of k."""
     first = points(behaviour)
     f_hat = solve(first)

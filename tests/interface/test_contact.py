@@ -83,9 +83,7 @@ def test_rigid_ground_is_the_limit_of_a_stiff_side(points: Any) -> None:
     stiff.k[1] = 1e14
     friction = np.full(len(stiff.reach), mu)
     limit = local(stiff.jump, stiff.z, stiff.reach, friction)
-    ground = local(
-        stiff.w[1] - stiff.free[0], np.ascontiguousarray(1 / stiff.k[0][:, :2]), stiff.reach, friction
-    )
+    ground = local(stiff.w[1] - stiff.free[0], np.ascontiguousarray(1 / stiff.k[0][:, :2]), stiff.reach, friction)
     np.testing.assert_allclose(limit, ground, rtol=1e-11, atol=1e-11)
 
 
@@ -103,9 +101,7 @@ def test_rigid_ground_is_the_limit_of_a_stiff_side(points: Any) -> None:
         ((-1.0, 5.0, -5.0), 0.0, 1e6, STICK),
     ],
 )
-def test_status_with_friction(
-    jump: tuple[float, float, float], reach: float, mu: float, expected: int
-) -> None:
+def test_status_with_friction(jump: tuple[float, float, float], reach: float, mu: float, expected: int) -> None:
     f_hat = local(np.array([jump]), np.full((1, 2), 0.5), np.array([reach]), np.array([mu]))
     assert Contact.status(f_hat, np.array([[mu]]))[0] == expected
 
@@ -128,9 +124,7 @@ def test_frictionless_contact_has_normal_unknowns_only_and_slips() -> None:
     assert contact.n_component == 1
     assert Contact(0.1).n_component == 3
     f_hat = np.array([[-1.0], [0.0], [-0.0]])
-    np.testing.assert_array_equal(
-        contact.status(f_hat, contact.point_parameters(3)), [SLIP, SEPARATION, SEPARATION]
-    )
+    np.testing.assert_array_equal(contact.status(f_hat, contact.point_parameters(3)), [SLIP, SEPARATION, SEPARATION])
 
 
 def test_zero_friction_equals_the_normal_unknown_alone(points: Any) -> None:

@@ -18,10 +18,7 @@ def solved(behaviour: Behaviour, p: Any, rate: float = 0.8) -> np.ndarray:
     return behaviour.local(p.jump, p.z, p.reach, rate, behaviour.point_parameters(len(p.reach)))
 
 
-@pytest.mark.parametrize(
-    ("name", "keys"),
-    [("elastic_layer", list(LAYER)), ("viscous_joint", list(JOINT))],
-)
+@pytest.mark.parametrize(("name", "keys"), [("elastic_layer", list(LAYER)), ("viscous_joint", list(JOINT))])
 def test_a_stiff_joint_is_a_perfect_connection(points: Any, name: str, keys: list[str]) -> None:
     stiff = make_behaviour(name, dict.fromkeys(keys, 1e14))
     p = points(stiff)
@@ -59,6 +56,6 @@ def test_stored_energy_is_that_of_the_springs() -> None:
     k = np.array([2.0, 0.7, 0.7])
     assert layer.stored_energy(k * u, layer.point_parameters(1))[0] == pytest.approx(0.5 * (k * u**2).sum())
     soft = make_behaviour("soft_contact", SOFT)
-    assert soft.stored_energy(np.array([[-0.5 * 0.2, 9.0, 9.0]]), soft.point_parameters(1))[
-        0
-    ] == pytest.approx(0.5 * 0.5 * 0.2**2)
+    assert soft.stored_energy(np.array([[-0.5 * 0.2, 9.0, 9.0]]), soft.point_parameters(1))[0] == pytest.approx(
+        0.5 * 0.5 * 0.2**2
+    )

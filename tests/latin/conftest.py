@@ -17,9 +17,7 @@ Tables = dict[str, Any]
 SECTION, LENGTH, ELEMENTS = 0.5, 1.0, 6
 
 
-def box(
-    z: float, length: float = LENGTH, n: int = ELEMENTS, across: int = 1, size: float = SECTION
-) -> Tables:
+def box(z: float, length: float = LENGTH, n: int = ELEMENTS, across: int = 1, size: float = SECTION) -> Tables:
     """A bar along z."""
     return {"origin": [0.0, 0.0, z], "size": [size, size, length], "elements": [across, across, n]}
 
@@ -69,7 +67,7 @@ def blocks(**others: Any) -> Tables:
         "time": {"end": 1.2, "instants": 12},
         "solver": {},
         "output": {"fields": True, "energy": True},
-    }  # fmt: skip
+    }
     return tables | others
 
 

@@ -30,14 +30,7 @@ class Accelerated:
             self.arrays = [np.full(size, np.nan) for size in sizes]
         out = q.ravel().copy()
         acceleration.anderson(
-            out,
-            residual.ravel().copy(),
-            depth,
-            self._relaxation,
-            longest,
-            self._weight,
-            *self.arrays,
-            self.count,
+            out, residual.ravel().copy(), depth, self._relaxation, longest, self._weight, *self.arrays, self.count
         )
         self.count += 1
         return out.reshape(q.shape)

@@ -46,20 +46,27 @@ def stack(n: int = 3, behaviour: str = "contact", **solver: Any) -> Tables:
         },
         "time": {"end": 6e-6, "instants": 30},
         "solver": solver,
-    }  # fmt: skip
+    }
 
 
 def moving_ground(tables: Tables) -> None:
     tables["interface"]["floor"]["ground_velocity"] = {
-        "direction": [0.0, 0.0, 1.0], "amplitude": 3.0, "law": {"type": "half_sine", "duration": 4e-6},
-    }  # fmt: skip
+        "direction": [0.0, 0.0, 1.0],
+        "amplitude": 3.0,
+        "law": {"type": "half_sine", "duration": 4e-6},
+    }
 
 
 def driven_face(tables: Tables) -> None:
     tables["boundary"] = {
-        "drive": {"type": "velocity", "face": "b0.xmin", "components": ["x"], "value": [2.0],
-                  "law": {"type": "half_sine", "duration": 3e-6}},
-    }  # fmt: skip
+        "drive": {
+            "type": "velocity",
+            "face": "b0.xmin",
+            "components": ["x"],
+            "value": [2.0],
+            "law": {"type": "half_sine", "duration": 3e-6},
+        }
+    }
 
 
 def damped(tables: Tables) -> None:
@@ -81,9 +88,11 @@ def frictionless(tables: Tables) -> None:
 def mixed(tables: Tables) -> None:
     tables["interface"]["i0"] = {"sides": ["b0.zmax", "b1.zmin"], "behaviour": "perfect"}
     tables["interface"]["i1"] = {
-        "sides": ["b1.zmax", "b2.zmin"], "behaviour": "viscous_joint", "normal_viscosity": 1e7,
+        "sides": ["b1.zmax", "b2.zmin"],
+        "behaviour": "viscous_joint",
+        "normal_viscosity": 1e7,
         "tangential_viscosity": 1e6,
-    }  # fmt: skip
+    }
 
 
 def layers(tables: Tables) -> None:
@@ -91,27 +100,31 @@ def layers(tables: Tables) -> None:
     one instant takes the long road."""
     moving_ground(tables)
     driven_face(tables)
-    tables["interface"]["floor"] |= {
-        "behaviour": "soft_contact",
-        "normal_stiffness": 2e15,
-        "interference": 2e-7,
-    }
+    tables["interface"]["floor"] |= {"behaviour": "soft_contact", "normal_stiffness": 2e15, "interference": 2e-7}
     tables["interface"]["i0"] = {
-        "sides": ["b0.zmax", "b1.zmin"], "behaviour": "elastic_layer", "normal_stiffness": 1e15,
-        "tangential_stiffness": 3e14, "preload": 3e7,
-    }  # fmt: skip
+        "sides": ["b0.zmax", "b1.zmin"],
+        "behaviour": "elastic_layer",
+        "normal_stiffness": 1e15,
+        "tangential_stiffness": 3e14,
+        "preload": 3e7,
+    }
 
 
 def free_layers(tables: Tables) -> None:
     """Without tangential unknowns."""
     moving_ground(tables)
     tables["interface"]["floor"] |= {
-        "behaviour": "soft_contact", "normal_stiffness": 2e15, "friction_coefficient": 0.0, "gap": 1e-7,
-    }  # fmt: skip
+        "behaviour": "soft_contact",
+        "normal_stiffness": 2e15,
+        "friction_coefficient": 0.0,
+        "gap": 1e-7,
+    }
     tables["interface"]["i1"] = {
-        "sides": ["b1.zmax", "b2.zmin"], "behaviour": "elastic_layer", "normal_stiffness": 1e15,
+        "sides": ["b1.zmax", "b2.zmin"],
+        "behaviour": "elastic_layer",
+        "normal_stiffness": 1e15,
         "tangential_stiffness": 0.0,
-    }  # fmt: skip
+    }
 
 
 def damped_layers(tables: Tables) -> None:
@@ -163,9 +176,24 @@ def with_everything_kept(tables: Tables) -> None:
 
 
 CHANGES: list[Callable[[Tables], None]] = [
-    moving_ground, driven_face, damped, thrown, frictionless, mixed, unlike, massless, with_everything_kept,
-    many, apart, layers, free_layers, damped_layers, massless_layers, explicit_layers, reduced_layers,
-]  # fmt: skip
+    moving_ground,
+    driven_face,
+    damped,
+    thrown,
+    frictionless,
+    mixed,
+    unlike,
+    massless,
+    with_everything_kept,
+    many,
+    apart,
+    layers,
+    free_layers,
+    damped_layers,
+    massless_layers,
+    explicit_layers,
+    reduced_layers,
+]
 
 
 def same_bits(one: Any, other: Any) -> None:
@@ -201,9 +229,7 @@ def both_drivers(tables: Tables, python_driver: Callable[[], None], windows_of_o
 
 
 @pytest.mark.parametrize("change", CHANGES, ids=lambda change: change.__name__)
-def test_both_drivers_give_the_same_bits(
-    change: Callable[[Tables], None], python_driver: Callable[[], None]
-) -> None:
+def test_both_drivers_give_the_same_bits(change: Callable[[Tables], None], python_driver: Callable[[], None]) -> None:
     tables = stack()
     change(tables)
     both_drivers(tables, python_driver)
@@ -219,9 +245,10 @@ def alike(n: int, behaviour: str = "contact", **solver: Any) -> Tables:
         tables["substructure"][f"b{i}"] = {"material": "soft", "box": {"origin": [0.02 * i, 0.0, 0.0], **box}}
         tables["interface"][f"floor{i}"] = {"sides": [f"b{i}.zmin", "ground"], **contact}
         tables["load"][f"press{i}"] = {
-            "face": f"b{i}.zmax", "traction": [2e7 + 4e6 * i, 1e7, -1e8 - 1e7 * i],
+            "face": f"b{i}.zmax",
+            "traction": [2e7 + 4e6 * i, 1e7, -1e8 - 1e7 * i],
             "law": {"type": "half_sine", "duration": 3e-6 + 1e-7 * i},
-        }  # fmt: skip
+        }
     return tables
 
 
@@ -246,13 +273,20 @@ def shaken(n: int) -> Tables:
     tables = alike(n)
     for i in range(n):
         tables["interface"][f"floor{i}"]["ground_velocity"] = {
-            "direction": [0.0, 0.0, 1.0], "amplitude": 3.0 + i, "law": {"type": "half_sine", "duration": 4e-6},
-        }  # fmt: skip
+            "direction": [0.0, 0.0, 1.0],
+            "amplitude": 3.0 + i,
+            "law": {"type": "half_sine", "duration": 4e-6},
+        }
     tables["boundary"] = {
-        f"drive{i}": {"type": "velocity", "face": f"b{i}.xmin", "components": ["x"], "value": [1.0 + i],
-                      "law": {"type": "half_sine", "duration": 3e-6}}
+        f"drive{i}": {
+            "type": "velocity",
+            "face": f"b{i}.xmin",
+            "components": ["x"],
+            "value": [1.0 + i],
+            "law": {"type": "half_sine", "duration": 3e-6},
+        }
         for i in range(n)
-    }  # fmt: skip
+    }
     return tables
 
 
@@ -269,12 +303,8 @@ def reduced(n: int) -> Tables:
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 8, 16])
-@pytest.mark.parametrize(
-    "make", [alike, layered, softly, shaken, explicitly, reduced], ids=lambda make: make.__name__
-)
-def test_members_of_a_class_together(
-    make: Callable[[int], Tables], n: int, python_driver: Callable[[], None]
-) -> None:
+@pytest.mark.parametrize("make", [alike, layered, softly, shaken, explicitly, reduced], ids=lambda make: make.__name__)
+def test_members_of_a_class_together(make: Callable[[int], Tables], n: int, python_driver: Callable[[], None]) -> None:
     """One after the other, or eight at a time: the drivers agree to the bit; so do members alone and together, to
     round-off."""
     tables = make(n)
@@ -316,12 +346,8 @@ def test_longer_windows_without_a_factor(length: Any) -> None:
         assert np.abs(history.traction - other).max() <= 1e-7 * np.abs(other).max(), name
 
 
-@pytest.mark.parametrize(
-    "change", [layers, massless_layers, explicit_layers], ids=lambda change: change.__name__
-)
-def test_segments_and_snapshots_of_layers(
-    change: Callable[[Tables], None], python_driver: Callable[[], None]
-) -> None:
+@pytest.mark.parametrize("change", [layers, massless_layers, explicit_layers], ids=lambda change: change.__name__)
+def test_segments_and_snapshots_of_layers(change: Callable[[Tables], None], python_driver: Callable[[], None]) -> None:
     """Cut, taken back and gone through again, with both drivers: what layers remember is handed over."""
     ends: dict[tuple[bool, str], Any] = {}
     for compiled in (True, False):
@@ -406,9 +432,7 @@ def test_an_instant_that_needs_a_fall_back_is_solved_from_python(python_driver: 
     [frictionless, mixed, apart, free_layers, damped_layers, massless_layers, explicit_layers],
     ids=lambda change: change.__name__,
 )
-def test_no_interpreter_in_the_loop(
-    change: Callable[[Tables], None], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_no_interpreter_in_the_loop(change: Callable[[Tables], None], monkeypatch: pytest.MonkeyPatch) -> None:
     """Where no instant calls for a fall-back the window solver is never entered, whatever the interfaces are."""
     seen: list[int] = []
     monkeypatch.setattr(windows.Run, "advance", lambda *_: seen.append(1))

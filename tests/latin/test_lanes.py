@@ -115,9 +115,7 @@ def test_half_solves(m: int, single: bool) -> None:
         sweeps.forward_tile(*pattern, panels, tile.reshape(-1), spare)
         for j in range(count):
             y, reached = factor.forward(np.ascontiguousarray(loads[:, start + j : start + j + 1]))
-            np.testing.assert_allclose(
-                tile[:, j], np.concatenate([y[:56, 0], reached[:, 0]]), rtol=0, atol=close
-            )
+            np.testing.assert_allclose(tile[:, j], np.concatenate([y[:56, 0], reached[:, 0]]), rtol=0, atol=close)
             for grouped in (False, True):
                 alone = loads[shape.order, start + j].copy()
                 sweeps.forward_one(grouped, *pattern, panels, alone)

@@ -15,9 +15,12 @@ from latin_fmu.latin.layout import InterfaceUnit, Layout
 def unit(name: str, behaviour: Behaviour, n: int, seed: int, preload: float = 0.0) -> InterfaceUnit:
     rng = np.random.default_rng(seed)
     geometry = InterfaceGeometry(
-        rng.normal(size=(n, 3)), rng.uniform(1.0, 2.0, n), local_frames(rng.normal(size=(n, 3))),
-        rng.uniform(0.0, 1.0, n), (None, None),  # type: ignore[arg-type]
-    )  # fmt: skip
+        rng.normal(size=(n, 3)),
+        rng.uniform(1.0, 2.0, n),
+        local_frames(rng.normal(size=(n, 3))),
+        rng.uniform(0.0, 1.0, n),
+        (None, None),  # type: ignore[arg-type]
+    )
     return InterfaceUnit(name, ("a.x", "b.x"), behaviour, geometry, preload)
 
 
@@ -103,6 +106,4 @@ def test_members_of_one_class_have_their_own_channels(bars_scene: Any, made: Any
     assembly = made(tables).assembly
     assert [p.names for p in assembly.propagators] == [["a", "b"], ["c"]]
     for member in range(2):
-        np.testing.assert_array_equal(
-            assembly.channels[0][:, member], assembly.layout.channels(member, 0).ravel()
-        )
+        np.testing.assert_array_equal(assembly.channels[0][:, member], assembly.layout.channels(member, 0).ravel())

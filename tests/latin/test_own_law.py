@@ -48,11 +48,13 @@ def in_numpy(behaviour: Any) -> Any:
 def rubbing(behaviour: str, blocks_scene: Any) -> Any:
     """Two blocks that meet in some way, the lower one on rough ground."""
     keys = {
-        "perfect": {}, "contact": {"friction_coefficient": 0.2}, "no_slip": {},
+        "perfect": {},
+        "contact": {"friction_coefficient": 0.2},
+        "no_slip": {},
         "elastic_layer": {"normal_stiffness": 30.0, "tangential_stiffness": 10.0},
         "soft_contact": {"normal_stiffness": 40.0, "friction_coefficient": 0.2},
         "viscous_joint": {"normal_viscosity": 3.0, "tangential_viscosity": 1.0},
-    }[behaviour]  # fmt: skip
+    }[behaviour]
     tables = blocks_scene(solver=TIGHT)
     tables["interface"]["rub"] = {"sides": ["low.zmax", "high.zmin"], "behaviour": behaviour, **keys}
     return tables
@@ -60,9 +62,7 @@ def rubbing(behaviour: str, blocks_scene: Any) -> Any:
 
 @pytest.mark.parametrize("behaviour", sorted(BEHAVIOURS))
 @pytest.mark.parametrize("window", [1, 4])
-def test_a_law_in_numpy_gives_the_answer_of_the_compiled_one(
-    behaviour: str, window: int, blocks_scene: Any
-) -> None:
+def test_a_law_in_numpy_gives_the_answer_of_the_compiled_one(behaviour: str, window: int, blocks_scene: Any) -> None:
     tables = rubbing(behaviour, blocks_scene)
     tables["solver"]["window"] = window
     scene = latin_fmu.scene_from_dict(tables)
@@ -101,9 +101,7 @@ def test_compiled_laws_are_those_of_the_registry() -> None:
 def test_laws_without_an_interface_are_refused(blocks_scene: Any) -> None:
     scene = latin_fmu.scene_from_dict(blocks_scene())
     law = build(scene).assembly.interfaces[0].behaviour
-    with pytest.raises(
-        SceneError, match=r"behaviours\.flor: no interface of this name.*did you mean 'floor'"
-    ):
+    with pytest.raises(SceneError, match=r"behaviours\.flor: no interface of this name.*did you mean 'floor'"):
         latin_fmu.solve(scene, behaviours={"flor": law})
 
 

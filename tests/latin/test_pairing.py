@@ -28,10 +28,7 @@ def write_inp(path: Path, mesh: Mesh, faces: Iterable[str]) -> None:
     """Volume group "part" and some of its faces."""
     lines = ["*NODE", *(f"{i + 1}, {x:.17g}, {y:.17g}, {z:.17g}" for i, (x, y, z) in enumerate(mesh.nodes))]
     tag = 0
-    groups = [
-        ("C3D8", "part", mesh.blocks[0].cells),
-        *(("S4", f, mesh.faces[f].blocks[0].facets) for f in faces),
-    ]
+    groups = [("C3D8", "part", mesh.blocks[0].cells), *(("S4", f, mesh.faces[f].blocks[0].facets) for f in faces)]
     for kind, name, cells in groups:
         lines.append(f"*ELEMENT, TYPE={kind}, ELSET={name}")
         for cell in cells:
@@ -63,8 +60,11 @@ def test_matching_faces(bars_scene: Any, bar_box: Any, made: Any) -> None:
     for side, name, z in ((0, "b", 2.0), (1, "c", 2.02)):
         trace = geometry.traces[side]
         np.testing.assert_allclose(trace @ np.ones(trace.shape[1]), 1.0)
-        nodes = box_mesh(np.array(tables["substructure"][name]["box"]["origin"]), np.array([0.5, 0.5, 1.0]),
-                         tuple(tables["substructure"][name]["box"]["elements"])).nodes  # fmt: skip
+        nodes = box_mesh(
+            np.array(tables["substructure"][name]["box"]["origin"]),
+            np.array([0.5, 0.5, 1.0]),
+            tuple(tables["substructure"][name]["box"]["elements"]),
+        ).nodes
         found = (trace @ nodes.ravel()).reshape(-1, 3)
         np.testing.assert_allclose(found[:, :2], geometry.points[:, :2], atol=1e-12)
         np.testing.assert_allclose(found[:, 2], z, rtol=1e-12)
@@ -176,9 +176,7 @@ def test_unknown_face_of_a_mesh(bars_scene: Any, made: Any) -> None:
     assert "punch_head" not in str(error)
 
 
-def test_mesh_errors_name_the_substructure_and_come_all_at_once(
-    bars_scene: Any, made: Any, tmp_path: Path
-) -> None:
+def test_mesh_errors_name_the_substructure_and_come_all_at_once(bars_scene: Any, made: Any, tmp_path: Path) -> None:
     garbage = tmp_path / "garbage.msh"
     garbage.write_text("hello")
     tables = with_mesh(bars_scene(), "a", garbage)
@@ -198,8 +196,7 @@ def tilted(angle: float, bulge: float) -> Mesh:
 
 
 @pytest.mark.parametrize(
-    ("angle", "bulge", "fine"),
-    [(0.0, 0.0, True), (0.3, 0.0, False), (0.0, 0.5, False), (np.pi / 2, 0.0, True)],
+    ("angle", "bulge", "fine"), [(0.0, 0.0, True), (0.3, 0.0, False), (0.0, 0.5, False), (np.pi / 2, 0.0, True)]
 )
 def test_symmetry_needs_a_plane_face_along_an_axis(
     bars_scene: Any, made: Any, tmp_path: Path, angle: float, bulge: float, fine: bool
@@ -232,9 +229,7 @@ def test_curved_faces_are_paired_point_by_point(bars_scene: Any, made: Any, tmp_
     geometry = made(tables).assembly.interfaces[0].geometry
     np.testing.assert_array_equal(geometry.gap, 0.0)
     assert np.abs(geometry.frames[:, 0, 0]).max() > 0.05  # truly curved
-    one, two = (
-        (t @ n.ravel()).reshape(-1, 3) for t, n in zip(geometry.traces, (below.nodes, nodes), strict=True)
-    )
+    one, two = ((t @ n.ravel()).reshape(-1, 3) for t, n in zip(geometry.traces, (below.nodes, nodes), strict=True))
     np.testing.assert_allclose(one, two, atol=1e-14)
 
 

@@ -53,7 +53,8 @@ def blocks(n: int, **solver: Any) -> Tables:
         },
         "load": {
             f"press_{name}": {
-                "face": f"{name}.{side}", "traction": [2e7 * i, 1e7, -1e8 - 1e7 * i],
+                "face": f"{name}.{side}",
+                "traction": [2e7 * i, 1e7, -1e8 - 1e7 * i],
                 "law": {"type": "half_sine", "duration": 3e-6},
             }
             for i, (name, side) in enumerate([("top", "zmax"), *((name, "xmax") for name in names)])
@@ -61,7 +62,7 @@ def blocks(n: int, **solver: Any) -> Tables:
         "time": {"end": 2.4e-6, "instants": 12},
         "solver": solver,
         "output": {"energy": True},
-    }  # fmt: skip
+    }
 
 
 def plain(_: Tables) -> None:
@@ -71,15 +72,17 @@ def plain(_: Tables) -> None:
 def driven(tables: Tables) -> None:
     """Moving ground, faces whose motion is given, damping."""
     law = {"type": "half_sine", "duration": 2e-6}
-    tables["interface"]["floor_b0"]["ground_velocity"] = {
-        "direction": [0.0, 0.0, 1.0], "amplitude": 3.0, "law": law,
-    }  # fmt: skip
+    tables["interface"]["floor_b0"]["ground_velocity"] = {"direction": [0.0, 0.0, 1.0], "amplitude": 3.0, "law": law}
     tables["boundary"] = {
         f"drive_{name}": {
-            "type": "velocity", "face": f"{name}.xmin", "components": ["x"], "value": [1.0 + i], "law": law,
+            "type": "velocity",
+            "face": f"{name}.xmin",
+            "components": ["x"],
+            "value": [1.0 + i],
+            "law": law,
         }
         for i, name in enumerate(sorted(tables["substructure"]))
-    }  # fmt: skip
+    }
     tables["material"]["steel"] |= {"rayleigh_mass": 1e3, "rayleigh_stiffness": 1e-9}
 
 
@@ -98,9 +101,11 @@ def layers(tables: Tables) -> None:
     """Soft contact and a bonded layer."""
     tables["interface"]["meeting"] |= {"behaviour": "soft_contact", "normal_stiffness": 2e15}
     tables["interface"]["floor_b0"] = {
-        "sides": ["b0.zmin", "ground"], "behaviour": "elastic_layer", "normal_stiffness": 1e15,
+        "sides": ["b0.zmin", "ground"],
+        "behaviour": "elastic_layer",
+        "normal_stiffness": 1e15,
         "tangential_stiffness": 3e14,
-    }  # fmt: skip
+    }
 
 
 def bonded(tables: Tables) -> None:
@@ -113,9 +118,11 @@ def static(tables: Tables) -> None:
     """Without inertia, on elastic layers."""
     for name, interface in tables["interface"].items():
         tables["interface"][name] = {
-            "sides": interface["sides"], "behaviour": "elastic_layer", "normal_stiffness": 1e13,
+            "sides": interface["sides"],
+            "behaviour": "elastic_layer",
+            "normal_stiffness": 1e13,
             "tangential_stiffness": 3e12,
-        }  # fmt: skip
+        }
     tables["time"] = {"end": 1.0, "instants": 6, "quasi_static": True}
     for load in tables["load"].values():
         load["law"] = {"type": "table", "times": [0.0, 1.0], "values": [0.0, 1.0]}
@@ -169,16 +176,28 @@ def class_sizes(row: Any, run: Any, rows: int) -> dict[str, int]:
     n, m, g, c, w = (int(row[name]) for name in ("n", "m", "n_inner", "n_channel", "n_live"))
     window, wide, counted = int(run["longest_window"]), (n + int(row["n_motion"])) * m, int(row["accounted"])
     sizes = {
-        "state": int(row["n_state"]), "totals": 6 * m * counted, "past": 11 * wide * counted,
-        "marched": 1, "passed": 1, "known": 1,
-        **dict.fromkeys(("u_free", "v_free", "load", "mass_a"), n * m), "sweep": n * padded_(m),
+        "state": int(row["n_state"]),
+        "totals": 6 * m * counted,
+        "past": 11 * wide * counted,
+        "marched": 1,
+        "passed": 1,
+        "known": 1,
+        **dict.fromkeys(("u_free", "v_free", "load", "mass_a"), n * m),
+        "sweep": n * padded_(m),
         **dict.fromkeys(("inner", "inner_answer", "free_a"), g * m),
-        "w_free": c * m, "seen": window * c * m, "answered": window * c * m, "channel": c * m, "answer": c * m,
-        "vectors": 2 * m * w, "answers": 2 * m * w, "tile": (max(n, c) + SPARE) * LANES,
+        "w_free": c * m,
+        "seen": window * c * m,
+        "answered": window * c * m,
+        "channel": c * m,
+        "answer": c * m,
+        "vectors": 2 * m * w,
+        "answers": 2 * m * w,
+        "tile": (max(n, c) + SPARE) * LANES,
         "extended": 8 * wide * counted,
         "kept_states": (window // (isqrt(window) + 1) + 1) * int(row["n_state"]) if window > 1 else 0,
-        "probed": rows * int(row["n_probe"]) * m, "energies": rows * 6 * m * counted,
-    }  # fmt: skip
+        "probed": rows * int(row["n_probe"]) * m,
+        "energies": rows * 6 * m * counted,
+    }
     if row["kind"] == records.STATIC:
         sizes["w_damped"] = c * m
     return sizes
@@ -194,14 +213,31 @@ def run_sizes(run: Any, rows: int) -> dict[str, int]:
     n, w, most = int(run["n_flat"]), int(run["longest_window"]), int(run["max_iterations"])
     depth, parts = int(run["depth"]), int(run["n_interface"])
     return {
-        "f_hat": n, "w_hat": n, "scales": 3, "carry": 1, "worst": parts, "counts": 2,
+        "f_hat": n,
+        "w_hat": n,
+        "scales": 3,
+        "carry": 1,
+        "worst": parts,
+        "counts": 2,
         **dict.fromkeys(("q", "w", "f", "s", "local_f", "local_w", "r", "last_q", "last_r"), w * n),
-        "dq": depth * w * n, "dr": depth * w * n, "gram": depth**2, "least": (depth + 3) * depth,
-        "coarse": 2 * int(run["n_coarse"]), "displacement": n, "layer": n, "shares": parts,
-        "norms": 4, "merits": 2 * (3 * most + 64), "measure": 8,
-        "errors": rows * most, "mismatches": rows * most, "iterations": rows,
-        "history_f": rows * n, "history_w": rows * n, "history_gap": rows * int(run["n_point"]),
-    }  # fmt: skip
+        "dq": depth * w * n,
+        "dr": depth * w * n,
+        "gram": depth**2,
+        "least": (depth + 3) * depth,
+        "coarse": 2 * int(run["n_coarse"]),
+        "displacement": n,
+        "layer": n,
+        "shares": parts,
+        "norms": 4,
+        "merits": 2 * (3 * most + 64),
+        "measure": 8,
+        "errors": rows * most,
+        "mismatches": rows * most,
+        "iterations": rows,
+        "history_f": rows * n,
+        "history_w": rows * n,
+        "history_gap": rows * int(run["n_point"]),
+    }
 
 
 def group_sizes(group: Any) -> dict[str, int]:
@@ -209,9 +245,14 @@ def group_sizes(group: Any) -> dict[str, int]:
     p, h = int(group["n_point"]), int(group["n_component"])
     width = p * h if group["elastic"] else p
     return {
-        "gap": p, "layer": p * h if group["elastic"] else 0, "reach": width, "jump": p * h, "traction": p * h,
-        "opening": 4 * width, "opened": 4 * width,
-    }  # fmt: skip
+        "gap": p,
+        "layer": p * h if group["elastic"] else 0,
+        "reach": width,
+        "jump": p * h,
+        "traction": p * h,
+        "opening": 4 * width,
+        "opened": 4 * width,
+    }
 
 
 def arrays(image: Any) -> Iterator[tuple[str, str, int, int]]:
@@ -219,8 +260,7 @@ def arrays(image: Any) -> Iterator[tuple[str, str, int, int]]:
     run = image.run[0]
     parts = [("run", RUN_FIELDS, run, run_sizes(run, image.rows))]
     parts += [
-        (f"class {c}", CLASS_FIELDS, row, class_sizes(row, run, image.rows))
-        for c, row in enumerate(image.classes)
+        (f"class {c}", CLASS_FIELDS, row, class_sizes(row, run, image.rows)) for c, row in enumerate(image.classes)
     ]
     parts += [(f"group {g}", GROUP_FIELDS, group, group_sizes(group)) for g, group in enumerate(image.groups)]
     for who, fields, record, sizes in parts:
@@ -231,9 +271,7 @@ def arrays(image: Any) -> Iterator[tuple[str, str, int, int]]:
 
 
 @pytest.mark.parametrize(("tables", "change"), CASES)
-def test_arrays_lie_in_their_pools_and_do_not_overlap(
-    tables: Tables, change: Callable[[Tables], None]
-) -> None:
+def test_arrays_lie_in_their_pools_and_do_not_overlap(tables: Tables, change: Callable[[Tables], None]) -> None:
     image = made(tables, change).image
     image._write_records()
     owner = np.full(len(image.moving), -1)

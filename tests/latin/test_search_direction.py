@@ -17,16 +17,12 @@ DENSITY = {"soft": 2.0, "stiff": 5.0}
 
 
 def rods(friction: float = 0.0, dt: float = DT, scheme: str = "hht") -> dict[str, Any]:
-    materials = {
-        n: {"young_modulus": YOUNG[n], "poisson_ratio": 0.0, "density": DENSITY[n]} for n in ("soft", "stiff")
-    }
+    materials = {n: {"young_modulus": YOUNG[n], "poisson_ratio": 0.0, "density": DENSITY[n]} for n in ("soft", "stiff")}
     boxes = {
         n: {"origin": [0.0, 0.0, z], "size": [0.5, 0.5, LENGTH], "elements": [1, 1, 1]}
         for n, z in (("soft", 0.0), ("stiff", LENGTH))
     }
-    tied = {
-        f"{n}_{a}": {"type": "periodic", "faces": [f"{n}.{a}min", f"{n}.{a}max"]} for n in boxes for a in "xy"
-    }
+    tied = {f"{n}_{a}": {"type": "periodic", "faces": [f"{n}.{a}min", f"{n}.{a}max"]} for n in boxes for a in "xy"}
     return {
         "name": "rods",
         "material": materials,
@@ -72,9 +68,7 @@ def test_row_and_diagonal_of_the_tangents(made: Any) -> None:
     assembly = made(rods(friction=0.3)).assembly
     row, _ = k_of(assembly, SearchDirection("row"))
     for side, name in enumerate(("soft", "stiff")):
-        np.testing.assert_allclose(
-            row[side][:, 0], 1 / (admittance(name, DT, YOUNG[name]) * AREA), rtol=1e-11
-        )
+        np.testing.assert_allclose(row[side][:, 0], 1 / (admittance(name, DT, YOUNG[name]) * AREA), rtol=1e-11)
         d = admittance(name, DT, YOUNG[name] / 2)
         np.testing.assert_allclose(row[side][:, 1:], 1 / (d * AREA), rtol=1e-11)
 
@@ -85,9 +79,7 @@ def test_impedance_and_uniform(made: Any) -> None:
     assert choice == "impedance"
     for side, name in enumerate(("soft", "stiff")):
         z = np.sqrt(YOUNG[name] * DENSITY[name])
-        np.testing.assert_allclose(
-            impedance[side], np.tile(0.5 * z * np.sqrt([1.0, 0.5, 0.5]), (4, 1)), rtol=1e-13
-        )
+        np.testing.assert_allclose(impedance[side], np.tile(0.5 * z * np.sqrt([1.0, 0.5, 0.5]), (4, 1)), rtol=1e-13)
     uniform, _ = k_of(assembly, SearchDirection("uniform", 2.0, normal=3.0, tangential=5.0))
     for side in (0, 1):
         np.testing.assert_array_equal(uniform[side], np.tile([6.0, 10.0, 10.0], (4, 1)))

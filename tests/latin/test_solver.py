@@ -34,17 +34,28 @@ class OneNumber:
         for name, size in sizes.items():
             run[name], end = end, end + size + ROOM
         numbers = {
-            "n_flat": 1, "depth": depth, "relaxation": settings.relaxation, "longest_step": np.inf,
-            "tolerance": settings.tolerance, "force_tolerance": settings.force_tolerance, "metric": 0,
-        }  # fmt: skip
+            "n_flat": 1,
+            "depth": depth,
+            "relaxation": settings.relaxation,
+            "longest_step": np.inf,
+            "tolerance": settings.tolerance,
+            "force_tolerance": settings.force_tolerance,
+            "metric": 0,
+        }
         for name, value in numbers.items():
             run[name] = value
         kind, fixed, moving = np.recarray if PLAIN else np.ndarray, np.ones(1), self.moving
         rows = (np.zeros(0, dtype=record).view(kind) for record in (CLASS, GROUP))
         self.pools = Pools(
-            run.view(kind), *rows, fixed, fixed.view(np.int64), fixed.view(np.uint32), fixed.view(np.float32), moving,
+            run.view(kind),
+            *rows,
+            fixed,
+            fixed.view(np.int64),
+            fixed.view(np.uint32),
+            fixed.view(np.float32),
+            moving,
             moving.view(np.int64),
-        )  # fmt: skip
+        )
 
     def field(self, name: str, *shape: int) -> Any:
         """A view."""
@@ -62,9 +73,7 @@ class Scripted(Stages):
 
     n = 2
 
-    def __init__(
-        self, settings: Settings, errors: list[float], mismatches: list[float] | None = None
-    ) -> None:
+    def __init__(self, settings: Settings, errors: list[float], mismatches: list[float] | None = None) -> None:
         self.image: Any = OneNumber(settings)
         self.direction: Any = SimpleNamespace(metric=np.ones(1))
         self.settings, self.errors = settings, errors
@@ -201,9 +210,7 @@ def test_real_chain_marks_its_windows(blocks_scene: Any, made: Any, begun: Any, 
     for window in active:
         assert window.fallbacks == ["relaxation 1/2", "points one after the other"]
         assert window.iterations >= 2 * loop.PATIENCE
-        assert (
-            not window.converged or window.final_error == 0.0
-        )  # point by point may hit the answer to the bit
+        assert not window.converged or window.final_error == 0.0  # point by point may hit the answer to the bit
     assert np.isfinite(run.f_hat).all()
 
 

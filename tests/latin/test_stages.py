@@ -20,8 +20,10 @@ def run_(blocks_scene: Any, made: Any, begun: Any) -> Any:
     tables = blocks_scene(solver={"window": WINDOW, "skip_unchanged": False, "skip_at_rest": "off"})
     tables["interface"]["rub"]["gap"] = 0.03
     tables["interface"]["floor"]["ground_velocity"] = {
-        "direction": [1.0, 0.0, 1.0], "amplitude": 0.3, "law": {"type": "half_sine", "duration": 2.0},
-    }  # fmt: skip
+        "direction": [1.0, 0.0, 1.0],
+        "amplitude": 0.3,
+        "law": {"type": "half_sine", "duration": 2.0},
+    }
     return begun(made(tables))
 
 
@@ -104,9 +106,7 @@ def test_search_direction_action_and_reaction_at_every_channel(run_: Any) -> Non
     f, w = rng.normal(size=(2, assembly.layout.n_flat))
     f[assembly.rigid] = 0.0
     f_hat, w_hat, _ = (x[0] for x in local(run_, (w - direction.z * f)[None]))
-    np.testing.assert_allclose(
-        np.delete(f_hat - f - direction.k * (w_hat - w), assembly.rigid), 0.0, atol=1e-12
-    )
+    np.testing.assert_allclose(np.delete(f_hat - f - direction.k * (w_hat - w), assembly.rigid), 0.0, atol=1e-12)
     np.testing.assert_array_equal(w_hat[assembly.rigid], w[assembly.rigid])
     for i in (0, 1):
         one, two = (f_hat[assembly.layout.channels(i, side)] for side in (0, 1))
@@ -206,9 +206,7 @@ def test_linear_stage_is_affine_and_repeats(run_: Any) -> None:
         assert assembly.propagators[0].instant == 0
         ground = assembly.layout.channels(0, 1)
         expected = 0.3 * np.sin(np.pi * 0.1 / 2.0) / np.sqrt(2)  # of a half sine of 2 s at 0.1 s
-        np.testing.assert_allclose(
-            w_a[0, ground], np.tile([-expected, expected, 0.0], (9, 1)) @ frame(assembly)
-        )
+        np.testing.assert_allclose(w_a[0, ground], np.tile([-expected, expected, 0.0], (9, 1)) @ frame(assembly))
 
 
 def frame(assembly: Any) -> Array:

@@ -43,8 +43,12 @@ def cut(bars_scene: Any, bar_box: Any, case: str, pieces: int) -> dict[str, Any]
     if what.get("drive"):
         law = {"type": "table", "times": [0.0, 1.0, 3.0], "values": [0.2, 1.0, 0.0]}
         tables["boundary"]["driven"] = {
-            "type": "velocity", "face": "a.zmin", "components": ["z"], "value": [0.5], "law": law,
-        }  # fmt: skip
+            "type": "velocity",
+            "face": "a.zmin",
+            "components": ["z"],
+            "value": [0.5],
+            "law": law,
+        }
     tables["load"] = what.get("load", {})
     tables["solver"] = {"tolerance": 1e-11, "force_tolerance": 1e-9}
     return tables
@@ -116,9 +120,10 @@ def test_body_bonded_to_moving_ground_takes_its_acceleration(bars_scene: Any, ma
     tables["boundary"], tables["load"] = {}, {}
     law = {"type": "table", "times": [0.0, 1.0, 3.0], "values": [0.0, 1.0, 1.0]}
     tables["interface"]["shaken"] = {
-        "sides": ["c.zmax", "ground"], "behaviour": "perfect",
+        "sides": ["c.zmax", "ground"],
+        "behaviour": "perfect",
         "ground_velocity": {"direction": [0.0, 3.0, 4.0], "amplitude": 0.5, "law": law},
-    }  # fmt: skip
+    }
     built = made(tables)
     start(built.assembly)
     a = by_place(built, "a")

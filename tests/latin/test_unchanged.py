@@ -32,15 +32,13 @@ def stack(n: int = 8, **solver: Any) -> Tables:
             }
             for i, name in enumerate(names)
         },
-        "interface": {
-            f"i{i}": {"sides": [f"b{i}.zmax", f"b{i + 1}.zmin"], **contact} for i in range(n - 1)
-        },
+        "interface": {f"i{i}": {"sides": [f"b{i}.zmax", f"b{i + 1}.zmin"], **contact} for i in range(n - 1)},
         "load": {
             "press": {"face": "b0.zmin", "traction": [5e7, 0.0, 2e8], "law": {"type": "half_sine", "duration": 4e-6}}
         },
         "time": {"end": 12e-6, "instants": 60},
         "solver": solver,
-    }  # fmt: skip
+    }
 
 
 def outcome(**solver: Any) -> Any:

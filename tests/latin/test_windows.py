@@ -22,9 +22,7 @@ def same(found: Outcome, expected: Outcome, tolerance: float) -> None:
         np.testing.assert_allclose(found.interfaces[name].traction, history.traction, atol=tolerance * scale)
     for name, body in expected.substructures.items():
         scale = np.abs(body.displacement).max()
-        np.testing.assert_allclose(
-            found.substructures[name].displacement, body.displacement, atol=tolerance * scale
-        )
+        np.testing.assert_allclose(found.substructures[name].displacement, body.displacement, atol=tolerance * scale)
 
 
 @pytest.fixture
@@ -88,17 +86,21 @@ def test_a_long_window_that_fails_is_done_one_by_one(answer: Outcome, blocks_sce
 def test_a_run_that_fails_everywhere_says_where_and_why(blocks_scene: Any, made: Any) -> None:
     outcome = run(made(blocks_scene(solver={"tolerance": 1e-12, "window": 4, "max_iterations": 2})))
     assert not outcome.converged
-    for word in ("not converged", "instant 1", "worst interface", "friction coefficient", "solver.max_iterations",
-                 "windows of one instant"):  # fmt: skip
+    for word in (
+        "not converged",
+        "instant 1",
+        "worst interface",
+        "friction coefficient",
+        "solver.max_iterations",
+        "windows of one instant",
+    ):
         assert word in outcome.status
     assert all("windows of one instant" in w.fallbacks for w in outcome.windows)
     for history in outcome.interfaces.values():
         assert np.isfinite(history.traction).all()
 
 
-def test_a_failed_iterate_does_not_loosen_the_windows_that_follow(
-    blocks_scene: Any, made: Any, begun: Any
-) -> None:
+def test_a_failed_iterate_does_not_loosen_the_windows_that_follow(blocks_scene: Any, made: Any, begun: Any) -> None:
     march = begun(made(blocks_scene(solver={"tolerance": 1e-12, "max_iterations": 2})))
     before = march.image.field("scales", 3).copy()
     record = march.advance(1, 0, 12)
@@ -106,9 +108,7 @@ def test_a_failed_iterate_does_not_loosen_the_windows_that_follow(
     np.testing.assert_array_equal(march.image.field("scales", 3), before)
 
 
-def test_the_sequential_start_leaves_no_trace_but_a_better_guess(
-    blocks_scene: Any, made: Any, begun: Any
-) -> None:
+def test_the_sequential_start_leaves_no_trace_but_a_better_guess(blocks_scene: Any, made: Any, begun: Any) -> None:
     zero, sequential = (
         begun(made(blocks_scene(solver={"window": "whole", "start": s}))) for s in ("zero", "sequential")
     )
@@ -118,10 +118,7 @@ def test_the_sequential_start_leaves_no_trace_but_a_better_guess(
     assert sequential.recorder is recorded
     assert len(sequential.state.windows) == 1
     assert sequential.state.windows[0].iterations < zero.state.windows[0].iterations
-    assert (
-        sequential.state.marched + sequential.state.condensed
-        > 12 * 2 * sequential.state.windows[0].iterations
-    )
+    assert sequential.state.marched + sequential.state.condensed > 12 * 2 * sequential.state.windows[0].iterations
 
 
 def test_an_error_in_the_sequential_pass_puts_recorder_and_state_back(
@@ -166,9 +163,7 @@ def test_scaled_units_give_equal_counts_and_results(blocks_scene: Any, made: Any
     assert [w.iterations for w in first.windows] == [w.iterations for w in second.windows]
     for name, history in first.interfaces.items():
         scale = np.abs(history.traction).max()
-        np.testing.assert_allclose(
-            second.interfaces[name].traction / stress, history.traction, atol=1e-11 * scale
-        )
+        np.testing.assert_allclose(second.interfaces[name].traction / stress, history.traction, atol=1e-11 * scale)
 
 
 def test_nothing_happens_in_a_quiet_assembly(bars_scene: Any, made: Any) -> None:

@@ -24,8 +24,7 @@ def node_rows(nodes: Array, first: int = 1) -> str:
 def element_rows(cells: Index, first: int = 1, shift: int = 1) -> str:
     """Data lines of *ELEMENT; ``shift`` is the label of node 0."""
     return "".join(
-        f"{first + i}, " + ", ".join(str(n + shift) for n in cell) + "\n"
-        for i, cell in enumerate(cells.tolist())
+        f"{first + i}, " + ", ".join(str(n + shift) for n in cell) + "\n" for i, cell in enumerate(cells.tolist())
     )
 
 
@@ -72,8 +71,7 @@ def instances_deck() -> str:
 def nastran_small(nodes: Array) -> str:
     """GRID entries in fields of eight characters."""
     return "".join(
-        f"GRID    {i + 1:<8d}        {x:<8.5g}{y:<8.5g}{z:<8.5g}\n"
-        for i, (x, y, z) in enumerate(nodes.tolist())
+        f"GRID    {i + 1:<8d}        {x:<8.5g}{y:<8.5g}{z:<8.5g}\n" for i, (x, y, z) in enumerate(nodes.tolist())
     )
 
 

@@ -60,12 +60,7 @@ def test_labels_of_tetrahedra_and_wedges(tmp_path: Path, kind: str, nodes: list[
         "C3D6": [("z", 0), ("z", 1), ("y", 0), ("sum", 1), ("x", 0)],
     }[kind]
     points = np.array(nodes, dtype=float)
-    text = (
-        "*NODE\n"
-        + node_rows(points)
-        + f"*ELEMENT, TYPE={kind}\n"
-        + element_rows(np.arange(len(points))[None])
-    )
+    text = "*NODE\n" + node_rows(points) + f"*ELEMENT, TYPE={kind}\n" + element_rows(np.arange(len(points))[None])
     for i in range(len(planes)):
         text += f"*SURFACE, NAME=f{i + 1}\n1, S{i + 1}\n"
     content = read_content(written(tmp_path, text))
@@ -107,15 +102,8 @@ def test_several_blocks_includes_and_sections(tmp_path: Path) -> None:
     written(tmp_path, "*NODE\n" + node_rows(box.nodes[half:], half + 1), "rest.inp")
     rows = element_rows(box.blocks[0].cells).replace("\n", ",\n").splitlines()
     broken = "".join(f"{r[: r.index(',', 12) + 1]}\n{r[r.index(',', 12) + 1 :].rstrip(',')}\n" for r in rows)
-    text = (
-        "*NODE\n"
-        + node_rows(box.nodes[:half])
-        + "*INCLUDE, INPUT=rest.inp\n*ELEMENT, TYPE=C3D8,\nELSET=Eall\n"
-    )
-    text += (
-        broken
-        + "*ELSET, ELSET=low, GENERATE\n1, 4\n*ELSET, ELSET=HIGH\n5, 6, 7, 8\n*ELSET, ELSET=some\n3, 4, 5\n"
-    )
+    text = "*NODE\n" + node_rows(box.nodes[:half]) + "*INCLUDE, INPUT=rest.inp\n*ELEMENT, TYPE=C3D8,\nELSET=Eall\n"
+    text += broken + "*ELSET, ELSET=low, GENERATE\n1, 4\n*ELSET, ELSET=HIGH\n5, 6, 7, 8\n*ELSET, ELSET=some\n3, 4, 5\n"
     text += "*SOLID SECTION, ELSET=Low, MATERIAL=a\n*SOLID SECTION, ELSET=high, MATERIAL=b\n"
     path = written(tmp_path, text)
     content = read_content(path)
@@ -126,10 +114,7 @@ def test_several_blocks_includes_and_sections(tmp_path: Path) -> None:
 
 def test_parts_without_sections_leave_gathering_sets_out(tmp_path: Path) -> None:
     text = (
-        "*NODE\n"
-        + node_rows(cube().nodes)
-        + "*ELEMENT, TYPE=C3D8, ELSET=Eall\n"
-        + element_rows(cube().blocks[0].cells)
+        "*NODE\n" + node_rows(cube().nodes) + "*ELEMENT, TYPE=C3D8, ELSET=Eall\n" + element_rows(cube().blocks[0].cells)
     )
     text += "*ELSET, ELSET=a\n1, 2, 3, 4\n*ELSET, ELSET=b\n5, 6, 7, 8\n*ELSET, ELSET=twin, GENERATE\n5, 8\n"
     content = read_content(written(tmp_path, text))
@@ -159,10 +144,7 @@ def test_element_types(name: str, found: tuple[str, int] | None) -> None:
 
 
 BAD_DECKS = {
-    "*NODE\n1, 0, 0, 0\n*ELEMENT, TYPE=C3D4, ELSET=a\n1, 1, 2, 3, 4\n": (
-        "no *NODE block has",
-        "node 2 of element 1",
-    ),
+    "*NODE\n1, 0, 0, 0\n*ELEMENT, TYPE=C3D4, ELSET=a\n1, 1, 2, 3, 4\n": ("no *NODE block has", "node 2 of element 1"),
     "*NODE\n1, 0, x, 0\n": ("line 2", "not a node"),
     "*ELEMENT, TYPE=C3D8R\n1, 2, 3\n": ("C3D8R", "3 numbers"),
     "*ELEMENT, TYPE=C3D27\n1, 2, 3\n": ("not known", "C3D27"),
@@ -185,11 +167,7 @@ def test_bad_decks_are_refused_with_the_place(tmp_path: Path, text: str) -> None
 
 
 def test_a_face_that_a_tetrahedron_has_not(tmp_path: Path) -> None:
-    text = (
-        "*NODE\n"
-        + node_rows(np.eye(4)[:, :3])
-        + "*ELEMENT, TYPE=C3D4\n1, 1, 2, 3, 4\n*SURFACE, NAME=s\n1, S5\n"
-    )
+    text = "*NODE\n" + node_rows(np.eye(4)[:, :3]) + "*ELEMENT, TYPE=C3D4\n1, 1, 2, 3, 4\n*SURFACE, NAME=s\n1, S5\n"
     refused(lambda: read_content(written(tmp_path, text)), "surface s", "S5", "S1 to S4")
 
 
@@ -229,12 +207,7 @@ def test_nastran_numbers_and_bad_entries(tmp_path: Path) -> None:
     content = read_content(written(tmp_path, grids, "a.bdf"))
     np.testing.assert_allclose(content.points[0], [1.5e-3, 1.0, -20.0])
     refused(
-        lambda: read_content(written(tmp_path, "GRID,1,5,0,0,0\n", "b.bdf")),
-        "coordinate system",
-        "CP = 5",
-        "line 1",
+        lambda: read_content(written(tmp_path, "GRID,1,5,0,0,0\n", "b.bdf")), "coordinate system", "CP = 5", "line 1"
     )
-    refused(
-        lambda: read_content(written(tmp_path, grids + "CTETRA,2,1,1,2,3,9\n", "c.bdf")), "no GRID has", "9"
-    )
+    refused(lambda: read_content(written(tmp_path, grids + "CTETRA,2,1,1,2,3,9\n", "c.bdf")), "no GRID has", "9")
     refused(lambda: read_content(written(tmp_path, "CHEXA,1,1,1,2,3\n", "d.bdf")), "CHEXA", "8 or 20")

@@ -41,22 +41,16 @@ def nodes_in(kind: str, order: dict[str, list[str]]) -> np.ndarray:
 def assert_in_place(content: MeshContent, kind: str) -> None:
     cell = content.points[content.solids[kind][0]]
     for i, (a, b) in enumerate(EDGES[kind]):
-        np.testing.assert_allclose(
-            cell[len(CORNERS[kind]) + i], 0.5 * (cell[a] + cell[b]), err_msg=f"{kind} {i}"
-        )
+        np.testing.assert_allclose(cell[len(CORNERS[kind]) + i], 0.5 * (cell[a] + cell[b]), err_msg=f"{kind} {i}")
 
 
 @pytest.mark.parametrize("kind", CORNERS)
 def test_abaqus(tmp_path: Path, kind: str) -> None:
     nodes = nodes_in(kind, TOP_BEFORE_VERTICAL)
     labels = range(1, len(nodes) + 1)
-    text = "*NODE\n" + "".join(
-        f"{i}, {x}, {y}, {z}\n" for i, (x, y, z) in zip(labels, nodes.tolist(), strict=True)
-    )
+    text = "*NODE\n" + "".join(f"{i}, {x}, {y}, {z}\n" for i, (x, y, z) in zip(labels, nodes.tolist(), strict=True))
     listed = ["1", *map(str, labels)]
-    text += (
-        f"*ELEMENT, TYPE=C3D{len(nodes)}\n" + ", ".join(listed[:16]) + ",\n" + ", ".join(listed[16:]) + "\n"
-    )
+    text += f"*ELEMENT, TYPE=C3D{len(nodes)}\n" + ", ".join(listed[:16]) + ",\n" + ", ".join(listed[16:]) + "\n"
     path = tmp_path / "cell.inp"
     path.write_text(text)
     assert_in_place(read_content(path), kind)

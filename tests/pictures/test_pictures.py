@@ -66,9 +66,7 @@ def test_skin_of_a_box() -> None:
     assert (np.einsum("fi,fi->f", skin.normals(), centres - [0.5, 1.0, 1.5]) > 0).all()
     painted = skin.painted(mesh.faces["zmax"].nodes, BLUE)
     assert (painted.colours[:, 2] == 1.0).sum() == 2 * 3
-    np.testing.assert_array_equal(
-        painted.normals()[painted.colours[:, 2] == 1.0], np.tile([0, 0, 1.0], (6, 1))
-    )
+    np.testing.assert_array_equal(painted.normals()[painted.colours[:, 2] == 1.0], np.tile([0, 0, 1.0], (6, 1)))
 
 
 def test_sharp_edges_of_a_box() -> None:
@@ -112,14 +110,7 @@ def test_assembly_names_what_it_draws() -> None:
     warnings: list[str] = []
     told = texts(assembly_figure(scene_from_dict(tower()), warnings))
     assert warnings == []
-    for words in (
-        "a (steel)",
-        "ab: contact, 9 points",
-        "fixed: bed",
-        "press\n1.00 MPa",
-        "x (mm)",
-        "from below",
-    ):
+    for words in ("a (steel)", "ab: contact, 9 points", "fixed: bed", "press\n1.00 MPa", "x (mm)", "from below"):
         assert words in told
 
 
@@ -161,9 +152,7 @@ def test_results_that_cannot_be_drawn(results: Any) -> None:
         result_figure(bare)
 
 
-@pytest.mark.parametrize(
-    ("factor", "rounded"), [(0.2, 1.0), (1.0, 1.0), (19.9, 10.0), (51.0, 50.0), (4e5, 2e5)]
-)
+@pytest.mark.parametrize(("factor", "rounded"), [(0.2, 1.0), (1.0, 1.0), (19.9, 10.0), (51.0, 50.0), (4e5, 2e5)])
 def test_factors_are_round(factor: float, rounded: float) -> None:
     assert _round(factor) == pytest.approx(rounded, rel=1e-12)
 

@@ -38,8 +38,7 @@ def histories(n_time: int, count: int, seed: int) -> Array:
     rng = np.random.default_rng(seed)
     t = np.arange(n_time)[:, None] * DT
     waves = (
-        rng.normal(size=count) * np.sin(t * rng.uniform(0.5, 6.0, count) + rng.uniform(0, 6, count))
-        for _ in range(3)
+        rng.normal(size=count) * np.sin(t * rng.uniform(0.5, 6.0, count) + rng.uniform(0, 6, count)) for _ in range(3)
     )
     return np.sum(list(waves), axis=0)
 
@@ -75,10 +74,7 @@ def channels(mesh: Mesh, tilt: float) -> tuple[sp.csr_array, Array]:
         surface = face(mesh, name)
         frames = local_frames(surface.normals + tilt * np.array([1.0, 0.5, 0.0]))
         pick = sp.csr_array(
-            (
-                np.ones(3 * len(surface.nodes)),
-                (np.arange(3 * len(surface.nodes)), dofs(surface.nodes, 0, 1, 2)),
-            ),
+            (np.ones(3 * len(surface.nodes)), (np.arange(3 * len(surface.nodes)), dofs(surface.nodes, 0, 1, 2))),
             shape=(3 * len(surface.nodes), 3 * mesh.n_node),
         )
         blocks.append(sp.csr_array(sp.block_diag([f[:count] for f in frames]) @ pick))
@@ -120,11 +116,20 @@ def make_model(kind: str, seed: int = 0, n: int = N, elements: tuple[int, int, i
     tied = expansion @ rng.normal(size=(expansion.shape[1], 2))
     velocity = histories(n + 1, len(driven), seed + 20)
     model = SubstructureModel(
-        name=f"{kind}{seed}", mass=m, damping=damping, stiffness=k, expansion=expansion, trace=trace,
-        channel_area=area, loads=loads, displacement=0.1 * free * tied[:, 0],
-        velocity=free * tied[:, 1] + pattern @ velocity[0], imposed_pattern=pattern,
-        imposed_start=np.zeros(len(driven)), ordering=np.repeat(nested_dissection(mesh), 3),
-    )  # fmt: skip
+        name=f"{kind}{seed}",
+        mass=m,
+        damping=damping,
+        stiffness=k,
+        expansion=expansion,
+        trace=trace,
+        channel_area=area,
+        loads=loads,
+        displacement=0.1 * free * tied[:, 0],
+        velocity=free * tied[:, 1] + pattern @ velocity[0],
+        imposed_pattern=pattern,
+        imposed_start=np.zeros(len(driven)),
+        ordering=np.repeat(nested_dissection(mesh), 3),
+    )
     return Driven(model, Histories(DT * np.arange(n + 1), amplitudes, velocity))
 
 
@@ -263,9 +268,7 @@ def tractions() -> Callable[..., Array]:
 def changed() -> Callable[..., Driven]:
     """A driven substructure with some attributes of its model or histories replaced."""
 
-    def change(
-        driven: Driven, model: dict[str, Any] | None = None, histories: dict[str, Any] | None = None
-    ) -> Driven:
+    def change(driven: Driven, model: dict[str, Any] | None = None, histories: dict[str, Any] | None = None) -> Driven:
         return Driven(replace(driven.model, **(model or {})), replace(driven.histories, **(histories or {})))
 
     return change
@@ -305,12 +308,14 @@ def unbalanced() -> Callable[..., float]:
             now = propagator.totals
             change = {t: now[t] - start[t] for t in now}
             balance = (
-                change["kinetic"] + change["elastic"] + change["damping_dissipation"] + change["scheme_dissipation"]
-                - change["work_of_loads"] - change["interface_work"]
-            )  # fmt: skip
-            worst = max(
-                worst, float((np.abs(balance) / np.max([np.abs(v) for v in now.values()], axis=0)).max())
+                change["kinetic"]
+                + change["elastic"]
+                + change["damping_dissipation"]
+                + change["scheme_dissipation"]
+                - change["work_of_loads"]
+                - change["interface_work"]
             )
+            worst = max(worst, float((np.abs(balance) / np.max([np.abs(v) for v in now.values()], axis=0)).max()))
         return worst
 
     return march

@@ -107,9 +107,13 @@ def test_bodies(elements: tuple[int, int, int], interface: str, ranked: bool) ->
     n = matrix.shape[0]
     layer = 3 * (elements[0] + 1) * (elements[1] + 1) - (elements[1] + 1)
     last = {
-        "none": np.arange(0), "node": np.arange(n - 3, n), "dof": np.array([n // 2]), "top": np.arange(n - layer, n),
-        "two_faces": np.r_[0:layer, n - layer : n], "all": np.arange(n),
-    }[interface]  # fmt: skip
+        "none": np.arange(0),
+        "node": np.arange(n - 3, n),
+        "dof": np.array([n // 2]),
+        "top": np.arange(n - layer, n),
+        "two_faces": np.r_[0:layer, n - layer : n],
+        "all": np.arange(n),
+    }[interface]
     check(matrix, last, CholeskyFactor(matrix, last, rank if ranked else None))
 
 
@@ -172,11 +176,7 @@ def test_repeat_runs_are_bit_identical(m: int, dtype: type) -> None:
         factor = CholeskyFactor(matrix, last, rank, dtype)
         shifted = np.empty(b.size + 1)[1:].reshape(b.shape)  # elsewhere in memory
         shifted[:] = b
-        results += [
-            np.concatenate([factor.solve(b), factor.solve(shifted)]),
-            factor.schur,
-            factor.schur_inverse,
-        ]
+        results += [np.concatenate([factor.solve(b), factor.solve(shifted)]), factor.schur, factor.schur_inverse]
     for first, again in zip(results[:3] * 2, results[3:], strict=True):
         np.testing.assert_array_equal(first, again)
     np.testing.assert_array_equal(*np.split(results[0], 2))
@@ -240,9 +240,7 @@ def test_pivot_that_is_not_positive_is_named(where: int, ranked: bool) -> None:
 def test_semidefinite_matrix_is_refused() -> None:
     """A graph Laplacian less a little: the last pivot of the interface tells."""
     n = 40
-    chain = sp.diags_array(
-        [-np.ones(n - 1), np.r_[1.0, 2 * np.ones(n - 2), 1.0], -np.ones(n - 1)], offsets=[-1, 0, 1]
-    )
+    chain = sp.diags_array([-np.ones(n - 1), np.r_[1.0, 2 * np.ones(n - 2), 1.0], -np.ones(n - 1)], offsets=[-1, 0, 1])
     with pytest.raises(SolverError, match=r"pivot of dof \d+ is not positive"):
         CholeskyFactor(sp.csr_array(chain - 1e-6 * sp.eye_array(n)), np.array([3, 20]))
 

@@ -30,9 +30,7 @@ def response(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) ->
 
 @pytest.mark.parametrize("ranked", [False, True], ids=["library_order", "given_order"])
 @pytest.mark.parametrize("n_last", [0, 1, 30, 70, 108])
-def test_forward_and_backward_make_one_solve(
-    matrix: sp.csr_array, response: bool, n_last: int, ranked: bool
-) -> None:
+def test_forward_and_backward_make_one_solve(matrix: sp.csr_array, response: bool, n_last: int, ranked: bool) -> None:
     n = matrix.shape[0]
     rng = np.random.default_rng(1)
     last = np.sort(rng.permutation(n)[:n_last])
@@ -72,9 +70,7 @@ def test_interface_loads_reach_the_interior(matrix: sp.csr_array) -> None:
     y, c = factor.forward(b)
     loaded = b.copy()
     loaded[last] += g
-    np.testing.assert_allclose(
-        factor.backward(y, factor.schur_inverse @ (c + g)), factor.solve(loaded), atol=1e-11
-    )
+    np.testing.assert_allclose(factor.backward(y, factor.schur_inverse @ (c + g)), factor.solve(loaded), atol=1e-11)
 
 
 @pytest.mark.usefixtures("response")

@@ -24,8 +24,12 @@ MATERIAL = {"young_modulus": 4.0, "poisson_ratio": 0.0, "density": 1.0}
 LENGTH, SPEED = 10.0, 2.0
 
 
-def body(size: tuple[float, ...] = (1.0, 1.0, LENGTH), elements: tuple[int, ...] = (1, 1, 100),
-         origin: tuple[float, ...] = (0.0, 0.0, 0.0), **others: Any) -> dict[str, Any]:  # fmt: skip
+def body(
+    size: tuple[float, ...] = (1.0, 1.0, LENGTH),
+    elements: tuple[int, ...] = (1, 1, 100),
+    origin: tuple[float, ...] = (0.0, 0.0, 0.0),
+    **others: Any,
+) -> dict[str, Any]:
     """Table of a box."""
     box = {"origin": list(origin), "size": list(size), "elements": list(elements)}
     return {"material": "m", "box": box, **others}
@@ -43,7 +47,7 @@ def built(**tables: Any) -> Built:
         "substructure": {"bar": body()},
         "time": {"end": 4.0, "instants": 200},
         "output": {"fields": True, "energy": True},
-    }  # fmt: skip
+    }
     return build(scene_from_dict(base | tables))
 
 
@@ -69,17 +73,8 @@ def smooth() -> dict[str, Any]:
 @pytest.mark.parametrize("scheme", [{"type": "hht"}, {"type": "newmark"}], ids=["hht", "newmark"])
 def test_a_driven_end_sends_its_velocity_along_the_bar(scheme: dict[str, Any]) -> None:
     """v(z, t) = V(t - z/c) until the front reaches the free end."""
-    push = {
-        "type": "velocity",
-        "face": "bar.zmin",
-        "components": ["z"],
-        "value": [0.3],
-        "law": smooth(),
-    }
-    outcome = solved(
-        boundary={"push": push},
-        time={"end": 4.0, "instants": 200, "scheme": scheme},
-    )  # fmt: skip
+    push = {"type": "velocity", "face": "bar.zmin", "components": ["z"], "value": [0.3], "law": smooth()}
+    outcome = solved(boundary={"push": push}, time={"end": 4.0, "instants": 200, "scheme": scheme})
     bar = outcome.substructures["bar"]
     z = bar.nodes[:, 2]
     for i in (60, 120, 200):
@@ -87,9 +82,7 @@ def test_a_driven_end_sends_its_velocity_along_the_bar(scheme: dict[str, Any]) -
         assert np.abs(bar.velocity[i, :, 2] - exact).max() < 0.015 * 0.3
         assert np.abs(bar.velocity[i, :, :2]).max() < 1e-14
     end = z == 0.0
-    np.testing.assert_allclose(
-        bar.velocity[:, end, 2], np.tile(0.3 * pulse(outcome.time)[:, None], (1, 4)), atol=1e-15
-    )
+    np.testing.assert_allclose(bar.velocity[:, end, 2], np.tile(0.3 * pulse(outcome.time)[:, None], (1, 4)), atol=1e-15)
     # energy sent: rho c A int V^2 dt
     assert outcome.energy["work_of_loads"][-1] == pytest.approx(SPEED * 0.09 * 0.75, rel=2e-3)
     assert np.abs(outcome.energy["balance"]).max() < 1e-12
@@ -98,17 +91,10 @@ def test_a_driven_end_sends_its_velocity_along_the_bar(scheme: dict[str, Any]) -
 def test_prescribed_displacement_is_followed() -> None:
     """Quadratic in time to the accuracy of the scheme; a value at t = 0 is there from the start."""
     law = {"type": "table", "times": [0.0, 1.0, 2.0, 4.0], "values": [1.0, 1.0, 0.0, 0.5]}
-    move = {
-        "type": "displacement",
-        "face": "bar.zmin",
-        "components": ["x", "z"],
-        "value": [0.2, -0.1],
-        "law": law,
-    }
+    move = {"type": "displacement", "face": "bar.zmin", "components": ["x", "z"], "value": [0.2, -0.1], "law": law}
     outcome = solved(
-        boundary={"move": move},
-        substructure={"bar": body(elements=(1, 1, 20), initial_displacement=[0.2, 0.0, -0.1])},
-    )  # fmt: skip
+        boundary={"move": move}, substructure={"bar": body(elements=(1, 1, 20), initial_displacement=[0.2, 0.0, -0.1])}
+    )
     bar = outcome.substructures["bar"]
     wanted = np.interp(outcome.time, law["times"], law["values"])
     found = bar.displacement[:, bar.nodes[:, 2] == 0.0]
@@ -131,24 +117,21 @@ def test_absorbing_end_sends_nothing_back(direction: int, reflected: float) -> N
         boundary={"out": {"type": "absorbing", "face": "bar.zmax"}, "x": periodic("x"), "y": periodic("y")},
         load={"hit": {"face": "bar.zmin", "traction": traction, "law": half_sine(2.0)}},
         time={"end": end, "instants": 400},
-    )  # fmt: skip
+    )
     bar = outcome.substructures["bar"]
     peak = 1.0 / speed  # v = t / (rho c)
     assert np.abs(bar.velocity).max() == pytest.approx(peak, rel=0.02)
     assert np.abs(bar.velocity[-1]).max() < reflected * peak
     stored = outcome.energy["kinetic"][-1] + outcome.energy["elastic"][-1]
     assert stored < reflected**2 * outcome.energy["work_of_loads"][-1]
-    assert outcome.energy["damping_dissipation"][-1] == pytest.approx(
-        outcome.energy["work_of_loads"][-1], rel=0.01
-    )
+    assert outcome.energy["damping_dissipation"][-1] == pytest.approx(outcome.energy["work_of_loads"][-1], rel=0.01)
     assert np.abs(outcome.energy["balance"]).max() < 1e-12
 
 
 def test_a_free_end_reflects_all() -> None:
     """The same pulse without the absorbing end is all there after its reflection: the test above can fail."""
     outcome = solved(
-        load={"hit": {"face": "bar.zmin", "pressure": 1.0, "law": half_sine(2.0)}},
-        time={"end": 8.5, "instants": 400},
+        load={"hit": {"face": "bar.zmin", "pressure": 1.0, "law": half_sine(2.0)}}, time={"end": 8.5, "instants": 400}
     )
     stored = outcome.energy["kinetic"][-1] + outcome.energy["elastic"][-1]
     assert stored == pytest.approx(outcome.energy["work_of_loads"][-1], rel=0.01)
@@ -160,7 +143,7 @@ def test_mass_damping_of_a_rigid_motion() -> None:
     outcome = solved(
         material={"m": damped},
         substructure={"bar": body((1.0, 1.0, 2.0), (1, 1, 2), initial_velocity=[1.0, -2.0, 0.5])},
-    )  # fmt: skip
+    )
     velocity = outcome.substructures["bar"].velocity
     expected = np.exp(-0.5 * outcome.time)[:, None, None] * np.array([1.0, -2.0, 0.5])
     np.testing.assert_allclose(velocity, np.broadcast_to(expected, velocity.shape), atol=1e-4)
@@ -199,7 +182,7 @@ def test_periodic_column_moves_as_one_line() -> None:
             load={"shear": {"face": "bar.zmin", "traction": [1.0, 0.5, 0.2], "law": half_sine(1.0)}},
             material={"m": MATERIAL | {"poisson_ratio": 0.3}},
             time={"end": 4.0, "instants": 80},
-        )  # fmt: skip
+        )
 
     thin, wide = column(1).substructures["bar"], column(2).substructures["bar"]
     heights = np.linspace(0.0, LENGTH, 41)
@@ -208,8 +191,7 @@ def test_periodic_column_moves_as_one_line() -> None:
             line = bar.velocity[:, np.isclose(bar.nodes[:, 2], z)]
             assert np.ptp(line, axis=1).max() < 1e-13
     profile = [
-        bar.velocity[-1][[np.flatnonzero(np.isclose(bar.nodes[:, 2], z))[0] for z in heights]]
-        for bar in (thin, wide)
+        bar.velocity[-1][[np.flatnonzero(np.isclose(bar.nodes[:, 2], z))[0] for z in heights]] for bar in (thin, wide)
     ]
     np.testing.assert_allclose(profile[1], profile[0], atol=1e-12)
 
@@ -223,7 +205,7 @@ def test_quarter_with_symmetries_equals_the_whole() -> None:
             | {f"plane{i}": {"type": "symmetry", "face": f"bar.{p}"} for i, p in enumerate(planes)},
             load={"press": {"face": "bar.zmax", "pressure": 1.0, "law": half_sine(1.0)}},
             time={"end": 2.0, "instants": 40},
-        )  # fmt: skip
+        )
 
     whole = block(-1.0, 2.0, 4, ()).substructures["bar"]
     quarter = block(0.0, 1.0, 2, ("xmin", "ymin")).substructures["bar"]
@@ -234,11 +216,13 @@ def test_quarter_with_symmetries_equals_the_whole() -> None:
 
 def test_fixed_components_and_symmetry_hold_what_they_say() -> None:
     outcome = solved(
-        boundary={"base": {"type": "fixed", "face": "bar.zmin", "components": ["x", "z"]},
-                  "side": {"type": "symmetry", "face": "bar.xmax"}},
+        boundary={
+            "base": {"type": "fixed", "face": "bar.zmin", "components": ["x", "z"]},
+            "side": {"type": "symmetry", "face": "bar.xmax"},
+        },
         load={"push": {"face": "bar.zmax", "traction": [1.0, 1.0, 1.0], "law": half_sine(1.0)}},
         material={"m": MATERIAL | {"poisson_ratio": 0.3}},
-    )  # fmt: skip
+    )
     bar = outcome.substructures["bar"]
     base, side = bar.nodes[:, 2] == 0.0, bar.nodes[:, 0] == 1.0
     assert not bar.displacement[:, base][..., [0, 2]].any()
@@ -254,9 +238,7 @@ def test_pressure_pushes_inwards_and_gravity_falls() -> None:
     np.testing.assert_allclose(impulse, [-3.0 * 2.0 * 4.0, 0.0, 0.0], atol=1e-9)
     falling = solved(substructure={"bar": body(*small, body_force=[0.0, 0.0, -9.81])})
     depth = falling.substructures["bar"].displacement[-1]
-    np.testing.assert_allclose(
-        depth, np.tile([0.0, 0.0, -0.5 * 9.81 * 16.0], (12, 1)), rtol=1e-12, atol=1e-12
-    )
+    np.testing.assert_allclose(depth, np.tile([0.0, 0.0, -0.5 * 9.81 * 16.0], (12, 1)), rtol=1e-12, atol=1e-12)
 
 
 def refused(words: tuple[str, ...], **tables: Any) -> None:
@@ -272,9 +254,7 @@ def test_two_conditions_on_one_edge_are_refused() -> None:
     def drive(face: str) -> dict[str, Any]:
         return {"type": "velocity", "face": face, "components": ["x"], "value": [1.0]}
 
-    refused(
-        ("boundary.second", "bar.xmin"), boundary={"first": drive("bar.zmin"), "second": drive("bar.xmin")}
-    )
+    refused(("boundary.second", "bar.xmin"), boundary={"first": drive("bar.zmin"), "second": drive("bar.xmin")})
     for order in (("held", "driven"), ("driven", "held")):
         tables = {"held": {"type": "fixed", "face": "bar.zmin"}, "driven": drive("bar.xmin")}
         refused(("boundary.",), boundary={name: tables[name] for name in order})
@@ -282,10 +262,7 @@ def test_two_conditions_on_one_edge_are_refused() -> None:
 
 def test_identical_bodies_share_one_class() -> None:
     def box(x: float, elements: tuple[int, int, int] = (1, 1, 2)) -> dict[str, Any]:
-        return {
-            "material": "m",
-            "box": {"origin": [x, 0.1, 0.7], "size": [1.0, 1.0, 2.0], "elements": list(elements)},
-        }
+        return {"material": "m", "box": {"origin": [x, 0.1, 0.7], "size": [1.0, 1.0, 2.0], "elements": list(elements)}}
 
     loaded = box(3.3) | {"initial_velocity": [1.0, 0.0, 0.0]}
     stiff = box(6.0) | {"material": "stiff"}
@@ -294,5 +271,5 @@ def test_identical_bodies_share_one_class() -> None:
         substructure={"a": box(0.0), "b": loaded, "c": stiff, "d": box(9.0, (1, 1, 3)), "e": box(12.0), "f": box(15.0)},
         load={"push": {"face": "b.xmin", "pressure": 1.0}},
         boundary={"hold": {"type": "fixed", "face": "e.zmin"}, "out": {"type": "absorbing", "face": "f.zmin"}},
-    ).assembly  # fmt: skip
+    ).assembly
     assert [p.names for p in assembly.propagators] == [["a", "b"], ["c"], ["d"], ["e"], ["f"]]

@@ -60,10 +60,11 @@ def marched(propagator: Any, tractions: Array, incoming: bool = False) -> tuple[
             full = [
                 member.expansion @ field[:, j] + imposed(propagator.instant)[:, j]
                 for field, imposed in (
-                    (now.u, propagator.forcing.imposed_u), (now.v, propagator.forcing.imposed_v),
+                    (now.u, propagator.forcing.imposed_u),
+                    (now.v, propagator.forcing.imposed_v),
                     (now.a, propagator.forcing.imposed_a),
                 )
-            ]  # fmt: skip
+            ]
             rows[j].append((*full, now.u[:, j].copy(), {t: totals[t][j] for t in TERMS}))
 
     look()
@@ -78,11 +79,7 @@ def marched(propagator: Any, tractions: Array, incoming: bool = False) -> tuple[
     found = []
     for j in range(m):
         u, v, a, x = (np.array([row[i] for row in rows[j]]) for i in range(4))
-        motion = (
-            propagator.forcing.motion_table()[0, ..., j]
-            if propagator.forcing.moves
-            else np.zeros((len(u), 0))
-        )
+        motion = propagator.forcing.motion_table()[0, ..., j] if propagator.forcing.moves else np.zeros((len(u), 0))
         totals = {t: np.array([row[4][t] for row in rows[j]]) for t in TERMS}
         found.append(Fields(u, v, a, x, motion[: len(u)], totals))
     return found, np.array(acted)
@@ -92,8 +89,7 @@ def loads_of(model: Any, history: Any) -> Array:
     """Loads (n, n_full) of a member."""
     terms = zip(history.amplitudes, model.loads, strict=True)
     return sum(
-        (np.outer(amplitude, term.pattern) for amplitude, term in terms),
-        np.zeros((len(history.time), model.n_full)),
+        (np.outer(amplitude, term.pattern) for amplitude, term in terms), np.zeros((len(history.time), model.n_full))
     )
 
 
@@ -111,14 +107,16 @@ def check(found: Fields, expected: dict[str, Array]) -> None:
     """Every term, and what is left of the balance."""
     size = max(np.abs(values).max() for values in expected.values())
     for term in TERMS:
-        np.testing.assert_allclose(
-            found.totals[term], expected[term], rtol=0, atol=1e-10 * size, err_msg=term
-        )
+        np.testing.assert_allclose(found.totals[term], expected[term], rtol=0, atol=1e-10 * size, err_msg=term)
     stored = found.totals["kinetic"] + found.totals["elastic"]
     rest = (
-        stored - stored[0] + found.totals["damping_dissipation"] + found.totals["scheme_dissipation"]
-        - found.totals["work_of_loads"] - found.totals["interface_work"]
-    )  # fmt: skip
+        stored
+        - stored[0]
+        + found.totals["damping_dissipation"]
+        + found.totals["scheme_dissipation"]
+        - found.totals["work_of_loads"]
+        - found.totals["interface_work"]
+    )
     assert np.abs(rest).max() <= 1e-10 * size
 
 
@@ -245,9 +243,7 @@ def test_terms_of_the_static_march(kind: str, model: Make, tractions: Make, chan
         loads[0] = elastic[0] @ p - forces[0]
         dx, dg = np.diff(f.x, axis=0), np.diff(f.g, axis=0)
         # the whole load is balanced at every increment
-        np.testing.assert_allclose(
-            (elastic[1:] @ p), loads[1:] + forces[1:], rtol=0, atol=1e-9 * np.abs(forces).max()
-        )
+        np.testing.assert_allclose((elastic[1:] @ p), loads[1:] + forces[1:], rtol=0, atol=1e-9 * np.abs(forces).max())
         zero = np.zeros(len(f.u))
         mean_reaction = 0.5 * (elastic[1:] + elastic[:-1]) @ own.imposed_pattern
         check(

@@ -70,9 +70,7 @@ def test_march_under_given_tractions(kind: str, model: Make, tractions: Make) ->
         propagator.predict()
         propagator.commit(given[i])
         for found, expected in ((propagator.full_displacement(0), u), (propagator.full_velocity(0), v)):
-            np.testing.assert_allclose(
-                found.ravel(), expected[i], rtol=0, atol=1e-11 * np.abs(expected).max()
-            )
+            np.testing.assert_allclose(found.ravel(), expected[i], rtol=0, atol=1e-11 * np.abs(expected).max())
 
 
 def test_energy_identity_of_every_member(kind: str, model: Make, tractions: Make, unbalanced: Make) -> None:
@@ -96,9 +94,7 @@ def test_respond_is_a_march_with_dashpots(kind: str, model: Make, tractions: Mak
     propagator.bind(0.5 * k)  # one direction after another
     propagator.bind(k)
     d = propagator.operators.admittance
-    np.testing.assert_allclose(
-        propagator.response, np.linalg.solve(np.eye(len(k)) + d * k, d), atol=1e-12 * d.max()
-    )
+    np.testing.assert_allclose(propagator.response, np.linalg.solve(np.eye(len(k)) + d * k, d), atol=1e-12 * d.max())
     q = tractions(propagator.n_channel)
     for i in range(1, 6):
         propagator.predict()
@@ -128,9 +124,7 @@ def test_a_march_taken_up_again_is_the_same_to_the_last_bit(kind: str, model: Ma
             propagator.predict()
             propagator.commit(traction)
         terms = [propagator.totals[t] for t in TERMS]
-        return np.concatenate(
-            [propagator.full_displacement(0).ravel(), propagator.full_velocity(0).ravel(), *terms]
-        )
+        return np.concatenate([propagator.full_displacement(0).ravel(), propagator.full_velocity(0).ravel(), *terms])
 
     propagator = started([m])
     for traction in given[1:5]:
@@ -189,9 +183,7 @@ def test_a_step_that_is_too_long_is_refused(model: Make) -> None:
 def test_largest_eigenvalues_of_large_and_small_systems_agree() -> None:
     """A chain of n masses: largest eigenvalue 2 k / m (1 + cos(pi / n)), free ends."""
     for n in (5, 400):
-        k = sp.diags_array(
-            [-np.ones(n - 1), np.r_[1.0, 2 * np.ones(n - 2), 1.0], -np.ones(n - 1)], offsets=[-1, 0, 1]
-        )
+        k = sp.diags_array([-np.ones(n - 1), np.r_[1.0, 2 * np.ones(n - 2), 1.0], -np.ones(n - 1)], offsets=[-1, 0, 1])
         exact = 2.0 / np.sqrt((2.0 + 2.0 * np.cos(np.pi / n)) / 0.25)
         assert StableStep(np.full(n, 0.25), sp.csr_array(k)).longest == pytest.approx(exact, rel=1e-3)
 

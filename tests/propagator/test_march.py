@@ -71,9 +71,7 @@ def test_the_response_without_search_direction_is_the_admittance(hht: Any, model
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 9])
-def test_members_respond_each_for_itself(
-    hht: Any, model: Make, begin: Make, tractions: Make, count: int
-) -> None:
+def test_members_respond_each_for_itself(hht: Any, model: Make, begin: Make, tractions: Make, count: int) -> None:
     """W = W_0 + Y (q - k W_0) of every member, one after the other and eight at a time; as it would alone."""
     members = [model("held", seed) for seed in range(count)]
     together = begin(members, hht)
@@ -157,9 +155,7 @@ def test_restore_repeats_bit_by_bit(
         np.testing.assert_array_equal(propagator.totals[term], energies[term])
 
 
-def test_predict_and_trials_leave_the_state_alone(
-    hht: Any, model: Make, begin: Make, tractions: Make
-) -> None:
+def test_predict_and_trials_leave_the_state_alone(hht: Any, model: Make, begin: Make, tractions: Make) -> None:
     m = model("everything")
     given = tractions(len(m.model.channel_area))
     propagator = begin([m], hht)
@@ -220,9 +216,7 @@ def test_condensed_response(kind: str, hht: Any, model: Make, begin: Make) -> No
     close(force, force.T, 1e-13)
 
 
-def test_energy_identity_of_every_member(
-    scheme: Any, kind: str, model: Make, begin: Make, tractions: Make
-) -> None:
+def test_energy_identity_of_every_member(scheme: Any, kind: str, model: Make, begin: Make, tractions: Make) -> None:
     """T + V + damping + scheme = work of loads (reactions included) + work of interfaces, at every instant."""
     members = [model(kind, seed) for seed in range(2)]
     given = tractions(len(members[0].model.channel_area), 2)
@@ -234,27 +228,25 @@ def test_energy_identity_of_every_member(
         now = propagator.totals
         change = {t: now[t] - start[t] for t in TERMS}
         balance = (
-            change["kinetic"] + change["elastic"] + change["damping_dissipation"] + change["scheme_dissipation"]
-            - change["work_of_loads"] - change["interface_work"]
-        )  # fmt: skip
+            change["kinetic"]
+            + change["elastic"]
+            + change["damping_dissipation"]
+            + change["scheme_dissipation"]
+            - change["work_of_loads"]
+            - change["interface_work"]
+        )
         size = np.max([np.abs(now[t]) for t in TERMS], axis=0)
         assert (np.abs(balance) <= 1e-10 * size).all(), f"{balance / size}"
 
 
-def test_energies_are_those_of_the_motion(
-    hht: Any, model: Make, begin: Make, advance: Make, tractions: Make
-) -> None:
+def test_energies_are_those_of_the_motion(hht: Any, model: Make, begin: Make, advance: Make, tractions: Make) -> None:
     m = model("everything")
     given = tractions(len(m.model.channel_area))
     propagator = begin([m], hht, given[0])
     motion = advance(propagator, given)
     totals = propagator.totals
-    assert totals["kinetic"][0] == pytest.approx(
-        0.5 * motion.v[-1] @ (m.model.mass @ motion.v[-1]), rel=1e-12
-    )
-    assert totals["elastic"][0] == pytest.approx(
-        0.5 * motion.u[-1] @ (m.model.stiffness @ motion.u[-1]), rel=1e-12
-    )
+    assert totals["kinetic"][0] == pytest.approx(0.5 * motion.v[-1] @ (m.model.mass @ motion.v[-1]), rel=1e-12)
+    assert totals["elastic"][0] == pytest.approx(0.5 * motion.u[-1] @ (m.model.stiffness @ motion.u[-1]), rel=1e-12)
     assert totals["damping_dissipation"][0] > 0
 
 
@@ -277,9 +269,13 @@ def part(driven: Any, changed: Make, start: int, stop: int) -> Any:
     h = driven.histories
     cut = slice(start, stop + 1)
     return changed(
-        driven, histories={"time": h.time[cut], "amplitudes": [x[cut] for x in h.amplitudes],
-                           "imposed_velocity": h.imposed_velocity[cut]},
-    ).histories  # fmt: skip
+        driven,
+        histories={
+            "time": h.time[cut],
+            "amplitudes": [x[cut] for x in h.amplitudes],
+            "imposed_velocity": h.imposed_velocity[cut],
+        },
+    ).histories
 
 
 def test_segments_are_one_run(
@@ -336,6 +332,4 @@ def test_another_step_in_between(hht: Any, model: Make, begin: Make, advance: Ma
         propagator.begin([flying.histories], dt)
         advance(propagator, np.zeros((6, len(m.model.channel_area), 1)))
     assert propagator.operators is first
-    np.testing.assert_allclose(
-        propagator.full_displacement(0).ravel(), 5 * (0.11 + 0.5 + 0.11) * flight, atol=1e-12
-    )
+    np.testing.assert_allclose(propagator.full_displacement(0).ravel(), 5 * (0.11 + 0.5 + 0.11) * flight, atol=1e-12)

@@ -29,9 +29,7 @@ def test_sum(densities: tuple[float, ...]) -> None:
     pattern = OperatorPattern(matrices)
     for seed in (1, 2):
         factors = np.random.default_rng(seed).normal(size=len(matrices)).tolist()
-        expected = sum(
-            (f * m for f, m in zip(factors[1:], matrices[1:], strict=True)), factors[0] * matrices[0]
-        )
+        expected = sum((f * m for f, m in zip(factors[1:], matrices[1:], strict=True)), factors[0] * matrices[0])
         np.testing.assert_array_equal(pattern.sum(factors, matrices).toarray(), expected.toarray())
         for matrix in matrices:
             matrix.data = np.random.default_rng(seed + 5).normal(size=matrix.nnz)

@@ -27,9 +27,7 @@ def started(members: list[Any], scheme: Any, modes: int, traction: Array | None 
     return propagator
 
 
-def test_every_mode_is_the_direct_march(
-    hht: Any, kind: str, model: Make, begin: Make, tractions: Make
-) -> None:
+def test_every_mode_is_the_direct_march(hht: Any, kind: str, model: Make, begin: Make, tractions: Make) -> None:
     _same_march(hht, kind, model, begin, tractions)
 
 
@@ -57,18 +55,14 @@ def _same_march(scheme: Any, kind: str, model: Make, begin: Make, tractions: Mak
             np.testing.assert_allclose(reduced.totals[term], expected, rtol=1e-7, atol=1e-7)  # type: ignore[union-attr]
 
 
-def test_the_admittance_with_every_mode_is_that_of_the_mesh(
-    hht: Any, kind: str, model: Make, begin: Make
-) -> None:
+def test_the_admittance_with_every_mode_is_that_of_the_mesh(hht: Any, kind: str, model: Make, begin: Make) -> None:
     m = model(kind)
     direct, reduced = begin([m], hht), started([m], hht, ALL)
     expected = direct.operators.compliance
     np.testing.assert_allclose(reduced.operators.compliance, expected, atol=1e-9 * np.abs(expected).max())
 
 
-def test_energy_identity_with_few_modes(
-    hht: Any, kind: str, model: Make, tractions: Make, unbalanced: Make
-) -> None:
+def test_energy_identity_with_few_modes(hht: Any, kind: str, model: Make, tractions: Make, unbalanced: Make) -> None:
     _closes(hht, kind, 5, model, tractions, unbalanced)
 
 
@@ -82,9 +76,7 @@ def _closes(scheme: Any, kind: str, modes: int, model: Make, tractions: Make, un
     assert unbalanced(started(members, scheme, modes, given[0]), given[1:]) <= 1e-10
 
 
-def test_admittance_is_the_velocity_of_one_instant(
-    hht: Any, kind: str, model: Make, admittance_columns: Make
-) -> None:
+def test_admittance_is_the_velocity_of_one_instant(hht: Any, kind: str, model: Make, admittance_columns: Make) -> None:
     propagator = started([model(kind)], hht, 5)
     for j, column in admittance_columns(propagator).items():
         expected = propagator.operators.admittance[:, j]
@@ -104,9 +96,7 @@ def test_respond_is_a_march_with_dashpots(hht: Any, kind: str, model: Make, trac
 
 
 @pytest.mark.parametrize("kind", ["free", "everything"])
-def test_a_march_taken_up_again_is_the_same_to_the_last_bit(
-    kind: str, hht: Any, model: Make, tractions: Make
-) -> None:
+def test_a_march_taken_up_again_is_the_same_to_the_last_bit(kind: str, hht: Any, model: Make, tractions: Make) -> None:
     m = model(kind)
     given = tractions(len(m.model.channel_area))
 

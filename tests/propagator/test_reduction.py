@@ -35,11 +35,19 @@ def bar(held: bool, n: int = 24) -> SubstructureModel:
     velocity = np.zeros(len(dofs))
     velocity[2::3] = 0.0 if held else 1.5
     return SubstructureModel(
-        name="bar", mass=mass(basis, RHO), damping=None, stiffness=stiffness(basis, YOUNG, 0.0),
-        expansion=sp.csr_array(sp.eye_array(len(dofs), format="csr")[:, free]), trace=pick,
-        channel_area=top.areas, loads=[LoadTerm("push", push)], displacement=np.zeros(len(dofs)),
-        velocity=velocity, imposed_pattern=np.zeros((len(dofs), 0)), imposed_start=np.zeros(0),
-    )  # fmt: skip
+        name="bar",
+        mass=mass(basis, RHO),
+        damping=None,
+        stiffness=stiffness(basis, YOUNG, 0.0),
+        expansion=sp.csr_array(sp.eye_array(len(dofs), format="csr")[:, free]),
+        trace=pick,
+        channel_area=top.areas,
+        loads=[LoadTerm("push", push)],
+        displacement=np.zeros(len(dofs)),
+        velocity=velocity,
+        imposed_pattern=np.zeros((len(dofs), 0)),
+        imposed_start=np.zeros(0),
+    )
 
 
 def linear_element_eigenvalues(numbers: np.ndarray, n: int) -> np.ndarray:
@@ -97,17 +105,13 @@ def test_ritz_identities(kind):
     b = found.basis
     np.testing.assert_allclose(b.T @ (model.mass @ b), np.eye(b.shape[1]), atol=1e-9)
     scale = found.eigenvalues.max()
-    np.testing.assert_allclose(
-        b.T @ (model.stiffness @ b) / scale, np.diag(found.eigenvalues) / scale, atol=1e-9
-    )
+    np.testing.assert_allclose(b.T @ (model.stiffness @ b) / scale, np.diag(found.eigenvalues) / scale, atol=1e-9)
     if not found.n_rigid:
         e = model.expansion
         k = (e.T @ model.stiffness @ e).toarray()
         force = model.trace.T @ (model.channel_area * np.cos(np.arange(model.channel_area.size)))
         full = model.trace @ (e @ np.linalg.solve(k, e.T @ force))
-        np.testing.assert_allclose(
-            found.trace @ (b.T @ force / found.eigenvalues), full, atol=1e-8 * abs(full).max()
-        )
+        np.testing.assert_allclose(found.trace @ (b.T @ force / found.eigenvalues), full, atol=1e-8 * abs(full).max())
 
 
 def test_all_modes_are_the_whole_substructure():
@@ -117,9 +121,7 @@ def test_all_modes_are_the_whole_substructure():
     found = reduce_model(model, 10_000)
     assert found.basis.shape[1] == e.shape[1]
     np.testing.assert_allclose(found.basis @ found.displacement, e @ (e.T @ model.displacement), atol=1e-9)
-    np.testing.assert_allclose(
-        found.trace @ found.velocity, model.trace @ (e @ (e.T @ model.velocity)), atol=1e-9
-    )
+    np.testing.assert_allclose(found.trace @ found.velocity, model.trace @ (e @ (e.T @ model.velocity)), atol=1e-9)
 
 
 def test_modes_that_matter_are_taken_before_lower_ones():
@@ -145,8 +147,11 @@ def test_damping_and_loads_are_projected():
     model = make_model("damped").model
     found = reduce_model(model, 5)
     assert found.damping is not None
-    np.testing.assert_allclose(found.damping, 0.3 * np.eye(len(found.eigenvalues)) + 0.02 * np.diag(found.eigenvalues),
-                               atol=1e-8 * found.eigenvalues.max())  # fmt: skip
+    np.testing.assert_allclose(
+        found.damping,
+        0.3 * np.eye(len(found.eigenvalues)) + 0.02 * np.diag(found.eigenvalues),
+        atol=1e-8 * found.eigenvalues.max(),
+    )
     assert found.loads.shape == (len(found.eigenvalues), 3)
 
 

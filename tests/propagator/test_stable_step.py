@@ -45,9 +45,7 @@ def lanczos_numpy(
         vectors[1] = after / beside[step] if beside[step] > 0.0 else 0.0
 
 
-def box(
-    elements: tuple[int, int, int], shape: tuple[float, ...], nu: float, held: bool
-) -> tuple[Array, sp.csr_array]:
+def box(elements: tuple[int, int, int], shape: tuple[float, ...], nu: float, held: bool) -> tuple[Array, sp.csr_array]:
     """Lumped mass and stiffness of a box of elements of this shape; ``held``: symmetry on three of its faces."""
     mesh = box_mesh(np.zeros(3), np.asarray(elements) * np.asarray(shape), elements)
     basis = Elements(mesh)

@@ -44,24 +44,13 @@ ACCEPTED = (
 def findings(file: Path) -> list[str]:
     """What the checker has against a file, warnings and its own crashes included, but for ``ACCEPTED``."""
     report = file.with_suffix(".json")
-    command = [
-        str(CHECKER),
-        f"--test={VERSION}",
-        "--criteria=strict",
-        "--format=json",
-        "-o",
-        str(report),
-        str(file),
-    ]
+    command = [str(CHECKER), f"--test={VERSION}", "--criteria=strict", "--format=json", "-o", str(report), str(file)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert report.exists(), done.stderr
     checks = json.loads(report.read_text())[VERSION]
     crashes = [line for line in done.stderr.splitlines() if line.startswith(f"{VERSION}.")]
     messages = [
-        text
-        for level in ("high", "medium", "low")
-        for check in checks[f"{level}_priorities"]
-        for text in check["msgs"]
+        text for level in ("high", "medium", "low") for check in checks[f"{level}_priorities"] for text in check["msgs"]
     ]
     return [text for text in messages + crashes if not text.startswith(ACCEPTED)]
 

@@ -54,15 +54,7 @@ def test_values_are_those_of_the_histories(crushing: Solution) -> None:
 
 
 def test_every_variable_says_what_it_is_and_in_which_unit(crushing: Solution) -> None:
-    without_unit = {
-        "component",
-        "side",
-        "stress_component",
-        "contact_status",
-        "converged",
-        "cell_nodes",
-        "mesh",
-    }
+    without_unit = {"component", "side", "stress_component", "contact_status", "converged", "cell_nodes", "mesh"}
     for node in crushing.to_datatree().subtree:
         for name, variable in node.to_dataset().variables.items():
             assert variable.attrs["long_name"], f"{node.path}/{name}"
@@ -101,9 +93,7 @@ def test_strided_fields_keep_their_own_time(crushing: Solution) -> None:
     tree = crushing.to_datatree()
     lower = crushing.substructures["lower"]
     np.testing.assert_array_equal(tree["substructures/lower/time"].values, lower.time)
-    np.testing.assert_array_equal(
-        tree["substructures/lower/energy/kinetic"].values, lower.energy["kinetic"][::2]
-    )
+    np.testing.assert_array_equal(tree["substructures/lower/energy/kinetic"].values, lower.energy["kinetic"][::2])
     assert tree["interfaces/crush"].sizes["time"] == crushing.time.size
 
 
@@ -134,12 +124,5 @@ def test_provenance_is_at_the_root(stalled: Solution) -> None:
     assert attributes["status"] == stalled.status
     assert attributes["converged"] == 0
     assert attributes["Conventions"].startswith("CF-1.11")
-    for key in (
-        "schema_version",
-        "history",
-        "latin_fmu_version",
-        "numpy_version",
-        "scipy_version",
-        "xarray_version",
-    ):
+    for key in ("schema_version", "history", "latin_fmu_version", "numpy_version", "scipy_version", "xarray_version"):
         assert attributes[key]

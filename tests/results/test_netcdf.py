@@ -90,9 +90,7 @@ def test_failure_leaves_the_old_file_and_nothing_else(
     assert list(tmp_path.iterdir()) == [target]
 
 
-def test_interruption_leaves_nothing(
-    crushing: Solution, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_interruption_leaves_nothing(crushing: Solution, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupted(path: Path, *_: object, **__: object) -> None:
         Path(path).write_bytes(b"half")
         raise KeyboardInterrupt

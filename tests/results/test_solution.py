@@ -13,16 +13,7 @@ from latin_fmu.results.solution import Solution
 
 
 def test_attributes_are_those_of_the_outcome(crushing: Solution) -> None:
-    for name in (
-        "status",
-        "converged",
-        "time",
-        "windows",
-        "error_indicator",
-        "passes",
-        "timings",
-        "warnings",
-    ):
+    for name in ("status", "converged", "time", "windows", "error_indicator", "passes", "timings", "warnings"):
         assert getattr(crushing, name) is not None
     for name in ("interfaces", "substructures", "windows", "energy", "timings"):
         assert getattr(crushing, name) is getattr(crushing.outcome, name)
@@ -31,14 +22,26 @@ def test_attributes_are_those_of_the_outcome(crushing: Solution) -> None:
 def test_report_has_its_keys(crushing: Solution) -> None:
     report = crushing.report()
     assert list(report) == [
-        "status", "converged", "iterations", "passes", "error_indicator", "cpu_seconds", "peak_memory_bytes",
-        "penetration", "warnings", "interfaces",
-    ]  # fmt: skip
+        "status",
+        "converged",
+        "iterations",
+        "passes",
+        "error_indicator",
+        "cpu_seconds",
+        "peak_memory_bytes",
+        "penetration",
+        "warnings",
+        "interfaces",
+    ]
     parts = ["set_up", "march", "other", "output", "total"]
     assert list(report["cpu_seconds"]) == parts
     assert list(report["interfaces"]["crush"]) == [
-        "impulse", "peak_force", "first_contact_time", "separation_time", "error_indicator",
-    ]  # fmt: skip
+        "impulse",
+        "peak_force",
+        "first_contact_time",
+        "separation_time",
+        "error_indicator",
+    ]
     assert len(report["iterations"]) == 200
     assert report["interfaces"]["crush"]["impulse"] == pytest.approx(
         crushing.interfaces["crush"].impulse(crushing.time)[-1]
@@ -96,9 +99,17 @@ def test_summary_stays_narrow_for_many_interfaces(stack: Solution) -> None:
 
 @pytest.mark.parametrize(
     ("value", "text"),
-    [(26800.0, "26.80 kN"), (0.0, "0 N"), (None, "-"), (-2.5e-7, "-250.0 nN"), (999.9999, "1000 N"), (1.0, "1.000 N"),
-     (1e-30, "1.000e-15 fN"), (1000.0, "1.000 kN")],
-)  # fmt: skip
+    [
+        (26800.0, "26.80 kN"),
+        (0.0, "0 N"),
+        (None, "-"),
+        (-2.5e-7, "-250.0 nN"),
+        (999.9999, "1000 N"),
+        (1.0, "1.000 N"),
+        (1e-30, "1.000e-15 fN"),
+        (1000.0, "1.000 kN"),
+    ],
+)
 def test_readable(value: float | None, text: str) -> None:
     assert readable(value, "N") == text
 

@@ -48,9 +48,7 @@ def test_substructure_fields(crushing: Solution, tmp_path: Path) -> None:
 def test_interface_points(crushing: Solution, tmp_path: Path) -> None:
     history = crushing.interfaces["crush"]
     export_vtu(crushing, tmp_path / "out")
-    mesh = meshio.read(
-        tmp_path / "out" / "interface_crush_00030.vtu"
-    )  # fields are stored at every other instant
+    mesh = meshio.read(tmp_path / "out" / "interface_crush_00030.vtu")  # fields are stored at every other instant
     np.testing.assert_array_equal(mesh.points, history.points)
     np.testing.assert_array_equal(mesh.point_data["traction"], history.traction[60])
     np.testing.assert_array_equal(mesh.point_data["contact_status"], history.contact_status[60])
@@ -84,9 +82,7 @@ def test_folders_of_others_are_left_alone(crushing: Solution, tmp_path: Path) ->
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
 
 
-def test_failure_keeps_the_former_export(
-    crushing: Solution, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_failure_keeps_the_former_export(crushing: Solution, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     index = export_vtu(crushing, tmp_path / "out")
     before = sorted(path.name for path in index.parent.iterdir())
 

@@ -23,13 +23,7 @@ def small() -> dict[str, Any]:
         },
         "interface": {"meet": {"sides": ["left.zmax", "right.zmin"], "friction_coefficient": 0.2}},
         "boundary": {"held": {"type": "fixed", "face": "right.zmax"}},
-        "load": {
-            "push": {
-                "face": "left.zmin",
-                "pressure": 1e6,
-                "law": {"type": "half_sine", "duration": 1e-4},
-            }
-        },
+        "load": {"push": {"face": "left.zmin", "pressure": 1e6, "law": {"type": "half_sine", "duration": 1e-4}}},
         "time": {"end": 1e-3, "step": 1e-5},
         "solver": {"search_direction": "automatic", "window": "whole"},
     }

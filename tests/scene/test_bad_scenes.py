@@ -32,64 +32,24 @@ CASES: list[tuple[str, Any, str, list[str]]] = [
     ("material.2nd", {}, "material.2nd", ["not a valid name", "letter"]),
     ("material.steel", 3, "material.steel", ["must be a table", "3"]),
     ("material.steel.young_modulus", GONE, "material.steel.young_modulus", ["missing", "> 0", "[Pa]"]),
-    (
-        "material.steel.young_modulu",
-        1,
-        "material.steel.young_modulu",
-        ["unknown key", "did you mean 'young_modulus'"],
-    ),
-    (
-        "material.steel.young_modulus",
-        -1.0,
-        "material.steel.young_modulus",
-        ["out of range", "-1.0", "> 0", "[Pa]"],
-    ),
-    (
-        "material.steel.young_modulus",
-        "210e9",
-        "material.steel.young_modulus",
-        ["must be a number", "'210e9'"],
-    ),
+    ("material.steel.young_modulu", 1, "material.steel.young_modulu", ["unknown key", "did you mean 'young_modulus'"]),
+    ("material.steel.young_modulus", -1.0, "material.steel.young_modulus", ["out of range", "-1.0", "> 0", "[Pa]"]),
+    ("material.steel.young_modulus", "210e9", "material.steel.young_modulus", ["must be a number", "'210e9'"]),
     ("material.steel.young_modulus", True, "material.steel.young_modulus", ["must be a number", "true"]),
     ("material.steel.young_modulus", math.nan, "material.steel.young_modulus", ["finite", "nan"]),
     ("material.steel.young_modulus", 10**400, "material.steel.young_modulus", ["too large"]),
-    (
-        "material.steel.young_modulus",
-        10**5000,
-        "material.steel.young_modulus",
-        ["too large"],
-    ),
+    ("material.steel.young_modulus", 10**5000, "material.steel.young_modulus", ["too large"]),
     ("material.steel.density", 0, "material.steel.density", ["out of range", "> 0", "kg m-3"]),
     ("material.steel.poisson_ratio", 0.5, "material.steel.poisson_ratio", ["out of range", "> -1, < 0.5"]),
     ("substructure.left.box.size", [1.0, 2.0], "substructure.left.box.size", ["too few", "3 numbers", "[m]"]),
     ("substructure.left.box.size", [1.0, 2.0, 3.0, 4.0], "substructure.left.box.size", ["too many"]),
     ("substructure.left.box.size", 1.0, "substructure.left.box.size", ["must be a list"]),
     ("substructure.left.box.size", [1.0, 2.0, 0.0], "substructure.left.box.size[2]", ["out of range", "> 0"]),
-    (
-        "substructure.left.box.elements",
-        [1, 1, 0],
-        "substructure.left.box.elements[2]",
-        ["out of range", ">= 1"],
-    ),
-    (
-        "substructure.left.box.elements",
-        [1, 1, 2.5],
-        "substructure.left.box.elements[2]",
-        ["whole number", "2.5"],
-    ),
+    ("substructure.left.box.elements", [1, 1, 0], "substructure.left.box.elements[2]", ["out of range", ">= 1"]),
+    ("substructure.left.box.elements", [1, 1, 2.5], "substructure.left.box.elements[2]", ["whole number", "2.5"]),
     ("substructure.left.box.elements", [10**4] * 3, "substructure.left.box.elements", ["too many elements"]),
-    (
-        "substructure.left.initial_velocity",
-        [0, math.inf, 0],
-        "substructure.left.initial_velocity[1]",
-        ["finite"],
-    ),
-    (
-        "interface.meet.friction_coefficient",
-        -0.1,
-        "interface.meet.friction_coefficient",
-        ["out of range", ">= 0"],
-    ),
+    ("substructure.left.initial_velocity", [0, math.inf, 0], "substructure.left.initial_velocity[1]", ["finite"]),
+    ("interface.meet.friction_coefficient", -0.1, "interface.meet.friction_coefficient", ["out of range", ">= 0"]),
     ("interface.meet.gap", -1e-6, "interface.meet.gap", ["out of range", ">= 0", "[m]"]),
     ("interface.meet.gap", "shut", "interface.meet.gap", ["not a gap", "measured", "closed"]),
     ("interface.meet.points_from", "e", "interface.meet.points_from", ["unknown value", "Ep"]),
@@ -110,12 +70,7 @@ CASES: list[tuple[str, Any, str, list[str]]] = [
     ("interface.meet.sides", GONE, "interface.meet.sides", ["missing"]),
     ("interface.meet.sides", ["left.zmax"], "interface.meet.sides", ["too few"]),
     ("interface.meet.sides", "left.zmax", "interface.meet.sides", ["must be a list"]),
-    (
-        "interface.meet.sides",
-        ["left.zmax", "right"],
-        "interface.meet.sides[1]",
-        ["not a valid side", "ground"],
-    ),
+    ("interface.meet.sides", ["left.zmax", "right"], "interface.meet.sides[1]", ["not a valid side", "ground"]),
     ("output.fields", 1, "output.fields", ["true or false"]),
     ("output.every", 0, "output.every", ["out of range", ">= 1"]),
     ("solver.tolerance", 0.0, "solver.tolerance", ["out of range", "> 0"]),
@@ -125,12 +80,7 @@ CASES: list[tuple[str, Any, str, list[str]]] = [
     ("solver.window", True, "solver.window", ["not a window", "true"]),
     ("solver.start", "zeros", "solver.start", ["sequential, zero", "did you mean 'zero'"]),
     # tables chosen by their type
-    (
-        "load.push.law.type",
-        "half_sin",
-        "load.push.law.type",
-        ["unknown type", "step", "did you mean 'half_sine'"],
-    ),
+    ("load.push.law.type", "half_sin", "load.push.law.type", ["unknown type", "step", "did you mean 'half_sine'"]),
     ("load.push.law", "ramp", "load.push.law.type", ["unknown type", "'ramp'", "rectangular_pulse"]),
     ("load.push.law.type", GONE, "load.push.law.type", ["type is missing", "half_sine"]),
     ("load.push.law.duration", GONE, "load.push.law.duration", ["missing", "> 0", "[s]"]),
@@ -160,18 +110,8 @@ CASES: list[tuple[str, Any, str, list[str]]] = [
         "load.push.law",
         ["times[2] = 1.0 after 1.0"],
     ),
-    (
-        "load.push.law",
-        {**TABLE, "times": [0, math.nan], "values": [0, 1]},
-        "load.push.law.times[1]",
-        ["finite"],
-    ),
-    (
-        "load.push.law",
-        {"type": "csv", "file": "none.csv"},
-        "load.push.law",
-        ["does not exist", "relative to"],
-    ),
+    ("load.push.law", {**TABLE, "times": [0, math.nan], "values": [0, 1]}, "load.push.law.times[1]", ["finite"]),
+    ("load.push.law", {"type": "csv", "file": "none.csv"}, "load.push.law", ["does not exist", "relative to"]),
     # alternatives
     ("load.push.pressure", GONE, "load.push", ["neither", "'pressure'", "'traction'"]),
     ("load.push.traction", [0, 0, 1], "load.push", ["both"]),
@@ -180,25 +120,10 @@ CASES: list[tuple[str, Any, str, list[str]]] = [
     ("time.step", GONE, "time", ["neither", "'step'", "'instants'"]),
     ("time.instants", 10, "time", ["both"]),
     # names between tables
-    (
-        "substructure.left.material",
-        "steal",
-        "substructure.left.material",
-        ["'steal'", "did you mean 'steel'"],
-    ),
-    (
-        "interface.meet.sides",
-        ["lft.zmax", "right.zmin"],
-        "interface.meet.sides[0]",
-        ["did you mean 'left.zmax'"],
-    ),
+    ("substructure.left.material", "steal", "substructure.left.material", ["'steal'", "did you mean 'steel'"]),
+    ("interface.meet.sides", ["lft.zmax", "right.zmin"], "interface.meet.sides[0]", ["did you mean 'left.zmax'"]),
     ("interface.meet.sides", ["left.top", "right.zmin"], "interface.meet.sides[0]", ["no face", "zmax"]),
-    (
-        "interface.meet.sides",
-        ["left.zmaxx", "right.zmin"],
-        "interface.meet.sides[0]",
-        ["did you mean 'zmax'"],
-    ),
+    ("interface.meet.sides", ["left.zmaxx", "right.zmin"], "interface.meet.sides[0]", ["did you mean 'zmax'"]),
     ("interface.meet.sides", ["ground", "right.zmin"], "interface.meet.sides[0]", ["ground", "second"]),
     ("interface.meet.sides", ["ground", "ground"], "interface.meet.sides[0]", ["cannot be the ground"]),
     ("interface.meet.sides", ["left.zmax", "left.zmax"], "interface.meet.sides", ["cannot meet itself"]),
@@ -233,33 +158,13 @@ CASES: list[tuple[str, Any, str, list[str]]] = [
         ["z on 'right.zmax'", "'held'"],
     ),
     ("boundary.twice", {"type": "symmetry", "face": "right.zmax"}, "boundary.twice", ["z on", "'held'"]),
-    (
-        "boundary.pair",
-        {**PERIODIC, "faces": ["left.xmin", "left.xmin"]},
-        "boundary.pair.faces",
-        ["two different"],
-    ),
-    (
-        "boundary.pair",
-        {**PERIODIC, "faces": ["left.xmin", "right.xmax"]},
-        "boundary.pair.faces",
-        ["one substructure"],
-    ),
-    (
-        "boundary.pair",
-        {**PERIODIC, "faces": ["left.xmin", "left.ymax"]},
-        "boundary.pair.faces",
-        ["opposite", "xmin"],
-    ),
+    ("boundary.pair", {**PERIODIC, "faces": ["left.xmin", "left.xmin"]}, "boundary.pair.faces", ["two different"]),
+    ("boundary.pair", {**PERIODIC, "faces": ["left.xmin", "right.xmax"]}, "boundary.pair.faces", ["one substructure"]),
+    ("boundary.pair", {**PERIODIC, "faces": ["left.xmin", "left.ymax"]}, "boundary.pair.faces", ["opposite", "xmin"]),
     ("boundary.pair", {**PERIODIC, "faces": ["left.xmin", "left.zz"]}, "boundary.pair.faces[1]", ["no face"]),
     ("boundary.pair", {**PERIODIC, "face": "left.xmin"}, "boundary.pair.faces", ["missing"]),
     # time
-    (
-        "time.end",
-        1.05e-5,
-        "time.end",
-        ["not a whole number of steps", "nearest: end = 1e-05", "instants = 1"],
-    ),
+    ("time.end", 1.05e-5, "time.end", ["not a whole number of steps", "nearest: end = 1e-05", "instants = 1"]),
     ("time.end", 1e-7, "time.end", ["nearest: end = 1e-05"]),
     ("time.step", 1e-300, "time.step", ["more than 10000000 steps"]),
     ("time", {"end": 1.0, "instants": 10**8}, "time.instants", ["out of range", "10000000"]),
@@ -282,9 +187,7 @@ def change(data: dict[str, Any], path: str, value: object) -> None:
 @pytest.mark.parametrize(
     ("path", "value", "where", "parts"), CASES, ids=[f"{i}-{case[2]}" for i, case in enumerate(CASES)]
 )
-def test_mistake_is_named(
-    small: dict[str, Any], path: str, value: object, where: str, parts: list[str]
-) -> None:
+def test_mistake_is_named(small: dict[str, Any], path: str, value: object, where: str, parts: list[str]) -> None:
     change(small, path, value)
     with pytest.raises(SceneError) as caught:
         scene_from_dict(small)

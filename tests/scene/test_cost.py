@@ -34,9 +34,7 @@ def scene(elements: int, **solver: Any) -> latin_fmu.Scene:
             },
             "interface": {"i": {"sides": ["low.zmax", "high.zmin"], "friction_coefficient": 0.3}},
             "boundary": {"base": {"type": "fixed", "face": "low.zmin"}},
-            "load": {
-                "p": {"face": "high.zmax", "pressure": 1e8, "law": {"type": "half_sine", "duration": 4e-6}}
-            },
+            "load": {"p": {"face": "high.zmax", "pressure": 1e8, "law": {"type": "half_sine", "duration": 4e-6}}},
             "time": {"end": 4e-6, "instants": 40},
             "solver": {"share_identical": False, **solver},
         }

@@ -93,9 +93,7 @@ values = st.recursive(
     ),
     max_leaves=6,
 )
-SMALL_TIME = settings(
-    max_examples=250, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck)
-)
+SMALL_TIME = settings(max_examples=250, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 
 
 def places(data: Any) -> Iterator[tuple[Any, Any]]:
@@ -145,11 +143,7 @@ def test_changed_models(data: st.DataObject) -> None:
 
 
 @SMALL_TIME
-@given(
-    st.dictionaries(
-        st.one_of(st.sampled_from(list(Scene.model_fields)), st.text(max_size=5)), values, max_size=6
-    )
-)
+@given(st.dictionaries(st.one_of(st.sampled_from(list(Scene.model_fields)), st.text(max_size=5)), values, max_size=6))
 def test_any_dictionary(data: dict[str, Any]) -> None:
     check(data, MODELS)
 

@@ -61,9 +61,7 @@ def test_exact_values() -> None:
     assert HalfSineLaw(duration=3.0).impulse(0.0, 9.0) == pytest.approx(6.0 / math.pi, rel=1e-15)
     assert RectangularPulseLaw(start=1.0, duration=3.0).impulse(0.0, 9.0) == 3.0
     assert TableLaw(times=(0.0, 1.0), values=(0.0, 2.0)).impulse(-1.0, 3.0) == 5.0
-    np.testing.assert_array_equal(
-        TableLaw(times=(0.0, 1.0), values=(3.0, 4.0)).sample([-9.0, 0.5, 9.0]), [3, 3.5, 4]
-    )
+    np.testing.assert_array_equal(TableLaw(times=(0.0, 1.0), values=(3.0, 4.0)).sample([-9.0, 0.5, 9.0]), [3, 3.5, 4])
 
 
 def test_value_at_a_jump_is_the_value_before_it() -> None:
@@ -73,9 +71,7 @@ def test_value_at_a_jump_is_the_value_before_it() -> None:
 
 
 def test_half_sine_is_zero_after_its_end() -> None:
-    np.testing.assert_array_equal(
-        HalfSineLaw(start=1.0, duration=1.0).sample([0.0, 1.0, 2.0, 2.5]), np.zeros(4)
-    )
+    np.testing.assert_array_equal(HalfSineLaw(start=1.0, duration=1.0).sample([0.0, 1.0, 2.0, 2.5]), np.zeros(4))
 
 
 @pytest.mark.parametrize("n_step", [7, 42, 97, 1000, 100_003])
@@ -93,20 +89,12 @@ def test_sampled_impulse_error() -> None:
     times = np.linspace(0.0, 1.0, 101)
     assert sampled_impulse_error(ConstantLaw(), times) == pytest.approx(0.0, abs=1e-14)
     assert sampled_impulse_error(InputLaw(), times) == 0.0
-    assert sampled_impulse_error(RectangularPulseLaw(start=0.1, duration=0.3), times) == pytest.approx(
-        0.0, abs=1e-12
-    )
-    assert sampled_impulse_error(RectangularPulseLaw(start=0.105, duration=0.3), times) == pytest.approx(
-        0.0, abs=1e-12
-    )
-    assert sampled_impulse_error(RectangularPulseLaw(duration=0.305), times) == pytest.approx(
-        0.005 / 0.305, rel=1e-9
-    )
+    assert sampled_impulse_error(RectangularPulseLaw(start=0.1, duration=0.3), times) == pytest.approx(0.0, abs=1e-12)
+    assert sampled_impulse_error(RectangularPulseLaw(start=0.105, duration=0.3), times) == pytest.approx(0.0, abs=1e-12)
+    assert sampled_impulse_error(RectangularPulseLaw(duration=0.305), times) == pytest.approx(0.005 / 0.305, rel=1e-9)
     assert sampled_impulse_error(RectangularPulseLaw(start=0.501, duration=0.001), times) == 1.0
     # trapezoid rule of half a sine over m steps: relative error (pi / m)^2 / 12
-    assert sampled_impulse_error(HalfSineLaw(duration=1.0), times) == pytest.approx(
-        (math.pi / 100) ** 2 / 12, rel=1e-3
-    )
+    assert sampled_impulse_error(HalfSineLaw(duration=1.0), times) == pytest.approx((math.pi / 100) ** 2 / 12, rel=1e-3)
 
 
 def test_sampled_impulse_error_of_a_law_without_mean() -> None:

@@ -33,9 +33,7 @@ def folder(tmp_path: Path) -> Path:
             for i, cell in enumerate(mesh.blocks[0].cells.tolist())
         )
     text += "*ELSET, ELSET=Eall\nlow-er, upper\n"
-    text += (
-        "*SURFACE, NAME=top\nlow-er, S2\n*SURFACE, NAME=bottom\nupper, S1\n*SURFACE, NAME=base\nlow-er, S1\n"
-    )
+    text += "*SURFACE, NAME=top\nlow-er, S2\n*SURFACE, NAME=bottom\nupper, S1\n*SURFACE, NAME=base\nlow-er, S1\n"
     (tmp_path / "two.inp").write_text(text)
     return tmp_path
 
@@ -43,9 +41,7 @@ def folder(tmp_path: Path) -> Path:
 def scene(**mesh: Any) -> Tables:
     return {
         "name": "two",
-        "material": {
-            n: {"young_modulus": 2e11, "poisson_ratio": 0.3, "density": 7800.0} for n in ("steel", "alu")
-        },
+        "material": {n: {"young_modulus": 2e11, "poisson_ratio": 0.3, "density": 7800.0} for n in ("steel", "alu")},
         "mesh": {"all": {"file": "two.inp", "scale": 1e-3, "material": "steel"} | mesh},
         "interface": {"joint": {"sides": ["low_er.top", "upper.bottom"]}},
         "boundary": {"bed": {"type": "fixed", "face": "low_er.base"}},
@@ -100,19 +96,12 @@ def test_listed_parts_and_other_bodies(folder: Path) -> None:
         ({"scale": 0.0}, {}, "mesh.all.scale", ("out of range",)),
         ({"file": "none.inp"}, {}, "mesh.all.file", ("none.inp", "no such mesh file")),
         ({}, {"uper": {}}, "substructure.uper", ("no part of this name", "low_er, upper")),
-        (
-            {},
-            {"upper": {"box": {"size": [1.0] * 3, "elements": [1] * 3}}},
-            "substructure.upper.box",
-            ("many parts",),
-        ),
+        ({}, {"upper": {"box": {"size": [1.0] * 3, "elements": [1] * 3}}}, "substructure.upper.box", ("many parts",)),
         ({"material": "wood"}, {}, "substructure.low_er.material", ("no material",)),
         ({"parts": ["upper", "Eall", "low-er", "low_er"]}, {}, "mesh.all.parts", ("same name", "low-er")),
     ],
 )
-def test_bad_tables(
-    folder: Path, change: Tables, substructure: Tables, where: str, words: tuple[str, ...]
-) -> None:
+def test_bad_tables(folder: Path, change: Tables, substructure: Tables, where: str, words: tuple[str, ...]) -> None:
     found = problems_of(scene(**change) | {"substructure": substructure}, folder)
     told = "\n".join(map(str, found))
     assert where in [p.where for p in found], told

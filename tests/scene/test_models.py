@@ -66,9 +66,7 @@ def test_beam_in_traction() -> None:
     assert scene.solver.acceleration.type == "none"
 
 
-@pytest.mark.parametrize(
-    ("name", "speed", "gravity"), [("impact_bar", -10.0, 0.0), ("bouncing_bar", 0.0, -10.0)]
-)
+@pytest.mark.parametrize(("name", "speed", "gravity"), [("impact_bar", -10.0, 0.0), ("bouncing_bar", 0.0, -10.0)])
 def test_bars_on_the_wall(name: str, speed: float, gravity: float) -> None:
     scene = load_scene(MODELS / name / "scene.toml")
     bar, material = scene.substructure["bar"], scene.material["bar"]
@@ -91,14 +89,7 @@ def test_shear_interface() -> None:
     assert incident[0] == pytest.approx(2 * 2 * fault.friction_coefficient * fault.preload)
     assert sum(isinstance(boundary, Periodic) for boundary in scene.boundary.values()) == 4
     # the numbers of the README
-    slip = (
-        2
-        * 3e6
-        / (steel.density * shear_speed)
-        * law.duration
-        * (2 * math.sqrt(3) - 2 * math.pi / 3)
-        / math.pi
-    )
+    slip = 2 * 3e6 / (steel.density * shear_speed) * law.duration * (2 * math.sqrt(3) - 2 * math.pi / 3) / math.pi
     assert slip == pytest.approx(3.11422e-6, rel=1e-5)
     assert slip * 3e6 == pytest.approx(9.34267, rel=1e-5)
 
@@ -174,9 +165,6 @@ def test_mesh_of_punched_plates() -> None:
 
 def test_other_settings_for_a_model() -> None:
     path = MODELS / "two_specimen_crushing" / "scene.toml"
-    assert (
-        load_scene(path, ["interface.crush.friction_coefficient=0.3"]).interface["crush"].friction_coefficient
-        == 0.3
-    )
+    assert load_scene(path, ["interface.crush.friction_coefficient=0.3"]).interface["crush"].friction_coefficient == 0.3
     with pytest.raises(SceneError, match="did you mean 'crush'"):
         load_scene(path, ["interface.crash.friction_coefficient=0.3"])

@@ -151,11 +151,7 @@ def test_mistakes_in_python_are_named_too() -> None:
     glue = Interface(sides=("bar.zmin", "grund.zmax"), behaviour="perfect", friction_coefficient=0.1)
     with pytest.raises(SceneError) as caught:
         Scene(
-            name="a b",
-            material={"steel": steel},
-            substructure={"bar": bar},
-            interface={"glue": glue},
-            time=Time(end=1),
+            name="a b", material={"steel": steel}, substructure={"bar": bar}, interface={"glue": glue}, time=Time(end=1)
         )
     assert {problem.where for problem in caught.value.problems} == {
         "name",

@@ -84,9 +84,7 @@ def advance(scheme: TimeScheme, system: Oscillator, dt: float, old: Moment) -> M
     return Moment(old.t + dt, u_new, v_new, a, residual)
 
 
-def march(
-    scheme: TimeScheme, system: Oscillator, dt: float, n: int, u: float = 0.0, v: float = 0.0
-) -> list[Moment]:
+def march(scheme: TimeScheme, system: Oscillator, dt: float, n: int, u: float = 0.0, v: float = 0.0) -> list[Moment]:
     """States at n + 1 instants."""
     states = [begin(system, u, v)]
     for _ in range(n):

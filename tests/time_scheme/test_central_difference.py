@@ -77,9 +77,7 @@ def test_the_gap_law_is_exact_between_the_instants() -> None:
     dt = 0.03
     states = leapfrog(1.0, 5.0, math.sin, dt, 20, 0.2, -1.0)
     x = [u + SCHEME.gap_lead(dt) * v for u, v in states]
-    opened, _ = SCHEME.advance_opening(
-        np.array(x[:-1]), np.zeros(20), np.zeros(20), np.array(states)[1:, 1], dt
-    )
+    opened, _ = SCHEME.advance_opening(np.array(x[:-1]), np.zeros(20), np.zeros(20), np.array(states)[1:, 1], dt)
     np.testing.assert_allclose(opened, x[1:], rtol=1e-13)
 
 

@@ -65,9 +65,7 @@ def test_uniform_and_uniformly_accelerated_motion_are_exact(
 
 
 @pytest.mark.parametrize("w_dt", [1e-2, 0.3, 3.0, 50.0])
-def test_average_acceleration_keeps_the_energy_of_an_oscillator(
-    marched: March, oscillator: Any, w_dt: float
-) -> None:
+def test_average_acceleration_keeps_the_energy_of_an_oscillator(marched: March, oscillator: Any, w_dt: float) -> None:
     for scheme in (make_scheme("newmark", {}), make_scheme("hht", {"alpha": 0.0})):
         k = 9.0
         states = marched(scheme, oscillator(1.0, 0.0, k), w_dt / math.sqrt(k), 500, 0.4, 2.0)

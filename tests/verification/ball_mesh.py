@@ -35,13 +35,7 @@ def write(file: Path) -> None:
     field.add("Distance", 1)
     field.setNumbers(1, "PointsList", [pole])
     field.add("Threshold", 2)
-    for key, value in (
-        ("InField", 1),
-        ("SizeMin", FINE),
-        ("SizeMax", COARSE),
-        ("DistMin", NEAR),
-        ("DistMax", FAR),
-    ):
+    for key, value in (("InField", 1), ("SizeMin", FINE), ("SizeMax", COARSE), ("DistMin", NEAR), ("DistMax", FAR)):
         field.setNumber(2, key, value)
     field.setAsBackgroundMesh(2)
     for key in ("MeshSizeExtendFromBoundary", "MeshSizeFromPoints", "MeshSizeFromCurvature"):

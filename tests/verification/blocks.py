@@ -34,11 +34,7 @@ def stack(
         "interface": {},
         "boundary": {"base": {"type": "symmetry", "face": "b1.zmin"}},
         "load": {
-            "pulse": {
-                "face": f"b{n}.zmax",
-                "pressure": PRESSURE,
-                "law": {"type": "half_sine", "duration": DURATION},
-            }
+            "pulse": {"face": f"b{n}.zmax", "pressure": PRESSURE, "law": {"type": "half_sine", "duration": DURATION}}
         },
         "time": {"end": N_STEP * STEP, "instants": N_STEP},
         "solver": solver,
@@ -120,9 +116,7 @@ def segments_and_snapshots(scene: latin_fmu.Scene, tolerance: float) -> None:
     run.advance(scene.time.end / 3, 20)
     kept = run.snapshot()
     parts = [run.advance(scene.time.end * 2 / 3, 20), run.advance(scene.time.end, 20)]
-    assert (
-        np.abs(parts[1].interfaces["i1"].traction - traction[40:]).max() <= tolerance * np.abs(traction).max()
-    )
+    assert np.abs(parts[1].interfaces["i1"].traction - traction[40:]).max() <= tolerance * np.abs(traction).max()
     other = SegmentedRun(scene)
     other.restore(kept)
     again = other.advance(scene.time.end * 2 / 3, 20)

@@ -30,9 +30,7 @@ def outwards(element: float, far: float, growth: float) -> Array:
     return np.concatenate([[0.0], np.cumsum(steps)]) * far / sum(steps)
 
 
-def write_block(
-    file: Path, x: Array, y: Array, z: Array, surface: Callable[[Array, Array], Array] | None
-) -> None:
+def write_block(file: Path, x: Array, y: Array, z: Array, surface: Callable[[Array, Array], Array] | None) -> None:
     """A block of hexahedra; the lattice x, y, z (z from 0 up or down) is moved by ``surface`` at z = 0, less and less
     towards its back."""
     places = np.stack(np.meshgrid(x, y, z, indexing="ij"), axis=-1)
@@ -42,13 +40,10 @@ def write_block(
     number = np.arange(places[..., 0].size).reshape(places.shape[:3])
     corners = ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1))
     cells = np.stack(
-        [number[i : i - 1 or None, j : j - 1 or None, k : k - 1 or None].ravel() for i, j, k in corners],
-        axis=1,
+        [number[i : i - 1 or None, j : j - 1 or None, k : k - 1 or None].ravel() for i, j, k in corners], axis=1
     )
     front, back = (0, -1) if z[0] == 0.0 else (-1, 0)
-    planes = {
-        "surface": number[:, :, front], "back": number[:, :, back], "ymin": number[:, 0], "ymax": number[:, -1],
-    }  # fmt: skip
+    planes = {"surface": number[:, :, front], "back": number[:, :, back], "ymin": number[:, 0], "ymax": number[:, -1]}
     quads = {
         name: np.stack([p[:-1, :-1], p[1:, :-1], p[1:, 1:], p[:-1, 1:]], axis=-1).reshape(-1, 4)
         for name, p in planes.items()
@@ -56,8 +51,9 @@ def write_block(
     tags = {name: i + 2 for i, name in enumerate(quads)}
     marks = [*(np.full(len(q), tags[n]) for n, q in quads.items()), np.ones(len(cells), dtype=np.int64)]
     mesh = meshio.Mesh(
-        places.reshape(-1, 3), [*(("quad", q) for q in quads.values()), ("hexahedron", cells)],
+        places.reshape(-1, 3),
+        [*(("quad", q) for q in quads.values()), ("hexahedron", cells)],
         cell_data={"gmsh:physical": marks, "gmsh:geometrical": marks},
         field_data={"body": np.array([1, 3]), **{n: np.array([t, 2]) for n, t in tags.items()}},
-    )  # fmt: skip
+    )
     meshio.write(file, mesh, file_format="gmsh22", binary=False)

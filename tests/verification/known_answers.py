@@ -43,11 +43,7 @@ class Known:
 
 
 def exact_of(
-    interface: str,
-    solved: Solved,
-    area: float,
-    end: float,
-    sensors: dict[str, tuple[int, int]] | None = None,
+    interface: str, solved: Solved, area: float, end: float, sensors: dict[str, tuple[int, int]] | None = None
 ) -> Measured:
     """Exact quantities of one contact; ``sensors``: connection and side of bar ends by name."""
     found = Measured()
@@ -101,9 +97,7 @@ def shear_interface() -> Known:
     """Dissipation mu sigma0 per unit slip, slip rate 2 (tau_i - mu sigma0) / (rho c_s) while tau_i > mu sigma0."""
     strength, area, duration, impedance = 3e6, 4e-6, 3.0472470011002204e-05, 7800 * np.sqrt(84e9 / 7800)
     slip = 2 * strength / impedance * duration / np.pi * (2 * np.sqrt(3) - 2 * np.pi / 3)
-    exact = Measured(
-        {"fault.friction_work": area * strength * slip}, {"fault.friction_work": area * strength * slip}
-    )
+    exact = Measured({"fault.friction_work": area * strength * slip}, {"fault.friction_work": area * strength * slip})
     return Known("shear_interface", shipped("shear_interface"), exact)
 
 
@@ -114,9 +108,7 @@ def two_bars_on_a_wall() -> Known:
     scene["load"] = {"push": {"face": "low.zmin", "pressure": 100e6, "law": "step"}}
     scene["boundary"] = {"wall": {"type": "fixed", "face": "up.zmax", "components": ["z"]}}
     exact = exact_of("meet", cases.two_bars_on_a_wall(), 1e-4, 100e-6)
-    return Known(
-        "two_bars_on_a_wall", latin_fmu.scene_from_dict(scene), exact, frozenset({"meet.separation"})
-    )
+    return Known("two_bars_on_a_wall", latin_fmu.scene_from_dict(scene), exact, frozenset({"meet.separation"}))
 
 
 def _thin(stuff: Stuff, length: float) -> Any:
@@ -140,9 +132,7 @@ def colliding_bars() -> Known:
 def smooth_pulse(gap: float) -> Known:
     """Half-sine pulse through a contact of unequal bars that touch, or are ``gap`` apart."""
     scene = two_boxes(bar(SOFT, 1.0, 40), bar(HARD, 1.5, 45), 0.02, 300, gap=gap)
-    scene["load"] = {
-        "push": {"face": "low.zmin", "pressure": 0.1, "law": {"type": "half_sine", "duration": 2.0}}
-    }
+    scene["load"] = {"push": {"face": "low.zmin", "pressure": 0.1, "law": {"type": "half_sine", "duration": 2.0}}}
     free = PrescribedStress(PiecewiseLinear.constant(0.0, 0.0, 6.0))
     rows = [PrescribedStress(_half_sine(2.0, 6.0)), Contact(gap), free]
     solved = Solved(Waves([Bar(1, 1, 1), Bar(1.5, 4, 2.25)], rows, 6.0), 1, gap)
@@ -166,9 +156,7 @@ def contrast() -> Known:
 def squeeze() -> Known:
     """Two equal bars on a wall squeezed slowly: half-sine of five transits."""
     scene = two_boxes(bar(Stuff(), 1.0, 32), bar(Stuff(), 1.0, 32), 0.025, 320)
-    scene["load"] = {
-        "push": {"face": "up.zmax", "pressure": 0.1, "law": {"type": "half_sine", "duration": 5.0}}
-    }
+    scene["load"] = {"push": {"face": "up.zmax", "pressure": 0.1, "law": {"type": "half_sine", "duration": 5.0}}}
     scene["boundary"] = {"wall": {"type": "fixed", "face": "low.zmin", "components": ["z"]}}
     rows = [Joint(), Contact(0.0), PrescribedStress(_half_sine(5.0, 8.0))]
     solved = Solved(Waves([Bar(1, 1, 1), Bar(1, 1, 1)], rows, 8.0), 1)

@@ -31,11 +31,7 @@ def scene(steps: int, end: float = 1.0, **solver: Any) -> dict[str, Any]:
 
 
 def add_block(
-    into: dict[str, Any],
-    name: str,
-    origin: tuple[float, ...],
-    size: tuple[float, ...],
-    elements: tuple[int, ...],
+    into: dict[str, Any], name: str, origin: tuple[float, ...], size: tuple[float, ...], elements: tuple[int, ...]
 ) -> None:
     """A steel block."""
     into["substructure"][name] = {
@@ -45,20 +41,20 @@ def add_block(
 
 
 def plates(
-    n: int, size: tuple[float, float, float] = (0.1, 0.05, 0.006), elements: tuple[int, int, int] = (10, 5, 2),
-    friction: float = 0.3, pressure: float = 100e6, shear: float = 20e6, steps: int = 20, **solver: Any,
-) -> dict[str, Any]:  # fmt: skip
+    n: int,
+    size: tuple[float, float, float] = (0.1, 0.05, 0.006),
+    elements: tuple[int, int, int] = (10, 5, 2),
+    friction: float = 0.3,
+    pressure: float = 100e6,
+    shear: float = 20e6,
+    steps: int = 20,
+    **solver: Any,
+) -> dict[str, Any]:
     """``n`` plates on a fixed base, pressed in the first half of the interval and sheared in the second."""
     made = scene(steps, **solver)
     made["boundary"]["base"] = {"type": "fixed", "face": "b1.zmin"}
-    made["load"]["press"] = {
-        "face": f"b{n}.zmax",
-        "pressure": pressure,
-        "law": ramp((0, 0), (0.5, 1), (1, 1)),
-    }
-    made["load"]["shear"] = {
-        "face": f"b{n}.zmax", "traction": [shear, 0.0, 0.0], "law": ramp((0, 0), (0.5, 0), (1, 1)),
-    }  # fmt: skip
+    made["load"]["press"] = {"face": f"b{n}.zmax", "pressure": pressure, "law": ramp((0, 0), (0.5, 1), (1, 1))}
+    made["load"]["shear"] = {"face": f"b{n}.zmax", "traction": [shear, 0.0, 0.0], "law": ramp((0, 0), (0.5, 0), (1, 1))}
     for i in range(1, n + 1):
         add_block(made, f"b{i}", (0.0, 0.0, (i - 1) * size[2]), size, elements)
         made["boundary"][f"y{i}"] = {"type": "symmetry", "face": f"b{i}.ymin"}

@@ -52,9 +52,13 @@ def test_every_model_closes_its_energy(model):
     for energy in accounts:
         stored = energy["kinetic"] + energy["elastic"]
         rest = (
-            stored - stored[0] + energy["damping_dissipation"] + energy["scheme_dissipation"]
-            - energy["work_of_loads"] - energy["interface_work"]
-        )  # fmt: skip
+            stored
+            - stored[0]
+            + energy["damping_dissipation"]
+            + energy["scheme_dissipation"]
+            - energy["work_of_loads"]
+            - energy["interface_work"]
+        )
         largest = max(np.abs(term).max() for term in energy.values())
         assert np.abs(rest).max() <= 1e-10 * largest
     total = solution.energy
@@ -78,8 +82,7 @@ def mismatches(solution):
             part, _ = name.split(".")
             body = solution.substructures[part]
             nodes = np.argmin(
-                np.linalg.norm(body.nodes[None] - (history.points + side * _shift(history))[:, None], axis=2),
-                axis=1,
+                np.linalg.norm(body.nodes[None] - (history.points + side * _shift(history))[:, None], axis=2), axis=1
             )
             marched = body.velocity[:, nodes]
             gap = marched - history.velocity[:, side]

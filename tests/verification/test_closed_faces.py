@@ -20,14 +20,17 @@ INNER, RADIUS, OUTER, LENGTH = 1e-3, 5e-3, 9e-3, 20e-3
 
 
 def joint(
-    folder: Path, around: tuple[int, int], along: tuple[int, int], turn: float = 0.0, kind: str = "hexahedron",
-    play: float = 0.0, **interface: Any,
-) -> dict[str, Any]:  # fmt: skip
+    folder: Path,
+    around: tuple[int, int],
+    along: tuple[int, int],
+    turn: float = 0.0,
+    kind: str = "hexahedron",
+    play: float = 0.0,
+    **interface: Any,
+) -> dict[str, Any]:
     """A hollow shaft pulled at its top, in a sleeve fixed at its foot; the sleeve's mesh is turned about the axis."""
     write_mesh(folder / "shaft.msh", tube(kind, (INNER, RADIUS), LENGTH, (3, around[0], along[0])))
-    write_mesh(
-        folder / "sleeve.msh", tube(kind, (RADIUS + play, OUTER), LENGTH, (3, around[1], along[1]), turn)
-    )
+    write_mesh(folder / "sleeve.msh", tube(kind, (RADIUS + play, OUTER), LENGTH, (3, around[1], along[1]), turn))
     return {
         "name": "joint",
         "material": {"steel": dict(STEEL)},
@@ -41,7 +44,7 @@ def joint(
         "time": {"end": 1.0, "instants": 1, "quasi_static": True},
         "solver": {"tolerance": 1e-6, "max_iterations": 200},
         "output": {"fields": True},
-    }  # fmt: skip
+    }
 
 
 def elongation(tables: dict[str, Any]) -> float:
@@ -81,9 +84,7 @@ def test_bonded_thread_of_quadratic_cells(tmp_path: Path) -> None:
 @pytest.mark.parametrize("turn", [0.0, 1e-7, 2 * np.pi / 24])
 def test_matching_nodes_all_the_way_round(turn: float, tmp_path: Path) -> None:
     """Vector areas of a closed face sum to round-off: normals are compared point by point."""
-    unit = prepare(
-        latin_fmu.scene_from_dict(joint(tmp_path, (24, 24), (4, 4), turn, behaviour="perfect"))
-    ).units[0]
+    unit = prepare(latin_fmu.scene_from_dict(joint(tmp_path, (24, 24), (4, 4), turn, behaviour="perfect"))).units[0]
     assert unit.geometry.matching
     assert np.linalg.norm(unit.geometry.areas @ unit.geometry.frames[:, 0]) < 1e-12
     radial = unit.geometry.points * [1, 1, 0] / RADIUS

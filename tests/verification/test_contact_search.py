@@ -31,7 +31,7 @@ def tables(**search: Any) -> dict[str, Any]:
         },
         "contact": {"all": {"search": 1e-4, "friction_coefficient": 0.15, **search}},
         "time": {"end": 1e-6, "instants": 2},
-    }  # fmt: skip
+    }
 
 
 def units(data: dict[str, Any]) -> dict[str, Any]:
@@ -54,13 +54,8 @@ def test_pairs_within_reach() -> None:
 
 def test_check_prints_the_pairs_and_parts_that_touch_nothing() -> None:
     text = "\n".join(latin_fmu.check(latin_fmu.scene_from_dict(tables())))
-    assert (
-        "interface plate_block: contact, 16 points, area 0.0004 m2, gap 0 m, points of block.*, found" in text
-    )
-    assert (
-        "interface block_lid: contact, 16 points, area 0.0004 m2, gap 2e-05 m, points of block.*, found"
-        in text
-    )
+    assert "interface plate_block: contact, 16 points, area 0.0004 m2, gap 0 m, points of block.*, found" in text
+    assert "interface block_lid: contact, 16 points, area 0.0004 m2, gap 2e-05 m, points of block.*, found" in text
     assert "warning: substructure far touches nothing" in text
     assert "lid is the nearest, 0.01998 m" in text
 
@@ -81,10 +76,7 @@ def test_searches_in_turn() -> None:
     data = tables(parts=["plate", "block"])
     data["contact"]["rest"] = {"search": 1e-4, "behaviour": "no_slip", "gap": "closed"}
     found = units(data)
-    assert {n: u.behaviour.name for n, u in found.items()} == {
-        "plate_block": "contact",
-        "block_lid": "no_slip",
-    }
+    assert {n: u.behaviour.name for n, u in found.items()} == {"plate_block": "contact", "block_lid": "no_slip"}
     assert found["block_lid"].geometry.gap == pytest.approx(0.0, abs=0.0)
 
 

@@ -34,9 +34,7 @@ def test_transmission_at_any_contrast(what, ratio):
     force, time = pressure_force(solution), solution.time
     wanted = exact.integral(0.0, float(time[-1]))
     assert np.trapezoid(force, time) == pytest.approx(wanted, rel=1.2e-2)
-    assert force[20:50].mean() == pytest.approx(
-        exact.integral(time[20], time[49]) / (time[49] - time[20]), rel=1e-3
-    )
+    assert force[20:50].mean() == pytest.approx(exact.integral(time[20], time[49]) / (time[49] - time[20]), rel=1e-3)
 
 
 def bodies_of(scene):
@@ -48,9 +46,7 @@ def bodies_of(scene):
         box, stuff = table["box"], scene["material"][table["material"]]
         material = stuff["young_modulus"], stuff["poisson_ratio"], stuff["density"]
         solid = merged([Block(tuple(box["origin"]), tuple(box["size"]), tuple(box["elements"]), *material)])
-        system = LinearSystem(
-            solid.mass, None, solid.stiffness, np.zeros(0, dtype=np.int64), step, Scheme.hht(-0.1)
-        )
+        system = LinearSystem(solid.mass, None, solid.stiffness, np.zeros(0, dtype=np.int64), step, Scheme.hht(-0.1))
         velocity = np.tile(table["initial_velocity"], len(solid.nodes))
         loads = np.zeros((count + 1, solid.n_dof))
         bodies.append(Body(system, loads, np.zeros(solid.n_dof), velocity))

@@ -68,11 +68,7 @@ def test_one_window_of_the_whole_interval():
     counts = {}
     for mu in (0.0, 0.05, 0.1):
         solution = run(
-            mu,
-            'solver.window="whole"',
-            'solver.start="zero"',
-            "solver.max_iterations=60",
-            "output.energy=false",
+            mu, 'solver.window="whole"', 'solver.start="zero"', "solver.max_iterations=60", "output.energy=false"
         )
         assert solution.windows[0].fallbacks == []
         counts[mu] = solution.windows[0].iterations

@@ -22,7 +22,8 @@ def scene(**interface: Any) -> Tables:
     """Two elastic blocks that touch, the lower one pushed off the axis: friction, waves, no symmetry."""
     box = {"size": [0.01, 0.01, 0.02], "elements": [2, 2, 4]}
     return {
-        "name": "two", "material": {"steel": {"young_modulus": 210e9, "poisson_ratio": 0.3, "density": 7800.0}},
+        "name": "two",
+        "material": {"steel": {"young_modulus": 210e9, "poisson_ratio": 0.3, "density": 7800.0}},
         "substructure": {
             "a": {"material": "steel", "box": box},
             "b": {"material": "steel", "box": {**box, "origin": [0.0, 0.0, 0.02]}},
@@ -31,8 +32,9 @@ def scene(**interface: Any) -> Tables:
         "load": {
             "push": {"face": "a.zmin", "traction": [1e6, 0.0, 5e6], "law": {"type": "half_sine", "duration": 8e-6}}
         },
-        "time": {"end": 2e-5, "instants": 60}, "output": {"fields": True},
-    }  # fmt: skip
+        "time": {"end": 2e-5, "instants": 60},
+        "output": {"fields": True},
+    }
 
 
 def solved(tables: Tables) -> latin_fmu.Solution:
@@ -141,16 +143,16 @@ def test_without_layers_nothing_reads_what_they_start_from(images: list[Any]) ->
 
 def test_no_preload_no_balancing_force() -> None:
     none, idle = scene(), scene(preload=1e-20)
-    count = [sum(len(p.members[0].loads) for p in build(latin_fmu.scene_from_dict(t)).assembly.propagators)
-             for t in (none, idle)]  # fmt: skip
+    count = [
+        sum(len(p.members[0].loads) for p in build(latin_fmu.scene_from_dict(t)).assembly.propagators)
+        for t in (none, idle)
+    ]
     assert count == [1, 3]
     same(solved(none), solved(idle), 1e-6)
 
 
 # -- bonds: one linear pass ---------------------------------------------------------------------------------------
-def test_perfect_interfaces_only_means_one_pass_and_no_iteration(
-    calls: Counter[str], images: list[Any]
-) -> None:
+def test_perfect_interfaces_only_means_one_pass_and_no_iteration(calls: Counter[str], images: list[Any]) -> None:
     solution = solved(scene(behaviour="perfect"))
     assert calls["iteration"] == 0
     assert images[0].run[0]["direct_bonds"] == 1
@@ -194,10 +196,11 @@ def test_bonds_to_moving_ground_and_a_change_of_step() -> None:
     tables["interface"] = {
         "meet": {"sides": ["a.zmax", "b.zmin"], "behaviour": "perfect"},
         "base": {
-            "sides": ["a.zmin", "ground"], "behaviour": "perfect",
+            "sides": ["a.zmin", "ground"],
+            "behaviour": "perfect",
             "ground_velocity": {"direction": [0.0, 0.0, 1.0], "amplitude": 2.0},
         },
-    }  # fmt: skip
+    }
     for part in tables["substructure"].values():
         part["initial_velocity"] = [0.0, 0.0, 2.0]
     run = SegmentedRun(latin_fmu.scene_from_dict(tables))
@@ -212,9 +215,7 @@ def test_bonds_to_moving_ground_and_a_change_of_step() -> None:
 def test_no_damping_no_damping_matrix(key: str) -> None:
     none, idle = scene(), scene()
     idle["material"]["steel"][key] = 1e-25
-    matrices = [
-        build(latin_fmu.scene_from_dict(t)).assembly.propagators[0].members[0].damping for t in (none, idle)
-    ]
+    matrices = [build(latin_fmu.scene_from_dict(t)).assembly.propagators[0].members[0].damping for t in (none, idle)]
     assert matrices[0] is None
     assert matrices[1] is not None
     same(solved(none), solved(idle), 1e-9)
@@ -225,9 +226,7 @@ def test_an_absorbing_end_does_nothing_before_a_wave_arrives() -> None:
     idle["boundary"] = {"out": {"type": "absorbing", "face": "b.zmax"}}
     for tables in (none, idle):
         tables["time"] = {"end": 4e-6, "instants": 12}  # the wave is in the first block still
-    matrices = [
-        build(latin_fmu.scene_from_dict(t)).assembly.propagators[-1].members[0].damping for t in (none, idle)
-    ]
+    matrices = [build(latin_fmu.scene_from_dict(t)).assembly.propagators[-1].members[0].damping for t in (none, idle)]
     assert matrices[0] is None
     same(solved(none), solved(idle), 1e-3)
 
@@ -235,8 +234,10 @@ def test_an_absorbing_end_does_nothing_before_a_wave_arrives() -> None:
 def test_no_body_force_no_load() -> None:
     none, idle = scene(), scene()
     idle["substructure"]["a"]["body_force"] = [0.0, 0.0, 1e-20]
-    count = [[len(m.loads) for p in build(latin_fmu.scene_from_dict(t)).assembly.propagators for m in p.members]
-             for t in (none, idle)]  # fmt: skip
+    count = [
+        [len(m.loads) for p in build(latin_fmu.scene_from_dict(t)).assembly.propagators for m in p.members]
+        for t in (none, idle)
+    ]
     assert sorted(count[0]) == [0, 1]
     assert sum(count[1]) == 2
     same(solved(none), solved(idle), 1e-6)

@@ -22,9 +22,7 @@ SCHEMES = {
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)
-@pytest.mark.parametrize(
-    ("window", "bonds"), [(1, "direct"), (1, "iterate"), (7, "iterate"), ("whole", "iterate")]
-)
+@pytest.mark.parametrize(("window", "bonds"), [(1, "direct"), (1, "iterate"), (7, "iterate"), ("whole", "iterate")])
 def test_perfect_interfaces_are_the_merged_mesh(scheme, window, bonds):
     """All interfaces perfect, solved at once or iterated to round-off: the merged mesh to 1e-8."""
     described, reference = SCHEMES[scheme]
@@ -35,10 +33,7 @@ def test_perfect_interfaces_are_the_merged_mesh(scheme, window, bonds):
     expected = march(system, loads)
     for name, history in solution.substructures.items():
         there = matching_nodes(history.nodes, solid.nodes)
-        for computed, exact in (
-            (history.displacement, expected.displacement),
-            (history.velocity, expected.velocity),
-        ):
+        for computed, exact in ((history.displacement, expected.displacement), (history.velocity, expected.velocity)):
             wanted = exact.reshape(len(exact), -1, 3)[:, there]
             assert np.abs(computed - wanted).max() <= 1e-8 * np.abs(exact).max(), name
 
@@ -83,13 +78,7 @@ def test_windows_do_not_change_the_answer(window, tight):
 def test_search_directions_do_not_change_the_answer(kind, acceleration, tight):
     """Every choice of k, plain or accelerated, ends in one answer."""
     scene = stack(
-        3,
-        "contact",
-        0.2,
-        search_direction=kind,
-        acceleration=acceleration,
-        tolerance=1e-4,
-        max_iterations=2000,
+        3, "contact", 0.2, search_direction=kind, acceleration=acceleration, tolerance=1e-4, max_iterations=2000
     )
     assert np.abs(resultants(solve(scene)) - tight).max() < 1e-3 * np.abs(tight).max()
 

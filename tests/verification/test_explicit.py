@@ -43,9 +43,7 @@ def test_bars_meet_the_exact_contact():
 
 
 def test_impact_losses_vanish_under_refinement():
-    lost = [
-        s.energy["contact_dissipation"][-1] / s.energy["work_of_loads"][-1] for s in (bars(300), bars(600))
-    ]
+    lost = [s.energy["contact_dissipation"][-1] / s.energy["work_of_loads"][-1] for s in (bars(300), bars(600))]
     assert 0.0 < lost[1] < 0.6 * lost[0] < 0.01
 
 
@@ -74,11 +72,7 @@ def test_bonded_blocks_march_as_one_body():
     cut["material"]["aluminium"] = cut["material"]["steel"]
     one = stack(1, "perfect", propagator="explicit")
     one["material"]["aluminium"] = one["material"]["steel"]
-    one["substructure"]["b1"]["box"] = {
-        "origin": [0, 0, 0],
-        "size": [0.01, 0.01, 0.02],
-        "elements": [3, 3, 6],
-    }
+    one["substructure"]["b1"]["box"] = {"origin": [0, 0, 0], "size": [0.01, 0.01, 0.02], "elements": [3, 3, 6]}
     found, expected = solve(cut).substructures["b2"], solve(one).substructures["b1"]
     top = np.isclose(expected.nodes[:, 2], 0.02), np.isclose(found.nodes[:, 2], 0.02)
     u, v = expected.displacement[:, top[0]], found.displacement[:, top[1]]
@@ -111,7 +105,7 @@ def test_a_moving_ground_works():
         "time": {"end": 0.6, "instants": 60},
         "solver": {"propagator": "explicit"},
         "output": {"energy": True},
-    }  # fmt: skip
+    }
     solution = solve(scene)
     closes(solution.energy)
     energy = solution.energy

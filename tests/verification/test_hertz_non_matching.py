@@ -35,10 +35,7 @@ def cylinder(folder: Path, flat: int, round_: int) -> latin_fmu.Solution:
 
 @pytest.mark.parametrize(
     ("flat", "round_"),
-    [
-        (10, 14),
-        *(pytest.param(*pair, marks=pytest.mark.slow) for pair in ((14, 10), (20, 13), (13, 20), (20, 10))),
-    ],
+    [(10, 14), *(pytest.param(*pair, marks=pytest.mark.slow) for pair in ((14, 10), (20, 13), (13, 20), (20, 10)))],
 )
 def test_cylinder(flat: int, round_: int, tmp_path: Path) -> None:
     """Largest pressure and half width to 1 %; stick width at Q/(mu P) = 0.48 to 4 %."""

@@ -27,9 +27,7 @@ def solved(tables: dict[str, Any]) -> Any:
     return outcome
 
 
-def masses(
-    behaviour: str, end: float, n: int, scheme: str = "newmark", window: Any = 1, **keys: Any
-) -> dict[str, Any]:
+def masses(behaviour: str, end: float, n: int, scheme: str = "newmark", window: Any = 1, **keys: Any) -> dict[str, Any]:
     """Two rigid blocks of 1 and 2 kg along z, the first one moving at 1 m s-1."""
 
     def block(z: float, length: float, speed: float) -> dict[str, Any]:
@@ -37,23 +35,20 @@ def masses(
         return {"material": "m", "box": box, "rigid": True, "initial_velocity": [0.0, 0.0, speed]}
 
     return {
-        "name": "masses", "material": {"m": {"young_modulus": 2e11, "poisson_ratio": 0.3, "density": 1000.0}},
+        "name": "masses",
+        "material": {"m": {"young_modulus": 2e11, "poisson_ratio": 0.3, "density": 1000.0}},
         "substructure": {"a": block(0.0, 0.1, 1.0), "b": block(0.1, 0.2, 0.0)},
         "interface": {"joint": {"sides": ["a.zmax", "b.zmin"], "behaviour": behaviour, **keys}},
         "time": {"end": end, "instants": n, "scheme": scheme},
-        "solver": {"tolerance": 1e-8, "window": window}, "output": {"fields": True, "energy": True},
-    }  # fmt: skip
+        "solver": {"tolerance": 1e-8, "window": window},
+        "output": {"fields": True, "energy": True},
+    }
 
 
 def spring(**more: Any) -> dict[str, Any]:
     period = 2 * np.pi / PULSATION
     return masses(
-        "elastic_layer",
-        2 * period,
-        200,
-        normal_stiffness=STIFFNESS,
-        tangential_stiffness=STIFFNESS / 3,
-        **more,
+        "elastic_layer", 2 * period, 200, normal_stiffness=STIFFNESS, tangential_stiffness=STIFFNESS / 3, **more
     )
 
 
@@ -61,14 +56,7 @@ def spring(**more: Any) -> dict[str, Any]:
 def dashed(window: Any) -> Any:
     """Two masses and a dashpot over two time constants."""
     return solved(
-        masses(
-            "viscous_joint",
-            2 / DECAY,
-            100,
-            window=window,
-            normal_viscosity=VISCOSITY,
-            tangential_viscosity=0.0,
-        )
+        masses("viscous_joint", 2 / DECAY, 100, window=window, normal_viscosity=VISCOSITY, tangential_viscosity=0.0)
     )
 
 
@@ -171,13 +159,15 @@ def bars(behaviour: str, **keys: Any) -> dict[str, Any]:
         return {"material": "steel", "box": box}
 
     return {
-        "name": "bars", "material": {"steel": {"young_modulus": 210e9, "poisson_ratio": 0.0, "density": 7800.0}},
+        "name": "bars",
+        "material": {"steel": {"young_modulus": 210e9, "poisson_ratio": 0.0, "density": 7800.0}},
         "substructure": {"a": bar(0.0), "b": bar(0.5)},
         "interface": {"joint": {"sides": ["a.zmax", "b.zmin"], "behaviour": behaviour, **keys}},
         "boundary": {"left": {"type": "absorbing", "face": "a.zmin"}, "right": {"type": "absorbing", "face": "b.zmax"}},
         "load": {"step": {"face": "a.zmin", "pressure": 2e6, "law": "step"}},
-        "time": {"end": 1.8 * 0.5 / SOUND, "instants": 180}, "output": {"energy": True},
-    }  # fmt: skip
+        "time": {"end": 1.8 * 0.5 / SOUND, "instants": 180},
+        "output": {"energy": True},
+    }
 
 
 def behind_the_front(outcome: Any) -> np.ndarray:
@@ -216,9 +206,11 @@ def test_matched_dashpot_against_the_ground_absorbs() -> None:
     tables = bars("perfect")
     del tables["boundary"]["right"]
     tables["interface"]["out"] = {
-        "sides": ["b.zmax", "ground"], "behaviour": "viscous_joint",
-        "normal_viscosity": IMPEDANCE, "tangential_viscosity": IMPEDANCE,
-    }  # fmt: skip
+        "sides": ["b.zmax", "ground"],
+        "behaviour": "viscous_joint",
+        "normal_viscosity": IMPEDANCE,
+        "tangential_viscosity": IMPEDANCE,
+    }
     tables["time"] = {"end": 3.8 * 0.5 / SOUND, "instants": 380}
     outcome = solved(tables)
     stress = -outcome.interfaces["joint"].force()[:, 2] / 4e-4
@@ -232,12 +224,7 @@ def test_matched_dashpot_against_the_ground_absorbs() -> None:
     [
         {"behaviour": "contact", "preload": 3e5},
         {"behaviour": "contact", "preload_force": 3e5 * 4e-4},
-        {
-            "behaviour": "elastic_layer",
-            "preload": 3e5,
-            "normal_stiffness": 1e14,
-            "tangential_stiffness": 1e14,
-        },
+        {"behaviour": "elastic_layer", "preload": 3e5, "normal_stiffness": 1e14, "tangential_stiffness": 1e14},
         {"behaviour": "soft_contact", "preload_force": 3e5 * 4e-4, "normal_stiffness": 1e14},
         {"behaviour": "soft_contact", "interference": 3e5 / 1e14, "normal_stiffness": 1e14},
     ],
@@ -273,10 +260,7 @@ def test_preload_lets_a_tension_wave_through_up_to_its_level(pressed: dict[str, 
         ({"normal_viscosity": 1.0}, {"normal_viscosity"}),
         ({"behaviour": "contact", "preload": 1.0, "preload_force": 1.0}, {"preload_force"}),
         ({"behaviour": "contact", "interference": 1e-6}, {"interference"}),
-        (
-            {"behaviour": "soft_contact", "normal_stiffness": 1.0, "gap": 1.0, "interference": 1e-6},
-            {"interference"},
-        ),
+        ({"behaviour": "soft_contact", "normal_stiffness": 1.0, "gap": 1.0, "interference": 1e-6}, {"interference"}),
     ],
 )
 def test_keys_that_do_not_fit_are_told(interface: dict[str, Any], where: set[str]) -> None:

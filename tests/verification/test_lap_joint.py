@@ -16,12 +16,7 @@ from latin_fmu.mesh_files.reading import read_content
 
 from .known_answers import MODELS
 
-AXIAL = {
-    "lower_upper": -1.0,
-    "lower_nut": 1.0,
-    "upper_washer": -1.0,
-    "washer_bolt": -1.0,
-}  # on the first side
+AXIAL = {"lower_upper": -1.0, "lower_nut": 1.0, "upper_washer": -1.0, "washer_bolt": -1.0}  # on the first side
 
 
 def solved(stem: str, *settings: str) -> xr.DataTree:

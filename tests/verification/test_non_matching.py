@@ -39,11 +39,7 @@ def column(counts: tuple[tuple[int, int], ...], friction: float, **interface: An
             sides = [f"b{i}.zmax", f"{name}.zmin"]
             made["interface"][f"i{i}"] = {"sides": sides, "friction_coefficient": friction, **interface}
     made["boundary"]["base"] = {"type": "symmetry", "face": "b1.zmin"}
-    made["load"]["press"] = {
-        "face": f"b{len(counts)}.zmax",
-        "pressure": PRESSURE,
-        "law": ramp((0, 0), (1, 1)),
-    }
+    made["load"]["press"] = {"face": f"b{len(counts)}.zmax", "pressure": PRESSURE, "law": ramp((0, 0), (1, 1))}
     return made
 
 
@@ -106,9 +102,7 @@ def test_tilted_patch(kind: str, friction: float, tmp_path: Path) -> None:
 @pytest.mark.parametrize("friction", [0.0, 0.3])
 @pytest.mark.parametrize("degrees", [0.0, 30.0])
 @pytest.mark.parametrize("kind", KINDS)
-def test_patch_of_five_of_every_type_of_cell(
-    kind: str, degrees: float, friction: float, tmp_path: Path
-) -> None:
+def test_patch_of_five_of_every_type_of_cell(kind: str, degrees: float, friction: float, tmp_path: Path) -> None:
     turn = turned([0.3, 1.0, 0.2], degrees) if degrees else None
     check_uniform(of_kind(column(FIVE, friction), kind, tmp_path, turn), 130, turn)
 
@@ -120,9 +114,7 @@ def test_quadratic_faces_with_matching_nodes(kind: str, tmp_path: Path) -> None:
     unit = prepare(latin_fmu.scene_from_dict(made)).units[0]
     assert unit.geometry.matching
     assert unit.geometry.areas.min() > 0.0
-    assert (
-        abs(unit.geometry.traces[0] - unit.geometry.traces[1]).max() > 0.0
-    )  # other numbers of the same nodes
+    assert abs(unit.geometry.traces[0] - unit.geometry.traces[1]).max() > 0.0  # other numbers of the same nodes
     check_uniform(made, 60)
 
 
@@ -147,15 +139,18 @@ def bars(
         "name": "bars",
         "material": {"m": {"young_modulus": E, "poisson_ratio": poisson, "density": 7800.0}},
         "substructure": {
-            "a": {"material": "m", "box": {**box, "origin": [0, 0, 0], "elements": [n, n, 20]},
-                  "initial_velocity": [0.0, 0.0, 2.0]},
+            "a": {
+                "material": "m",
+                "box": {**box, "origin": [0, 0, 0], "elements": [n, n, 20]},
+                "initial_velocity": [0.0, 0.0, 2.0],
+            },
             "b": {"material": "m", "box": {**box, "origin": [0, 0, long], "elements": [m, m, 20]}},
         },
         "interface": {"i": {"sides": ["a.zmax", "b.zmin"], "friction_coefficient": friction}},
         "time": {"end": float(end), "instants": steps},
         "solver": solver,
         "output": {"fields": True, "energy": True},
-    }  # fmt: skip
+    }
 
 
 def iterations_in_touch(solution: latin_fmu.Solution) -> float:
@@ -226,9 +221,7 @@ def pressed_on_a_plate(reach: float, shift: float, elements: int, owner: str) ->
     made["material"]["soft"] = {"young_modulus": 210e6, "poisson_ratio": 0.0, "density": 1000.0}
     add_block(made, "plate", (0.0, 0.0, -2 * h), (6 * h, 6 * h, 2 * h), (6, 6, 2))
     wide = (3 + reach - shift) * h
-    add_block(
-        made, "block", ((1 + shift) * h, h, 0.0), (wide, (3 + reach) * h, 2 * h), (elements, elements, 2)
-    )
+    add_block(made, "block", ((1 + shift) * h, h, 0.0), (wide, (3 + reach) * h, 2 * h), (elements, elements, 2))
     made["substructure"]["block"]["material"] = "soft"
     made["boundary"]["base"] = {"type": "fixed", "face": "plate.zmin"}
     sides = ["plate.zmax", "block.zmin"]
@@ -304,10 +297,13 @@ def test_a_held_face_does_not_give_the_points() -> None:
 # -- every behaviour and scheme -----------------------------------------------------------------------------------
 LAYER = {"normal_stiffness": 1e14, "tangential_stiffness": 1e13}
 BEHAVIOURS: dict[str, dict[str, Any]] = {
-    "perfect": {}, "no_slip": {}, "contact": {"friction_coefficient": 0.2}, "elastic_layer": LAYER,
+    "perfect": {},
+    "no_slip": {},
+    "contact": {"friction_coefficient": 0.2},
+    "elastic_layer": LAYER,
     "soft_contact": {"normal_stiffness": 1e14, "friction_coefficient": 0.2},
     "viscous_joint": {"normal_viscosity": 1e7, "tangential_viscosity": 1e6},
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("scheme", ["hht", "massless_contact"])

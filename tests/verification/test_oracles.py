@@ -67,15 +67,11 @@ def test_beam_in_traction_has_the_published_instants() -> None:
     assert np.array(closings) / transit == pytest.approx([2.3], rel=TIGHT)
     assert np.array(openings) / transit == pytest.approx([4.3], rel=TIGHT)
     p = solved.pressure
-    assert [p(t * transit) / pressure for t in (2.2, 2.5, 2.99, 3.01, 4.0)] == pytest.approx(
-        [0, 1, 1, 0, 0], abs=TIGHT
-    )
+    assert [p(t * transit) / pressure for t in (2.2, 2.5, 2.99, 3.01, 4.0)] == pytest.approx([0, 1, 1, 0, 0], abs=TIGHT)
     assert p.integral(0.0, solved.waves.end) == pytest.approx(0.7 * pressure * transit, rel=TIGHT)
     end_velocity = solved.waves.velocity[2][0]
     assert end_velocity(1.99 * transit) == pytest.approx(0.0, abs=TIGHT)
-    assert end_velocity(2.01 * transit) == pytest.approx(
-        2 * pressure / solved.waves.bars[0].impedance, rel=TIGHT
-    )
+    assert end_velocity(2.01 * transit) == pytest.approx(2 * pressure / solved.waves.bars[0].impedance, rel=TIGHT)
 
 
 def test_beam_in_traction_waves_have_the_published_lengths() -> None:
@@ -117,9 +113,7 @@ def test_bouncing_bar() -> None:
         assert p.integral(a, b) == pytest.approx(800 / 3, rel=1e-11)
     foot = [5.0 + solved.waves.displacement(0, 0.0, t) for t in (8 / 3, 16 / 3)]
     assert foot == pytest.approx([3 + 8 / 9, 5.0], rel=1e-11)
-    assert balances.energy(solved.waves, 15.0) == pytest.approx(
-        balances.work(solved.waves, 15.0), abs=1e-9 * 500
-    )
+    assert balances.energy(solved.waves, 15.0) == pytest.approx(balances.work(solved.waves, 15.0), abs=1e-9 * 500)
 
 
 def test_bouncing_bar_stays_periodic_for_twenty_bounces() -> None:
@@ -162,10 +156,7 @@ def test_energy_and_momentum_close_to_round_off(name: str) -> None:
     }
     solved = build[name]()
     waves = solved.waves
-    start, scale = (
-        balances.energy(waves, 0.0),
-        max(balances.energy(waves, t) for t in np.linspace(0, waves.end, 50)),
-    )
+    start, scale = (balances.energy(waves, 0.0), max(balances.energy(waves, t) for t in np.linspace(0, waves.end, 50)))
     for time in np.linspace(0.0, waves.end, 23)[1:]:
         assert abs(balances.energy(waves, time) - start - balances.work(waves, time)) < 1e-11 * scale
         assert balances.momentum(waves, time) == pytest.approx(
@@ -182,9 +173,7 @@ def test_joined_bars_are_one_bar() -> None:
     whole = Waves([Bar(2.0, 1.0, 1.0)], [pulse, free], 4.0)
     cut = Waves([Bar(0.7, 1.0, 1.0), Bar(1.3, 1.0, 1.0)], [pulse, Joint(), free], 4.0)
     for time in (0.9, 1.7, 3.3):
-        assert cut.field(1, [0.5, 1.0], time)[0] == pytest.approx(
-            whole.field(0, [1.2, 1.7], time)[0], abs=TIGHT
-        )
+        assert cut.field(1, [0.5, 1.0], time)[0] == pytest.approx(whole.field(0, [1.2, 1.7], time)[0], abs=TIGHT)
     unequal = Waves([Bar(1.0, 1.0, 1.0), Bar(1.0, 9.0, 1.0)], [pulse, Joint(), free], 1.3)
     assert unequal.stress[1](1.2) == pytest.approx(-2 * 3.0 / 4.0, rel=TIGHT)
 
@@ -256,9 +245,7 @@ STEEL = (210e9, 0.3, 7800.0)
 
 
 def test_brick_assembly_passes_the_patch_test() -> None:
-    solid = merged(
-        [Block((0, 0, 0), (1, 2, 3), (2, 1, 2), *STEEL), Block((0, 0, 3), (1, 2, 1), (2, 1, 1), *STEEL)]
-    )
+    solid = merged([Block((0, 0, 0), (1, 2, 3), (2, 1, 2), *STEEL), Block((0, 0, 3), (1, 2, 1), (2, 1, 1), *STEEL)])
     assert len(solid.nodes) == 3 * 2 * 4
     assert solid.mass.sum() == pytest.approx(3 * 7800.0 * 8.0, rel=TIGHT)
     strain = np.array([[1.0, 0.2, -0.3], [0.2, -0.5, 0.1], [-0.3, 0.1, 0.4]])
@@ -456,9 +443,7 @@ def test_bonded_reference_keeps_the_momentum_balance() -> None:
     solid, run = crushing.bonded(model)
     momentum = (solid.mass @ run.velocity[-1])[2::3].sum()
     load = model.loads(solid).sum(axis=1)
-    acting = np.concatenate(
-        [load[:1], 0.9 * load[1:] + 0.1 * load[:-1]]
-    )  # weighting of HHT with alpha = -0.1
+    acting = np.concatenate([load[:1], 0.9 * load[1:] + 0.1 * load[:-1]])  # weighting of HHT with alpha = -0.1
     impulse = model.step * (0.4 * acting[:-1] + 0.6 * acting[1:]).sum()  # gamma = 0.6
     assert momentum == pytest.approx(impulse, rel=2e-3)
 

@@ -24,23 +24,20 @@ def chain(
 ) -> dict[str, Any]:
     """``n`` blocks in a row, half-sine pressure of one transit on the first: the wave is in the third at the end."""
     tables: dict[str, Any] = {
-        "name": "chain", "material": {"steel": STEEL}, "substructure": {}, "interface": {},
+        "name": "chain",
+        "material": {"steel": STEEL},
+        "substructure": {},
+        "interface": {},
         "solver": {"skip_unchanged": False} | solver,
         "load": {"push": {"face": "b1.zmin", "pressure": 1e8, "law": {"type": "half_sine", "duration": TRANSIT}}},
-        "time": {"end": transits * TRANSIT, "instants": round(4 * elements * transits)}, "output": {"fields": True},
-    }  # fmt: skip
+        "time": {"end": transits * TRANSIT, "instants": round(4 * elements * transits)},
+        "output": {"fields": True},
+    }
     for i in range(1, n + 1):
-        box = {
-            "origin": [0.0, 0.0, (i - 1) * LENGTH],
-            "size": [0.01, 0.01, LENGTH],
-            "elements": [1, 1, elements],
-        }
+        box = {"origin": [0.0, 0.0, (i - 1) * LENGTH], "size": [0.01, 0.01, LENGTH], "elements": [1, 1, elements]}
         tables["substructure"][f"b{i}"] = {"material": "steel", "box": box}
         if i > 1:
-            tables["interface"][f"i{i - 1}"] = {
-                "sides": [f"b{i - 1}.zmax", f"b{i}.zmin"],
-                "behaviour": behaviour,
-            }
+            tables["interface"][f"i{i - 1}"] = {"sides": [f"b{i - 1}.zmax", f"b{i}.zmin"], "behaviour": behaviour}
     return tables
 
 
@@ -60,13 +57,9 @@ def apart(first: latin_fmu.Solution, second: latin_fmu.Solution) -> tuple[float,
     moved = max(np.abs(h.displacement).max() for h in second.substructures.values())
     force = max(np.abs(h.force()).max() for h in second.interfaces.values()) or 1.0
     return (
-        max(
-            np.abs(h.displacement - second.substructures[n].displacement).max()
-            for n, h in first.substructures.items()
-        )
+        max(np.abs(h.displacement - second.substructures[n].displacement).max() for n, h in first.substructures.items())
         / moved,
-        max(np.abs(h.force() - second.interfaces[n].force()).max() for n, h in first.interfaces.items())
-        / force,
+        max(np.abs(h.force() - second.interfaces[n].force()).max() for n, h in first.interfaces.items()) / force,
     )
 
 
@@ -74,9 +67,7 @@ def apart(first: latin_fmu.Solution, second: latin_fmu.Solution) -> tuple[float,
 @pytest.mark.parametrize("behaviour", ["perfect", "contact"])
 def test_eight_bodies_of_which_the_wave_reaches_three(behaviour: str) -> None:
     """Marched: below 45 % of all substructure-instants; the answer changes by less than a twentieth of tolerance."""
-    every, few = (
-        solved(chain(behaviour=behaviour, elements=16, skip_at_rest=s)) for s in ("off", "tolerance")
-    )
+    every, few = (solved(chain(behaviour=behaviour, elements=16, skip_at_rest=s)) for s in ("off", "tolerance"))
     assert every.outcome.marched == 1.0
     assert few.outcome.marched < 0.45
     displacement, force = apart(few, every)
@@ -88,9 +79,7 @@ def test_eight_bodies_of_which_the_wave_reaches_three(behaviour: str) -> None:
 
 @pytest.mark.parametrize("window", [7, "whole"])
 def test_long_windows_pass_over_bodies_at_rest_too(window: Any) -> None:
-    every, few = (
-        solved(chain(4, 1.5, window=window, bonds="iterate", skip_at_rest=s)) for s in ("off", "tolerance")
-    )
+    every, few = (solved(chain(4, 1.5, window=window, bonds="iterate", skip_at_rest=s)) for s in ("off", "tolerance"))
     assert few.outcome.marched < 0.8 * every.outcome.marched
     assert max(apart(few, every)) < 2e-3  # two runs iterated to 1e-3
 
@@ -204,12 +193,7 @@ def test_classes_are_cut_only_where_it_pays() -> None:
     kept = cut_by_arrival(classes, dict.fromkeys(names, 1.0))
     assert [c.members for c in kept] == [c.members for c in classes]
     late = cut_by_arrival(classes, {n: float(n < "b4") for n in names})
-    assert sorted([m.name for m in c.members] for c in late) == [
-        ["b1"],
-        ["b2", "b3"],
-        ["b4", "b5", "b6", "b7"],
-        ["b8"],
-    ]
+    assert sorted([m.name for m in c.members] for c in late) == [["b1"], ["b2", "b3"], ["b4", "b5", "b6", "b7"], ["b8"]]
     flat = np.concatenate([c.channels.ravel() for c in late])
     assert len(np.unique(flat)) == len(flat) == sum(c.channels.size for c in classes)
 

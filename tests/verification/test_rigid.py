@@ -29,9 +29,12 @@ def block(**more: Any) -> dict[str, Any]:
     """A scene of one rigid block, alone."""
     body = {"material": "steel", "box": {"size": list(SIZE), "elements": [2, 2, 2]}, "rigid": True, **more}
     return {
-        "name": "block", "material": {"steel": STEEL}, "substructure": {"block": body},
-        "time": {"end": 1e-2, "instants": 20}, "output": {"fields": True, "energy": True},
-    }  # fmt: skip
+        "name": "block",
+        "material": {"steel": STEEL},
+        "substructure": {"block": body},
+        "time": {"end": 1e-2, "instants": 20},
+        "output": {"fields": True, "energy": True},
+    }
 
 
 def solved(tables: dict[str, Any]) -> Any:
@@ -67,9 +70,7 @@ def test_mass_is_the_consistent_one_of_the_mesh(cell: str) -> None:
 # -- free motion --------------------------------------------------------------------------------------------------
 def test_pushed_and_spinning_block_follows_newton() -> None:
     """Constant force off the centre, initial velocity and spin: every node on its parabola."""
-    tables = block(
-        initial_velocity=[1.0, 0.5, 0.0], initial_spin=[0.2, 0.0, 0.7], body_force=[0.0, -100.0, 0.0]
-    )
+    tables = block(initial_velocity=[1.0, 0.5, 0.0], initial_spin=[0.2, 0.0, 0.7], body_force=[0.0, -100.0, 0.0])
     tables["load"] = {"push": {"face": "block.zmax", "traction": [4e4, 0.0, 0.0]}}
     outcome = solved(tables)
     m, force, t = 7800.0 * 0.006, 4e4 * 0.02, outcome.time
@@ -161,18 +162,22 @@ def ram(rigid: bool = True, young_modulus: float = 210e9, behaviour: str = "cont
     """A block (0.02 x 0.02 x 0.05) meets the end of a long bar at 1 m s-1; the bar's far end absorbs."""
     length = 0.5
     return {
-        "name": "ram", "material": {"steel": STEEL, "hard": {**STEEL, "young_modulus": young_modulus}},
+        "name": "ram",
+        "material": {"steel": STEEL, "hard": {**STEEL, "young_modulus": young_modulus}},
         "substructure": {
             "bar": {"material": "steel", "box": {"size": [0.02, 0.02, length], "elements": [1, 1, 100]}},
             "ram": {
-                "material": "hard", "rigid": rigid, "initial_velocity": [0.0, 0.0, -1.0],
+                "material": "hard",
+                "rigid": rigid,
+                "initial_velocity": [0.0, 0.0, -1.0],
                 "box": {"origin": [0.0, 0.0, length], "size": [0.02, 0.02, 0.05], "elements": [1, 1, 2]},
             },
         },
         "interface": {"hit": {"sides": ["bar.zmax", "ram.zmin"], "behaviour": behaviour}},
         "boundary": {"out": {"type": "absorbing", "face": "bar.zmin"}},
-        "time": {"end": 0.15 / WAVE, "instants": 120}, "output": {"energy": True},
-    }  # fmt: skip
+        "time": {"end": 0.15 / WAVE, "instants": 120},
+        "output": {"energy": True},
+    }
 
 
 @pytest.mark.parametrize("behaviour", ["contact", "perfect"])
@@ -208,8 +213,11 @@ def test_every_window_gives_the_same_answer(window: object) -> None:
 def test_rigid_tool_at_constant_speed_sends_the_wave_of_its_speed() -> None:
     tables = ram()
     tables["boundary"]["tool"] = {
-        "type": "velocity", "face": "ram.zmax", "components": ["x", "y", "z"], "value": [0.0, 0.0, -1.0],
-    }  # fmt: skip
+        "type": "velocity",
+        "face": "ram.zmax",
+        "components": ["x", "y", "z"],
+        "value": [0.0, 0.0, -1.0],
+    }
     outcome = solved(tables)
     assert build(scene_from_dict(tables)).assembly.propagators[1].n_dof == 0
     impulse = -outcome.interfaces["hit"].impulse(outcome.time)[-1, 2]
@@ -225,9 +233,7 @@ def test_block_under_a_harmonic_force_sticks_and_slips_on_time() -> None:
     slipping = (outcome.interfaces["floor"].contact_status == 2).all(axis=1)
     events = np.array([[s.begin, s.end] for s in slips]).ravel()
     assert slipping[0]  # pushed by more than it can hold from the start
-    np.testing.assert_allclose(
-        time[1 + np.flatnonzero(np.diff(slipping))], events[1:], atol=step * (1 + 1e-9)
-    )
+    np.testing.assert_allclose(time[1 + np.flatnonzero(np.diff(slipping))], events[1:], atol=step * (1 + 1e-9))
     moved = outcome.substructures["block"].displacement[:, 0, 0]
     exact = np.array([sliding_block.position(t) for t in time]) - sliding_block.START
     travel = np.abs(exact).max()
@@ -266,20 +272,25 @@ def shaken(step: float) -> dict[str, Any]:
     time = np.linspace(0.0, 8.0, n + 1)
     size, area = [0.5, 0.5, 0.1], 0.25
     return {
-        "name": "shaken", "material": {"m": {**STEEL, "density": 1 / (0.1 * area)}},
+        "name": "shaken",
+        "material": {"m": {**STEEL, "density": 1 / (0.1 * area)}},
         "substructure": {
             "block": {
-                "material": "m", "box": {"size": size, "elements": [1, 1, 1]}, "rigid": True,
+                "material": "m",
+                "box": {"size": size, "elements": [1, 1, 1]},
+                "rigid": True,
                 "body_force": [0.0, 0.0, -9.81 / (0.1 * area)],
             }
         },
         "interface": {"floor": {"sides": ["block.zmin", "ground"], "friction_coefficient": 0.8}},
         "load": {
             "push": {
-                "face": "block.zmin", "traction": [sliding_block.FORCE / area, 0.0, 0.0],
+                "face": "block.zmin",
+                "traction": [sliding_block.FORCE / area, 0.0, 0.0],
                 "law": {"type": "table", "times": time.tolist(), "values": np.cos(time).tolist()},
             }
         },
-        "time": {"end": 8.0, "instants": n}, "output": {"fields": True},
+        "time": {"end": 8.0, "instants": n},
+        "output": {"fields": True},
         "solver": {"tolerance": 1e-6},
-    }  # fmt: skip
+    }

@@ -27,11 +27,7 @@ def test_both_roads_give_the_same_answer(propagator, friction):
     scene["interface"]["floor"] = {
         "sides": ["b1.zmin", "ground"],
         "friction_coefficient": friction,
-        "ground_velocity": {
-            "direction": [0, 0, 1],
-            "amplitude": 2.0,
-            "law": {"type": "half_sine", "duration": 8e-6},
-        },
+        "ground_velocity": {"direction": [0, 0, 1], "amplitude": 2.0, "law": {"type": "half_sine", "duration": 8e-6}},
     }
     described = latin_fmu.scene_from_dict(scene)
     compiled, long = latin_fmu.solve(described), latin_fmu.solve(described, observer=lambda _: None)

@@ -13,10 +13,7 @@ from .blocks import solve, stack
 from .test_explicit import closes
 
 # what solves the equations of the direct march in another way: largest difference of tractions, energy balance
-WAYS = {
-    "cg": ({"propagator": "cg"}, 1e-8, 1e-10),
-    "float32": ({"precision": "float32"}, 1e-6, 1e-6),
-}
+WAYS = {"cg": ({"propagator": "cg"}, 1e-8, 1e-10), "float32": ({"precision": "float32"}, 1e-6, 1e-6)}
 EVERY = ("direct", "explicit", {"type": "reduced", "modes": 20}, "cg")
 
 

@@ -41,14 +41,24 @@ def scene(steps: int, down: float, along: list[tuple[float, float]]) -> dict[str
         "interface": {"touch": {"sides": ["flat.surface", "round.surface"], "friction_coefficient": FRICTION}},
         "boundary": {
             "foot": {"type": "fixed", "face": "flat.back"},
-            "down": {"type": "displacement", "face": "round.back", "components": ["z"], "value": [-down * DEPTH],
-                     "law": ramp((0, 0), (1, 1))},
-            "along": {"type": "displacement", "face": "round.back", "components": ["x"], "value": [DEPTH],
-                      "law": ramp((0, 0), (1, 0), *along)},
+            "down": {
+                "type": "displacement",
+                "face": "round.back",
+                "components": ["z"],
+                "value": [-down * DEPTH],
+                "law": ramp((0, 0), (1, 1)),
+            },
+            "along": {
+                "type": "displacement",
+                "face": "round.back",
+                "components": ["x"],
+                "value": [DEPTH],
+                "law": ramp((0, 0), (1, 0), *along),
+            },
         },
         "time": {"end": along[-1][0], "instants": steps, "quasi_static": True},
         "solver": {"tolerance": 1e-4, "max_iterations": 400},
-    }  # fmt: skip
+    }
 
 
 def solved(tables: dict[str, Any], folder: Path) -> latin_fmu.Solution:
@@ -85,10 +95,7 @@ def cylinder(tmp_path_factory: pytest.TempPathFactory) -> latin_fmu.Solution:
     tables = scene(10, 1.8, [(2, 1.3), (2.5, 0.1)])
     for name in ("flat", "round"):
         for side in ("ymin", "ymax"):
-            tables["boundary"][f"{name} {side}".replace(" ", "_")] = {
-                "type": "symmetry",
-                "face": f"{name}.{side}",
-            }
+            tables["boundary"][f"{name} {side}".replace(" ", "_")] = {"type": "symmetry", "face": f"{name}.{side}"}
     return solved(tables, folder)
 
 
@@ -102,10 +109,17 @@ def line(solution: latin_fmu.Solution, instant: int) -> dict[str, Any]:
     p, q = -force[2], abs(force[0])
     a = float(np.sqrt(4 * p * RADIUS / (np.pi * STAR)))
     return {
-        "x": history.points[one, 0][order], "pressure": -traction[:, 2], "shear": traction[:, 0], "status": status,
-        "P": p, "Q": q, "signed": force[0], "a": a, "p0": 2 * p / (np.pi * a),
+        "x": history.points[one, 0][order],
+        "pressure": -traction[:, 2],
+        "shear": traction[:, 0],
+        "status": status,
+        "P": p,
+        "Q": q,
+        "signed": force[0],
+        "a": a,
+        "p0": 2 * p / (np.pi * a),
         "c": a * np.sqrt(1 - min(q / (FRICTION * p), 1.0)),
-    }  # fmt: skip
+    }
 
 
 def test_cylinder_hertz(cylinder: latin_fmu.Solution) -> None:

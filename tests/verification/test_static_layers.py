@@ -39,9 +39,7 @@ def sinking(solution: Any) -> np.ndarray:
 def test_elastic_layer():
     """A gasket: u = - p / k."""
     k = 1e13
-    foot = sinking(
-        solve(block({"behaviour": "elastic_layer", "normal_stiffness": k, "tangential_stiffness": 0.0}))
-    )
+    foot = sinking(solve(block({"behaviour": "elastic_layer", "normal_stiffness": k, "tangential_stiffness": 0.0})))
     assert foot == pytest.approx(-PRESSURE / k * np.linspace(0, 1, STEPS + 1), rel=1e-6, abs=1e-15)
 
 
@@ -55,9 +53,7 @@ def test_soft_contact_closes_its_gap_first():
 def test_viscous_joint_creeps():
     """It alone feels the pace of time: u = - sum of p dt / c."""
     c, n = 1e14, 20
-    foot = sinking(
-        solve(block({"behaviour": "viscous_joint", "normal_viscosity": c, "tangential_viscosity": 0.0}, n))
-    )
+    foot = sinking(solve(block({"behaviour": "viscous_joint", "normal_viscosity": c, "tangential_viscosity": 0.0}, n)))
     time = np.linspace(0, 1, n + 1)
     crept = np.concatenate([[0.0], np.cumsum(PRESSURE * time[1:] / n / c)])
     assert foot == pytest.approx(-crept, rel=1e-4, abs=1e-13)

@@ -78,12 +78,8 @@ def test_sheared_stack_sticks_below_the_cone():
         assert body.displacement[-1] == pytest.approx(exact, abs=1e-7 * tau / SHEAR * n * SIZE[2])
     for history in solution.interfaces.values():
         assert (history.contact_status[1:] == 1).all()
-        assert history.traction[-1, :, 0] == pytest.approx(
-            tau, rel=1e-7
-        )  # on the lower side, from the upper one
-    assert solution.energy["friction_dissipation"][-1] == pytest.approx(
-        0.0, abs=1e-9 * solution.energy["elastic"][-1]
-    )
+        assert history.traction[-1, :, 0] == pytest.approx(tau, rel=1e-7)  # on the lower side, from the upper one
+    assert solution.energy["friction_dissipation"][-1] == pytest.approx(0.0, abs=1e-9 * solution.energy["elastic"][-1])
 
 
 def test_sheared_stack_slips_at_the_cone():
@@ -91,9 +87,12 @@ def test_sheared_stack_slips_at_the_cone():
     n, friction, travel = 2, 0.2, 40e-6
     made = layers(n, friction)
     made["boundary"]["drive"] = {
-        "type": "displacement", "face": "b2.zmax", "components": ["x"], "value": [travel],
+        "type": "displacement",
+        "face": "b2.zmax",
+        "components": ["x"],
+        "value": [travel],
         "law": ramp((0, 0), (0.5, 0), (1, 1)),
-    }  # fmt: skip
+    }
     solution = solve(made)
     history = solution.interfaces["i1"]
     tau = friction * PRESSURE
@@ -121,9 +120,12 @@ def test_stretched_by_driven_faces(behaviour: str):
     made["load"]["press"]["pressure"] = 1e-3 * PRESSURE  # keeps the faces of no_slip together
     for name in ("b1", "b2"):
         made["boundary"][f"{name}_draw"] = {
-            "type": "displacement", "face": f"{name}.xmax", "components": ["x"], "value": [stretch],
+            "type": "displacement",
+            "face": f"{name}.xmax",
+            "components": ["x"],
+            "value": [stretch],
             "law": ramp((0, 0), (1, 1)),
-        }  # fmt: skip
+        }
     solution = solve(made)
     pressed = 1e-3 * PRESSURE
     along = E * stretch / SIZE[0] - NU * pressed  # sigma_x
@@ -139,14 +141,16 @@ def test_ground_drags_a_layer():
     made = layers(1, friction)
     made["boundary"] |= {"base": {"type": "fixed", "face": "b1.zmax", "components": ["x", "y"]}}
     made["interface"]["table"] = {
-        "sides": ["b1.zmin", "ground"], "friction_coefficient": friction,
-        "ground_velocity": {"direction": [1.0, 0.0, 0.0], "amplitude": 8 * travel,
-                            "law": ramp((0, 0), (0.5, 0), (1, 1))},
-    }  # fmt: skip
+        "sides": ["b1.zmin", "ground"],
+        "friction_coefficient": friction,
+        "ground_velocity": {
+            "direction": [1.0, 0.0, 0.0],
+            "amplitude": 8 * travel,
+            "law": ramp((0, 0), (0.5, 0), (1, 1)),
+        },
+    }
     solution = solve(made)
-    moved = (
-        8 * travel * np.maximum(solution.time - 0.5, 0.0) ** 2
-    )  # integral of the law: v (t - 1/2)^2 / (2 * 1/2)
+    moved = 8 * travel * np.maximum(solution.time - 0.5, 0.0) ** 2  # integral of the law: v (t - 1/2)^2 / (2 * 1/2)
     tau = np.minimum(SHEAR * moved / SIZE[2], friction * PRESSURE)
     assert 0 < tau[-2] < tau[-1]
     history = solution.interfaces["table"]

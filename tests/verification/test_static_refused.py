@@ -134,9 +134,7 @@ def test_pulled_apart_is_no_equilibrium():
     solution = solve(made, converged=False)
     assert "no equilibrium" in solution.status
     assert solution.time[-1] < 1.0
-    assert np.abs(solution.interfaces["i1"].force()).max() == pytest.approx(
-        50e6 * SIZE[0] * SIZE[1], rel=1e-2
-    )
+    assert np.abs(solution.interfaces["i1"].force()).max() == pytest.approx(50e6 * SIZE[0] * SIZE[1], rel=1e-2)
 
 
 def test_no_mass_is_assembled(monkeypatch: pytest.MonkeyPatch):

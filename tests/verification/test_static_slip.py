@@ -38,11 +38,11 @@ def gripped(*turns: tuple[float, float], steps: int) -> dict[str, Any]:
     add_block(made, "bar", (0.0, 0.0, 0.0), (LENGTH, WIDTH, HEIGHT), (N, 1, 1))
     for side in ("zmin", "zmax"):
         made["interface"][side] = {
-            "sides": [f"bar.{side}", "ground"], "friction_coefficient": FRICTION, "preload": GRIP,
-        }  # fmt: skip
-    made["load"]["pull"] = {
-        "face": "bar.xmax", "traction": [PULL / (WIDTH * HEIGHT), 0.0, 0.0], "law": ramp(*turns),
-    }  # fmt: skip
+            "sides": [f"bar.{side}", "ground"],
+            "friction_coefficient": FRICTION,
+            "preload": GRIP,
+        }
+    made["load"]["pull"] = {"face": "bar.xmax", "traction": [PULL / (WIDTH * HEIGHT), 0.0, 0.0], "law": ramp(*turns)}
     return made
 
 

@@ -165,18 +165,14 @@ def test_loads_are_followed_back():
     assert energy["elastic"][-1] < 1e-3 * energy["elastic"].max()
     assert energy["friction_dissipation"][-1] > 0.05 * energy["elastic"].max()
     lost = energy["friction_dissipation"] + energy["contact_dissipation"]
-    assert energy["work_of_loads"] == pytest.approx(
-        lost + energy["elastic"], abs=0.02 * energy["elastic"].max()
-    )
+    assert energy["work_of_loads"] == pytest.approx(lost + energy["elastic"], abs=0.02 * energy["elastic"].max())
     assert (np.diff(energy["friction_dissipation"]) >= -1e-9 * energy["elastic"].max()).all()
     assert np.abs(energy["balance"]).max() < 1e-12 * energy["elastic"].max()
 
 
 def test_an_observer_sees_the_iterates_and_changes_nothing():
     """The trial displacement of the last iterate of an increment is what the run keeps."""
-    made = latin_fmu.scene_from_dict(
-        plates(2, SIZE, ELEMENTS, pressure=PRESSURE, shear=0.1 * PRESSURE, steps=4)
-    )
+    made = latin_fmu.scene_from_dict(plates(2, SIZE, ELEMENTS, pressure=PRESSURE, shear=0.1 * PRESSURE, steps=4))
     seen: dict[int, np.ndarray] = {}
 
     def watch(iteration: latin_fmu.Iteration) -> None:

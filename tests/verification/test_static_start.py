@@ -24,7 +24,8 @@ def stack(start: Any = "static", **solver: Any) -> Tables:
     box = {"size": [SIDE, SIDE, HEIGHT], "elements": [3, 3, 2]}
     names = [f"b{i}" for i in range(3)]
     return {
-        "name": "stack", "material": {"steel": dict(STEEL)},
+        "name": "stack",
+        "material": {"steel": dict(STEEL)},
         "substructure": {
             n: {"material": "steel", "box": {"origin": [0.0, 0.0, HEIGHT * i], **box}} for i, n in enumerate(names)
         },
@@ -37,8 +38,9 @@ def stack(start: Any = "static", **solver: Any) -> Tables:
             "shear": {"face": "b2.zmax", "traction": [SHEAR, 0.0, 0.0]},
         },
         "time": {"end": 2e-5, "instants": 100, "start": start},
-        "output": {"fields": True}, "solver": {"tolerance": 1e-7, **solver},
-    }  # fmt: skip
+        "output": {"fields": True},
+        "solver": {"tolerance": 1e-7, **solver},
+    }
 
 
 def solved(tables: Tables) -> latin_fmu.Solution:
@@ -102,9 +104,11 @@ def bolted(tables: Tables) -> None:
 
 def glued_and_soft(tables: Tables) -> None:
     tables["interface"]["i0"] = {
-        "sides": ["b0.zmax", "b1.zmin"], "behaviour": "elastic_layer", "normal_stiffness": 1e14,
+        "sides": ["b0.zmax", "b1.zmin"],
+        "behaviour": "elastic_layer",
+        "normal_stiffness": 1e14,
         "tangential_stiffness": 3e13,
-    }  # fmt: skip
+    }
     tables["interface"]["i1"] |= {"behaviour": "soft_contact", "normal_stiffness": 1e14, "interference": 1e-7}
 
 
@@ -121,9 +125,21 @@ def closed_by_the_load(tables: Tables) -> None:
 
 
 CHANGES: list[Callable[[Tables], None]] = [
-    as_it_is, undamped, massless, explicit, reduced, long_windows, heavy_and_damped, rigid_on_top, bonded,
-    never_slipping, bolted, glued_and_soft, slipping_in_part, closed_by_the_load,
-]  # fmt: skip
+    as_it_is,
+    undamped,
+    massless,
+    explicit,
+    reduced,
+    long_windows,
+    heavy_and_damped,
+    rigid_on_top,
+    bonded,
+    never_slipping,
+    bolted,
+    glued_and_soft,
+    slipping_in_part,
+    closed_by_the_load,
+]
 
 
 @pytest.mark.parametrize("change", CHANGES, ids=lambda change: change.__name__)
@@ -173,8 +189,11 @@ def test_a_shock_on_a_bonded_bar_adds_to_its_static_state(bonds: str, shocked: s
             tables["load"]["shock"] = {"face": "b2.zmax", "traction": [1e7, 0.0, -8e7], "law": pulse}
         else:
             tables["boundary"]["base"] |= {
-                "type": "velocity", "components": ["x", "y", "z"], "value": [0.0, 0.1, 2.0], "law": pulse,
-            }  # fmt: skip
+                "type": "velocity",
+                "components": ["x", "y", "z"],
+                "value": [0.0, 0.1, 2.0],
+                "law": pulse,
+            }
         return tables
 
     both, alone = solved(bar("static", True)), solved(bar("given", False))
@@ -186,9 +205,7 @@ def test_a_shock_on_a_bonded_bar_adds_to_its_static_state(bonds: str, shocked: s
     for name, history in both.interfaces.items():
         added = history.traction[1:] - both.interfaces[name].traction[:1]
         other = alone.interfaces[name].traction[1:]
-        if (
-            shocked == "by a load"
-        ):  # a base that starts with a jump of velocity has tractions at t = 0 already
+        if shocked == "by a load":  # a base that starts with a jump of velocity has tractions at t = 0 already
             assert np.abs(added - other).max() < 1e-8 * np.abs(history.traction).max()
 
 
@@ -207,16 +224,21 @@ def clamped(first: float, last: float, transits: float) -> Tables:
         for side in ("zmin", "zmax")
     }
     return {
-        "name": "clamped", "material": {"steel": {**STEEL, "poisson_ratio": 0.0}},
+        "name": "clamped",
+        "material": {"steel": {**STEEL, "poisson_ratio": 0.0}},
         "substructure": {"bar": {"material": "steel", "box": {"size": [LENGTH, WIDTH, WIDTH], "elements": [N, 1, 1]}}},
         "interface": planes,
-        "load": {"pull": {
-            "face": "bar.xmax", "traction": [whole, 0.0, 0.0],
-            "law": {"type": "table", "times": [0.0, transits * TRANSIT], "values": [first, last]},
-        }},
+        "load": {
+            "pull": {
+                "face": "bar.xmax",
+                "traction": [whole, 0.0, 0.0],
+                "law": {"type": "table", "times": [0.0, transits * TRANSIT], "values": [first, last]},
+            }
+        },
         "time": {"end": transits * TRANSIT, "instants": round(60 * transits), "start": {"increments": 20}},
-        "output": {"fields": True}, "solver": {"tolerance": 1e-5},
-    }  # fmt: skip
+        "output": {"fields": True},
+        "solver": {"tolerance": 1e-5},
+    }
 
 
 def end_of(solution: latin_fmu.Solution) -> np.ndarray:
@@ -268,14 +290,16 @@ def test_a_projectile_takes_no_part_until_it_arrives() -> None:
 def test_a_stretched_bar_is_stretched_from_the_start() -> None:
     """A face displaced at t = 0 strains the bar evenly, and lets it go when the displacement is taken back."""
     tables: Tables = {
-        "name": "bar", "material": {"steel": {**STEEL, "poisson_ratio": 0.0}},
+        "name": "bar",
+        "material": {"steel": {**STEEL, "poisson_ratio": 0.0}},
         "substructure": {"bar": {"material": "steel", "box": {"size": [0.1, 0.01, 0.01], "elements": [10, 1, 1]}}},
         "boundary": {
             "foot": {"type": "fixed", "face": "bar.xmin"},
             "head": {"type": "displacement", "face": "bar.xmax", "components": ["x"], "value": [1e-5]},
         },
-        "time": {"end": 1e-5, "instants": 50, "start": "static"}, "output": {"fields": True},
-    }  # fmt: skip
+        "time": {"end": 1e-5, "instants": 50, "start": "static"},
+        "output": {"fields": True},
+    }
     bar = solved(tables).substructures["bar"]
     np.testing.assert_allclose(bar.displacement[0, :, 0], 1e-4 * bar.nodes[:, 0], rtol=0, atol=1e-15)
     assert np.abs(bar.velocity).max() < 1e-9
@@ -368,9 +392,7 @@ def test_what_has_no_static_start_is_refused(change: Callable[[Tables], str]) ->
 
 def test_explain_tells_it() -> None:
     told = {
-        start: next(
-            e for e in explain(latin_fmu.scene_from_dict(stack(start))).effects if e.name == "static start"
-        )
+        start: next(e for e in explain(latin_fmu.scene_from_dict(stack(start))).effects if e.name == "static start")
         for start in ("static", "given")
     }
     assert (told["static"].on, told["given"].on) == (True, False)

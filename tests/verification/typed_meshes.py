@@ -48,10 +48,7 @@ def _box_faces(mesh: Mesh) -> dict[str, FacetSet]:
     for axis, letter in enumerate("xyz"):
         for end, value in (("min", low[axis]), ("max", high[axis])):
             near = 1e-9 * np.ptp(mesh.nodes[:, axis])
-            on = [
-                b.facets[(np.abs(mesh.nodes[b.facets][..., axis] - value) < near).all(axis=1)]
-                for b in skin.blocks
-            ]
+            on = [b.facets[(np.abs(mesh.nodes[b.facets][..., axis] - value) < near).all(axis=1)] for b in skin.blocks]
             faces[letter + end] = FacetSet.of(*(f for f in on if len(f)))
     return faces
 
@@ -68,10 +65,11 @@ def write_mesh(file: Path, mesh: Mesh, place: Callable[[Array], Array] | None = 
         cells.append((block.cell_type, block.cells))
         marks.append(np.ones(len(block.cells), dtype=np.int64))
     made = meshio.Mesh(
-        mesh.nodes if place is None else place(mesh.nodes), cells,
+        mesh.nodes if place is None else place(mesh.nodes),
+        cells,
         cell_data={"gmsh:physical": marks, "gmsh:geometrical": marks},
         field_data={"body": np.array([1, 3]), **{n: np.array([t, 2]) for n, t in tags.items()}},
-    )  # fmt: skip
+    )
     meshio.write(file, made, file_format="gmsh22", binary=True)
 
 
@@ -84,11 +82,7 @@ def turned(axis: Array, degrees: float) -> Array:
 
 
 def tube(
-    cell_type: str,
-    radii: tuple[float, float],
-    length: float,
-    elements: tuple[int, int, int],
-    start: float = 0.0,
+    cell_type: str, radii: tuple[float, float], length: float, elements: tuple[int, int, int], start: float = 0.0
 ) -> Mesh:
     """Closed tube about z with elements along radius, circumference and axis; faces "inner", "outer", "foot", "top"."""
     n_radius, n_round, n_along = elements
@@ -98,9 +92,7 @@ def tube(
     _, first, number = np.unique(keys, axis=0, return_index=True, return_inverse=True)
     number = number.ravel()
     names = {"xmin": "inner", "xmax": "outer", "zmin": "foot", "zmax": "top"}
-    faces = {
-        name: FacetSet.of(*(number[b.facets] for b in box.faces[old].blocks)) for old, name in names.items()
-    }
+    faces = {name: FacetSet.of(*(number[b.facets] for b in box.faces[old].blocks)) for old, name in names.items()}
     across, around, along = box.nodes[first].T
     radius, angle = radii[0] + (radii[1] - radii[0]) * across, 2 * np.pi * around + start
     places = np.stack([radius * np.cos(angle), radius * np.sin(angle), length * along], axis=1)

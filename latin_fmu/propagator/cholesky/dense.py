@@ -64,9 +64,7 @@ def seen(starts: Index, columns: Index, values: Array, factor: float, matrix: Ar
 
 
 @entry("i8[::1], i8[::1], f8[::1], f8[::1], f8[:, ::1], f8[:, ::1]")
-def stiffened(
-    starts: Index, columns: Index, values: Array, springs: Array, matrix: Array, out: Array
-) -> None:
+def stiffened(starts: Index, columns: Index, values: Array, springs: Array, matrix: Array, out: Array) -> None:
     """Lower triangle of out = X + T^T diag(springs) T, arguments as for ``seen``."""
     n = len(matrix)
     for i in range(n):

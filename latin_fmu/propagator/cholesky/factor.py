@@ -76,14 +76,21 @@ class CholeskyFactor:
         _check_finite(matrix)
         self.schur: Array = np.zeros((len(self.last), len(self.last)))
         failed = factorise(
-            routines(np.dtype(np.float64)), matrix.indptr.astype(np.int64, copy=False),
-            matrix.indices.astype(np.int64, copy=False), matrix.data, shape.order, shape.position,
-            *pattern, shape.n_children, shape.is_root, shape.stack_size, self.panels, self.schur,
-        )  # fmt: skip
+            routines(np.dtype(np.float64)),
+            matrix.indptr.astype(np.int64, copy=False),
+            matrix.indices.astype(np.int64, copy=False),
+            matrix.data,
+            shape.order,
+            shape.position,
+            *pattern,
+            shape.n_children,
+            shape.is_root,
+            shape.stack_size,
+            self.panels,
+            self.schur,
+        )
         if failed == OUTSIDE_PATTERN:
-            raise SolverError(
-                "factorisation: the matrix has entries outside the pattern analysed; analyse it afresh"
-            )
+            raise SolverError("factorisation: the matrix has entries outside the pattern analysed; analyse it afresh")
         if failed >= 0:
             raise _not_definite(int(shape.order[failed]))
         mirror(self.schur)
@@ -139,9 +146,7 @@ class CholeskyFactor:
     @property
     def nbytes(self) -> int:
         """Memory of the factor and of the dense interface matrices, bytes."""
-        return int(
-            self.panels.nbytes + self.symbolic.rows.nbytes + self.schur.nbytes + self.schur_inverse.nbytes
-        )
+        return int(self.panels.nbytes + self.symbolic.rows.nbytes + self.schur.nbytes + self.schur_inverse.nbytes)
 
 
 def _check_finite(matrix: sp.csr_array) -> None:

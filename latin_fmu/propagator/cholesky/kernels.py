@@ -24,15 +24,7 @@ PLAIN, TRANSPOSED = np.uint8(ord("N")), np.uint8(ord("T"))
 def routines(dtype: np.dtype[Any]) -> NDArray[np.int64]:
     """Addresses (7,) of potrf, trsm, syrk, trtri, trmm, gemm, potri for float64 or float32."""
     letter = "s" if dtype == np.float32 else "d"
-    names = (
-        "lapack:potrf",
-        "blas:trsm",
-        "blas:syrk",
-        "lapack:trtri",
-        "blas:trmm",
-        "blas:gemm",
-        "lapack:potri",
-    )
+    names = ("lapack:potrf", "blas:trsm", "blas:syrk", "lapack:trtri", "blas:trmm", "blas:gemm", "lapack:potri")
     found = []
     for name in names:
         library, routine = name.split(":")

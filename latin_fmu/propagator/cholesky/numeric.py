@@ -21,9 +21,7 @@ OUTSIDE_PATTERN = -2
 
 
 @kernel
-def _extend(
-    panel: Array, width: int, below: int, rows: Index, child: Array, update: Array, where: Index
-) -> None:
+def _extend(panel: Array, width: int, below: int, rows: Index, child: Array, update: Array, where: Index) -> None:
     """Add the update (k, k) of a child with these rows to the front of its parent."""
     k = len(rows)
     local = np.empty(k, dtype=np.int64)
@@ -53,14 +51,8 @@ def _eliminate(routines: Index, panel: Array, width: int, below: int, update: Ar
     if info[0] != 0:
         return
     if below > 0:
-        fortran(
-            routines[1],
-            (LEFT, UPPER, TRANSPOSED, PLAIN, width, below, one, top, width, bottom, width),
-        )
-        fortran(
-            routines[2],
-            (UPPER, TRANSPOSED, below, width, -one, bottom, width, one, update.ctypes.data, below),
-        )
+        fortran(routines[1], (LEFT, UPPER, TRANSPOSED, PLAIN, width, below, one, top, width, bottom, width))
+        fortran(routines[2], (UPPER, TRANSPOSED, below, width, -one, bottom, width, one, update.ctypes.data, below))
     fortran(routines[3], (UPPER, PLAIN, width, top, width, info.ctypes.data))
 
 
@@ -99,9 +91,7 @@ def factorise(
                 schur[j - n_interior, i - n_interior] += values[place]
     widest = 0
     for s in range(n_super):
-        widest = max(
-            widest, (first[s + 1] - first[s]) * (first[s + 1] - first[s] + row_start[s + 1] - row_start[s])
-        )
+        widest = max(widest, (first[s + 1] - first[s]) * (first[s + 1] - first[s] + row_start[s + 1] - row_start[s]))
     work = np.empty(widest)
     stack = np.empty(stack_size)
     where = np.full(len(order), -1, dtype=np.int64)

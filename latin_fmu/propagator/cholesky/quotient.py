@@ -80,12 +80,8 @@ def quotient_graph(matrix: sp.csr_array, last: Index, rank: Array | None) -> Quo
     shape = (len(weight), len(weight))
     graph = sp.csr_array((np.ones(len(neighbours), dtype=np.int8), neighbours, pointers), shape=shape)
     graph = sp.csr_array(graph + graph.T)
-    quotient = Quotient(
-        graph.indptr.astype(np.int64), graph.indices.astype(np.int64), weight, n_interior, order
-    )
-    return (
-        quotient if rank is not None else quotient.reordered(_minimum_degree(graph[:n_interior, :n_interior]))
-    )
+    quotient = Quotient(graph.indptr.astype(np.int64), graph.indices.astype(np.int64), weight, n_interior, order)
+    return quotient if rank is not None else quotient.reordered(_minimum_degree(graph[:n_interior, :n_interior]))
 
 
 def _pattern_sums(matrix: sp.csr_array) -> NDArray[np.uint64]:
@@ -105,8 +101,6 @@ def _minimum_degree(graph: sp.csr_array) -> Index:
     degree = np.diff(graph.indptr)
     dominant = sp.csc_array(sp.diags_array(2.0 * degree + 1.0) + graph.astype(np.float64))
     # nearly everything is dropped: only the ordering is wanted
-    cheap = spla.spilu(
-        dominant, drop_tol=1.0, fill_factor=1.0, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0
-    )
+    cheap = spla.spilu(dominant, drop_tol=1.0, fill_factor=1.0, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0)
     order: Index = np.argsort(cheap.perm_c).astype(np.int64)
     return order

@@ -125,9 +125,17 @@ def _expand(quotient: Quotient, owner: Index, tree: Index) -> Symbolic:
     position = np.empty(len(quotient.order), dtype=np.int64)
     position[quotient.order] = np.arange(len(position))
     return Symbolic(
-        quotient.order, position, int(first[-1]), first, row_start, rows, running_sum(width * (width + below)),
-        n_children, tree < 0, _stack_size(below, tree, n_children),
-    )  # fmt: skip
+        quotient.order,
+        position,
+        int(first[-1]),
+        first,
+        row_start,
+        rows,
+        running_sum(width * (width + below)),
+        n_children,
+        tree < 0,
+        _stack_size(below, tree, n_children),
+    )
 
 
 def _stack_size(below: Index, tree: Index, n_children: Index) -> int:

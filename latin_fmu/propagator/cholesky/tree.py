@@ -13,14 +13,10 @@ from ...compiled import entry
 Index = NDArray[np.int64]
 
 
-def vertex_graph(
-    indptr: Index, indices: Index, vertex: Index, order: Index, start: Index
-) -> tuple[Index, Index]:
+def vertex_graph(indptr: Index, indices: Index, vertex: Index, order: Index, start: Index) -> tuple[Index, Index]:
     """Graph of the vertices (loops left out) of a matrix by rows; ``order`` lists the dofs of each from ``start``."""
     pointers, neighbours = np.zeros(len(start), dtype=np.int64), np.empty(len(indices), dtype=np.int64)
-    filled = _vertex_graph(
-        indptr, indices, vertex, order, start, _unmarked(len(start) - 1), pointers, neighbours
-    )
+    filled = _vertex_graph(indptr, indices, vertex, order, start, _unmarked(len(start) - 1), pointers, neighbours)
     return pointers, neighbours[:filled].copy()
 
 
@@ -84,9 +80,7 @@ def column_counts(pointers: Index, neighbours: Index, parent: Index, weight: Ind
 
 
 @entry("i8[::1], i8[::1], i8[::1], i8[::1], i8[::1], i8[::1]")
-def _column_counts(
-    pointers: Index, neighbours: Index, parent: Index, weight: Index, mark: Index, count: Index
-) -> None:
+def _column_counts(pointers: Index, neighbours: Index, parent: Index, weight: Index, mark: Index, count: Index) -> None:
     """Fill ``count`` (n_interior,), zero on entry; ``mark``, scratch, is -1 on entry."""
     n_interior = len(parent)
     for i in range(len(pointers) - 1):
@@ -100,9 +94,7 @@ def _column_counts(
                 j = parent[j]
 
 
-def amalgamate(
-    parent: Index, count: Index, weight: Index, limit: Index, fraction: NDArray[np.float64]
-) -> Index:
+def amalgamate(parent: Index, count: Index, weight: Index, limit: Index, fraction: NDArray[np.float64]) -> Index:
     """Supernode of each interior vertex, named by its last vertex, (n_interior,).
 
     First the columns with the same pattern, then (relaxed) children joined to their parents: a supernode of at most
@@ -195,13 +187,7 @@ def _postorder(parent: Index, head: Index, following: Index, stack: Index, order
 
 
 def supernode_rows(
-    pointers: Index,
-    neighbours: Index,
-    owner: Index,
-    parent: Index,
-    n_interior: int,
-    start: Index,
-    rows: Index,
+    pointers: Index, neighbours: Index, owner: Index, parent: Index, n_interior: int, start: Index, rows: Index
 ) -> Index:
     """Vertices below each supernode: counts them (n_super,) and, where ``rows`` is not empty, writes them.
 
@@ -209,9 +195,7 @@ def supernode_rows(
     where the rows of each begin in ``rows``.
     """
     count = np.zeros(len(parent), dtype=np.int64)
-    _supernode_rows(
-        pointers, neighbours, owner, parent, n_interior, start, rows, _unmarked(len(parent)), count
-    )
+    _supernode_rows(pointers, neighbours, owner, parent, n_interior, start, rows, _unmarked(len(parent)), count)
     return count
 
 

@@ -12,8 +12,14 @@ from pathsim_fmi import ModelExchangeFMU
 path, end, wanted = sys.argv[1:]
 block, stop = ModelExchangeFMU(path), float(end)
 simulation = Simulation(
-    [block], [], dt=stop / 1000, dt_max=stop / 50, Solver=RKCK54, tolerance_lte_rel=1e-5,
-    tolerance_lte_abs=1e-4, log=False,
-)  # fmt: skip
+    [block],
+    [],
+    dt=stop / 1000,
+    dt_max=stop / 50,
+    Solver=RKCK54,
+    tolerance_lte_rel=1e-5,
+    tolerance_lte_abs=1e-4,
+    log=False,
+)
 simulation.run(stop)
 sys.stdout.write(json.dumps([float(block.outputs[wanted]), float(block.outputs["model.events"])]) + "\n")

@@ -51,9 +51,7 @@ def work(waves: Waves, time: float) -> float:
     for i, b in enumerate(waves.bars):
         if b.body_force:
             path = b.density * b.length * b.velocity * time + 0.5 * b.body_force * b.length * time**2
-            path += waves.stress[i + 1].double_integral(0.0, time) - waves.stress[i].double_integral(
-                0.0, time
-            )
+            path += waves.stress[i + 1].double_integral(0.0, time) - waves.stress[i].double_integral(0.0, time)
             total += b.body_force / b.density * path
     return total
 

@@ -135,9 +135,7 @@ class Waves:
             out.append(until, out.right[-1], out.right[-1])
         return out
 
-    def field(
-        self, bar: int, x: Sequence[float] | Array, time: float, after: bool = False
-    ) -> tuple[Array, Array]:
+    def field(self, bar: int, x: Sequence[float] | Array, time: float, after: bool = False) -> tuple[Array, Array]:
         """Stress and velocity at places x of a bar at one time (limit from before, or from after)."""
         b, near = self.bars[bar], np.asarray(x, float)
         far = b.length - near

@@ -39,11 +39,7 @@ def _law(connection: Connection) -> Contact:
 
 
 def beam_in_traction(
-    length: float = 0.5,
-    modulus: float = 210e9,
-    density: float = 7800.0,
-    pressure: float = 100e6,
-    end: float = 250 / 42,
+    length: float = 0.5, modulus: float = 210e9, density: float = 7800.0, pressure: float = 100e6, end: float = 250 / 42
 ) -> Solved:
     """Two bars (2 L and L), gap 0.3 x 2 p/(rho c) x L/c, rectangular pulse of duration L/c on the first.
 
@@ -58,9 +54,13 @@ def beam_in_traction(
 
 
 def two_bars_on_a_wall(
-    length: float = 0.1, modulus: float = 210e9, density: float = 7800.0, pressure: float = 100e6,
-    gap: float = 1e-5, end: float = 100e-6,
-) -> Solved:  # fmt: skip
+    length: float = 0.1,
+    modulus: float = 210e9,
+    density: float = 7800.0,
+    pressure: float = 100e6,
+    gap: float = 1e-5,
+    end: float = 100e-6,
+) -> Solved:
     """Two equal bars, the first under a constant pressure from t = 0, the second against a wall."""
     one = Bar(length, modulus, density)
     step = PrescribedStress(PiecewiseLinear.constant(-pressure, 0.0, end))
@@ -85,12 +85,7 @@ def bouncing_bar(end: float = 16.0 / 3.0) -> Solved:
 
 
 def shear_interface(
-    shear_modulus: float,
-    density: float,
-    length: float,
-    incident: PiecewiseLinear,
-    threshold: float,
-    end: float,
+    shear_modulus: float, density: float, length: float, incident: PiecewiseLinear, threshold: float, end: float
 ) -> Solved:
     """Two equal columns, frictional interface of strength mu sigma0, shear wave sent in from the left end.
 

@@ -64,17 +64,13 @@ def solve(problem: ContactProblem, guess: Array | None = None, tolerance: float 
         if np.abs(problem.residual(force)).max(initial=0.0) <= aim:
             return force
         force = newton(problem, gauss_seidel(problem, force, aim, sweeps=50), aim)
-    raise ArithmeticError(
-        f"contact not solved: residual {np.abs(problem.residual(force)).max():.3e}, aim {aim:.3e}"
-    )
+    raise ArithmeticError(f"contact not solved: residual {np.abs(problem.residual(force)).max():.3e}, aim {aim:.3e}")
 
 
 def force_scale(problem: ContactProblem) -> float:
     """Size of the forces at stake: what would stop the free motion."""
     rho = problem.scaling()
-    motion = np.abs(problem.free).max(axis=1, initial=0.0) + np.abs(
-        np.minimum(problem.bias + problem.free[:, 0], 0.0)
-    )
+    motion = np.abs(problem.free).max(axis=1, initial=0.0) + np.abs(np.minimum(problem.bias + problem.free[:, 0], 0.0))
     return float((rho * motion).max(initial=0.0)) or 1.0
 
 

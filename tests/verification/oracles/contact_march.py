@@ -76,21 +76,14 @@ def _opening_rows(face: ContactFace, body: int, n_dof: int) -> Array:
 
 
 def march_contact(
-    bodies: Sequence[Body],
-    faces: Sequence[ContactFace],
-    gap_law: GapLaw = "displacement",
-    tolerance: float = 1e-12,
+    bodies: Sequence[Body], faces: Sequence[ContactFace], gap_law: GapLaw = "displacement", tolerance: float = 1e-12
 ) -> ContactMarch:
     """March all bodies. ``ContactFace.gap`` is the gap at t0; contact forces are zero there."""
-    rows = [
-        np.concatenate([_opening_rows(f, b, s.system.n_dof) for f in faces]) for b, s in enumerate(bodies)
-    ]
+    rows = [np.concatenate([_opening_rows(f, b, s.system.n_dof) for f in faces]) for b, s in enumerate(bodies)]
     operator = np.sum([_delassus(s.system, r) for s, r in zip(bodies, rows, strict=True)], axis=0)
     # Directions held on both sides (symmetry planes) carry no force: give them a compliance and no motion.
     moving = np.diag(operator) > 1e-12 * np.diag(operator).max()
-    operator = np.where(np.outer(moving, moving), operator, 0.0) + np.diag(
-        np.where(moving, 0.0, operator.max())
-    )
+    operator = np.where(np.outer(moving, moving), operator, 0.0) + np.diag(np.where(moving, 0.0, operator.max()))
     counts = np.cumsum([len(f.normals) for f in faces])[:-1]
     friction = np.concatenate([np.full(len(f.normals), f.friction) for f in faces])
     n_time, m = len(bodies[0].loads), len(friction)
@@ -151,10 +144,6 @@ def _advance(body: Body, state: State, i: int, old: Array, new: Array) -> State:
     free = body.system.free
     u, v, a = (np.zeros_like(x) for x in state)
     u[free], v[free], a[free] = body.system.advance(
-        state[0][free],
-        state[1][free],
-        state[2][free],
-        (body.loads[i - 1] + old)[free],
-        (body.loads[i] + new)[free],
+        state[0][free], state[1][free], state[2][free], (body.loads[i - 1] + old)[free], (body.loads[i] + new)[free]
     )
     return u, v, a

@@ -14,8 +14,7 @@ Index = NDArray[np.int64]
 
 # Corners of the reference cube [-1, 1]^3, bottom face then top face, counter-clockwise seen from above.
 _CORNERS = np.array(
-    [[-1, -1, -1], [1, -1, -1], [1, 1, -1], [-1, 1, -1], [-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]],
-    float,
+    [[-1, -1, -1], [1, -1, -1], [1, 1, -1], [-1, 1, -1], [-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]], float
 )
 
 
@@ -41,9 +40,7 @@ class Solid:
         """Area of a flat face carried by each of its nodes: integral of its shape function."""
         inside = np.isin(self.cells, nodes)
         areas = np.zeros(len(self.nodes))
-        for cell, mask in zip(
-            self.cells[inside.sum(axis=1) == 4], inside[inside.sum(axis=1) == 4], strict=True
-        ):
+        for cell, mask in zip(self.cells[inside.sum(axis=1) == 4], inside[inside.sum(axis=1) == 4], strict=True):
             areas[cell[mask]] += _quadrilateral_shares(self.nodes[cell[mask]])
         return areas[nodes]
 
@@ -65,16 +62,7 @@ def box_mesh(origin: Sequence[float], size: Sequence[float], elements: Sequence[
     number = np.arange(len(nodes)).reshape(nz + 1, ny + 1, nx + 1)
     corners = [
         number[k : nz + k, j : ny + j, i : nx + i].ravel()
-        for k, j, i in [
-            (0, 0, 0),
-            (0, 0, 1),
-            (0, 1, 1),
-            (0, 1, 0),
-            (1, 0, 0),
-            (1, 0, 1),
-            (1, 1, 1),
-            (1, 1, 0),
-        ]
+        for k, j, i in [(0, 0, 0), (0, 0, 1), (0, 1, 1), (0, 1, 0), (1, 0, 0), (1, 0, 1), (1, 1, 1), (1, 1, 0)]
     ]
     return nodes, np.column_stack(corners).astype(np.int64)
 
@@ -104,9 +92,7 @@ def _element(corners: Array, law: Array, density: float) -> tuple[Array, Array]:
     for place in _CORNERS / np.sqrt(3.0):
         factors = 1.0 + _CORNERS * place
         shape = factors.prod(axis=1) / 8.0
-        slopes = np.column_stack(
-            [_CORNERS[:, d] * np.delete(factors, d, axis=1).prod(axis=1) / 8.0 for d in range(3)]
-        )
+        slopes = np.column_stack([_CORNERS[:, d] * np.delete(factors, d, axis=1).prod(axis=1) / 8.0 for d in range(3)])
         jacobian = slopes.T @ corners
         volume = float(np.linalg.det(jacobian))
         b = _strain_matrix(slopes @ np.linalg.inv(jacobian).T)
@@ -119,14 +105,12 @@ def assemble(nodes: Array, cells: Index, young: Array, poisson: Array, density: 
     """Assemble a mesh whose cells carry their own material."""
     dofs = (3 * cells[:, :, None] + np.arange(3)).reshape(len(cells), 24)
     pairs = [
-        _element(nodes[c], elasticity(e, nu), r)
-        for c, e, nu, r in zip(cells, young, poisson, density, strict=True)
+        _element(nodes[c], elasticity(e, nu), r) for c, e, nu, r in zip(cells, young, poisson, density, strict=True)
     ]
     rows, cols = np.repeat(dofs, 24, axis=1).ravel(), np.tile(dofs, (1, 24)).ravel()
     shape = (3 * len(nodes), 3 * len(nodes))
     stiffness, mass = (
-        sparse.csr_matrix((np.concatenate([p[i].ravel() for p in pairs]), (rows, cols)), shape=shape)
-        for i in (0, 1)
+        sparse.csr_matrix((np.concatenate([p[i].ravel() for p in pairs]), (rows, cols)), shape=shape) for i in (0, 1)
     )
     return Solid(nodes, cells, mass, stiffness)
 
@@ -153,8 +137,7 @@ def merged(blocks: Sequence[Block]) -> Solid:
     _, first, inverse = np.unique(rounded, axis=0, return_index=True, return_inverse=True)
     counts = [len(m[1]) for m in meshes]
     young, poisson, density = (
-        np.repeat([getattr(b, name) for b in blocks], counts)
-        for name in ("young_modulus", "poisson_ratio", "density")
+        np.repeat([getattr(b, name) for b in blocks], counts) for name in ("young_modulus", "poisson_ratio", "density")
     )
     return assemble(nodes[first], inverse.reshape(-1)[cells].astype(np.int64), young, poisson, density)
 

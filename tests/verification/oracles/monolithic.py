@@ -60,9 +60,7 @@ class LinearSystem:
         self.damping = self._kept(damping) if damping is not None else 0.0 * self.mass
         self.step, self.scheme, self.n_dof = step, scheme, mass.shape[0]
         weight = 1.0 + scheme.alpha
-        operator = self.mass + weight * (
-            scheme.gamma * step * self.damping + scheme.beta * step**2 * self.stiffness
-        )
+        operator = self.mass + weight * (scheme.gamma * step * self.damping + scheme.beta * step**2 * self.stiffness)
         self.factor = splu(sparse.csc_matrix(operator))
 
     def _kept(self, matrix: Matrix) -> sparse.csc_matrix:
