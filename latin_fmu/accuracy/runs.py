@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .. import api
-from ..fem.nearest import nearest
+from ..fem.mesh import nearest
 from ..latin.record import Array, Timings
 from ..results.solution import Solution
 from ..scene.schema import Scene

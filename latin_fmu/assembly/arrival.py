@@ -14,8 +14,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..fem.mesh import Array
-from ..fem.nearest import nearest
+from ..fem.mesh import Array, nearest
 from ..latin.layout import InterfaceUnit
 from ..scene.boundaries import PrescribedDisplacement, PrescribedVelocity
 from ..scene.fields import GROUND, split_face

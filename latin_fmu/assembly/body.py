@@ -11,12 +11,10 @@ import scipy.sparse as sp
 
 from ..errors import MeshError, Problem
 from ..fem.elasticity import BENDING_CELLS, body_load, lumped_mass, mass, stiffness, wave_speeds
-from ..fem.elements import Elements
+from ..fem.elements import Elements, rigid_body
 from ..fem.faces import Face, face_of
-from ..fem.mesh import Array, FacetSet, Mesh, boundary, box_mesh
+from ..fem.mesh import Array, FacetSet, Mesh, boundary, box_mesh, nested_dissection
 from ..fem.mesh_file import mesh_of
-from ..fem.ordering import nested_dissection
-from ..fem.rigid import rigid_body
 from ..fem.stress import MeanStress, Recovery
 from ..fem.surface import Surface
 from ..mesh_files.content import MeshContent

@@ -8,10 +8,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..errors import Problem
-from ..fem.dashpots import consistent_dashpots, lumped_dashpots
-from ..fem.facets import changes_basis
-from ..fem.mesh import Array, Index
-from ..fem.nearest import nearest
+from ..fem.faces import changes_basis, consistent_dashpots, lumped_dashpots
+from ..fem.mesh import Array, Index, nearest
 from ..scene.boundaries import (
     AXES,
     Absorbing,

@@ -11,7 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from ..fem.facets import N_CORNER
+from ..fem.faces import N_CORNER
 from ..fem.mesh import Array, FacetSet, Index
 from ..fem.surface import Surface
 from .conditions import Conditions

@@ -13,8 +13,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
-from ..fem.mesh import Array, CellBlock, Mesh, cell_blocks
-from ..fem.ordering import nested_dissection
+from ..fem.mesh import Array, CellBlock, Mesh, cell_blocks, nested_dissection
 from ..latin.assembly import Assembly
 from ..latin.layout import InterfaceUnit
 from ..latin.recorder import SubstructureInfo

@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..errors import Problem, SceneError
-from ..fem.massless import without_contact_mass
+from ..fem.elasticity import without_contact_mass
 from ..latin.layout import Array, Index, InterfaceUnit, Layout
 from ..propagator import LoadTerm, SubstructureModel
 from ..propagator.lumping import diagonal_matrix

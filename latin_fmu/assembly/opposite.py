@@ -8,11 +8,9 @@ from typing import Literal
 import numpy as np
 import scipy.sparse as sp
 
-from ..fem.faces import Face, face_of
-from ..fem.facets import nodal_values
-from ..fem.mesh import Array, FacetBlock, FacetSet, Index
+from ..fem.faces import Face, face_of, nodal_values
+from ..fem.mesh import Array, FacetBlock, FacetSet, Index, nearest
 from ..fem.mortar import Mortar, mortar
-from ..fem.nearest import nearest
 from ..fem.surface import Surface
 from .body import Body
 from .held_points import Mask, held_directions, without
@@ -62,7 +60,7 @@ def selection(nodes: Index, body: Body) -> sp.csr_array:
 
 def own_points(body: Body, facets: FacetSet, face: Face) -> tuple[Array, sp.csr_array]:
     """Points of a face alone, (n_point, 3), and the trace to them: its nodes, and on quadratic facets the values that
-    belong to the functions with positive areas (``fem.facets``)."""
+    belong to the functions with positive areas (``fem.faces``)."""
     selected, places = selection(face.nodes, body), body.mesh.nodes[face.nodes]
     if face.change is None:
         return places, selected

@@ -9,8 +9,7 @@ import numpy as np
 
 from ..errors import Problem
 from ..fem.faces import face_of
-from ..fem.mesh import Array
-from ..fem.nearest import nearest
+from ..fem.mesh import Array, nearest
 from ..interface import Behaviour, InterfaceGeometry, make_behaviour
 from ..interface.geometry import local_frames
 from ..latin.layout import InterfaceUnit

@@ -15,8 +15,8 @@ import scipy.linalg as la
 import scipy.sparse as sp
 
 from ..errors import Problem
+from ..fem.elements import RigidBody, rigid_body
 from ..fem.mesh import Array
-from ..fem.rigid import RigidBody, rigid_body
 from ..propagator import LoadTerm, SubstructureModel
 from ..scene.boundaries import Boundary, Periodic
 from .body import Body

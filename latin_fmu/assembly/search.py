@@ -8,8 +8,7 @@ import numpy as np
 
 from ..errors import Problem, SceneError
 from ..fem.common_part import common_cells
-from ..fem.mesh import Array
-from ..fem.nearest import nearest
+from ..fem.mesh import Array, nearest
 from ..fem.surface import Surface
 from ..scene.fields import ALL_OF_IT, GROUND, split_face
 from ..scene.interfaces import Interface

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping
 
-from ..fem.rigid import rigid_body
+from ..fem.elements import rigid_body
 from .body import Body
 
 LARGEST, SMALLEST = 10.0, 1e-6

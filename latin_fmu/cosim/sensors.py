@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from ..fem.nearest import nearest
+from ..fem.mesh import nearest
 from ..latin.record import Array, SubstructureHistory
 from ..latin.recorder import SubstructureInfo
 from ..scene.schema import Scene

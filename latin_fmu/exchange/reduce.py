@@ -12,7 +12,7 @@ from ..assembly.models import side_impedance
 from ..assembly.search import completed
 from ..assembly.static_start import starts_static
 from ..errors import Problem, SceneError
-from ..fem.nearest import nearest
+from ..fem.mesh import nearest
 from ..latin.layout import Array, InterfaceUnit
 from ..scene.boundaries import PrescribedDisplacement, PrescribedVelocity
 from ..scene.fields import GROUND

@@ -1,4 +1,7 @@
-"""What two faces have in common: pairs of opposite flat pieces, cut to triangles in the plane of the owner's piece."""
+"""Common part of two faces: pairs of opposite flat pieces, cut to triangles in the plane of the owner's piece.
+
+Intersections of convex polygons after Sutherland and Hodgman, Comm. ACM 17 (1974), many pairs at a time.
+"""
 
 from __future__ import annotations
 
@@ -7,12 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .clipping import areas, clip, triangles
 from .mesh import Array, Index
 from .surface import Pieces, Surface
 
 Mask = NDArray[np.bool_]
-
 _OPPOSED = 0.5  # cosine between one normal and the other turned round, from which on pieces count as opposite
 _SPECK = 1e-10  # a common part below this share of the owner's piece is left out
 _DOUBLE = 1.001  # covered more than once: only the nearest layer counts
@@ -136,3 +137,66 @@ def _nearest_layer(mine: Pieces, row: list[Cells]) -> list[Cells]:
         return row
     limit = np.where(twice, least + 2 * mine.radii, np.inf)
     return [cells.picked(np.abs(cells.distance) <= limit[cells.owner]) for cells in row]
+
+
+def clip(subject: Array, window: Array) -> tuple[Array, Index]:
+    """Intersections of convex polygons, pair by pair.
+
+    Parameters
+    ----------
+    subject : (n, p, 2) and window : (n, q, 2), corners counter-clockwise.
+
+    Returns
+    -------
+    Corners (n, p + q, 2), counter-clockwise, the last one repeated to fill the rows, and their number (n,), 0 where
+    the two do not meet.
+    """
+    n, _, _ = subject.shape
+    corners, count = subject, np.full(n, subject.shape[1])
+    for edge in range(window.shape[1]):
+        start = window[:, edge]
+        along = window[:, (edge + 1) % window.shape[1]] - start
+        corners, count = _cut(corners, count, start, along)
+    return corners, count
+
+
+def _cut(corners: Array, count: Index, start: Array, along: Array) -> tuple[Array, Index]:
+    """What is left of each polygon to the left of a line through ``start`` along ``along`` (n, 2)."""
+    n, width, _ = corners.shape
+    slot = np.arange(width)
+    used = slot < count[:, None]
+    following = np.take_along_axis(corners, np.where(slot + 1 < count[:, None], slot + 1, 0)[..., None], axis=1)
+    left = _height(corners, start, along)
+    left_next = _height(following, start, along)
+    keeps = used & (left >= 0)
+    crosses = used & ((left >= 0) != (left_next >= 0))
+    fraction = np.divide(left, left - left_next, out=np.zeros_like(left), where=crosses)
+    cut = corners + fraction[..., None] * (following - corners)
+    both = np.stack([corners, cut], axis=2).reshape(n, 2 * width, 2)
+    taken = np.stack([keeps, crosses], axis=2).reshape(n, 2 * width)
+    total = taken.sum(axis=1)
+    order = np.argsort(~taken, axis=1, kind="stable")[:, : width + 1]
+    order = np.take_along_axis(order, np.minimum(np.arange(width + 1), np.maximum(total - 1, 0)[:, None]), axis=1)
+    return np.take_along_axis(both, order[..., None], axis=1), np.minimum(total, width + 1)
+
+
+def _height(points: Array, start: Array, along: Array) -> Array:
+    arm = points - start[:, None]
+    height: Array = along[:, None, 0] * arm[..., 1] - along[:, None, 1] * arm[..., 0]
+    return height
+
+
+def areas(corners: Array) -> Array:
+    """Signed areas (n,) of polygons (n, p, 2) with repeated last corners."""
+    arm = corners[:, 1:] - corners[:, :1]
+    total: Array = 0.5 * (arm[:, :-1, 0] * arm[:, 1:, 1] - arm[:, :-1, 1] * arm[:, 1:, 0]).sum(axis=1)
+    return total
+
+
+def triangles(corners: Array, count: Index) -> tuple[Array, Index]:
+    """Fans of triangles (m, 3, 2) from the first corners, and the number of the polygon of each, (m,)."""
+    width = corners.shape[1]
+    first = np.repeat(corners[:, None, 0], width - 2, axis=1)
+    fans = np.stack([first, corners[:, 1:-1], corners[:, 2:]], axis=2)
+    used = np.arange(width - 2) < count[:, None] - 2
+    return fans[used], np.nonzero(used)[0]

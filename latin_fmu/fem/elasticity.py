@@ -1,17 +1,97 @@
-"""Stiffness, mass and body loads of linear isotropic elasticity, Eqs. (3) and (5)."""
+"""Stiffness, mass and body loads of linear isotropic elasticity, Eqs. (3) and (5).
+
+Incompatible modes of 8-node hexahedra: internal displacements that let an element bend.
+
+    u = N d + sum_m (1 - xi_m^2) a_m,      m = 1, 2, 3
+
+The nine internal unknowns a of an element (Wilson et al. 1973) are eliminated inside it, a = -K_aa^-1 K_ad d, so that
+nodes, faces and unknowns of the mesh stay what they are. Their gradients are taken with the Jacobian J_0 of the
+element's centre (Taylor, Beresford, Wilson 1976),
+
+    grad_x m = det J_0 / det J  J_0^-T grad_xi m,     hence  int grad_x m dV = 0,
+
+which makes uniform strain exact on distorted elements (patch test). The mass is that of the nodes alone.
+
+Mass moved from contact nodes to their inner neighbours:
+
+    M' = R^T M R,   R: velocity of a contact node := mean of its neighbours that are none
+
+Neighbours along cell edges (half edges of quadratic cells) where there are any, else (edges and corners shared by
+contact faces) across the cell. R keeps translations, hence total mass and momentum; kinetic energy changes by the
+motion of one layer relative to the next (first order in the element).
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from itertools import combinations
+from typing import Final
+
 import numpy as np
 import scipy.sparse as sp
+from numpy.typing import NDArray
 
-from .bending_modes import condensed
-from .element_matrices import elastic_products
-from .elements import Elements
-from .mesh import Array
+from .elements import Elements, Points
+from .mesh import Array, Index, Mesh
+from .reference_cells import CELL_LINKS, N_NODE, Local, cell_rule
 
 BENDING_CELLS = ("hexahedron",)
 _HRZ = ("tetra10", "hexahedron20")  # row sums of their masses are negative at the corners
+_DIAGONALS: Final = {name: tuple(combinations(range(count), 2)) for name, count in N_NODE.items()}
+
+
+def elastic_products(left: Array, right: Array, volumes: Array, first: float, shear: float) -> Array:
+    """int eps(v) : C : eps(u) of functions with gradients ``left`` and ``right`` (n_cell, n_point, n, 3).
+
+    Returns
+    -------
+    (n_cell, n, 3, n', 3) for vector fields made of each function along each axis.
+    """
+    n_cell, n_point, n, _ = left.shape
+    m = right.shape[2]
+    rows = (left * volumes[:, :, None, None]).reshape(n_cell, n_point, 3 * n)
+    pair = (np.swapaxes(rows, 1, 2) @ right.reshape(n_cell, n_point, 3 * m)).reshape(n_cell, n, 3, m, 3)
+    block = first * pair + shear * np.swapaxes(pair, 2, 4)
+    trace = shear * np.einsum("eakbk->eab", pair)
+    for i in range(3):
+        block[:, :, i, :, i] += trace
+    return block
+
+
+def mode_gradients(jacobian: Array) -> Array:
+    """Gradients (n_cell, n_point, 3, 3) of the three modes at the points of the hexahedron's rule."""
+    xi = cell_rule("hexahedron").points
+    slopes = -2.0 * xi[:, :, None] * np.eye(3)  # d m / d xi_m = -2 xi_m
+    # the rule is symmetric about the centre and the Jacobian trilinear: its mean over the points is that of the centre
+    centre = jacobian.mean(axis=1)
+    ratio = np.linalg.det(centre)[:, None] / np.linalg.det(jacobian)
+    found: Array = ratio[:, :, None, None] * (slopes[None] @ np.linalg.inv(centre)[:, None])
+    return found
+
+
+def mode_amplitudes(points: Points, first: float, shear: float) -> tuple[Array, Array]:
+    """The internal unknowns of each element for unit nodal displacements, and what couples the two.
+
+    Returns
+    -------
+    -K_aa^-1 K_ad (n_cell, 9, 24) and K_ad (n_cell, 9, 24), both 3 * mode (or node) + component.
+    """
+    modes = mode_gradients(points.jacobian)
+    n = len(modes)
+    own = elastic_products(modes, modes, points.volumes, first, shear).reshape(n, 9, 9)
+    coupled = elastic_products(modes, points.gradients, points.volumes, first, shear).reshape(n, 9, 24)
+    amplitudes = np.asarray(-np.linalg.solve(own, coupled), dtype=float)
+    return amplitudes, coupled
+
+
+def condensed(points: Points, first: float, shear: float) -> Array:
+    """Stiffness (n_cell, 8, 3, 8, 3) of hexahedra with bending modes: K_dd - K_da K_aa^-1 K_ad."""
+    plain = elastic_products(points.gradients, points.gradients, points.volumes, first, shear)
+    amplitudes, coupled = mode_amplitudes(points, first, shear)
+    softened = np.swapaxes(coupled, 1, 2) @ amplitudes
+    softened = 0.5 * (softened + np.swapaxes(softened, 1, 2))
+    matrix: Array = plain + softened.reshape(plain.shape)
+    return matrix
 
 
 def lame(young_modulus: float, poisson_ratio: float) -> tuple[float, float]:
@@ -35,7 +115,7 @@ def stiffness(
 
     Parameters
     ----------
-    bending_modes : 8-node hexahedra get the incompatible modes of ``bending_modes.py``.
+    bending_modes : 8-node hexahedra get the incompatible modes of the module docstring.
     """
     constants = lame(young_modulus, poisson_ratio)
     parts = []
@@ -84,3 +164,42 @@ def body_load(elements: Elements, force: Array) -> Array:
     for block, points in elements.points():
         share += np.bincount(block.cells.ravel(), (points.volumes @ points.values).ravel(), len(share))
     return np.outer(share, np.asarray(force)).ravel()
+
+
+def without_contact_mass(mass: sp.csr_array, mesh: Mesh, nodes: Index) -> sp.csr_array:
+    """Mass matrix (3 n_node, 3 n_node) with the mass of ``nodes`` on their inner neighbours.
+
+    Raises
+    ------
+    ValueError : a node has none (a body one element thick between two contacts).
+    """
+    bare = np.zeros(mesh.n_node, dtype=bool)
+    bare[nodes] = True
+    pairs = _inner_neighbours(mesh, bare, CELL_LINKS)
+    left = bare.copy()
+    left[pairs[:, 0]] = False
+    across = _inner_neighbours(mesh, left, _DIAGONALS, bare)
+    pairs = np.concatenate([pairs, across])
+    count = np.bincount(pairs[:, 0], minlength=mesh.n_node)
+    kept = np.flatnonzero(count == 0)
+    if bare[kept].any():
+        raise ValueError("contact nodes without an inner neighbour")
+    rows = np.concatenate([pairs[:, 0], kept])
+    columns = np.concatenate([pairs[:, 1], kept])
+    weights: Array = np.concatenate([1.0 / count[pairs[:, 0]], np.ones(len(kept))])
+    follow = sp.csr_array((weights, (rows, columns)), shape=(mesh.n_node, mesh.n_node))
+    spread = sp.csr_array(sp.kron(follow, sp.eye_array(3)))
+    moved = sp.csr_array(spread.T @ mass @ spread)
+    moved.eliminate_zeros()
+    return moved
+
+
+def _inner_neighbours(
+    mesh: Mesh, of: NDArray[np.bool_], links: Mapping[str, Local], bare: NDArray[np.bool_] | None = None
+) -> Index:
+    """Pairs (n, 2): a node marked in ``of``, a neighbour over one of the ``links`` of its cell that is not ``bare``."""
+    pairs = np.concatenate([b.cells[:, np.array(links[b.cell_type])].reshape(-1, 2) for b in mesh.blocks])
+    pairs = np.unique(np.concatenate([pairs, pairs[:, ::-1]]), axis=0)
+    inner = ~(of if bare is None else bare)
+    chosen: Index = pairs[of[pairs[:, 0]] & inner[pairs[:, 1]]]
+    return chosen

@@ -1,16 +1,185 @@
-"""Integrals over a named face: areas, vector-area normals, uniform loads."""
+"""Faces of meshes: shape functions and flat pieces of their facets, nodal integrals, absorbing dashpots.
+
+The reference triangle has the corners (0, 0), (1, 0), (0, 1), the reference quadrilateral is [-1, 1]^2; nodes stand
+in the order of VTK: corners, middles of the edges, centre.
+
+int phi_a dA vanishes at the corners of a 6-node triangle and is negative at those of an 8-node quadrilateral, so that
+a contact force spread by phi would need no pressure, or tension, there. With
+
+    phi~_corner = phi_corner + alpha sum of phi_middle over its two edges,    phi~_middle = (1 - 2 alpha) phi_middle
+
+and alpha = 1/5 the areas are 2/15 and 1/5 (triangle), 1/20 and 1/5 (quadrilateral) of the facet; the values that
+belong to phi~ are u~_corner = u_corner and u~_middle = (u_middle - alpha (u_1 + u_2)) / (1 - 2 alpha)
+(Wohlmuth, Popp, Gee, Wall: An abstract framework for a priori estimates for contact problems in 3D with quadratic
+finite elements, Computational Mechanics 49 (2012) 735-747).
+
+Dashpots of an absorbing face: rho c_p along the normal, rho c_s across it.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 import scipy.sparse as sp
 
-from .facets import basis_change, changes_basis, quadratic, shape, slopes, square_quadrature, triangle_quadrature
 from .mesh import Array, FacetSet, Index, Mesh
+from .reference_cells import simplex_rule
 
+ALPHA: Final = 0.2
+"""Share of a middle node's function that goes to each end of its edge."""
+N_CORNER: Final = {"triangle": 3, "triangle6": 3, "quad": 4, "quad8": 4, "quad9": 4}
+DEGREE: Final = {"triangle": 1, "quad": 2, "triangle6": 2, "quad8": 3, "quad9": 4}
+"""Total degree of the shape functions in the reference coordinates."""
+_SIGNS = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)], dtype=float)
+_TRIANGLE = np.array([(0, 0), (1, 0), (0, 1)], dtype=float)
+_TRIANGLE_NODES = np.array([(0, 0), (1, 0), (0, 1), (0.5, 0), (0.5, 0.5), (0, 0.5)])
+_QUAD_NODES = np.array([*_SIGNS, (0, -1), (1, 0), (0, 1), (-1, 0), (0, 0)])
+_TRIANGLE_PIECES = ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5))
+_QUAD_PIECES = ((0, 4, 8, 7), (4, 1, 5, 8), (8, 5, 2, 6), (7, 8, 6, 3))
 _GAUSS = 1 / np.sqrt(3.0)
+
+
+def edges_of(kind: str) -> tuple[tuple[int, int], ...]:
+    """Corners at the ends of each edge; the middle of edge i is node n_corner + i."""
+    n = N_CORNER[kind]
+    return tuple((i, (i + 1) % n) for i in range(n))
+
+
+def quadratic(kind: str) -> bool:
+    """Whether the facet has nodes in the middle of its edges."""
+    return kind in ("triangle6", "quad8", "quad9")
+
+
+def shape(kind: str, at: Array) -> Array:
+    """Shape functions (..., n_node) at reference coordinates (..., 2)."""
+    x, y = at[..., 0], at[..., 1]
+    if kind in ("triangle", "triangle6"):
+        corner = np.stack([1 - x - y, x, y], axis=-1)
+        if kind == "triangle":
+            return corner
+        middle = 4 * corner * corner[..., [1, 2, 0]]
+        return np.concatenate([corner * (2 * corner - 1), middle], axis=-1)
+    sx, sy = x[..., None] * _SIGNS[:, 0], y[..., None] * _SIGNS[:, 1]
+    if kind == "quad":
+        bilinear: Array = 0.25 * (1 + sx) * (1 + sy)
+        return bilinear
+    if kind == "quad8":
+        corner = 0.25 * (1 + sx) * (1 + sy) * (sx + sy - 1)
+        bubble_x, bubble_y = 0.5 * (1 - x * x), 0.5 * (1 - y * y)
+        middle = np.stack([bubble_x * (1 - y), bubble_y * (1 + x), bubble_x * (1 + y), bubble_y * (1 - x)], axis=-1)
+        return np.concatenate([corner, middle], axis=-1)
+    if kind == "quad9":
+        line_x = np.stack([0.5 * x * (x - 1), 1 - x * x, 0.5 * x * (x + 1)], axis=-1)
+        line_y = np.stack([0.5 * y * (y - 1), 1 - y * y, 0.5 * y * (y + 1)], axis=-1)
+        places = (_QUAD_NODES + 1).astype(int)
+        return line_x[..., places[:, 0]] * line_y[..., places[:, 1]]
+    raise ValueError(f"no facet of kind {kind!r}")
+
+
+def slopes(kind: str, at: Array) -> Array:
+    """Derivatives (..., n_node, 2) of the shape functions; exact: the functions are of degree 2 in each coordinate."""
+    steps = np.eye(2)
+    found: Array = np.stack([0.5 * (shape(kind, at + s) - shape(kind, at - s)) for s in steps], axis=-1)
+    return found
+
+
+def triangle_quadrature(degree: int) -> tuple[Array, Array]:
+    """Points (n, 2) and weights (n,) on the reference triangle (area 1/2), exact to ``degree``."""
+    rule = simplex_rule(degree // 2 + 1, 2)
+    return rule.points, rule.weights
+
+
+def square_quadrature(n: int) -> tuple[Array, Array]:
+    """Points (n^2, 2) and weights of the product of two Gauss rules of n points on the reference quadrilateral."""
+    x, w = np.polynomial.legendre.leggauss(n)
+    return np.stack(np.meshgrid(x, x, indexing="ij"), axis=-1).reshape(-1, 2), np.outer(w, w).ravel()
+
+
+def flat_pieces(kind: str, straight: bool) -> Array:
+    """Reference coordinates (n_piece, 3 | 4, 2) of the corners of flat pieces: the facet itself where it is linear or
+    ``straight``, else four between its corners, middles and centre."""
+    triangle = N_CORNER[kind] == 3
+    if straight or not quadratic(kind):
+        return (_TRIANGLE if triangle else _SIGNS)[None]
+    nodes, pieces = (_TRIANGLE_NODES, _TRIANGLE_PIECES) if triangle else (_QUAD_NODES, _QUAD_PIECES)
+    cut: Array = nodes[np.array(pieces)]
+    return cut
+
+
+def is_straight(kind: str, places: Array) -> bool:
+    """Whether the inner nodes of facets at ``places`` (n_facet, n_node, 3) stand in the middle of their corners."""
+    if not quadratic(kind):
+        return True
+    n = N_CORNER[kind]
+    size = np.linalg.norm(np.ptp(places, axis=1), axis=1).max(initial=0.0)
+    middle = places[:, n : 2 * n] - 0.5 * (places[:, :n] + places[:, [*range(1, n), 0]])
+    off = np.abs(middle).max(initial=0.0)
+    if kind == "quad9":
+        off = max(off, np.abs(places[:, 8] - places[:, :4].mean(axis=1)).max(initial=0.0))
+    if n == 4:  # the corners must be plane, too
+        off = max(off, _warp(places))
+    return bool(off <= 1e-9 * size)
+
+
+def _warp(places: Array) -> float:
+    normal = np.cross(places[:, 2] - places[:, 0], places[:, 3] - places[:, 1])
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    return float(np.abs(np.einsum("fi,fi->f", places[:, 1] - places[:, 0], normal)).max(initial=0.0))
+
+
+def changes_basis(face: FacetSet) -> bool:
+    """Whether contact on the face needs the functions phi~ of the module docstring."""
+    return any(block.kind in ("triangle6", "quad8") for block in face.blocks)
+
+
+def facet_change(kind: str, changed: bool) -> Array:
+    """L (n_node, n_node) of one facet: phi~_b = sum over a of L_ab phi_a; the identity where nothing is changed."""
+    n_node, n = len(shape(kind, np.zeros(2))), N_CORNER[kind]
+    change = np.eye(n_node)
+    if changed and quadratic(kind):
+        for i, ends in enumerate(edges_of(kind)):
+            change[n + i, n + i] = 1 - 2 * ALPHA
+            change[n + i, list(ends)] = ALPHA
+    return change
+
+
+def basis_change(face: FacetSet, nodes: Index) -> sp.csr_array:
+    """L (n_point, n_point) on a face with these nodes: u = L u~, and int phi~ = L^T int phi."""
+    return _edge_matrix(face, nodes, 1 - 2 * ALPHA, ALPHA)
+
+
+def nodal_values(face: FacetSet, nodes: Index) -> sp.csr_array:
+    """L^-1 (n_point, n_point): the values u~ that belong to phi~ from the values u at the nodes."""
+    return _edge_matrix(face, nodes, 1 / (1 - 2 * ALPHA), -ALPHA / (1 - 2 * ALPHA))
+
+
+def _edge_matrix(face: FacetSet, nodes: Index, own: float, ends_share: float) -> sp.csr_array:
+    """The identity with ``own`` at the middles of edges and ``ends_share`` in the columns of their ends."""
+    n = len(nodes)
+    rows, columns, values = [np.arange(n)], [np.arange(n)], [np.ones(n)]
+    if changes_basis(face):
+        ends, middle = edge_middles(face)
+        _, first = np.unique(middle, return_index=True)
+        at, (one, two) = np.searchsorted(nodes, middle[first]), np.searchsorted(nodes, ends[first]).T
+        values[0][at] = own
+        rows += [at, at]
+        columns += [one, two]
+        values += [np.full(len(at), ends_share)] * 2
+    entries = (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns)))
+    return sp.coo_array(entries, shape=(n, n)).tocsr()
+
+
+def edge_middles(face: FacetSet) -> tuple[Index, Index]:
+    """Edges of the quadratic facets of a face: nodes at their ends (n, 2), in their middle (n,); inner edges twice."""
+    ends, middle = [np.zeros((0, 2), dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
+    for block in face.blocks:
+        if quadratic(block.kind):
+            n = N_CORNER[block.kind]
+            ends.append(block.facets[:, np.array(edges_of(block.kind))].reshape(-1, 2))
+            middle.append(block.facets[:, n : 2 * n].ravel())
+    return np.concatenate(ends), np.concatenate(middle)
 
 
 @dataclass(frozen=True)
@@ -90,3 +259,44 @@ def _facet_integrals(_: str, corners: Array) -> tuple[Array, Array]:
             vector += normal[:, None] * psi[None, :, None]
             scalar += np.linalg.norm(normal, axis=1)[:, None] * psi
     return scalar, vector
+
+
+def lumped_dashpots(nodes: Array, facets: FacetSet, normal: float, tangential: float) -> sp.csr_array:
+    """Dashpots (3 n_node, 3 n_node), N s m-1, at the points of a face alone, on areas that are positive on every kind
+    of facet; ``normal`` and ``tangential`` in Pa s m-1."""
+    surface = face_of(nodes, facets)
+    blocks = surface.positive_areas[:, None, None] * _tensor(surface.normals, normal, tangential)
+    return _assembled(len(nodes), [(surface.nodes[:, None], blocks[:, None, :, None, :])])
+
+
+def consistent_dashpots(nodes: Array, facets: FacetSet, normal: float, tangential: float) -> sp.csr_array:
+    """int phi_a phi_b (z_s I + (z_p - z_s) n n) dA (3 n_node, 3 n_node): on quadratic facets, a uniform velocity gives
+    the forces of a uniform traction with these only."""
+    parts = []
+    for block in facets.blocks:
+        at, weights = triangle_quadrature(6) if N_CORNER[block.kind] == 3 else square_quadrature(4)
+        along = np.einsum("gak,fai->gkfi", slopes(block.kind, at), nodes[block.facets])
+        outwards = np.cross(along[:, 0], along[:, 1])
+        area = np.linalg.norm(outwards, axis=2)
+        tensor = _tensor(outwards / area[..., None], normal, tangential)
+        values = shape(block.kind, at)
+        share = (weights[:, None] * area)[..., None, None] * tensor
+        parts.append((block.facets, np.einsum("ga,gb,gfij->faibj", values, values, share, optimize=True)))
+    return _assembled(len(nodes), parts)
+
+
+def _tensor(n: Array, normal: float, tangential: float) -> Array:
+    found: Array = tangential * np.eye(3) + (normal - tangential) * n[..., :, None] * n[..., None, :]
+    return found
+
+
+def _assembled(n_node: int, parts: list[tuple[Index, Array]]) -> sp.csr_array:
+    """Sum of blocks (n, n_own, 3, n_own, 3) at nodes (n, n_own)."""
+    rows, columns, values = [], [], []
+    for nodes, blocks in parts:
+        dofs = (3 * nodes[:, :, None] + np.arange(3)).reshape(len(nodes), -1)
+        rows.append(np.repeat(dofs, dofs.shape[1], axis=1).ravel())
+        columns.append(np.tile(dofs, (1, dofs.shape[1])).ravel())
+        values.append(blocks.ravel())
+    entries = (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns)))
+    return sp.coo_array(entries, shape=(3 * n_node, 3 * n_node)).tocsr()

@@ -1,19 +1,22 @@
-"""Meshes of one substructure: nodes, blocks of cells, named faces."""
+"""Meshes of one substructure: nodes, blocks of cells, named faces; nearest nodes, elimination order."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from .cells import CELL_FACES, CELL_OF_N_NODE, FACET_CORNERS, FACET_KIND, HEX_FACES
+from .reference_cells import CELL_FACES, CELL_OF_N_NODE, FACET_CORNERS, FACET_KIND, HEX_FACES
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-
 BOX_FACES = ("xmin", "xmax", "ymin", "ymax", "zmin", "zmax")
+_FEW: Final = 300_000  # pairs of points up to which all distances cost less than to load SciPy's tree
+_LEAF = 24
 
 
 @dataclass(frozen=True)
@@ -22,7 +25,7 @@ class CellBlock:
 
     Attributes
     ----------
-    cell_type : a key of ``cells.CELL_FACES``. cells : (n_cell, n_node_of_type) connectivity, VTK order.
+    cell_type : a key of ``reference_cells.CELL_FACES``. cells : (n_cell, n_node_of_type) connectivity, VTK order.
     """
 
     cell_type: str
@@ -200,3 +203,48 @@ def box_mesh(origin: Array, size: Array, elements: tuple[int, int, int]) -> Mesh
         for name, layer, local in zip(BOX_FACES, layers, HEX_FACES, strict=True)
     }
     return Mesh.uniform(nodes, "hexahedron", cells, faces)
+
+
+def nearest(points: Array, candidates: Array) -> tuple[Array, Index]:
+    """Distance (n_point,) to, and number of, the nearest of ``candidates`` (n, 3) for each of ``points``."""
+    if 0 < points.shape[0] * candidates.shape[0] <= _FEW:
+        square = np.sum((points[:, None] - candidates) ** 2, axis=2)
+        number = np.argmin(square, axis=1)
+        return np.sqrt(square[np.arange(len(number)), number]), number.astype(np.int64)
+    from scipy.spatial import cKDTree
+
+    distance, number = cKDTree(candidates).query(points)
+    return np.atleast_1d(np.asarray(distance, dtype=float)), np.atleast_1d(np.asarray(number, dtype=np.int64))
+
+
+def nested_dissection(mesh: Mesh) -> Array:
+    """Elimination rank of each node, (n_node,): halves first, the nodes between them last, recursively."""
+    n = mesh.n_node
+    rows = np.concatenate([np.repeat(b.cells, b.cells.shape[1], axis=1).ravel() for b in mesh.blocks])
+    columns = np.concatenate([np.tile(b.cells, (1, b.cells.shape[1])).ravel() for b in mesh.blocks])
+    graph = sp.coo_array((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(n, n)).tocsr()
+    order = np.empty(n, dtype=np.int64)
+    side = np.zeros(n, dtype=np.int8)  # 1 and 2: the halves at hand
+    stack: list[tuple[Index, int]] = [(np.arange(n, dtype=np.int64), n)]
+    while stack:  # each entry fills order[end - len : end]
+        part, end = stack.pop()
+        if len(part) <= _LEAF:
+            order[end - len(part) : end] = part
+            continue
+        x = mesh.nodes[part]
+        axis = int(np.argmax(np.ptp(x, axis=0)))
+        upper = x[:, axis] > np.median(x[:, axis])
+        if not upper.any():
+            upper = np.arange(len(part)) >= len(part) // 2
+        high, low = part[upper], part[~upper]
+        side[high] = 1
+        touches = (graph[low] @ side.astype(np.float64)) > 0
+        side[high] = 0
+        between, low = low[touches], low[~touches]
+        order[end - len(between) : end] = between
+        end -= len(between)
+        stack.append((high, end))
+        stack.append((low, end - len(high)))
+    rank = np.empty(n)
+    rank[order] = np.arange(n)
+    return rank

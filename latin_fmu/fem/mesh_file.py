@@ -5,16 +5,18 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import MeshError, Problem
 from ..mesh_files.content import MeshContent, listed
 from ..mesh_files.reading import read_content
-from .cells import CELL_FACES
+from .elements import jacobians
 from .mesh import Array, CellBlock, FacetSet, Index, Mesh, boundary, unjoined
-from .orientation import oriented
+from .reference_cells import CELL_FACES, Rule, cell_functions, cell_rule, mirrored
 
 _FAR = 1e60  # m; products of three such lengths are still numbers
 _VOLUME = tuple(CELL_FACES)
+_FLAT = 1e-12  # det J over the lengths of its columns
 
 
 def read_mesh(path: Path, group: str | None = None, scale: float = 1.0) -> Mesh:
@@ -157,3 +159,29 @@ def _add_face(faces: dict[str, FacetSet], name: str, found: list[tuple[str, int]
     kinds = dict.fromkeys(kind for kind, _ in found)
     if kinds:
         faces[name] = FacetSet.of(*(by_kind[kind][[row for k, row in found if k == kind]] for kind in kinds))
+
+
+def oriented(nodes: Array, block: CellBlock) -> tuple[Index, NDArray[np.bool_]]:
+    """Cells numbered inside out are turned.
+
+    Returns
+    -------
+    cells (n_cell, n_node), and which of them (n_cell,) have no volume somewhere or change sign: looked at are the
+    Jacobians at all nodes but those in the middle of faces and cells, and at the integration points.
+    """
+    places = cell_functions(block.cell_type).nodes[:20]
+    points = np.concatenate([places, cell_rule(block.cell_type).points])
+    rule = Rule(points, np.ones(len(points)))
+    low, high = np.zeros((2, len(block.cells)))
+    size = max(1, 2**20 // (len(points) * block.cells.shape[1]))
+    for first in range(0, len(block.cells), size):
+        piece = slice(first, first + size)
+        jacobian = jacobians(nodes, CellBlock(block.cell_type, block.cells[piece]), rule)
+        lengths = np.prod(np.linalg.norm(jacobian, axis=2), axis=2)
+        ratio = np.linalg.det(jacobian) / np.where(lengths > 0, lengths, 1.0)
+        low[piece], high[piece] = ratio.min(axis=1), ratio.max(axis=1)
+    bad = ~((low > _FLAT) | (high < -_FLAT))
+    cells = block.cells.copy()
+    turned = high < 0
+    cells[turned] = cells[turned][:, mirrored(block.cell_type)]
+    return cells, bad

@@ -20,7 +20,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from .common_part import Cells, common_cells
-from .facets import DEGREE, changes_basis, facet_change, nodal_values, shape, slopes, triangle_quadrature
+from .faces import DEGREE, changes_basis, facet_change, nodal_values, shape, slopes, triangle_quadrature
 from .mesh import Array, Index
 from .surface import Pieces, Surface
 

@@ -13,12 +13,10 @@ from typing import Final
 import numpy as np
 import scipy.sparse as sp
 
-from .bending_modes import mode_amplitudes, mode_gradients
-from .elasticity import BENDING_CELLS, lame
+from .elasticity import BENDING_CELLS, lame, mode_amplitudes, mode_gradients
 from .elements import Elements, Points, points_in
 from .mesh import Array, CellBlock
-from .quadrature import Rule, cell_rule
-from .shape_functions import cell_functions
+from .reference_cells import Rule, cell_functions, cell_rule
 
 _ROWS, _COLUMNS = (0, 1, 2, 1, 0, 0), (0, 1, 2, 2, 2, 1)
 # Type of the cell of degree one with the same corners: its rule and functions carry values to the nodes.

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from .facets import N_CORNER, flat_pieces, is_straight, shape
+from .faces import N_CORNER, flat_pieces, is_straight, shape
 from .mesh import Array, FacetSet, Index
 
 _CREASE = 0.7  # rad; pieces that meet at a larger angle form an edge of the body, not a curved face

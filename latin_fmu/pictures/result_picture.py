@@ -10,8 +10,7 @@ import numpy as np
 import xarray as xr
 
 from ..errors import Problem, ResultsError
-from ..fem.mesh import Array, Mesh, cell_blocks
-from ..fem.nearest import nearest
+from ..fem.mesh import Array, Mesh, cell_blocks, nearest
 from ..results.quantities import prefix_for, readable
 from .frame import axes_with_units, draw
 from .skin import Skin, View, skin_of

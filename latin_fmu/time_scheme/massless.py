@@ -1,6 +1,6 @@
 """Massless contact nodes: average-acceleration Newmark with the exact displacement law of contact.
 
-The nodes of contact interfaces carry no mass (``fem.massless`` gives it to their inner neighbours), so that an impact
+The nodes of contact interfaces carry no mass (``fem.elasticity`` gives it to their inner neighbours), so that an impact
 stops no mass at once, and the interface works with the velocity
 
     W_{n+1} = (u_{n+1} - u_n) / dt

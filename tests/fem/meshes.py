@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from latin_fmu.fem.cells import CELL_EDGES, CELL_FACES, HEX_FACES
 from latin_fmu.fem.mesh import Array, CellBlock, FacetSet, Mesh, boundary, box_mesh
+from latin_fmu.fem.reference_cells import CELL_EDGES, CELL_FACES, HEX_FACES
 
 ORIGIN, SIZE = np.array([0.3, -0.2, 0.1]), np.array([1.0, 0.8, 1.5])
 # Six tetrahedra of a hexahedron around the diagonal 0-6; neighbours cut their common face alike.
@@ -87,7 +87,7 @@ def typed_box(cell_type: str, elements: tuple[int, int, int] = (3, 3, 3), shift:
 
 def reference_cell(cell_type: str) -> Mesh:
     """One cell of the type, every face a face of the mesh."""
-    from latin_fmu.fem.shape_functions import cell_functions
+    from latin_fmu.fem.reference_cells import cell_functions
 
     nodes = cell_functions(cell_type).nodes
     faces = {str(i): FacetSet.of(np.array([local])) for i, local in enumerate(CELL_FACES[cell_type])}

@@ -10,7 +10,7 @@ import pytest
 
 from latin_fmu import api
 from latin_fmu.assembly.build import build, prepare
-from latin_fmu.fem.dashpots import consistent_dashpots, lumped_dashpots
+from latin_fmu.fem.faces import consistent_dashpots, lumped_dashpots
 from latin_fmu.scene.reader import scene_from_dict
 
 from .meshes import QUADRATIC, TYPES, typed_box

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from latin_fmu.fem.cells import CELL_FACES
 from latin_fmu.fem.faces import face
 from latin_fmu.fem.mesh import BOX_FACES, FacetSet, Mesh, boundary, box_mesh
+from latin_fmu.fem.reference_cells import CELL_FACES
 
 
 def test_box_nodes_cells_and_faces() -> None:

@@ -5,12 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from latin_fmu.fem.cells import CELL_LINKS
-from latin_fmu.fem.elasticity import mass
+from latin_fmu.fem.elasticity import mass, without_contact_mass
 from latin_fmu.fem.elements import Elements
-from latin_fmu.fem.massless import without_contact_mass
 from latin_fmu.fem.mesh import box_mesh
-from latin_fmu.fem.shape_functions import cell_functions
+from latin_fmu.fem.reference_cells import CELL_LINKS, cell_functions
 
 from .meshes import QUADRATIC, SIZE, TYPES, typed_box
 

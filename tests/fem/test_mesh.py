@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from latin_fmu.fem.cells import CELL_EDGES, CELL_FACES, N_CORNER, N_NODE
 from latin_fmu.fem.mesh import CellBlock, Mesh, boundary, box_mesh, cell_blocks, padded_cells
-from latin_fmu.fem.shape_functions import cell_functions
+from latin_fmu.fem.reference_cells import CELL_EDGES, CELL_FACES, N_CORNER, N_NODE, cell_functions
 
 COUNTS = {
     "hexahedron": (8, 8),

@@ -15,7 +15,7 @@ from latin_fmu.fem.elements import Elements
 from latin_fmu.fem.faces import face
 from latin_fmu.fem.mesh import Mesh, boundary, box_mesh
 from latin_fmu.fem.mesh_file import read_mesh
-from latin_fmu.fem.shape_functions import mirrored
+from latin_fmu.fem.reference_cells import mirrored
 from latin_fmu.mesh_files.reading import read_content
 
 from .conftest import write_inp, write_msh

@@ -7,9 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from latin_fmu.fem.clipping import areas, clip
-from latin_fmu.fem.faces import face_of
-from latin_fmu.fem.facets import ALPHA, facet_change, shape, slopes, square_quadrature, triangle_quadrature
+from latin_fmu.fem.common_part import areas, clip
+from latin_fmu.fem.faces import ALPHA, face_of, facet_change, shape, slopes, square_quadrature, triangle_quadrature
 from latin_fmu.fem.mesh import FacetSet
 from latin_fmu.fem.mortar import Mortar, mortar
 from latin_fmu.fem.surface import Surface

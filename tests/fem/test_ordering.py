@@ -9,9 +9,7 @@ import scipy.sparse.linalg as spla
 
 from latin_fmu.fem.elasticity import mass, stiffness
 from latin_fmu.fem.elements import Elements
-from latin_fmu.fem.mesh import Mesh, box_mesh
-from latin_fmu.fem.nearest import nearest
-from latin_fmu.fem.ordering import nested_dissection
+from latin_fmu.fem.mesh import Mesh, box_mesh, nearest, nested_dissection
 
 from .meshes import TYPES, typed_box
 

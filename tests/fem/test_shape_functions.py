@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 import skfem
 
-from latin_fmu.fem.cells import CELL_FACES
-from latin_fmu.fem.quadrature import cell_rule, simplex_rule
-from latin_fmu.fem.shape_functions import cell_functions, mirrored
+from latin_fmu.fem.reference_cells import CELL_FACES, cell_functions, cell_rule, mirrored, simplex_rule
 
 TYPES = tuple(CELL_FACES)
 SKFEM = {

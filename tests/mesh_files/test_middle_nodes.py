@@ -8,7 +8,7 @@ import netCDF4
 import numpy as np
 import pytest
 
-from latin_fmu.fem.cells import HEX_EDGES, TET_EDGES, WEDGE_EDGES
+from latin_fmu.fem.reference_cells import HEX_EDGES, TET_EDGES, WEDGE_EDGES
 from latin_fmu.mesh_files.content import MeshContent
 from latin_fmu.mesh_files.reading import read_content
 

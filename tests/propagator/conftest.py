@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from latin_fmu.fem.elasticity import mass, stiffness
 from latin_fmu.fem.elements import Elements
 from latin_fmu.fem.faces import face
-from latin_fmu.fem.mesh import Mesh, box_mesh
-from latin_fmu.fem.ordering import nested_dissection
+from latin_fmu.fem.mesh import Mesh, box_mesh, nested_dissection
 from latin_fmu.interface.geometry import local_frames
 from latin_fmu.propagator import DirectPropagator, Histories, LoadTerm, SubstructureModel
 from latin_fmu.time_scheme import TimeScheme, make_scheme

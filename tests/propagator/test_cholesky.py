@@ -18,8 +18,7 @@ from latin_fmu.errors import LatinError, SolverError
 from latin_fmu.fem.elasticity import mass, stiffness
 from latin_fmu.fem.elements import Elements
 from latin_fmu.fem.faces import face
-from latin_fmu.fem.mesh import box_mesh
-from latin_fmu.fem.ordering import nested_dissection
+from latin_fmu.fem.mesh import box_mesh, nested_dissection
 from latin_fmu.propagator.cholesky import interface_factor
 from latin_fmu.propagator.condensed import CondensedFactor
 

@@ -13,9 +13,8 @@ from latin_fmu import api
 from latin_fmu.assembly.build import build
 from latin_fmu.errors import SceneError
 from latin_fmu.fem.elasticity import mass
-from latin_fmu.fem.elements import Elements
+from latin_fmu.fem.elements import Elements, rigid_body
 from latin_fmu.fem.mesh import Mesh, box_mesh
-from latin_fmu.fem.rigid import rigid_body
 from latin_fmu.scene.reader import scene_from_dict
 
 from .oracles import sliding_block

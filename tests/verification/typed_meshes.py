@@ -8,8 +8,8 @@ from pathlib import Path
 import meshio
 import numpy as np
 
-from latin_fmu.fem.cells import CELL_EDGES, FACET_KIND, HEX_FACES
 from latin_fmu.fem.mesh import FacetSet, Mesh, boundary, box_mesh
+from latin_fmu.fem.reference_cells import CELL_EDGES, FACET_KIND, HEX_FACES
 
 Array = np.ndarray
 KUHN = ((0, 1, 2, 6), (0, 2, 3, 6), (0, 3, 7, 6), (0, 7, 4, 6), (0, 4, 5, 6), (0, 5, 1, 6))
