@@ -1,16 +1,24 @@
-"""Reading a mesh file of any format known, chosen by its suffix."""
+"""Reading a mesh file of any known format, chosen by its suffix; formats that are read with libraries.
+
+Exodus II files (.e, .exo): blocks by name, side sets, node sets; read with netCDF4. The formats that meshio reads well:
+gmsh .msh, .vtu, .vtk, .med, .cgns, .xdmf, .mesh, ... Groups are taken from named sets (.msh, .med) and otherwise from
+integer data of the cells: value 3 of ``medit:ref`` is the group ``ref_3``.
+"""
 
 from __future__ import annotations
 
+import contextlib
+import io
+import re
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
+
+import numpy as np
 
 from ..errors import MeshError, Problem
 from .abaqus import read_abaqus
-from .content import MeshContent
-from .exodus import read_exodus
+from .content import CORNERS, FLAT, Index, MeshContent, Problems
 from .nastran import read_nastran
-from .with_meshio import read_with_meshio
 
 _ABAQUS: Final = (".inp",)
 _NASTRAN: Final = (".bdf", ".nas", ".fem")
@@ -50,6 +58,38 @@ _MESHIO: Final = (
 )
 _ALLOWED: Final = "msh, inp, bdf, nas, fem, vtu, vtk, e, exo, med, xdmf, mesh and others of meshio"
 MAX_BYTES: Final = 4_000_000_000
+_SOLIDS: Final = {
+    ("TET", 4): "tetra",
+    ("TET", 10): "tetra10",
+    ("HEX", 8): "hexahedron",
+    ("HEX", 20): "hexahedron20",
+    ("WED", 6): "wedge",
+    ("WED", 15): "wedge15",
+    ("PYR", 5): "pyramid",
+    ("PYR", 13): "pyramid13",
+}
+_FLAT: Final = {
+    ("TRI", 3): "triangle",
+    ("TRI", 6): "triangle6",
+    ("SHE", 4): "quad",
+    ("QUA", 4): "quad",
+    ("SHE", 8): "quad8",
+    ("QUA", 8): "quad8",
+    ("SHE", 9): "quad9",
+    ("QUA", 9): "quad9",
+    ("SHE", 3): "triangle",
+    ("TRI", 4): "triangle",
+}
+# hexahedra of 20 nodes have the middle nodes of the vertical edges before those of the upper ones, wedges too
+_ORDER: Final = {20: (*range(12), 16, 17, 18, 19, 12, 13, 14, 15), 15: (*range(9), 12, 13, 14, 9, 10, 11)}
+# Sides of a cell by number of corners (Exodus II manual, table of element sides)
+_SIDES: Final = {
+    4: ((0, 1, 3), (1, 2, 3), (0, 3, 2), (0, 2, 1)),
+    6: ((0, 1, 4, 3), (1, 2, 5, 4), (0, 3, 5, 2), (0, 2, 1), (3, 4, 5)),
+    8: ((0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (0, 4, 7, 3), (0, 3, 2, 1), (4, 5, 6, 7)),
+}
+_NEEDS: Final = {"h5py": "pip install h5py", "lxml": "pip install lxml"}
+_MOST_VALUES = 1000  # integer data with more values than this numbers cells, it names no groups
 
 
 def read_content(path: Path) -> MeshContent:
@@ -112,3 +152,273 @@ def _text(path: Path) -> str:
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise MeshError([Problem(path.name[:80], reason)], "unreadable mesh") from None
+
+
+def read_exodus(path: Path, where: str) -> MeshContent:
+    """The mesh of a file; element blocks and sets without a name are ``block_1``, ``sideset_1``, ``nodeset_1``.
+
+    Raises
+    ------
+    MeshError : cell types that are not known. OSError, KeyError, ... : what netCDF4 makes of a file that is none.
+    """
+    import netCDF4
+
+    problems = Problems(where)
+    with netCDF4.Dataset(path) as data:
+        data.set_auto_mask(False)
+        content = MeshContent(_points(data))
+        blocks: list[tuple[str, Index, Index]] = []  # type, connectivity, rows among the cells of that type
+        for number, name in _named(data, "eb", "block", "num_el_blk"):
+            variable = data.variables.get(f"connect{number}")
+            if variable is None:  # an empty block
+                blocks.append(("", np.zeros((0, 1), dtype=np.int64), np.zeros(0, dtype=np.int64)))
+                continue
+            cells = np.asarray(variable[:], dtype=np.int64) - 1
+            if cells.size and not (cells.min() >= 0 and cells.max() < len(content.points)):
+                problems.add(f"block {name} names a node that is not there", allowed=f"1 to {len(content.points)}")
+                continue
+            blocks.append(_add_block(content, problems, name, str(variable.elem_type), cells))
+        problems.stop()
+        for number, name in _named(data, "ss", "sideset", "num_side_sets"):
+            if f"elem_ss{number}" in data.variables:
+                elements = np.asarray(data.variables[f"elem_ss{number}"][:], dtype=np.int64) - 1
+                sides = np.asarray(data.variables[f"side_ss{number}"][:], dtype=np.int64) - 1
+                content.facets[name] = _facets(blocks, elements, sides, problems, name)
+        for number, name in _named(data, "ns", "nodeset", "num_node_sets"):
+            if f"node_ns{number}" in data.variables:
+                rows = np.asarray(data.variables[f"node_ns{number}"][:], dtype=np.int64) - 1
+                content.node_sets[name] = rows[(rows >= 0) & (rows < len(content.points))]
+    problems.stop()
+    return content
+
+
+def _points(data: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
+    if "coord" in data.variables:
+        table = np.asarray(data.variables["coord"][:], dtype=float).T
+    else:
+        table = np.stack([np.asarray(data.variables[f"coord{x}"][:], dtype=float) for x in "xyz"], axis=1)
+    return np.ascontiguousarray(table)
+
+
+def _named(data: Any, short: str, long: str, dimension: str) -> list[tuple[int, str]]:
+    """Number (from 1) and name of the blocks or sets of one kind."""
+    if dimension not in data.dimensions:
+        return []
+    count = len(data.dimensions[dimension])
+    names = [""] * count
+    if f"{short}_names" in data.variables:
+        table = np.asarray(data.variables[f"{short}_names"][:])
+        names = [b"".join(row.tolist()).split(b"\0")[0].decode("utf-8", "replace").strip() for row in table]
+    ids = np.arange(1, count + 1)
+    if f"{short}_prop1" in data.variables:
+        ids = np.asarray(data.variables[f"{short}_prop1"][:])
+    return [(i + 1, name or f"{long}_{int(ids[i])}") for i, name in enumerate(names[:count])]
+
+
+def _add_block(
+    content: MeshContent, problems: Problems, name: str, element: str, cells: Index
+) -> tuple[str, Index, Index]:
+    """Put a block where it belongs; its type, connectivity and rows for the side sets."""
+    key = (element.upper()[:3], cells.shape[1])
+    nothing = np.zeros(0, dtype=np.int64)
+    if kind := _SOLIDS.get(key):
+        cells = cells[:, list(_ORDER.get(cells.shape[1], range(cells.shape[1])))]
+        before = content.solids.get(kind)
+        start = 0 if before is None else len(before)
+        content.solids[kind] = cells if before is None else np.concatenate([before, cells])
+        rows = start + np.arange(len(cells), dtype=np.int64)
+        group = content.volumes.setdefault(name, {})
+        group[kind] = np.concatenate([group.get(kind, nothing), rows])
+        return kind, cells, rows
+    if kind := _FLAT.get(key):
+        content.facets.setdefault(name, []).append(cells[:, : FLAT[kind]])
+        return kind, cells, nothing
+    if key[0] in ("HEX", "TET", "WED"):
+        problems.add("element type not known", f"{element}, {cells.shape[1]} nodes", "HEX8, HEX20, TET4, TET10, WEDGE6")
+    content.skipped[element] = content.skipped.get(element, 0) + len(cells)
+    return "", cells, nothing
+
+
+def _facets(
+    blocks: list[tuple[str, Index, Index]], elements: Index, sides: Index, problems: Problems, name: str
+) -> list[Index]:
+    """Corners of the facets of a side set; elements are counted through all blocks."""
+    found: list[Index] = []
+    first = 0
+    for kind, cells, _ in blocks:
+        inside = (elements >= first) & (elements < first + len(cells))
+        local, side = elements[inside] - first, sides[inside]
+        first += len(cells)
+        if kind in FLAT and len(local):
+            found.append(cells[local][:, : FLAT[kind]])
+        faces = _SIDES.get(CORNERS.get(kind, 0), ())
+        for number, face in enumerate(faces):
+            if (side == number).any():
+                found.append(cells[local[side == number]][:, list(face)])
+        if faces and len(side) and not (side.min() >= 0 and side.max() < len(faces)):
+            problems.add(f"side set {name} names a side that no {kind} has", int(side.max()) + 1, f"1 to {len(faces)}")
+    return found
+
+
+def read_with_meshio(path: Path) -> MeshContent:
+    """The mesh of a file.
+
+    Raises
+    ------
+    MeshError : with the reason that meshio gives; a library that meshio lacks is named.
+    """
+    mesh = _load(path)
+    try:
+        content = _content(mesh)
+    except (ValueError, IndexError, KeyError, TypeError) as error:  # arrays that do not fit each other
+        raise MeshError([_unreadable(path, "", error)], "unreadable mesh") from None
+    _check_rows(path, content)
+    return content
+
+
+def _content(mesh: Any) -> MeshContent:
+    """What meshio has read, by solids, volumes, facets and node sets."""
+    points = np.asarray(mesh.points, dtype=float)
+    points = np.hstack([points.reshape(len(points), -1), np.zeros((len(points), 3))])[:, :3]
+    content = MeshContent(np.ascontiguousarray(points))
+    rows: list[Index] = []
+    for block in mesh.cells:
+        cells = np.asarray(block.data)
+        count = len(cells)
+        start = len(content.solids[block.type]) if block.type in content.solids else 0
+        rows.append(start + np.arange(count, dtype=np.int64))
+        if block.type in CORNERS:
+            cells = cells.astype(np.int64)
+            content.solids[block.type] = cells if not start else np.concatenate([content.solids[block.type], cells])
+        elif block.type not in FLAT and block.type not in ("vertex", "line", "line3"):
+            content.skipped[block.type] = content.skipped.get(block.type, 0) + count
+    for name, chosen in _groups(mesh).items():
+        _add(content, name, mesh.cells, rows, chosen)
+    for name, nodes in _node_sets(mesh).items():
+        if len(nodes):
+            content.node_sets[name] = nodes
+    return content
+
+
+def _load(path: Path) -> Any:
+    """Read a file with meshio, which calls ``sys.exit`` on some bad files and prints on others."""
+    import meshio
+
+    noise = io.StringIO()
+    try:
+        with contextlib.redirect_stdout(noise), contextlib.redirect_stderr(noise):
+            return meshio.read(path)
+    except ModuleNotFoundError as error:
+        name = str(error.name).split(".")[0]
+        raise MeshError(
+            [
+                Problem(
+                    path.name,
+                    f"files of this format ({path.suffix}) need the library {name}",
+                    remedy=_NEEDS.get(name, f"pip install {name}"),
+                )
+            ],
+            "unreadable mesh",
+        ) from None
+    except (Exception, SystemExit) as error:  # meshio raises many kinds and calls sys.exit on bad input
+        raise MeshError([_unreadable(path, noise.getvalue(), error)], "unreadable mesh") from None
+
+
+def _unreadable(path: Path, noise: str, error: BaseException) -> Problem:
+    """What meshio says of a file: the reasons it prints, not the sum of them, which it prints last."""
+    lines = [" ".join(line.split()) for line in noise.splitlines() if line.strip()]
+    reasons = [line for line in lines if not line.startswith(("Error: Couldn't read file", "Couldn't read file"))]
+    own = "" if isinstance(error, SystemExit) else str(error) or type(error).__name__
+    if isinstance(error, KeyError | IndexError | ValueError | AttributeError | TypeError):
+        own = f"{type(error).__name__} {own}"
+    reason = "; ".join([*reasons[:3], own] if own else reasons[:3]) or "; ".join(lines[-1:]) or "no reason given"
+    return Problem(path.name, f"cannot be read: {reason[:300]}", allowed=f"a whole file of the format {path.suffix}")
+
+
+def _groups(mesh: Any) -> dict[str, list[Index]]:
+    """Cells of every group: for each block of cells, the rows that belong to it."""
+    nothing = np.zeros(0, dtype=np.int64)
+    groups: dict[str, list[Index]] = {}
+    for name, blocks in mesh.cell_sets.items():
+        if name.startswith("gmsh:"):
+            continue
+        found = [np.asarray([] if b is None else b, dtype=np.int64) for b in blocks]
+        # a set written before later blocks names no cell of them
+        groups[name] = found + [nothing] * (len(mesh.cells) - len(found))
+    physical = mesh.cell_data.get("gmsh:physical")
+    named = {name: tag for name, tag in mesh.field_data.items() if np.size(tag) == 2} if physical is not None else {}
+    for name, (tag, dimension) in named.items():
+        if name not in groups:
+            groups[name] = [
+                np.flatnonzero(np.asarray(tags) == tag) if _dimension(block.type) == dimension else nothing
+                for block, tags in zip(mesh.cells, physical, strict=True)
+            ]
+    for tag, names in getattr(mesh, "cell_tags", {}).items():  # families of .med: one tag, several groups
+        for name in names:
+            before = groups.setdefault(name, [nothing] * len(mesh.cells))
+            groups[name] = [
+                np.union1d(rows, np.flatnonzero(np.asarray(tags) == tag))
+                for rows, tags in zip(before, mesh.cell_data["cell_tags"], strict=True)
+            ]
+    return groups or _groups_of_data(mesh)
+
+
+def _groups_of_data(mesh: Any) -> dict[str, list[Index]]:
+    """Groups of a file without names: one for each value of its integer data, the first that tells parts apart."""
+    for key in sorted(mesh.cell_data, key=lambda k: (k != "gmsh:physical", k)):
+        tables = [np.asarray(values).ravel() for values in mesh.cell_data[key]]
+        whole = all(len(t) == len(b.data) for t, b in zip(tables, mesh.cells, strict=True))
+        values = np.unique(np.concatenate(tables)) if tables and whole else np.zeros(0)
+        if not 0 < len(values) <= _MOST_VALUES or not np.issubdtype(values.dtype, np.integer):
+            continue
+        none = 0 if key.startswith(("gmsh:", "medit:")) else None  # cells in no group
+        short = re.sub("[^A-Za-z0-9_]+", "_", key.split(":")[-1]).strip("_") or "group"
+        return {
+            f"{short}_{int(value)}": [np.flatnonzero(table == value) for table in tables]
+            for value in values
+            if value != none
+        }
+    return {}
+
+
+def _node_sets(mesh: Any) -> dict[str, Index]:
+    sets = {str(name): np.asarray(rows).ravel() for name, rows in mesh.point_sets.items()}
+    for tag, names in getattr(mesh, "point_tags", {}).items():
+        rows = np.flatnonzero(np.asarray(mesh.point_data["point_tags"]) == tag)
+        for name in names:
+            sets[name] = np.union1d(sets.get(name, rows), rows)
+    return {
+        name: rows.astype(np.int64)
+        for name, rows in sets.items()
+        if np.issubdtype(rows.dtype, np.integer) and not name.startswith("gmsh:")
+    }
+
+
+def _dimension(kind: str) -> int:
+    """Dimension of a type of cells; -1: neither solid nor surface."""
+    return 3 if kind in CORNERS else 2 if kind in FLAT else -1
+
+
+def _add(content: MeshContent, name: str, blocks: Any, rows: list[Index], chosen: list[Index]) -> None:
+    """Cells of a group under its name: solids as a volume group, surface cells as facets."""
+    for block, start, select in zip(blocks, rows, chosen, strict=True):
+        if not len(select):
+            continue
+        if block.type in CORNERS:
+            group = content.volumes.setdefault(name, {})
+            before = group.get(block.type, np.zeros(0, dtype=np.int64))
+            group[block.type] = np.concatenate([before, start[select]])
+        elif block.type in FLAT:
+            facets = np.asarray(block.data, dtype=np.int64)[select][:, : FLAT[block.type]]
+            content.facets.setdefault(name, []).append(facets)
+
+
+def _check_rows(path: Path, content: MeshContent) -> None:
+    """Cells and sets name nodes that are there."""
+    tables = [*content.solids.values(), *content.node_sets.values()]
+    tables += [facets for found in content.facets.values() for facets in found]
+    if any(t.size and not (t.min() >= 0 and t.max() < len(content.points)) for t in tables):
+        raise MeshError(
+            [Problem(path.name, "cells name nodes that are not there", allowed=f"{len(content.points)} nodes")],
+            "unreadable mesh",
+        )
