@@ -13,7 +13,7 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 
 from latin_fmu.assembly.build import Prepared
-from latin_fmu.assembly.merge import Merged, merge
+from latin_fmu.assembly.merged_assembly import Merged, merge
 from latin_fmu.compiled import COMPILES
 from latin_fmu.kernels import entries
 from latin_fmu.propagator import DirectPropagator

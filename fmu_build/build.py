@@ -8,7 +8,7 @@ from typing import Literal
 
 import latin_fmu
 from latin_fmu.assembly.build import prepare
-from latin_fmu.assembly.search import completed
+from latin_fmu.assembly.interfaces import completed
 from latin_fmu.cosim.table_file import table_text
 from latin_fmu.cosim.variables import table_of
 from latin_fmu.errors import InputError, Problem

@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 import latin_fmu
-from latin_fmu.assembly.search import completed
+from latin_fmu.assembly.interfaces import completed
 from latin_fmu.exchange.equations import Equations
 from latin_fmu.exchange.names import Names
 from latin_fmu.exchange.reduce import reduced_system

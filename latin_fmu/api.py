@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Protocol
 
 from .assembly.build import Built, build, prepare
-from .assembly.sizes import body_lines, size_remarks
+from .assembly.checks import body_lines, size_remarks
 from .blas_threads import one_thread
 from .interface import Behaviour
 from .latin.drift import drift_remarks

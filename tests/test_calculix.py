@@ -14,7 +14,7 @@ import pytest
 
 import latin_fmu
 from latin_fmu.assembly.build import Prepared, build, prepare
-from latin_fmu.assembly.merge import bonded
+from latin_fmu.assembly.merged_assembly import bonded
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 

@@ -21,30 +21,26 @@ from ..results.recovered import Recovered
 from ..scene.schema import Scene
 from ..scene.solver_settings import WHOLE, Anderson, Uniform
 from ..time_scheme import QuasiStatic, TimeScheme, make_scheme
-from .arrival import arrival_times, marched_share
 from .body import Body, build_bodies
 from .checks import (
     boundaries_of,
-    characteristic_traction,
     check_faces,
     initial_problems,
+    locking_remarks,
     lumping_remarks,
     redundancy_remarks,
     sampling_remarks,
 )
-from .conditions import Conditions
+from .conditions import Conditions, conditions_on
+from .inactive_substructures import arrival_times, cut_by_arrival, marched_share
 from .initial_state import InitialState
-from .locking import locking_remarks
-from .models import ModelClass, model_classes, side_impedance
-from .pairing import Messages, build_interface, with_behaviours
+from .interfaces import Messages, build_interface, lonely_remarks, with_behaviours, with_found
+from .models import ModelClass, model_classes
 from .prediction import Prediction, predict
 from .propagator_choice import chosen_propagators, unstable_steps
-from .resting import cut_by_arrival
-from .rigid import conditions_on
 from .run_sizes import run_sizes
-from .search import lonely_remarks, with_found
-from .static_start import start_problems, starts_static, static_state
-from .statics import side_stiffness, static_traction, unheld
+from .scales import characteristic_traction, side_impedance, side_stiffness, static_traction
+from .statics import start_problems, starts_static, static_state, unheld
 from .timeline import Timeline
 
 REST = 1e-2

@@ -10,7 +10,7 @@ import scipy.sparse as sp
 
 from ..errors import Problem, SceneError
 from ..fem.elasticity import without_contact_mass
-from ..latin.layout import Array, Index, InterfaceUnit, Layout
+from ..latin.layout import Index, InterfaceUnit, Layout
 from ..propagator import LoadTerm, SubstructureModel
 from ..propagator.lumping import diagonal_matrix
 from ..propagator.model import share_patterns
@@ -18,8 +18,7 @@ from ..scene.fields import GROUND, split_face
 from ..scene.schema import Scene
 from ..time_scheme import QuasiStatic, TimeScheme
 from .body import Body
-from .conditions import Conditions
-from .rigid import RigidConditions, rigid_model
+from .conditions import Conditions, RigidConditions, rigid_model
 
 
 @dataclass(frozen=True)
@@ -210,17 +209,3 @@ def _signature(model: SubstructureModel, body: Body) -> bytes:
     if model.nodal is not None:
         digest.update((np.round(model.nodal, 9) + 0.0).tobytes())
     return digest.digest()
-
-
-def side_impedance(bodies: dict[str, Body], units: list[InterfaceUnit], layout: Layout) -> Array:
-    """Material impedance of every channel, (n_flat,), Pa s m-1; 0 on the ground and on rigid bodies."""
-    impedance = np.zeros(layout.n_flat)
-    for i, unit in enumerate(units):
-        for side, face in enumerate(unit.sides):
-            if face == GROUND or bodies[split_face(face)[0]].rigid:
-                continue
-            z_p, z_s = bodies[split_face(face)[0]].shape.impedances
-            channels = layout.channels(i, side)
-            impedance[channels[:, 0]] = z_p
-            impedance[channels[:, 1:]] = z_s
-    return impedance

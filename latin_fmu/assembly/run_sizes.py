@@ -15,7 +15,7 @@ from ..propagator.cost import Precision, Size, size_of
 from ..propagator.settings import Kind
 from ..scene.schema import Scene
 from ..scene.solver_settings import WHOLE
-from .arrival import arrival_times, marched_share
+from .inactive_substructures import arrival_times, marched_share
 from .propagator_choice import chosen_propagators
 
 if TYPE_CHECKING:

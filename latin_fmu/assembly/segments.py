@@ -21,7 +21,7 @@ from ..propagator import Propagator
 from ..scene.laws import InputLaw
 from ..scene.schema import Scene
 from .build import prepare
-from .static_start import starts_static, static_state
+from .statics import starts_static, static_state
 
 _SAME_STEP, _STEPS_KEPT = 1e-9, 8
 _RUNNING = ("friction_dissipation", "contact_dissipation", "ground_work", "joint_dissipation")

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from ..assembly.search import completed
+from ..assembly.interfaces import completed
 from ..errors import InputError, LatinError, Problem
 from ..latin.blob import decode, encode
 from ..latin.record import Array, InterfaceHistory

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..assembly.arrival import arrival_times, marched_share
+from ..assembly.inactive_substructures import arrival_times, marched_share
 from ..assembly.run_sizes import ClassSizes, RunSizes
 from ..fem.elasticity import wave_speeds
 from ..scene.fields import GROUND, split_face

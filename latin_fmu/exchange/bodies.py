@@ -9,7 +9,7 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
 from ..assembly.build import Prepared
-from ..assembly.merge import merge
+from ..assembly.merged_assembly import merge
 from ..errors import Problem, SceneError
 from ..latin.layout import InterfaceUnit
 from ..propagator import SubstructureModel

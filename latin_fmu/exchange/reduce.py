@@ -7,10 +7,9 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from ..assembly.build import Prepared, prepare
-from ..assembly.checks import characteristic_traction
-from ..assembly.models import side_impedance
-from ..assembly.search import completed
-from ..assembly.static_start import starts_static
+from ..assembly.interfaces import completed
+from ..assembly.scales import characteristic_traction, side_impedance
+from ..assembly.statics import starts_static
 from ..errors import Problem, SceneError
 from ..fem.mesh import nearest
 from ..latin.layout import Array, InterfaceUnit

@@ -7,7 +7,7 @@ import pytest
 
 import latin_fmu
 from latin_fmu.assembly.build import build, prepare
-from latin_fmu.assembly.merge import bonded
+from latin_fmu.assembly.merged_assembly import bonded
 
 from .blocks import apart, solve, stack
 from .blocks import bonded as bonded_reference

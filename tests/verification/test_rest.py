@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu.assembly.arrival import arrival_times
 from latin_fmu.assembly.build import build, prepare
-from latin_fmu.assembly.resting import cut_by_arrival
+from latin_fmu.assembly.inactive_substructures import arrival_times, cut_by_arrival
 from latin_fmu.effects import explain
 
 LENGTH, STEEL = 0.02, {"young_modulus": 210e9, "poisson_ratio": 0.3, "density": 7800.0}
