@@ -22,8 +22,7 @@ from example_tools import BLUE, GREEN, MODELS, ORANGE, options, save, table, tid
 from matplotlib.figure import Figure
 
 import latin_fmu
-from latin_fmu.accuracy.force import Force
-from latin_fmu.accuracy.measured import Measured
+from latin_fmu.accuracy.quantities import Force, Measured
 from latin_fmu.accuracy.reference import FILE, physics_of
 from latin_fmu.accuracy.runs import measure_solution
 

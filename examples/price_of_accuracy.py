@@ -21,12 +21,10 @@ from example_tools import COLOURS, MODELS, options, save, table, tidy
 from matplotlib.figure import Figure
 
 import latin_fmu
-from latin_fmu.accuracy.analysis import price
-from latin_fmu.accuracy.bench import Row
+from latin_fmu.accuracy.adaptive_resolution import Choice, choose
 from latin_fmu.accuracy.runs import measure_solution, run_at
-from latin_fmu.accuracy.study import Study, study
-from latin_fmu.accuracy.target import Choice, choose
-from latin_fmu.accuracy.variants import main_variant, variants_of
+from latin_fmu.accuracy.study import Row, Study, main_variant, study, variants_of
+from latin_fmu.accuracy.study_report import price
 from latin_fmu.scene.schema import Scene
 
 QUANTITIES = {

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from .api import check, solve
     from .errors import InputError, LatinError, MeshError, ResultsError, SceneError, SolverError
     from .observe import Iteration
-    from .results.netcdf import open_results
+    from .results.files import open_results
     from .results.solution import Solution
     from .scene.reader import load_scene, scene_from_dict
     from .scene.schema import Scene
@@ -81,7 +81,7 @@ _MODULES: Final = MappingProxyType(
         "check": "api",
         "estimate_error": "accuracy.estimate",
         "load_scene": "scene.reader",
-        "open_results": "results.netcdf",
+        "open_results": "results.files",
         "scene_from_dict": "scene.reader",
         "solve": "api",
     }

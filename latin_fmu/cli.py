@@ -87,7 +87,7 @@ class _Version(argparse.Action):
     """Prints the version; looks it up only when asked."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
-        from .results.provenance import package_version
+        from .results.dataset import package_version
 
         print(f"latin-fmu {package_version()}")
         parser.exit()

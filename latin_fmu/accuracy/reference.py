@@ -14,11 +14,10 @@ import numpy as np
 
 from ..errors import Problem, SceneError
 from ..results.estimates import ErrorEstimate, QuantityEstimate
+from ..results.quantities_of_interest import FLOOR, kind_of
 from ..scene.schema import Scene
-from .force import Force
-from .kinds import FLOOR, kind_of
-from .measured import Measured, of_force
-from .refinement import Resolution
+from .quantities import Force, Measured, of_force
+from .resolution import Resolution
 
 FILE: Final = "reference.json"
 """Name of the file with quantities known better than any run of a study, beside the scene file."""

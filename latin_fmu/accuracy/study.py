@@ -2,22 +2,203 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
+import tempfile
+import time as clock
+import tomllib
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
 
+from .. import api
+from ..errors import LatinError
 from ..results.estimates import ErrorEstimate
+from ..results.quantities_of_interest import FLOOR
+from ..scene.describe import tables_in, tag_of
+from ..scene.reader import scene_from_dict
 from ..scene.schema import Scene
-from ..scene.solver_settings import WHOLE
-from .bench import Bench, CostModel, Row, Tell
-from .companions import companions_of, reachable
-from .differences import judged
-from .kinds import FLOOR
-from .measured import Measured
+from ..scene.solver_settings import WHOLE, Solver
+from ..scene.time_settings import Time
+from .estimate import companions_of, judged, reachable
+from .quantities import Measured
 from .reference import Reference, declared
-from .refinement import Resolution, at_resolution, counts_that_vary, meshed_by_the_program
-from .runs import Run
-from .sampling import aligned
-from .variants import Variant, changed, directions_of, main_variant, unreduced, variants_of
+from .resolution import Resolution, aligned, at_resolution, counts_that_vary, in_short_windows, meshed_by_the_program
+from .runs import CostModel, Run, as_run, told
+
+AS_WRITTEN = "as written"
+
+
+@dataclass(frozen=True)
+class Variant:
+    """A way to solve a scene: its name in tables and curves, and the scene (None where refused, with the reason)."""
+
+    name: str
+    scene: Scene | None
+    refusal: str = ""
+
+
+def main_variant(scene: Scene) -> Variant:
+    """The scene with its own scheme and propagator, in short windows (the same answer, fewer passes)."""
+    return Variant(_name(scene), in_short_windows(scene))
+
+
+def unreduced(scene: Scene) -> Variant | None:
+    """The scene marched without reduction, everything else as it is; None where nothing is reduced."""
+    if scene.solver.propagator.type != "reduced":
+        return None
+    direct = changed(in_short_windows(scene), {"solver": {"propagator": "direct"}})
+    return Variant(_name(direct), direct)
+
+
+def variants_of(scene: Scene) -> list[Variant]:
+    """Every other way to march the scene, then the scene as written where it is one whole window.
+
+    Schemes without inertia answer another question and are left out.
+    """
+    short = in_short_windows(scene)
+    own = (scene.time.scheme.type, scene.solver.propagator.type)
+    whole = unreduced(scene)
+    found = [] if whole is None else [whole]
+    found += [
+        _changed(short, tag, {"time": {"scheme": tag}, "solver": {"propagator": "automatic"}})
+        for tag in _tags(Time, "scheme")
+        if tag != own[0] and "static" not in tag
+    ]
+    found += [
+        _changed(short, tag, {"solver": {"propagator": tag}})
+        for tag in _tags(Solver, "propagator")
+        if tag not in ("automatic", "direct", "explicit", own[1])
+    ]
+    if scene.solver.window == WHOLE:
+        found.append(Variant(AS_WRITTEN, scene))
+    return found
+
+
+def directions_of(scene: Scene) -> list[str]:
+    """Search directions that need no parameters."""
+    tables = tables_in(Solver.model_fields["search_direction"].annotation)
+    return (
+        [
+            str(tag_of(table))
+            for table in tables
+            if not any(field.is_required() for field in table.model_fields.values())
+        ]
+        if scene.interface
+        else []
+    )
+
+
+def changed(scene: Scene, changes: dict[str, dict[str, Any]]) -> Scene:
+    """The scene with keys of its tables replaced, checked as a whole.
+
+    Raises
+    ------
+    SceneError : the changes do not go with the rest of the scene.
+    """
+    data = tomllib.loads(scene.text())
+    for table, keys in changes.items():
+        data[table] = {**data.get(table, {}), **keys}
+    return scene_from_dict(data, scene.base_dir)
+
+
+def _changed(scene: Scene, name: str, changes: dict[str, dict[str, Any]]) -> Variant:
+    try:
+        return Variant(name, changed(scene, changes))
+    except LatinError as error:
+        return Variant(name, None, "; ".join(str(error).splitlines()[1:]).strip() or str(error))
+
+
+def _tags(table: type[Time] | type[Solver], field: str) -> list[str]:
+    return [str(tag_of(t)) for t in tables_in(table.model_fields[field].annotation)]
+
+
+def _name(scene: Scene) -> str:
+    propagator = scene.solver.propagator.type
+    scheme = scene.time.scheme
+    text = f"hht {scheme.alpha:g}" if scheme.type == "hht" else scheme.type
+    return text if propagator in ("automatic", "direct", "explicit") else f"{propagator}, {text}"
+
+
+Tell = Callable[[str], None]
+
+
+@dataclass
+class Row:
+    """One run of the study: who, at which resolution, and the run; ``failure`` says why there is none."""
+
+    series: str
+    variant: str
+    resolution: Resolution
+    tolerance: float
+    run: Run | None
+    failure: str = ""
+
+
+@dataclass
+class Bench:
+    """Solves the points of a study, each once.
+
+    Attributes
+    ----------
+    budget : CPU seconds the whole study may take. tell : hears each run as it is done. rows : all points so far.
+    """
+
+    budget: float
+    tell: Tell
+    rows: list[Row] = field(default_factory=list)
+    spent: float = 0.0
+    _known: dict[tuple[str, Resolution], tuple[Run | None, str]] = field(default_factory=dict)
+
+    def run(self, series: str, variant: Variant, resolution: Resolution, save: bool = False) -> Run | None:
+        """The run of a variant at a resolution; None where it failed (the row says why).
+
+        ``save``: its results are written to a temporary file, so that the cost of output is known.
+        """
+        key = (variant.name, resolution)
+        if key not in self._known:
+            self._known[key] = self._solve(variant, resolution, save)
+        run, failure = self._known[key]
+        scene = variant.scene
+        tolerance = resolution.tolerance or (math.nan if scene is None else scene.solver.tolerance)
+        self.rows.append(Row(series, variant.name, resolution, tolerance, run, failure))
+        return run if run is not None and not failure else None
+
+    def warm_up(self, variant: Variant, resolution: Resolution) -> None:
+        """One run that no row holds: what is compiled at first use costs no row anything."""
+        if variant.scene is not None:
+            with contextlib.suppress(LatinError):
+                api.solve(at_resolution(variant.scene, resolution))
+
+    def _solve(self, variant: Variant, resolution: Resolution, save: bool) -> tuple[Run | None, str]:
+        label = f"{variant.name}, mesh x {resolution.mesh:.3g}, steps x {resolution.time:.3g}"
+        if resolution.tolerance is not None:
+            label += f", tolerance {resolution.tolerance:g}"
+        if variant.scene is None:
+            self.tell(f"refused  {label}: {variant.refusal}")
+            return None, variant.refusal
+        start = clock.process_time()
+        try:
+            solution = api.solve(at_resolution(variant.scene, resolution))
+        except LatinError as error:
+            failure = told(error)
+            self.tell(f"refused  {label}: {failure}")
+            return None, failure
+        cpu = clock.process_time() - start
+        if save:
+            with tempfile.TemporaryDirectory() as folder:
+                solution.save(Path(folder) / "out.nc")
+        run = as_run(variant.scene, solution, resolution, cpu)
+        self.spent += clock.process_time() - start
+        self.tell(f"{cpu:7.2f} s  {label}" + ("" if run.converged else f": {run.status}"))
+        return run, "" if run.converged else run.status
+
+    @property
+    def left(self) -> float:
+        """CPU seconds left of the budget."""
+        return self.budget - self.spent
+
 
 TOGETHER, SPACE, TIME, TOLERANCE, REDUCTION, WINDOWS, REFERENCE = (
     "together",

@@ -17,7 +17,7 @@ from ..latin.recorder import SubstructureInfo, Wanted
 from ..latin.search_direction import SearchDirection, inertial_impedance, unresolved_sides
 from ..latin.settings import Settings
 from ..propagator import Propagator, StaticPropagator, make_propagator
-from ..results.recovered import Recovered
+from ..results.dataset import Recovered
 from ..scene.schema import Scene
 from ..scene.solver_settings import WHOLE, Anderson, Uniform
 from ..time_scheme import QuasiStatic, TimeScheme, make_scheme

@@ -66,8 +66,8 @@ def register(add: AddParser) -> None:
 
 
 def _cost(arguments: argparse.Namespace) -> int:
-    from ..accuracy.report import as_json, as_text
     from ..accuracy.study import study
+    from ..accuracy.study_report import as_json, as_text
     from ..scene.reader import load_scene
 
     scenes = [load_scene(path, arguments.overrides) for path in arguments.scenes]  # all before the long part
@@ -105,11 +105,9 @@ def _tell(text: str) -> None:
 
 def _write(studies: list[Study], folder: Path) -> None:
     """Page, figure and netCDF of each study, each complete or not at all."""
-    from ..accuracy.dataset import datatree
-    from ..accuracy.figure import comparison_figure, cost_figure
-    from ..accuracy.report import as_markdown
-    from ..results.files import written_whole
-    from ..results.netcdf import write_netcdf
+    from ..accuracy.study_files import comparison_figure, cost_figure, datatree
+    from ..accuracy.study_report import as_markdown
+    from ..results.files import write_netcdf, written_whole
 
     for found in studies:
         stem = folder / f"{found.scene.name}_cost"

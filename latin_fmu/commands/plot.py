@@ -71,7 +71,7 @@ def _scene_figure(arguments: argparse.Namespace) -> Figure:
 
 def _results_figure(arguments: argparse.Namespace) -> Figure:
     from ..pictures.result_picture import result_figure
-    from ..results.netcdf import open_results
+    from ..results.files import open_results
     from ..results.plots import summary_figure
 
     with closing(open_results(arguments.file)) as tree:

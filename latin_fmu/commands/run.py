@@ -14,7 +14,7 @@ from . import CONVERGED, NOT_CONVERGED
 from .scene_arguments import AddParser, add_scene, read_scene
 
 if TYPE_CHECKING:
-    from ..accuracy.target import Choice
+    from ..accuracy.adaptive_resolution import Choice
     from ..results.solution import Solution
     from ..scene.schema import Scene
 
@@ -117,7 +117,7 @@ def _target(scene: Scene, arguments: argparse.Namespace) -> float | None:
 
 def _chosen(scene: Scene, wanted: float, arguments: argparse.Namespace) -> Choice:
     """The search for the settings; what it does goes to stderr."""
-    from ..accuracy.target import choose
+    from ..accuracy.adaptive_resolution import choose
 
     def tell(text: str) -> None:
         if not arguments.quiet:

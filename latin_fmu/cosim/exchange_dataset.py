@@ -12,9 +12,8 @@ import xarray as xr
 
 from ..assembly.segments import Segment
 from ..latin.record import Array, InterfaceHistory, Outcome, SubstructureHistory, Timings, WindowRecord
-from ..results.attributes import SCHEMA_VERSION
-from ..results.dataset import AXES, datatree, result_groups
-from ..results.provenance import provenance
+from ..results.dataset import AXES, datatree, provenance, result_groups
+from ..results.groups import SCHEMA_VERSION
 from .accepted import AcceptedStep
 from .prescribed import Prescribed
 from .variable import Variable

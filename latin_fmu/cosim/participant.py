@@ -150,7 +150,7 @@ class Participant:
         """Write the results, where they are asked for."""
         target = self._values.text("resultsFile")
         if target and self._ready and self._session is not None:
-            from ..results.netcdf import write_netcdf
+            from ..results.files import write_netcdf
 
             write_netcdf(self._session.dataset(estimate=estimate_wanted(self._values)), target)
         return True

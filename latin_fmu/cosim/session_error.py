@@ -7,10 +7,10 @@ from itertools import takewhile
 from typing import TYPE_CHECKING
 
 from ..accuracy.estimate import estimate_error
-from ..accuracy.kinds import FLOOR
-from ..accuracy.refinement import with_tolerance
+from ..accuracy.resolution import with_tolerance
 from ..assembly.segments import Segment
 from ..results.estimates import ErrorEstimate
+from ..results.quantities_of_interest import FLOOR
 from ..results.solution import Solution
 from ..scene.point_laws import TableLaw
 from ..scene.schema import Scene

@@ -9,7 +9,7 @@ ITERATION_SHARE: Final = 0.1
 
 LEFT: Final = 0.5
 """Relative error that the iteration leaves in an impulse, over the tolerance on sqrt(eta): the largest of eight scenes
-at two resolutions, tolerances 1e-1 to 1e-4. Instants less, friction work up to 2 (``accuracy.kinds``)."""
+at two resolutions, tolerances 1e-1 to 1e-4. Instants less, friction work up to 2 (table in ``results``)."""
 
 _DIGITS = 12  # what a host is told and hands back gives the same tolerance to the last bit
 

@@ -14,8 +14,8 @@ from ..assembly.checks import check_faces
 from ..errors import Problem, SceneError
 from ..fem.mesh import Array, Index
 from ..latin.layout import InterfaceUnit
-from ..results.panels import Colour, colours
-from ..results.quantities import readable
+from ..results.plots import Colour, colours
+from ..results.summary import readable
 from ..scene.boundaries import Periodic, PrescribedDisplacement, PrescribedVelocity
 from ..scene.fields import GROUND, split_face
 from ..scene.interfaces import Interface

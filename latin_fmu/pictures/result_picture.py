@@ -11,7 +11,7 @@ import xarray as xr
 
 from ..errors import Problem, ResultsError
 from ..fem.mesh import Array, Mesh, cell_blocks, nearest
-from ..results.quantities import prefix_for, readable
+from ..results.summary import prefix_for, readable
 from .frame import axes_with_units, draw
 from .skin import Skin, View, skin_of
 

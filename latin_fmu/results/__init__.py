@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .netcdf import open_results
+from .files import open_results
 from .solution import Solution
 
 __all__ = ["Solution", "open_results"]

@@ -23,22 +23,97 @@ has. What a run does not have (the gap of a perfect connection, fields nobody as
 
 from __future__ import annotations
 
+import platform
 import re
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Final
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from functools import cache
+from importlib import metadata
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from ..fem.stress import Recovery, principal
 from ..latin.record import Array, InterfaceHistory, Outcome, SubstructureHistory, WindowRecord
-from .attributes import CONVENTIONS, CONVERGENCE, ENERGY, INTERFACE, SCHEMA_VERSION, SUBSTRUCTURE, annotated
-from .groups import Columns, Group
-from .recovered import LABELS, Recovered
-
-AXES: Final = ["x", "y", "z"]
-SIDES: Final = ["E", "Ep"]
+from .groups import CONVENTIONS, CONVERGENCE, ENERGY, INTERFACE, SCHEMA_VERSION, SUBSTRUCTURE, Columns, Group, annotated
 
 if TYPE_CHECKING:
     import xarray as xr
+
+
+@dataclass(frozen=True)
+class Recovered:
+    """What a scene asks for beyond displacement, velocity and mean stress.
+
+    recovery : of the substructure. strain, nodal_stress, principal_stress : as in ``[output]``; principal values are
+    those of the mean stress and of the nodal stress, as far as these are kept.
+    """
+
+    recovery: Recovery
+    strain: bool
+    nodal_stress: bool
+    principal_stress: bool
+
+    def columns(self, history: SubstructureHistory) -> Columns:
+        """Variables of the dataset of the substructure."""
+        found: Columns = {}
+        if self.strain and history.displacement is not None:
+            strain = self.recovery.strain(history.displacement)
+            found["strain"] = (("time", "cell", "strain_component"), strain)
+        if self.principal_stress and history.stress is not None:
+            found["principal_stress"] = (("time", "cell", "principal"), principal(history.stress))
+        if self.nodal_stress and history.displacement is not None:
+            stress = self.recovery.nodal_stress(history.displacement)
+            found["nodal_stress"] = (("time", "node", "stress_component"), stress)
+            if self.principal_stress:
+                found["nodal_principal_stress"] = (("time", "node", "principal"), principal(stress))
+        return found
+
+
+LABELS: Final[Mapping[str, Any]] = {
+    "stress_component": ("xx", "yy", "zz", "yz", "xz", "xy"),
+    "strain_component": ("xx", "yy", "zz", "yz", "xz", "xy"),
+    "principal": np.array([1, 2, 3], dtype=np.int32),
+}
+"""Coordinates of the dimensions of tensors."""
+
+
+PAPER = (
+    "P. Ladeveze, H. Lemoussu, P.A. Boucard, A modular approach to 3-D impact computation with frictional "
+    "contact, Computers and Structures 78 (2000) 45-51"
+)
+
+
+def package_version() -> str:
+    """Version of this package."""
+    from .. import __version__  # not at the top: the package imports this module before it knows its version
+
+    return __version__
+
+
+def provenance() -> dict[str, str]:
+    """Versions, source and time of creation, ready to be root attributes of a results file."""
+    now = datetime.now(UTC).isoformat(timespec="seconds")
+    version = package_version()
+    return {
+        "source": f"latin_fmu {version}: LATIN method",
+        "history": f"{now} computed by latin_fmu {version}",
+        "references": PAPER,
+        "latin_fmu_version": version,
+        "python_version": platform.python_version(),
+        **_libraries(),
+    }
+
+
+@cache
+def _libraries() -> dict[str, str]:
+    """Versions of the libraries, read from their metadata once (a millisecond each: as much as a small run)."""
+    return {f"{name}_version": metadata.version(name) for name in ("numpy", "scipy", "xarray")}
+
+
+AXES: Final = ["x", "y", "z"]
+SIDES: Final = ["E", "Ep"]
 
 
 def datatree(groups: Mapping[str, Group], scene_name: str) -> xr.DataTree:

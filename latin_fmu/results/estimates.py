@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from .groups import Group, Variable
-from .quantities import readable
+from .summary import readable
 
 
 @dataclass(frozen=True)

@@ -1,15 +1,23 @@
-"""Writing a result file so that it is either complete or not there."""
+"""Result files: written whole or not at all, netCDF-4 opened with a check of what it is."""
 
 from __future__ import annotations
 
 import os
 import tempfile
 import uuid
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from netCDF4 import Dataset
 
 from ..errors import Problem, ResultsError
+from .groups import SCHEMA_VERSION, Group, Variable, with_labels
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 def unwritable(path: Path, what: str, remedy: str) -> ResultsError:
@@ -75,3 +83,155 @@ def written_whole(path: str | Path) -> Iterator[Path]:
         ) from error
     finally:
         draft.unlink(missing_ok=True)
+
+
+_CHUNK: Final = {"time": 50, "point": 4096, "node": 4096, "cell": 4096}
+_SINGLE_PRECISION = (
+    "displacement",
+    "velocity",
+    "stress",
+    "strain",
+    "nodal_stress",
+    "principal_stress",
+    "nodal_principal_stress",
+)
+
+
+def write_netcdf(tree: xr.DataTree, path: str | Path) -> None:
+    """Write a DataTree as ``write_groups`` does."""
+    write_groups({node.path: Group.of_dataset(node.to_dataset(inherit=False)) for node in tree.subtree}, path)
+
+
+def write_groups(groups: Mapping[str, Group], path: str | Path) -> None:
+    """Write ``groups`` (by path) to the file ``path``, atomically: an existing file is replaced only by a complete one.
+
+    Interface fields keep double precision, substructure fields single precision; both are compressed, and
+    ``time`` is unlimited.
+
+    Raises
+    ------
+    ResultsError : the file cannot be written (folder missing or read-only, disk full, ``path`` is a folder).
+    """
+    target = Path(path)
+    with written_whole(target) as draft:
+        try:
+            with Dataset(draft, "w", format="NETCDF4") as file:
+                for where, group in with_labels(groups):
+                    _write_group(file if where == "/" else file.createGroup(where), where, group)
+        except RuntimeError as error:  # how the netCDF library reports a failed write to disk
+            raise unwritable(target, f"the netCDF library failed: {error}", "check free space") from error
+
+
+def _write_group(place: Any, where: str, group: Group) -> None:
+    """Dimensions, attributes and variables of one group."""
+    place.setncatts(group.attrs)
+    for name, size in group.sizes().items():
+        place.createDimension(name, None if name == "time" else size)
+    for name, variable in group.variables.items():
+        attrs = dict(variable.attrs)
+        if name not in group.labels and (beside := _labels_of(group, variable)):
+            attrs["coordinates"] = beside
+        if variable.values.dtype.kind in "U":
+            _write_text(place, name, variable, attrs)
+        else:
+            _write_array(place, where, name, variable, attrs)
+
+
+def _labels_of(group: Group, variable: Variable) -> str:
+    """CF's list of the coordinates of a variable that are no dimensions of their own."""
+    return " ".join(
+        name
+        for name in sorted(group.labels)
+        if group.variables[name].dims != (name,) and set(group.variables[name].dims) <= set(variable.dims)
+    )
+
+
+def _write_array(place: Any, where: str, name: str, variable: Variable, attrs: Mapping[str, Any]) -> None:
+    values = variable.values
+    kind: Any = str if values.dtype.kind == "O" else values.dtype
+    storage: dict[str, Any] = {}
+    if values.dtype.kind in "fiu":
+        if values.dtype == np.float64 and where.startswith("/substructures/") and name in _SINGLE_PRECISION:
+            kind = np.dtype(np.float32)
+        if values.dtype.kind == "f" and np.isnan(values).any():  # NaN stands for "nothing here"
+            storage["fill_value"] = np.nan
+        if name == "cell_nodes" and (values < 0).any():
+            storage["fill_value"] = -1
+        if values.size:
+            storage |= _storage(variable)
+    made = place.createVariable(name, kind, variable.dims, **storage)
+    made.setncatts(attrs)
+    if values.size:
+        made[...] = values
+
+
+def _write_text(place: Any, name: str, variable: Variable, attrs: Mapping[str, Any]) -> None:
+    """Text as bytes along a dimension of its own, the form that every reader knows."""
+    texts = np.char.encode(variable.values, "utf-8")
+    width = max(1, texts.dtype.itemsize)
+    length = f"string{width}"
+    if length not in place.dimensions:
+        place.createDimension(length, width)
+    made = place.createVariable(name, "S1", (*variable.dims, length))
+    made.setncatts(attrs)
+    made.setncattr("_Encoding", "utf-8")
+    made.set_auto_chartostring(False)
+    if texts.size:
+        made[...] = texts.astype(f"S{width}").reshape(*texts.shape, 1).view("S1")
+
+
+def _storage(variable: Variable) -> dict[str, Any]:
+    """Chunks and compression of an array; scalars have none."""
+    shape = variable.values.shape
+    if not shape:
+        return {}
+    if len(shape) == 1:
+        chunks = (min(shape[0], 4096),)
+    else:
+        chunks = tuple(min(n, _CHUNK.get(dim, n)) for dim, n in zip(variable.dims, shape, strict=True))
+    return {"zlib": True, "complevel": 1, "shuffle": True, "chunksizes": chunks}
+
+
+def open_results(path: str | Path) -> xr.DataTree:
+    """Open a results file as a DataTree, read lazily; close it with ``tree.close()``.
+
+    Times stay numbers in seconds.
+
+    Raises
+    ------
+    ResultsError : no such file, not a netCDF-4 file, not written by this package, or written by a version
+        whose layout this one does not know.
+    """
+    import xarray as xr
+
+    source = Path(path)
+    if not source.is_file():
+        what = "this is a folder" if source.is_dir() else "no such file"
+        raise _unreadable(source, what, remedy="give the .nc file written by a run")
+    try:
+        tree = xr.open_datatree(source, engine="netcdf4", decode_times=False, decode_timedelta=False)
+    except (OSError, ValueError, RuntimeError) as error:
+        remedy = "give the .nc file written by a run"
+        raise _unreadable(source, f"this is not a readable netCDF-4 file: {error}", remedy=remedy) from error
+    version = tree.attrs.get("schema_version")
+    if "scene_name" not in tree.attrs or not isinstance(version, str):
+        tree.close()
+        raise _unreadable(
+            source, "this netCDF file was not written by latin_fmu", remedy="give the .nc file written by a run"
+        )
+    if version.split(".")[0] != SCHEMA_VERSION.split(".")[0]:
+        tree.close()
+        raise _unreadable(
+            source,
+            "the layout of this file is of another version",
+            version,
+            f"{SCHEMA_VERSION.split('.')[0]}.x",
+            "open it with the version of latin_fmu that wrote it",
+        )
+    return tree
+
+
+def _unreadable(
+    path: Path, what: str, value: str | None = None, allowed: str | None = None, remedy: str | None = None
+) -> ResultsError:
+    return ResultsError([Problem(str(path), what, value, allowed, remedy)], "cannot read the results")

@@ -1,11 +1,15 @@
-"""Groups of a results file as plain arrays: what xarray shows and netCDF stores, without either."""
+"""Groups of a results file as plain arrays, and units and meaning of every variable in one table.
+
+Units are UDUNITS strings. Nothing here carries a ``standard_name``: the CF table has none for contact
+mechanics, and its ``time`` is a date, not the time since the start of a run.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import PurePosixPath
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,3 +102,122 @@ def with_labels(groups: Mapping[str, Group]) -> Iterator[tuple[str, Group]]:
         sizes = group.sizes()
         missing = {name: v for name, v in handed.items() if name in sizes and name not in group.variables}
         yield path, Group({**group.variables, **missing}, group.labels | set(missing), group.attrs)
+
+
+CONVENTIONS = "CF-1.11 UGRID-1.0"
+SCHEMA_VERSION = "1.1"
+"""Changes its first number when a name or meaning changes, the second when something is added."""
+
+
+@dataclass(frozen=True)
+class Meaning:
+    """What a variable is: UDUNITS ``units`` (None for labels and text), ``long_name``, maybe ``comment``."""
+
+    units: str | None
+    long_name: str
+    comment: str | None = None
+
+    def attributes(self) -> dict[str, str]:
+        """As netCDF attributes, absent ones left out."""
+        pairs = {"units": self.units, "long_name": self.long_name, "comment": self.comment}
+        return {key: value for key, value in pairs.items() if value is not None}
+
+
+COORDINATES: Final[Mapping[str, Meaning]] = {
+    "time": Meaning("s", "time since the start of the run"),
+    "component": Meaning(None, "global axis"),
+    "side": Meaning(None, "side of the interface"),
+    "x": Meaning("m", "x of the interface point, reference configuration, side E"),
+    "y": Meaning("m", "y of the interface point, reference configuration, side E"),
+    "z": Meaning("m", "z of the interface point, reference configuration, side E"),
+    "node_x": Meaning("m", "x of the node, reference configuration"),
+    "node_y": Meaning("m", "y of the node, reference configuration"),
+    "node_z": Meaning("m", "z of the node, reference configuration"),
+    "stress_component": Meaning(None, "component of the symmetric stress tensor"),
+    "strain_component": Meaning(None, "component of the symmetric strain tensor"),
+    "principal": Meaning("1", "number of the principal value, largest first"),
+    "window": Meaning("1", "number of the window, from 1"),
+    "iteration": Meaning("1", "number of the LATIN iteration in its window, from 1"),
+}
+
+INTERFACE: Final[Mapping[str, Meaning]] = {
+    "area": Meaning("m2", "area carried by the interface point"),
+    "normal": Meaning("1", "unit normal N, from side E to side Ep"),
+    "initial_gap": Meaning("m", "gap at the start of the run"),
+    "traction": Meaning("Pa", "traction exerted by the interface on side E", "local-stage field"),
+    "velocity": Meaning("m s-1", "velocity of both sides of the interface", "local-stage field"),
+    "gap": Meaning("m", "opening along N, from the displacements", "negative where the sides penetrate"),
+    "contact_status": Meaning(None, "contact status", "a closed frictionless point has status slip"),
+    "force": Meaning("N", "resultant force exerted by the interface on side E"),
+    "impulse": Meaning("N s", "force integrated over time since the start of the run"),
+    "friction_power": Meaning("W", "power dissipated by friction"),
+    "layer_energy": Meaning("J", "elastic energy of the layer"),
+    "joint_power": Meaning("W", "power dissipated by the viscous joint"),
+    "error_indicator": Meaning(
+        "1", "error indicator sqrt(eta) of this interface", "largest over the windows, at their last iteration"
+    ),
+}
+
+SUBSTRUCTURE: Final[Mapping[str, Meaning]] = {
+    "displacement": Meaning("m", "displacement", "linear-stage field"),
+    "velocity": Meaning("m s-1", "velocity", "linear-stage field"),
+    "stress": Meaning("Pa", "mean stress of the element, tension positive", "linear-stage field"),
+    "strain": Meaning("1", "mean strain of the element", "components of the tensor: half the engineering shear"),
+    "nodal_stress": Meaning(
+        "Pa", "stress at the node, tension positive", "mean over the elements around the node, by volume"
+    ),
+    "principal_stress": Meaning("Pa", "principal values of the mean stress of the element"),
+    "nodal_principal_stress": Meaning("Pa", "principal values of the stress at the node"),
+    "cell_nodes": Meaning(None, "nodes of each element, in VTK order", "-1: the element has fewer nodes"),
+    "mesh": Meaning(None, "topology of the mesh"),
+}
+
+ENERGY: Final[Mapping[str, Meaning]] = {
+    "kinetic": Meaning("J", "kinetic energy"),
+    "elastic": Meaning("J", "elastic energy"),
+    "work_of_loads": Meaning("J", "work of the loads since the start of the run"),
+    "interface_work": Meaning("J", "work of the interface tractions on the substructures since the start of the run"),
+    "friction_dissipation": Meaning("J", "energy dissipated by friction since the start of the run"),
+    "contact_dissipation": Meaning("J", "energy lost to the normal contact law (impacts) since the start of the run"),
+    "layer_energy": Meaning("J", "elastic energy of the layers"),
+    "joint_dissipation": Meaning("J", "energy dissipated by viscous joints since the start of the run"),
+    "ground_work": Meaning("J", "work of moving ground since the start of the run"),
+    "damping_dissipation": Meaning("J", "energy dissipated by material damping since the start of the run"),
+    "scheme_dissipation": Meaning("J", "energy dissipated by the time scheme since the start of the run"),
+    "balance": Meaning("J", "what the energy balance leaves over"),
+}
+
+CONVERGENCE: Final[Mapping[str, Meaning]] = {
+    "error_indicator": Meaning("1", "error indicator sqrt(eta) after each iteration"),
+    "force_mismatch": Meaning("1", "relative mismatch of the forces of both sides after each iteration"),
+    "iterations": Meaning("1", "LATIN iterations of the window"),
+    "converged": Meaning(None, "whether the window converged"),
+    "first_instant": Meaning("1", "index in time of the first instant of the window"),
+    "last_instant": Meaning("1", "index in time of the last instant of the window"),
+    "end_time": Meaning("s", "time at the end of the window"),
+    "fallbacks": Meaning(None, "fall-backs used in the window, in order"),
+    "passes": Meaning("1", "substructure-instants solved / (substructures x instants)"),
+}
+
+_FLAGS: Final[Mapping[str, tuple[list[int], str]]] = {
+    "contact_status": ([0, 1, 2], "separation stick slip"),
+    "converged": ([0, 1], "not_converged converged"),
+}
+
+
+def annotated(group: Group, meanings: Mapping[str, Meaning]) -> Group:
+    """``group`` with units, long names and flags from ``meanings`` and ``COORDINATES``, in place.
+
+    A variable no table explains gets its name as long name: a new energy term is stored all the same.
+    """
+    for name, variable in group.variables.items():
+        meaning = meanings.get(name) or COORDINATES.get(name) or _unexplained(name, meanings)
+        variable.attrs.update(meaning.attributes())
+        if name in _FLAGS and name in meanings:
+            values, words = _FLAGS[name]
+            variable.attrs.update(flag_values=np.array(values, dtype=np.int8), flag_meanings=words)
+    return group
+
+
+def _unexplained(name: str, meanings: Mapping[str, Meaning]) -> Meaning:
+    return Meaning("J" if meanings is ENERGY else None, name.replace("_", " "))

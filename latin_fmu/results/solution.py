@@ -9,14 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..latin.record import Array, InterfaceHistory, Outcome, SubstructureHistory, Timings, WindowRecord
-from .dataset import datatree, result_groups
+from .dataset import Recovered, datatree, provenance, result_groups
 from .estimates import ErrorEstimate
+from .files import write_groups
 from .groups import Group
-from .netcdf import write_groups
-from .provenance import provenance
-from .recovered import Recovered
-from .report import report
-from .summary import summary
+from .summary import report, summary
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -1,15 +1,109 @@
-"""A run in words: what a person reads after it."""
+"""A run in words and in figures: numbers with SI prefixes, the summary for people, the report for programs."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from typing import Any, Final
 
 import numpy as np
 
-from ..latin.record import InterfaceHistory, Outcome
-from .measures import InterfaceFields, first_contact_time, largest_slip_share, peak_force, separation_time
-from .quantities import readable, readable_vector
-from .report import cpu_seconds
+from ..latin.record import InterfaceHistory, Outcome, Timings
+from .quantities_of_interest import InterfaceFields, first_contact_time, largest_slip_share, peak_force, separation_time
+
+_PREFIXES: Final = {-15: "f", -12: "p", -9: "n", -6: "u", -3: "m", 0: "", 3: "k", 6: "M", 9: "G", 12: "T"}
+
+
+def prefix_for(largest: float, unit: str, micro: str = "u") -> tuple[float, str]:
+    """Divisor and prefixed unit that bring ``largest`` between 1 and 1000.
+
+    Micro is written "u", which every terminal can print; figures pass ``micro="µ"``.
+
+    >>> prefix_for(2.5e-5, "s")
+    (1e-06, 'us')
+    """
+    size = abs(largest)
+    if not math.isfinite(size) or size == 0.0:
+        return 1.0, unit
+    power = 3 * math.floor(math.log10(size * (1 + 1e-12)) / 3)
+    power = min(max(power, min(_PREFIXES)), max(_PREFIXES))
+    return float(f"1e{power}"), (micro if power == -6 else _PREFIXES[power]) + unit
+
+
+def readable(value: float | None, unit: str, digits: int = 4) -> str:
+    """``value`` with a prefixed unit and ``digits`` significant digits; ``-`` for None.
+
+    >>> readable(26800.0, "N")
+    '26.80 kN'
+    """
+    if value is None:
+        return "-"
+    divisor, label = prefix_for(value, unit)
+    return f"{_digits(value / divisor, digits)} {label}"
+
+
+def readable_vector(values: Sequence[float], unit: str, digits: int = 4) -> str:
+    """Components with one common prefix, e.g. ``(0, 0, -3.9) mN s``; components below round-off are 0."""
+    size = max((abs(value) for value in values), default=0.0)
+    divisor, label = prefix_for(size, unit)
+    shown = (0.0 if abs(value) < 1e-6 * size else value / divisor for value in values)
+    return f"({', '.join(_digits(value, digits) for value in shown)}) {label}"
+
+
+def _digits(value: float, digits: int) -> str:
+    """Significant digits, trailing zeros kept; a plain 0 for zero."""
+    return "0" if value == 0.0 else f"{value:#.{digits}g}".rstrip(".")
+
+
+def report(outcome: Outcome) -> dict[str, Any]:
+    """Plain data that strict JSON can hold (a number that is not finite becomes None).
+
+    Keys: ``status``, ``converged``, ``iterations`` (one count per window), ``passes``, ``error_indicator``
+    (the amplitude sqrt(eta), largest over windows), ``cpu_seconds`` by part, ``peak_memory_bytes``,
+    ``penetration`` (m), ``warnings``, and ``interfaces``: per name ``impulse`` (vector, N s), ``peak_force``
+    (N, of the normal resultant), ``first_contact_time`` and ``separation_time`` (s; first and last instant at
+    which the normal resultant exceeds 1 % of its peak, None if never) and ``error_indicator``. A solution with an
+    error estimate adds ``error_estimate``, see ``results.estimates``.
+    """
+    return {
+        "status": outcome.status,
+        "converged": bool(outcome.converged),
+        "iterations": [window.iterations for window in outcome.windows],
+        "passes": _number(outcome.passes),
+        "error_indicator": _number(outcome.error_indicator),
+        "cpu_seconds": cpu_seconds(outcome.timings),
+        "peak_memory_bytes": int(outcome.timings.peak_memory),
+        "penetration": _number(outcome.penetration()),
+        "warnings": list(outcome.warnings),
+        "interfaces": {name: _interface(outcome, history) for name, history in outcome.interfaces.items()},
+    }
+
+
+def cpu_seconds(timings: Timings) -> dict[str, float | None]:
+    """CPU seconds of the process by part, and their sum."""
+    parts = {
+        "set_up": timings.setup,
+        "march": timings.march,
+        "other": timings.other,
+        "output": timings.output,
+        "total": timings.total,
+    }
+    return {part: _number(seconds) for part, seconds in parts.items()}
+
+
+def _interface(outcome: Outcome, history: InterfaceHistory) -> dict[str, Any]:
+    fields = InterfaceFields.of_history(history, outcome.time)
+    return {
+        "impulse": [_number(value) for value in history.impulse(outcome.time)[-1]],
+        "peak_force": _number(peak_force(fields)),
+        "first_contact_time": _number(first_contact_time(fields)),
+        "separation_time": _number(separation_time(fields)),
+        "error_indicator": _number(outcome.interface_indicator.get(history.name)),
+    }
+
+
+def _number(value: float | None) -> float | None:
+    return float(value) if value is not None and math.isfinite(value) else None
 
 
 def summary(outcome: Outcome, scene_name: str) -> str:

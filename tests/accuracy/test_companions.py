@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu.accuracy.companions import companions_of, reachable
-from latin_fmu.accuracy.refinement import Resolution, at_resolution, in_short_windows
-from latin_fmu.accuracy.sampling import aligned, sampling_error
+from latin_fmu.accuracy.estimate import companions_of, reachable
+from latin_fmu.accuracy.resolution import Resolution, aligned, at_resolution, in_short_windows, sampling_error
 
 from ..verification.known_answers import MODELS, shipped
 

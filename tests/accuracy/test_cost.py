@@ -12,15 +12,24 @@ import pytest
 import xarray as xr
 
 from latin_fmu.accuracy import study as study_module
-from latin_fmu.accuracy.analysis import price, sources, useful_tolerances
-from latin_fmu.accuracy.bench import Bench, CostModel, Row
-from latin_fmu.accuracy.measured import Measured
+from latin_fmu.accuracy.quantities import Measured
 from latin_fmu.accuracy.reference import Reference
-from latin_fmu.accuracy.refinement import Resolution
-from latin_fmu.accuracy.report import as_text
-from latin_fmu.accuracy.runs import Run, run_at
-from latin_fmu.accuracy.study import REDUCTION, SPACE, TIGHT, TIME, TOGETHER, TOLERANCE, Study
-from latin_fmu.accuracy.variants import unreduced, variants_of
+from latin_fmu.accuracy.resolution import Resolution
+from latin_fmu.accuracy.runs import CostModel, Run, run_at
+from latin_fmu.accuracy.study import (
+    REDUCTION,
+    SPACE,
+    TIGHT,
+    TIME,
+    TOGETHER,
+    TOLERANCE,
+    Bench,
+    Row,
+    Study,
+    unreduced,
+    variants_of,
+)
+from latin_fmu.accuracy.study_report import as_text, price, sources, useful_tolerances
 from latin_fmu.cli import main
 from latin_fmu.latin.record import Timings
 from latin_fmu.scene.reader import load_scene

@@ -6,8 +6,8 @@ import math
 
 import pytest
 
-from latin_fmu.accuracy.extrapolation import Differences, judge, observed_order
-from latin_fmu.accuracy.kinds import FORCE_HISTORY, IMPULSE
+from latin_fmu.accuracy.estimate import Differences, judge, observed_order
+from latin_fmu.results.quantities_of_interest import FORCE_HISTORY, IMPULSE
 
 
 def series(order: float, ratios: tuple[float, float], error: float = 0.01) -> tuple[float, float]:

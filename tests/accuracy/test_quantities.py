@@ -7,9 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from latin_fmu.accuracy import kinds
-from latin_fmu.accuracy.force import Force
-from latin_fmu.accuracy.measured import measure, of_force
+from latin_fmu.accuracy.quantities import Force, measure, of_force
+from latin_fmu.results import quantities_of_interest as kinds
 from latin_fmu.scene.accuracy_settings import QUANTITY_KEYS
 
 from ..results import synthetic

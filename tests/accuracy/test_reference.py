@@ -11,7 +11,7 @@ import pytest
 
 import latin_fmu
 from latin_fmu.accuracy.reference import FILE, declared, physics_of
-from latin_fmu.accuracy.refinement import Resolution, at_resolution
+from latin_fmu.accuracy.resolution import Resolution, at_resolution
 from latin_fmu.accuracy.runs import measure_solution
 
 from ..verification.known_answers import MODELS, beam_in_traction, bouncing_bar, impact_bar, shear_interface, shipped

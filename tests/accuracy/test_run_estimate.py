@@ -11,7 +11,7 @@ import pytest
 import latin_fmu
 from latin_fmu.accuracy import estimate as estimate_module
 from latin_fmu.accuracy.estimate import estimate_error
-from latin_fmu.accuracy.refinement import Resolution, at_resolution
+from latin_fmu.accuracy.resolution import Resolution, at_resolution
 from latin_fmu.accuracy.runs import Run, run_at
 from latin_fmu.cli import main
 from latin_fmu.errors import Problem

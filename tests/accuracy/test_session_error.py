@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu.accuracy.kinds import FLOOR
 from latin_fmu.cosim import Session, Settings
 from latin_fmu.cosim.accepted import AcceptedStep
 from latin_fmu.cosim.loads import curves_of
 from latin_fmu.cosim.participant import Participant
 from latin_fmu.cosim.variables import HOLD, LINE, PRESCRIBED, RATE, table_of
 from latin_fmu.results.estimates import ErrorEstimate
+from latin_fmu.results.quantities_of_interest import FLOOR
 from latin_fmu.scene.schema import Scene
 
 from ..verification.known_answers import Known, smooth_pulse

@@ -8,10 +8,8 @@ from pathlib import Path
 import pytest
 
 import latin_fmu
-from latin_fmu.accuracy.ladder import COURANT, Ladder, step_ratio
-from latin_fmu.accuracy.ladder_error import ladder_error
+from latin_fmu.accuracy.adaptive_resolution import COURANT, Choice, Ladder, choose, ladder_error, step_ratio
 from latin_fmu.accuracy.runs import measure_solution
-from latin_fmu.accuracy.target import Choice, choose
 from latin_fmu.cli import main
 
 from ..verification.known_answers import MODELS, Known, impact_bar, shipped

@@ -122,7 +122,7 @@ def test_steps_rolled_back_are_not_in_the_dataset():
 
 def test_dataset_is_written_and_read(tmp_path):
     from latin_fmu import open_results
-    from latin_fmu.results.netcdf import write_netcdf
+    from latin_fmu.results.files import write_netcdf
 
     session = Session(blocks(output={"energy": True, "fields": True}))
     session.initialize()

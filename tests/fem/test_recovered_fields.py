@@ -13,7 +13,7 @@ import xarray as xr
 from latin_fmu import api
 from latin_fmu.cosim.session import Session
 from latin_fmu.effects import explain
-from latin_fmu.results.netcdf import open_results
+from latin_fmu.results.files import open_results
 from latin_fmu.results.vtk import export_vtu
 from latin_fmu.scene.reader import scene_from_dict
 

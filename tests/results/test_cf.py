@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 import xarray as xr
 
-from latin_fmu.results.netcdf import write_netcdf
+from latin_fmu.results.files import write_netcdf
 from latin_fmu.results.solution import Solution
 
 _BESIDE = str(Path(sys.executable).parent)

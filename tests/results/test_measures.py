@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from latin_fmu.results import measures
+from latin_fmu.results import quantities_of_interest as measures
 from latin_fmu.results.dataset import interface_group
-from latin_fmu.results.measures import InterfaceFields
+from latin_fmu.results.quantities_of_interest import InterfaceFields
 
 from . import synthetic
 

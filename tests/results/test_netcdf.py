@@ -13,8 +13,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from latin_fmu import ResultsError
-from latin_fmu.results import netcdf
-from latin_fmu.results.netcdf import open_results, write_netcdf
+from latin_fmu.results import files as netcdf
+from latin_fmu.results.files import open_results, write_netcdf
 from latin_fmu.results.solution import Solution
 
 from . import synthetic

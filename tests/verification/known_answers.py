@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 
 import latin_fmu
-from latin_fmu.accuracy.force import Force
-from latin_fmu.accuracy.measured import Measured, of_force
-from latin_fmu.accuracy.refinement import in_short_windows
+from latin_fmu.accuracy.quantities import Force, Measured, of_force
+from latin_fmu.accuracy.resolution import in_short_windows
 from latin_fmu.scene.schema import Scene
 from latin_fmu.stability.scenes import Stuff, bar, two_boxes
 

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from latin_fmu import api, load_scene
-from latin_fmu.accuracy.force import Force
-from latin_fmu.accuracy.measured import of_force
+from latin_fmu.accuracy.quantities import Force, of_force
 from latin_fmu.accuracy.reference import declared
 
 from .known_answers import MODELS
