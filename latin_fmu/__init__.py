@@ -11,7 +11,7 @@ equations                                                              module
 =====================================================================  ==========================================
 (1)-(5)    kinematics, initial values, equilibrium, elasticity         fem.elasticity, assembly.conditions
 (6), (15)  an interface behaviour and its contract                     interface.behaviour
-(7)        perfect connection                                          interface.perfect, kernels.laws
+(7)        perfect connection                                          interface.joints, kernels.laws
 (8)-(14)   linear stage: F - F_hat = -k (W - W_hat), dashpots k        kernels.substructure, kernels.iteration
            in windows of several instants                              kernels.sweep, kernels.windows
 (12)-(17)  search directions k                                         latin.search_direction
@@ -23,7 +23,7 @@ equations                                                              module
                                                                        kernels.instants
            windows, fall-backs                                         latin.windows, latin.solver
            t = 0                                                       latin.start
-           time schemes; their energy identity                         time_scheme.hht, kernels.energy
+           time schemes; their energy identity                         time_scheme.implicit, kernels.energy
 =====================================================================  ==========================================
 
 Faces whose nodes do not match are joined by ``fem.mortar``. What a run holds in numbers lies in a few pools of memory

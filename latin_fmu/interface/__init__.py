@@ -3,7 +3,7 @@
 from .behaviour import Behaviour
 from .contact import Contact
 from .geometry import InterfaceGeometry
-from .perfect import Perfect
+from .joints import Perfect
 from .registry import BEHAVIOURS, make_behaviour
 
 __all__ = ["BEHAVIOURS", "Behaviour", "Contact", "InterfaceGeometry", "Perfect", "make_behaviour"]

@@ -1,4 +1,4 @@
-"""Interface behaviours by name: a new behaviour is one file and one line here."""
+"""Interface behaviours by name: a new behaviour is one class and one line here."""
 
 from __future__ import annotations
 
@@ -6,12 +6,8 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
 from .behaviour import Behaviour
-from .contact import Contact
-from .elastic_layer import ElasticLayer
-from .no_slip import NoSlip
-from .perfect import Perfect
-from .soft_contact import SoftContact
-from .viscous_joint import ViscousJoint
+from .contact import Contact, NoSlip, SoftContact
+from .joints import ElasticLayer, Perfect, ViscousJoint
 
 BEHAVIOURS: Mapping[str, Callable[..., Behaviour]] = MappingProxyType(
     {

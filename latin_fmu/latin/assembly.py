@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..interface.no_slip import NoSlip
+from ..interface.contact import NoSlip
 from ..propagator import Propagator
 from ..time_scheme import QuasiStatic, TimeScheme
 from .layout import Array, Index, InterfaceUnit, Layout

@@ -17,7 +17,7 @@ from typing import NoReturn
 
 import numpy as np
 
-from ..time_scheme.quasi_static import QuasiStatic
+from ..time_scheme import QuasiStatic
 from .base import Propagator
 from .model import Array, SubstructureModel
 from .static_operators import StaticOperators, build_static_operators

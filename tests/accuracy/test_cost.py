@@ -34,7 +34,7 @@ from latin_fmu.cli import main
 from latin_fmu.latin.record import Timings
 from latin_fmu.scene.reader import load_scene
 from latin_fmu.scene.time_settings import MasslessContact
-from latin_fmu.time_scheme.registry import SCHEMES
+from latin_fmu.time_scheme import SCHEMES
 
 from ..verification.known_answers import MODELS, shipped
 

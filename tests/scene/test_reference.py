@@ -17,7 +17,7 @@ from latin_fmu.scene.reference import reference_schema, reference_text
 from latin_fmu.scene.reference_text import EXAMPLE
 from latin_fmu.scene.schema import Scene
 from latin_fmu.scene.time_settings import Time
-from latin_fmu.time_scheme.registry import SCHEMES
+from latin_fmu.time_scheme import SCHEMES
 
 
 def all_tables() -> list[type[BaseModel]]:
