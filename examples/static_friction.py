@@ -17,7 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 import latin_fmu
-from latin_fmu.latin.coarse import Coarse
+from latin_fmu.latin.search_direction import Coarse
 
 SCENE = MODELS / "gripped_bar" / "scene.toml"
 PULL, LOST, STIFFNESS, LENGTH = 150e3, 500e3, 80e6, 0.5

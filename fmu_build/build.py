@@ -12,7 +12,7 @@ from latin_fmu.assembly.interfaces import completed
 from latin_fmu.cosim.table_file import table_text
 from latin_fmu.cosim.variables import table_of
 from latin_fmu.errors import InputError, Problem
-from latin_fmu.latin.wanted_accuracy import accuracy_of
+from latin_fmu.latin.settings import accuracy_of
 from latin_fmu.results.files import written_whole
 from latin_fmu.scene.schema import Scene
 

@@ -15,7 +15,7 @@ from latin_fmu.cosim.session import Session
 from latin_fmu.cosim.settings import Settings
 from latin_fmu.cosim.variables import input_loads
 from latin_fmu.errors import InputError, Problem, SolverError
-from latin_fmu.latin.wanted_accuracy import accuracy_of
+from latin_fmu.latin.settings import accuracy_of
 from latin_fmu.scene.laws import InputLaw, TimeLaw
 from latin_fmu.scene.schema import Scene
 

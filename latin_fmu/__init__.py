@@ -22,7 +22,7 @@ equations                                                              module
            loop, acceleration; from instant to instant                 kernels.iteration, kernels.acceleration
                                                                        kernels.instants
            windows, fall-backs                                         latin.windows, latin.solver
-           t = 0                                                       latin.start
+           t = 0                                                       latin.initial_conditions
            time schemes; their energy identity                         time_scheme.implicit, kernels.energy
 =====================================================================  ==========================================
 

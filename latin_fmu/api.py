@@ -10,12 +10,11 @@ from .assembly.build import Built, build, prepare
 from .assembly.checks import body_lines, size_remarks
 from .blas_threads import one_thread
 from .interface import Behaviour
-from .latin.drift import drift_remarks
-from .latin.layout import InterfaceUnit
+from .latin.assembly import InterfaceUnit
 from .latin.record import Outcome, Timings
 from .latin.recorder import Recorder
 from .latin.solver import IterationEvent
-from .latin.status import status
+from .latin.status import drift_remarks, status
 from .latin.windows import Run
 from .memory import peak_memory
 from .observe import Iteration, Observer

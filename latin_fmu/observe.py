@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .latin.assembly import Assembly
-from .latin.layout import Array
+from .latin.assembly import Array, Assembly
 from .latin.record import InterfaceHistory
 from .latin.recorder import interface_history
 from .latin.solver import IterationEvent

@@ -11,7 +11,7 @@ from typing import Any
 from .. import api
 from ..errors import LatinError
 from ..fem.elasticity import wave_speeds
-from ..latin.wanted_accuracy import tolerance_for
+from ..latin.settings import tolerance_for
 from ..results.estimates import ErrorEstimate, QuantityEstimate
 from ..results.quantities_of_interest import FIRST_CONTACT, FLOOR, PEAK_FORCE, SEPARATION, Kind, kind_of
 from ..results.solution import Solution

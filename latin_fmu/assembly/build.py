@@ -11,11 +11,10 @@ import numpy as np
 from ..errors import Problem, SceneError
 from ..fem.mesh import padded_cells
 from ..interface import Behaviour
-from ..latin.assembly import Assembly
-from ..latin.layout import Array, InterfaceUnit, Layout
+from ..latin.assembly import Array, Assembly, InterfaceUnit, Layout
 from ..latin.recorder import SubstructureInfo, Wanted
-from ..latin.search_direction import SearchDirection, inertial_impedance, unresolved_sides
-from ..latin.settings import Settings
+from ..latin.search_direction import inertial_impedance, unresolved_sides
+from ..latin.settings import SearchDirection, Settings
 from ..propagator import Propagator, StaticPropagator, make_propagator
 from ..results.dataset import Recovered
 from ..scene.schema import Scene

@@ -23,7 +23,7 @@ from ..errors import Problem
 from ..fem.elasticity import BENDING_CELLS
 from ..fem.elements import rigid_body
 from ..fem.mesh import Array, FacetSet, Mesh
-from ..latin.layout import InterfaceUnit
+from ..latin.assembly import InterfaceUnit
 from ..scene.boundaries import AXES, Boundary, Fixed, Periodic, PrescribedDisplacement, PrescribedVelocity, Symmetry
 from ..scene.fields import ALL_OF_IT, GROUND, split_face
 from ..scene.laws import TimeLaw, sampled_impulse_error

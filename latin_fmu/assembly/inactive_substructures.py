@@ -19,7 +19,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..fem.mesh import Array, nearest
-from ..latin.layout import InterfaceUnit
+from ..latin.assembly import InterfaceUnit
 from ..scene.boundaries import PrescribedDisplacement, PrescribedVelocity
 from ..scene.fields import GROUND, split_face
 from ..scene.laws import InputLaw, TimeLaw

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from ..latin.assembly import Assembly
-from ..latin.layout import Array
+from ..latin.assembly import Array, Assembly
 from .models import ModelClass
 
 

@@ -15,7 +15,7 @@ from ..fem.mesh import Array, nearest
 from ..fem.surface import Surface
 from ..interface import Behaviour, InterfaceGeometry, make_behaviour
 from ..interface.geometry import local_frames
-from ..latin.layout import InterfaceUnit
+from ..latin.assembly import InterfaceUnit
 from ..scene.fields import ALL_OF_IT, GROUND, split_face
 from ..scene.interface_keys import PARAMETERS, TAKES
 from ..scene.interfaces import Interface

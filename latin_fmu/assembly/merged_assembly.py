@@ -19,8 +19,7 @@ import scipy.sparse.linalg as spla
 from scipy.sparse.csgraph import connected_components
 
 from ..fem.mesh import Array, CellBlock, Index, Mesh, cell_blocks, nested_dissection
-from ..latin.assembly import Assembly
-from ..latin.layout import InterfaceUnit
+from ..latin.assembly import Assembly, InterfaceUnit
 from ..latin.recorder import SubstructureInfo
 from ..propagator import DirectPropagator, Histories, LoadTerm, SubstructureModel
 from ..scene.fields import split_face

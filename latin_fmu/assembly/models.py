@@ -10,7 +10,7 @@ import scipy.sparse as sp
 
 from ..errors import Problem, SceneError
 from ..fem.elasticity import without_contact_mass
-from ..latin.layout import Index, InterfaceUnit, Layout
+from ..latin.assembly import Index, InterfaceUnit, Layout
 from ..propagator import LoadTerm, SubstructureModel
 from ..propagator.lumping import diagonal_matrix
 from ..propagator.model import share_patterns

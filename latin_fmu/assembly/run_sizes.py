@@ -10,7 +10,7 @@ import numpy as np
 
 from ..compiled import COMPILES
 from ..interface.behaviour import bonds
-from ..latin.layout import InterfaceUnit
+from ..latin.assembly import InterfaceUnit
 from ..propagator.cost import Precision, Size, size_of
 from ..propagator.settings import Kind
 from ..scene.schema import Scene

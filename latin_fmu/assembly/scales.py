@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..fem.elasticity import lame
-from ..latin.layout import Array, InterfaceUnit, Layout
+from ..latin.assembly import Array, InterfaceUnit, Layout
 from ..scene.boundaries import PrescribedDisplacement, PrescribedVelocity
 from ..scene.fields import GROUND, split_face
 from ..scene.laws import InputLaw, TimeLaw

@@ -12,9 +12,9 @@ import numpy as np
 from ..blas_threads import one_thread
 from ..fem.mesh import Array
 from ..latin.assembly import GroundState
-from ..latin.blob import decode, encode
 from ..latin.record import InterfaceHistory, SubstructureHistory, Timings, WindowRecord
 from ..latin.recorder import Recorder
+from ..latin.state_serialization import decode, encode
 from ..latin.status import status
 from ..latin.windows import Run
 from ..propagator import Propagator

@@ -18,7 +18,7 @@ import scipy.linalg as la
 from ..errors import Problem, SceneError
 from ..fem.mesh import Array
 from ..interface.behaviour import bonds
-from ..latin.layout import InterfaceUnit, Layout
+from ..latin.assembly import InterfaceUnit, Layout
 from ..latin.record import Timings
 from ..latin.recorder import Recorder
 from ..latin.status import status

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ..latin.wanted_accuracy import tolerance_for
+from ..latin.settings import tolerance_for
 from .guarded import WARNING, Log
 from .values import Values
 

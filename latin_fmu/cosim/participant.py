@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import LatinError
-from ..latin.blob import decode, encode
+from ..latin.state_serialization import decode, encode
 from .guarded import DISCARD, WARNING, Log, guarded
 from .parameters import check_results_file, estimate_wanted, push_histories, push_loads, settings_of
 from .values import Values

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from ..assembly.build import Built
 from ..assembly.segments import Segment, SegmentedRun
 from ..errors import SolverError
-from ..latin.blob import encode
 from ..latin.record import Array, InterfaceHistory
+from ..latin.state_serialization import encode
 from ..scene.schema import Scene
 from .history_file import Histories
 from .loads import Loads

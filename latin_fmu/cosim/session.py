@@ -19,8 +19,8 @@ import xarray as xr
 
 from ..assembly.interfaces import completed
 from ..errors import InputError, LatinError, Problem
-from ..latin.blob import decode, encode
 from ..latin.record import Array, InterfaceHistory
+from ..latin.state_serialization import decode, encode
 from ..results.estimates import ErrorEstimate
 from ..scene.schema import Scene
 from .accepted import AcceptedStep, Chain

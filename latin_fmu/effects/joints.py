@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from ..interface.behaviour import bonds
-from ..latin.layout import InterfaceUnit
+from ..latin.assembly import InterfaceUnit
 from .effect import Effect
 from .sizes import Sizes
 

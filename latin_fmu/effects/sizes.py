@@ -9,7 +9,7 @@ from functools import cached_property
 from ..assembly.build import Prepared
 from ..assembly.run_cost import RunCost, march_saved, run_cost
 from ..assembly.run_sizes import CONTACT, ClassSizes, RunSizes, expected_iterations, run_sizes
-from ..latin.layout import InterfaceUnit
+from ..latin.assembly import InterfaceUnit
 
 
 class Sizes:

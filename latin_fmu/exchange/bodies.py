@@ -11,7 +11,7 @@ from scipy.sparse.csgraph import connected_components
 from ..assembly.build import Prepared
 from ..assembly.merged_assembly import merge
 from ..errors import Problem, SceneError
-from ..latin.layout import InterfaceUnit
+from ..latin.assembly import InterfaceUnit
 from ..propagator import SubstructureModel
 from ..scene.fields import GROUND, split_face
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import scipy.sparse as sp
 
-from ..latin.layout import Array, InterfaceUnit
+from ..latin.assembly import Array, InterfaceUnit
 from ..scene.fields import split_face
 from .bodies import BondedBody
 from .system import Bond

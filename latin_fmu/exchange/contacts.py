@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
-from ..latin.layout import Array, Index, InterfaceUnit
+from ..latin.assembly import Array, Index, InterfaceUnit
 from ..scene.fields import GROUND, split_face
 from .bodies import BondedBody
 from .patches import patches

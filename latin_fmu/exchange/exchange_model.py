@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from math import nan
 from typing import NamedTuple
 
-from ..latin.blob import decode, encode
+from ..latin.state_serialization import decode, encode
 from .board import ERROR, Board
 from .contact_law import Modes
 from .equations import Equations, Evaluation

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..latin.layout import Array, Index
+from ..latin.assembly import Array, Index
 
 _SAME = 1e-9  # of the extent: coordinates closer than this are one, so that round-off never decides
 

@@ -12,7 +12,7 @@ from ..assembly.scales import characteristic_traction, side_impedance
 from ..assembly.statics import starts_static
 from ..errors import Problem, SceneError
 from ..fem.mesh import nearest
-from ..latin.layout import Array, InterfaceUnit
+from ..latin.assembly import Array, InterfaceUnit
 from ..scene.boundaries import PrescribedDisplacement, PrescribedVelocity
 from ..scene.fields import GROUND
 from ..scene.schema import Scene

@@ -12,7 +12,7 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
-from ..latin.layout import Array
+from ..latin.assembly import Array
 from ..propagator.cholesky import interface_factor
 from ..propagator.model import reduced_rank
 from ..scene.fields import GROUND, split_face

@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..latin.blob import decode, encode
+from ..latin.state_serialization import decode, encode
 
 Array = NDArray[np.float64]
 STIFFNESS, DAMPING, SLIDING = "contactStiffness", "contactDamping", "slidingVelocity"

@@ -1,18 +1,39 @@
-"""The image of an assembly: its classes, interfaces and the rules of its iteration as records and blocks of memory."""
+"""The image of an assembly: records and blocks of memory for the kernels, the stages on it, its threads.
+
+run_image
+---------
+The image of an assembly: its classes, interfaces and the rules of its iteration as records and blocks of memory.
+
+slide_probes
+------------
+Tangential velocities of frictionless interfaces, read off the substructures.
+
+Such interfaces carry no tangential unknowns; every point needs the velocity of its node on each side.
+
+threads
+-------
+Substructures on several cores: between two local stages they know nothing of each other.
+
+The classes are dealt out to as many threads as there are cores given, the costliest first. Each computes what it would
+compute alone, so that the result is the same to the last bit with any number of threads.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
+import scipy.sparse as sp
 
+from ..kernels import entries
 from ..kernels.laws import LAWS
 from ..propagator.image import Image
-from .assembly import Assembly
-from .direction import Direction
-from .layout import Array
+from .assembly import Array, Assembly, Index
+from .search_direction import Direction
 from .settings import Settings
-from .slide_probes import SlideProbes
 
 _LONGEST_STATIC = 20.0  # step of the acceleration without inertia, in lengths of the residual
 REUSE: Final = 1e-2
@@ -130,3 +151,187 @@ def continuation(assembly: Assembly) -> Array:
     part[:2] = 1.0  # at the start of a run there are no velocities; a segment continues the one before
     share: Array = np.clip(part, 0.0, 1.0)
     return share
+
+
+class SlideProbes:
+    """Rows to probe and where their values go.
+
+    Parameters
+    ----------
+    interfaces : numbers of the interfaces without tangential unknowns.
+
+    Attributes
+    ----------
+    rows : per class (n_probe, n_dof) rows of the nodes of those faces, x y z of one point after the other; None
+        where a class has none.
+    """
+
+    def __init__(self, assembly: Assembly, interfaces: Sequence[int]) -> None:
+        propagators = self._propagators = assembly.propagators
+        self._ground: list[int] = []
+        self._places: list[tuple[int, int, slice, int, int]] = []  # class, member, rows, interface, side
+        faces: list[list[sp.csr_array]] = [[] for _ in propagators]
+        ends = [0] * len(propagators)
+        self._traces: list[sp.csr_array | None] = []
+        for c, propagator in enumerate(propagators):
+            for member, name in enumerate(propagator.names):
+                at = 0
+                for i in interfaces:
+                    unit = assembly.interfaces[i]
+                    for side, face in enumerate(unit.sides):
+                        trace = unit.geometry.traces[side]
+                        if trace is None or face.split(".")[0] != name:
+                            continue
+                        if member == 0:
+                            faces[c].append(trace)
+                        self._places.append((c, member, slice(at, at + trace.shape[0]), i, side))
+                        at += trace.shape[0]
+                ends[c] = max(ends[c], at)
+            full = sp.csr_array(sp.vstack(faces[c])) if faces[c] else None
+            nodal = propagator.members[0].nodal
+            self._traces.append(full if full is None or nodal is None else sp.csr_array(full @ nodal))
+        self.rows = [
+            None if full is None else sp.csr_array(full @ propagator.members[0].expansion)
+            for full, propagator in zip(self._traces, propagators, strict=True)
+        ]
+        self._ground = [i for i in interfaces if assembly.interfaces[i].against_ground]
+
+    def read(self, assembly: Assembly, instants: slice, probed: Sequence[Array], slide: Mapping[int, Array]) -> None:
+        """Write the velocities ``probed`` (n, n_probe, n_member) per class at n instants into ``slide``, (n_time, 2,
+        n_point, 3) per interface."""
+        for c, member, rows, i, side in self._places:
+            values = probed[c][:, rows, member]
+            forcing, trace = self._propagators[c].forcing, self._traces[c]
+            if forcing.moves and trace is not None:
+                part = sp.csr_array(trace[rows])
+                moved = [part @ forcing.imposed_v(t)[:, member] for t in range(instants.start, instants.stop)]
+                values = values + np.stack(moved)
+            slide[i][instants, side] = values.reshape(len(values), -1, 3)
+        for i in self._ground:
+            slide[i][instants, 1] = assembly.ground[i][instants][:, None]
+
+
+def dealt(costs: Sequence[float], threads: int) -> list[Index]:
+    """Numbers of the classes for each thread; no thread is left without."""
+    hands: list[list[int]] = [[] for _ in range(min(threads, len(costs)))]
+    loads = [0.0] * len(hands)
+    for c in sorted(range(len(costs)), key=lambda c: -costs[c]):
+        lightest = loads.index(min(loads))
+        hands[lightest].append(c)
+        loads[lightest] += costs[c]
+    return [np.array(sorted(hand), dtype=np.int64) for hand in hands]
+
+
+class Threads:
+    """Threads for the substructures of one run.
+
+    Parameters
+    ----------
+    costs : of one instant of every class, in any unit. count : threads wanted.
+    """
+
+    def __init__(self, costs: Sequence[float], count: int) -> None:
+        self._hands = dealt(costs, count)
+        self._pool = ThreadPoolExecutor(len(self._hands) - 1) if len(self._hands) > 1 else None
+
+    @property
+    def several(self) -> bool:
+        """Whether there is anything to share out."""
+        return self._pool is not None
+
+    def each(self, work: Callable[[int], object]) -> None:
+        """Do the work for every class."""
+
+        def all_of(hand: Index) -> None:
+            for c in hand:
+                work(int(c))
+
+        if self._pool is None:
+            for hand in self._hands:
+                all_of(hand)
+            return
+        others = [self._pool.submit(all_of, hand) for hand in self._hands[1:]]
+        all_of(self._hands[0])
+        for other in others:
+            other.result()
+
+
+@dataclass
+class Iterate:
+    """One iterate of a window; arrays (n, n_flat); ``measures`` as ``kernels.records`` lists them."""
+
+    q: Array
+    f_hat: Array
+    w_hat: Array
+    residual: Array
+    error: float
+    measures: Array
+
+
+class Stages:
+    """The stages of one window of ``n`` instants that starts with instant ``first``, on the image of a run."""
+
+    def __init__(self, image: Image, direction: Direction, n: int, first: int) -> None:
+        self.image, self.direction, self.n, self.first = image, direction, n, first
+        self._groups = direction.assembly.layout.groups
+        self._whole = image.factored and all(g["law"] >= 0 for g in image.groups)
+        self._size = n * image.n_flat
+
+    def field(self, name: str) -> Array:
+        """A field (n, n_flat) of the window, a view."""
+        return self.image.field(name, self.n, self.image.n_flat)
+
+    def evaluate(self, iteration: int) -> None:
+        """One linear and one local stage from the q of the image, measured."""
+        image, n = self.image, self.n
+        if self._whole:
+            image.call(entries.STAGE, n, self.first, iteration)
+            return
+        if n > 1 and not image.factored:
+            image.sweep(n, self.first)
+        image.call(entries.LINEAR_STAGE, n, self.first, iteration)
+        for i in range(n):
+            image.call(entries.OUTGOING, i)
+            for g in range(len(self._groups)):
+                image.call(entries.PREPARE, g, i)
+                if image.groups[g]["law"] >= 0:
+                    image.call(entries.POINTS, g)
+                else:
+                    self._law(g)
+                image.call(entries.FINISH, g, i, n)
+        image.call(entries.MEASURE, n)
+
+    def _law(self, g: int) -> None:
+        """The law of a group as its behaviour states it in Python."""
+        image, group = self.image, self._groups[g]
+        shape = group.n_point, group.n_component
+        elastic = group.behaviour.elastic
+        reach = image.group_field(g, "reach", *(shape if elastic else shape[:1]))
+        rate = image.run[0]["layer_rate"] if elastic else 1.0 / image.run[0]["dt"]
+        z = self.direction.group_fields()[g]["z_sum"]
+        traction = group.behaviour.local(
+            image.group_field(g, "jump", *shape).copy(), z, reach.copy(), float(rate), group.parameters
+        )
+        image.group_field(g, "traction", *shape)[...] = traction
+
+    def judge(self, phase: int, iteration: int, accelerated: bool) -> int:
+        """See ``kernels.iteration.judge``."""
+        return self.image.call(entries.JUDGE, self.n, phase, iteration, int(accelerated))
+
+    def measures(self) -> Array:
+        """Measures of the last iterate."""
+        return self.image.field("measure", 8).copy()
+
+    def iterate(self) -> Iterate:
+        """A copy of the last iterate."""
+        q, f_hat, w_hat, residual = (self.field(name).copy() for name in ("q", "local_f", "local_w", "r"))
+        measures = self.measures()
+        return Iterate(q, f_hat, w_hat, residual, float(measures[0]), measures)
+
+    def put(self, iterate: Iterate) -> None:
+        """Make an iterate the last one."""
+        for name, values in zip(
+            ("q", "local_f", "local_w", "r"), (iterate.q, iterate.f_hat, iterate.w_hat, iterate.residual), strict=True
+        ):
+            self.field(name)[...] = values
+        self.image.field("measure", 8)[:] = iterate.measures

@@ -1,4 +1,8 @@
-"""Search directions k of (12), (13), (16), (17): per side, normal and tangential, at every point.
+"""Search directions k, what is derived from them, and the coarse problem of the quasi-static mode.
+
+search_direction
+----------------
+Search directions k of (12), (13), (16), (17): per side, normal and tangential, at every point.
 
 The choice changes the number of iterations, never the converged answer. Candidates:
 
@@ -9,33 +13,49 @@ row         resistance of the face to a uniform velocity, spread by area
 static      without inertia only: 1.5 x the geometric mean of the stiffness of a body as a whole and at one point
 automatic   the static one without inertia; diagonal for windows of one instant; for longer windows the impedance
             where the step resolves the wave on both sides (row k over impedance within 0.3 ... 3), else half the row
+
+coarse
+------
+Coarse problem of the quasi-static mode: the two sides of every interface balance in the mean.
+
+Without inertia an iteration carries the resultant of a load from one substructure to the next only, and the number of
+iterations grows with the length of a stack. So the linear stage takes, on each interface between two substructures,
+one motion W~ common to its sides and affine over it (nine numbers on a plane, three where only the normal is known),
+
+    F = q + k W~ - k W,        with  integral of R^T (F_E + F_E') = 0   for every affine motion R,
+
+which holds for the solution whatever the behaviour of the interface is (action and reaction), so that W~ vanishes
+there and the converged answer is the same. Rigid motions alone would balance resultants and moments; the others (the
+face stretches and shears) halve the iterations of long stacks again. Where one side cannot move (ground, held
+directions) nothing is to be balanced.
+
+The operator, one small dense matrix for the whole assembly, is factorised once per search direction:
+
+    L = sum over substructures of R^T a (k - k Y k) R,    Y the condensed response on k.
+
+direction
+---------
+All data of a run that depend on the search direction: k, and the weights made from it.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
+import scipy.linalg as la
+import scipy.sparse as sp
 
 from ..propagator.interface_matrices import resistance
 from ..propagator.static import StaticPropagator
-from .assembly import Assembly
-from .layout import Array
+from .assembly import Array, Assembly, Index, InterfaceUnit
+from .instant_solve import PointByPoint
+from .settings import SearchDirection, Settings
 
 _STATIC = 1.5
 RESOLVED = (0.3, 3.0)
 WARNED = (0.2, 5.0)
-
-
-@dataclass(frozen=True)
-class SearchDirection:
-    """What the scene asks for: ``kind`` of the module docstring, ``factor`` multiplying k, and for "uniform" the
-    normal and tangential values, Pa s m-1."""
-
-    kind: str = "automatic"
-    factor: float = 1.0
-    normal: float = 0.0
-    tangential: float = 0.0
 
 
 def channel_k(assembly: Assembly, wanted: SearchDirection, window: int) -> tuple[Array, str]:
@@ -184,3 +204,157 @@ def _median(values: Array) -> float:
     ordered = np.sort(values)
     half = len(ordered) // 2
     return float(0.5 * (ordered[half] + ordered[-half - 1]))
+
+
+_SAME = 1e-9  # motions that differ by less than this fraction of their size on the points are one
+_SINGULAR = 1e-13
+
+
+class Coarse:
+    """Coarse problem of an assembly bound to the search direction k (n_flat,), Pa s m-1."""
+
+    def __init__(self, assembly: Assembly, k: Array) -> None:
+        motions = _motions(assembly, k)
+        area = assembly.layout.area
+        self._balance = sp.csr_array(motions.T @ sp.diags_array(area))
+        self._incoming = sp.csr_array(sp.diags_array(k) @ motions)
+        answers = sp.lil_array(motions.shape)
+        for propagator, channels in zip(assembly.propagators, assembly.channels, strict=True):
+            for member in range(channels.shape[1]):
+                own = channels[:, member]
+                load = self._incoming[own]
+                touched = np.unique(load.indices)
+                answers[own[:, None], touched] = propagator.response @ load[:, touched].toarray()
+        self._answer = sp.csr_array(answers)
+        operator = (self._balance @ (self._incoming - sp.diags_array(k) @ self._answer)).toarray()
+        self._inverse = _pseudo_inverse(0.5 * (operator + operator.T))
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns."""
+        return len(self._inverse)
+
+    def fields(self) -> dict[str, Array | sp.csr_array]:
+        """What the kernels bring q and the W of the substructures to balance with."""
+        return {
+            "coarse_inverse": self._inverse,
+            "coarse_balance": self._balance,
+            "coarse_incoming": self._incoming,
+            "coarse_answer": self._answer,
+        }
+
+
+def _motions(assembly: Assembly, k: Array) -> sp.csr_array:
+    """Affine motions of each interface on the channels of both its sides, (n_flat, n_coarse)."""
+    columns: list[Array] = []
+    rows: list[Index] = []
+    for i, unit in enumerate(assembly.interfaces):
+        first, second = (assembly.layout.channels(i, side).ravel() for side in (0, 1))
+        moves = (k[first] > 0) & (k[second] > 0)
+        if moves.any():
+            basis = affine_motions(unit) * moves[:, None]
+            size = np.sqrt(assembly.layout.area[first])[:, None]
+            shapes, strength, _ = la.svd(size * basis, full_matrices=False)
+            kept = strength > _SAME * strength[0]
+            rows.append(np.concatenate([first, second]))
+            columns.append(np.tile(shapes[:, kept] / size, (2, 1)))
+    n = assembly.layout.n_flat
+    starts = np.cumsum([0, *(c.shape[1] for c in columns)])
+    blocks = [
+        sp.coo_array(
+            (c.ravel(), (np.repeat(r, c.shape[1]), np.tile(np.arange(c.shape[1]) + s, len(r)))),
+            shape=(n, int(starts[-1])),
+        )
+        for r, c, s in zip(rows, columns, starts[:-1], strict=True)
+    ]
+    return sp.csr_array(sum(blocks[1:], blocks[0])) if blocks else sp.csr_array((n, 0))
+
+
+def affine_motions(unit: InterfaceUnit) -> Array:
+    """Velocities (n_point * n_component, 12) of the points of an interface in the motions 1, x, y, z along each axis,
+    local frames; some depend on others (12 on 9 where the points lie in a plane)."""
+    points = unit.geometry.points - unit.geometry.points.mean(axis=0)
+    size = float(np.abs(points).max()) or 1.0
+    shapes = np.concatenate([np.ones((len(points), 1)), points / size], axis=1)
+    motions = np.einsum("ps,ij->pijs", shapes, np.eye(3)).reshape(len(points), 3, -1)
+    frames = unit.geometry.frames[:, : unit.behaviour.n_component]
+    local: Array = np.einsum("pci,pim->pcm", frames, motions)
+    return local.reshape(-1, local.shape[2])
+
+
+def _pseudo_inverse(matrix: Array) -> Array:
+    """Inverse of a symmetric positive matrix; motions that meet no resistance are left alone."""
+    if not len(matrix):
+        return matrix
+    values, vectors = la.eigh(matrix)
+    used = values > _SINGULAR * values[-1]
+    inverse: Array = (vectors[:, used] / values[used]) @ vectors[:, used].T
+    return inverse
+
+
+_FLOOR = 1e-3  # fields below this fraction of the characteristic traction are negligible
+
+
+class Direction:
+    """Search direction for windows of ``n`` instants.
+
+    Attributes
+    ----------
+    k : (n_flat,), Pa s m-1. choice : what it is, in words. z : 1/k, 0 where k is. metric : (n_flat,) squared weights of
+    the norm sum area / k q^2 (a power) in which iterates are compared.
+    """
+
+    def __init__(self, assembly: Assembly, settings: Settings, n: int) -> None:
+        self.assembly = assembly
+        self.k, self.choice = channel_k(assembly, settings.search_direction, n)
+        self.z = np.divide(1.0, self.k, out=np.zeros_like(self.k), where=self.k > 0)
+        self.metric = assembly.layout.area * self.z
+        self.coarse: Coarse | None = None  # without inertia, from ``bind``
+
+    @cached_property
+    def points(self) -> PointByPoint:
+        """Gauss-Seidel over the points, built where it is needed."""
+        return PointByPoint(self.assembly)
+
+    @cached_property
+    def weights(self) -> Array:
+        """Weights (3, n_flat) of r^2, F^2 and W^2 in the error indicator (``kernels.indicator``)."""
+        layout, k = self.assembly.layout, self.k
+        area = np.where(k > 0, layout.area, 0.0)
+        impedance = np.where(self.assembly.impedance > 0, self.assembly.impedance, 1.0)
+        f_weight, w_weight = area / impedance, area * impedance
+        moving = 0.0 if self.assembly.quasi_static else 1.0
+        return np.stack([0.25 * (f_weight + w_weight * self.z * self.z), f_weight, moving * w_weight])
+
+    @property
+    def level(self) -> Array:
+        """Tractions (n_flat,) that are negligible, Pa: a small part of what the loads can bring, along the normals."""
+        level = _FLOOR * self.assembly.characteristic_traction
+        return np.where(self.assembly.layout.normal, level, 0.0)
+
+    def bind(self) -> None:
+        """Condense the propagators on this direction."""
+        for propagator, channels in zip(self.assembly.propagators, self.assembly.channels, strict=True):
+            propagator.bind(self.k[channels[:, 0]])
+        if self.assembly.quasi_static:
+            self.coarse = Coarse(self.assembly, self.k)
+
+    def incoming(self, f_hat: Array, w_hat: Array) -> Array:
+        """q = F_hat + k W_hat."""
+        q: Array = f_hat + self.k * w_hat
+        return q
+
+    def run_fields(self) -> dict[str, Any]:
+        """Fields of the run's record."""
+        fields: dict[str, Any] = {"k": self.k, "z": self.z, "weights": self.weights, "metric": self.metric}
+        if self.coarse is not None and self.coarse.size:
+            fields |= self.coarse.fields()
+        return fields
+
+    def group_fields(self) -> list[dict[str, Any]]:
+        """Fields of the groups' records: 1/k of both sides, normal and tangential."""
+        fields = []
+        for group in self.assembly.layout.groups:
+            both = group.block(self.z).sum(axis=0)
+            fields.append({"z_sum": np.ascontiguousarray(both[:, [0, min(1, group.n_component - 1)]])})
+        return fields

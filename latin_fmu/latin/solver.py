@@ -1,42 +1,62 @@
-"""The LATIN loop over one window from Python, with its fall-back chain.
+"""The LATIN loop over one window from Python, with its fall-backs.
+
+solver
+------
+The LATIN loop over one window from Python, with its fall-back chain.
 
 The stages are those of ``kernels.iteration``, called one by one: for observers, laws written in Python, factors that
 the kernels do not hold, and windows in which the iteration stalls. A stalled acceleration is followed by Newton's
 method (without inertia), by relaxation 1/2 from the best iterate, and in windows of one instant by a solution point by
 point. A window that does not converge returns its best iterate, which need not be the last.
+
+newton
+------
+Newton-Krylov steps on the fixed point of the iteration, where the acceleration stalls (quasi-static mode).
+
+A front of slip that runs along a slender body moves a few points per iteration, and every point that changes its state
+spoils the memory of the acceleration. The residual r(q) = F_hat + k W_hat - q of one iteration is piecewise smooth, so
+that Newton's method settles stick, slip and opening in about ten steps,
+
+    J dq = -r(q),   J x by the difference of two iterations,   GMRES in the norm of the iteration,
+
+with the step halved until the residual falls. Every product with J is one iteration: nothing is factorised, and any
+interface behaviour will do.
+
+approach
+--------
+First guesses without inertia: loads that turn, bodies that travel far before they touch.
+
+The velocities of the last increment are a good guess as long as the loads go on as they did. Where the loads turn or
+stop, these velocities have the wrong sign at sliding points: ``run_image.continuation`` is the share of them that the
+guess keeps.
+
+An iteration moves a body that is not held yet by the load over k. Where that is a small part of the gap to close, many
+iterations are needed, and the differences of their residuals are useless to the acceleration. On springs soft enough to
+cross the gap at once, k = load / gap, the strains of the bodies are negligible: a few iterations of the same loop find
+the faces in contact. Their tractions and velocities are the first guess of the loop with the right k.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy.sparse.linalg as spla
+from numpy.typing import NDArray
 
 from ..kernels import entries
 from ..kernels.iteration import BEST, BROKEN, CONVERGED, PATIENCE, STALLED
 from ..propagator.image import Image
-from .direction import Direction
-from .layout import Array
-from .newton import newton
+from .assembly import Array, Assembly
 from .record import WindowRecord
+from .run_image import Iterate, Stages, rules
+from .search_direction import Direction
 from .settings import Settings
 
 RELAXED, POINT_BY_POINT, NEWTON = "relaxation 1/2", "points one after the other", "Newton-Krylov"
 _NEWTON = 3  # iterations of the Newton-Krylov fall-back, in max_iterations
 _AFTER_LAST = 20  # iterations after the last fall-back
-
-
-@dataclass
-class Iterate:
-    """One iterate of a window; arrays (n, n_flat); ``measures`` as ``kernels.records`` lists them."""
-
-    q: Array
-    f_hat: Array
-    w_hat: Array
-    residual: Array
-    error: float
-    measures: Array
 
 
 @dataclass(frozen=True)
@@ -88,75 +108,6 @@ class Slide:
             return 0.5
         self._times *= 2.0
         return 0.5 * self._times
-
-
-class Stages:
-    """The stages of one window of ``n`` instants that starts with instant ``first``, on the image of a run."""
-
-    def __init__(self, image: Image, direction: Direction, n: int, first: int) -> None:
-        self.image, self.direction, self.n, self.first = image, direction, n, first
-        self._groups = direction.assembly.layout.groups
-        self._whole = image.factored and all(g["law"] >= 0 for g in image.groups)
-        self._size = n * image.n_flat
-
-    def field(self, name: str) -> Array:
-        """A field (n, n_flat) of the window, a view."""
-        return self.image.field(name, self.n, self.image.n_flat)
-
-    def evaluate(self, iteration: int) -> None:
-        """One linear and one local stage from the q of the image, measured."""
-        image, n = self.image, self.n
-        if self._whole:
-            image.call(entries.STAGE, n, self.first, iteration)
-            return
-        if n > 1 and not image.factored:
-            image.sweep(n, self.first)
-        image.call(entries.LINEAR_STAGE, n, self.first, iteration)
-        for i in range(n):
-            image.call(entries.OUTGOING, i)
-            for g in range(len(self._groups)):
-                image.call(entries.PREPARE, g, i)
-                if image.groups[g]["law"] >= 0:
-                    image.call(entries.POINTS, g)
-                else:
-                    self._law(g)
-                image.call(entries.FINISH, g, i, n)
-        image.call(entries.MEASURE, n)
-
-    def _law(self, g: int) -> None:
-        """The law of a group as its behaviour states it in Python."""
-        image, group = self.image, self._groups[g]
-        shape = group.n_point, group.n_component
-        elastic = group.behaviour.elastic
-        reach = image.group_field(g, "reach", *(shape if elastic else shape[:1]))
-        rate = image.run[0]["layer_rate"] if elastic else 1.0 / image.run[0]["dt"]
-        z = self.direction.group_fields()[g]["z_sum"]
-        traction = group.behaviour.local(
-            image.group_field(g, "jump", *shape).copy(), z, reach.copy(), float(rate), group.parameters
-        )
-        image.group_field(g, "traction", *shape)[...] = traction
-
-    def judge(self, phase: int, iteration: int, accelerated: bool) -> int:
-        """See ``kernels.iteration.judge``."""
-        return self.image.call(entries.JUDGE, self.n, phase, iteration, int(accelerated))
-
-    def measures(self) -> Array:
-        """Measures of the last iterate."""
-        return self.image.field("measure", 8).copy()
-
-    def iterate(self) -> Iterate:
-        """A copy of the last iterate."""
-        q, f_hat, w_hat, residual = (self.field(name).copy() for name in ("q", "local_f", "local_w", "r"))
-        measures = self.measures()
-        return Iterate(q, f_hat, w_hat, residual, float(measures[0]), measures)
-
-    def put(self, iterate: Iterate) -> None:
-        """Make an iterate the last one."""
-        for name, values in zip(
-            ("q", "local_f", "local_w", "r"), (iterate.q, iterate.f_hat, iterate.w_hat, iterate.residual), strict=True
-        ):
-            self.field(name)[...] = values
-        self.image.field("measure", 8)[:] = iterate.measures
 
 
 class WindowSolver:
@@ -287,3 +238,129 @@ class WindowSolver:
             self._trial(stages, after)
 
         self._observer(IterationEvent(number, record.iterations, error, record.force_mismatch[-1], f_hat, w_hat, trial))
+
+
+Evaluate = Callable[[Array], tuple[Array, Array]]
+"""q (1, n_flat) -> q as it acts, and its residual."""
+
+_STEPS, _KRYLOV, _HALVINGS = 25, 60, 6
+_LINEAR, _DIFFERENCE = 1e-2, 1e-7
+_FALLS, _STUCK = (
+    0.1,
+    0.98,
+)  # part of the linear decrease asked for; residual over the one before that ends the attempt
+_ENOUGH = 0.01  # residual over the size of q, in units of the tolerance
+
+
+def newton(evaluate: Evaluate, q: Array, weight: Array, tolerance: float, budget: int) -> Array:
+    """The q with the smallest residual that was found.
+
+    Parameters
+    ----------
+    q : (1, n_flat) first iterate. weight : (n_flat,) square root of area / k, 0 where there is nothing to find.
+    tolerance : of the window. budget : iterations after which no new step is begun.
+    """
+    free = weight > 0
+    spent = 0
+
+    def at(trial: Array) -> tuple[Array, Array]:
+        nonlocal spent
+        spent += 1
+        return evaluate(trial)
+
+    def size(x: Array) -> float:
+        return float(np.linalg.norm(weight * x))
+
+    q, r = at(q)
+    for _ in range(_STEPS):
+        before = size(r)
+        if before <= _ENOUGH * tolerance * size(q) or not np.isfinite(before) or spent > budget:
+            break
+        step = np.zeros_like(q)
+        step[0, free] = _linear(at, q, r, weight, free)
+        best: tuple[float, Array, Array] | None = None
+        for halving in range(_HALVINGS):
+            length = 0.5**halving
+            trial, rest = at(q + length * step)
+            if best is None or size(rest) < best[0]:
+                best = size(rest), trial, rest
+            if size(rest) <= (1 - _FALLS * length) * before:
+                break
+        assert best is not None
+        if best[0] < before:
+            q, r = best[1], best[2]
+        if best[0] > _STUCK * before:
+            break
+    return q
+
+
+def _linear(at: Evaluate, q: Array, r: Array, weight: Array, free: NDArray[np.bool_]) -> Array:
+    """Newton's step on the free unknowns."""
+    scale, image = weight[free], q + r
+    reference = float(np.linalg.norm(weight * q))
+
+    def product(x: Array) -> Array:
+        length = float(np.linalg.norm(x))
+        if length == 0.0:
+            return np.zeros_like(x)
+        step = np.zeros_like(q)
+        epsilon = _DIFFERENCE * max(reference, np.finfo(float).tiny) / length
+        step[0, free] = epsilon * x / scale
+        moved, rest = at(q + step)
+        change: Array = scale * ((moved + rest) - image)[0, free] / epsilon - x
+        return change
+
+    n = len(scale)
+    operator = spla.LinearOperator((n, n), matvec=product, dtype=float)
+    x, _ = spla.gmres(operator, -scale * r[0, free], rtol=_LINEAR, restart=_KRYLOV, maxiter=1)
+    found: Array = x / scale
+    return found
+
+
+APPROACH = "a first look on soft springs"
+_FAR = 0.3  # the load crosses less than this part of the largest gap in one iteration
+_ROUGHLY, _ITERATIONS = 1e-2, 12
+_SOFT = -1  # the soft search direction among those of the image
+
+
+def softening(assembly: Assembly, k: Array, gaps: list[Array]) -> float | None:
+    """Factor on k (n_flat,) that lets the loads close the largest gap at once; None where k does."""
+    gap = max((float(g.max(initial=0.0)) for g in gaps), default=0.0)
+    if gap <= 0.0 or assembly.characteristic_traction <= 0.0:
+        return None
+    crossed = assembly.characteristic_traction / float(k.max()) * assembly.dt / gap
+    return crossed if crossed < _FAR else None
+
+
+def second_guess(
+    assembly: Assembly, settings: Settings, image: Image, stages: Stages, f_hat: Array, gaps: list[Array]
+) -> tuple[str, Array]:
+    """Guess after one from which the iteration has not converged: a name and q (n_flat,) of the next increment.
+
+    From rest with the last tractions ``f_hat``; where the gap to close is large, from a first run of the iteration on
+    soft springs, which leaves propagators and image bound to the soft direction.
+    """
+    direction = stages.direction
+    factor = softening(assembly, direction.k, gaps)
+    if factor is None:
+        return "from rest", f_hat
+    wanted = replace(settings.search_direction, factor=factor * settings.search_direction.factor)
+    rough = replace(
+        settings,
+        search_direction=wanted,
+        tolerance=max(_ROUGHLY, settings.tolerance),
+        force_tolerance=np.inf,
+        max_iterations=_ITERATIONS,
+    )
+    soft = Direction(assembly, rough, 1)
+    soft.bind()
+    image.bind(_SOFT, soft.run_fields(), soft.group_fields(), afresh=True)
+    image.set(rules(rough))
+    looking = Stages(image, soft, 1, stages.first)
+    for c in range(len(image.propagators)):
+        image.predict(c, stages.first)
+    image.call(entries.OPEN, 1, stages.first - 1)
+    looking.field("q")[...] = 0.0
+    found = WindowSolver(rough).solve(looking, WindowRecord(stages.first, stages.first), 0)
+    image.set(rules(settings))
+    return APPROACH, direction.incoming(found.f_hat[0], found.w_hat[0])

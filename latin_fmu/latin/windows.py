@@ -18,20 +18,16 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..kernels import entries
-from .approach import APPROACH, second_guess
-from .assembly import Assembly
-from .bonded import Bonds, all_bonded
-from .direction import Direction
-from .layout import Array
+from .assembly import Array, Assembly
+from .initial_conditions import start
+from .instant_solve import Bonds, all_bonded
 from .record import Timings, WindowRecord
 from .recorder import Recorder, Tape
-from .run_image import histories, make_image
+from .run_image import SlideProbes, Stages, Threads, histories, make_image
+from .search_direction import Direction
 from .settings import Settings
-from .slide_probes import SlideProbes
-from .solver import Observer, Stages, WindowSolver
-from .start import start
-from .threads import Threads
-from .window_list import WindowList
+from .solver import APPROACH, Observer, WindowSolver, second_guess
+from .status import WindowList
 
 # Stop the run if a window ends with sqrt(eta) above this value.
 HOPELESS = 0.3

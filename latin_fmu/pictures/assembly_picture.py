@@ -13,7 +13,7 @@ from ..assembly.build import prepare
 from ..assembly.checks import check_faces
 from ..errors import Problem, SceneError
 from ..fem.mesh import Array, Index
-from ..latin.layout import InterfaceUnit
+from ..latin.assembly import InterfaceUnit
 from ..results.plots import Colour, colours
 from ..results.summary import readable
 from ..scene.boundaries import Periodic, PrescribedDisplacement, PrescribedVelocity

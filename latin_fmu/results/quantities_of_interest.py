@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..latin.record import Array, InterfaceHistory
-from ..latin.wanted_accuracy import LEFT
+from ..latin.settings import LEFT
 
 if TYPE_CHECKING:
     import xarray as xr

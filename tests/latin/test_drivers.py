@@ -12,7 +12,7 @@ import latin_fmu
 from latin_fmu.assembly.segments import SegmentedRun
 from latin_fmu.compiled import PLAIN
 from latin_fmu.latin import windows
-from latin_fmu.latin.threads import dealt
+from latin_fmu.latin.run_image import dealt
 
 pytestmark = pytest.mark.skipif(PLAIN, reason="the kernels of a run are plain Python: too slow")
 

@@ -10,7 +10,7 @@ import pytest
 
 from latin_fmu.api import run
 from latin_fmu.kernels import entries
-from latin_fmu.latin.direction import Direction
+from latin_fmu.latin.search_direction import Direction
 from latin_fmu.latin.settings import Settings
 
 Array = np.ndarray

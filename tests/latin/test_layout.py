@@ -9,7 +9,7 @@ import pytest
 
 from latin_fmu.interface import Behaviour, Contact, InterfaceGeometry, Perfect
 from latin_fmu.interface.geometry import local_frames
-from latin_fmu.latin.layout import InterfaceUnit, Layout
+from latin_fmu.latin.assembly import InterfaceUnit, Layout
 
 
 def unit(name: str, behaviour: Behaviour, n: int, seed: int, preload: float = 0.0) -> InterfaceUnit:

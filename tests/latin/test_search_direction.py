@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from latin_fmu.api import run
-from latin_fmu.latin.search_direction import SearchDirection, channel_k, unresolved_sides
+from latin_fmu.latin.search_direction import channel_k, unresolved_sides
+from latin_fmu.latin.settings import SearchDirection
 
 # Two bars of one element; periodic sides tie the four nodes of a face, so that each bar is a two-node rod.
 AREA, LENGTH, DT = 0.25, 0.8, 0.1

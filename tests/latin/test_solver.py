@@ -13,8 +13,9 @@ from latin_fmu.kernels import entries
 from latin_fmu.kernels.records import CLASS, GROUP, RUN, Pools
 from latin_fmu.latin import solver as loop
 from latin_fmu.latin.record import WindowRecord
+from latin_fmu.latin.run_image import Iterate, Stages
 from latin_fmu.latin.settings import Settings
-from latin_fmu.latin.solver import Iterate, Stages, WindowSolver
+from latin_fmu.latin.solver import WindowSolver
 
 ROOM = 32  # numbers between the fields
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from latin_fmu.kernels import entries
-from latin_fmu.latin.solver import Stages
+from latin_fmu.latin.run_image import Stages
 
 Array = np.ndarray
 WINDOW = 8

@@ -7,7 +7,7 @@ import pytest
 
 from latin_fmu.cosim.participant import Participant
 from latin_fmu.cosim.variables import table_of
-from latin_fmu.latin.wanted_accuracy import ITERATION_SHARE, accuracy_of, tolerance_for
+from latin_fmu.latin.settings import ITERATION_SHARE, accuracy_of, tolerance_for
 from latin_fmu.results.quantities_of_interest import IMPULSE, KINDS
 
 from ..cosim.scenes import blocks

@@ -11,7 +11,7 @@ import scipy.sparse.linalg as spla
 
 import latin_fmu
 from latin_fmu.effects import explain
-from latin_fmu.latin.coarse import Coarse
+from latin_fmu.latin.search_direction import Coarse
 
 from .oracles.hexahedra import Block, merged
 from .scenes import solved

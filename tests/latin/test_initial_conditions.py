@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from latin_fmu.api import run
-from latin_fmu.latin.start import start
+from latin_fmu.latin.initial_conditions import start
 
 LOADS: dict[str, dict[str, Any]] = {
     "end_load": {"load": {"pull": {"face": "a.zmin", "traction": [0.3, -0.1, 0.8]}}},

@@ -1,0 +1,241 @@
+"""The interface problem of one instant solved directly: perfect interfaces at once, others point by point.
+
+bonded
+------
+Assemblies whose interfaces are all perfect: one linear solve per instant instead of an iteration.
+
+With v = v_free + D lambda on every side, equal velocities and opposite forces of both sides are the linear system
+
+    S x = v'_free - v_free,    S = D + D' assembled over all interfaces (symmetric, constant),
+
+x the nodal forces on sides E. S is factorised once. Redundant bonds (an edge where four bodies meet) make the system
+singular but leave it consistent: a shift of 1e-10 of its diagonal and iterative refinement give a solution of the
+original system.
+
+point_by_point
+--------------
+Last fall-back of one instant: interface points one after the other (block Gauss-Seidel).
+
+Where the search directions circle (a point held by several rough interfaces, a soft light body under a step far
+longer than its transit, a k far off) the condensed problem of the instant is taken up point by point:
+
+    v = v_free + sum over points of D_p f_p        D the admittance of one instant, all substructures
+    f_p := behaviour(v' - v without the share of f_p), z = D_pp of both sides
+
+and v is corrected after each point (the non-smooth contact dynamics iteration of Jean and Moreau, with the local
+stage of the LATIN method as its law). Slower than the iteration it helps out, and as parameter free as it gets:
+the LATIN iteration goes on from its result and has the last word.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence, Set
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+
+from ..interface.behaviour import bonds
+from ..propagator.cholesky import interface_factor
+from .assembly import Array, Assembly, Group, Index
+
+_SHIFT, _PRECISE, _REFINEMENTS, _SOLVED = 1e-10, 1e-13, 8, 1e-8
+_DENSE = 1500  # interface unknowns up to which the bonds are one dense operator
+LARGEST = 200_000_000
+"""Entries of S (an upper bound) up to which it is worth factorising."""
+
+
+def all_bonded(assembly: Assembly) -> bool:
+    """Whether there are interfaces, all of them perfect, and S has at most ``LARGEST`` entries."""
+    if assembly.quasi_static or not assembly.interfaces or not all(bonds(u.behaviour) for u in assembly.interfaces):
+        return False
+    return sum(int(c.shape[0]) ** 2 * int(c.shape[1]) for c in assembly.channels) <= LARGEST
+
+
+class Bonds:
+    """The bonds of an assembly as one linear system, for its present time step."""
+
+    def __init__(self, assembly: Assembly) -> None:
+        self.assembly = assembly
+        every = range(len(assembly.interfaces))
+        self._first, self._second = (
+            np.concatenate([assembly.layout.channels(i, side).ravel() for i in every]) for side in (0, 1)
+        )
+        self._area = assembly.layout.area[self._first]
+        self._matrix = self._assemble()
+        diagonal = self._matrix.diagonal()
+        shift = np.where(diagonal > 0, _SHIFT * diagonal, 1.0)
+        none = np.zeros(0, dtype=np.int64)
+        self._factor = interface_factor(sp.csr_array(self._matrix + sp.diags_array(shift)), none)
+
+    def _assemble(self) -> sp.csr_array:
+        """S: velocities per nodal force, m s-1 N-1."""
+        n_flat, n = self.assembly.layout.n_flat, len(self._first)
+        row, sign = np.empty(n_flat, dtype=np.int64), np.ones(n_flat)
+        row[self._first] = row[self._second] = np.arange(n)
+        sign[self._second] = -1.0
+        parts: list[tuple[Array, Array, Array]] = []
+        for propagator, channels in zip(self.assembly.propagators, self.assembly.channels, strict=True):
+            compliance = propagator.operators.compliance
+            for member in channels.T:
+                block = compliance * sign[member] * sign[member][:, None]
+                parts.append((np.repeat(row[member], len(member)), np.tile(row[member], len(member)), block.ravel()))
+        rows, columns, values = (np.concatenate(part) for part in zip(*parts, strict=True))
+        return sp.coo_array((values, (rows, columns)), shape=(n, n)).tocsr()
+
+    def tractions(self, free: Array) -> tuple[Array, float]:
+        """Tractions (n_flat,) that close the jumps of the velocities ``free`` (n_flat,), and the jump left over the
+        largest velocity."""
+        jump = free[self._second] - free[self._first]
+        force, left = np.zeros_like(jump), jump
+        largest = float(np.abs(free).max(initial=0.0))
+        for _ in range(_REFINEMENTS):
+            if np.abs(left).max(initial=0.0) <= _PRECISE * largest:
+                break
+            force = force + self._factor.solve(left[:, None])[:, 0]
+            left = jump - self._matrix @ force
+        traction = np.zeros_like(free)
+        traction[self._first], traction[self._second] = force / self._area, -force / self._area
+        return traction, float(np.abs(left).max(initial=0.0)) / largest if largest > 0 else 0.0
+
+    def incoming(self, k: Array) -> Array | None:
+        """Operator (n_flat, n_flat) from the velocities without traction to q = F + k W of the bonds, for the compiled
+        march; None where it is too large, or where redundant bonds make it inexact."""
+        n_flat = len(k)
+        if n_flat > _DENSE:
+            return None
+        jump = np.zeros((len(self._first), n_flat))
+        jump[np.arange(len(self._first)), self._second] = 1.0
+        jump[np.arange(len(self._first)), self._first] = -1.0
+        force = self._factor.solve(jump)
+        force += self._factor.solve(jump - self._matrix @ force)
+        if not np.abs(self._matrix @ force - jump).max(initial=0.0) <= _SOLVED:
+            return None
+        traction = np.zeros((n_flat, n_flat))
+        traction[self._first], traction[self._second] = (force / self._area[:, None], -force / self._area[:, None])
+        velocity = np.eye(n_flat)
+        for propagator, channels in zip(self.assembly.propagators, self.assembly.channels, strict=True):
+            for member in channels.T:
+                velocity[member] += propagator.operators.admittance @ traction[member]
+        return traction + k[:, None] * velocity
+
+    def guess(self, free: Array, k: Array) -> Array:
+        """q = F + k W (n_flat,) of the bonds for the velocities ``free`` without tractions."""
+        traction, _ = self.tractions(free)
+        velocity = free.copy()
+        for propagator, channels in zip(self.assembly.propagators, self.assembly.channels, strict=True):
+            velocity[channels] += propagator.operators.admittance @ traction[channels]
+        q: Array = traction + k * velocity
+        return q
+
+
+_SWEEPS, _WORK = 300, 100_000  # sweeps, and sweeps x points, at most
+_ENOUGH = 1e-7  # relative change of the tractions in one sweep
+
+
+@dataclass(frozen=True)
+class _Side:
+    """One side of a point: its flat channels, the substructure's channels and the columns of its admittance."""
+
+    channels: Index
+    neighbours: Index
+    columns: Array
+
+
+@dataclass(frozen=True)
+class _Point:
+    """One interface point."""
+
+    group: Group
+    group_index: int
+    index: int
+    sides: tuple[_Side, _Side]
+    z: Array  # (1, 2) normal, tangential
+
+
+class PointByPoint:
+    """Gauss-Seidel over the interface points of an assembly.
+
+    Parameters
+    ----------
+    admittances : per class, (n_channel, n_channel), instead of those of one instant (of accelerations, say).
+    points : groups and numbers of the points to solve, all where None.
+    """
+
+    def __init__(
+        self, assembly: Assembly, admittances: Sequence[Array] | None = None, points: Set[tuple[int, int]] | None = None
+    ) -> None:
+        self.assembly = assembly
+        own = [p.operators.admittance for p in assembly.propagators] if admittances is None else admittances
+        self._admittances = list(own)
+        self._owner: dict[int, tuple[int, int, int]] = {}
+        for c, channels in enumerate(assembly.channels):
+            for (row, member), flat in np.ndenumerate(channels):
+                self._owner[int(flat)] = (c, row, member)
+        self._points = [
+            point
+            for g, group in enumerate(assembly.layout.groups)
+            for p in range(group.n_point)
+            if (points is None or (g, p) in points) and (point := self._point(g, group, p)).z.any()
+        ]
+
+    @property
+    def channels(self) -> Index:
+        """Flat channels of the points, both sides."""
+        sides = [side.channels for point in self._points for side in point.sides]
+        return np.concatenate([np.zeros(0, dtype=np.int64), *sides])
+
+    def _side(self, channels: Index) -> _Side:
+        if int(channels[0]) not in self._owner:
+            return _Side(channels, np.zeros(0, dtype=np.int64), np.zeros((0, len(channels))))
+        c, _, member = self._owner[int(channels[0])]
+        rows = [self._owner[int(flat)][1] for flat in channels]
+        columns = self._admittances[c][:, rows]
+        return _Side(channels, self.assembly.channels[c][:, member], columns)
+
+    def _point(self, g: int, group: Group, p: int) -> _Point:
+        numbers = np.arange(group.start, group.stop).reshape(2, group.n_point, group.n_component)
+        sides = self._side(numbers[0, p]), self._side(numbers[1, p])
+        own = np.zeros(group.n_component)
+        for side in sides:
+            for component, flat in enumerate(side.channels):
+                own[component] += side.columns[side.neighbours == flat, component].sum()
+        return _Point(group, g, p, sides, np.array([[own[0], own[1:].max(initial=0.0)]]))
+
+    def solve(self, free: Array, f_hat: Array, reaches: list[Array], rates: tuple[float, float]) -> tuple[Array, Array]:
+        """Tractions and velocities (n_flat,) from the velocities ``free`` without tractions and a first guess of the
+        tractions; ``reaches`` per group and ``rates`` (of elastic behaviours the second): see
+        ``interface.behaviour``."""
+        f, v = f_hat.copy(), free.copy()
+        for admittance, channels in zip(self._admittances, self.assembly.channels, strict=True):
+            v[channels] += admittance @ f[channels]
+        for _ in range(min(_SWEEPS, _WORK // max(len(self._points), 1) + 1)):
+            before = f.copy()
+            for point in self._points:
+                self._settle(point, f, v, reaches, rates)
+            if np.linalg.norm(f - before) <= _ENOUGH * np.linalg.norm(f):
+                break
+        return f, v
+
+    @staticmethod
+    def _settle(point: _Point, f: Array, v: Array, reaches: list[Array], rates: tuple[float, float]) -> None:
+        """One point, everything else held: f and v are brought up to date."""
+        first, second = (side.channels for side in point.sides)
+        group, old = point.group, f[first]
+        z = np.where(np.arange(len(old)) == 0, point.z[0, 0], point.z[0, 1])
+        reach = reaches[point.group_index][point.index : point.index + 1]
+        elastic = group.behaviour.elastic
+        if not elastic:
+            reach = reach.reshape(-1)
+        new = group.behaviour.local(
+            (v[second] - v[first] + z * old)[None],
+            point.z,
+            reach,
+            rates[int(elastic)],
+            group.parameters[point.index : point.index + 1],
+        )[0]
+        step = new - old
+        if step.any():
+            f[first], f[second] = new, -new
+            for side, sign in zip(point.sides, (1.0, -1.0), strict=True):
+                v[side.neighbours] += sign * (side.columns @ step)
