@@ -14,10 +14,10 @@ import scipy.sparse.linalg as spla
 
 from latin_fmu.assembly.build import Prepared
 from latin_fmu.assembly.merged_assembly import Merged, merge
+from latin_fmu.cholesky.factor import interface_factor
 from latin_fmu.compiled import COMPILES
 from latin_fmu.kernels import entries
 from latin_fmu.propagator import DirectPropagator
-from latin_fmu.propagator.cholesky import interface_factor
 from latin_fmu.propagator.image import Image
 from latin_fmu.propagator.model import reduced_rank
 

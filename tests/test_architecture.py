@@ -20,6 +20,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("errors", "compiled", "memory", "blas_threads"),
     ("mesh_files",),
     ("aot",),
+    ("cholesky",),
     ("kernels",),
     ("fem", "interface", "time_scheme"),
     ("propagator",),
@@ -35,7 +36,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("cli",),
     ("__init__", "__main__"),
 )
-NUMERICAL = ("kernels", "fem", "interface", "time_scheme", "propagator", "latin")
+NUMERICAL = ("cholesky", "kernels", "fem", "interface", "time_scheme", "propagator", "latin")
 FOREIGN = {"xarray", "netCDF4", "pydantic", "matplotlib", "fmpy", "pythonfmu", "pythonfmu3", "typer", "meshio"}
 FILE_CALLS = {
     "open",

@@ -20,15 +20,15 @@ import scipy.sparse as sp
 import latin_fmu
 from latin_fmu.aot import symbols
 from latin_fmu.aot.build import declared
+from latin_fmu.cholesky import substitution as sweeps
+from latin_fmu.cholesky.factor import CholeskyFactor
+from latin_fmu.cholesky.substitution import LANES, SPARE
 from latin_fmu.compiled import COMPILES, declare, fields, library, with_numba
 from latin_fmu.compiled.declare import Entry
 from latin_fmu.compiled.signature import MismatchError, Signature, address
 from latin_fmu.interface import BEHAVIOURS
-from latin_fmu.kernels import sweeps
 from latin_fmu.kernels.acceleration import Anderson
-from latin_fmu.kernels.lanes import LANES, SPARE
 from latin_fmu.propagator import stable_step
-from latin_fmu.propagator.cholesky.factor import CholeskyFactor
 
 ROOT = Path(__file__).parents[1]
 
@@ -486,7 +486,7 @@ def test_without_a_library_numba_compiles_once_and_says_so(tmp_path):
     """A kernel with a callee: compiled in the first process, read from the folder in the second."""
     code = (
         "import numpy as np\n"
-        "from latin_fmu.propagator.cholesky.dense import seen\n"
+        "from latin_fmu.propagator.interface_matrices import seen\n"
         "x, out = np.eye(2), np.empty((2, 2))\n"
         "seen(np.arange(3), np.arange(2), np.ones(2), 2.0, x, out)\n"
         "assert (out == 2.0 * x).all()\n"
@@ -518,12 +518,12 @@ def test_the_cache_folder_follows_the_contents(tree, base, tmp_path):
     first = with_numba.cache_folder(tree)
     assert first is not None
     assert first.parent == base
-    assert (first / "propagator_cholesky_dense.py").read_text() == (tree / "propagator/cholesky/dense.py").read_text()
+    assert (first / "cholesky_numeric.py").read_text() == (tree / "cholesky/numeric.py").read_text()
     again = tmp_path / "extracted again"
     shutil.copytree(tree, again)
     assert with_numba.cache_folder(again) == first
     (again / "notes.py").write_text("nothing compiled here\n")
-    (again / "propagator" / "cholesky" / "dense.py").write_text("from ..model import x\n\n\n@kernel\ndef f(): ...\n")
+    (again / "cholesky" / "numeric.py").write_text("from .tree import x\n\n\n@kernel\ndef f(): ...\n")
     with_numba.cache_folder.cache_clear()
     assert with_numba.cache_folder(again) not in (None, first)
 

@@ -12,8 +12,8 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
+from ..cholesky.factor import interface_factor
 from ..latin.assembly import Array
-from ..propagator.cholesky import interface_factor
 from ..propagator.model import reduced_rank
 from ..scene.fields import GROUND, split_face
 from .bodies import BondedBody

@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..cholesky.substitution import LANES, SPARE, TILED
 from ..compiled import kernel
-from .lanes import LANES, SPARE, TILED
 from .products import product, symmetric_size, two_norms
 
 Array = NDArray[np.float64]

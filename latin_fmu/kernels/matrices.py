@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..cholesky.substitution import LANES, SPARE
 from ..compiled import kernel
-from .lanes import LANES, SPARE
 from .products import add_dense, add_rows, add_symmetric, add_terms, product, symmetric_size
 
 Array = NDArray[np.float64]

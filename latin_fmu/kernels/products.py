@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..cholesky.substitution import TILED
 from ..compiled import kernel
-from .lanes import TILED, dense_product, sparse_product
+from .lanes import dense_product, sparse_product
 
 Array = NDArray[np.float64]
 

@@ -22,8 +22,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..cholesky.substitution import LANES, SPARE, TILED, backward_one, backward_tile, forward_one, forward_tile
 from ..compiled import kernel
-from .lanes import LANES, SPARE, TILED, tile_width
+from .lanes import tile_width
 from .matrices import (
     add_damping,
     add_mass,
@@ -38,7 +39,6 @@ from .matrices import (
 )
 from .products import product, symmetric_size
 from .records import STATIC
-from .sweeps import backward_one, backward_tile, forward_one, forward_tile
 
 Array = NDArray[np.float64]
 

@@ -35,8 +35,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
+from ..cholesky.factor import interface_factor
 from ..interface.behaviour import bonds
-from ..propagator.cholesky import interface_factor
 from .assembly import Array, Assembly, Group, Index
 
 _SHIFT, _PRECISE, _REFINEMENTS, _SOLVED = 1e-10, 1e-13, 8, 1e-8

@@ -8,14 +8,13 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from ..kernels.lanes import LANES, SPARE, TILED, padded
+from ..cholesky.factor import CholeskyFactor, DiagonalFactor
+from ..cholesky.substitution import LANES, SPARE, TILED
+from ..kernels.lanes import padded
 from ..kernels.pool import Block
 from ..kernels.records import DIRECT, EXPLICIT, STATIC
-from .cholesky.factor import CholeskyFactor
-from .condensed import Index
-from .diagonal import DiagonalFactor
 from .forcing import Sum
-from .model import Array
+from .model import Array, Index
 
 Row = dict[str, int]
 _NONE = np.zeros(1, dtype=np.int64)

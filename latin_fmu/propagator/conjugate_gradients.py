@@ -14,7 +14,7 @@ import scipy.linalg as la
 import scipy.sparse as sp
 
 from ..errors import SolverError
-from .condensed import Array, Index
+from .model import Array, Index
 
 TOLERANCE = 1e-11
 _BLOCK = 32  # columns solved together

@@ -114,7 +114,7 @@ def size_of(model: SubstructureModel, members: int) -> Size:
     )
     if not COMPILES or n == 0:
         return rough
-    from .cholesky.symbolic import analyse
+    from ..cholesky.symbolic import analyse
 
     pattern = analyse(stiffness, last, rank)
     width, below = np.diff(pattern.first).astype(float), np.diff(pattern.row_start).astype(float)

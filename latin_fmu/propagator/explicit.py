@@ -14,15 +14,13 @@ import numpy as np
 import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 
+from ..cholesky.factor import DiagonalFactor, InterfaceFactor, interface_factor
 from ..errors import SolverError
 from ..time_scheme import TimeScheme
 from .base import MassFactor, Propagator
-from .cholesky import InterfaceFactor, interface_factor
-from .condensed import Index
-from .diagonal import DiagonalFactor
 from .interface_matrices import seen_by_channels, seen_of_diagonal
 from .lumping import lumped
-from .model import Array, Histories, SubstructureModel
+from .model import Array, Histories, Index, SubstructureModel
 from .stable_step import StableStep
 
 _NONE = np.zeros(0, dtype=np.int64)

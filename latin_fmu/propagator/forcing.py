@@ -9,8 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..time_scheme import TimeScheme
-from .condensed import Index
-from .model import Array, Histories, SubstructureModel
+from .model import Array, Histories, Index, SubstructureModel
 
 
 @dataclass

@@ -20,8 +20,7 @@ from ..kernels import entries
 from ..kernels.pool import Block, grown
 from ..kernels.records import CLASS, GROUP, RUN, Pools
 from . import class_record
-from .condensed import Index
-from .model import Array
+from .model import Array, Index
 
 Fields = dict[str, Any]
 _OUTPUT = 100_000  # numbers of output kept at a time, about: they stay in the cache

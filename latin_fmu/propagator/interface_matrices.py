@@ -15,11 +15,15 @@ import numpy as np
 import scipy.linalg as la
 import scipy.linalg.lapack as lapack
 import scipy.sparse as sp
+from numpy.typing import NDArray
 
-from ..compiled import COMPILES
+from ..cholesky.numeric import UPPER, fortran, invert, mirror, routines
+from ..compiled import COMPILES, entry
 from ..errors import SolverError
-from .condensed import Array, Index
 from .operator_pattern import with_data
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 
 _STILL = 1e-12  # admittances below this share of the largest are round-off of held directions
 
@@ -32,8 +36,6 @@ def _rows(matrix: sp.csr_array) -> tuple[Index, Index]:
 def seen_by_channels(trace: sp.csr_array, gain: float, matrix: Array) -> Array:
     """``gain`` T X T^T for symmetric X (n, n) and T (n_channel, n); symmetric to the last bit."""
     if COMPILES:
-        from .cholesky.dense import seen
-
         found = np.empty((trace.shape[0], trace.shape[0]))
         seen(*_rows(trace), trace.data, gain, matrix, found)
         return found
@@ -86,9 +88,6 @@ def with_dashpots(trace: sp.csr_array, gain: float, schur: Array, dashpots: Arra
     """
     springs = gain * dashpots
     if COMPILES:
-        from .cholesky.dense import invert, stiffened
-        from .cholesky.kernels import routines
-
         inverse = np.empty_like(schur)
         stiffened(*_rows(trace), trace.data, springs, schur, inverse)
         failed = invert(routines(np.dtype(np.float64)), inverse)
@@ -109,9 +108,6 @@ def resistance(compliance: Array, rows: Index) -> float:
     if not len(moving):
         return 0.0
     if COMPILES:
-        from .cholesky.dense import face_resistance
-        from .cholesky.kernels import routines
-
         found = float(face_resistance(routines(np.dtype(np.float64)), compliance, moving))
         if found >= 0.0:
             return found
@@ -121,3 +117,59 @@ def resistance(compliance: Array, rows: Index) -> float:
 
 def _not_positive() -> SolverError:
     return SolverError("condensation: the admittance of the interfaces is not positive; check the material")
+
+
+@entry("i8[::1], i8[::1], f8[::1], f8, f8[:, ::1], f8[:, ::1]")
+def seen(starts: Index, columns: Index, values: Array, factor: float, matrix: Array, out: Array) -> None:
+    """out = factor T X T^T for symmetric X (n, n) and T (n_channel, n) by rows."""
+    n_channel, n = len(starts) - 1, len(matrix)
+    row = np.empty(n)
+    for i in range(n_channel):
+        row[:] = 0.0
+        for e in range(starts[i], starts[i + 1]):
+            weight, line = factor * values[e], matrix[columns[e]]
+            for j in range(n):
+                row[j] += weight * line[j]
+        for k in range(i + 1):
+            total = 0.0
+            for e in range(starts[k], starts[k + 1]):
+                total += values[e] * row[columns[e]]
+            out[i, k] = total
+    mirror(out)
+
+
+@entry("i8[::1], i8[::1], f8[::1], f8[::1], f8[:, ::1], f8[:, ::1]")
+def stiffened(starts: Index, columns: Index, values: Array, springs: Array, matrix: Array, out: Array) -> None:
+    """Lower triangle of out = X + T^T diag(springs) T, arguments as for ``seen``."""
+    n = len(matrix)
+    for i in range(n):
+        for j in range(i + 1):
+            out[i, j] = matrix[i, j]
+    for c in range(len(starts) - 1):
+        for e in range(starts[c], starts[c + 1]):
+            weight = springs[c] * values[e]
+            for f in range(starts[c], starts[c + 1]):
+                if columns[f] <= columns[e]:
+                    out[columns[e], columns[f]] += weight * values[f]
+
+
+@entry("i8[::1], f8[:, ::1], i8[::1] -> f8")
+def face_resistance(routines: Index, matrix: Array, picked: Index) -> float:
+    """1^T C^-1 1 of the picked rows and columns of a positive semidefinite matrix, -1 where they are singular."""
+    n = len(picked)
+    root, info = np.empty((n, n)), np.zeros(1, dtype=np.int32)
+    for i in range(n):
+        line = matrix[picked[i]]
+        for j in range(i + 1):
+            root[i, j] = line[picked[j]]
+    fortran(routines[0], (UPPER, n, root.ctypes.data, n, info.ctypes.data))
+    if info[0] != 0:
+        return -1.0
+    solved, total = np.empty(n), 0.0  # |L^-1 1|^2
+    for i in range(n):
+        rest = 1.0
+        for j in range(i):
+            rest -= root[i, j] * solved[j]
+        solved[i] = rest / root[i, i]
+        total += solved[i] * solved[i]
+    return total

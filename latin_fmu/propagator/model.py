@@ -32,6 +32,7 @@ _KEPT = frozenset(
 _OF_MASS = frozenset(("reduced", "operator_pattern", "massless", "with_lumped_mass"))
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 FactorKind = Literal["float64", "float32", "cg"]
 
 

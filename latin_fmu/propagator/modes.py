@@ -7,7 +7,7 @@ import scipy.linalg as la
 import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 
-from .cholesky import interface_factor
+from ..cholesky.factor import interface_factor
 from .model import Array
 
 SILENT = 1e-9  # cosine between a mode and what excites it: below, the mode stays at rest

@@ -14,32 +14,10 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from ..cholesky.symbolic import Analyses
+
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-
-
-class Analyses:
-    """Symbolic analyses of one pattern, by the dofs kept for last and the order of the others."""
-
-    def __init__(self) -> None:
-        self._known: list[tuple[Index, Array | None, Any]] = []
-
-    def find(self, last: Index, rank: Array | None) -> Any | None:
-        """The analysis for these, None where there is none yet."""
-        for kept, order, analysis in self._known:
-            if np.array_equal(kept, last) and _same(order, rank):
-                return analysis
-        return None
-
-    def add(self, last: Index, rank: Array | None, analysis: Any) -> None:
-        """Keep an analysis."""
-        self._known.append((last, rank, analysis))
-
-
-def _same(first: Array | None, second: Array | None) -> bool:
-    if first is None or second is None:
-        return first is second
-    return np.array_equal(first, second)
 
 
 class OperatorPattern:

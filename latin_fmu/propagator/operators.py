@@ -7,12 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
+from ..cholesky.factor import InterfaceFactor, interface_factor
 from ..time_scheme import TimeScheme
-from .cholesky import InterfaceFactor, interface_factor
-from .condensed import Index
 from .conjugate_gradients import IterativeFactor
 from .interface_matrices import seen_by_channels
-from .model import Array, SubstructureModel
+from .model import Array, Index, SubstructureModel
 
 
 @dataclass(frozen=True)

@@ -20,12 +20,10 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
+from ..cholesky.factor import DiagonalFactor, InterfaceFactor, interface_factor
 from ..time_scheme import TimeScheme
 from .base import Propagator
-from .cholesky import InterfaceFactor, interface_factor
-from .condensed import Index
-from .diagonal import DiagonalFactor
-from .model import Array, LoadTerm, SubstructureModel
+from .model import Array, Index, LoadTerm, SubstructureModel
 from .reduction import reduce_model
 
 

@@ -21,9 +21,8 @@ import scipy.linalg as la
 import scipy.linalg.lapack as lapack
 import scipy.sparse as sp
 
-from .cholesky import InterfaceFactor, interface_factor
-from .condensed import Index
-from .model import Array, SubstructureModel, reduced_rank
+from ..cholesky.factor import InterfaceFactor, interface_factor
+from .model import Array, Index, SubstructureModel, reduced_rank
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from latin_fmu.kernels import lanes, products, sweeps
-from latin_fmu.kernels.lanes import LANES, SPARE, TILED
-from latin_fmu.propagator.cholesky.factor import CholeskyFactor
+from latin_fmu.cholesky import substitution as sweeps
+from latin_fmu.cholesky.factor import CholeskyFactor
+from latin_fmu.cholesky.substitution import LANES, SPARE, TILED
+from latin_fmu.kernels import lanes, products
 from latin_fmu.propagator.class_record import lower_pattern, symmetric
 
 MEMBERS = [1, 2, 3, 7, 8, 9, 17]

@@ -17,10 +17,11 @@ import pytest
 
 from latin_fmu.assembly.build import build
 from latin_fmu.assembly.segments import SegmentedRun
+from latin_fmu.cholesky.substitution import LANES, SPARE
 from latin_fmu.compiled import PLAIN
 from latin_fmu.kernels import entries, records
 from latin_fmu.kernels.energy import TERMS
-from latin_fmu.kernels.lanes import LANES, SPARE, padded
+from latin_fmu.kernels.lanes import padded
 from latin_fmu.kernels.records import CLASS_FIELDS, GROUP_FIELDS, LINE, RUN_FIELDS, RUN_NUMBERS
 from latin_fmu.scene.reader import scene_from_dict
 

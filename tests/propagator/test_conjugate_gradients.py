@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
+from latin_fmu.cholesky.factor import CondensedFactor
 from latin_fmu.errors import SolverError
-from latin_fmu.propagator.condensed import CondensedFactor
 from latin_fmu.propagator.conjugate_gradients import ConjugateGradients, IterativeFactor
 
 

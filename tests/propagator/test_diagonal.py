@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from latin_fmu.propagator.diagonal import DiagonalFactor
+from latin_fmu.cholesky.factor import DiagonalFactor
 from latin_fmu.propagator.interface_matrices import condensed, seen_of_diagonal
 from latin_fmu.propagator.lumping import diagonal_matrix, lumped, reduced_diagonal
 

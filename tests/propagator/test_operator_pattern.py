@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from latin_fmu.propagator.model import share_patterns
-from latin_fmu.propagator.operator_pattern import Analyses, OperatorPattern
+from latin_fmu.cholesky.factor import interface_factor
+from latin_fmu.cholesky.symbolic import Analyses
+from latin_fmu.propagator.model import reduced_rank, share_patterns
+from latin_fmu.propagator.operator_pattern import OperatorPattern
 
 Make = Callable[..., Any]
 
@@ -68,3 +70,16 @@ def test_equal_patterns_are_held_once(model: Make, changed: Make) -> None:
     for was, now in zip(before, after, strict=True):
         np.testing.assert_array_equal(now, was)
     np.testing.assert_array_equal(stiffer.reduced[2].toarray(), 2.0 * first.reduced[2].toarray())
+
+
+def test_factor_of_an_operator(model: Make, kind: str) -> None:
+    """Reduced operators as the march builds them, with held, tied and driven dofs: against dense algebra."""
+    m = model(kind).model
+    p = m.expansion
+    a = sp.csr_array(p.T @ (m.mass + 0.02 * m.stiffness) @ p)
+    dofs = np.flatnonzero(np.diff(sp.csc_array(m.trace @ p).indptr))
+    factor = interface_factor(a, dofs, reduced_rank(p, m.ordering))
+    inverse, b = np.linalg.inv(a.toarray()), np.random.default_rng(5).normal(size=(a.shape[0], 3))
+    np.testing.assert_allclose(factor.solve(b), inverse @ b, atol=1e-12 * np.abs(inverse @ b).max())
+    expected = inverse[np.ix_(dofs, dofs)]
+    np.testing.assert_allclose(factor.schur_inverse, expected, atol=1e-12 * np.abs(expected).max())

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ...compiled import entry
+from ..compiled import entry
 
 Index = NDArray[np.int64]
 

@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 
-from latin_fmu.propagator import condensed
-from latin_fmu.propagator.condensed import CondensedFactor
+from latin_fmu.cholesky import factor as condensed
+from latin_fmu.cholesky.factor import CondensedFactor
+from latin_fmu.fem.elasticity import mass, stiffness
+from latin_fmu.fem.elements import Elements
+from latin_fmu.fem.mesh import box_mesh
 
 
 @pytest.fixture
-def matrix(model: Any) -> sp.csr_array:
+def matrix() -> sp.csr_array:
     """A symmetric positive definite matrix of a body."""
-    m = model("free").model
-    return sp.csr_array(m.mass + 0.05 * m.stiffness)
+    basis = Elements(box_mesh(np.zeros(3), np.array([1.0, 0.9, 1.6]), (2, 2, 3)))
+    return sp.csr_array(mass(basis, 1.2) + 0.05 * stiffness(basis, 5.0, 0.3))
 
 
 @pytest.fixture(params=["stored", "solved_again"])

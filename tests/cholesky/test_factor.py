@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -14,19 +13,16 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 from numpy.typing import NDArray
 
+from latin_fmu.cholesky.factor import CholeskyFactor, CondensedFactor, interface_factor
+from latin_fmu.cholesky.symbolic import analyse
 from latin_fmu.errors import LatinError, SolverError
 from latin_fmu.fem.elasticity import mass, stiffness
 from latin_fmu.fem.elements import Elements
 from latin_fmu.fem.faces import face
 from latin_fmu.fem.mesh import box_mesh, nested_dissection
-from latin_fmu.propagator.cholesky import interface_factor
-from latin_fmu.propagator.condensed import CondensedFactor
 
 if os.environ.get("LATIN_FMU_COMPILE", "1") == "0":
     pytest.skip("the Cholesky factor is compiled", allow_module_level=True)
-
-from latin_fmu.propagator.cholesky.factor import CholeskyFactor
-from latin_fmu.propagator.cholesky.symbolic import analyse
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -252,17 +248,6 @@ def test_entries_that_are_no_numbers_are_refused(value: float) -> None:
         CholeskyFactor(matrix, np.arange(3))
 
 
-def test_model_operators(model: Callable[..., Any], kind: str) -> None:
-    """Reduced operators as the march builds them: held, tied and driven dofs."""
-    from latin_fmu.propagator.model import reduced_rank
-
-    m = model(kind).model
-    p = m.expansion
-    a = sp.csr_array(p.T @ (m.mass + 0.02 * m.stiffness) @ p)
-    dofs = np.flatnonzero(np.diff(sp.csc_array(m.trace @ p).indptr))
-    check(a, dofs, interface_factor(a, dofs, reduced_rank(p, m.ordering)))
-
-
 def test_large_body_against_scipy() -> None:
     matrix, rank = body((10, 9, 8))
     last = np.arange(matrix.shape[0] - 200, matrix.shape[0])
@@ -280,7 +265,7 @@ def test_sparse_lu_where_compilation_is_off(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_numba_is_not_imported_where_compilation_is_off() -> None:
-    code = "import sys, latin_fmu.propagator.cholesky as c; assert 'numba' not in sys.modules and c.interface_factor"
+    code = "import sys, latin_fmu.cholesky.factor as c; assert 'numba' not in sys.modules and c.interface_factor"
     environment = {**os.environ, "LATIN_FMU_COMPILE": "0", "PYTHONPATH": os.pathsep.join(sys.path)}
     subprocess.run([sys.executable, "-c", code], check=True, env=environment)
 
@@ -290,7 +275,7 @@ def test_rows_in_groups_or_one_by_one(monkeypatch: pytest.MonkeyPatch) -> None:
     matrix, rank = body((3, 4, 5))
     last = np.arange(20, 50)
     grouped = CholeskyFactor(matrix, last, rank)
-    monkeypatch.setattr("latin_fmu.propagator.cholesky.factor._CACHE", 0)
+    monkeypatch.setattr("latin_fmu.cholesky.factor._CACHE", 0)
     single = CholeskyFactor(matrix, last, rank)
     assert grouped.grouped
     assert not single.grouped

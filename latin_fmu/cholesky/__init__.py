@@ -1,0 +1,1 @@
+"""Supernodal Cholesky factorisation with half solves, interface dofs last."""

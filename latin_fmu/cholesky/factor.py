@@ -1,0 +1,358 @@
+"""Supernodal Cholesky factor with the interface dofs last, its half solves and dense Schur complement."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import numpy as np
+import scipy.linalg as la
+import scipy.sparse as sp
+import scipy.sparse.linalg as spla
+from numpy.typing import NDArray
+
+from ..errors import SolverError
+from .numeric import OUTSIDE_PATTERN, factorise, invert, mirror, routines
+from .substitution import LANES, SPARE, TILED, backward_one, backward_tile, forward_one, forward_tile
+from .symbolic import Analyses, Array, Index, Pattern, Symbolic, shared_analysis
+
+# Panels beyond this many bytes do not stay in the cache from one sweep to the next (see ``sweeps``).
+_CACHE = 16_000_000
+# A_II^-1 A_IG is stored (one dense product instead of a second sparse solve) up to this size.
+_STORED_ENTRIES = 8_000_000
+
+
+class InterfaceFactor(Protocol):
+    """Factor of a symmetric positive definite matrix, interface dofs last."""
+
+    @property
+    def interior(self) -> Index:
+        """Dofs of the inside in elimination order."""
+        ...
+
+    @property
+    def last(self) -> Index:
+        """Dofs of the interface."""
+        ...
+
+    @property
+    def schur(self) -> Array:
+        """(n_last, n_last) matrix S left on the interface when the inside is eliminated."""
+        ...
+
+    @property
+    def schur_inverse(self) -> Array:
+        """Its inverse."""
+        ...
+
+    def forward(self, b: Array) -> tuple[Array, Array]:
+        """(y, c) for b (n, m): S x_last = c is what the interface sees; y is for ``backward`` only."""
+        ...
+
+    def backward(self, y: Array, x_last: Array) -> Array:
+        """Full solution (n, m) from ``forward`` and the interface values (n_last, m)."""
+        ...
+
+    def solve(self, b: Array) -> Array:
+        """A^-1 b for b (n, m)."""
+        ...
+
+    @property
+    def nbytes(self) -> int:
+        """Memory held, bytes."""
+        ...
+
+
+def interface_factor(
+    matrix: sp.csr_array,
+    last: NDArray[np.int64],
+    rank: NDArray[np.float64] | None = None,
+    dtype: Any = np.float64,
+    analyses: Analyses | None = None,
+) -> InterfaceFactor:
+    """Factor of a symmetric positive definite ``matrix`` (n, n), the sorted dofs ``last`` kept for the interface.
+
+    ``rank`` (n,) is the elimination order of the others, ``dtype`` the type the factor is stored in (float64 or
+    float32), ``analyses`` those made so far of matrices with this pattern. Where compilation is off
+    (``LATIN_FMU_COMPILE=0``) it is SciPy's sparse LU, always in float64.
+
+    Raises
+    ------
+    SolverError : the matrix is not symmetric positive definite (compiled factor only).
+    """
+    if os.environ.get("LATIN_FMU_COMPILE", "1") == "0":
+        return CondensedFactor(matrix, last, rank)
+    return CholeskyFactor(matrix, last, rank, dtype, analyses=analyses)
+
+
+class CholeskyFactor:
+    """Factor of a symmetric positive definite sparse matrix, interface dofs kept for last.
+
+    With P A P^T = [[L, 0], [G, 1]] [[1, 0], [0, S]] [[L, 0], [G, 1]]^T, S = A_GG - A_GI A_II^-1 A_IG,
+
+        forward(b):      y = L^-1 b_I,  c = b_G - G y
+        interface:       S x_G = c + g
+        backward(y, x_G):  L^T x_I = y - G^T x_G
+
+    Parameters
+    ----------
+    matrix : (n, n). last : sorted dofs of the interface. rank : (n,) elimination order for the others, or None for
+        minimum degree. dtype : float64, or float32 to store the factor in half the memory (S stays in float64).
+    symbolic : analysis of another matrix with the same pattern and interface, to be used again.
+    analyses : those made so far for matrices with this pattern.
+
+    Attributes
+    ----------
+    panels : the numbers of L. tallest : most rows below one supernode. grouped : how ``sweeps`` walks the panels.
+
+    Raises
+    ------
+    SolverError : the matrix is not symmetric positive definite.
+    """
+
+    def __init__(
+        self,
+        matrix: sp.csr_array,
+        last: Index,
+        rank: Array | None = None,
+        dtype: Any = np.float64,
+        symbolic: Symbolic | None = None,
+        analyses: Analyses | None = None,
+    ) -> None:
+        if symbolic is None and analyses is not None:
+            symbolic = analyses.find(last, rank)
+        if symbolic is None:
+            symbolic = shared_analysis(Pattern(matrix, last, rank))
+            if analyses is not None:
+                analyses.add(last, rank, symbolic)
+        self.symbolic = shape = symbolic
+        self.dtype: np.dtype[Any] = np.dtype(dtype)
+        if self.dtype not in (np.float64, np.float32):
+            raise ValueError(f"dtype of the factor: {self.dtype}; allowed: float64, float32")
+        self.last = np.asarray(last, dtype=np.int64)
+        self.interior = shape.order[: shape.n_interior]
+        self.panels: NDArray[Any] = np.empty(shape.panel_start[-1], dtype=self.dtype)
+        self.grouped = self.panels.nbytes <= _CACHE
+        self.tallest = shape.tallest
+        pattern = (shape.first, shape.row_start, shape.rows, shape.panel_start)
+        self._sweep = (*pattern, self.panels)
+        _check_finite(matrix)
+        self.schur: Array = np.zeros((len(self.last), len(self.last)))
+        failed = factorise(
+            routines(np.dtype(np.float64)),
+            matrix.indptr.astype(np.int64, copy=False),
+            matrix.indices.astype(np.int64, copy=False),
+            matrix.data,
+            shape.order,
+            shape.position,
+            *pattern,
+            shape.n_children,
+            shape.is_root,
+            shape.stack_size,
+            self.panels,
+            self.schur,
+        )
+        if failed == OUTSIDE_PATTERN:
+            raise SolverError("factorisation: the matrix has entries outside the pattern analysed; analyse it afresh")
+        if failed >= 0:
+            raise _not_definite(int(shape.order[failed]))
+        mirror(self.schur)
+        self.schur_inverse: Array = self.schur.copy()
+        if failed := invert(routines(np.dtype(np.float64)), self.schur_inverse):
+            raise _not_definite(int(self.last[failed - 1]))
+
+    def forward(self, b: Array) -> tuple[Array, Array]:
+        """(y, c) of the class docstring for b (n, m); y is in elimination order and of use to ``backward`` only."""
+        n, _ = b.shape
+        n_interior = self.symbolic.n_interior
+        self._check_rows("b", n, n_interior + len(self.last))
+        x = self._swept(b[self.symbolic.order], forward_one, forward_tile)
+        return x[:n_interior], x[n_interior:]
+
+    def backward(self, y: Array, x_last: Array) -> Array:
+        """Full solution (n, m) from ``forward`` and the interface values (n_last, m)."""
+        self._check_rows("y", len(y), self.symbolic.n_interior)
+        self._check_rows("x_last", len(x_last), len(self.last))
+        x = self._swept(np.concatenate([y, x_last]), backward_one, backward_tile)
+        out = np.empty_like(x)
+        out[self.symbolic.order] = x
+        return out
+
+    def _swept(self, x: Array, one: Callable[..., None], tile: Callable[..., None]) -> Array:
+        """One substitution for x (n, m) in elimination order: members one by one, or eight at a time."""
+        n, m = x.shape
+        if m < TILED:
+            columns = np.ascontiguousarray(x.T, dtype=float)
+            for column in columns:
+                one(self.grouped, *self._sweep, column)
+            return np.ascontiguousarray(columns.T)
+        out, tail = np.empty((n, m)), np.empty(SPARE * LANES)
+        for first in range(0, m, LANES):
+            lanes = min(m - first, LANES)
+            part = np.zeros((n, LANES))
+            part[:, :lanes] = x[:, first : first + lanes]
+            tile(*self._sweep, part.reshape(-1), tail)
+            out[:, first : first + lanes] = part[:, :lanes]
+        return out
+
+    @staticmethod
+    def _check_rows(name: str, given: int, expected: int) -> None:
+        """The compiled sweeps do not look at sizes."""
+        if given != expected:
+            raise ValueError(f"{name} has {given} rows; allowed: {expected}")
+
+    def solve(self, b: Array) -> Array:
+        """A^-1 b for b (n, m)."""
+        y, c = self.forward(b)
+        return self.backward(y, self.schur_inverse @ c)
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of the factor and of the dense interface matrices, bytes."""
+        return int(self.panels.nbytes + self.symbolic.rows.nbytes + self.schur.nbytes + self.schur_inverse.nbytes)
+
+
+def _check_finite(matrix: sp.csr_array) -> None:
+    finite = np.isfinite(matrix.data)
+    if not finite.all():
+        entry = int(np.argmin(finite))
+        dof = int(np.searchsorted(matrix.indptr, entry, side="right")) - 1
+        raise SolverError(
+            f"factorisation: the matrix has the entry {matrix.data[entry]} in the row of dof {dof}; "
+            "allowed: finite numbers; check the material, the mesh and the time step"
+        )
+
+
+def _not_definite(dof: int) -> SolverError:
+    return SolverError(
+        f"factorisation: the pivot of dof {dof} is not positive; allowed: symmetric positive definite matrices; "
+        "check the density, the time step and whether the part is held"
+    )
+
+
+class CondensedFactor:
+    """Factor of a symmetric positive definite sparse matrix, interface dofs kept for last.
+
+    Parameters
+    ----------
+    matrix : (n, n). last : sorted dofs of the interface. rank : (n,) elimination order for the others, or None
+        for the minimum-degree ordering of the library.
+    """
+
+    def __init__(self, matrix: sp.csr_array, last: Index, rank: Array | None = None) -> None:
+        n = matrix.shape[0]
+        interior = np.setdiff1d(np.arange(n), last)
+        if rank is not None:
+            interior = interior[np.argsort(rank[interior], kind="stable")]
+        self.interior, self.last = interior, last
+        rows = sp.csr_array(matrix[interior])
+        self._coupling = sp.csr_array(rows[:, last])  # A_IG
+        self._coupling_t = sp.csr_array(self._coupling.T)
+        self._lu: spla.SuperLU | None = None
+        corner = matrix[last][:, last].toarray()
+        self._response: Array | None = None  # A_II^-1 A_IG
+        if len(interior):
+            self._lu = spla.splu(
+                sp.csc_matrix(rows[:, interior]),
+                permc_spec="MMD_AT_PLUS_A" if rank is None else "NATURAL",
+                diag_pivot_thresh=0.0,
+                options={"SymmetricMode": True},
+            )
+            corner -= self._condense()
+        self.schur: Array = 0.5 * (corner + corner.T)
+        inverse = la.cho_solve(la.cho_factor(self.schur), np.eye(len(last))) if len(last) else np.zeros((0, 0))
+        self.schur_inverse: Array = 0.5 * (inverse + inverse.T)
+
+    def _condense(self) -> Array:
+        """A_GI A_II^-1 A_IG; keeps A_II^-1 A_IG where it is small enough."""
+        assert self._lu is not None
+        n_last = len(self.last)
+        keep = len(self.interior) * n_last <= _STORED_ENTRIES
+        response = np.empty((len(self.interior), n_last)) if keep else None
+        condensed = np.empty((n_last, n_last))
+        for start in range(0, n_last, 64):
+            part = slice(start, min(start + 64, n_last))
+            solved = self._lu.solve(self._coupling[:, part].toarray())
+            condensed[:, part] = self._coupling_t @ solved
+            if response is not None:
+                response[:, part] = solved
+        self._response = response
+        return condensed
+
+    def forward(self, b: Array) -> tuple[Array, Array]:
+        """(y, c) of the module docstring for b (n, m)."""
+        on_interface = b[self.last]
+        if self._lu is None:
+            return np.zeros((0, b.shape[1])), on_interface
+        y = self._lu.solve(np.ascontiguousarray(b[self.interior]))
+        return y, on_interface - self._coupling_t @ y
+
+    def backward(self, y: Array, x_last: Array) -> Array:
+        """Full solution (n, m) from ``forward`` and the interface values (n_last, m)."""
+        x = np.empty((len(self.interior) + len(self.last), x_last.shape[1]))
+        x[self.last] = x_last
+        if self._lu is not None:
+            if self._response is not None:
+                x[self.interior] = y - self._response @ x_last
+            else:
+                x[self.interior] = y - self._lu.solve(self._coupling @ x_last)
+        return x
+
+    def solve(self, b: Array) -> Array:
+        """A^-1 b for b (n, m)."""
+        y, c = self.forward(b)
+        return self.backward(y, self.schur_inverse @ c)
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of the factor, bytes (approximate for the sparse part)."""
+        sparse = 12 * (self._lu.L.nnz + self._lu.U.nnz) if self._lu is not None else 0
+        response = 0 if self._response is None else self._response.nbytes
+        return int(sparse + response + self.schur.nbytes + self.schur_inverse.nbytes)
+
+
+class DiagonalFactor:
+    """``cholesky.InterfaceFactor`` of a diagonal matrix.
+
+    Parameters
+    ----------
+    diagonal : (n,), > 0.
+
+    Attributes
+    ----------
+    inverse : (n,) of the inverse.
+    """
+
+    def __init__(self, diagonal: Array) -> None:
+        self._diagonal, self.inverse = diagonal, 1.0 / diagonal
+        self.interior: Index = np.zeros(0, dtype=np.int64)
+        self.last: Index = np.arange(len(diagonal))
+
+    @property
+    def schur(self) -> Array:
+        """The matrix itself, (n, n)."""
+        return np.diag(self._diagonal)
+
+    @property
+    def schur_inverse(self) -> Array:
+        """Its inverse, (n, n)."""
+        return np.diag(self.inverse)
+
+    def forward(self, b: Array) -> tuple[Array, Array]:
+        """(y, c) of ``condensed``: nothing, and b (n, m)."""
+        return np.zeros((0, b.shape[1])), b.copy()
+
+    def backward(self, y: Array, x_last: Array) -> Array:  # noqa: ARG002, as the other factors
+        """x_last (n, m)."""
+        return x_last.copy()
+
+    def solve(self, b: Array) -> Array:
+        """A^-1 b for b (n, m)."""
+        x: Array = self.inverse[:, None] * b
+        return x
+
+    @property
+    def nbytes(self) -> int:
+        """Memory held, bytes."""
+        return self._diagonal.nbytes + self.inverse.nbytes
