@@ -7,7 +7,7 @@ from typing import Final
 
 from ..memory import physical_memory
 from ..propagator.cost import bytes_held, factor_bytes, size_of
-from ..propagator.settings import PropagatorSettings
+from ..propagator.registry import PropagatorSettings
 from .models import ModelClass
 
 FITS: Final = 0.7  # part of the memory of the machine that operators may take

@@ -12,8 +12,7 @@ from ..errors import Problem, SceneError
 from ..fem.elasticity import without_contact_mass
 from ..latin.assembly import Index, InterfaceUnit, Layout
 from ..propagator import LoadTerm, SubstructureModel
-from ..propagator.lumping import diagonal_matrix
-from ..propagator.model import share_patterns
+from ..propagator.model import diagonal_matrix, share_patterns
 from ..scene.fields import GROUND, split_face
 from ..scene.schema import Scene
 from ..time_scheme import QuasiStatic, TimeScheme

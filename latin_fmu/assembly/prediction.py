@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import Final
 
 from ..propagator.cost import Cost, bytes_held
-from ..propagator.settings import Kind
+from ..propagator.registry import Kind
 from .run_cost import run_cost
 from .run_sizes import RunSizes
 

@@ -7,7 +7,7 @@ import numpy as np
 from ..errors import Problem
 from ..propagator import Propagator
 from ..propagator.explicit import ExplicitPropagator
-from ..propagator.settings import Kind, PropagatorSettings
+from ..propagator.registry import Kind, PropagatorSettings
 from ..scene.propagator_relations import CENTRAL
 from ..scene.propagator_settings import AutomaticPropagator, ReducedPropagator
 from ..scene.schema import Scene

@@ -12,7 +12,7 @@ from ..compiled import COMPILES
 from ..interface.behaviour import bonds
 from ..latin.assembly import InterfaceUnit
 from ..propagator.cost import Precision, Size, size_of
-from ..propagator.settings import Kind
+from ..propagator.registry import Kind
 from ..scene.schema import Scene
 from ..scene.solver_settings import WHOLE
 from .inactive_substructures import arrival_times, marched_share

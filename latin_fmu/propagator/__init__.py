@@ -3,8 +3,7 @@
 from .base import Propagator
 from .direct import DirectPropagator
 from .model import Histories, LoadTerm, SubstructureModel
-from .registry import PROPAGATORS, make_propagator
-from .settings import PropagatorSettings
+from .registry import PROPAGATORS, PropagatorSettings, make_propagator
 from .static import StaticPropagator
 
 __all__ = [

@@ -15,8 +15,8 @@ import numpy as np
 
 from ..compiled import COMPILES
 from .model import SubstructureModel
+from .registry import Kind
 from .seconds import SECONDS
-from .settings import Kind
 
 Counts = dict[str, float]
 """Number of operations by their name in ``SECONDS``."""

@@ -7,16 +7,82 @@ identical substructures are members of one class and are solved together.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 
+from ..cholesky.factor import InterfaceFactor, interface_factor
 from ..time_scheme import TimeScheme
 from .base import MassFactor, Propagator
-from .interface_matrices import with_dashpots
-from .model import Array, SubstructureModel
-from .operators import Operators, build_operators
+from .conjugate_gradients import ConjugateGradients, IterativeFactor
+from .interface_matrices import seen_by_channels, with_dashpots
+from .model import Array, Index, SubstructureModel
+
+
+@dataclass(frozen=True)
+class Operators:
+    """Reduced matrices, factor and interface admittance of one class at one time step.
+
+    Attributes
+    ----------
+    mass, damping, stiffness : reduced matrices (n, n).
+    factor : factor of A, interface dofs last. dofs : (n_gamma,) interface dofs.
+    trace : (n_channel, n_gamma) from interface dofs to channels. spread : its transpose. area : (n_channel,).
+    compliance : (n_channel, n_channel) velocities of the channels at the new instant per unit of nodal force
+        on the channels, m s-1 N-1, symmetric: T D T^T.
+    massless : dofs without mass. gain : velocities of the interface dofs per S^-1 times force, of the time scheme.
+    """
+
+    mass: sp.csr_array
+    damping: sp.csr_array | None
+    stiffness: sp.csr_array
+    factor: InterfaceFactor
+    dofs: Index
+    trace: sp.csr_array
+    spread: sp.csr_array
+    area: Array
+    compliance: Array
+    massless: Index
+    gain: float
+
+    @property
+    def admittance(self) -> Array:
+        """Velocities of the channels per unit of traction, m3 N-1 s-1: T D T^T diag(area)."""
+        return self.compliance * self.area
+
+
+def build_operators(model: SubstructureModel, scheme: TimeScheme, dt: float) -> Operators:
+    """Factorise and condense (once per class and time step)."""
+    mass, damping, stiffness = model.reduced
+    dofs, trace, rank = model.at_interface
+    c_mass, c_damping, c_stiffness = scheme.operator(dt)
+    factors, matrices = [c_mass, c_stiffness], [mass, stiffness]
+    if damping is not None:
+        factors, matrices = [*factors, c_damping], [*matrices, damping]
+    pattern = model.operator_pattern
+    matrix = pattern.sum(factors, matrices)
+    factor: InterfaceFactor
+    if model.factor == "cg":
+        factor = IterativeFactor(matrix, dofs)
+    else:
+        factor = interface_factor(matrix, dofs, rank, np.dtype(model.factor), pattern.analyses)
+    gain = scheme.interface_gain(dt) * scheme.force_weight
+    return Operators(
+        mass,
+        damping,
+        stiffness,
+        factor,
+        dofs,
+        trace,
+        model.spread,
+        model.channel_area,
+        seen_by_channels(trace, gain, factor.schur_inverse),
+        model.massless,
+        gain,
+    )
+
 
 _HEAVY = 1e30
 
@@ -70,3 +136,18 @@ class DirectPropagator(Propagator):
     def _condense(self, k: Array) -> Array:
         ops = self.operators
         return with_dashpots(ops.trace, ops.gain, ops.factor.schur, ops.area * k)
+
+
+class CgPropagator(DirectPropagator):
+    """March of a class of identical substructures; every solution by conjugate gradients (``conjugate_gradients``)."""
+
+    def __init__(self, members: Sequence[SubstructureModel], scheme: TimeScheme, dt: float, energy: bool) -> None:
+        super().__init__([m.with_factor("cg") for m in members], scheme, dt, energy)
+
+    def mass_factor(self) -> ConjugateGradients:
+        """Solver with M."""
+        mass = self.operators.mass
+        if self.operators.massless.size:  # they start without acceleration
+            heavy = mass.diagonal().max() * 1e30
+            mass = sp.csr_array(mass + sp.diags_array(heavy * (mass.diagonal() <= 0.0)))
+        return ConjugateGradients(mass)

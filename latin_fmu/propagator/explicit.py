@@ -19,8 +19,7 @@ from ..errors import SolverError
 from ..time_scheme import TimeScheme
 from .base import MassFactor, Propagator
 from .interface_matrices import seen_by_channels, seen_of_diagonal
-from .lumping import lumped
-from .model import Array, Histories, Index, SubstructureModel
+from .model import Array, Histories, Index, SubstructureModel, lumped
 from .stable_step import StableStep
 
 _NONE = np.zeros(0, dtype=np.int64)

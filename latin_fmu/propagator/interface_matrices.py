@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from ..cholesky.numeric import UPPER, fortran, invert, mirror, routines
 from ..compiled import COMPILES, entry
 from ..errors import SolverError
-from .operator_pattern import with_data
+from .model import with_data
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

@@ -1,19 +1,26 @@
-"""What a propagator is built from: the constant matrices and the histories of one substructure."""
+"""What a propagator is built from: the constant matrices and the histories of one substructure.
+
+The places of the entries of M, C and K in the operator of a march, c_M M + c_C C + c_K K, are determined once per
+pattern; the operator of a time step is then a sum of numbers, without sparse arithmetic. Lumping takes row sums, so
+that rigid translations give the same forces before and after.
+"""
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from .lumping import diagonal_matrix, lumped, reduced_diagonal
-from .operator_pattern import OperatorPattern
+from ..cholesky.symbolic import Analyses
 
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 # what depends neither on the way a model is factorised nor on its initial values
 _KEPT = frozenset(
     (
@@ -31,9 +38,99 @@ _KEPT = frozenset(
 )
 _OF_MASS = frozenset(("reduced", "operator_pattern", "massless", "with_lumped_mass"))
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 FactorKind = Literal["float64", "float32", "cg"]
+
+
+def lumped(matrix: sp.csr_array, nodal: bool) -> sp.csr_array:
+    """Row sums over the nodes: (3 n_node, 3 n_node) -> the same shape, diagonal, or ``nodal`` 3 x 3 blocks.
+
+    Blocks keep what couples the components of one node (oblique dashpots). Rigid translations give the same forces
+    before and after; a stiffness-proportional damping gives none.
+    """
+    rows = np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
+    columns, data = matrix.indices, matrix.data
+    if not nodal:
+        kept = rows % 3 == columns % 3  # mass and stiffness of one component; consistent masses have no other
+        sums: Array = np.bincount(rows[kept], data[kept], minlength=matrix.shape[0]).astype(np.float64)
+        return diagonal_matrix(_cleared(sums))
+    onto = 3 * (rows // 3) + columns % 3
+    summed = sp.csr_array(sp.coo_array((data, (rows, onto)), shape=matrix.shape))
+    summed.data = _cleared(summed.data)
+    summed.eliminate_zeros()
+    return summed
+
+
+def diagonal_matrix(values: Array) -> sp.csr_array:
+    """Diagonal matrix (n, n) of values (n,), zeros left out."""
+    n, kept = len(values), np.flatnonzero(values)
+    starts = np.searchsorted(kept, np.arange(n + 1))
+    return sp.csr_array((values[kept], kept, starts), shape=(n, n))
+
+
+def reduced_diagonal(expansion: sp.csr_array, values: Array) -> Array:
+    """Diagonal (n,) of P^T diag(values) P for a selection P (n_full, n), at most one entry per row."""
+    rows = np.repeat(np.arange(expansion.shape[0]), np.diff(expansion.indptr))
+    weights = expansion.data**2 * values[rows]
+    sums: Array = np.bincount(expansion.indices, weights, expansion.shape[1]).astype(np.float64)
+    return sums
+
+
+def _cleared(values: Array) -> Array:
+    """Round-off of the largest becomes zero."""
+    return np.where(np.abs(values) <= 1e-12 * np.abs(values).max(initial=0.0), 0.0, values)
+
+
+class OperatorPattern:
+    """Common pattern of square matrices of one size.
+
+    Parameters
+    ----------
+    matrices : (n, n) each, rows sorted, no entry twice.
+
+    Attributes
+    ----------
+    analyses : of operators with this pattern. forms : what else is made of the index arrays of the matrices, by the
+        ``id`` of one of them, and that array.
+    """
+
+    def __init__(self, matrices: Sequence[sp.csr_array]) -> None:
+        self._given = list(matrices)
+        self.analyses = Analyses()
+        self.forms: dict[int, tuple[Any, Any]] = {}
+
+    @cached_property
+    def _found(self) -> tuple[sp.csr_array, list[Index | None]]:
+        """Matrix of zeros with the common pattern; where the entries of each matrix are, None where they are all."""
+        filled = [with_data(m, np.ones(m.nnz)) for m in self._given]
+        numbers: sp.csr_array = sum(filled[1:], filled[0])
+        numbers.sort_indices()
+        numbers.data = np.arange(1.0, numbers.nnz + 1)
+        places = [None if m.nnz == numbers.nnz else _picked(numbers, m) for m in filled]
+        return with_data(numbers, np.zeros(numbers.nnz)), places
+
+    def sum(self, factors: Sequence[float], matrices: Sequence[sp.csr_array]) -> sp.csr_array:
+        """Sum of factors times matrices, which have the patterns of those given at first, in their order."""
+        empty, where = self._found
+        data = np.zeros(empty.nnz)
+        for factor, matrix, places in zip(factors, matrices, where, strict=True):
+            if places is None:
+                data += factor * matrix.data
+            else:
+                data[places] += factor * matrix.data
+        return with_data(empty, data)
+
+
+def _picked(numbers: sp.csr_array, pattern: sp.csr_array) -> Index:
+    """Where the entries of a pattern are among those of a larger one, which holds 1, 2, 3, ..."""
+    found: Index = numbers.multiply(pattern).tocsr().data.astype(np.int64) - 1
+    return found
+
+
+def with_data(matrix: sp.csr_array, data: Array) -> sp.csr_array:
+    """A matrix of the same pattern, which it shares: nothing is checked or sorted again."""
+    found = copy.copy(matrix)
+    found.data = data
+    return found
 
 
 @dataclass(frozen=True)

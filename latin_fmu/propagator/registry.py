@@ -3,16 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from types import MappingProxyType
+from typing import Literal
 
 from ..time_scheme import TimeScheme
 from .base import Propagator
-from .cg import CgPropagator
-from .direct import DirectPropagator
+from .direct import CgPropagator, DirectPropagator
 from .explicit import ExplicitPropagator
 from .model import SubstructureModel
 from .reduced import ReducedPropagator
-from .settings import PropagatorSettings
+
+Kind = Literal["direct", "explicit", "reduced", "cg"]
+
+
+@dataclass(frozen=True)
+class PropagatorSettings:
+    """Settings of the propagators of a run.
+
+    Attributes
+    ----------
+    kind : registry key. modes : elastic modes of each reduced substructure. precision : of the direct factors.
+    """
+
+    kind: Kind = "direct"
+    modes: int = 50
+    precision: Literal["float64", "float32"] = "float64"
+
 
 Maker = Callable[[Sequence[SubstructureModel], TimeScheme, float, bool, PropagatorSettings], Propagator]
 

@@ -28,8 +28,7 @@ import scipy.linalg as la
 import scipy.sparse as sp
 
 from ..compiled import entry
-from .model import Array
-from .operator_pattern import with_data
+from .model import Array, with_data
 
 _DENSE = 60  # dofs up to which all eigenvalues are computed
 _PRECISION = 1e-4  # relative, of the eigenvalue

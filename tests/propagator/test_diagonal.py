@@ -8,7 +8,7 @@ import scipy.sparse as sp
 
 from latin_fmu.cholesky.factor import DiagonalFactor
 from latin_fmu.propagator.interface_matrices import condensed, seen_of_diagonal
-from latin_fmu.propagator.lumping import diagonal_matrix, lumped, reduced_diagonal
+from latin_fmu.propagator.model import diagonal_matrix, lumped, reduced_diagonal
 
 
 def test_half_solves() -> None:

@@ -13,7 +13,7 @@ import scipy.sparse as sp
 from latin_fmu.errors import SolverError
 from latin_fmu.kernels.energy import TERMS
 from latin_fmu.propagator.explicit import ExplicitPropagator
-from latin_fmu.propagator.lumping import lumped
+from latin_fmu.propagator.model import lumped
 from latin_fmu.propagator.stable_step import StableStep
 from latin_fmu.time_scheme import make_scheme
 

@@ -11,8 +11,7 @@ import scipy.sparse as sp
 
 from latin_fmu.cholesky.factor import interface_factor
 from latin_fmu.cholesky.symbolic import Analyses
-from latin_fmu.propagator.model import reduced_rank, share_patterns
-from latin_fmu.propagator.operator_pattern import OperatorPattern
+from latin_fmu.propagator.model import OperatorPattern, reduced_rank, share_patterns
 
 Make = Callable[..., Any]
 

@@ -14,7 +14,7 @@ from latin_fmu.fem.elasticity import mass, stiffness
 from latin_fmu.fem.elements import Elements
 from latin_fmu.fem.mesh import box_mesh
 from latin_fmu.propagator import stable_step
-from latin_fmu.propagator.lumping import lumped
+from latin_fmu.propagator.model import lumped
 from latin_fmu.propagator.stable_step import StableStep, eigenvalue_bound, largest_eigenvalue
 
 Array = np.ndarray

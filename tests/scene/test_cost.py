@@ -16,8 +16,8 @@ from latin_fmu.assembly.run_sizes import run_sizes
 from latin_fmu.compiled import COMPILES
 from latin_fmu.memory import physical_memory
 from latin_fmu.propagator.cost import cost, factor_bytes, size_of
+from latin_fmu.propagator.registry import PropagatorSettings
 from latin_fmu.propagator.seconds import SECONDS
-from latin_fmu.propagator.settings import PropagatorSettings
 from latin_fmu.results.summary import summary
 
 
