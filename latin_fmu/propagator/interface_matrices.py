@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from ..cholesky.numeric import UPPER, fortran, invert, mirror, routines
 from ..compiled import COMPILES, entry
 from ..errors import SolverError
-from .model import with_data
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -52,7 +51,7 @@ def seen_of_diagonal(trace: sp.csr_array, gain: float, diagonal: Array) -> Array
         seen_there = np.zeros(trace.shape[0])
         seen_there[entries > 0] = weighted * trace.data
         return np.diag(seen_there)
-    product = (with_data(trace, weighted) @ trace.T).toarray()
+    product = (sp.csr_array((weighted, trace.indices, trace.indptr), shape=trace.shape) @ trace.T).toarray()
     symmetric: Array = 0.5 * (product + product.T)
     return symmetric
 

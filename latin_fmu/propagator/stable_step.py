@@ -26,9 +26,11 @@ from typing import Any
 import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
+from numpy.typing import NDArray
 
 from ..compiled import entry
-from .model import Array, with_data
+
+Array = NDArray[np.float64]
 
 _DENSE = 60  # dofs up to which all eigenvalues are computed
 _PRECISION = 1e-4  # relative, of the eigenvalue
@@ -75,7 +77,7 @@ def eigenvalue_bound(matrix: sp.csr_array, mass: Array) -> float:
     """Upper bound of the eigenvalues of M^-1 A, A symmetric (Gershgorin; module docstring)."""
     if not len(mass):
         return 0.0
-    size = with_data(matrix, np.abs(matrix.data))
+    size = abs(matrix)
     root = np.sqrt(mass)
     plain = (size @ np.ones(len(mass))) / mass
     scaled = (size @ (1.0 / root)) / root
