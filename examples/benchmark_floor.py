@@ -12,8 +12,8 @@ import numpy as np
 import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 
-from latin_fmu.assembly.build import Prepared
 from latin_fmu.assembly.merged_assembly import Merged, merge
+from latin_fmu.assembly.problem import Prepared
 from latin_fmu.cholesky.factor import interface_factor
 from latin_fmu.compiled import COMPILES
 from latin_fmu.kernels import entries

@@ -19,7 +19,8 @@ from threadpoolctl import threadpool_limits
 
 import latin_fmu
 from latin_fmu.api import run
-from latin_fmu.assembly.build import Built, Prepared, prepare
+from latin_fmu.assembly.build import prepare
+from latin_fmu.assembly.problem import Built, Prepared
 from latin_fmu.latin.record import Outcome
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from calculix_cards import amplitude, surface
 
-from latin_fmu.assembly.build import Prepared
+from latin_fmu.assembly.problem import Prepared
 from latin_fmu.scene.boundaries import AXES, Fixed, PrescribedDisplacement, PrescribedVelocity, Symmetry
 from latin_fmu.scene.fields import split_face
 

@@ -13,7 +13,7 @@ import numpy as np
 from calculix_cards import facet_area, facets, surface, wrapped
 from calculix_conditions import held, laws, moved
 
-from latin_fmu.assembly.build import Prepared
+from latin_fmu.assembly.problem import Prepared
 from latin_fmu.scene.fields import split_face
 
 

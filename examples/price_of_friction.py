@@ -36,7 +36,7 @@ from benchmark_timing import contact_run, cpu, force_error, in_turn, prepared, r
 from example_tools import save
 
 from latin_fmu.api import run
-from latin_fmu.assembly.build import Prepared
+from latin_fmu.assembly.problem import Prepared
 
 OWN = {"propagator": "direct", "share_identical": False}
 VARIANTS: dict[str, dict[str, Any]] = {

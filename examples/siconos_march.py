@@ -16,7 +16,7 @@ import scipy.sparse as sp
 from example_tools import Array
 from siconos_contact import Contacts
 
-from latin_fmu.assembly.build import Prepared
+from latin_fmu.assembly.problem import Prepared
 from latin_fmu.cholesky.factor import interface_factor
 from latin_fmu.propagator import SubstructureModel
 from latin_fmu.propagator.model import reduced_rank

@@ -6,8 +6,11 @@ import time as clock
 from collections.abc import Mapping
 from typing import Protocol
 
-from .assembly.build import Built, build, prepare
+from .assembly.build import prepare, started
 from .assembly.checks import body_lines, size_remarks
+from .assembly.prediction import predict
+from .assembly.problem import Built
+from .assembly.run_sizes import run_sizes
 from .blas_threads import one_thread
 from .interface import Behaviour
 from .latin.assembly import InterfaceUnit
@@ -54,11 +57,12 @@ def solve(
     timings = Timings()
     start = clock.process_time()
     with one_thread():
-        built = build(scene, behaviours=behaviours)
+        prepared = prepare(scene, behaviours)
+        built = started(prepared, {})
     timings.setup = clock.process_time() - start
     outcome = run(built, timings, observer, progress, wall)
-    if outcome.converged and (prediction := built.predict()) is not None:
-        timings.predicted = prediction.march
+    if outcome.converged:
+        timings.predicted = predict(run_sizes(prepared)).march
     return Solution(outcome, scene.text(), scene.name, recovered=built.recovered)
 
 
@@ -126,7 +130,7 @@ def check(scene: Scene) -> list[str]:
     SceneError : the scene cannot be built.
     """
     prepared = prepare(scene)
-    built = prepared.started({})
+    built = started(prepared, {})
     assembly = built.assembly
     lines = [
         f"scene {scene.name}: {assembly.n_substructure} substructure(s) in {len(assembly.propagators)} class(es), "

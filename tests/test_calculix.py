@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu.assembly.build import Prepared, build, prepare
+from latin_fmu.assembly.build import build, prepare
 from latin_fmu.assembly.merged_assembly import bonded
+from latin_fmu.assembly.problem import Prepared
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 

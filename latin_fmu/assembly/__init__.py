@@ -1,14 +1,14 @@
 """From the description to operators: the one place that knows both the scene and what is solved.
 
 ========================  ==========================================================================
-build                     `build`: a scene -> a solver-ready problem
+build, problem            `build`: a scene -> a discretised problem -> a solver-ready problem
 body, conditions, models  meshes, materials, supports, loads and rigid bodies of the substructures
 interfaces, opposite      points of the interfaces
 checks, scales            checks of the scene against its meshes; impedances and tractions
 statics                   equilibrium before t = 0, static scenes
 inactive_substructures    when something reaches each substructure
 merged_assembly           the assembly as one body, where interfaces are perfect
-segments, timeline        load histories, and runs in consecutive pieces of time
+segments                  runs in consecutive pieces of time
 cost, run_cost,           predicted memory and time
 run_sizes, prediction
 ========================  ==========================================================================

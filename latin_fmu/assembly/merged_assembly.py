@@ -23,7 +23,7 @@ from ..latin.assembly import Assembly, InterfaceUnit
 from ..latin.recorder import SubstructureInfo
 from ..propagator import DirectPropagator, Histories, LoadTerm, SubstructureModel
 from ..scene.fields import split_face
-from .timeline import Timeline
+from .problem import Timeline
 
 _NOTHING = 1e-9  # entries below this share of 1 are round-off
 _LARGEST = 1e3  # an entry above it means that two bonds say nearly the same

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,10 +15,8 @@ from ..propagator.registry import Kind
 from ..scene.schema import Scene
 from ..scene.solver_settings import WHOLE
 from .inactive_substructures import arrival_times, marched_share
+from .problem import Prepared
 from .propagator_choice import chosen_propagators
-
-if TYPE_CHECKING:
-    from .build import Prepared
 
 # LATIN iterations of windows of one instant, measured on the shipped models and benchmarks
 FRICTION, PER_INTERFACE, MOST_COUPLED = 2.25, 0.27, 7

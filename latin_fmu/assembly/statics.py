@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.linalg as la
@@ -32,12 +31,8 @@ from ..time_scheme import QuasiStatic
 from .body import Body
 from .checks import boundaries_of
 from .conditions import Conditions, RigidConditions, conditions_on
-from .initial_state import InitialState
 from .models import model_classes
-
-if TYPE_CHECKING:
-    from .build import Built, Prepared
-
+from .problem import Built, InitialState, Prepared
 
 TIGHT = 1e-11, 1e-9  # tolerances of the static solution; that of the scene where round-off lets neither
 _HELD = 1e-10  # a rigid motion with less relative motion at interfaces than this (squared) is free

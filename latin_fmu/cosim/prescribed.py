@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..assembly.build import Built
+from ..assembly.problem import Built
 from ..assembly.segments import Segment, SegmentedRun
 from ..errors import SolverError
 from ..latin.record import Array, InterfaceHistory

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
 
-from ..assembly.build import Prepared
+from ..assembly.problem import Prepared
 from ..assembly.run_cost import RunCost, march_saved, run_cost
 from ..assembly.run_sizes import CONTACT, ClassSizes, RunSizes, expected_iterations, run_sizes
 from ..latin.assembly import InterfaceUnit

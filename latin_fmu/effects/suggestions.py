@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..assembly.inactive_substructures import arrival_times, marched_share
+from ..assembly.prediction import predict
 from ..assembly.run_sizes import ClassSizes, RunSizes
 from ..fem.elasticity import wave_speeds
 from ..scene.fields import GROUND, split_face
@@ -213,6 +214,6 @@ def _fraction(share: float) -> str:
 
 def _propagator(sizes: Sizes, _: list[Effect], __: float) -> Iterator[Suggestion]:
     """Propagators that give another answer for much less."""
-    predicted = sizes.prepared.prediction()
-    for kind, what, factor in [] if predicted is None else predicted.cheaper():
+    predicted = predict(sizes.run)
+    for kind, what, factor in predicted.cheaper():
         yield Suggestion(what, (f"solver.propagator={kind}",), factor)

@@ -8,8 +8,8 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
-from ..assembly.build import Prepared
 from ..assembly.merged_assembly import merge
+from ..assembly.problem import Prepared
 from ..errors import Problem, SceneError
 from ..latin.assembly import InterfaceUnit
 from ..propagator import SubstructureModel

@@ -6,8 +6,9 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from ..assembly.build import Prepared, prepare
+from ..assembly.build import prepare
 from ..assembly.interfaces import completed
+from ..assembly.problem import Prepared
 from ..assembly.scales import characteristic_traction, side_impedance
 from ..assembly.statics import starts_static
 from ..errors import Problem, SceneError

@@ -7,7 +7,8 @@ from typing import Any
 
 import pytest
 
-from latin_fmu.assembly.build import Built, build
+from latin_fmu.assembly.build import build
+from latin_fmu.assembly.problem import Built
 from latin_fmu.latin.record import Timings
 from latin_fmu.latin.recorder import Recorder
 from latin_fmu.latin.windows import Run

@@ -12,7 +12,8 @@ import pytest
 import scipy.linalg as la
 
 from latin_fmu.api import run
-from latin_fmu.assembly.build import Built, build
+from latin_fmu.assembly.build import build
+from latin_fmu.assembly.problem import Built
 from latin_fmu.errors import SceneError
 from latin_fmu.latin.record import Outcome
 from latin_fmu.propagator import DirectPropagator, Histories

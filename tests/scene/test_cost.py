@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 import latin_fmu
+from latin_fmu import api
 from latin_fmu.assembly.build import prepare
 from latin_fmu.assembly.cost import fitting, memory_needed
+from latin_fmu.assembly.prediction import predict
 from latin_fmu.assembly.run_cost import march, run_cost, set_up
 from latin_fmu.assembly.run_sizes import run_sizes
 from latin_fmu.compiled import COMPILES
@@ -115,18 +117,18 @@ def test_predicted_and_real_seconds_are_of_one_size() -> None:
     """A factor of ten on whatever machine the tests run, for direct and explicit marches of 2 x 2200 unknowns."""
     for propagator in ("direct", "explicit"):
         prepared = prepare(scene(8, propagator=propagator))
-        prediction = prepared.prediction()
+        prediction = predict(run_sizes(prepared))
         assert prediction.kind == propagator
-        latin_fmu.api.run(prepared.build())  # kernels
+        api.run(prepared.build())  # kernels
         built = prepared.build()
         start = time.process_time()
-        latin_fmu.api.run(built)
+        api.run(built)
         real = time.process_time() - start
         assert 0.1 * real < prediction.march < 10 * real, (propagator, prediction.march, real)
 
 
 def test_explicit_and_reduced_are_suggested_never_chosen() -> None:
-    prediction = prepare(scene(14)).prediction()
+    prediction = predict(run_sizes(prepare(scene(14))))
     assert prediction.kind == "direct"
     assert [kind for kind, _, _ in prediction.cheaper()] == ["explicit", "reduced"]
     assert all("another answer" in what and 0 < factor < 0.4 for _, what, factor in prediction.cheaper())

@@ -1,0 +1,258 @@
+"""A scene on its way to the solver: the discretised problem, and the solver-ready problem with its operators."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from ..errors import SceneError
+from ..fem.mesh import padded_cells
+from ..latin.assembly import Array, Assembly, GroundState, InterfaceUnit, Layout
+from ..latin.recorder import SubstructureInfo, Wanted
+from ..latin.search_direction import inertial_impedance, unresolved_sides
+from ..latin.settings import SearchDirection, Settings
+from ..propagator import Histories, Propagator, StaticPropagator, SubstructureModel, make_propagator
+from ..results.dataset import Recovered
+from ..scene.schema import Scene
+from ..scene.solver_settings import WHOLE, Anderson, Uniform
+from ..time_scheme import QuasiStatic, TimeScheme
+from .body import Body
+from .conditions import Conditions
+from .models import ModelClass
+from .propagator_choice import chosen_propagators, unstable_steps
+from .scales import characteristic_traction, side_impedance, side_stiffness, static_traction
+
+REST = 1e-2
+"""Tractions below this share of tolerance x characteristic traction do not wake a substructure at rest."""
+ROUND_OFF = 1e-13
+"""The same as a share of the characteristic traction, where rounding errors alone are to be left out."""
+
+
+class Timeline:
+    """Samples the laws of a scene; amplitudes given from outside replace the law of a load."""
+
+    def __init__(self, scene: Scene, conditions: dict[str, Conditions]) -> None:
+        self._scene, self._conditions = scene, conditions
+
+    def begin(
+        self,
+        assembly: Assembly,
+        time: Array,
+        given: Mapping[str, Array],
+        ground_start: Mapping[int, GroundState],
+        dt: float | None = None,
+    ) -> None:
+        """Set the instants of an assembly and of its propagators.
+
+        Parameters
+        ----------
+        time : (n_time,), s. given : amplitude (n_time,) of loads by name. ground_start : see ``Assembly.begin``.
+        dt : step of the operators, s; that of ``time`` where None (they may differ by round-off).
+        """
+        dt = float(time[1] - time[0]) if dt is None else dt
+        for propagator in assembly.propagators:
+            propagator.begin([self.histories(member, time, given) for member in propagator.members], dt)
+        assembly.begin(time, dt, self._ground(assembly, time), ground_start)
+
+    def histories(self, model: SubstructureModel, time: Array, given: Mapping[str, Array] | None = None) -> Histories:
+        """What drives one substructure at the instants; ``given`` as for ``begin``."""
+        amplitudes = [self._amplitude(load.name, time, given or {}) for load in model.loads]
+        motion = self._conditions[model.name].velocity(time, over_steps=self._scene.time.quasi_static)
+        return Histories(time, amplitudes, motion)
+
+    def _amplitude(self, name: str, time: Array, given: Mapping[str, Array]) -> Array:
+        if not name:
+            return np.ones(len(time))
+        return given[name] if name in given else self._scene.load[name].law.sample(time)
+
+    def _ground(self, assembly: Assembly, time: Array) -> dict[int, Array]:
+        ground = {}
+        for i, unit in enumerate(assembly.interfaces):
+            if not unit.against_ground:
+                continue
+            moving = self._scene.interface[unit.name].ground_velocity
+            ground[i] = np.zeros((len(time), 3))
+            if moving is not None:
+                ground[i] = moving.law.sample(time)[:, None] * np.asarray(moving.vector)
+            if self._scene.time.quasi_static:  # over the step that ends at each instant
+                ground[i][1:] = 0.5 * (ground[i][1:] + ground[i][:-1])
+        return ground
+
+
+@dataclass(frozen=True)
+class InitialState:
+    """Displacements and interface tractions in equilibrium.
+
+    Attributes
+    ----------
+    displacement : (n_full,) by substructure, m. traction : (n_point, n_component) on side E by interface, local frames,
+        Pa. closure : (n_point,) by interface, m: what the tolerance has left of the gaps of closed points.
+    amplitudes : of the loads that are set from outside. told : how it was found. remarks : warnings.
+    """
+
+    displacement: Mapping[str, Array]
+    traction: Mapping[str, Array]
+    closure: Mapping[str, Array]
+    amplitudes: Mapping[str, float]
+    told: str
+    remarks: tuple[str, ...] = ()
+
+    def displaced(self, classes: list[ModelClass]) -> list[ModelClass]:
+        """The classes with these initial displacements."""
+        return [
+            replace(c, members=[m.displaced(self.displacement.get(m.name, m.displacement)) for m in c.members])
+            for c in classes
+        ]
+
+    def hand_over(self, assembly: Assembly) -> None:
+        """Give an assembly the tractions, and the gaps of closed points as zero.
+
+        A gap that the tolerance has left, small as it is, would have to be crossed within the first step: over a
+        short one that is a velocity.
+        """
+        for i, unit in enumerate(assembly.interfaces):
+            if unit.name in self.traction:
+                assembly.start_tractions[i] = self.traction[unit.name]
+            if unit.name in self.closure:
+                group = assembly.layout.group(i)
+                group.gap[group.members[i]] = unit.geometry.gap - self.closure[unit.name]
+
+
+@dataclass(frozen=True)
+class Built:
+    """A scene turned into operators, ready to run.
+
+    The assembly stands at t = 0 with the instants of the scene; ``timeline`` can give it others. ``start`` is the
+    equilibrium that the motion starts from, None where there is none; ``recovered`` finds more fields of the
+    substructures from what is kept.
+    """
+
+    assembly: Assembly
+    settings: Settings
+    wanted: Wanted
+    info: dict[str, SubstructureInfo]
+    warnings: tuple[str, ...]
+    timeline: Timeline
+    start: InitialState | None = None
+    recovered: Mapping[str, Recovered] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """Meshes, matrices and interfaces of a scene; nothing is factorised yet."""
+
+    scene: Scene
+    bodies: dict[str, Body]
+    conditions: dict[str, Conditions]
+    units: list[InterfaceUnit]
+    layout: Layout
+    classes: list[ModelClass]
+    scheme: TimeScheme
+    time: Array
+    remarks: tuple[str, ...]
+
+    @property
+    def dt(self) -> float:
+        """Step, s."""
+        return float(self.time[1] - self.time[0])
+
+    @property
+    def info(self) -> dict[str, SubstructureInfo]:
+        """Meshes for the recorder."""
+        stress = self.scene.output.stress
+        return {
+            n: SubstructureInfo(
+                b.mesh.nodes,
+                padded_cells(b.mesh.blocks),
+                " ".join(b.mesh.cell_types),
+                b.shape.stress if stress and not b.rigid else None,
+            )
+            for n, b in self.bodies.items()
+        }
+
+    @property
+    def recovered(self) -> dict[str, Recovered]:
+        """What finds more fields of the elastic substructures, where the scene asks for them."""
+        output = self.scene.output
+        if not output.recovers:
+            return {}
+        wanted = output.strain, output.nodal_stress, output.principal_stress
+        return {n: Recovered(b.shape.recovery, *wanted) for n, b in self.bodies.items() if not b.rigid}
+
+    @property
+    def timeline(self) -> Timeline:
+        """What drives the substructures."""
+        return Timeline(self.scene, self.conditions)
+
+    @cached_property
+    def impedance(self) -> Array:
+        """Impedance of the side of every channel (see ``Assembly``)."""
+        side = side_stiffness if isinstance(self.scheme, QuasiStatic) else side_impedance
+        return side(self.bodies, self.units, self.layout)
+
+    @cached_property
+    def characteristic_traction(self) -> float:
+        """Size of the tractions the loads can bring, Pa."""
+        size = static_traction if isinstance(self.scheme, QuasiStatic) else characteristic_traction
+        return size(self.scene, self.bodies, self.time)
+
+    def build(self, start: InitialState | None = None) -> Built:
+        """Factorise and condense the substructures and tie them together; ``start``: not from the values given."""
+        scene, scheme, units = self.scene, self.scheme, self.units
+        layout = self.layout if start is None else Layout(units)  # its gaps are handed over
+        settings, without_factor = chosen_propagators(scene, self.classes)
+        classes = self.classes if start is None else start.displaced(self.classes)
+        static = isinstance(scheme, QuasiStatic)
+        impedance = self.impedance.copy()
+        propagators: list[Propagator] = []
+        for c in classes:
+            twin = None if c.twin is None else propagators[c.twin]
+            propagators.append(
+                StaticPropagator(c.members, self.dt, scene.output.energy, impedance[c.channels[:, 0]])
+                if static
+                else make_propagator(c.members, scheme, self.dt, scene.output.energy, settings, twin)
+            )
+        if problems := unstable_steps(propagators, scene, self.dt):
+            raise SceneError(problems, "the scene cannot be built")
+        assembly = Assembly(
+            propagators, [c.channels for c in classes], units, layout, impedance, self.characteristic_traction, scheme
+        )
+        level = {"off": -1.0, "exact": 0.0, "round_off": ROUND_OFF, "tolerance": REST * scene.solver.tolerance}[
+            scene.solver.skip_at_rest
+        ]
+        assembly.rest_traction = level * (assembly.characteristic_traction if level > 0 else 1.0)
+        if start is not None:
+            start.hand_over(assembly)
+        timeline = self.timeline
+        timeline.begin(assembly, self.time, {}, assembly.ground_start)
+        if not static and any(body.rigid for body in self.bodies.values()):
+            inertial_impedance(assembly)
+        output = scene.output
+        wanted = Wanted(output.keeps_fields, output.stress, output.energy, output.every)
+        warnings = (*self.remarks, *without_factor, *([] if static else unresolved_sides(assembly)))
+        warnings += () if start is None else start.remarks
+        return Built(assembly, settings_of(scene), wanted, self.info, warnings, timeline, start, self.recovered)
+
+
+def settings_of(scene: Scene) -> Settings:
+    """Settings of the iteration."""
+    solver = scene.solver
+    direction = solver.search_direction
+    uniform = (direction.normal, direction.tangential) if isinstance(direction, Uniform) else (0.0, 0.0)
+    return Settings(
+        tolerance=solver.tolerance,
+        force_tolerance=solver.force_mismatch_tolerance,
+        max_iterations=solver.max_iterations,
+        search_direction=SearchDirection(direction.type, direction.factor, *uniform),
+        anderson_depth=solver.acceleration.depth if isinstance(solver.acceleration, Anderson) else 0,
+        relaxation=solver.relaxation,
+        window=0 if solver.window == WHOLE else min(int(solver.window), scene.time.n_step),
+        quasi_static=scene.time.quasi_static,
+        direct_bonds=solver.bonds == "direct",
+        threads=solver.threads,
+        skip_unchanged=solver.skip_unchanged,
+        sequential_start=solver.window == WHOLE and solver.start == "sequential",
+    )
