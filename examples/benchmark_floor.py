@@ -13,7 +13,7 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 
 from latin_fmu.assembly.merged_assembly import Merged, merge
-from latin_fmu.assembly.problem import Prepared
+from latin_fmu.assembly.problem import DiscretisedProblem
 from latin_fmu.cholesky.factor import interface_factor
 from latin_fmu.compiled import COMPILES
 from latin_fmu.kernels import entries
@@ -27,7 +27,7 @@ NOTHING = np.zeros((0, 1))
 class Floor:
     """Linear transients of the bonded mesh: same steps, same scheme (HHT), same loads."""
 
-    def __init__(self, ready: Prepared) -> None:
+    def __init__(self, ready: DiscretisedProblem) -> None:
         self._ready = ready
         members = [m for c in ready.classes for m in c.members]
         self._merged: Merged = merge(members, ready.units, ready.info)

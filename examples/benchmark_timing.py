@@ -19,17 +19,17 @@ from threadpoolctl import threadpool_limits
 
 import latin_fmu
 from latin_fmu.api import run
-from latin_fmu.assembly.build import prepare
-from latin_fmu.assembly.problem import Built, Prepared
+from latin_fmu.assembly.build import discretise
+from latin_fmu.assembly.problem import DiscretisedProblem, SolverReadyProblem
 from latin_fmu.latin.record import Outcome
 
 
-def prepared(case: Case, solver: dict[str, Any]) -> Prepared:
+def prepared(case: Case, solver: dict[str, Any]) -> DiscretisedProblem:
     """Matrices of a case with these settings of the iteration."""
-    return prepare(latin_fmu.scene_from_dict({**case.description, "solver": solver}))
+    return discretise(latin_fmu.scene_from_dict({**case.description, "solver": solver}))
 
 
-def stable(case: Case, solver: dict[str, Any]) -> Prepared:
+def stable(case: Case, solver: dict[str, Any]) -> DiscretisedProblem:
     """The same with as many more instants as an explicit propagator needs."""
     steps = case.description["time"]["instants"]
     for more in (1.0, 1.04, 1.1, 1.25, 1.5, 2.0, 3.0, 4.0, 6.0):
@@ -41,12 +41,14 @@ def stable(case: Case, solver: dict[str, Any]) -> Prepared:
     raise ValueError(f"{case.case}: not stable with {6 * steps} steps")
 
 
-def contact_run(ready: Prepared) -> Outcome:
+def contact_run(ready: DiscretisedProblem) -> Outcome:
     """Factorise, march, contact included, to the interface histories."""
     return run(ready.build())
 
 
-def second_run(ready: Prepared, built: Built, given: Mapping[str, np.ndarray] | None = None) -> Outcome:
+def second_run(
+    ready: DiscretisedProblem, built: SolverReadyProblem, given: Mapping[str, np.ndarray] | None = None
+) -> Outcome:
     """Another run with what was set up for the first; ``given`` amplitudes (n_time,) of loads by name."""
     for propagator in built.assembly.propagators:
         propagator.restart()

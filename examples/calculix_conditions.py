@@ -7,12 +7,12 @@ from collections.abc import Iterator
 import numpy as np
 from calculix_cards import amplitude, surface
 
-from latin_fmu.assembly.problem import Prepared
+from latin_fmu.assembly.problem import DiscretisedProblem
 from latin_fmu.scene.boundaries import AXES, Fixed, PrescribedDisplacement, PrescribedVelocity, Symmetry
 from latin_fmu.scene.fields import split_face
 
 
-def laws(ready: Prepared) -> Iterator[str]:
+def laws(ready: DiscretisedProblem) -> Iterator[str]:
     """Amplitudes at the instants of the scene; linear between them, as in the scene."""
     scene, time = ready.scene, ready.time
     for name, load in scene.load.items():
@@ -26,7 +26,7 @@ def laws(ready: Prepared) -> Iterator[str]:
             yield from amplitude(f"B_{name}", time, moved)
 
 
-def held(ready: Prepared) -> Iterator[str]:
+def held(ready: DiscretisedProblem) -> Iterator[str]:
     """What does not move."""
     yield "*BOUNDARY"
     for boundary in ready.scene.boundary.values():
@@ -44,7 +44,7 @@ def held(ready: Prepared) -> Iterator[str]:
             yield f"N_{surface(boundary.face)}, {axis + 1}, {axis + 1}"
 
 
-def moved(ready: Prepared) -> Iterator[str]:
+def moved(ready: DiscretisedProblem) -> Iterator[str]:
     """What moves as prescribed."""
     for name, boundary in ready.scene.boundary.items():
         if isinstance(boundary, PrescribedDisplacement | PrescribedVelocity):

@@ -13,7 +13,7 @@ import numpy as np
 from calculix_cards import facet_area, facets, surface, wrapped
 from calculix_conditions import held, laws, moved
 
-from latin_fmu.assembly.problem import Prepared
+from latin_fmu.assembly.problem import DiscretisedProblem
 from latin_fmu.scene.fields import split_face
 
 
@@ -42,7 +42,7 @@ class Choices:
 class Deck:
     """Numbers of nodes and elements of the whole assembly, and the lines of the deck."""
 
-    def __init__(self, ready: Prepared, choices: Choices) -> None:
+    def __init__(self, ready: DiscretisedProblem, choices: Choices) -> None:
         self.ready, self.choices = ready, choices
         self._bodies = ready.bodies
         counts = [b.mesh.n_node for b in self._bodies.values()]

@@ -28,7 +28,7 @@ from threadpoolctl import threadpool_limits
 
 import latin_fmu
 from latin_fmu.api import run
-from latin_fmu.assembly.build import prepare
+from latin_fmu.assembly.build import discretise
 from latin_fmu.assembly.run_sizes import run_sizes
 from latin_fmu.effects.explanation import explain
 
@@ -45,7 +45,7 @@ def measured(scenes: Mapping[str, latin_fmu.Scene], rounds: int) -> dict[str, Me
             for name, one in scenes.items():
                 gc.collect()
                 at = [clock.process_time()]
-                ready = prepare(one)
+                ready = discretise(one)
                 at.append(clock.process_time())
                 built = ready.build()
                 at.append(clock.process_time())
@@ -55,7 +55,7 @@ def measured(scenes: Mapping[str, latin_fmu.Scene], rounds: int) -> dict[str, Me
                 told[name] = float(np.mean([w.iterations for w in found.windows])), found.marched
     return {
         name: Measured(
-            run_sizes(prepare(one)), *(median(part) for part in zip(*times[name][1:], strict=True)), *told[name]
+            run_sizes(discretise(one)), *(median(part) for part in zip(*times[name][1:], strict=True)), *told[name]
         )
         for name, one in scenes.items()
     }

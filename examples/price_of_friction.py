@@ -36,7 +36,7 @@ from benchmark_timing import contact_run, cpu, force_error, in_turn, prepared, r
 from example_tools import save
 
 from latin_fmu.api import run
-from latin_fmu.assembly.problem import Prepared
+from latin_fmu.assembly.problem import DiscretisedProblem
 
 OWN = {"propagator": "direct", "share_identical": False}
 VARIANTS: dict[str, dict[str, Any]] = {
@@ -97,12 +97,12 @@ def measure(case: Case, rounds: int | None = None) -> tuple[list[Row], dict[str,
     return rows, floors
 
 
-def shares(ready: Prepared) -> bool:
+def shares(ready: DiscretisedProblem) -> bool:
     """Whether there are identical blocks."""
     return any(len(c.members) > 1 or c.twin is not None for c in ready.classes)
 
 
-def work(name: str, ready: Prepared) -> Callable[[], object]:
+def work(name: str, ready: DiscretisedProblem) -> Callable[[], object]:
     """What is timed: all from the matrices on, but for the reduced one, whose modes are set-up."""
     if not name.startswith("reduced"):
         return lambda: contact_run(ready)

@@ -16,7 +16,7 @@ import scipy.sparse as sp
 from example_tools import Array
 from siconos_contact import Contacts
 
-from latin_fmu.assembly.problem import Prepared
+from latin_fmu.assembly.problem import DiscretisedProblem
 from latin_fmu.cholesky.factor import interface_factor
 from latin_fmu.propagator import SubstructureModel
 from latin_fmu.propagator.model import reduced_rank
@@ -27,7 +27,7 @@ THETA = 0.5
 class MoreauJean:
     """A scene whose interfaces are all frictional contacts, every block a class of its own."""
 
-    def __init__(self, ready: Prepared, found: ctypes.CDLL, tolerance: float) -> None:
+    def __init__(self, ready: DiscretisedProblem, found: ctypes.CDLL, tolerance: float) -> None:
         self._ready, self._library, self._tolerance = ready, found, tolerance
         self.models: list[SubstructureModel] = [c.members[0] for c in ready.classes]
         n = sum(u.geometry.n_point for u in ready.units)

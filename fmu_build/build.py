@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 import latin_fmu
-from latin_fmu.assembly.build import prepare
+from latin_fmu.assembly.build import discretise
 from latin_fmu.assembly.interfaces import completed
 from latin_fmu.cosim.table_file import table_text
 from latin_fmu.cosim.variables import table_of
@@ -66,7 +66,7 @@ def fmu_files(scene: Scene, fmi: Fmi) -> Files:
     """Every file of the FMU, by path inside the archive."""
     exporter = Exporter.installed(fmi)
     scene = completed(scene)
-    built = prepare(scene).build()  # also shows that it can be built
+    built = discretise(scene).build()  # also shows that it can be built
     n_point = {unit.name: unit.geometry.n_point for unit in built.assembly.interfaces}
     table = table_of(scene, n_point if fmi == "3" else None)
     if fmi == "2" and len(table) > MAX_SCALARS:

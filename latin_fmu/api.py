@@ -6,10 +6,10 @@ import time as clock
 from collections.abc import Mapping
 from typing import Protocol
 
-from .assembly.build import prepare, started
+from .assembly.build import discretise, solver_ready
 from .assembly.checks import body_lines, size_remarks
 from .assembly.prediction import predict
-from .assembly.problem import Built
+from .assembly.problem import SolverReadyProblem
 from .assembly.run_sizes import run_sizes
 from .blas_threads import one_thread
 from .interface import Behaviour
@@ -57,28 +57,28 @@ def solve(
     timings = Timings()
     start = clock.process_time()
     with one_thread():
-        prepared = prepare(scene, behaviours)
-        built = started(prepared, {})
+        discretised = discretise(scene, behaviours)
+        problem = solver_ready(discretised, {})
     timings.setup = clock.process_time() - start
-    outcome = run(built, timings, observer, progress, wall)
+    outcome = run(problem, timings, observer, progress, wall)
     if outcome.converged:
-        timings.predicted = predict(run_sizes(prepared)).march
-    return Solution(outcome, scene.text(), scene.name, recovered=built.recovered)
+        timings.predicted = predict(run_sizes(discretised)).march
+    return Solution(outcome, scene.text(), scene.name, recovered=problem.recovered)
 
 
 def run(
-    built: Built,
+    problem: SolverReadyProblem,
     timings: Timings | None = None,
     observer: Observer | None = None,
     progress: ProgressSink | None = None,
     wall_start: float | None = None,
 ) -> Outcome:
-    """Run a built scene over its whole interval (once: the built assembly keeps its final state)."""
+    """Run a solver-ready problem over its whole interval (once: its assembly keeps the final state)."""
     timings = Timings() if timings is None else timings
     wall = clock.perf_counter() if wall_start is None else wall_start
-    assembly = built.assembly
+    assembly = problem.assembly
     begin, begin_wall = clock.process_time(), clock.perf_counter()
-    recorder = Recorder(assembly, built.wanted, built.info)
+    recorder = Recorder(assembly, problem.wanted, problem.info)
 
     def observe(event: IterationEvent) -> None:
         assert observer is not None
@@ -87,7 +87,7 @@ def run(
     with one_thread():  # threads on small dense products cost more than they give, and take sums in another order
         march = Run(
             assembly,
-            built.settings,
+            problem.settings,
             recorder,
             timings,
             None if observer is None else observe,
@@ -95,7 +95,7 @@ def run(
         )
         march.all()
     state = march.state
-    converged, sentence = status(assembly, built.settings, state.windows, state.interface_indicator)
+    converged, sentence = status(assembly, problem.settings, state.windows, state.interface_indicator)
     names = [u.name for u in assembly.interfaces]
     indicator = state.interface_indicator
     outcome = Outcome(
@@ -110,8 +110,8 @@ def run(
         marched=state.marched / (assembly.n_substructure * assembly.n_instant),
         energy=recorder.assembly_energy(assembly),
         timings=timings,
-        warnings=(*built.warnings, *drift_remarks(assembly), *accuracy_remarks(assembly.propagators)),
-        settings=march.choices() | ({} if built.start is None else {"start": built.start.told}),
+        warnings=(*problem.warnings, *drift_remarks(assembly), *accuracy_remarks(assembly.propagators)),
+        settings=march.choices() | ({} if problem.start is None else {"start": problem.start.told}),
     )
     # the march is timed with the wall clock, which costs nothing to read, and has its share of the CPU time
     cpu = clock.process_time() - begin
@@ -129,20 +129,20 @@ def check(scene: Scene) -> list[str]:
     ------
     SceneError : the scene cannot be built.
     """
-    prepared = prepare(scene)
-    built = started(prepared, {})
-    assembly = built.assembly
+    discretised = discretise(scene)
+    problem = solver_ready(discretised, {})
+    assembly = problem.assembly
     lines = [
         f"scene {scene.name}: {assembly.n_substructure} substructure(s) in {len(assembly.propagators)} class(es), "
         f"{len(assembly.interfaces)} interface(s), {assembly.n_instant} steps of {assembly.dt:.6g} s"
     ]
-    lines += body_lines(prepared.bodies)
+    lines += body_lines(discretised.bodies)
     lines += [
         f"  {', '.join(p.names)}: {p.n_dof} unknowns, {p.n_channel} interface channels" for p in assembly.propagators
     ]
     lines += [_interface_line(u, u.name not in scene.interface) for u in assembly.interfaces]
-    lines += [] if built.start is None else [f"  start: {built.start.told}"]
-    warnings = (*size_remarks(prepared.bodies), *built.warnings)
+    lines += [] if problem.start is None else [f"  start: {problem.start.told}"]
+    warnings = (*size_remarks(discretised.bodies), *problem.warnings)
     lines += [f"warning: {w}" for w in warnings]
     return [*lines, "the scene can be solved" + (", mind the warnings" if warnings else "")]
 

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu.assembly.build import build, prepare
+from latin_fmu.assembly.build import build, discretise
 from latin_fmu.assembly.merged_assembly import bonded
-from latin_fmu.assembly.problem import Prepared
+from latin_fmu.assembly.problem import DiscretisedProblem
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 
@@ -27,13 +27,13 @@ def modules(monkeypatch: pytest.MonkeyPatch) -> dict[str, ModuleType]:
     return {name: importlib.import_module(name) for name in names}
 
 
-def _crushing(modules: dict[str, ModuleType], n: int, mu: float = 0.3, **time: Any) -> Prepared:
+def _crushing(modules: dict[str, ModuleType], n: int, mu: float = 0.3, **time: Any) -> DiscretisedProblem:
     scene = copy.deepcopy(modules["benchmark_problems"].crushing(n, mu).description)
     scene["time"] |= time
-    return prepare(latin_fmu.scene_from_dict(scene))
+    return discretise(latin_fmu.scene_from_dict(scene))
 
 
-def _deck(modules: dict[str, ModuleType], ready: Prepared, **choices: Any) -> str:
+def _deck(modules: dict[str, ModuleType], ready: DiscretisedProblem, **choices: Any) -> str:
     deck = modules["calculix_deck"]
     return deck.Deck(ready, deck.Choices(**choices)).text()
 
@@ -97,7 +97,7 @@ def test_bonded_deck_shares_the_nodes_of_the_interface(modules: dict[str, Module
 
 def test_static_deck(modules: dict[str, ModuleType]) -> None:
     case = modules["benchmark_problems"].plates(3, (2, 2, 1))
-    cards = _cards(_deck(modules, prepare(latin_fmu.scene_from_dict(case.description))))
+    cards = _cards(_deck(modules, discretise(latin_fmu.scene_from_dict(case.description))))
     assert cards["*STATIC"][0].split(", ")[:2] == ["5.000000000e-02", "1.000000000e+00"]
     assert cards["*BOUNDARY"] == [f"N_B1_ZMIN, {k}, {k}" for k in (1, 2, 3)]
     shear = [line.split(", ") for line in cards["*CLOAD, AMPLITUDE=A_SHEAR"]]
@@ -109,7 +109,7 @@ def test_unknown_condition_is_refused(modules: dict[str, ModuleType]) -> None:
     scene = copy.deepcopy(modules["benchmark_problems"].crushing(1, 0.0).description)
     scene["boundary"]["base"] = {"type": "absorbing", "face": "b1.zmin"}
     with pytest.raises(ValueError, match="absorbing"):
-        _deck(modules, prepare(latin_fmu.scene_from_dict(scene)))
+        _deck(modules, discretise(latin_fmu.scene_from_dict(scene)))
 
 
 PRINTED = """

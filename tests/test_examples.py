@@ -10,7 +10,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from latin_fmu.assembly.build import prepare
+from latin_fmu.assembly.build import discretise
 from latin_fmu.assembly.run_cost import set_up
 from latin_fmu.assembly.run_sizes import run_sizes
 from latin_fmu.propagator.cost import MANY
@@ -175,7 +175,7 @@ def test_the_fit_finds_the_seconds_that_made_the_times(example: ModuleType, monk
     slow |= {name: 0.5 * slow[name.removeprefix(MANY)] for name in slow if name.startswith(MANY)}
     runs = []
     for one in known.values():
-        sizes = run_sizes(prepare(one))
+        sizes = run_sizes(discretise(one))
         made = example.Measured(sizes, 0.0, 0.0, 0.0, sizes.iterations, 1.0)
         counted = set_up(sizes)
         parts = [

@@ -105,13 +105,13 @@ def test_known_steps_share_their_operators():
     """A step that differs by round-off costs no factorisation; a few steps are kept."""
     run = SegmentedRun(scene("impact_bar/scene", "output.fields=false"))
     run.advance(0.1, 20)
-    operators = run.built.assembly.propagators[0].operators
+    operators = run.problem.assembly.propagators[0].operators
     run.advance(0.1 + 0.1 * (1 + 1e-12), 20)
-    assert run.built.assembly.propagators[0].operators is operators
+    assert run.problem.assembly.propagators[0].operators is operators
     run.advance(0.4, 10)
-    assert run.built.assembly.propagators[0].operators is not operators
+    assert run.problem.assembly.propagators[0].operators is not operators
     run.advance(0.45, 10)
-    assert run.built.assembly.propagators[0].operators is operators
+    assert run.problem.assembly.propagators[0].operators is operators
 
 
 def test_loads_from_outside():

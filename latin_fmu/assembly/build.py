@@ -25,13 +25,13 @@ from .conditions import conditions_on
 from .inactive_substructures import arrival_times, cut_by_arrival, marched_share
 from .interfaces import Messages, build_interface, lonely_remarks, with_behaviours, with_found
 from .models import model_classes
-from .problem import Built, Prepared
+from .problem import DiscretisedProblem, SolverReadyProblem
 from .statics import start_problems, starts_static, static_state, unheld
 
 
 def build(
     scene: Scene, amplitudes: Mapping[str, float] | None = None, behaviours: Mapping[str, Behaviour] | None = None
-) -> Built:
+) -> SolverReadyProblem:
     """Meshes, matrices, interfaces and factors of a scene, and the equilibrium it starts from where it asks for one.
 
     Parameters
@@ -43,15 +43,15 @@ def build(
     ------
     SceneError : meshes that cannot be read, unknown faces, faces that do not fit, all at once; no equilibrium.
     """
-    return started(prepare(scene, behaviours), amplitudes or {})
+    return solver_ready(discretise(scene, behaviours), amplitudes or {})
 
 
-def started(prepared: Prepared, amplitudes: Mapping[str, float]) -> Built:
+def solver_ready(discretised: DiscretisedProblem, amplitudes: Mapping[str, float]) -> SolverReadyProblem:
     """Operators, with the initial values given or the equilibrium that the scene starts from (see ``build``)."""
-    return prepared.build(static_state(prepared, amplitudes) if starts_static(prepared.scene) else None)
+    return discretised.build(static_state(discretised, amplitudes) if starts_static(discretised.scene) else None)
 
 
-def prepare(scene: Scene, behaviours: Mapping[str, Behaviour] | None = None) -> Prepared:
+def discretise(scene: Scene, behaviours: Mapping[str, Behaviour] | None = None) -> DiscretisedProblem:
     """All of ``build`` but the factors (same errors)."""
     problems: list[Problem] = []
     bodies = build_bodies(scene, problems)
@@ -88,7 +88,7 @@ def prepare(scene: Scene, behaviours: Mapping[str, Behaviour] | None = None) -> 
         *(lumping_remarks(bodies) if scheme.explicit else []),
         *([] if scene.time.quasi_static else sampling_remarks(scene, time)),
     ]
-    return Prepared(scene, bodies, conditions, units, layout, classes, scheme, time, tuple(remarks))
+    return DiscretisedProblem(scene, bodies, conditions, units, layout, classes, scheme, time, tuple(remarks))
 
 
 def scheme_of(scene: Scene) -> TimeScheme:

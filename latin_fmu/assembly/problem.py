@@ -122,7 +122,7 @@ class InitialState:
 
 
 @dataclass(frozen=True)
-class Built:
+class SolverReadyProblem:
     """A scene turned into operators, ready to run.
 
     The assembly stands at t = 0 with the instants of the scene; ``timeline`` can give it others. ``start`` is the
@@ -141,7 +141,7 @@ class Built:
 
 
 @dataclass(frozen=True)
-class Prepared:
+class DiscretisedProblem:
     """Meshes, matrices and interfaces of a scene; nothing is factorised yet."""
 
     scene: Scene
@@ -199,7 +199,7 @@ class Prepared:
         size = static_traction if isinstance(self.scheme, QuasiStatic) else characteristic_traction
         return size(self.scene, self.bodies, self.time)
 
-    def build(self, start: InitialState | None = None) -> Built:
+    def build(self, start: InitialState | None = None) -> SolverReadyProblem:
         """Factorise and condense the substructures and tie them together; ``start``: not from the values given."""
         scene, scheme, units = self.scene, self.scheme, self.units
         layout = self.layout if start is None else Layout(units)  # its gaps are handed over
@@ -234,7 +234,9 @@ class Prepared:
         wanted = Wanted(output.keeps_fields, output.stress, output.energy, output.every)
         warnings = (*self.remarks, *without_factor, *([] if static else unresolved_sides(assembly)))
         warnings += () if start is None else start.remarks
-        return Built(assembly, settings_of(scene), wanted, self.info, warnings, timeline, start, self.recovered)
+        return SolverReadyProblem(
+            assembly, settings_of(scene), wanted, self.info, warnings, timeline, start, self.recovered
+        )
 
 
 def settings_of(scene: Scene) -> Settings:

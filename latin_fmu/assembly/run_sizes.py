@@ -15,7 +15,7 @@ from ..propagator.registry import Kind
 from ..scene.schema import Scene
 from ..scene.solver_settings import WHOLE
 from .inactive_substructures import arrival_times, marched_share
-from .problem import Prepared
+from .problem import DiscretisedProblem
 from .propagator_choice import chosen_propagators
 
 # LATIN iterations of windows of one instant, measured on the shipped models and benchmarks
@@ -113,18 +113,18 @@ class RunSizes:
         return replace(self, classes=tuple(replace(c, size=changed(c.size)) for c in self.classes))
 
 
-def run_sizes(prepared: Prepared) -> RunSizes:
-    """Sizes of a prepared scene."""
-    scene, units = prepared.scene, prepared.units
-    settings = chosen_propagators(scene, prepared.classes)[0]
-    share = _marched(prepared)
+def run_sizes(discretised: DiscretisedProblem) -> RunSizes:
+    """Sizes of a discretised problem."""
+    scene, units = discretised.scene, discretised.units
+    settings = chosen_propagators(scene, discretised.classes)[0]
+    share = _marched(discretised)
     classes = []
-    for c in prepared.classes:
-        body = prepared.bodies[c.members[0].name]
+    for c in discretised.classes:
+        body = discretised.bodies[c.members[0].name]
         marched = float(np.mean([share[m.name] for m in c.members]))
         size = size_of(c.members[0], len(c.members))
         classes.append(ClassSizes(size, body.mesh.n_node, body.mesh.n_cell, body.rigid, marched))
-    shapes = {id(b.shape): b.mesh.n_cell for b in prepared.bodies.values() if not b.rigid}
+    shapes = {id(b.shape): b.mesh.n_cell for b in discretised.bodies.values() if not b.rigid}
     window = scene.time.n_step if scene.solver.window == WHOLE else int(scene.solver.window)
     sequential = scene.solver.window == WHOLE and scene.solver.start == "sequential"
     at_once = solved_at_once(scene, units)
@@ -134,10 +134,10 @@ def run_sizes(prepared: Prepared) -> RunSizes:
         kind=settings.kind,
         modes=settings.modes,
         precision=settings.precision,
-        bodies=len(prepared.bodies),
+        bodies=len(discretised.bodies),
         interfaces=len(units),
         cells=sum(shapes.values()),
-        n_flat=prepared.layout.n_flat,
+        n_flat=discretised.layout.n_flat,
         probed=tuple(u.geometry.n_point for u in units if u.behaviour.n_component == 1),
         n_instant=scene.time.n_step,
         window=window,
@@ -178,15 +178,15 @@ def expected_iterations(scene: Scene, units: Sequence[InterfaceUnit]) -> float:
     return CONTACT
 
 
-def _marched(prepared: Prepared) -> dict[str, float]:
+def _marched(discretised: DiscretisedProblem) -> dict[str, float]:
     """Share of the instants at which each substructure is marched: nothing is at rest for long in an implicit march
     unless the tolerance lets it, or nothing ever comes."""
-    scene, names = prepared.scene, prepared.bodies
+    scene, names = discretised.scene, discretised.bodies
     if scene.time.quasi_static or scene.solver.skip_at_rest == "off":
         return dict.fromkeys(names, 1.0)
-    arrival = arrival_times(scene, prepared.bodies, prepared.units, prepared.time)
+    arrival = arrival_times(scene, discretised.bodies, discretised.units, discretised.time)
     if scene.solver.skip_at_rest == "tolerance":
-        return {name: marched_share(arrival[name], prepared.time) for name in names}
+        return {name: marched_share(arrival[name], discretised.time) for name in names}
     return {name: float(np.isfinite(arrival[name])) for name in names}
 
 

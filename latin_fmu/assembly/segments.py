@@ -20,7 +20,7 @@ from ..latin.windows import Run
 from ..propagator import Propagator
 from ..scene.laws import InputLaw
 from ..scene.schema import Scene
-from .build import prepare
+from .build import discretise
 from .statics import starts_static, static_state
 
 _SAME_STEP, _STEPS_KEPT = 1e-9, 8
@@ -74,13 +74,13 @@ class SegmentedRun:
     def __init__(self, scene: Scene, tolerance: float | None = None) -> None:
         self.scene = scene
         with one_thread():
-            self._prepared = prepare(scene)
-            self.built = self._prepared.build()  # a static start waits for the loads
+            self._discretised = discretise(scene)
+            self.problem = self._discretised.build()  # a static start waits for the loads
         if tolerance is not None:
-            factor = tolerance / self.built.settings.tolerance
-            settings = self.built.settings
-            self.built = replace(
-                self.built,
+            factor = tolerance / self.problem.settings.tolerance
+            settings = self.problem.settings
+            self.problem = replace(
+                self.problem,
                 settings=replace(settings, tolerance=tolerance, force_tolerance=factor * settings.force_tolerance),
             )
         self._inputs = [n for n, load in scene.load.items() if isinstance(load.law, InputLaw)]
@@ -89,7 +89,7 @@ class SegmentedRun:
         self.time = 0.0
         self._running: dict[str, float] = {}  # interface energies so far
         self._run: Run | None = None
-        self._ground = dict(self.built.assembly.ground_start)
+        self._ground = dict(self.problem.assembly.ground_start)
         self._stored: float | None = None  # energy at t = 0
         self._steps: list[float] = []
         self._kind = hashlib.sha256(scene.text().encode()).hexdigest()
@@ -105,10 +105,10 @@ class SegmentedRun:
         wanted = self._at_start(amplitudes)
         if wanted == self._amplitudes or not starts_static(self.scene):
             return
-        before = self.built
+        before = self.problem
         with one_thread():
-            found = self._prepared.build(static_state(self._prepared, wanted))
-        self.built = replace(found, settings=before.settings, wanted=before.wanted)
+            found = self._discretised.build(static_state(self._discretised, wanted))
+        self.problem = replace(found, settings=before.settings, wanted=before.wanted)
         self._amplitudes, self._run = wanted, None
 
     def _at_start(self, amplitudes: Mapping[str, float]) -> dict[str, float]:
@@ -142,24 +142,24 @@ class SegmentedRun:
             for term in _RUNNING:
                 if term in segment.energy:
                     self._running[term] = float(segment.energy[term][-1])
-        self._ground = self.built.assembly.ground_end(n)
+        self._ground = self.problem.assembly.ground_end(n)
         return segment
 
     def _solve(self, time: Array, loads: Mapping[str, Array]) -> Segment:
         if self._run is None:
             self.settle({name: float(values[0]) for name, values in loads.items()})
-        built, assembly = self.built, self.built.assembly
+        problem, assembly = self.problem, self.problem.assembly
         step = self._known_step(float(time[1] - time[0]))
-        built.timeline.begin(assembly, time, loads, self._ground, step)
-        recorder = Recorder(assembly, built.wanted, built.info)
+        problem.timeline.begin(assembly, time, loads, self._ground, step)
+        recorder = Recorder(assembly, problem.wanted, problem.info)
         if self._run is None:
-            self._run = Run(assembly, built.settings, recorder, self.timings)
+            self._run = Run(assembly, problem.settings, recorder, self.timings)
         else:
             self._run.resume(recorder)
         run = self._run
         run.all()
         state = run.state
-        converged, sentence = status(assembly, built.settings, state.windows, state.interface_indicator)
+        converged, sentence = status(assembly, problem.settings, state.windows, state.interface_indicator)
         energy = recorder.assembly_energy(assembly)
         if energy is not None:
             for term in _RUNNING:
@@ -204,7 +204,7 @@ class SegmentedRun:
     def _place(self, substructure: str) -> tuple[Propagator, int]:
         """Its propagator and its number there."""
         return next(
-            (p, p.names.index(substructure)) for p in self.built.assembly.propagators if substructure in p.names
+            (p, p.names.index(substructure)) for p in self.problem.assembly.propagators if substructure in p.names
         )
 
     # -- snapshots ------------------------------------------------------------------------------------------------
@@ -225,16 +225,16 @@ class SegmentedRun:
             return
         self.settle(tree["start"] or {})
         if self._run is None:  # not started yet: a start gives it what a run needs
-            assembly = self.built.assembly
-            recorder = Recorder(assembly, self.built.wanted, self.built.info)
+            assembly = self.problem.assembly
+            recorder = Recorder(assembly, self.problem.wanted, self.problem.info)
             with one_thread():
-                self.built.timeline.begin(assembly, assembly.time, {}, self._ground)
-                self._run = Run(assembly, self.built.settings, recorder, self.timings)
+                self.problem.timeline.begin(assembly, assembly.time, {}, self._ground)
+                self._run = Run(assembly, self.problem.settings, recorder, self.timings)
         self._resume(tree)
 
     def reset(self) -> None:
         """Back to t = 0."""
-        for propagator in self.built.assembly.propagators:
+        for propagator in self.problem.assembly.propagators:
             propagator.restart()
         self._ground = {i: GroundState(np.zeros(3), None) for i in self._ground}
         self.time, self._running, self._stored, self._run, self._steps = 0.0, {}, None, None, []
@@ -250,7 +250,7 @@ class SegmentedRun:
             "stored": self._stored,
             "steps": self._steps,
             "ground": {str(i): list(g) for i, g in self._ground.items()},
-            "propagators": [p.get_state() for p in self.built.assembly.propagators],
+            "propagators": [p.get_state() for p in self.problem.assembly.propagators],
         }
 
     def _resume(self, tree: dict[str, Any]) -> None:
@@ -260,5 +260,5 @@ class SegmentedRun:
             self._run.image.field(name, size)[:] = tree["fields"][name]
         self._stored, self._steps = tree["stored"], list(tree["steps"])
         self._ground = {int(i): GroundState(*g) for i, g in tree["ground"].items()}
-        for propagator, part in zip(self.built.assembly.propagators, tree["propagators"], strict=True):
+        for propagator, part in zip(self.problem.assembly.propagators, tree["propagators"], strict=True):
             propagator.set_state(part)

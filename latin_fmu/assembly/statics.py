@@ -32,7 +32,7 @@ from .body import Body
 from .checks import boundaries_of
 from .conditions import Conditions, RigidConditions, conditions_on
 from .models import model_classes
-from .problem import Built, InitialState, Prepared
+from .problem import DiscretisedProblem, InitialState, SolverReadyProblem
 
 TIGHT = 1e-11, 1e-9  # tolerances of the static solution; that of the scene where round-off lets neither
 _HELD = 1e-10  # a rigid motion with less relative motion at interfaces than this (squared) is free
@@ -78,7 +78,7 @@ def start_problems(
     )
 
 
-def static_state(whole: Prepared, amplitudes: Mapping[str, float]) -> InitialState | None:
+def static_state(whole: DiscretisedProblem, amplitudes: Mapping[str, float]) -> InitialState | None:
     """The equilibrium that the motion starts from; None where nothing acts at t = 0.
 
     Parameters
@@ -92,17 +92,21 @@ def static_state(whole: Prepared, amplitudes: Mapping[str, float]) -> InitialSta
     scene = static_scene(whole.scene, amplitudes)
     if not something_acts(scene):
         return None
-    prepared = _prepared(whole, scene)
+    discretised = _static_problem(whole, scene)
     solver = whole.scene.solver
     wanted = [*((tight, tight) for tight in TIGHT), (solver.tolerance, solver.force_mismatch_tolerance)]
     for tolerance, force in wanted:
-        built = prepared.build()
-        built = replace(built, settings=replace(built.settings, tolerance=tolerance, force_tolerance=force))
-        run = Run(built.assembly, built.settings, Recorder(built.assembly, built.wanted, built.info), Timings())
+        problem = discretised.build()
+        problem = replace(problem, settings=replace(problem.settings, tolerance=tolerance, force_tolerance=force))
+        run = Run(
+            problem.assembly, problem.settings, Recorder(problem.assembly, problem.wanted, problem.info), Timings()
+        )
         run.all()
-        converged, sentence = status(built.assembly, built.settings, run.state.windows, run.state.interface_indicator)
+        converged, sentence = status(
+            problem.assembly, problem.settings, run.state.windows, run.state.interface_indicator
+        )
         if converged:
-            return _handed(built, run, amplitudes, tolerance)
+            return _handed(problem, run, amplitudes, tolerance)
     raise SceneError(
         [
             Problem(
@@ -117,9 +121,9 @@ def static_state(whole: Prepared, amplitudes: Mapping[str, float]) -> InitialSta
     )
 
 
-def _handed(built: Built, run: Run, amplitudes: Mapping[str, float], tolerance: float) -> InitialState:
+def _handed(problem: SolverReadyProblem, run: Run, amplitudes: Mapping[str, float], tolerance: float) -> InitialState:
     """Displacements, tractions and gaps at the end of the static run."""
-    assembly, displacement = built.assembly, {}
+    assembly, displacement = problem.assembly, {}
     for p in assembly.propagators:
         assert isinstance(p, StaticPropagator)
         imposed = p.forcing.imposed_u(p.instant)
@@ -145,7 +149,7 @@ def _handed(built: Built, run: Run, amplitudes: Mapping[str, float], tolerance: 
     return InitialState(displacement, traction, closure, dict(amplitudes), told, remarks)
 
 
-def _prepared(whole: Prepared, scene: Scene) -> Prepared:
+def _static_problem(whole: DiscretisedProblem, scene: Scene) -> DiscretisedProblem:
     """The static problem on the meshes and interfaces that are there."""
     bodies = {name: whole.bodies[name] for name in scene.substructure}
     problems: list[Problem] = []

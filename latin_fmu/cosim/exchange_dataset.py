@@ -33,9 +33,9 @@ def session_tree(session: Session, engine: Windowed | Prescribed | None) -> xr.D
         tree = xr.DataTree(name=session.scene.name)
         tree.attrs = {**provenance(), "scene_name": session.scene.name, "schema_version": SCHEMA_VERSION}
     else:
-        outcome = joined(segments, engine.run.timings, engine.run.built.warnings)
+        outcome = joined(segments, engine.run.timings, engine.run.problem.warnings)
         name = session.scene.name
-        recovered = engine.run.built.recovered
+        recovered = engine.run.problem.recovered
         tree = datatree(result_groups(outcome, name, session.scene.text(), provenance(), recovered), name)
     tree["/exchange"] = xr.DataTree(exchange_dataset(session.table, steps))
     return tree

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..assembly.problem import Built
+from ..assembly.problem import SolverReadyProblem
 from ..assembly.segments import Segment, SegmentedRun
 from ..errors import SolverError
 from ..latin.record import Array, InterfaceHistory
@@ -62,8 +62,8 @@ class Prescribed:
         self._solved_for = ""
         try:
             run = SegmentedRun(self._scene, self._tolerance)
-            places = places_of(self._scene, run.built.info)
-            run.built, nodes = _recording(run.built, places)
+            places = places_of(self._scene, run.problem.info)
+            run.problem, nodes = _recording(run.problem, places)
             end, n = self._scene.time.end, self._scene.time.n_step
             instants = np.linspace(0.0, end, n + 1)
             loads = {name: np.full(n + 1, value) for name, value in values.items()}
@@ -144,12 +144,14 @@ def _rows(segment: Segment, motion: Sequence[Motion], n: int) -> Array:
     return rows_of(series, running, motion, solver, segment.energy, n + 1)
 
 
-def _recording(built: Built, places: Places) -> tuple[Built, dict[str, NDArray[np.int64]] | None]:
+def _recording(
+    problem: SolverReadyProblem, places: Places
+) -> tuple[SolverReadyProblem, dict[str, NDArray[np.int64]] | None]:
     """Sensors need fields at every instant: those of their nodes, or all (None) where the scene wants fields."""
     if not places:
-        return built, None
-    nodes = None if built.wanted.fields else nodes_of(places)
-    return replace(built, wanted=replace(built.wanted, fields=True, every=1, nodes=nodes)), nodes
+        return problem, None
+    nodes = None if problem.wanted.fields else nodes_of(places)
+    return replace(problem, wanted=replace(problem.wanted, fields=True, every=1, nodes=nodes)), nodes
 
 
 def _as_asked(segment: Segment, scene: Scene) -> Segment:

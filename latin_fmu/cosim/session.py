@@ -172,7 +172,7 @@ class Session:
     def warnings(self) -> tuple[str, ...]:
         """Remarks about the scene, known after ``initialize``."""
         run = None if self._engine is None else self._engine.run
-        return () if run is None else run.built.warnings
+        return () if run is None else run.problem.warnings
 
     def given_curves(self) -> dict[str, Curve]:
         """Loads set from outside when the session was initialized: histories, else constants."""

@@ -47,7 +47,7 @@ def session_error(session: Session, engine: Windowed | Prescribed | None) -> Err
     equal = list(takewhile(lambda s: abs(_step(s) / _step(segments[0]) - 1.0) <= _SAME_STEP, segments))
     scene = plain_scene(session.scene, session.settings, curves, equal)
     found = estimate_error(
-        scene, Solution(joined(equal, engine.run.timings, engine.run.built.warnings), scene.text(), scene.name)
+        scene, Solution(joined(equal, engine.run.timings, engine.run.problem.warnings), scene.text(), scene.name)
     )
     if len(equal) == len(segments):
         return found

@@ -37,7 +37,7 @@ class Windowed:
     def __init__(self, scene: Scene, settings: Settings) -> None:
         self.run = SegmentedRun(scene, settings.tolerance)
         self._rule, self._time_step = settings.interpolation, settings.step_of(scene)
-        self._places = places_of(scene, self.run.built.info)
+        self._places = places_of(scene, self.run.problem.info)
         self._impulse = np.zeros((len(scene.interface), 3))
         self.row = np.zeros(0)
         self.time = np.zeros(1)
@@ -50,13 +50,13 @@ class Windowed:
 
     def _outputs_now(self, amplitudes: Mapping[str, float]) -> None:
         self.run.settle(amplitudes)
-        built = self.run.built
-        assembly = built.assembly
+        problem = self.run.problem
+        assembly = problem.assembly
         given = {name: np.full(len(assembly.time), value) for name, value in amplitudes.items()}
-        built.timeline.begin(assembly, assembly.time, given, assembly.ground_start)
-        recorder = Recorder(assembly, built.wanted, built.info)
+        problem.timeline.begin(assembly, assembly.time, given, assembly.ground_start)
+        recorder = Recorder(assembly, problem.wanted, problem.info)
         with one_thread():
-            Run(assembly, built.settings, recorder, Timings())
+            Run(assembly, problem.settings, recorder, Timings())
         self.interfaces = recorder.interfaces(assembly)
         self.time, self.segment = np.zeros(1), None
         self._impulse = np.zeros_like(self._impulse)

@@ -37,7 +37,7 @@ def inertia(sizes: Sizes) -> Effect:
 
 def elasticity(sizes: Sizes) -> Effect:
     """Deformable substructures."""
-    elastic = [n for n, b in sizes.prepared.bodies.items() if not b.rigid]
+    elastic = [n for n, b in sizes.discretised.bodies.items() if not b.rigid]
     classes = [c for c in sizes.classes if not c.rigid]
     if not elastic:
         return Effect(
@@ -63,7 +63,7 @@ def elasticity(sizes: Sizes) -> Effect:
 
 def rigidity(sizes: Sizes) -> Effect:
     """Undeformable substructures."""
-    rigid = [n for n, b in sizes.prepared.bodies.items() if b.rigid]
+    rigid = [n for n, b in sizes.discretised.bodies.items() if b.rigid]
     classes = [c for c in sizes.classes if c.rigid]
     if not rigid:
         return Effect(
@@ -87,7 +87,7 @@ def rigidity(sizes: Sizes) -> Effect:
 
 def damping(sizes: Sizes) -> Effect:
     """Rayleigh damping."""
-    materials = {b.description.material for b in sizes.prepared.bodies.values()}
+    materials = {b.description.material for b in sizes.discretised.bodies.values()}
     keys = tuple(
         f"material.{n}.{key}"
         for n, m in sizes.scene.material.items()
@@ -124,7 +124,7 @@ def absorbing_ends(sizes: Sizes) -> Effect:
             "absorbing ends", False, ("boundary.*.type",), "no boundary absorbs", 'a boundary with type = "absorbing"'
         )
     nodes = sum(
-        len(sizes.prepared.bodies[f.split(".")[0]].face(f.split(".", 1)[1]).nodes)
+        len(sizes.discretised.bodies[f.split(".")[0]].face(f.split(".", 1)[1]).nodes)
         for n in found
         if isinstance(b := sizes.scene.boundary[n], Absorbing) and (f := b.face)
     )

@@ -28,11 +28,11 @@ def choices(sizes: Sizes) -> dict[str, str]:
     accelerated = (
         f"anderson, depth {acceleration.depth}" if isinstance(acceleration, Anderson) else "none (plain iteration)"
     )
-    if not sizes.prepared.units:
+    if not sizes.discretised.units:
         window, kind, accelerated = "no interface: one linear march", "none", "none"
     elif sizes.solved_at_once:
         window, kind, accelerated = "every instant at once: perfect interfaces only", "none", "none"
-    marched = chosen_propagators(sizes.scene, sizes.prepared.classes)[0]
+    marched = chosen_propagators(sizes.scene, sizes.discretised.classes)[0]
     return {
         "window": window,
         "search direction": kind + (f", times {direction.factor:g}" if direction.factor != 1 else ""),

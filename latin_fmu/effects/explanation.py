@@ -6,7 +6,7 @@ import textwrap
 from dataclasses import dataclass
 from typing import Any
 
-from ..assembly.build import prepare
+from ..assembly.build import discretise
 from ..scene.lines import key_lines, line_of
 from ..scene.schema import Scene
 from .choices import choices, prediction
@@ -114,8 +114,8 @@ def explain(scene: Scene, text: str = "") -> Explanation:
     ------
     SceneError : the scene cannot be built.
     """
-    prepared = prepare(scene)
-    sizes = Sizes(prepared)
+    discretised = discretise(scene)
+    sizes = Sizes(discretised)
     effects = [effect(sizes) for effect in EFFECTS]
     predicted = prediction(sizes, effects)
     return Explanation(
@@ -124,7 +124,7 @@ def explain(scene: Scene, text: str = "") -> Explanation:
         choices(sizes),
         predicted,
         suggestions(sizes, effects, predicted["cpu_seconds_instant"]),
-        prepared.remarks,
+        discretised.remarks,
         key_lines(text),
     )
 

@@ -119,7 +119,7 @@ def preload(sizes: Sizes) -> Effect:
 
 
 def _those(sizes: Sizes, which: Callable[[InterfaceUnit], bool]) -> list[InterfaceUnit]:
-    return [u for u in sizes.prepared.units if which(u)]
+    return [u for u in sizes.discretised.units if which(u)]
 
 
 def _interface(

@@ -6,18 +6,18 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
 
-from ..assembly.problem import Prepared
+from ..assembly.problem import DiscretisedProblem
 from ..assembly.run_cost import RunCost, march_saved, run_cost
 from ..assembly.run_sizes import CONTACT, ClassSizes, RunSizes, expected_iterations, run_sizes
 from ..latin.assembly import InterfaceUnit
 
 
 class Sizes:
-    """Sizes of a prepared scene; ``run`` : as the cost depends on them."""
+    """Sizes of a discretised problem; ``run`` : as the cost depends on them."""
 
-    def __init__(self, prepared: Prepared) -> None:
-        self.prepared, self.scene = prepared, prepared.scene
-        self.run = run_sizes(prepared)
+    def __init__(self, discretised: DiscretisedProblem) -> None:
+        self.discretised, self.scene = discretised, discretised.scene
+        self.run = run_sizes(discretised)
 
     @cached_property
     def cost(self) -> RunCost:
@@ -35,7 +35,7 @@ class Sizes:
 
     def without(self, units: Sequence[InterfaceUnit]) -> RunSizes:
         """The run without some of its interfaces."""
-        rest = [u for u in self.prepared.units if u not in units]
+        rest = [u for u in self.discretised.units if u not in units]
         gone = sum(2 * u.geometry.n_point * u.behaviour.n_component for u in units)
         iterations = expected_iterations(self.scene, rest)
         return replace(
@@ -48,7 +48,7 @@ class Sizes:
 
     def without_friction(self, units: Sequence[InterfaceUnit]) -> RunSizes:
         """The run without the tangential unknowns of some of its interfaces."""
-        rest = [u for u in self.prepared.units if u not in units]
+        rest = [u for u in self.discretised.units if u not in units]
         gone = sum(2 * u.geometry.n_point * (u.behaviour.n_component - 1) for u in units)
         iterations = expected_iterations(self.scene, rest) if rest else 0.0
         return replace(

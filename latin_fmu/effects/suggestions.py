@@ -42,7 +42,7 @@ def _friction(sizes: Sizes, _: list[Effect], instant: float) -> Iterator[Suggest
     for name, interface in sizes.scene.interface.items():
         mu = interface.friction_coefficient
         if 0 < mu < TINY_FRICTION:
-            unit = next(u for u in sizes.prepared.units if u.name == name)
+            unit = next(u for u in sizes.discretised.units if u.name == name)
             n = unit.geometry.n_point
             saved = sizes.saved(sizes.without_friction([unit]))
             yield Suggestion(
@@ -58,7 +58,7 @@ def _open_gaps(sizes: Sizes, _: list[Effect], __: float) -> Iterator[Suggestion]
     reach = sizes.scene.time.end * _fastest(sizes)
     if not np.isfinite(reach):
         return
-    for unit in sizes.prepared.units:
+    for unit in sizes.discretised.units:
         if unit.behaviour.opens and not unit.behaviour.compliant and unit.geometry.gap.min() > reach:
             yield Suggestion(
                 f"interface {unit.name}: its gap of {unit.geometry.gap.min():.4g} m cannot close before the end (the "
@@ -82,8 +82,8 @@ def _fastest(sizes: Sizes) -> float:
             return float("inf")
         body, _ = split_face(load.face)
         size = abs(load.pressure) if load.pressure is not None else float(np.linalg.norm(load.traction or 0.0))
-        amplitude = float(np.abs(load.law.sample(sizes.prepared.time)).max())
-        shape = sizes.prepared.bodies[body].shape
+        amplitude = float(np.abs(load.law.sample(sizes.discretised.time)).max())
+        shape = sizes.discretised.bodies[body].shape
         # a face is driven at 2 p / rho c at most; every transit back and forth may add as much again
         transits = 1 + scene.time.end * shape.impedances[0] / shape.material.density / _shortest(sizes, body)
         speeds.append(2 * size * amplitude / min(shape.impedances) * transits)
@@ -93,34 +93,36 @@ def _fastest(sizes: Sizes) -> float:
 
 
 def _shortest(sizes: Sizes, body: str) -> float:
-    return float(sizes.prepared.bodies[body].mesh.extent().min())
+    return float(sizes.discretised.bodies[body].mesh.extent().min())
 
 
 def _rigid(sizes: Sizes, _: list[Effect], instant: float) -> Iterator[Suggestion]:
     """Bodies whose waves are too fast for the step, or that are far stiffer than all they meet."""
-    for name, body in sizes.prepared.bodies.items():
+    for name, body in sizes.discretised.bodies.items():
         if body.rigid:
             continue
         c_p = body.shape.impedances[0] / body.shape.material.density
         transit = float(body.mesh.extent().max()) / c_p
         others = [
-            sizes.prepared.bodies[split_face(side)[0]]
-            for u in sizes.prepared.units
+            sizes.discretised.bodies[split_face(side)[0]]
+            for u in sizes.discretised.units
             if any(split_face(s)[0] == name for s in u.sides)
             for side in u.sides
             if side != GROUND and split_face(side)[0] != name
         ]
         soft = max((o.shape.impedances[0] for o in others if not o.rigid), default=0.0)
         stiff = bool(soft) and body.shape.impedances[0] > STIFF * soft
-        if not stiff and transit > UNRESOLVED * sizes.prepared.dt:
+        if not stiff and transit > UNRESOLVED * sizes.discretised.dt:
             continue
         why = (
             f"its wave impedance is {body.shape.impedances[0] / soft:.2g} times that of its neighbours"
             if stiff
-            else f"a wave crosses it in {transit / sizes.prepared.dt:.2g} of a step"
+            else f"a wave crosses it in {transit / sizes.discretised.dt:.2g} of a step"
         )
         own = next(
-            c for c, k in zip(sizes.classes, sizes.prepared.classes, strict=True) if name in [m.name for m in k.members]
+            c
+            for c, k in zip(sizes.classes, sizes.discretised.classes, strict=True)
+            if name in [m.name for m in k.members]
         )
         yield Suggestion(
             f"substructure {name}: {why}; as a rigid body it has 6 unknowns instead of {own.size.unknowns}",
@@ -162,7 +164,7 @@ def _slow(sizes: Sizes, effects: list[Effect], _: float) -> Iterator[Suggestion]
     if not laws or any(law.type in ("step", "rectangular_pulse", "input") for law in laws):
         return
     transit = _longest_transit(sizes)
-    pace = min(_pace(law.sample(sizes.prepared.time), sizes.prepared.dt) for law in laws)
+    pace = min(_pace(law.sample(sizes.discretised.time), sizes.discretised.dt) for law in laws)
     ratio = pace / transit
     if not SLOW <= ratio < np.inf:
         return
@@ -177,11 +179,11 @@ def _slow(sizes: Sizes, effects: list[Effect], _: float) -> Iterator[Suggestion]
 
 def _late(sizes: Sizes, _: list[Effect], instant: float) -> Iterator[Suggestion]:
     """Bodies that waves reach late or not at all."""
-    scene, prepared = sizes.scene, sizes.prepared
-    if scene.solver.skip_at_rest == "tolerance" or getattr(scene.time, "quasi_static", False) or not prepared.units:
+    scene, discretised = sizes.scene, sizes.discretised
+    if scene.solver.skip_at_rest == "tolerance" or getattr(scene.time, "quasi_static", False) or not discretised.units:
         return
-    arrival = arrival_times(scene, prepared.bodies, prepared.units, prepared.time)
-    marched = {name: marched_share(t, prepared.time) for name, t in arrival.items()}
+    arrival = arrival_times(scene, discretised.bodies, discretised.units, discretised.time)
+    marched = {name: marched_share(t, discretised.time) for name, t in arrival.items()}
     share = float(np.mean(list(marched.values())))
     if share > LATE:
         return
@@ -202,8 +204,8 @@ def _pace(amplitude: np.ndarray, dt: float) -> float:
 
 def _longest_transit(sizes: Sizes) -> float:
     """Across the whole assembly at the slowest shear speed, s."""
-    nodes = np.concatenate([b.mesh.nodes for b in sizes.prepared.bodies.values()])
-    materials = [b.shape.material for b in sizes.prepared.bodies.values() if not b.rigid]
+    nodes = np.concatenate([b.mesh.nodes for b in sizes.discretised.bodies.values()])
+    materials = [b.shape.material for b in sizes.discretised.bodies.values() if not b.rigid]
     slowest = min((wave_speeds(m.young_modulus, m.poisson_ratio, m.density)[1] for m in materials), default=np.inf)
     return float(np.ptp(nodes, axis=0).max() / slowest)
 

@@ -6,9 +6,9 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from ..assembly.build import prepare
+from ..assembly.build import discretise
 from ..assembly.interfaces import completed
-from ..assembly.problem import Prepared
+from ..assembly.problem import DiscretisedProblem
 from ..assembly.scales import characteristic_traction, side_impedance
 from ..assembly.statics import starts_static
 from ..errors import Problem, SceneError
@@ -47,9 +47,9 @@ def reduced_system(scene: Scene, n_mode: int = 12, n_patch: int = 4) -> ReducedS
     if problems:
         raise SceneError(problems, _HEADING)
     # the mass of the time scheme is not asked for: contact nodes keep theirs
-    prepared = prepare(scene.model_copy(update={"time": scene.time.model_copy(update={"scheme": HHT()})}))
-    cuts = [Cut.of(i, u, n_patch) for i, u in enumerate(prepared.units) if not is_bond(u)]
-    whole = bonded_bodies(prepared)
+    discretised = discretise(scene.model_copy(update={"time": scene.time.model_copy(update={"scheme": HHT()})}))
+    cuts = [Cut.of(i, u, n_patch) for i, u in enumerate(discretised.units) if not is_bond(u)]
+    whole = bonded_bodies(discretised)
     problems = [
         Problem(
             f"substructure.{next(iter(body.members))}",
@@ -62,7 +62,7 @@ def reduced_system(scene: Scene, n_mode: int = 12, n_patch: int = 4) -> ReducedS
     if problems:
         raise SceneError(problems, _HEADING)
     bodies = [ReducedBody.of(body, cuts, n_mode) for body in whole]
-    n_state = 2 * sum(b.size for b in bodies) + 3 * len(prepared.units)
+    n_state = 2 * sum(b.size for b in bodies) + 3 * len(discretised.units)
     if n_state > MAX_STATES:
         problem = Problem(
             "modes, patches",
@@ -72,7 +72,7 @@ def reduced_system(scene: Scene, n_mode: int = 12, n_patch: int = 4) -> ReducedS
             "take fewer modes, or fewer patches",
         )
         raise SceneError([problem], _HEADING)
-    system = _assembled(prepared, cuts, bodies)
+    system = _assembled(discretised, cuts, bodies)
     soft = {n: r for n, r in deflections(system, whole, cuts).items() if abs(r - 1.0) > COARSEST}
     if soft:
         raise SceneError([_too_coarse(name, ratio, n_patch) for name, ratio in soft.items()], _HEADING)
@@ -122,17 +122,17 @@ def _unknown(scene: Scene, n_mode: int, n_patch: int) -> Iterator[Problem]:
             )
 
 
-def _assembled(prepared: Prepared, cuts: Sequence[Cut], bodies: Sequence[ReducedBody]) -> ReducedSystem:
-    scene, units = prepared.scene, prepared.units
+def _assembled(discretised: DiscretisedProblem, cuts: Sequence[Cut], bodies: Sequence[ReducedBody]) -> ReducedSystem:
+    scene, units = discretised.scene, discretised.units
     m = np.concatenate([np.full(b.size, b.mass) for b in bodies])
     root = np.sqrt(m)
     stiffness = m * np.concatenate([b.model.eigenvalues for b in bodies])
     motion = np.hstack([b.trace @ b.basis for b in bodies]).reshape(-1, 3, len(m))
     names, loads = loads_of(bodies, root)
-    traction = characteristic_traction(scene, prepared.bodies, prepared.time) or 1.0
-    impedance = side_impedance(prepared.bodies, units, prepared.layout)
+    traction = characteristic_traction(scene, discretised.bodies, discretised.time) or 1.0
+    impedance = side_impedance(discretised.bodies, units, discretised.layout)
     speed = traction * float(np.mean(1.0 / impedance[impedance > 0.0])) if (impedance > 0.0).any() else 1.0
-    places, sensors = _sensors(prepared, bodies)
+    places, sensors = _sensors(discretised, bodies)
     return ReducedSystem(
         bodies=[b.body.name for b in bodies],
         sizes=[b.size for b in bodies],
@@ -196,11 +196,11 @@ def _ground(scene: Scene, units: Sequence[InterfaceUnit]) -> list[tuple[int, Arr
     return [(i, np.array(g.vector), g.law.model_dump()) for i, g in moving if g is not None]
 
 
-def _sensors(prepared: Prepared, bodies: Sequence[ReducedBody]) -> tuple[Array, list[str]]:
+def _sensors(discretised: DiscretisedProblem, bodies: Sequence[ReducedBody]) -> tuple[Array, list[str]]:
     """(n_sensor, 3, n) displacement of the sensors from the coordinates, and their names."""
     blocks = [np.zeros((0, 3, sum(b.size for b in bodies)))]
-    for sensor in prepared.scene.sensor.values():
-        _, node = nearest(np.asarray([sensor.point]), prepared.info[sensor.substructure].nodes)
+    for sensor in discretised.scene.sensor.values():
+        _, node = nearest(np.asarray([sensor.point]), discretised.info[sensor.substructure].nodes)
         row = [b.rows(sensor.substructure, int(node[0])) for b in bodies]
         blocks.append(np.hstack(row)[None])
-    return np.concatenate(blocks), list(prepared.scene.sensor)
+    return np.concatenate(blocks), list(discretised.scene.sensor)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from ..assembly.body import Body, build_bodies
-from ..assembly.build import prepare
+from ..assembly.build import discretise
 from ..assembly.checks import check_faces
 from ..errors import Problem, SceneError
 from ..fem.mesh import Array, Index
@@ -115,7 +115,7 @@ def assembly_figure(scene: Scene, warnings: list[str]) -> Figure:
 def _assembly(scene: Scene, warnings: list[str]) -> _Assembly:
     """Bodies and interfaces, built as for a run where that works."""
     try:
-        prepared = prepare(scene)
+        discretised = discretise(scene)
     except SceneError as error:
         problems: list[Problem] = []
         bodies = build_bodies(scene, problems)
@@ -125,7 +125,7 @@ def _assembly(scene: Scene, warnings: list[str]) -> _Assembly:
         warnings += [f"drawn as written, the scene does not build: {problem}" for problem in error.problems]
         joints = [_named_joint(name, i, bodies) for name, i in scene.interface.items()]
         return _Assembly(scene, bodies, joints)
-    return _Assembly(prepared.scene, prepared.bodies, [_built_joint(unit) for unit in prepared.units])
+    return _Assembly(discretised.scene, discretised.bodies, [_built_joint(unit) for unit in discretised.units])
 
 
 def _built_joint(unit: InterfaceUnit) -> _Joint:

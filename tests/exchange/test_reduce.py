@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu.assembly.build import prepare
+from latin_fmu.assembly.build import discretise
 from latin_fmu.errors import SceneError
 from latin_fmu.exchange.bodies import bonded_bodies
 from latin_fmu.exchange.contacts import Cut
@@ -205,7 +205,7 @@ def test_patches_that_are_fine_enough_deflect_like_the_mesh():
     """Loads that press whole faces: a per cent, with and without friction, against the ground too."""
     scene = pair()
     system = reduced_system(scene, 6, 4)
-    prepared = prepare(scene)
+    prepared = discretise(scene)
     cuts = [Cut.of(i, u, 4) for i, u in enumerate(prepared.units)]
     found = deflections(system, bonded_bodies(prepared), cuts)
     assert list(found) == ["press"]

@@ -10,7 +10,7 @@ import pytest
 from scipy.sparse.linalg import eigsh
 
 from latin_fmu import api
-from latin_fmu.assembly.build import prepare
+from latin_fmu.assembly.build import discretise
 from latin_fmu.errors import SceneError
 from latin_fmu.fem.elasticity import mass, stiffness
 from latin_fmu.fem.elements import Elements
@@ -82,7 +82,7 @@ def test_quadratic_cells(tmp_path: Path, cell_type: str) -> None:
 
 
 def warned(tables: dict[str, Any]) -> list[str]:
-    return [r for r in prepare(scene_from_dict(tables)).remarks if "bending it would be" in r]
+    return [r for r in discretise(scene_from_dict(tables)).remarks if "bending it would be" in r]
 
 
 @pytest.mark.parametrize(
@@ -141,7 +141,7 @@ def test_a_thin_arm_of_a_bulky_body_is_warned_of(tmp_path: Path) -> None:
 
 def test_bending_modes_need_hexahedra(tmp_path: Path) -> None:
     with pytest.raises(SceneError, match="the mesh has no 8-node hexahedra"):
-        prepare(scene_from_dict(beam(meshed(tmp_path, "tetra", (4, 1, 1)) | {"bending_modes": True})))
+        discretise(scene_from_dict(beam(meshed(tmp_path, "tetra", (4, 1, 1)) | {"bending_modes": True})))
 
 
 @pytest.mark.parametrize(("cell_type", "bending"), [("hexahedron", True), ("tetra10", False), ("hexahedron27", False)])

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from latin_fmu import api
-from latin_fmu.assembly.build import build, prepare
+from latin_fmu.assembly.build import build, discretise
 from latin_fmu.fem.faces import consistent_dashpots, lumped_dashpots
 from latin_fmu.scene.reader import scene_from_dict
 
@@ -159,7 +159,7 @@ def test_pressure_on_a_quadratic_face_is_consistent(tmp_path: Path) -> None:
             "time": {"end": 1e-5, "instants": 1},
             "load": {"push": {"face": "cube.zmin", "pressure": 3.0}},
         }
-        prepared = prepare(scene_from_dict(tables))
+        prepared = discretise(scene_from_dict(tables))
         (load,) = prepared.classes[0].members[0].loads
         pattern = load.pattern.reshape(-1, 3)
         assert pattern[:, 2].sum() == pytest.approx(3.0, rel=1e-12)
@@ -174,5 +174,5 @@ def test_explicit_march_of_twenty_nodes_is_remarked_on(tmp_path: Path) -> None:
         tables["substructure"]["bar"] = box_file(tmp_path / "bar.msh", cell_type, (SIDE, SIDE, LENGTH), (1, 1, 3))
         for scheme in ("central_difference", "hht"):
             tables["time"]["scheme"] = scheme
-            told = any("20-node" in r for r in prepare(scene_from_dict(tables)).remarks)
+            told = any("20-node" in r for r in discretise(scene_from_dict(tables)).remarks)
             assert told == (scheme in schemes)

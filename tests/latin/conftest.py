@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from latin_fmu.assembly.build import build
-from latin_fmu.assembly.problem import Built
+from latin_fmu.assembly.problem import SolverReadyProblem
 from latin_fmu.latin.record import Timings
 from latin_fmu.latin.recorder import Recorder
 from latin_fmu.latin.windows import Run
@@ -72,12 +72,12 @@ def blocks(**others: Any) -> Tables:
     return tables | others
 
 
-def make(tables: Tables) -> Built:
+def make(tables: Tables) -> SolverReadyProblem:
     """Operators of a scene."""
     return build(scene_from_dict(tables))
 
 
-def make_run(built: Built) -> Run:
+def make_run(built: SolverReadyProblem) -> Run:
     """A run at t = 0."""
     return Run(built.assembly, built.settings, Recorder(built.assembly, built.wanted, built.info), Timings())
 
@@ -107,12 +107,12 @@ def bar_box() -> Callable[..., Tables]:
 
 
 @pytest.fixture
-def made() -> Callable[[Tables], Built]:
+def made() -> Callable[[Tables], SolverReadyProblem]:
     """See ``make``."""
     return make
 
 
 @pytest.fixture
-def begun() -> Callable[[Built], Run]:
+def begun() -> Callable[[SolverReadyProblem], Run]:
     """See ``make_run``."""
     return make_run

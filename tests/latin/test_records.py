@@ -152,8 +152,8 @@ def made(tables: Tables, change: Callable[[Tables], None]) -> Any:
 
     tables = {key: dict(value) if isinstance(value, dict) else value for key, value in tables.items()}
     change(tables)
-    built = build(scene_from_dict(tables))
-    return Run(built.assembly, built.settings, Recorder(built.assembly, built.wanted, built.info), Timings())
+    problem = build(scene_from_dict(tables))
+    return Run(problem.assembly, problem.settings, Recorder(problem.assembly, problem.wanted, problem.info), Timings())
 
 
 @pytest.mark.parametrize("fields", [CLASS_FIELDS, GROUP_FIELDS, RUN_FIELDS, RUN_NUMBERS])

@@ -13,7 +13,7 @@ import scipy.linalg as la
 
 from latin_fmu.api import run
 from latin_fmu.assembly.build import build
-from latin_fmu.assembly.problem import Built
+from latin_fmu.assembly.problem import SolverReadyProblem
 from latin_fmu.errors import SceneError
 from latin_fmu.latin.record import Outcome
 from latin_fmu.propagator import DirectPropagator, Histories
@@ -40,7 +40,7 @@ def periodic(axis: str) -> dict[str, Any]:
     return {"type": "periodic", "faces": [f"bar.{axis}min", f"bar.{axis}max"]}
 
 
-def built(**tables: Any) -> Built:
+def built(**tables: Any) -> SolverReadyProblem:
     """A bar of 1 x 1 x 10 along z with 100 elements, and other tables."""
     base: dict[str, Any] = {
         "name": "bar",

@@ -10,7 +10,7 @@ import pytest
 
 import latin_fmu
 from latin_fmu import api
-from latin_fmu.assembly.build import prepare
+from latin_fmu.assembly.build import discretise
 from latin_fmu.assembly.cost import fitting, memory_needed
 from latin_fmu.assembly.prediction import predict
 from latin_fmu.assembly.run_cost import march, run_cost, set_up
@@ -46,7 +46,7 @@ def scene(elements: int, **solver: Any) -> latin_fmu.Scene:
 @pytest.mark.skipif(not COMPILES, reason="the factor of SciPy has another pattern")
 def test_the_factor_is_as_large_as_predicted() -> None:
     """Entries from the pattern, to the last one; the law of nested dissection within a factor of two."""
-    prepared = prepare(scene(8))
+    prepared = discretise(scene(8))
     built = prepared.build()
     for part, propagator in zip(prepared.classes, built.assembly.propagators, strict=True):
         size = size_of(part.members[0], 1)
@@ -57,7 +57,7 @@ def test_the_factor_is_as_large_as_predicted() -> None:
 
 
 def test_what_is_larger_costs_more() -> None:
-    sizes = [size_of(prepare(scene(n)).classes[0].members[0], 1) for n in (3, 6, 9)]
+    sizes = [size_of(discretise(scene(n)).classes[0].members[0], 1) for n in (3, 6, 9)]
     for kind in ("direct", "explicit", "reduced", "cg"):
         costs = [cost(kind, size) for size in sizes]
         for name in ("setup", "instant", "memory"):
@@ -71,7 +71,7 @@ def test_what_is_larger_costs_more() -> None:
 def test_operations_of_an_instant_are_counted() -> None:
     """By hand, for two blocks with friction and factors of their own: both half solves, three sparse products, two
     products with the Schur inverse, one with the condensed operator per iteration and one for the mismatch."""
-    prepared = prepare(scene(4))
+    prepared = discretise(scene(4))
     sizes = run_sizes(prepared)
     counts, n = march(sizes), prepared.scene.time.n_step
     parts = [size_of(c.members[0], 1) for c in prepared.classes]
@@ -94,7 +94,7 @@ def test_operations_of_an_instant_are_counted() -> None:
 def test_what_is_kept_is_counted() -> None:
     tables = scene(4).tables()
     tables["output"] |= {"fields": True, "stress": True, "energy": True, "every": 3}
-    prepared = prepare(latin_fmu.scene_from_dict(tables))
+    prepared = discretise(latin_fmu.scene_from_dict(tables))
     counts, n = march(run_sizes(prepared)), prepared.scene.time.n_step
     stored, bodies = n // 3 + 1, prepared.bodies.values()
     matrices = [c.members[0].reduced for c in prepared.classes]
@@ -107,16 +107,16 @@ def test_what_is_kept_is_counted() -> None:
 
 def test_a_body_that_nothing_reaches_is_not_counted() -> None:
     tables = scene(4).tables()
-    moving = march(run_sizes(prepare(latin_fmu.scene_from_dict(tables))))
+    moving = march(run_sizes(discretise(latin_fmu.scene_from_dict(tables))))
     tables["interface"] = {}
-    lone = march(run_sizes(prepare(latin_fmu.scene_from_dict(tables))))
+    lone = march(run_sizes(discretise(latin_fmu.scene_from_dict(tables))))
     assert 0.4 * moving["vector"] < lone["vector"] < 0.6 * moving["vector"]
 
 
 def test_predicted_and_real_seconds_are_of_one_size() -> None:
     """A factor of ten on whatever machine the tests run, for direct and explicit marches of 2 x 2200 unknowns."""
     for propagator in ("direct", "explicit"):
-        prepared = prepare(scene(8, propagator=propagator))
+        prepared = discretise(scene(8, propagator=propagator))
         prediction = predict(run_sizes(prepared))
         assert prediction.kind == propagator
         api.run(prepared.build())  # kernels
@@ -128,7 +128,7 @@ def test_predicted_and_real_seconds_are_of_one_size() -> None:
 
 
 def test_explicit_and_reduced_are_suggested_never_chosen() -> None:
-    prediction = predict(run_sizes(prepare(scene(14))))
+    prediction = predict(run_sizes(discretise(scene(14))))
     assert prediction.kind == "direct"
     assert [kind for kind, _, _ in prediction.cheaper()] == ["explicit", "reduced"]
     assert all("another answer" in what and 0 < factor < 0.4 for _, what, factor in prediction.cheaper())
@@ -136,7 +136,7 @@ def test_explicit_and_reduced_are_suggested_never_chosen() -> None:
 
 
 def test_conjugate_gradients_where_factors_do_not_fit() -> None:
-    classes = prepare(scene(6)).classes
+    classes = discretise(scene(6)).classes
     direct = PropagatorSettings("direct")
     needed = memory_needed(classes, direct)
     assert fitting(classes, direct, 2 * needed).kind == "direct"

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu.assembly.build import prepare
+from latin_fmu.assembly.build import discretise
 from latin_fmu.errors import SceneError
 
 E, NU, RHO, R = 210e9, 0.3, 7800.0, 0.01
@@ -58,7 +58,7 @@ def test_peak_and_contact_time() -> None:
 
 def test_gap_to_the_plane() -> None:
     """That of the sphere at its vertices; facets that look away from the plane take no part."""
-    geometry = prepare(latin_fmu.scene_from_dict(ball())).units[0].geometry
+    geometry = discretise(latin_fmu.scene_from_dict(ball())).units[0].geometry
     radius = np.hypot(*geometry.points[:, :2].T)
     assert geometry.gap == pytest.approx(R - np.sqrt(R**2 - radius**2), abs=0.02 * R)
     near = radius < 0.03 * R
@@ -84,14 +84,14 @@ def test_ground_that_makes_no_sense(ground: dict[str, Any] | None, words: list[s
     made = ball()
     made["interface"]["touch"]["ground"] = ground
     with pytest.raises(SceneError) as caught:
-        prepare(latin_fmu.scene_from_dict(made))
+        discretise(latin_fmu.scene_from_dict(made))
     for word in words:
         assert word in str(caught.value)
 
 
 def test_a_gap_given_must_agree_with_the_plane() -> None:
     with pytest.raises(SceneError, match="differs from the distance"):
-        prepare(latin_fmu.scene_from_dict(ball(gap=1e-4)))
+        discretise(latin_fmu.scene_from_dict(ball(gap=1e-4)))
 
 
 def test_a_plate_thrown_on_a_placed_plane_meets_it_there() -> None:
@@ -104,8 +104,8 @@ def test_a_plate_thrown_on_a_placed_plane_meets_it_there() -> None:
         "sides": ["ball.zmin", "ground"],
         "ground": {"point": [0.0, 0.0, -3e-4], "normal": [0, 0, 1.0]},
     }
-    placed = prepare(latin_fmu.scene_from_dict(made)).units[0].geometry
+    placed = discretise(latin_fmu.scene_from_dict(made)).units[0].geometry
     made["interface"]["touch"] |= {"ground": None, "gap": 3e-4}
-    behind = prepare(latin_fmu.scene_from_dict(made)).units[0].geometry
+    behind = discretise(latin_fmu.scene_from_dict(made)).units[0].geometry
     for name in ("points", "areas", "frames", "gap"):
         assert getattr(placed, name) == pytest.approx(getattr(behind, name), rel=1e-12, abs=1e-18)

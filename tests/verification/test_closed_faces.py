@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu.assembly.build import prepare
+from latin_fmu.assembly.build import discretise
 
 from .static_scenes import STEEL, ramp, solve
 from .typed_meshes import tube, write_mesh
@@ -84,7 +84,7 @@ def test_bonded_thread_of_quadratic_cells(tmp_path: Path) -> None:
 @pytest.mark.parametrize("turn", [0.0, 1e-7, 2 * np.pi / 24])
 def test_matching_nodes_all_the_way_round(turn: float, tmp_path: Path) -> None:
     """Vector areas of a closed face sum to round-off: normals are compared point by point."""
-    unit = prepare(latin_fmu.scene_from_dict(joint(tmp_path, (24, 24), (4, 4), turn, behaviour="perfect"))).units[0]
+    unit = discretise(latin_fmu.scene_from_dict(joint(tmp_path, (24, 24), (4, 4), turn, behaviour="perfect"))).units[0]
     assert unit.geometry.matching
     assert np.linalg.norm(unit.geometry.areas @ unit.geometry.frames[:, 0]) < 1e-12
     radial = unit.geometry.points * [1, 1, 0] / RADIUS
@@ -94,7 +94,7 @@ def test_matching_nodes_all_the_way_round(turn: float, tmp_path: Path) -> None:
 def test_one_radius_leaves_no_gap(tmp_path: Path) -> None:
     """Chords of two meshes of one cylinder overlap and gape by their distance from it: closed everywhere."""
     made = joint(tmp_path, (16, 24), (6, 9), 0.03, friction_coefficient=0.1)
-    geometry = prepare(latin_fmu.scene_from_dict(made)).units[0].geometry
+    geometry = discretise(latin_fmu.scene_from_dict(made)).units[0].geometry
     assert not geometry.matching
     np.testing.assert_array_equal(geometry.gap, 0.0)
     assert geometry.areas.sum() == pytest.approx(2 * np.pi * RADIUS * LENGTH, rel=0.02)
@@ -104,22 +104,22 @@ def test_play_is_measured(tmp_path: Path) -> None:
     """A clearance far above the distance of the chords is the gap, to that distance."""
     play = 0.3e-3
     made = joint(tmp_path, (40, 60), (2, 3), 0.03, play=play, friction_coefficient=0.1)
-    geometry = prepare(latin_fmu.scene_from_dict(made)).units[0].geometry
+    geometry = discretise(latin_fmu.scene_from_dict(made)).units[0].geometry
     chord = RADIUS * (2 * np.pi / 40) ** 2 / 8
     assert geometry.gap == pytest.approx(play, abs=1.5 * chord)
     made["interface"]["thread"]["gap"] = "closed"
-    np.testing.assert_array_equal(prepare(latin_fmu.scene_from_dict(made)).units[0].geometry.gap, 0.0)
+    np.testing.assert_array_equal(discretise(latin_fmu.scene_from_dict(made)).units[0].geometry.gap, 0.0)
 
 
 def test_interference_is_refused_unless_closed(tmp_path: Path) -> None:
     made = joint(tmp_path, (40, 60), (2, 3), 0.03, play=-0.1e-3, friction_coefficient=0.1)
     with pytest.raises(latin_fmu.SceneError, match=r'overlap at the start.*gap = "closed"'):
-        prepare(latin_fmu.scene_from_dict(made))
+        discretise(latin_fmu.scene_from_dict(made))
     made["interface"]["thread"]["gap"] = "closed"
-    np.testing.assert_array_equal(prepare(latin_fmu.scene_from_dict(made)).units[0].geometry.gap, 0.0)
+    np.testing.assert_array_equal(discretise(latin_fmu.scene_from_dict(made)).units[0].geometry.gap, 0.0)
 
 
 def test_closed_has_its_limit(tmp_path: Path) -> None:
     made = joint(tmp_path, (40, 60), (20, 30), play=1e-3, gap="closed")
     with pytest.raises(latin_fmu.SceneError, match=r"too far apart.*node spacing"):
-        prepare(latin_fmu.scene_from_dict(made))
+        discretise(latin_fmu.scene_from_dict(made))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu.assembly.build import prepare
+from latin_fmu.assembly.build import discretise
 from latin_fmu.assembly.interfaces import completed
 from latin_fmu.cosim.session import Session
 from latin_fmu.errors import SceneError
@@ -35,7 +35,7 @@ def tables(**search: Any) -> dict[str, Any]:
 
 
 def units(data: dict[str, Any]) -> dict[str, Any]:
-    return {u.name: u for u in prepare(latin_fmu.scene_from_dict(data)).units}
+    return {u.name: u for u in discretise(latin_fmu.scene_from_dict(data)).units}
 
 
 def test_pairs_within_reach() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu.assembly.build import build, prepare
+from latin_fmu.assembly.build import build, discretise
 from latin_fmu.assembly.merged_assembly import bonded
 
 from .blocks import apart, solve, stack
@@ -145,7 +145,7 @@ def test_identical_blocks_may_have_a_factor_each(friction):
     forces, classes = [], []
     for share in (True, False):
         scene = stack(5, "contact", friction, share_identical=share, tolerance=1e-9, force_tolerance=1e-9)
-        prepared = prepare(latin_fmu.scene_from_dict(scene))
+        prepared = discretise(latin_fmu.scene_from_dict(scene))
         classes.append([len(c.members) for c in prepared.classes])
         forces.append(resultants(solve(scene)))
     assert classes == [[1, 2, 1, 1], [1, 1, 1, 1, 1]]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu.assembly.build import prepare
+from latin_fmu.assembly.build import discretise
 from latin_fmu.cosim.session import Session
 from latin_fmu.fem.elasticity import mass
 from latin_fmu.fem.elements import Elements
@@ -111,7 +111,7 @@ def test_patch_of_five_of_every_type_of_cell(kind: str, degrees: float, friction
 def test_quadratic_faces_with_matching_nodes(kind: str, tmp_path: Path) -> None:
     """Nodes opposite each other: positive areas by the change of basis, on both sides alike."""
     made = of_kind(column(((4, 3), (4, 3)), 0.3), kind, tmp_path)
-    unit = prepare(latin_fmu.scene_from_dict(made)).units[0]
+    unit = discretise(latin_fmu.scene_from_dict(made)).units[0]
     assert unit.geometry.matching
     assert unit.geometry.areas.min() > 0.0
     assert abs(unit.geometry.traces[0] - unit.geometry.traces[1]).max() > 0.0  # other numbers of the same nodes
@@ -247,11 +247,11 @@ def test_partly_covered_owner(share: float, shift: float, elements: int) -> None
 def test_the_covered_face_gives_the_points() -> None:
     """Though its elements are larger than those of the plate."""
     made = pressed_on_a_plate(0.3, 0.0, 2, "automatic")
-    unit = prepare(latin_fmu.scene_from_dict(made)).units[0]
+    unit = discretise(latin_fmu.scene_from_dict(made)).units[0]
     assert unit.geometry.owner == 1
     assert unit.geometry.n_point == 9
     made["interface"]["i"]["points_from"] = "E"
-    assert prepare(latin_fmu.scene_from_dict(made)).units[0].geometry.owner == 0
+    assert discretise(latin_fmu.scene_from_dict(made)).units[0].geometry.owner == 0
 
 
 def test_two_searches_of_one_answer() -> None:
@@ -287,7 +287,7 @@ def test_a_held_face_does_not_give_the_points() -> None:
     made = pressed_on_a_plate(0.4, 0.0, 3, "automatic")
     made["substructure"]["plate"]["box"] |= {"origin": [1e-3, 1e-3, -2e-3], "size": [3.4e-3, 3.4e-3, 2e-3]}
     made["substructure"]["plate"]["box"]["elements"] = [12, 12, 1]
-    assert prepare(latin_fmu.scene_from_dict(made)).units[0].geometry.n_point == 169
+    assert discretise(latin_fmu.scene_from_dict(made)).units[0].geometry.n_point == 169
     made["boundary"]["all"] = {"type": "fixed", "face": "plate.zmax"}
     solution = solve(made)
     assert -solution.interfaces["i"].traction[-1, :, 2] == pytest.approx(1e6, rel=1e-6)

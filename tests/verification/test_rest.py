@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu.assembly.build import build, prepare
+from latin_fmu.assembly.build import build, discretise
 from latin_fmu.assembly.inactive_substructures import arrival_times, cut_by_arrival
 from latin_fmu.effects import explain
 
@@ -47,7 +47,7 @@ def solved(tables: dict[str, Any]) -> latin_fmu.Solution:
 
 
 def arrivals(tables: dict[str, Any]) -> dict[str, float]:
-    prepared = prepare(latin_fmu.scene_from_dict(copy.deepcopy(tables)))
+    prepared = discretise(latin_fmu.scene_from_dict(copy.deepcopy(tables)))
     return arrival_times(prepared.scene, prepared.bodies, prepared.units, prepared.time)
 
 
@@ -187,7 +187,7 @@ def test_a_cut_class_shares_its_operators() -> None:
 
 
 def test_classes_are_cut_only_where_it_pays() -> None:
-    classes = prepare(latin_fmu.scene_from_dict(chain())).classes
+    classes = discretise(latin_fmu.scene_from_dict(chain())).classes
     names = [f"b{i}" for i in range(1, 9)]
     kept = cut_by_arrival(classes, dict.fromkeys(names, 1.0))
     assert [c.members for c in kept] == [c.members for c in classes]

@@ -144,8 +144,8 @@ def test_no_mass_is_assembled(monkeypatch: pytest.MonkeyPatch):
         raise AssertionError("mass assembled")
 
     monkeypatch.setattr(bodies, "mass", refuse)
-    built = build(latin_fmu.scene_from_dict(small()))
-    for propagator in built.assembly.propagators:
+    problem = build(latin_fmu.scene_from_dict(small()))
+    for propagator in problem.assembly.propagators:
         assert all(m.mass is None and m.damping is None for m in propagator.members)
         assert not hasattr(propagator.operators, "mass")
     solve(small())
