@@ -1,4 +1,4 @@
-"""Interfaces: geometry (points, areas, normals, traces) and behaviours, Eqs. (6), (7), (15)-(23)."""
+"""Geometry of interfaces (points, areas, normals, traces) and their behaviours, Eqs. (6), (7), (15)-(23)."""
 
 from .behaviour import Behaviour
 from .contact import Contact

@@ -1,25 +1,27 @@
-"""The contract of an interface behaviour.
+"""The contract of an interface behaviour, and the base class of the laws that the kernels hold.
 
-An interface sees each side through one outgoing quantity, known after the linear stage,
+A behaviour relates, at one instant and one point, the traction of an interface to the motion of its two sides. The
+linear stage gives for each side the velocity without traction of the interface,
 
-    s = W - F / k        velocity the side would take if the interface exerted no traction,
+    s = W - F / k,
 
-and its search direction E+ gives ``W_hat = s + F_hat / k``. With z = 1/k the sum of both sides, the behaviour
-at one instant is a relation between the relative free velocity ``s' - s`` and the traction on side E.
-Components are those of the local frame (N, t1, t2), N from E to E'; a frictionless interface has N only.
+and the search direction E+ gives ``W_hat = s + F_hat / k``. With z = 1/k summed over both sides, the behaviour is a
+relation between the relative free velocity ``s' - s`` and the traction on side E. Components are those of the local
+frame (N, t1, t2), N from E to E'; a frictionless interface has N only.
 
 Rules
 
 1. Pure and vectorised over points: no mesh, no matrix, no time step, inputs unchanged.
 2. ``local`` satisfies the relation and E+ to round-off; F_hat_E' = -F_hat_E is the solver's.
-3. History enters as ``reach``. For unilateral contact it is the open gap at the start of the instant over dt, the
-   velocity that would close it within the instant; ``rate`` is then 1/dt. An ``elastic`` behaviour sees the jump of
-   displacement itself: with d = W_hat' - W_hat the time scheme makes the jump of the new instant
+3. The state at the start of the instant enters as the normalised gap g, m s-1. For unilateral contact it is the open
+   gap over dt, that is the velocity that closes it within the instant; ``rate`` is then 1/dt. For an ``elastic``
+   behaviour it is the jump of displacement times ``rate``, shape (n_point, n_component), signed, the initial gap along
+   N included: with d = W_hat' - W_hat the time scheme gives the jump of the new instant
 
-       [u] = (reach + d) / rate,   reach : (n_point, n_component), signed, the initial gap along N included.
+       [u] = (g + d) / rate.
 
 4. A layer of stiffness k_l therefore acts as an added compliance ``rate / k_l``.
-5. Parameters travel per point, (n_point, n_parameter), so that interfaces of one kind are solved together.
+5. Parameters are arrays per point, (n_point, n_parameter), so that interfaces of one class are solved together.
 6. A ``compliant`` behaviour has a definite traction also where both sides are held (z = 0): it follows from the jumps
    alone, at the start of a run too. The others give no traction there.
 7. ``local`` may be written in plain NumPy: the Python driver calls it. A behaviour with ``compiled = True`` has its law
@@ -33,6 +35,8 @@ from typing import ClassVar, Protocol, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from ..kernels.laws import LAWS, apply_law
+
 Array = NDArray[np.float64]
 Status = NDArray[np.int8]
 
@@ -40,7 +44,7 @@ SEPARATION, STICK, SLIP = 0, 1, 2
 
 
 class Behaviour(Protocol):
-    """Relation of one kind of interface (rules in the module docstring)."""
+    """Relation between traction and motion of the sides of an interface (rules in the module docstring)."""
 
     name: ClassVar[str]
     opens: ClassVar[bool]  # has a gap and a contact status
@@ -54,15 +58,14 @@ class Behaviour(Protocol):
     def point_parameters(self, n_point: int) -> Array:
         """Parameters per point, (n_point, n_parameter)."""
 
-    @staticmethod
-    def local(jump: Array, z: Array, reach: Array, rate: float, parameters: Array) -> Array:
+    def local(self, jump: Array, z: Array, normalised_gap: Array, rate: float, parameters: Array, /) -> Array:
         """Traction on side E that satisfies the behaviour.
 
         Parameters
         ----------
         jump : (n_point, n_component) relative free velocity s' - s, m s-1.
         z : (n_point, 2) sum of 1/k of both sides, normal and tangential, m3 N-1 s-1.
-        reach : (n_point,) open gap at the start of the instant / dt, m s-1; (n_point, n_component) where ``elastic``.
+        normalised_gap : (n_point,), (n_point, n_component) where ``elastic``, m s-1, see rule 3.
         rate : s-1, see rule 3. parameters : (n_point, n_parameter).
 
         Returns
@@ -70,24 +73,42 @@ class Behaviour(Protocol):
         (n_point, n_component) F_hat on side E, Pa.
         """
 
-    @staticmethod
-    def status(traction: Array, parameters: Array) -> Status:
+    def status(self, traction: Array, parameters: Array, /) -> Status:
         """Separation 0, stick 1, slip 2 from F_hat; leading axes free, last one the components."""
 
 
 class Layer(Behaviour, Protocol):
     """A behaviour that stores energy."""
 
-    @staticmethod
-    def stored_energy(traction: Array, parameters: Array) -> Array:
+    def stored_energy(self, traction: Array, parameters: Array, /) -> Array:
         """Elastic energy per area, J m-2, from F_hat; leading axes free, last one the components."""
 
 
+class CompiledLaw:
+    """Base of the behaviours whose law is in ``kernels.laws``; sides that stay together unless a subclass says else."""
+
+    name: ClassVar[str]
+    compiled: ClassVar[bool] = True
+    opens: ClassVar[bool] = False
+    compliant: ClassVar[bool] = False
+    elastic: ClassVar[bool] = False
+
+    @classmethod
+    def local(cls, jump: Array, z: Array, normalised_gap: Array, rate: float, parameters: Array) -> Array:
+        """F_hat on side E, the explicit solution per point (``Behaviour.local``)."""
+        return apply_law(LAWS[cls.name], jump, z, normalised_gap, rate, parameters)
+
+    @staticmethod
+    def status(traction: Array, parameters: Array) -> Status:
+        """Stick at every point."""
+        return np.full(traction.shape[:-1], STICK, dtype=np.int8)
+
+
 def bonds(behaviour: Behaviour) -> bool:
-    """Whether the sides keep one velocity."""
+    """Whether the behaviour keeps the velocities of both sides equal."""
     return not (behaviour.opens or behaviour.compliant)
 
 
 def as_layer(behaviour: Behaviour) -> Layer | None:
-    """The behaviour where it stores energy, else None."""
+    """The behaviour as one that stores energy, None where it does not."""
     return cast(Layer, behaviour) if behaviour.elastic else None

@@ -1,52 +1,37 @@
 """Interfaces that may open: contact with Coulomb friction, contact without slip, contact through an elastic layer.
 
-contact
--------
-Unilateral contact with gap and Coulomb friction, Eqs. (18)-(23).
+Signs: N from E to E', F_hat on side E, pressure P = -F_hat.N >= 0, z summed over both sides. w = (s' - s).N is the
+opening velocity without traction, g the normalised gap (``interface.behaviour``, rule 3).
 
-Signs: N from E to E', F_hat on side E, pressure P = -F_hat.N >= 0. With the free opening velocity
-w = (s' - s).N and reach = gap / dt,
+Contact with friction, Eqs. (18)-(23):
 
-    P = max(0, -(w + reach)) / (z_n + z_n')                    end-of-instant Signorini law
-    G = (s' - s)_t / (z_t + z_t')                              traction that would stop the sliding
+    P = max(0, -(w + g)) / z_n                             end-of-instant Signorini law
+    G = (s' - s)_t / z_t                                   traction that would stop the sliding
     F_hat_t = G                   if |G| <= mu P   (22) stick
             = mu P G / |G|        otherwise        (23) slip
 
-The opening velocity is then max(w, -reach); for equal k on both sides and a closed gap P = -k C_n with the
-contact indicator C_n = w / 2 of (20), and G is G_n of (21).
+The opening velocity is then max(w, -g); for equal k on both sides and a closed gap P = -k C_n with the contact
+indicator C_n = w / 2 of (20), and G is G_n of (21).
 
+Contact without slip has the same normal law. Tangentially a point whose gap at the start of the instant is at most
+``touch`` does not slide within the instant, pressed or not; a point that closes within the instant slides freely until
+it has closed:
 
-no_slip
--------
-Unilateral contact without slip: the limit of Coulomb's law for mu -> infinity that stays solvable.
+    F_hat_t = G   where the gap is at most ``touch``,   else 0
 
-Normal law as in ``contact``: P = max(0, -(w + reach)) / (z_n + z_n'). Tangentially a point that is in touch at the
-start of the instant does not slide in it, pressed or not; one that arrives within the instant slides freely until it
-has arrived:
+``touch`` is a small part of the distance that the loads can close within an instant: with touch = 0 a pressed point
+would slide over a gap of the size of a rounding error. It is the limit of Coulomb's law for mu -> infinity that stays
+solvable: the closure of Coulomb's cone is the half space P >= 0, shear without pressure belongs to it. Stick then
+depends on the past only, the problem of the instant is convex and the iteration converges, where a very large friction
+coefficient (stick from the smallest pressure on) may not.
 
-    F_hat_t = (s' - s)_t / (z_t + z_t')   where the gap is at most ``touch``,   else 0
+Contact through an elastic layer: the pressure follows the compression of the layer, which may be there from the start
+(an interference),
 
-``touch`` is a small part of the distance that the loads can close within an instant: were it zero, a pressed point
-would lose hold over a gap of the size of a rounding error.
+    P = k_n max(0, -gap) = k_n max(0, -(w + g)) / (rate + k_n z_n),   gap of the new instant = (g + w + z_n P) / rate,
 
-The closure of Coulomb's cone for mu -> infinity is the half space P >= 0: shear without pressure belongs to it, so
-that touch alone may hold a point. Stick then depends on the past only, the instant is a convex problem and the
-iteration converges, where a huge friction coefficient (stick from the first trace of pressure) may not.
-
-
-soft_contact
-------------
-Contact through an elastic layer: Signorini's law made smooth by a stiffness, with Coulomb friction.
-
-The pressure follows the compression of the layer, which may be there from the start (an interference):
-
-    P = k_n max(0, -gap),   gap of the new instant = (reach + d) / rate,   d = w + z P
-
-    P = k_n max(0, -(w + reach)) / (rate + k_n z_n)
-
-with the free opening velocity w = (s' - s).N. Friction is that of ``contact`` with this pressure, Eqs. (22), (23). A
-layer of finite stiffness spreads an impact over time, gives no force peak that depends on the mesh, and conserves the
-energy it stores; k_n -> infinity is ``contact``.
+with the friction of contact, Eqs. (22), (23). A layer of finite stiffness spreads an impact over time, gives no force
+peak that depends on the mesh, and conserves the energy it stores; k_n -> infinity is contact.
 """
 
 from __future__ import annotations
@@ -56,27 +41,23 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..kernels.laws import CONTACT, NO_SLIP, SOFT_CONTACT, apply_law
-from .behaviour import SEPARATION, SLIP, STICK, Array, Status
+from .behaviour import SEPARATION, SLIP, STICK, Array, CompiledLaw, Status
 
 # A stuck point whose traction is this close to the cone counts as slipping.
 _ON_CONE = 1 - 1e-10
 
 
 @dataclass(frozen=True)
-class Contact:
+class Contact(CompiledLaw):
     """Unilateral contact; ``friction_coefficient`` is Coulomb's (0: frictionless, normal unknowns only)."""
 
     friction_coefficient: float = 0.0
     name: ClassVar[str] = "contact"
-    compiled: ClassVar[bool] = True
     opens: ClassVar[bool] = True
-    compliant: ClassVar[bool] = False
-    elastic: ClassVar[bool] = False
 
     @property
     def n_component(self) -> int:
-        """Frictionless contact has no tangential unknowns."""
+        """3 with friction, 1 without: frictionless contact has no tangential unknowns."""
         return 3 if self.friction_coefficient > 0 else 1
 
     def point_parameters(self, n_point: int) -> Array:
@@ -84,13 +65,8 @@ class Contact:
         return np.full((n_point, 1), self.friction_coefficient)
 
     @staticmethod
-    def local(jump: Array, z: Array, reach: Array, rate: float, parameters: Array) -> Array:
-        """Explicit solution per point (module docstring)."""
-        return apply_law(CONTACT, jump, z, reach, rate, parameters)
-
-    @staticmethod
     def status(traction: Array, parameters: Array) -> Status:
-        """From the traction alone: open where P = 0; on the cone is slip."""
+        """Separation where P = 0, slip on the friction cone, else stick."""
         pressure = -traction[..., 0]
         status = np.full(pressure.shape, SLIP, dtype=np.int8)
         if traction.shape[-1] > 1:
@@ -102,39 +78,27 @@ class Contact:
 
 
 @dataclass(frozen=True)
-class NoSlip:
+class NoSlip(CompiledLaw):
     """Contact of surfaces that never slide on each other; ``touch`` : gap that counts as closed, m."""
 
     touch: float = 0.0
     name: ClassVar[str] = "no_slip"
-    compiled: ClassVar[bool] = True
     opens: ClassVar[bool] = True
-    compliant: ClassVar[bool] = False
-    elastic: ClassVar[bool] = False
-
-    @property
-    def n_component(self) -> int:
-        """Normal and tangential."""
-        return 3
+    n_component: ClassVar[int] = 3
 
     def point_parameters(self, n_point: int) -> Array:
         """Column 0: gap that counts as closed."""
         return np.full((n_point, 1), self.touch)
 
     @staticmethod
-    def local(jump: Array, z: Array, reach: Array, rate: float, parameters: Array) -> Array:
-        """Explicit solution per point (module docstring)."""
-        return apply_law(NO_SLIP, jump, z, reach, rate, parameters)
-
-    @staticmethod
     def status(traction: Array, parameters: Array) -> Status:
-        """Stick where there is any traction."""
+        """Stick where there is any traction, else separation."""
         loaded = (traction[..., 0] < 0) | (traction[..., 1:] != 0).any(axis=-1)
         return np.where(loaded, STICK, SEPARATION).astype(np.int8)
 
 
 @dataclass(frozen=True)
-class SoftContact:
+class SoftContact(CompiledLaw):
     """Unilateral elastic layer of stiffness per area N m-3, with Coulomb friction."""
 
     normal_stiffness: float = 1.0
@@ -143,11 +107,10 @@ class SoftContact:
     opens: ClassVar[bool] = True
     compliant: ClassVar[bool] = True
     elastic: ClassVar[bool] = True
-    compiled: ClassVar[bool] = True
 
     @property
     def n_component(self) -> int:
-        """Without friction no tangential unknowns."""
+        """3 with friction, 1 without."""
         return 3 if self.friction_coefficient > 0 else 1
 
     def point_parameters(self, n_point: int) -> Array:
@@ -155,13 +118,8 @@ class SoftContact:
         return np.tile([self.friction_coefficient, self.normal_stiffness], (n_point, 1))
 
     @staticmethod
-    def local(jump: Array, z: Array, reach: Array, rate: float, parameters: Array) -> Array:
-        """Explicit solution per point (module docstring)."""
-        return apply_law(SOFT_CONTACT, jump, z, reach, rate, parameters)
-
-    @staticmethod
     def status(traction: Array, parameters: Array) -> Status:
-        """As for ``contact``."""
+        """Separation, stick, slip as for ``Contact``."""
         return Contact.status(traction, parameters)
 
     @staticmethod

@@ -1,4 +1,4 @@
-"""Interface behaviours by name: a new behaviour is one class and one line here."""
+"""The registry of interface behaviours by name: a new behaviour is one class and one line here."""
 
 from __future__ import annotations
 
@@ -22,9 +22,8 @@ BEHAVIOURS: Mapping[str, Callable[..., Behaviour]] = MappingProxyType(
 
 
 def opens(name: str) -> bool:
-    """Whether interfaces of this behaviour may open (they have a gap and a contact status)."""
-    found: bool = getattr(BEHAVIOURS[name], "opens")  # noqa: B009, a class variable of every entry
-    return found
+    """Whether interfaces of the behaviour ``name`` may open (they have a gap and a contact status)."""
+    return bool(getattr(BEHAVIOURS[name], "opens"))  # noqa: B009, a class variable of every entry
 
 
 def make_behaviour(name: str, parameters: Mapping[str, float]) -> Behaviour:
