@@ -320,7 +320,7 @@ class Assembly:
         u = self.gather([p.channel_displacement() for p in self.propagators])
         instant = self.instant
         self.ground_displacement(u, instant)
-        lead = self.scheme.gap_lead(self.dt)
+        lead = self.scheme.gap_offset(self.dt)
         if lead and self._ground_frames:  # the propagators' displacements are that far ahead
             ahead = np.zeros_like(u)
             self.ground_velocity(ahead, instant)

@@ -99,7 +99,7 @@ def _compliant_tractions(assembly: Assembly, groups: list[Group], traction: Arra
     """Write what compliant interfaces carry in the present state."""
     u, v = assembly.displacement(), assembly.gather([p.channel_velocity() for p in assembly.propagators])
     assembly.ground_velocity(v, 0)
-    u -= assembly.scheme.gap_lead(assembly.dt) * v
+    u -= assembly.scheme.gap_offset(assembly.dt) * v
     for group in groups:
         moved, sliding = (block[1] - block[0] for block in (group.block(u), group.block(v)))
         moved[:, 0] += group.gap

@@ -210,7 +210,7 @@ class Recorder:
         for history in histories:
             if history.friction_power is not None:
                 total["friction_dissipation"][1:] += np.cumsum(history.friction_power[1:]) * assembly.dt
-        weights, lead = assembly.scheme.energy_weights()[0], assembly.scheme.gap_lead(assembly.dt)
+        weights, lead = assembly.scheme.energy_weights()[0], assembly.scheme.gap_offset(assembly.dt)
         total["contact_dissipation"] = sum((impact_losses(h, weights, lead) for h in histories), np.zeros(n))
         total.update(yielding_terms(histories, assembly.dt))
         if any(g.any() for g in assembly.ground.values()):

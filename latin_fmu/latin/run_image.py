@@ -118,7 +118,7 @@ def histories(assembly: Assembly) -> dict[str, Array]:
     scheme, dt = assembly.scheme, assembly.dt
     _, velocity, displacement = assembly.ground_tables()
     acceleration = assembly.ground_accelerations()
-    displacement = displacement + scheme.gap_lead(dt) * velocity
+    displacement = displacement + scheme.gap_offset(dt) * velocity
     one, zero = np.ones(1), np.zeros(1)
     layer_v, layer_a = (float(scheme.layer_jump(zero, *va, dt)[0][0]) for va in ((one, zero), (zero, one)))
     going_on = continuation(assembly) if assembly.quasi_static else np.ones(len(assembly.time))

@@ -13,7 +13,7 @@ instant is in ``kernels.substructure``; a propagator is a handle on its class in
 3. Everything is linear in loads, initial values and tractions; members do not depend on each other.
 4. ``snapshot``/``restore`` within a segment, ``get_state``/``set_state`` between segments hold all that the next
    instant needs: a march that goes on from them is the same to the last bit.
-5. ``channel_displacement`` is what gaps are read from (``TimeScheme.gap_lead`` ahead of the instant).
+5. ``channel_displacement`` is what gaps are read from (``TimeScheme.gap_offset`` ahead of the instant).
 6. The account of energies closes with the scheme's own identity (``kernels.energy``).
 
 Motion: arrays (n_dof, n_member). Arrays over channels are (n_channel, n_member).
@@ -336,7 +336,7 @@ class Propagator(ABC):
     def channel_displacement(self) -> Array:
         """Displacements at the channels that gaps are read from, m."""
         u = self._at(self.state.u, self.forcing.channel_displacement(self.instant))
-        lead = self.scheme.gap_lead(self.dt)
+        lead = self.scheme.gap_offset(self.dt)
         return u + lead * self.channel_velocity() if lead else u
 
     def channel_acceleration(self) -> Array:

@@ -59,7 +59,7 @@ def coefficients(scheme: Any, dt: float) -> Fields:
         "w_u": w[1],
         "w_v": w[2],
         "u_late": late,
-        "gap_lead": scheme.gap_lead(dt),
+        "gap_lead": scheme.gap_offset(dt),
         "layer_v": layer_v,
         "layer_a": layer_a,
         "layer_rate": 1 / scheme.layer_jump(zero, zero, zero, dt)[1],

@@ -1,11 +1,7 @@
 """Implicit time schemes: Newmark, HHT-alpha, massless contact nodes, and increments without inertia.
 
-newmark, hht
-------------
-Newmark and Hilber-Hughes-Taylor (HHT-alpha) schemes.
-
-Motion at the new instant, forces R = f - C v - K u with every force (loads, interface tractions, dashpots)
-weighted alike:
+Newmark and Hilber-Hughes-Taylor: motion at the new instant, forces R = f - C v - K u with every force (loads, interface
+tractions, dashpots) weighted alike:
 
     M a_{n+1} = (1 + alpha) R_{n+1} - alpha R_n
     u_{n+1} = u_n + dt v_n + dt^2 ((1/2 - beta) a_n + beta a_{n+1})
@@ -21,34 +17,26 @@ Energy over one step (Krenk 2006, exact): with a_w = (1 - gamma) a_n + gamma a_{
 
 where ( )_w weights the instants n-1, n, n+1 as a_w and the equation of motion do.
 
-
-massless_contact
-----------------
-Massless contact nodes: average-acceleration Newmark with the exact displacement law of contact.
-
-The nodes of contact interfaces carry no mass (``fem.elasticity`` gives it to their inner neighbours), so that an impact
-stops no mass at once, and the interface works with the velocity
+Massless contact nodes: average-acceleration Newmark with the exact displacement law of contact. The nodes of contact
+interfaces carry no mass (``fem.elasticity`` moves it to their inner neighbours), so that an impact stops no mass at
+once, and the velocity of the interface is
 
     W_{n+1} = (u_{n+1} - u_n) / dt
 
 for which gap_{n+1} = gap_n + dt d_{n+1} exactly: no penetration, and next to no energy lost at impacts (Khenous,
-Laborde, Renard 2008). Undamped elsewhere; keep the Courant number at most about 0.8.
+Laborde, Renard 2008). Undamped elsewhere; keep the Courant number at most about 0.8. When to choose it: long runs with
+many impacts (it keeps 97 to 100 % of a bouncing bar's energy over twenty impacts, where HHT -0.1 keeps 15 %). Price: a
+less accurate contact force on coarse faces (crushing of two specimens at 4 elements per edge: 1.6 % against 1.3 % in
+L2), and an energy that may rise by up to 1 % in corners.
 
-When to choose it: long runs with many impacts (it keeps 97 to 100 % of a bouncing bar's energy over twenty impacts,
-where HHT -0.1 keeps 15 %). Price: a less accurate contact force on coarse faces (crushing of two specimens at 4
-elements per edge: 1.6 % against 1.3 % in L2), and an energy that may rise by up to 1 % in corners.
-
-
-quasi_static
-------------
-No inertia: a succession of equilibria, Eqs. (9)-(11) without mass.
+No inertia: a succession of equilibria, Eqs. (9)-(11) without mass, backward Euler:
 
     K u_{n+1} = f_{n+1},    v_{n+1} = (u_{n+1} - u_n) / dt,    a_{n+1} = (v_{n+1} - v_n) / dt
 
-that is backward Euler, for which contact and friction hold in terms of displacements exactly: the opening at the end
-of an increment is ``gap + dt d``, the slip of the increment ``dt`` times the sliding velocity. The answer does not
-depend on dt: time only orders the increments of load. Works take the mean of the forces before and after, exact for an
-elastic body, so that nothing is dissipated but by friction.
+Contact and friction hold in terms of displacements exactly: the opening at the end of an increment is ``gap + dt d``,
+the slip of the increment ``dt`` times the sliding velocity. The solution does not depend on dt: time only orders the
+increments of load. Works take the mean of the forces before and after, exact for an elastic body, so that only friction
+dissipates.
 """
 
 from __future__ import annotations
@@ -57,11 +45,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .scheme import Array
+from .scheme import Array, TimeScheme
 
 
 @dataclass(frozen=True)
-class Newmark:
+class Newmark(TimeScheme):
     """Newmark scheme with parameters beta, gamma (average acceleration by default)."""
 
     beta: float = 0.25
@@ -76,12 +64,12 @@ class Newmark:
 
     @property
     def force_weight(self) -> float:
-        """1 + alpha."""
+        """Weight 1 + alpha."""
         return 1.0 + self.alpha
 
     @property
     def memory_weight(self) -> float:
-        """alpha."""
+        """Weight alpha."""
         return self.alpha
 
     def operator(self, dt: float) -> tuple[float, float, float]:
@@ -90,11 +78,11 @@ class Newmark:
         return 1.0, weight * self.gamma * dt, weight * self.beta * dt * dt
 
     def velocity_gain(self, dt: float) -> float:
-        """gamma dt."""
+        """Derivative dv/da = gamma dt."""
         return self.gamma * dt
 
     def displacement_gain(self, dt: float) -> float:
-        """beta dt^2."""
+        """Derivative du/da = beta dt^2."""
         return self.beta * dt * dt
 
     def predict(self, u: Array, v: Array, a: Array, dt: float) -> tuple[Array, Array]:
@@ -104,28 +92,6 @@ class Newmark:
     def invert_velocity(self, a_old: Array, jump: Array, dt: float) -> Array:
         """a_{n+1} = ((v_{n+1} - v_n)/dt - (1 - gamma) a_n)/gamma."""
         return (jump / dt - (1 - self.gamma) * a_old) / self.gamma
-
-    @property
-    def explicit(self) -> bool:
-        """Implicit."""
-        return False
-
-    @property
-    def massless_contact(self) -> bool:
-        """Contact nodes carry their mass."""
-        return False
-
-    def interface_gain(self, dt: float) -> float:
-        """That of the velocity."""
-        return self.velocity_gain(dt)
-
-    def interface_velocity(self, u_old: Array, u: Array, v: Array, dt: float) -> Array:  # noqa: ARG002
-        """The velocity of the instant."""
-        return v
-
-    def gap_lead(self, dt: float) -> float:  # noqa: ARG002
-        """0."""
-        return 0.0
 
     def advance_opening(self, gap: Array, v: Array, a: Array, new: Array, dt: float) -> tuple[Array, Array]:
         """The displacement recursion applied to the opening."""
@@ -140,13 +106,13 @@ class Newmark:
         return rest, float(self.advance_opening(zero, zero, zero, one, dt)[0][0])
 
     def energy_weights(self) -> tuple[tuple[float, float, float], tuple[float, float]]:
-        """See the module docstring."""
+        """Weights of the energy identity in the module docstring."""
         new, old = self.gamma, 1 - self.gamma
         force = (-old * self.alpha, old * (1 + self.alpha) - new * self.alpha, new * (1 + self.alpha))
         return force, (old, new)
 
     def inertia_dissipation(self, dt: float) -> float:
-        """dt^2 (beta - gamma / 2)."""
+        """Factor dt^2 (beta - gamma / 2)."""
         return dt * dt * (self.beta - 0.5 * self.gamma)
 
 
@@ -169,93 +135,53 @@ class MasslessContact(Newmark):
         return True
 
     def interface_gain(self, dt: float) -> float:
-        """beta dt."""
+        """Derivative dW/da = beta dt."""
         return self.displacement_gain(dt) / dt
 
     def interface_velocity(self, u_old: Array, u: Array, v: Array, dt: float) -> Array:  # noqa: ARG002
-        """(u - u_old) / dt."""
+        """Velocity (u - u_old) / dt."""
         return (u - u_old) / dt
 
     def advance_opening(self, gap: Array, v: Array, a: Array, new: Array, dt: float) -> tuple[Array, Array]:  # noqa: ARG002
-        """gap + dt d, exactly."""
+        """Opening gap + dt * new, exactly."""
         return gap + dt * new, a
 
 
 @dataclass(frozen=True)
-class QuasiStatic:
-    """Increments of load without inertia; not in the registry of schemes, whose entries are all schemes of motion."""
+class QuasiStatic(TimeScheme):
+    """Increments of load without inertia; not in the registry, which holds schemes of motion only."""
 
     name: str = "quasi_static"
 
     @property
     def declared_order(self) -> int:
-        """1 (of the velocities; displacements are exact)."""
+        """Order 1 of the velocities; displacements are exact."""
         return 1
-
-    @property
-    def explicit(self) -> bool:
-        """Implicit."""
-        return False
 
     def operator(self, dt: float) -> tuple[float, float, float]:
         """A = dt C + dt^2 K."""
         return 0.0, dt, dt * dt
 
-    @property
-    def force_weight(self) -> float:
-        """1."""
-        return 1.0
-
-    @property
-    def memory_weight(self) -> float:
-        """0."""
-        return 0.0
-
     def velocity_gain(self, dt: float) -> float:
-        """dt."""
+        """Derivative dv/da = dt."""
         return dt
 
     def displacement_gain(self, dt: float) -> float:
-        """dt^2."""
+        """Derivative du/da = dt^2."""
         return dt * dt
 
     def predict(self, u: Array, v: Array, a: Array, dt: float) -> tuple[Array, Array]:  # noqa: ARG002
-        """u + dt v, v."""
+        """Displacement u + dt v, velocity v."""
         return u + dt * v, v
 
     def invert_velocity(self, a_old: Array, jump: Array, dt: float) -> Array:  # noqa: ARG002
         """(v_{n+1} - v_n) / dt."""
         return jump / dt
 
-    @property
-    def massless_contact(self) -> bool:
-        """There is no mass to take away."""
-        return False
-
-    def interface_gain(self, dt: float) -> float:
-        """That of the velocity."""
-        return dt
-
-    def interface_velocity(self, u_old: Array, u: Array, v: Array, dt: float) -> Array:  # noqa: ARG002
-        """The velocity of the increment."""
-        return v
-
-    def advance_opening(self, gap: Array, v: Array, a: Array, new: Array, dt: float) -> tuple[Array, Array]:  # noqa: ARG002
-        """gap + dt d, exactly."""
-        return gap + dt * new, a
-
-    def gap_lead(self, dt: float) -> float:  # noqa: ARG002
-        """None."""
-        return 0.0
-
     def layer_jump(self, gap: Array, v: Array, a: Array, dt: float) -> tuple[Array, float]:  # noqa: ARG002
-        """gap + dt d."""
+        """Displacement gap + dt * new."""
         return gap, dt
 
     def energy_weights(self) -> tuple[tuple[float, float, float], tuple[float, float]]:
         """Mean of the forces before and after."""
         return (0.0, 0.5, 0.5), (0.0, 1.0)
-
-    def inertia_dissipation(self, dt: float) -> float:  # noqa: ARG002
-        """None."""
-        return 0.0

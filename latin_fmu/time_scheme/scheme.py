@@ -1,4 +1,4 @@
-"""The contract of a time scheme.
+"""The contract of a time scheme, with what the implicit schemes and the explicit one have in common.
 
 Rules
 
@@ -24,7 +24,7 @@ class TimeScheme(Protocol):
 
     @property
     def name(self) -> str:
-        """Registry key."""
+        """Key in the registry of schemes."""
 
     @property
     def declared_order(self) -> int:
@@ -33,23 +33,31 @@ class TimeScheme(Protocol):
     @property
     def explicit(self) -> bool:
         """Whether the march is explicit: a diagonal operator, a stable step, displacements between the instants."""
+        return False
 
-    def operator(self, dt: float) -> tuple[float, float, float]:
-        """Factors (mass, damping, stiffness) of M, C, K in A; units 1, s, s2."""
+    @property
+    def massless_contact(self) -> bool:
+        """Whether the nodes of contact interfaces carry no mass."""
+        return False
 
     @property
     def force_weight(self) -> float:
         """Weight of the forces of the new instant in its equation of motion."""
+        return 1.0
 
     @property
     def memory_weight(self) -> float:
         """Weight of the residual force of the old instant (0 for Newmark)."""
+        return 0.0
+
+    def operator(self, dt: float) -> tuple[float, float, float]:
+        """Factors (mass, damping, stiffness) of M, C, K in A; units 1, s, s2."""
 
     def velocity_gain(self, dt: float) -> float:
-        """dv/da at the new instant, s."""
+        """Derivative dv/da at the new instant, s."""
 
     def displacement_gain(self, dt: float) -> float:
-        """du/da at the new instant, s2."""
+        """Derivative du/da at the new instant, s2."""
 
     def predict(self, u: Array, v: Array, a: Array, dt: float) -> tuple[Array, Array]:
         """Displacement and velocity of the new instant if its acceleration were zero."""
@@ -57,21 +65,22 @@ class TimeScheme(Protocol):
     def invert_velocity(self, a_old: Array, jump: Array, dt: float) -> Array:
         """Acceleration of the new instant from the velocity increment ``jump``."""
 
-    @property
-    def massless_contact(self) -> bool:
-        """Whether the nodes of contact interfaces carry no mass."""
-
     def interface_gain(self, dt: float) -> float:
-        """dW/da of the velocity that interfaces work with, s."""
+        """Derivative dW/da of the velocity W of the interfaces, s."""
+        return self.velocity_gain(dt)
 
     def interface_velocity(self, u_old: Array, u: Array, v: Array, dt: float) -> Array:
-        """That velocity from the displacement of the old instant and the displacement and velocity of the new."""
+        """Velocity W of the interfaces from the displacement of the old instant and the state u, v of the new one."""
+        return v
 
-    def gap_lead(self, dt: float) -> float:
-        """How far ahead of an instant the displacements are that its gaps are read from, s."""
+    def gap_offset(self, dt: float) -> float:
+        """Time from an instant to the displacements that give its gaps, s."""
+        return 0.0
 
     def advance_opening(self, gap: Array, v: Array, a: Array, new: Array, dt: float) -> tuple[Array, Array]:
-        """Opening and its acceleration at the new instant from those of the old and the ``new`` opening velocity."""
+        """Opening and its acceleration at the new instant from those of the old one and the ``new`` opening velocity;
+        gap + dt * new unless a scheme says else."""
+        return gap + dt * new, a
 
     def layer_jump(self, gap: Array, v: Array, a: Array, dt: float) -> tuple[Array, float]:
         """Displacement that the elastic forces of an interface follow in the step, from the opening of the old instant
@@ -82,3 +91,4 @@ class TimeScheme(Protocol):
 
     def inertia_dissipation(self, dt: float) -> float:
         """Factor of a_w . M (a_new - a_old) in the energy identity, s2 (a_w the weighted acceleration)."""
+        return 0.0

@@ -20,7 +20,7 @@ def leapfrog(
     """(u, v) at the instants, by the scheme's own operators."""
     states = [(u, v)]
     for i in range(n):
-        x = u + SCHEME.gap_lead(dt) * v
+        x = u + SCHEME.gap_offset(dt) * v
         a = (0.5 * (f(i * dt) + f((i + 1) * dt)) - k * x) / m
         free_u, free_v = SCHEME.predict(np.array([u]), np.array([v]), np.zeros(1), dt)
         u = float(free_u[0]) + SCHEME.displacement_gain(dt) * a
@@ -76,7 +76,7 @@ def test_the_gap_law_is_exact_between_the_instants() -> None:
     """x_{n+3/2} - x_{n+1/2} = dt v_{n+1}, x the displacement that gaps are read from."""
     dt = 0.03
     states = leapfrog(1.0, 5.0, math.sin, dt, 20, 0.2, -1.0)
-    x = [u + SCHEME.gap_lead(dt) * v for u, v in states]
+    x = [u + SCHEME.gap_offset(dt) * v for u, v in states]
     opened, _ = SCHEME.advance_opening(np.array(x[:-1]), np.zeros(20), np.zeros(20), np.array(states)[1:, 1], dt)
     np.testing.assert_allclose(opened, x[1:], rtol=1e-13)
 
