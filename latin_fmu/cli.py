@@ -9,25 +9,28 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
+from importlib import import_module
+from types import MappingProxyType
+from typing import Final
 
-from .commands import (
-    BAD_INPUT,
-    CONVERGED,
-    INTERRUPTED,
-    SOLVER_FAILED,
-    check,
-    cost,
-    explain,
-    fmu,
-    plot,
-    reference,
-    run,
-    simulate,
-    stress,
-)
+from . import __version__
+from .commands import BAD_INPUT, CONVERGED, INTERRUPTED, SOLVER_FAILED
 from .errors import InputError, LatinError
 
-COMMANDS = (run, check, explain, cost, plot, fmu, simulate, stress, reference)
+COMMANDS: Final = MappingProxyType(
+    {
+        "run": "run",
+        "check": "describe",
+        "explain": "describe",
+        "plot": "describe",
+        "reference": "describe",
+        "cost": "studies",
+        "stress": "studies",
+        "fmu": "fmu",
+        "simulate": "fmu",
+    }
+)
+"""Module of ``commands`` that declares each subcommand."""
 
 _EXAMPLES = """\
 examples:
@@ -50,8 +53,11 @@ exit codes: 0 converged, 1 not converged (results are written and marked), 2 bad
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line ``argv`` (default: that of the process) and return its exit code."""
+    # the solver uses one thread of BLAS (see blas_threads); the others cost time when NumPy is loaded
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    words = sys.argv[1:] if argv is None else list(argv)
     try:
-        arguments = _parser().parse_args(argv)
+        arguments = _parser(words).parse_args(words)
     except SystemExit as stop:  # argparse has printed the help, the version or what is wrong
         return stop.code if isinstance(stop.code, int) else BAD_INPUT
     try:
@@ -69,25 +75,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     return code
 
 
-def _parser() -> argparse.ArgumentParser:
+def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
+    """Parser of the subcommand that ``words`` begin with; of all where they begin otherwise."""
     parser = argparse.ArgumentParser(
         prog="latin-fmu",
         description="Impact of elastic bodies with frictional contact, by the LATIN method.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--version", action=_Version, nargs=0, help="print the version and stop")
+    parser.add_argument("--version", action="version", version=f"latin-fmu {__version__}")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    for command in COMMANDS:
-        command.register(commands.add_parser)
+    named = COMMANDS.get(words[0]) if words else None
+    for module in dict.fromkeys(COMMANDS.values()) if named is None else (named,):
+        import_module(f".commands.{module}", __package__).register(commands.add_parser)
     return parser
-
-
-class _Version(argparse.Action):
-    """Prints the version; looks it up only when asked."""
-
-    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
-        from .results.dataset import package_version
-
-        print(f"latin-fmu {package_version()}")
-        parser.exit()

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import argparse
+import gc
 import json
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError, Problem, SolverError
-from . import CONVERGED, NOT_CONVERGED
-from .scene_arguments import AddParser, add_scene, read_scene
+from . import CONVERGED, NOT_CONVERGED, AddParser, add_scene, declare, read_scene
 
 if TYPE_CHECKING:
     from ..accuracy.adaptive_resolution import Choice
@@ -31,13 +33,7 @@ Named items are addressed by name: --set interface.crush.friction_coefficient=0.
 
 def register(add: AddParser) -> None:
     """Declare the subcommand."""
-    parser = add(
-        "run",
-        help="solve a scene and write its results",
-        description="Solve a scene and write its results.",
-        epilog=_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = declare(add, "run", "solve a scene and write its results", _run, _EXAMPLES)
     add_scene(parser)
     parser.add_argument(
         "-o",
@@ -65,13 +61,14 @@ def register(add: AddParser) -> None:
         default=600.0,
         help="with --accuracy: CPU seconds one run may take (default 600)",
     )
-    parser.set_defaults(command=_run)
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from ..results.files import check_target
+    with _imports_uncollected():
+        from ..accuracy import estimate  # noqa: F401, used further below
+        from ..results.files import check_target
 
-    scene = read_scene(arguments)
+        scene = read_scene(arguments)
     target = arguments.output or Path(f"{scene.name}.nc")
     check_target(target)  # before the long part
     if arguments.vtk is not None:
@@ -98,6 +95,17 @@ def _run(arguments: argparse.Namespace) -> int:
         _show(solution, arguments, written, choice)
     good = solution.converged and (choice is None or choice.reached)
     return CONVERGED if good else NOT_CONVERGED
+
+
+@contextmanager
+def _imports_uncollected() -> Iterator[None]:
+    """Leave the objects made by imports to no garbage collection: they stay, and there are many of them."""
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 def _target(scene: Scene, arguments: argparse.Namespace) -> float | None:

@@ -7,15 +7,8 @@ import csv
 import pytest
 
 from latin_fmu import cli
-from latin_fmu.commands import fmu, simulate
 
 from .scenes import blocks
-
-
-@pytest.fixture(autouse=True)
-def commands(monkeypatch):
-    known = tuple(c for c in (fmu, simulate) if c not in cli.COMMANDS)
-    monkeypatch.setattr(cli, "COMMANDS", (*cli.COMMANDS, *known))
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""``latin-fmu cost``: what accuracy costs in time on a scene."""
+"""Subcommands that run many scenes: ``cost``, the work-precision study, and ``stress``, the hard cases."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import InputError, Problem
-from . import CONVERGED
-from .scene_arguments import AddParser
+from . import CONVERGED, NOT_CONVERGED, AddParser, add_settings, declare
 
 if TYPE_CHECKING:
     from ..accuracy.study import Study
+    from ..stability.case import Row
 
-_EXAMPLES = """\
+_COST_EXAMPLES = """\
 examples:
   latin-fmu cost models/impact_bar/scene.toml --quick
   latin-fmu cost models/beam_in_traction/scene.toml models/two_specimen_crushing/scene.toml -o study
@@ -23,28 +23,28 @@ Mesh, time step and tolerance are refined in turn and together, for every time s
 measured against the exact solution declared with the model (reference.json beside the scene) or against a refined
 run whose own error is told. Methods that fail are listed.
 """
+_STRESS_EXAMPLES = """\
+examples:
+  latin-fmu stress --quick
+  latin-fmu stress -o stability.md          writes stability.md and stability.png
+  latin-fmu stress --quick --json > stability.json
+
+exit codes: 0 all cases hold, 1 some do not
+"""
 _BUDGET, _QUICK = 120.0, 20.0
 
 
 def register(add: AddParser) -> None:
-    """Declare the subcommand."""
+    """Declare the two subcommands."""
+    _register_cost(add)
+    _register_stress(add)
+
+
+def _register_cost(add: AddParser) -> None:
     text = "tell what accuracy costs in time: work-precision study of a scene"
-    parser = add(
-        "cost",
-        help=text,
-        description=text.capitalize() + ".",
-        epilog=_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = declare(add, "cost", text, _cost, _COST_EXAMPLES)
     parser.add_argument("scenes", metavar="SCENE", type=Path, nargs="+", help="scene file (TOML)")
-    parser.add_argument(
-        "--set",
-        metavar="a.b.c=value",
-        action="append",
-        default=[],
-        dest="overrides",
-        help="change one setting of every scene; may be repeated",
-    )
+    add_settings(parser, "change one setting of every scene; may be repeated")
     parser.add_argument(
         "-o",
         "--output",
@@ -62,7 +62,20 @@ def register(add: AddParser) -> None:
     parser.add_argument("--quick", action="store_true", help="a small budget")
     parser.add_argument("--json", action="store_true", help="print JSON (a list), and nothing else, on stdout")
     parser.add_argument("--quiet", action="store_true", help="no progress")
-    parser.set_defaults(command=_cost)
+
+
+def _register_stress(add: AddParser) -> None:
+    text = "run the hard cases (contrasts, friction, grazing, long runs ...) and report what was measured"
+    parser = declare(add, "stress", text, _stress, _STRESS_EXAMPLES)
+    parser.add_argument("--quick", action="store_true", help="the cases that take less than a minute together")
+    parser.add_argument("--json", action="store_true", help="print one JSON list, and nothing else, on stdout")
+    parser.add_argument(
+        "-o",
+        "--output",
+        metavar="REPORT.md",
+        type=Path,
+        help="write the report (Markdown) here, and its figure beside it as png",
+    )
 
 
 def _cost(arguments: argparse.Namespace) -> int:
@@ -76,14 +89,14 @@ def _cost(arguments: argparse.Namespace) -> int:
         raise InputError([Problem("--budget", "not a time", f"{budget:g}", "seconds > 0")], "bad argument")
     if arguments.output is not None:
         _make_folder(arguments.output)
-    tell = (lambda _: None) if arguments.quiet else _tell
+    tell = (lambda _: None) if arguments.quiet else _tell_text
     studies = []
     for scene in scenes:
         studies.append(study(scene, budget, tell))
         if not arguments.json:
             print(as_text(studies[-1]), flush=True)
     if arguments.output is not None:
-        _write(studies, arguments.output)
+        _write_studies(studies, arguments.output)
     if arguments.json:
         print("[\n" + ",\n".join(as_json(found) for found in studies) + "\n]")
     return CONVERGED
@@ -99,11 +112,11 @@ def _make_folder(folder: Path) -> None:
     check_folder(folder)
 
 
-def _tell(text: str) -> None:
+def _tell_text(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
 
 
-def _write(studies: list[Study], folder: Path) -> None:
+def _write_studies(studies: list[Study], folder: Path) -> None:
     """Page, figure and netCDF of each study, each complete or not at all."""
     from ..accuracy.study_files import comparison_figure, cost_figure, datatree
     from ..accuracy.study_report import as_markdown
@@ -121,3 +134,39 @@ def _write(studies: list[Study], folder: Path) -> None:
     if len(studies) > 1:
         with written_whole(folder / "work_precision.png") as draft:
             comparison_figure(studies).savefig(draft, dpi=110)
+
+
+def _stress(arguments: argparse.Namespace) -> int:
+    from ..results.files import check_target
+    from ..stability.report import as_json, verdict
+    from ..stability.runner import run_suite
+    from ..stability.suite import cases
+
+    if arguments.output is not None:
+        check_target(arguments.output)  # before the long part
+        check_target(arguments.output.with_suffix(".png"))
+    rows = run_suite(cases(arguments.quick), _tell_row)
+    if arguments.output is not None:
+        _write_rows(rows, arguments.output, arguments.quick)
+    print(as_json(rows) if arguments.json else verdict(rows))
+    return CONVERGED if all(row.passed for row in rows) else NOT_CONVERGED
+
+
+def _tell_row(row: Row) -> None:
+    print(f"{'holds ' if row.passed else 'FAILS '} {row.case}: {row.measured}", file=sys.stderr, flush=True)
+
+
+def _write_rows(rows: list[Row], target: Path, quick: bool) -> None:
+    """Report and figure, each complete or not at all."""
+    from ..results.files import written_whole
+    from ..stability.figure import stability_figure
+    from ..stability.report import as_markdown
+    from ..stability.schemes import compare_schemes
+
+    picture = target.with_suffix(".png")
+    with written_whole(picture) as draft:
+        stability_figure(rows).savefig(draft, dpi=150)
+    schemes = compare_schemes(elements=20 if quick else 50, bounces=3 if quick else 20)
+    with written_whole(target) as draft:
+        draft.write_text(as_markdown(rows, schemes, picture.name), encoding="utf-8")
+    print(f"report: {target}, figure: {picture}", file=sys.stderr)

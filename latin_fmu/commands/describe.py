@@ -1,37 +1,41 @@
-"""``latin-fmu plot``: a scene as an assembly, or a results file as histories or bodies."""
+"""Subcommands that solve nothing: ``check``, ``explain``, ``plot`` and ``reference``."""
 
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import Problem, ResultsError
-from . import CONVERGED
-from .scene_arguments import AddParser
+from . import CONVERGED, AddParser, add_scene, add_settings, declare, read_scene
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
 def register(add: AddParser) -> None:
-    """Declare the subcommand."""
+    """Declare the four subcommands."""
+    add_scene(declare(add, "check", "read a scene, build its meshes and interfaces, tell sizes and warnings", _check))
+    text = "tell which effects a scene calls for, why, what each costs and what would switch it"
+    add_scene(parser := declare(add, "explain", text, _explain))
+    parser.add_argument("--json", action="store_true", help="print JSON instead")
+    text = "print every key of a scene file, with units and defaults"
+    parser = declare(add, "reference", text, _reference)
+    parser.add_argument("--schema", action="store_true", help="print the JSON schema instead")
+    _register_plot(add)
+
+
+def _register_plot(add: AddParser) -> None:
     text = "draw the assembly of a scene; forces, contact states and convergence of a results file; or its bodies"
-    parser = add("plot", help=text, description=text.capitalize() + ".")
+    parser = declare(add, "plot", text, _plot)
     parser.add_argument("file", metavar="FILE", type=Path, help="scene (.toml), or results file written by run (.nc)")
     parser.add_argument(
         "-o", "--output", metavar="FIGURE", type=Path, help="png, pdf or svg (default: beside the file, as png)"
     )
-    parser.add_argument(
-        "--set",
-        metavar="a.b.c=value",
-        action="append",
-        default=[],
-        dest="overrides",
-        help="of a scene: change one setting; may be repeated",
-    )
+    add_settings(parser, "of a scene: change one setting; may be repeated")
     parser.add_argument(
         "--bodies",
         action="store_true",
@@ -40,7 +44,22 @@ def register(add: AddParser) -> None:
     parser.add_argument("--interface", metavar="NAME", help="with --bodies: the interface (default: largest force)")
     parser.add_argument("--time", metavar="S", type=float, help="with --bodies: the instant (default: largest force)")
     parser.add_argument("--magnify", metavar="X", type=float, help="with --bodies: factor on the displacements")
-    parser.set_defaults(command=_plot)
+
+
+def _check(arguments: argparse.Namespace) -> int:
+    from .. import api
+
+    print("\n".join(api.check(read_scene(arguments))))
+    return CONVERGED
+
+
+def _explain(arguments: argparse.Namespace) -> int:
+    from ..effects import explain
+
+    scene = read_scene(arguments)
+    told = explain(scene, arguments.scene.read_text(encoding="utf-8-sig"))
+    print(json.dumps(told.report(), indent=2, allow_nan=False) if arguments.json else told.text())
+    return CONVERGED
 
 
 def _plot(arguments: argparse.Namespace) -> int:
@@ -103,3 +122,10 @@ def _check_options(arguments: argparse.Namespace) -> None:
         problems.append(Problem("--time", "out of range", str(arguments.time), "a number >= 0 [s]"))
     if problems:
         raise ResultsError(problems, "cannot draw")
+
+
+def _reference(arguments: argparse.Namespace) -> int:
+    from ..scene.reference import reference_schema, reference_text
+
+    print(json.dumps(reference_schema(), indent=2) if arguments.schema else reference_text())
+    return CONVERGED
