@@ -83,7 +83,7 @@ def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--version", action="version", version=f"latin-fmu {__version__}")
+    parser.add_argument("--version", action="version", version=f"latin-fmu {__version__}", help="print the version")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     named = COMMANDS.get(words[0]) if words else None
     for module in dict.fromkeys(COMMANDS.values()) if named is None else (named,):

@@ -190,7 +190,7 @@ def test_every_command_is_in_the_help(capsys: pytest.CaptureFixture[str]) -> Non
     main(["--help"])
     text = capsys.readouterr().out
     for command in COMMANDS:
-        assert f"\n    {command} " in text
+        assert f"\n    {command}" in text
 
 
 def test_version(capsys: pytest.CaptureFixture[str]) -> None:

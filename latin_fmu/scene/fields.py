@@ -22,7 +22,7 @@ FACE_RULE = 'written "substructure.face"'
 class Table(BaseModel):
     """A table of the scene file: immutable, and a key it does not know is an error."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, validate_default=True)
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, validate_default=True, defer_build=True)
 
 
 def about(
