@@ -33,7 +33,7 @@ class ModelExchangeAdapter(Adapter):
 
     def _open(self) -> Any:
         resources = self.resources  # type: ignore[attr-defined]
-        home = f"{self.package}.latin_fmu.exchange"
+        home = f"{self.package}.latin_fmu.model_exchange"
         exchange, names, system = (
             importlib.import_module(f"{home}.{name}") for name in ("exchange_model", "names", "system")
         )

@@ -31,7 +31,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("api",),
     ("accuracy",),
     ("cosim", "stability", "effects"),
-    ("exchange",),
+    ("model_exchange",),
     ("commands",),
     ("cli",),
     ("__init__", "__main__"),

@@ -8,13 +8,13 @@ import pytest
 import latin_fmu
 from latin_fmu.assembly.build import discretise
 from latin_fmu.errors import SceneError
-from latin_fmu.exchange.bodies import bonded_bodies
-from latin_fmu.exchange.contacts import Cut
-from latin_fmu.exchange.equations import Equations
-from latin_fmu.exchange.patches import patches
-from latin_fmu.exchange.reduce import reduced_system
-from latin_fmu.exchange.static_check import deflections
-from latin_fmu.exchange.system import ReducedSystem
+from latin_fmu.model_exchange.bodies import bonded_bodies
+from latin_fmu.model_exchange.contacts import Cut
+from latin_fmu.model_exchange.equations import Equations
+from latin_fmu.model_exchange.patches import patches
+from latin_fmu.model_exchange.reduce import reduced_system
+from latin_fmu.model_exchange.static_check import deflections
+from latin_fmu.model_exchange.system import ReducedSystem
 
 from .scenes import SIZE, pair, rods, thrown
 

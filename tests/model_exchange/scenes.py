@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 import latin_fmu
-from latin_fmu.exchange.contact_law import Modes
-from latin_fmu.exchange.equations import Equations
+from latin_fmu.model_exchange.contact_law import Modes
+from latin_fmu.model_exchange.equations import Equations
 from latin_fmu.scene.schema import Scene
 
 SIZE, STEEL = 0.01, {"young_modulus": 210e9, "poisson_ratio": 0.3, "density": 7800.0}
