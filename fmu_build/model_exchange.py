@@ -8,9 +8,8 @@ from pathlib import Path
 import latin_fmu
 from latin_fmu.assembly.interfaces import completed
 from latin_fmu.model_exchange.equations import Equations
-from latin_fmu.model_exchange.names import Names
 from latin_fmu.model_exchange.reduce import reduced_system
-from latin_fmu.model_exchange.system import ReducedSystem
+from latin_fmu.model_exchange.system import Names, ReducedSystem
 from latin_fmu.model_exchange.variables import names_of
 from latin_fmu.results.files import written_whole
 from latin_fmu.scene.schema import Scene

@@ -34,14 +34,12 @@ class ModelExchangeAdapter(Adapter):
     def _open(self) -> Any:
         resources = self.resources  # type: ignore[attr-defined]
         home = f"{self.package}.latin_fmu.model_exchange"
-        exchange, names, system = (
-            importlib.import_module(f"{home}.{name}") for name in ("exchange_model", "names", "system")
-        )
+        instance, system = (importlib.import_module(f"{home}.{name}") for name in ("fmi_instance", "system"))
         with open(os.path.join(resources, "reduced.bin"), "rb") as file:
             reduced = system.ReducedSystem.from_bytes(file.read())
         with open(os.path.join(resources, "variables.json"), encoding="utf-8") as file:
-            found = names.Names.from_text(file.read())
-        return exchange.ExchangeModel(reduced, found, self.tell)
+            found = system.Names.from_text(file.read())
+        return instance.ExchangeModel(reduced, found, self.tell)
 
     def exit_initialization_mode(self) -> None:
         """Parameters are fixed."""

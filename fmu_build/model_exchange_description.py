@@ -7,7 +7,7 @@ from xml.etree.ElementTree import Element, SubElement
 
 from latin_fmu.cosim.units import UNITS
 from latin_fmu.cosim.variable import output
-from latin_fmu.model_exchange.names import Local, Names
+from latin_fmu.model_exchange.system import Local, Names
 
 from .facts import Facts
 from .fmi3_description import add_variable

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from html import escape
 
-from latin_fmu.model_exchange.names import Names
+from latin_fmu.model_exchange.system import Names
 
 from .documentation import STYLE
 from .facts import Facts

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
+from collections.abc import Iterator, Mapping
+from math import isfinite, nextafter
 from typing import NamedTuple
 
 import numpy as np
+from pydantic import TypeAdapter
 
-from .amplitudes import Amplitudes
+from ..scene.laws import HalfSineLaw, InputLaw, Law, RectangularPulseLaw, StepLaw, TimeLaw
+from ..scene.point_laws import CsvLaw, TableLaw
 from .contact_law import ContactLaw, Modes, Motion, Regularisation, Traction
-from .system import WORKS, Array, ReducedSystem
+from .system import ENERGY_NAMES, WORKS, Array, ReducedSystem
 
 N_WORK = len(WORKS)
 
@@ -134,3 +139,129 @@ class Equations:
                 + np.einsum("cip,cp->i", bond.shear, rubbed)
             )
         return force
+
+
+# -- Amplitudes of loads and motion of the ground between the jumps of their laws. A law is smooth between its knots.
+# The integrator stops at each (a time event); inside a segment the law is read strictly after its first knot and not
+# beyond its last, so that a right-hand side never jumps.
+_AFTER = 4e-9  # of the instant: laws count instants closer to a jump than 1e-9 as before it
+_MOST_KNOTS = 100  # of one law: more points are met by the step control of the integrator
+
+
+class Amplitudes:
+    """Laws of a reduced system; ``values`` and ``rates`` hold the loads set from outside, by name."""
+
+    def __init__(self, system: ReducedSystem) -> None:
+        read: TypeAdapter[TimeLaw] = TypeAdapter(Law)
+        self._laws = [read.validate_python(system.laws[n]) if n else None for n in system.load_names]
+        self._names = system.load_names
+        self._ground = [(i, v, read.validate_python(law)) for i, v, law in system.ground]
+        self._n_interface = len(system.interfaces)
+        laws = [law for law in (*self._laws, *(g[2] for g in self._ground)) if law is not None]
+        self.knots = sorted({knot for law in laws for knot in _knots(law) if knot >= 0.0})
+        self.inputs = [n for n, law in zip(self._names, self._laws, strict=True) if isinstance(law, InputLaw)]
+        self.moves = bool(self._ground)
+
+    def segment(self, t: float) -> int:
+        """Number of the segment that starts at or before t."""
+        return bisect_right(self.knots, t * (1.0 + 1e-12))
+
+    def next_knot(self, segment: int) -> float | None:
+        """Where a segment ends; None for the last one."""
+        return self.knots[segment] if segment < len(self.knots) else None
+
+    def _inside(self, t: float, segment: int) -> float:
+        if segment > 0:
+            start = self.knots[segment - 1]
+            t = max(t, nextafter(start * (1.0 + _AFTER), np.inf))
+        return min(t, self.knots[segment]) if segment < len(self.knots) else t
+
+    def at(self, t: float, segment: int, given: Mapping[str, tuple[float, float, float]]) -> Array:
+        """(n_load,) amplitudes; ``given``: value, rate and the time it was set at, of the loads set from outside."""
+        inside = self._inside(t, segment)
+        found = np.ones(len(self._laws))
+        for i, (name, law) in enumerate(zip(self._names, self._laws, strict=True)):
+            if name in given:
+                value, rate, since = given[name]
+                found[i] = value + rate * (t - since)
+            elif law is not None:
+                found[i] = law.sample(inside)
+        return found
+
+    def ground(self, t: float, segment: int) -> tuple[Array, Array]:
+        """Displacement and velocity (n_interface, 3) of the ground of every interface."""
+        moved, velocity = np.zeros((2, self._n_interface, 3))
+        if isfinite(t):
+            for i, vector, law in self._ground:
+                moved[i] += law.impulse(0.0, max(t, 0.0)) * vector
+                velocity[i] += float(law.sample(self._inside(t, segment))) * vector
+        return moved, velocity
+
+
+def _knots(law: TimeLaw) -> Iterator[float]:
+    if isinstance(law, StepLaw):
+        yield law.start
+    elif isinstance(law, RectangularPulseLaw | HalfSineLaw):
+        yield from (law.start, law.start + law.duration)
+    elif isinstance(law, TableLaw | CsvLaw):
+        yield from law.times[:: -(-len(law.times) // _MOST_KNOTS)]
+
+
+# -- Outputs of a reduced model, in the order of its table.
+class Readings:
+    """Turns an evaluation into outputs."""
+
+    def __init__(self, equations: Equations) -> None:
+        system = equations.system
+        self._equations, self._system = equations, system
+        owner = system.contacts.owner.astype(np.int64)
+        self._patches = [np.flatnonzero(owner == i) for i in range(len(system.interfaces))]
+        self._bonds = {bond.interface: bond.normal for bond in system.bonds}
+
+    def row(self, y: Array, modes: Modes, now: Evaluation, events: int) -> Array:
+        """(n_output,) at one instant."""
+        s = self._system
+        x, v = y[: s.n], y[s.n : 2 * s.n]
+        impulses = y[2 * s.n : 2 * s.n + 3 * len(s.interfaces)].reshape(-1, 3)
+        forces = now.derivative[2 * s.n : 2 * s.n + impulses.size].reshape(-1, 3)
+        velocities = s.sides @ v
+        velocities[:, 1] += now.ground
+        parts = []
+        for i in range(len(s.interfaces)):
+            first, second = velocities[i]
+            parts += [forces[i], impulses[i], first, second, second - first]
+            parts.append(self._contact(i, modes, now) if i not in self._bonds else [-forces[i] @ self._bonds[i]])
+        for place in s.places:
+            parts += [place @ x, place @ v]
+        if self._equations.energy:
+            parts.append(self._energies(x, v, y[-N_WORK:], now))
+        parts.append([float(events)])
+        return np.concatenate(parts)
+
+    def _contact(self, interface: int, modes: Modes, now: Evaluation) -> list[float]:
+        here = self._patches[interface]
+        contacts = self._system.contacts
+        area = contacts.area[here]
+        share = area / area.sum()
+        closed, sticking = modes.closed[here], modes.sticking[here] & (contacts.friction[here] > 0.0)
+        gap = now.motion.gap[here]
+        shares = [float(share @ flags) for flags in (closed, closed & sticking, closed & ~sticking)]
+        return [float(area @ now.traction.pressure[here]) + 0.0, float(share @ gap), float(gap.min()), *shares]
+
+    def _energies(self, x: Array, v: Array, works: Array, now: Evaluation) -> list[float]:
+        s, equations = self._system, self._equations
+        found = dict(zip(WORKS, works.tolist(), strict=True))
+        found["kinetic"] = 0.5 * float(s.inertia @ v**2)
+        found["elastic"] = 0.5 * float(s.stiffness @ x**2)
+        spring = equations.law.stiffness
+        found["contact"] = 0.5 * float(np.sum(s.contacts.area * now.traction.elastic**2 / spring))
+        start = 0.5 * float(s.inertia @ s.velocity**2 + s.stiffness @ s.displacement**2)
+        found["balance"] = (
+            found["kinetic"]
+            + found["elastic"]
+            - start
+            + found["damping_dissipation"]
+            - found["work_of_loads"]
+            - found["interface_work"]
+        )
+        return [found[name] for name in ENERGY_NAMES]

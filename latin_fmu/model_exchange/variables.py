@@ -13,8 +13,7 @@ from ..cosim.variable import Variable, output, parameter
 from ..cosim.variables import ENERGIES, scalar_table
 from ..scene.schema import Scene
 from .contact_law import Regularisation
-from .names import Local, Names
-from .system import DAMPING, ENERGY_NAMES, EVENTS, SLIDING, STIFFNESS, WORKS, ReducedSystem
+from .system import DAMPING, ENERGY_NAMES, EVENTS, SLIDING, STIFFNESS, WORKS, Local, Names, ReducedSystem
 
 
 def names_of(scene: Scene, system: ReducedSystem, starts: Sequence[float], nominals: Sequence[float]) -> Names:

@@ -8,12 +8,9 @@ import pytest
 import latin_fmu
 from latin_fmu.assembly.build import discretise
 from latin_fmu.errors import SceneError
-from latin_fmu.model_exchange.bodies import bonded_bodies
-from latin_fmu.model_exchange.contacts import Cut
+from latin_fmu.model_exchange.bodies import Cut, bonded_bodies, patches
 from latin_fmu.model_exchange.equations import Equations
-from latin_fmu.model_exchange.patches import patches
-from latin_fmu.model_exchange.reduce import reduced_system
-from latin_fmu.model_exchange.static_check import deflections
+from latin_fmu.model_exchange.reduce import deflections, reduced_system
 from latin_fmu.model_exchange.system import ReducedSystem
 
 from .scenes import SIZE, pair, rods, thrown

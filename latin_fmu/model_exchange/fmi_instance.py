@@ -1,25 +1,118 @@
-"""A reduced model behind numbered variables: everything an adapter to Model Exchange needs.
-
-No exception leaves it: what goes wrong is logged with a level. A right-hand side that cannot be computed is NaN, which
-stops the integrator of the importer with its own message.
-"""
+"""No exception may reach the exporter of an FMU: it would free the instance the host still holds."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from math import nan
-from typing import NamedTuple
+from functools import wraps
+from math import isfinite, nan
+from typing import Any, NamedTuple, Protocol, TypeVar, cast
 
+import numpy as np
+
+from ..cosim.variable import Variable
+from ..errors import LatinError
 from ..latin.state_serialization import decode, encode
-from .board import ERROR, Board
-from .contact_law import Modes
-from .equations import Equations, Evaluation
-from .guard import guarded
-from .names import Names
-from .readings import Readings
-from .system import ReducedSystem
+from .contact_law import Modes, Regularisation
+from .equations import Equations, Evaluation, Readings
+from .system import DAMPING, SLIDING, STIFFNESS, Array, Names, ReducedSystem
+
+Method = TypeVar("Method", bound=Callable[..., Any])
 
 
+class Speaker(Protocol):
+    """Has a log, and knows what it has told."""
+
+    log: Callable[[int, str], None]
+    told: set[str]
+
+
+def guarded(method: Method) -> Method:
+    """Log what a method raises, each complaint once, and return None."""
+
+    @wraps(method)
+    def call(self: Speaker, *args: Any) -> Any:
+        try:
+            with np.errstate(all="ignore"):  # an integrator may try states without sense
+                return method(self, *args)
+        except LatinError as error:
+            complaint = str(error)
+        except Exception as error:  # the host must survive whatever happens here
+            complaint = f"unexpected {type(error).__name__} in {method.__name__}: {error}"
+        if complaint not in self.told:  # an integrator asks again and again
+            self.told.add(complaint)
+            self.log(ERROR, complaint)
+        return None
+
+    return cast(Method, call)
+
+
+# -- Inputs, parameters and the last outputs of a reduced model, by reference.
+WARNING, ERROR = 1, 3
+Given = dict[str, tuple[float, float, float]]
+"""Value, rate, and the time it was set at, of the loads set from outside."""
+
+
+class Board:
+    """Numbers of the table.
+
+    Parameters
+    ----------
+    table : variables. loads : those set from outside. log : takes a level and a message.
+    """
+
+    def __init__(self, table: Sequence[Variable], loads: Sequence[str], log: Callable[[int, str], None]) -> None:
+        self._table, self._log = table, log
+        self._place = {v.name: i for i, v in enumerate(table)}
+        self.outputs = [i for i, v in enumerate(table) if v.causality == "output"]
+        starts = [float(v.start) if isinstance(v.start, int | float) else 0.0 for v in table]
+        self.numbers: Array = np.array(starts)
+        self.since = dict.fromkeys(loads, 0.0)
+        self.fixed = False
+
+    def set(self, reference: int, value: float, time: float) -> None:
+        """Set an input, or a parameter while it is not fixed; anything else is logged."""
+        if not 0 <= reference < len(self._table):
+            self._log(WARNING, f"variable {reference} is calculated and was not set")
+            return
+        variable = self._table[reference]
+        if variable.causality == "input":
+            self._set_input(reference, variable.name, value, time)
+        elif variable.causality != "parameter":
+            self._log(WARNING, f"{variable.name} is calculated and was not set")
+        elif self.fixed:
+            self._log(WARNING, f"{variable.name} is fixed after initialization and was not set")
+        elif not isfinite(value) or value < 0.0 or (value == 0.0 and variable.name != DAMPING):
+            kept = self.numbers[reference]
+            self._log(ERROR, f"{variable.name} is {value}: allowed are finite values > 0; {kept} is kept")
+        else:
+            self.numbers[reference] = value
+
+    def _set_input(self, reference: int, name: str, value: float, time: float) -> None:
+        if not isfinite(value) and isfinite(self.numbers[reference]):
+            self._log(ERROR, f"{name} is {value}: the model cannot go on from here")
+        self.numbers[reference] = value
+        if name.endswith(".value"):
+            self.since[name.split(".")[1]] = time
+
+    def given(self) -> Given:
+        """Loads set from outside."""
+        return {n: (self._number(f"load.{n}.value"), self._number(f"load.{n}.rate"), t) for n, t in self.since.items()}
+
+    def finite(self) -> bool:
+        """Whether all inputs are finite."""
+        return all(isfinite(number) for load in self.given().values() for number in load)
+
+    def regularisation(self) -> Regularisation:
+        """The parameters."""
+        return Regularisation(*(self._number(name) for name in (STIFFNESS, DAMPING, SLIDING)))
+
+    def _number(self, name: str) -> float:
+        return float(self.numbers[self._place[name]])
+
+
+# -- A reduced model behind numbered variables: everything an adapter to Model Exchange needs. No exception leaves it:
+# what goes wrong is logged with a level. A right-hand side that cannot be computed is NaN, which stops the integrator
+# of the importer with its own message.
 class Update(NamedTuple):
     """Answer to an event: whether to end, and the time of the next jump of a law."""
 
