@@ -17,7 +17,7 @@ import numpy as np
 import latin_fmu
 from fmu_build.build import build_fmu
 from fmu_build.peer import FmuPeer
-from latin_fmu.cosim.waveform import Coupling, Side, WaveformMaster
+from latin_fmu.cosim.waveform_relaxation import Coupling, Side, WaveformMaster
 
 MODEL = Path(__file__).parents[1] / "models" / "beam_in_traction" / "scene.toml"
 HALVES = {"front": ("bar1_a",), "back": ("bar1_b", "bar2")}

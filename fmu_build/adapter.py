@@ -47,8 +47,8 @@ class Adapter:
     def _open(self) -> Any:
         resources = self.resources  # type: ignore[attr-defined]
         core = f"{self.package}.latin_fmu"
-        table = importlib.import_module(f"{core}.cosim.table_file")
-        participant = importlib.import_module(f"{core}.cosim.participant")
+        table = importlib.import_module(f"{core}.cosim.variable")
+        participant = importlib.import_module(f"{core}.cosim.fmi_instance")
 
         def scene() -> Any:
             reader = importlib.import_module(f"{core}.scene.reader")
@@ -83,7 +83,7 @@ class Adapter:
 
     @classmethod
     def _fmu_state_from_bytes(cls, block: bytes) -> Any:
-        module = importlib.import_module(f"{cls.package}.latin_fmu.cosim.participant")
+        module = importlib.import_module(f"{cls.package}.latin_fmu.cosim.fmi_instance")
         return module.SavedState(bytes(block))
 
 

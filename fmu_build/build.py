@@ -9,7 +9,7 @@ from typing import Literal
 import latin_fmu
 from latin_fmu.assembly.build import discretise
 from latin_fmu.assembly.interfaces import completed
-from latin_fmu.cosim.table_file import table_text
+from latin_fmu.cosim.variable import table_text
 from latin_fmu.cosim.variables import table_of
 from latin_fmu.errors import InputError, Problem
 from latin_fmu.latin.settings import accuracy_of

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from xml.etree.ElementTree import Element, SubElement
 
-from latin_fmu.cosim.units import UNITS
-from latin_fmu.cosim.variable import output
+from latin_fmu.cosim.variable import UNITS, output
 from latin_fmu.model_exchange.system import Local, Names
 
 from .facts import Facts

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from latin_fmu.cosim.step_report import StepReport, refused
+from latin_fmu.cosim.settings import StepReport, refused
 
 from .drive import Drive
 

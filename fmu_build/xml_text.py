@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
-from latin_fmu.cosim.units import UNITS
-from latin_fmu.cosim.variable import Variable
+from latin_fmu.cosim.variable import UNITS, Variable
 
 from .facts import AUTHOR, LICENCE, LOG_CATEGORIES, NAME, Facts
 

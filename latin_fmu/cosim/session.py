@@ -23,13 +23,11 @@ from ..latin.record import Array, InterfaceHistory
 from ..latin.state_serialization import decode, encode
 from ..results.estimates import ErrorEstimate
 from ..scene.schema import Scene
-from .accepted import AcceptedStep, Chain
 from .loads import Curve, Loads
-from .prescribed import Prescribed
-from .settings import Settings
-from .step_report import StepReport, refused, why_not
+from .modes import Prescribed, Windowed
+from .settings import Settings, StepReport, refused, why_not
+from .step_history import AcceptedStep, Chain
 from .variables import PRESCRIBED, scalar_table
-from .windowed import Windowed
 
 
 class Session:
@@ -181,14 +179,14 @@ class Session:
     def estimate_error(self) -> ErrorEstimate:
         """Estimated relative error of every quantity of the steps kept (prescribed mode: of the whole interval), from
         coarser runs of what was solved; takes as long as these."""
-        from .session_error import session_error
+        from .session_results import session_error
 
         return session_error(self, self._engine)
 
     def dataset(self, estimate: bool = False) -> xr.DataTree:
         """Accepted steps as a DataTree: that of a run, and group ``exchange`` with inputs and outputs by step; where
         wanted group ``accuracy`` with the estimated errors."""
-        from .exchange_dataset import session_tree
+        from .session_results import session_tree
 
         tree = session_tree(self, self._engine)
         if estimate:

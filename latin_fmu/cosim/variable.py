@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Final, Literal
 
 Kind = Literal["real", "integer", "string", "count"]
 Causality = Literal["independent", "structuralParameter", "parameter", "input", "output"]
@@ -85,3 +87,53 @@ def parameter(
 ) -> Variable:
     """A parameter, fixed before initialization ends."""
     return Variable(name, "parameter", "fixed", kind, description, unit, start, minimum, maximum, dimensions=dimensions)
+
+
+# -- Units of the exchanged variables: UDUNITS strings (netCDF) and their FMI names and SI exponents.
+@dataclass(frozen=True)
+class Unit:
+    """An SI unit: ``name`` as FMI writes it, ``exponents`` of kg, m, s."""
+
+    name: str
+    exponents: Mapping[str, int]
+
+
+UNITS: Final[Mapping[str, Unit]] = {
+    "1": Unit("1", {}),
+    "s-1": Unit("1/s", {"s": -1}),
+    "s": Unit("s", {"s": 1}),
+    "m": Unit("m", {"m": 1}),
+    "m s-1": Unit("m/s", {"m": 1, "s": -1}),
+    "m s-2": Unit("m/s2", {"m": 1, "s": -2}),
+    "W": Unit("W", {"kg": 1, "m": 2, "s": -3}),
+    "N": Unit("N", {"kg": 1, "m": 1, "s": -2}),
+    "N s": Unit("N.s", {"kg": 1, "m": 1, "s": -1}),
+    "J": Unit("J", {"kg": 1, "m": 2, "s": -2}),
+    "Pa": Unit("Pa", {"kg": 1, "m": -1, "s": -2}),
+}
+"""By UDUNITS string."""
+
+
+# -- The variable table as JSON, so that a participant can be opened without reading the scene.
+def table_text(table: Sequence[Variable]) -> str:
+    """One variable a line, facts that are not given left out."""
+    plain = Variable("", "output", "fixed", "real", "")
+    lines = []
+    for variable in table:
+        facts = {
+            k: v
+            for k, v in asdict(variable).items()
+            if v != getattr(plain, k) or k in ("causality", "kind", "variability")
+        }
+        lines.append(json.dumps(facts))
+    return "[\n" + ",\n".join(lines) + "\n]\n"
+
+
+def table_from(text: str) -> tuple[Variable, ...]:
+    """The table of ``table_text``."""
+    rows = []
+    for facts in json.loads(text):
+        for key in ("dimensions", "initial_dependencies"):
+            facts[key] = tuple(facts.get(key, ()))
+        rows.append(Variable(**facts))
+    return tuple(rows)

@@ -9,8 +9,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cosim.table_file import table_from, table_text
-from ..cosim.variable import Variable
+from ..cosim.variable import Variable, table_from, table_text
 from ..latin.state_serialization import decode, encode
 
 Array = NDArray[np.float64]

@@ -10,9 +10,9 @@ import pytest
 
 import latin_fmu
 from latin_fmu.cosim import Session, Settings
-from latin_fmu.cosim.accepted import AcceptedStep
+from latin_fmu.cosim.fmi_instance import Participant
 from latin_fmu.cosim.loads import curves_of
-from latin_fmu.cosim.participant import Participant
+from latin_fmu.cosim.step_history import AcceptedStep
 from latin_fmu.cosim.variables import HOLD, LINE, PRESCRIBED, RATE, table_of
 from latin_fmu.results.estimates import ErrorEstimate
 from latin_fmu.results.quantities_of_interest import FLOOR

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu.cosim import Session, Settings, prescribed
+from latin_fmu.cosim import Session, Settings, modes
 
 from .scenes import blocks
 
@@ -62,12 +62,12 @@ def test_only_what_the_scene_wants_is_kept(whole):
 def test_only_the_nodes_are_recorded(monkeypatch):
     """While solving, too: 31 instants of the two nodes of ``upper`` that have a sensor."""
     seen = []
-    real = prescribed.motion_of
+    real = modes.motion_of
 
     def watched(places, histories, nodes):
         seen.append(histories["upper"].displacement.shape)
         return real(places, histories, nodes)
 
-    monkeypatch.setattr(prescribed, "motion_of", watched)
+    monkeypatch.setattr(modes, "motion_of", watched)
     solved({})
     assert seen == [(31, 2, 3)]

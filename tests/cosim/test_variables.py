@@ -6,8 +6,7 @@ import re
 
 import pytest
 
-from latin_fmu.cosim.table_file import table_from, table_text
-from latin_fmu.cosim.units import UNITS
+from latin_fmu.cosim.variable import UNITS, table_from, table_text
 from latin_fmu.cosim.variables import table_of
 from latin_fmu.errors import SceneError
 

@@ -9,7 +9,7 @@ import pytest
 
 import latin_fmu
 from latin_fmu.cosim import Session
-from latin_fmu.cosim.waveform import Coupling, Side, WaveformMaster
+from latin_fmu.cosim.waveform_relaxation import Coupling, Side, WaveformMaster
 from latin_fmu.errors import InputError, SolverError
 
 MATERIAL = {"soft": {"young_modulus": 4.0, "poisson_ratio": 0.0, "density": 1.0}}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from latin_fmu.cosim.participant import Participant
+from latin_fmu.cosim.fmi_instance import Participant
 from latin_fmu.cosim.variables import table_of
 from latin_fmu.latin.settings import ITERATION_SHARE, accuracy_of, tolerance_for
 from latin_fmu.results.quantities_of_interest import IMPULSE, KINDS

@@ -20,7 +20,7 @@ import numpy as np
 from ..errors import InputError, Problem, SolverError
 from ..kernels.acceleration import Anderson
 from ..latin.record import Array
-from .step_report import StepReport
+from .settings import StepReport
 
 
 class Peer(Protocol):

@@ -1,0 +1,155 @@
+"""Resultants of an interface over some instants: what the outputs of a co-simulation are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..fem.mesh import nearest
+from ..interface.behaviour import SEPARATION, SLIP, STICK
+from ..latin.record import Array, InterfaceHistory, SubstructureHistory
+from ..latin.recorder import SubstructureInfo
+from ..scene.schema import Scene
+from .variables import ENERGIES
+
+
+@dataclass(frozen=True)
+class InterfaceSeries:
+    """Resultants of one interface at n instants.
+
+    Attributes
+    ----------
+    force : (n, 3) on side E, N. velocity : (n, 2, 3) means of both sides weighted by area, m s-1.
+    normal_force : (n,) positive in compression, N. gap, smallest_gap : (n,), m, None where it cannot open.
+    shares : (n, 3) closed, sticking, slipping shares of the area; None where it cannot open.
+    """
+
+    force: Array
+    velocity: Array
+    normal_force: Array
+    gap: Array | None
+    smallest_gap: Array | None
+    shares: Array | None
+
+    @classmethod
+    def of(cls, history: InterfaceHistory) -> InterfaceSeries:
+        """Resultants of a history."""
+        share = history.areas / history.areas.sum()
+        gap = smallest = shares = None
+        if history.gap is not None:
+            gap, smallest = history.gap @ share, history.gap.min(axis=1)
+        if history.contact_status is not None:
+            status = history.contact_status
+            states = (status != SEPARATION, status == STICK, status == SLIP)
+            shares = np.stack([state @ share for state in states], axis=1)
+        return cls(
+            history.force(),
+            np.einsum("p,tspc->tsc", share, history.velocity),
+            history.normal_resultant() + 0.0,  # no negative zero
+            gap,
+            smallest,
+            shares,
+        )
+
+    def last(self) -> InterfaceSeries:
+        """The last instant only."""
+        cut = (None if v is None else v[-1:] for v in (self.gap, self.smallest_gap, self.shares))
+        return InterfaceSeries(self.force[-1:], self.velocity[-1:], self.normal_force[-1:], *cut)
+
+    def columns(self, impulse: Array) -> Array:
+        """(n, n_output): the scalar outputs of the interface in the order of the variable table.
+
+        impulse : (n, 3), N s.
+        """
+        relative = self.velocity[:, 1] - self.velocity[:, 0]
+        parts = [self.force, impulse, self.velocity[:, 0], self.velocity[:, 1], relative, self.normal_force[:, None]]
+        if self.gap is not None and self.smallest_gap is not None and self.shares is not None:
+            parts += [self.gap[:, None], self.smallest_gap[:, None], self.shares]
+        return np.concatenate(parts, axis=1)
+
+
+def impulse_steps(force: Array, dt: float) -> Array:
+    """Running trapezoid (n, 3) of a force (n, 3) at instants dt apart, 0 at the first."""
+    steps = 0.5 * dt * (force[1:] + force[:-1])
+    return np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
+
+
+# -- Where the sensors of a scene sit on its meshes.
+Places = dict[str, tuple[str, int]]
+"""Substructure and node by sensor."""
+
+
+def places_of(scene: Scene, info: Mapping[str, SubstructureInfo]) -> Places:
+    """The node nearest to the point of each sensor."""
+    places = {}
+    for name, sensor in scene.sensor.items():
+        _, node = nearest(np.asarray([sensor.point]), info[sensor.substructure].nodes)
+        places[name] = (sensor.substructure, int(node[0]))
+    return places
+
+
+def motion_now(
+    places: Places, displacement: Callable[[str], Array], velocity: Callable[[str], Array]
+) -> list[tuple[Array, Array]]:
+    """Displacement and velocity (1, 3) of every sensor at the present time."""
+    return [(displacement(body)[None, node], velocity(body)[None, node]) for body, node in places.values()]
+
+
+def nodes_of(places: Places) -> dict[str, NDArray[np.int64]]:
+    """Nodes with a sensor, by substructure."""
+    bodies = {body for body, _ in places.values()}
+    return {body: np.unique([node for b, node in places.values() if b == body]) for body in sorted(bodies)}
+
+
+def motion_of(
+    places: Places, histories: Mapping[str, SubstructureHistory], nodes: Mapping[str, NDArray[np.int64]] | None
+) -> list[tuple[Array, Array]]:
+    """Displacement and velocity (n_time, 3) of every sensor from stored fields, those of ``nodes`` or of all."""
+    found = []
+    for body, node in places.values():
+        displacement, velocity = histories[body].displacement, histories[body].velocity
+        assert displacement is not None
+        assert velocity is not None
+        place = node if nodes is None else int(np.searchsorted(nodes[body], node))
+        found.append((displacement[:, place], velocity[:, place]))
+    return found
+
+
+# -- Scalar outputs in the order of the variable table, from what a solved interval left.
+Motion = tuple[Array, Array]  # displacement, velocity (n, 3) of a sensor
+
+
+def series_of(interfaces: Mapping[str, InterfaceHistory]) -> dict[str, InterfaceSeries]:
+    """Resultants of every interface."""
+    return {name: InterfaceSeries.of(history) for name, history in interfaces.items()}
+
+
+def impulses(series: Mapping[str, InterfaceSeries], dt: float, start: Array) -> Array:
+    """Running impulses (n, n_interface, 3), N s; ``start`` (n_interface, 3) at the first instant."""
+    steps = [impulse_steps(s.force, dt) for s in series.values()]
+    return start + np.stack(steps, axis=1) if steps else np.zeros((1, 0, 3))
+
+
+def rows_of(
+    series: Mapping[str, InterfaceSeries],
+    impulse: Array,
+    sensors: Sequence[Motion],
+    solver: Sequence[float],
+    energy: Mapping[str, Array] | None,
+    n: int,
+) -> Array:
+    """(n, n_output): one row per instant.
+
+    impulse : (n, n_interface, 3). solver : iterations, indicator, converged, instants of the interval.
+    energy : terms (n,), None where the scene asks for none.
+    """
+    parts = [s.columns(impulse[:, i]) for i, s in enumerate(series.values())]
+    for displacement, velocity in sensors:
+        parts += [displacement, velocity]
+    parts.append(np.tile(np.asarray(solver, dtype=float), (n, 1)))
+    if energy is not None:
+        parts.append(np.stack([energy[term] for term in ENERGIES], axis=1))
+    return np.concatenate(parts, axis=1)
