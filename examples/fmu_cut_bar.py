@@ -16,7 +16,7 @@ import numpy as np
 
 import latin_fmu
 from fmu_build.build import build_fmu
-from fmu_build.peer import FmuPeer
+from fmu_build.drive import FmuPeer
 from latin_fmu.cosim.waveform_relaxation import Coupling, Side, WaveformMaster
 
 MODEL = Path(__file__).parents[1] / "models" / "beam_in_traction" / "scene.toml"

@@ -23,8 +23,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, MaxNLocator
 
 import latin_fmu
-from fmu_build.build import build_fmu
-from fmu_build.model_exchange import build_model_exchange
+from fmu_build.build import build_fmu, build_model_exchange
 from latin_fmu.scene.schema import Scene
 
 COARSE = ["substructure.lower.box.elements=[3,3,3]", "substructure.upper.box.elements=[3,3,3]"]

@@ -15,7 +15,7 @@ from pythonfmu import FmuBuilder
 
 import latin_fmu
 from fmu_build.build import build_fmu
-from fmu_build.peer import FmuPeer
+from fmu_build.drive import FmuPeer
 
 MODEL = Path(__file__).parents[1] / "models" / "two_specimen_crushing" / "scene.toml"
 MASS, SPEED, STIFFNESS, AREA = 0.01, 8.0, 4e8, 1e-4  # kg, m/s, N/m, m2 of the loaded face

@@ -21,8 +21,7 @@ from typing import Any
 
 import latin_fmu
 from fmu_build.build import build_fmu
-from fmu_build.drive import Drive
-from fmu_build.peer import FmuPeer
+from fmu_build.drive import Drive, FmuPeer
 
 MODEL = Path(__file__).parents[1] / "models" / "two_specimen_crushing" / "scene.toml"
 N_INSTANT, N_REPEAT, N_ROUNDED = 50, 9, 1000

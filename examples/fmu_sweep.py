@@ -8,7 +8,7 @@ from pathlib import Path
 
 import latin_fmu
 from fmu_build.build import build_fmu
-from fmu_build.peer import FmuPeer
+from fmu_build.drive import FmuPeer
 
 MODEL = Path(__file__).parents[1] / "models" / "two_specimen_crushing" / "scene.toml"
 SIZES = (0.25, 0.5, 1.0)

@@ -9,9 +9,11 @@ from __future__ import annotations
 import atexit
 import contextlib
 import ctypes
+import importlib
 import importlib.util
 import os
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -123,3 +125,203 @@ def relocate(package: str, resources: str) -> None:
         if path is not None and not any(os.path.isdir(folder) for folder in path):
             path.insert(0, os.path.join(resources, *name.split(".")))
     importlib.invalidate_caches()
+
+
+# -- What the adapters for co-simulation share: the life cycle, and setting numbers and strings.
+class CoSimulationAdapter(Adapter):
+    """Functions the exporter's library calls, handed on to the participant. None raises."""
+
+    def exit_initialization_mode(self) -> None:
+        """Build; a failure is logged, and every step refused."""
+        self.participant.initialize()
+
+    def do_step(self, current_time: float, step_size: float) -> bool:
+        """False is a discard."""
+        return bool(self.participant.step(current_time, step_size))
+
+    def terminate(self) -> None:
+        """Write results, where asked for."""
+        self.participant.terminate()
+
+    def get_string(self, references: list[int]) -> list[str]:
+        """Strings."""
+        return as_long(self.participant.get_texts(references), len(references), "")
+
+    def set_string(self, references: list[int], values: list[str]) -> None:
+        """Strings."""
+        self.participant.set_texts(references, values)
+
+    def _numbers(self, references: list[int]) -> list[Any]:
+        return as_long(self.participant.get(references), self.participant.size(references), 0.0)
+
+    def _set_numbers(self, references: list[int], values: list[Any]) -> None:
+        self.participant.set(references, values)
+
+
+def as_long(found: Any, size: int, fill: Any) -> list[Any]:
+    """As many values as the library reads: all found, or ``fill`` where reading failed."""
+    values = list(found)
+    return values if len(values) == size else [fill] * size
+
+
+# -- FMI 2.0 adapter: the functions the exporter's library calls, handed on to the participant.
+class Fmi2Adapter(CoSimulationAdapter):
+    """Mixed into ``Fmi2Slave``. Every function takes and returns lists; none raises."""
+
+    def setup_experiment(self, start_time: float, _stop_time: float | None, tolerance: float | None) -> None:
+        """Start time and tolerance; the stop time is not needed."""
+        self.participant.setup(start_time, tolerance)
+
+    def get_real(self, references: list[int]) -> list[float]:
+        """Reals."""
+        return self._numbers(references)
+
+    def get_integer(self, references: list[int]) -> list[int]:
+        """Integers."""
+        return [int(value) for value in self._numbers(references)]
+
+    def get_boolean(self, references: list[int]) -> list[bool]:
+        """Booleans."""
+        return [bool(value) for value in self._numbers(references)]
+
+    def set_real(self, references: list[int], values: list[float]) -> None:
+        """Reals."""
+        self._set_numbers(references, values)
+
+    def set_integer(self, references: list[int], values: list[int]) -> None:
+        """Integers."""
+        self._set_numbers(references, values)
+
+    def set_boolean(self, references: list[int], values: list[bool]) -> None:
+        """Booleans."""
+        self._set_numbers(references, values)
+
+
+# -- FMI 3.0 adapter: the functions the exporter's library calls, handed on to the participant.
+class Fmi3Adapter(CoSimulationAdapter):
+    """Mixed into ``Fmi3Slave``. The exporter drops start time, stop time and tolerance."""
+
+    def get_float64(self, references: list[int]) -> list[float]:
+        """Reals and arrays of reals."""
+        return self._numbers(references)
+
+    def get_int32(self, references: list[int]) -> list[int]:
+        """Integers."""
+        return [int(value) for value in self._numbers(references)]
+
+    def get_uint64(self, references: list[int]) -> list[Any]:
+        """Sizes."""
+        return [ctypes.c_uint64(int(value)) for value in self._numbers(references)]
+
+    def set_float64(self, references: list[int], values: list[float]) -> None:
+        """Reals and arrays of reals."""
+        self._set_numbers(references, values)
+
+    def set_int32(self, references: list[int], values: list[int]) -> None:
+        """Integers."""
+        self._set_numbers(references, values)
+
+    def set_uint64(self, references: list[int], values: list[int]) -> None:
+        """Sizes."""
+        self._set_numbers(references, values)
+
+
+# -- FMI 3.0 Model Exchange adapter: the functions the exporter's library calls, handed on to the reduced model. Runs
+# inside the host. None of the functions may raise: the exporter frees the instance then, and the next call of the
+# host would meet freed memory.
+@dataclass(frozen=True)
+class DiscreteStates:
+    """What the library reads after an event, under the names it looks for (the exporter's own class has others)."""
+
+    terminateSimulation: bool  # noqa: N815
+    nextEventTimeDefined: bool  # noqa: N815
+    nextEventTime: float  # noqa: N815
+    discreteStatesNeedUpdate: bool = False  # noqa: N815
+    valuesOfContinuousStatesChanged: bool = True  # noqa: N815  they have not, but some hosts restart only then
+    nominalContinuousStatesChanged: bool = False  # noqa: N815
+
+
+class ModelExchangeAdapter(Adapter):
+    """Mixed into ``Fmi3SlaveBase``. The exporter drops start time, stop time and tolerance."""
+
+    needed: ClassVar[tuple[str, ...]] = ("numpy", "pydantic")
+
+    def _open(self) -> Any:
+        resources = self.resources  # type: ignore[attr-defined]
+        home = f"{self.package}.latin_fmu.model_exchange"
+        instance, system = (importlib.import_module(f"{home}.{name}") for name in ("fmi_instance", "system"))
+        with open(os.path.join(resources, "reduced.bin"), "rb") as file:
+            reduced = system.ReducedSystem.from_bytes(file.read())
+        with open(os.path.join(resources, "variables.json"), encoding="utf-8") as file:
+            found = system.Names.from_text(file.read())
+        return instance.ExchangeModel(reduced, found, self.tell)
+
+    def exit_initialization_mode(self) -> None:
+        """Parameters are fixed."""
+        self.participant.initialize()
+
+    def terminate(self) -> None:
+        """Nothing is left to do."""
+
+    # -- variables ------------------------------------------------------------------------------------------------
+    def get_float64(self, references: list[int]) -> list[float]:
+        """Numbers."""
+        found: list[float] = self.participant.get(references)
+        return found
+
+    def set_float64(self, references: list[int], values: list[float]) -> None:
+        """Numbers."""
+        self.participant.set(references, values)
+
+    # -- continuous time ------------------------------------------------------------------------------------------
+    def set_time(self, time: float) -> None:
+        """Time, s."""
+        self.participant.set_time(time)
+
+    def get_number_of_continuous_states(self) -> int:
+        """How many states there are."""
+        return int(self.participant.n_state)
+
+    def set_continuous_states(self, values: list[float]) -> None:
+        """States."""
+        self.participant.set_states(values)
+
+    def get_continuous_states(self) -> list[float]:
+        """States."""
+        found: list[float] = self.participant.y.tolist()
+        return found
+
+    def get_continuous_state_derivatives(self) -> list[float]:
+        """Their derivatives."""
+        found: list[float] = self.participant.derivatives()
+        return found
+
+    def get_nominals_of_continuous_states(self, _size: int) -> list[float]:
+        """Their expected sizes."""
+        found: list[float] = self.participant.nominals()
+        return found
+
+    # -- events ---------------------------------------------------------------------------------------------------
+    def get_number_of_event_indicators(self) -> int:
+        """How many indicators there are."""
+        return int(self.participant.n_indicator)
+
+    def get_event_indicators(self) -> list[float]:
+        """Indicators."""
+        found: list[float] = self.participant.indicators()
+        return found
+
+    def update_discrete_states(self) -> DiscreteStates:
+        """Contact states and time laws after an event."""
+        update = self.participant.update()
+        knot = update.next_event
+        return DiscreteStates(update.terminate, knot is not None, knot or 0.0)
+
+    # -- states of the FMU ------------------------------------------------------------------------------------------
+    @staticmethod
+    def _fmu_state_to_bytes(state: Any) -> bytes:
+        return state or b""
+
+    @classmethod
+    def _fmu_state_from_bytes(cls, block: bytes) -> Any:
+        return bytes(block)

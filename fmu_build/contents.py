@@ -5,6 +5,8 @@ from __future__ import annotations
 import hashlib
 import importlib.metadata
 import importlib.util
+import io
+import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,12 +15,12 @@ import latin_fmu
 from latin_fmu.compiled import library
 from latin_fmu.scene.schema import Scene
 
-from .facts import NAME
+from .description import NAME
 
 Files = dict[str, bytes]
 """Contents by path inside the archive."""
 
-_ADAPTERS = ("__init__.py", "adapter.py", "co_simulation_adapter.py", "fmi2.py", "fmi3.py")
+_ADAPTERS = ("__init__.py", "adapter.py")
 _EXPORTERS = {"2": "pythonfmu", "3": "pythonfmu3"}
 _LEFT_OUT = ("cli.py", "__main__.py", "commands", "accuracy", "stability", "aot")  # nothing an FMU runs
 _BARE_INIT = '"""The solver inside an FMU; nothing is imported before it is needed."""\n\n__version__ = "{}"\n'
@@ -122,3 +124,22 @@ def _requirements() -> list[str]:
     except importlib.metadata.PackageNotFoundError:  # run from a source folder
         return ["numpy", "scipy", "numba", "meshio", "pydantic", "xarray", "netCDF4", "threadpoolctl"]
     return sorted(r for r in required if "extra ==" not in r and not r.startswith("matplotlib"))
+
+
+# -- A deflated zip whose bytes depend on its contents only.
+_FIRST = ("modelDescription.xml",)
+_DATE = (1980, 1, 1, 0, 0, 0)
+
+
+def archive(files: Mapping[str, bytes]) -> bytes:
+    """The zip: modelDescription.xml first, then by name; no dates, plain permissions."""
+    buffer = io.BytesIO()
+    names = [*(n for n in _FIRST if n in files), *sorted(n for n in files if n not in _FIRST)]
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as target:
+        for name in names:
+            entry = zipfile.ZipInfo(name, _DATE)
+            entry.compress_type = zipfile.ZIP_DEFLATED
+            entry.create_system = 3  # the same bytes on every system
+            entry.external_attr = 0o644 << 16
+            target.writestr(entry, files[name])
+    return buffer.getvalue()

@@ -9,8 +9,8 @@ from xml.etree.ElementTree import Element, SubElement, fromstring
 
 from latin_fmu.results.files import written_whole
 
-from .archive import archive
-from .xml_text import xml_bytes
+from .contents import archive
+from .description import xml_bytes
 
 Connection = tuple[str, str, str, str]
 """Component and variable it comes from, component and variable it goes to."""

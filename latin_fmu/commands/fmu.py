@@ -95,17 +95,17 @@ def _fmu(arguments: argparse.Namespace) -> int:
     check_target(target)
     names = [name.strip() for name in arguments.inputs.split(",") if name.strip()]
     try:
-        check = import_module("fmu_build.cross_check")
+        check = import_module("fmu_build.checks")
         inputs = check.with_inputs(scene, names)
         files: dict[str, bytes] = check.cross_check_files(inputs) if arguments.cross_check else {}
         inside = {f"{check.FOLDER}/{name}": content for name, content in files.items()}
         if arguments.model_exchange:
             sizes = {"n_mode": arguments.modes, "n_patch": arguments.patches}
             given = {name: size for name, size in sizes.items() if size is not None}
-            import_module("fmu_build.model_exchange").build_model_exchange(inputs.scene, target, **given)
+            import_module("fmu_build.build").build_model_exchange(inputs.scene, target, **given)
         else:
             import_module("fmu_build.build").build_fmu(inputs.scene, target, arguments.fmi or "2", inside)
-        problems = import_module("fmu_build.validate").validate(target)
+        problems = import_module("fmu_build.checks").validate(target)
     except ModuleNotFoundError as error:
         print(f"latin-fmu: {error.msg}; pip install 'latin-fmu[fmu]' gives what FMUs need", file=sys.stderr)
         return BAD_INPUT
@@ -131,7 +131,7 @@ def _contradictions(arguments: argparse.Namespace) -> Iterator[Problem]:
 
 def _simulate(arguments: argparse.Namespace) -> int:
     try:
-        from fmu_build.integrate import opened
+        from fmu_build.drive import opened
     except ModuleNotFoundError as error:
         print(f"latin-fmu: {error.msg}; pip install 'latin-fmu[fmu]' gives what FMUs need", file=sys.stderr)
         return BAD_INPUT

@@ -24,7 +24,7 @@ from .settings import StepReport
 
 
 class Peer(Protocol):
-    """What the master needs of a participant; a ``Session`` is one, an FMU becomes one by ``fmu_build.peer``."""
+    """Instance of a co-simulation that the master needs: a ``Session``, or an FMU (``fmu_build.drive.FmuPeer``)."""
 
     def set_load(self, name: str, value: float, rate: float = 0.0) -> None:
         """Amplitude at the start of the next step and its rate."""

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import latin_fmu
 from fmu_build.build import build_fmu
-from fmu_build.validate import validate
+from fmu_build.checks import validate
 
 from .scenes import blocks
 

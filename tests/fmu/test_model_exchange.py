@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from fmu_build.build import build_fmu
-from fmu_build.model_exchange import build_model_exchange
-from fmu_build.validate import validate
+from fmu_build.build import build_fmu, build_model_exchange
+from fmu_build.checks import validate
 from latin_fmu import cli
 from latin_fmu.errors import SceneError
 

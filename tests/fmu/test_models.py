@@ -12,9 +12,8 @@ import pytest
 
 import latin_fmu
 from fmu_build.build import build_fmu
-from fmu_build.cross_check import FOLDER, cross_check_files, with_inputs
+from fmu_build.checks import FOLDER, cross_check_files, fmutool_report, validate, with_inputs
 from fmu_build.drive import Drive
-from fmu_build.validate import fmutool_report, validate
 from latin_fmu.errors import InputError
 
 from .host import hosts_folder
