@@ -8,10 +8,9 @@ from typing import Protocol
 
 from .assembly.build import discretise, solver_ready
 from .assembly.checks import body_lines, size_remarks
-from .assembly.prediction import predict
 from .assembly.problem import SolverReadyProblem
-from .assembly.run_sizes import run_sizes
 from .blas_threads import one_thread
+from .effects.cost import Prediction
 from .interface import Behaviour
 from .latin.assembly import InterfaceUnit
 from .latin.record import Outcome, Timings
@@ -62,7 +61,7 @@ def solve(
     timings.setup = clock.process_time() - start
     outcome = run(problem, timings, observer, progress, wall)
     if outcome.converged:
-        timings.predicted = predict(run_sizes(discretised)).march
+        timings.predicted = Prediction(discretised).march
     return Solution(outcome, scene.text(), scene.name, recovered=problem.recovered)
 
 

@@ -11,10 +11,7 @@ import numpy as np
 import pytest
 
 from latin_fmu.assembly.build import discretise
-from latin_fmu.assembly.run_cost import set_up
-from latin_fmu.assembly.run_sizes import run_sizes
-from latin_fmu.propagator.cost import MANY
-from latin_fmu.propagator.seconds import SECONDS
+from latin_fmu.effects.cost import SECONDS, march_counts, operator_counts, run_size
 
 from .verification.oracles import cases
 
@@ -163,29 +160,14 @@ def test_cost_model(example: ModuleType, tmp_path: Path) -> None:
     assert 1.0 <= numbers["typical_factor"] <= numbers["worst_factor"]
 
 
-@pytest.mark.parametrize("example", ["benchmark_fit"], indirect=True)
+@pytest.mark.parametrize("example", ["cost_model"], indirect=True)
 def test_the_fit_finds_the_seconds_that_made_the_times(example: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Times made up from other seconds than those of the package: the fit tells every run what it took."""
+    """Times computed with other seconds than those of the package: the fit finds these."""
     monkeypatch.syspath_prepend(str(EXAMPLES))
     scenes = importlib.import_module("benchmark_scenes")
-    known = scenes.benchmarks(quick=True)
-    for pair in scenes.pairs(3, 40):
-        known |= {f"{pair.name} on": scenes.scene(pair.on), f"{pair.name} off": scenes.scene(pair.off)}
-    slow = {name: (2.0 + i % 3) * value for i, (name, value) in enumerate(SECONDS.items())}
-    slow |= {name: 0.5 * slow[name.removeprefix(MANY)] for name in slow if name.startswith(MANY)}
+    per = SECONDS * np.arange(2.0, 7.0)
     runs = []
-    for one in known.values():
-        sizes = run_sizes(discretise(one))
-        made = example.Measured(sizes, 0.0, 0.0, 0.0, sizes.iterations, 1.0)
-        counted = set_up(sizes)
-        parts = [
-            sum(slow[n] * v for n, v in counted.items() if n in names)
-            for names in (example.PREPARATION, example.OPERATORS)
-        ]
-        _, march = example.predicted(made.known, slow)
-        runs.append(example.Measured(sizes, *parts, march, sizes.iterations, 1.0))
-    found = example.fitted(runs)
-    for run in runs:
-        assert example.predicted(run.known, found) == pytest.approx(
-            (run.preparation + run.operators, run.march), rel=0.02
-        )
+    for one in scenes.benchmarks(quick=True).values():
+        size = run_size(discretise(one))
+        runs.append(example.Measured(size, operator_counts(size) @ per, march_counts(size) @ per, size.iterations))
+    np.testing.assert_allclose(example.fitted(runs), per, rtol=1e-6)

@@ -12,9 +12,9 @@ import pytest
 from latin_fmu.assembly.build import build
 from latin_fmu.cli import main
 from latin_fmu.effects import Explanation, explain
-from latin_fmu.effects.registry import EFFECTS
+from latin_fmu.effects.scene_effects import EFFECTS
 from latin_fmu.scene.lines import key_lines, line_of
-from latin_fmu.scene.reader import scene_from_dict
+from latin_fmu.scene.reader import load_scene, scene_from_dict
 
 MODELS = Path(__file__).parents[1] / "models"
 NAMES = {
@@ -131,8 +131,6 @@ def test_behaviours_are_told_apart() -> None:
 
 @pytest.mark.parametrize("model", ["two_specimen_crushing", "beam_in_traction", "shear_interface"])
 def test_sizes_are_those_of_the_built_scene(model: str) -> None:
-    from latin_fmu import load_scene
-
     scene = load_scene(MODELS / model / "scene.toml")
     explanation, assembly = explain(scene), build(scene).assembly
     assert explanation.prediction["unknowns"] == sum(p.n_dof * len(p.names) for p in assembly.propagators)
@@ -214,10 +212,24 @@ def test_what_could_be_rigid_is_noticed() -> None:
     assert not suggested(scene, "substructure b")
 
 
+def test_an_equilibrium_is_no_reason_for_a_rigid_body() -> None:
+    """Increments of a quasi-static run are longer than any wave transit: the joint needs its elasticity."""
+    scene = tables()
+    scene["time"] |= {"quasi_static": True, "end": 1.0}
+    scene["interface"]["meet"]["friction_coefficient"] = 0.3
+    scene["boundary"] = {"base": {"type": "fixed", "face": "b.zmax"}}
+    assert not suggested(scene, "as a rigid body")
+    lap_joint = load_scene(MODELS / "lap_joint" / "scene.toml")
+    assert not any("rigid" in s.what for s in explain(lap_joint).suggestions)
+
+
 def test_costly_output_is_noticed() -> None:
     scene = tables()
-    scene["output"] = {"energy": True}
-    assert suggested(scene, "energy balance takes")
+    for body in scene["substructure"].values():
+        body["box"]["elements"] = [5, 5, 10]
+    for key, name in (("energy", "energy balance"), ("stress", "stress"), ("fields", "interior history")):
+        scene["output"] = {key: True}
+        assert suggested(scene, f"{name} takes")
 
 
 # -- words --------------------------------------------------------------------------------------------------------

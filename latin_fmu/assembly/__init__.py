@@ -9,7 +9,6 @@ statics                   equilibrium before t = 0, static scenes
 inactive_substructures    when something reaches each substructure
 merged_assembly           the assembly as one body, where interfaces are perfect
 segments                  runs in consecutive pieces of time
-cost, run_cost,           predicted memory and time
-run_sizes, prediction
+propagator_choice         propagator of the scene, by the memory of its operators
 ========================  ==========================================================================
 """

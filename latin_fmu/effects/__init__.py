@@ -1,6 +1,9 @@
-"""Which effects a scene calls for, what each costs, and what would switch it: nothing else is computed."""
+"""``latin-fmu explain``: effects of a scene, what each costs, and its predicted cost; nothing else is computed.
 
-from .effect import Effect
+``cost`` counts and constants, ``scene_effects`` one function per effect, ``suggestions``, ``explanation`` the report.
+"""
+
 from .explanation import Explanation, explain
+from .scene_effects import Effect
 
 __all__ = ["Effect", "Explanation", "explain"]

@@ -1,19 +1,20 @@
-"""``explain``: effects, choices, prediction and suggestions of a scene, as text and as plain data."""
+"""``explain``: effects, choices, predicted cost and suggestions of a scene, as text and as plain data."""
 
 from __future__ import annotations
 
 import textwrap
+import time
 from dataclasses import dataclass
 from typing import Any
 
 from ..assembly.build import discretise
+from ..results.summary import readable
 from ..scene.lines import key_lines, line_of
 from ..scene.schema import Scene
-from .choices import choices, prediction
-from .effect import Effect, Suggestion
-from .registry import EFFECTS
-from .sizes import Sizes
-from .suggestions import suggestions
+from ..scene.solver_settings import WHOLE, Anderson
+from .cost import Prediction
+from .scene_effects import EFFECTS, Effect
+from .suggestions import Suggestion, suggestions
 
 SCHEMA_VERSION = "1.0"
 """Of ``Explanation.report``: the first number changes when a key changes or goes, the second when one is added."""
@@ -23,12 +24,12 @@ _SHOWN = 2  # keys that are named before "and so many more"
 
 @dataclass(frozen=True)
 class Explanation:
-    """What a scene calls for.
+    """Effects, choices and cost of a scene.
 
     Attributes
     ----------
-    scene : its name. effects : every effect, on or off. choices : what the solver takes, in words.
-    prediction : cost of the run (see ``choices.prediction``). suggestions : what might be changed.
+    scene : its name. effects : every effect, on or off. choices : settings that the solver takes, in words.
+    prediction : CPU seconds of set-up and instants, memory, unknowns. suggestions : what might be changed.
     warnings : remarks on the scene, as of ``check``. lines : line of every key of the scene file.
     """
 
@@ -60,16 +61,15 @@ class Explanation:
         on, off = ([e for e in self.effects if e.on is state] for state in (True, False))
         lines = [self._headline(), "", "On:"]
         for effect in on:
-            lines += self._told(effect)
+            lines += self._described(effect)
         lines += ["", "Off (not allocated, not called, not in the file):"]
         width = max((len(e.name) for e in off), default=0)
         lines += [f"  {e.name:<{width}}  {e.reason}; to switch it on: {e.switch}" for e in off]
         lines += ["", "Chosen:", *(f"  {key:<16}  {value}" for key, value in self.choices.items())]
         lines += ["", "Suggestions (nothing is changed unasked):"]
         for suggestion in self.suggestions:
-            lines += _suggested(suggestion)
-        if not self.suggestions:
-            lines.append("  none")
+            lines += suggestion.lines(_WIDTH)
+        lines += [] if self.suggestions else ["  none"]
         lines += ["", *(f"warning: {w}" for w in self.warnings)] if self.warnings else []
         return "\n".join(lines)
 
@@ -78,15 +78,16 @@ class Explanation:
         total = p["cpu_seconds_set_up"] + p["cpu_seconds_instants"]
         return textwrap.fill(
             f"{self.scene}: {p['unknowns']} unknowns, {p['interface_unknowns']} interface unknowns, {p['instants']} "
-            f"instants; predicted {total:.2g} s of CPU time ({p['cpu_seconds_set_up']:.2g} s set-up) and "
-            f"{_bytes(p['memory_bytes'])} on the machine the cost model was fitted on",
+            f"instants; predicted {total:.2g} s of CPU time ({p['cpu_seconds_set_up']:.2g} s set-up; to a factor "
+            f"of about 2) and {readable(p['memory_bytes'], 'B', 3)} of memory",
             _WIDTH,
         )
 
-    def _told(self, effect: Effect) -> list[str]:
+    def _described(self, effect: Effect) -> list[str]:
+        """Reason, numbers, keys and switch of an effect that is on."""
         share = effect.cost / self.prediction["cpu_seconds_instant"]
         numbers = [f"{effect.unknowns} unknowns"] if effect.unknowns else []
-        numbers += [_bytes(effect.memory)] if effect.memory else []
+        numbers += [readable(effect.memory, "B", 3)] if effect.memory else []
         numbers += [f"{100 * share:.0f} % of an instant"] if share >= 0.005 else []
         head = f"  {effect.name}: {effect.reason}" + (f" [{', '.join(numbers)}]" if numbers else "")
         lines = textwrap.wrap(head, _WIDTH, subsequent_indent="      ")
@@ -104,7 +105,9 @@ class Explanation:
 
 
 def explain(scene: Scene, text: str = "") -> Explanation:
-    """Which effects a scene calls for, what each adds, and what the run will cost; nothing is factorised or solved.
+    """Effects of a scene, what each adds, and the cost of the run; nothing is factorised or solved.
+
+    The time to prepare meshes, matrices and interfaces is measured; what comes after is predicted.
 
     Parameters
     ----------
@@ -114,36 +117,46 @@ def explain(scene: Scene, text: str = "") -> Explanation:
     ------
     SceneError : the scene cannot be built.
     """
+    start = time.process_time()
     discretised = discretise(scene)
-    sizes = Sizes(discretised)
-    effects = [effect(sizes) for effect in EFFECTS]
-    predicted = prediction(sizes, effects)
-    return Explanation(
-        scene.name,
-        effects,
-        choices(sizes),
-        predicted,
-        suggestions(sizes, effects, predicted["cpu_seconds_instant"]),
-        discretised.remarks,
-        key_lines(text),
-    )
+    preparation = time.process_time() - start
+    p = Prediction(discretised)
+    effects = [effect(p) for effect in EFFECTS]
+    kept = sum(e.memory for e in effects if e.name not in ("elastic bodies", "inertia", "damping"))
+    predicted = {
+        "cpu_seconds_set_up": round(preparation + p.operators, 4),
+        "cpu_seconds_instants": round(p.march, 4),
+        "cpu_seconds_instant": p.instant,
+        "memory_bytes": int(p.memory + kept),
+        "unknowns": p.n_dof,
+        "interface_unknowns": p.run.n_flat,
+        "instants": p.run.n_instant,
+        "iterations_per_instant": p.run.iterations,
+    }
+    proposed = suggestions(p, effects)
+    return Explanation(scene.name, effects, choices(p), predicted, proposed, discretised.remarks, key_lines(text))
 
 
-def _suggested(suggestion: Suggestion) -> list[str]:
-    lines = textwrap.wrap(f"* {suggestion.what}", _WIDTH, initial_indent="  ", subsequent_indent="    ")
-    change = " ".join(f"--set {s}" for s in suggestion.settings)
-    if change:
-        factor = suggestion.factor
-        cost = "" if factor is None or factor > 0.995 else f"   (predicted cost x {factor:.2g})"
-        lines.append(f"    {change}{cost}")
-    return lines
-
-
-def _bytes(count: int) -> str:
-    """A size a person reads."""
-    size, unit = float(count), "B"
-    for larger in ("kB", "MB", "GB"):
-        if size < 1000:
-            break
-        size, unit = size / 1000, larger
-    return f"{size:.3g} {unit}"
+def choices(p: Prediction) -> dict[str, str]:
+    """Window, search direction, acceleration and propagator, in words."""
+    solver, run = p.scene.solver, p.run
+    window = f"windows of {run.window} instants" if run.window > 1 else "windows of one instant"
+    if solver.window == WHOLE:
+        window = f"one window over all {run.n_instant} instants"
+    direction: str = solver.search_direction.type
+    if direction == "automatic":
+        direction += ": 1 / D_ii of one instant" if solver.window == 1 else ": rho c, or half the row value"
+    factor = solver.search_direction.factor
+    acceleration = "none (plain iteration)"
+    if isinstance(solver.acceleration, Anderson):
+        acceleration = f"anderson, depth {solver.acceleration.depth}"
+    if not p.discretised.units:
+        window, direction, acceleration = "no interface: one linear march", "none", "none"
+    elif run.at_once:
+        window, direction, acceleration = "every instant at once: perfect interfaces only", "none", "none"
+    return {
+        "window": window,
+        "search direction": direction + (f", times {factor:g}" if factor != 1 else ""),
+        "acceleration": acceleration,
+        "propagator": f"{run.propagator.kind}, scheme {p.scene.time.scheme.type}",
+    }

@@ -1,19 +1,21 @@
-"""What might be changed in a scene without changing what it is about. Suggestions only: nothing is done unasked."""
+"""Changes of a scene that keep its purpose and cost less. Suggestions only: nothing is changed unasked."""
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from ..assembly.inactive_substructures import arrival_times, marched_share
-from ..assembly.prediction import predict
-from ..assembly.run_sizes import ClassSizes, RunSizes
 from ..fem.elasticity import wave_speeds
+from ..latin.assembly import Array
+from ..propagator.registry import Kind
 from ..scene.fields import GROUND, split_face
-from .effect import Effect, Suggestion
-from .sizes import Sizes
+from .cost import Prediction, RunClass, RunSize, march_counts, operator_counts, seconds
+from .scene_effects import Effect
 
 TINY_FRICTION = 1e-3
 STIFF = 1e3  # times the wave impedance of every neighbour
@@ -21,201 +23,210 @@ UNRESOLVED = 0.2  # transit of a body over the step
 COSTLY = 0.2  # share of the time
 LATE = 0.7  # share of the instants at which substructures are marched
 SLOW = 10.0  # duration of the run over the longest transit
+CHEAP = 0.4  # cost of another propagator over that of the chosen one
+OTHERS: tuple[tuple[Kind, str], ...] = (
+    ("explicit", "a lumped mass, where the step is stable"),
+    ("reduced", "some modes instead of the mesh; its set-up is shared by studies and FMUs"),
+)
 
 
-def suggestions(sizes: Sizes, effects: list[Effect], instant: float) -> list[Suggestion]:
-    """All suggestions; ``instant``: predicted CPU time of one instant, s."""
-    makers: tuple[Callable[[Sizes, list[Effect], float], Iterator[Suggestion]], ...] = (
-        _friction,
-        _open_gaps,
-        _rigid,
-        _kept,
-        _slow,
-        _late,
-        _propagator,
-    )
-    return [s for make in makers for s in make(sizes, effects, instant)]
+@dataclass(frozen=True)
+class Suggestion:
+    """A change that is proposed, never made.
+
+    Attributes
+    ----------
+    what : a sentence. settings : what to write, as for ``--set``. factor : predicted cost after over before, None
+        where the cost does not change or is not known.
+    """
+
+    what: str
+    settings: tuple[str, ...] = ()
+    factor: float | None = None
+
+    def report(self) -> dict[str, Any]:
+        """Plain data."""
+        factor = None if self.factor is None else round(self.factor, 4)
+        return {"what": self.what, "settings": list(self.settings), "cost_factor": factor}
+
+    def lines(self, width: int) -> list[str]:
+        """Lines of text for a reader, at most ``width`` wide."""
+        lines = textwrap.wrap(f"* {self.what}", width, initial_indent="  ", subsequent_indent="    ")
+        if self.settings:
+            cost = "" if self.factor is None or self.factor > 0.995 else f"   (predicted cost x {self.factor:.2g})"
+            lines.append("    " + " ".join(f"--set {s}" for s in self.settings) + cost)
+        return lines
 
 
-def _friction(sizes: Sizes, _: list[Effect], instant: float) -> Iterator[Suggestion]:
-    """Friction too small to matter."""
-    for name, interface in sizes.scene.interface.items():
+Maker = Callable[[Prediction, list[Effect]], Iterator[Suggestion]]
+
+
+def suggestions(p: Prediction, effects: list[Effect]) -> list[Suggestion]:
+    """All suggestions for a scene with these effects."""
+    makers: tuple[Maker, ...] = (_friction, _open_gaps, _rigid, _stored, _slow, _late, _propagator)
+    return [s for make in makers for s in make(p, effects)]
+
+
+def _friction(p: Prediction, _: list[Effect]) -> Iterator[Suggestion]:
+    """Friction with a negligible coefficient."""
+    for name, interface in p.scene.interface.items():
         mu = interface.friction_coefficient
         if 0 < mu < TINY_FRICTION:
-            unit = next(u for u in sizes.discretised.units if u.name == name)
-            n = unit.geometry.n_point
-            saved = sizes.saved(sizes.without_friction([unit]))
+            unit = next(u for u in p.discretised.units if u.name == name)
             yield Suggestion(
                 f"interface {name}: friction with mu = {mu:g} changes forces by less than {100 * mu:.2g} %; without it "
-                f"{4 * n} of {sizes.n_flat} interface unknowns are gone",
+                f"{4 * unit.geometry.n_point} of {p.run.n_flat} interface unknowns are gone",
                 (f"interface.{name}.friction_coefficient=0",),
-                max(0.0, 1 - saved / instant),
+                _factor(p, p.without_friction([unit])),
             )
 
 
-def _open_gaps(sizes: Sizes, _: list[Effect], __: float) -> Iterator[Suggestion]:
+def _factor(p: Prediction, changed: RunSize) -> float:
+    """Predicted cost of an instant of the changed run over the present one."""
+    return max(0.0, 1.0 - p.saved(changed) / p.instant)
+
+
+def _open_gaps(p: Prediction, _: list[Effect]) -> Iterator[Suggestion]:
     """Gaps that nothing in the scene can close before the end."""
-    reach = sizes.scene.time.end * _fastest(sizes)
-    if not np.isfinite(reach):
-        return
-    for unit in sizes.discretised.units:
-        if unit.behaviour.opens and not unit.behaviour.compliant and unit.geometry.gap.min() > reach:
+    travel = p.scene.time.end * _fastest(p)
+    for unit in p.discretised.units if np.isfinite(travel) else ():
+        gap = float(unit.geometry.gap.min())
+        if unit.behaviour.opens and not unit.behaviour.compliant and gap > travel:
             yield Suggestion(
-                f"interface {unit.name}: its gap of {unit.geometry.gap.min():.4g} m cannot close before the end (the "
-                f"bodies move less than {reach:.2g} m): it costs a check per instant and may be left out"
+                f"interface {unit.name}: its gap of {gap:.4g} m cannot close before the end (the bodies move less than "
+                f"{travel:.2g} m): it costs a check per instant and may be left out"
             )
 
 
-def _fastest(sizes: Sizes) -> float:
-    """Bound on the closing speed of two faces, m s-1; infinite where the scene leaves it open."""
-    scene = sizes.scene
-    if any(any(s.body_force) or s.rigid for s in scene.substructure.values()):
+def _fastest(p: Prediction) -> float:
+    """Bound on the closing speed of two faces, m s-1; infinite where the scene has none."""
+    scene, bodies = p.scene, p.discretised.bodies
+    driven = any(b.type in ("velocity", "displacement") for b in scene.boundary.values())
+    driven |= any(i.ground_velocity is not None for i in scene.interface.values())
+    driven |= any(any(s.body_force) or s.rigid or any(s.initial_spin) for s in scene.substructure.values())
+    if driven or any(load.law.type == "input" for load in scene.load.values()):
         return float("inf")
-    speeds = [0.0]
-    for s in scene.substructure.values():
-        spin = float(np.linalg.norm(s.initial_spin))
-        if spin:
-            return float("inf")
-        speeds.append(2 * float(np.linalg.norm(s.initial_velocity)))
+    speed = sum(2 * float(np.linalg.norm(s.initial_velocity)) for s in scene.substructure.values())
     for load in scene.load.values():
-        if load.law.type == "input":
-            return float("inf")
-        body, _ = split_face(load.face)
+        body = bodies[split_face(load.face)[0]]
         size = abs(load.pressure) if load.pressure is not None else float(np.linalg.norm(load.traction or 0.0))
-        amplitude = float(np.abs(load.law.sample(sizes.discretised.time)).max())
-        shape = sizes.discretised.bodies[body].shape
+        amplitude = float(np.abs(load.law.sample(p.discretised.time)).max())
         # a face is driven at 2 p / rho c at most; every transit back and forth may add as much again
-        transits = 1 + scene.time.end * shape.impedances[0] / shape.material.density / _shortest(sizes, body)
-        speeds.append(2 * size * amplitude / min(shape.impedances) * transits)
-    driven = [b for b in scene.boundary.values() if b.type in ("velocity", "displacement")]
-    ground = [i for i in scene.interface.values() if i.ground_velocity is not None]
-    return float("inf") if driven or ground else 2 * sum(speeds)
+        shortest = float(body.mesh.extent().min())
+        transits = 1 + scene.time.end * body.shape.impedances[0] / body.shape.material.density / shortest
+        speed += 2 * size * amplitude / min(body.shape.impedances) * transits
+    return 2 * speed
 
 
-def _shortest(sizes: Sizes, body: str) -> float:
-    return float(sizes.discretised.bodies[body].mesh.extent().min())
-
-
-def _rigid(sizes: Sizes, _: list[Effect], instant: float) -> Iterator[Suggestion]:
-    """Bodies whose waves are too fast for the step, or that are far stiffer than all they meet."""
-    for name, body in sizes.discretised.bodies.items():
+def _rigid(p: Prediction, _: list[Effect]) -> Iterator[Suggestion]:
+    """Bodies with waves too fast for the step, or far stiffer than all neighbours (an equilibrium has no waves)."""
+    for name, body in p.discretised.bodies.items() if not p.run.static else ():
         if body.rigid:
             continue
-        c_p = body.shape.impedances[0] / body.shape.material.density
-        transit = float(body.mesh.extent().max()) / c_p
-        others = [
-            sizes.discretised.bodies[split_face(side)[0]]
-            for u in sizes.discretised.units
-            if any(split_face(s)[0] == name for s in u.sides)
-            for side in u.sides
-            if side != GROUND and split_face(side)[0] != name
-        ]
+        transit = float(body.mesh.extent().max()) * body.shape.material.density / body.shape.impedances[0]
+        pairs = [[split_face(side)[0] for side in u.sides if side != GROUND] for u in p.discretised.units]
+        others = [p.discretised.bodies[n] for pair in pairs if name in pair for n in pair if n != name]
         soft = max((o.shape.impedances[0] for o in others if not o.rigid), default=0.0)
         stiff = bool(soft) and body.shape.impedances[0] > STIFF * soft
-        if not stiff and transit > UNRESOLVED * sizes.discretised.dt:
+        if not stiff and transit > UNRESOLVED * p.discretised.dt:
             continue
-        why = (
-            f"its wave impedance is {body.shape.impedances[0] / soft:.2g} times that of its neighbours"
-            if stiff
-            else f"a wave crosses it in {transit / sizes.discretised.dt:.2g} of a step"
-        )
-        own = next(
-            c
-            for c, k in zip(sizes.classes, sizes.discretised.classes, strict=True)
-            if name in [m.name for m in k.members]
-        )
+        why = f"a wave crosses it in {transit / p.discretised.dt:.2g} of a step"
+        if stiff:
+            why = f"its wave impedance is {body.shape.impedances[0] / soft:.2g} times that of its neighbours"
+        place = next(i for i, c in enumerate(p.discretised.classes) if name in [m.name for m in c.members])
+        own = p.run.classes[place]
         yield Suggestion(
             f"substructure {name}: {why}; as a rigid body it has 6 unknowns instead of {own.size.unknowns}",
             (f"substructure.{name}.rigid=true",),
-            max(0.0, 1 - sizes.saved(_rigidified(sizes, own)) / instant),
+            _factor(p, _rigidified(p, own)),
         )
 
 
-def _rigidified(sizes: Sizes, one: ClassSizes) -> RunSizes:
+def _rigidified(p: Prediction, one: RunClass) -> RunSize:
     """The run with one substructure of a class without elasticity."""
-    rest = [c for c in sizes.classes if c is not one]
-    fewer = [replace(one, size=replace(one.size, members=one.n_member - 1))] if one.n_member > 1 else []
-    stiff = replace(one.size, members=1, entries=0, mass_entries=36, factor_entries=0.0, unknowns=6)
-    return replace(sizes.run, classes=(*rest, *fewer, replace(one, size=stiff)))
+    rest = [c for c in p.run.classes if c is not one]
+    if one.size.members > 1:
+        rest.append(replace(one, size=replace(one.size, members=one.size.members - 1)))
+    rigid = replace(one.size, members=1, stiffness=0, mass=36, factor=0.0, unknowns=6)
+    return replace(p.run, classes=(*rest, replace(one, size=rigid)))
 
 
-def _kept(_: Sizes, effects: list[Effect], instant: float) -> Iterator[Suggestion]:
+def _stored(p: Prediction, effects: list[Effect]) -> Iterator[Suggestion]:
     """Output that takes a good part of the time."""
-    keys = {"stress": "output.stress", "interior history": "output.fields", "energy balance": "output.energy"}
+    tenth = ("output.every=10",), 0.9
+    remedies = {"stress": tenth, "interior history": tenth, "energy balance": (("output.energy=false",), 1.0)}
     for effect in effects:
-        if effect.on and effect.name in keys and effect.cost > COSTLY * instant:
-            yield Suggestion(
-                f"{effect.name} takes {100 * effect.cost / instant:.0f} % of every instant",
-                (f"{keys[effect.name]}=false",) if effect.name == "energy balance" else ("output.every=10",),
-                1 - effect.cost / instant * (1.0 if effect.name == "energy balance" else 0.9),
-            )
+        share = effect.cost / p.instant
+        if effect.name in remedies and share > COSTLY:
+            settings, saved = remedies[effect.name]
+            yield Suggestion(f"{effect.name} takes {100 * share:.0f} % of every instant", settings, 1 - saved * share)
 
 
-def _slow(sizes: Sizes, effects: list[Effect], _: float) -> Iterator[Suggestion]:
+def _slow(p: Prediction, _: list[Effect]) -> Iterator[Suggestion]:
     """Loads that are slow against the waves."""
-    if not next(e.on for e in effects if e.name == "inertia") or not hasattr(sizes.scene.time, "quasi_static"):
+    scene = p.scene
+    moving = any(any(s.initial_velocity) or any(s.initial_spin) for s in scene.substructure.values())
+    laws = [load.law for load in scene.load.values()]
+    laws += [b.law for b in scene.boundary.values() if b.type in ("velocity", "displacement")]
+    sudden = any(law.type in ("step", "rectangular_pulse", "input") for law in laws)
+    if p.run.static or moving or sudden or not laws:
         return
-    scene = sizes.scene
-    if any(any(s.initial_velocity) or any(s.initial_spin) for s in scene.substructure.values()):
-        return
-    laws = [load.law for load in scene.load.values()] + [
-        b.law for b in scene.boundary.values() if b.type in ("velocity", "displacement")
-    ]
-    if not laws or any(law.type in ("step", "rectangular_pulse", "input") for law in laws):
-        return
-    transit = _longest_transit(sizes)
-    pace = min(_pace(law.sample(sizes.discretised.time), sizes.discretised.dt) for law in laws)
-    ratio = pace / transit
-    if not SLOW <= ratio < np.inf:
-        return
-    n = min(sizes.n_instant, 50)
-    yield Suggestion(
-        f"the loads are {ratio:.3g} times slower than the longest wave transit ({transit:.3g} s): a quasi-static run "
-        f"in {n} increments would cost about {_fraction(n / sizes.n_instant)}",
-        ("time.quasi_static=true", f"time.instants={n}"),
-        n / sizes.n_instant,
-    )
+    transit = _longest_transit(p)
+    ratio = min(_pace(law.sample(p.discretised.time), p.discretised.dt) for law in laws) / transit
+    if SLOW <= ratio < np.inf:
+        n = min(p.run.n_instant, 50)
+        cost = f"1/{p.run.n_instant / n:.2g}" if n < p.run.n_instant else "the same"
+        yield Suggestion(
+            f"the loads are {ratio:.3g} times slower than the longest wave transit ({transit:.3g} s): a quasi-static "
+            f"run in {n} increments would cost about {cost}",
+            ("time.quasi_static=true", f"time.instants={n}"),
+            n / p.run.n_instant,
+        )
 
 
-def _late(sizes: Sizes, _: list[Effect], instant: float) -> Iterator[Suggestion]:
-    """Bodies that waves reach late or not at all."""
-    scene, discretised = sizes.scene, sizes.discretised
-    if scene.solver.skip_at_rest == "tolerance" or getattr(scene.time, "quasi_static", False) or not discretised.units:
-        return
-    arrival = arrival_times(scene, discretised.bodies, discretised.units, discretised.time)
-    marched = {name: marched_share(t, discretised.time) for name, t in arrival.items()}
-    share = float(np.mean(list(marched.values())))
-    if share > LATE:
-        return
-    never = sum(t >= scene.time.end for t in arrival.values())
-    yield Suggestion(
-        f"{never} of {len(arrival)} substructures are not reached by a wave before the end, others late: passing over "
-        f"what is at rest (to a hundredth of the tolerance) marches about {100 * share:.0f} % of all instants",
-        ("solver.skip_at_rest=tolerance",),
-        1 - sizes.saved(replace(sizes.run, classes=tuple(replace(c, marched=share) for c in sizes.classes))) / instant,
-    )
-
-
-def _pace(amplitude: np.ndarray, dt: float) -> float:
-    """Time in which a sampled law changes by as much as it reaches, s."""
+def _pace(amplitude: Array, dt: float) -> float:
+    """Time in which a sampled law changes by its largest value, s."""
     steepest = float(np.abs(np.diff(amplitude)).max(initial=0.0))
     return float("inf") if steepest == 0.0 else float(np.abs(amplitude).max()) * dt / steepest
 
 
-def _longest_transit(sizes: Sizes) -> float:
+def _longest_transit(p: Prediction) -> float:
     """Across the whole assembly at the slowest shear speed, s."""
-    nodes = np.concatenate([b.mesh.nodes for b in sizes.discretised.bodies.values()])
-    materials = [b.shape.material for b in sizes.discretised.bodies.values() if not b.rigid]
+    nodes = np.concatenate([b.mesh.nodes for b in p.discretised.bodies.values()])
+    materials = [b.shape.material for b in p.discretised.bodies.values() if not b.rigid]
     slowest = min((wave_speeds(m.young_modulus, m.poisson_ratio, m.density)[1] for m in materials), default=np.inf)
     return float(np.ptp(nodes, axis=0).max() / slowest)
 
 
-def _fraction(share: float) -> str:
-    return f"1/{1 / share:.2g}" if share < 1 else "the same"
+def _late(p: Prediction, _: list[Effect]) -> Iterator[Suggestion]:
+    """Bodies that waves reach late or not at all."""
+    scene, discretised = p.scene, p.discretised
+    if scene.solver.skip_at_rest == "tolerance" or p.run.static or not discretised.units:
+        return
+    arrival = arrival_times(scene, discretised.bodies, discretised.units, discretised.time)
+    share = float(np.mean([marched_share(t, discretised.time) for t in arrival.values()]))
+    if share <= LATE:
+        never = sum(t >= scene.time.end for t in arrival.values())
+        fewer = replace(p.run, classes=tuple(replace(c, marched=share) for c in p.run.classes))
+        yield Suggestion(
+            f"{never} of {len(arrival)} substructures are not reached by a wave before the end, others late: leaving "
+            f"out those at rest (to a hundredth of the tolerance) marches about {100 * share:.0f} % of all instants",
+            ("solver.skip_at_rest=tolerance",),
+            _factor(p, fewer),
+        )
 
 
-def _propagator(sizes: Sizes, _: list[Effect], __: float) -> Iterator[Suggestion]:
-    """Propagators that give another answer for much less."""
-    predicted = predict(sizes.run)
-    for kind, what, factor in predicted.cheaper():
-        yield Suggestion(what, (f"solver.propagator={kind}",), factor)
+def _propagator(p: Prediction, _: list[Effect]) -> Iterator[Suggestion]:
+    """Propagators with another answer at much less cost."""
+    chosen, own = p.run.propagator, p.operators + p.march
+    for kind, what in () if p.run.static else OTHERS:
+        other = replace(p.run, propagator=replace(chosen, kind=kind))
+        operators, cost = seconds(operator_counts(other)), seconds(march_counts(other))
+        cost += operators if kind != "reduced" else 0.0
+        if kind != chosen.kind and cost < CHEAP * own:
+            first = f", after {operators:.2g} s of set-up" if kind == "reduced" else ""
+            yield Suggestion(
+                f"another answer by the {kind} propagator ({what}): about {cost:.2g} s, not {own:.2g} s{first}",
+                (f"solver.propagator={kind}",),
+                cost / own,
+            )

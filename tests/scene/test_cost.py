@@ -1,25 +1,23 @@
-"""The cost model: orders the propagators, knows the pattern of a factor, chooses what fits; no more is promised."""
+"""Predicted cost: counts by hand, the pattern of a factor, the choice of what fits in memory; a factor of ten."""
 
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu import api
+from latin_fmu.api import run
 from latin_fmu.assembly.build import discretise
-from latin_fmu.assembly.cost import fitting, memory_needed
-from latin_fmu.assembly.prediction import predict
-from latin_fmu.assembly.run_cost import march, run_cost, set_up
-from latin_fmu.assembly.run_sizes import run_sizes
+from latin_fmu.assembly.propagator_choice import class_size, factor_bytes, fitting, operator_bytes
 from latin_fmu.compiled import COMPILES
+from latin_fmu.effects import cost, explain
+from latin_fmu.effects.cost import Prediction, march_counts, operator_counts, run_size, seconds
 from latin_fmu.memory import physical_memory
-from latin_fmu.propagator.cost import cost, factor_bytes, size_of
 from latin_fmu.propagator.registry import PropagatorSettings
-from latin_fmu.propagator.seconds import SECONDS
 from latin_fmu.results.summary import summary
 
 
@@ -46,99 +44,111 @@ def scene(elements: int, **solver: Any) -> latin_fmu.Scene:
 @pytest.mark.skipif(not COMPILES, reason="the factor of SciPy has another pattern")
 def test_the_factor_is_as_large_as_predicted() -> None:
     """Entries from the pattern, to the last one; the law of nested dissection within a factor of two."""
-    prepared = discretise(scene(8))
-    built = prepared.build()
-    for part, propagator in zip(prepared.classes, built.assembly.propagators, strict=True):
-        size = size_of(part.members[0], 1)
+    discretised = discretise(scene(8))
+    built = discretised.build()
+    for part, propagator in zip(discretised.classes, built.assembly.propagators, strict=True):
+        size = class_size(part.members[0], 1)
         factor: Any = propagator.operators
         dense = 16 * size.interface**2 + factor.factor.symbolic.rows.nbytes
-        assert 8 * size.factor_entries + dense == factor.factor.nbytes
-        assert 0.5 < factor_bytes(size.unknowns) / (8 * size.factor_entries) < 2.0
+        assert 8 * size.factor + dense == factor.factor.nbytes
+        assert 0.5 < factor_bytes(size.unknowns) / (8 * size.factor) < 2.0
 
 
 def test_what_is_larger_costs_more() -> None:
-    sizes = [size_of(discretise(scene(n)).classes[0].members[0], 1) for n in (3, 6, 9)]
+    runs = [run_size(discretise(scene(n))) for n in (3, 6, 9)]
     for kind in ("direct", "explicit", "reduced", "cg"):
-        costs = [cost(kind, size) for size in sizes]
-        for name in ("setup", "instant", "memory"):
-            values = [getattr(c, name) for c in costs]
-            assert values == sorted(values), (kind, name)
-    many = cost("direct", sizes[2].__class__(**{**vars(sizes[2]), "members": 8}))
-    assert cost("direct", sizes[2]).instant < many.instant < 8 * cost("direct", sizes[2]).instant
-    assert cost("direct", sizes[2], precision="float32").memory < cost("direct", sizes[2]).memory
+        settings = PropagatorSettings(kind)
+        own = [replace(r, propagator=settings) for r in runs]
+        for values in (
+            [seconds(operator_counts(r)) for r in own],
+            [seconds(march_counts(r)) for r in own],
+            [operator_bytes(r.classes[0].size, settings) for r in own],
+        ):
+            assert values == sorted(values), kind
+    size, half = runs[2].classes[0].size, PropagatorSettings("direct", precision="float32")
+    assert operator_bytes(size, half) < operator_bytes(size, PropagatorSettings("direct"))
 
 
-def test_operations_of_an_instant_are_counted() -> None:
+def test_members_marched_together_cost_less_than_alone() -> None:
+    run = run_size(discretise(scene(9)))
+    one = replace(run, classes=run.classes[:1])
+    many = replace(one, classes=(replace(one.classes[0], size=replace(one.classes[0].size, members=8)),))
+    assert seconds(march_counts(one)) < seconds(march_counts(many)) < 8 * seconds(march_counts(one))
+
+
+def counted(run: cost.RunSize) -> dict[str, float]:
+    """Operations of the march by name."""
+    return dict(zip(cost.OPERATIONS, map(float, march_counts(run)), strict=True))
+
+
+def test_operations_of_an_instant_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     """By hand, for two blocks with friction and factors of their own: both half solves, three sparse products, two
     products with the Schur inverse, one with the condensed operator per iteration and one for the mismatch."""
-    prepared = discretise(scene(4))
-    sizes = run_sizes(prepared)
-    counts, n = march(sizes), prepared.scene.time.n_step
-    parts = [size_of(c.members[0], 1) for c in prepared.classes]
+    monkeypatch.setattr(cost, "CACHE", 1e12)
+    discretised = discretise(scene(4))
+    run = run_size(discretised)
+    counts, n = counted(run), discretised.scene.time.n_step
+    parts = [class_size(c.members[0], 1) for c in discretised.classes]
     assert len(parts) == 2
-    assert counts["sweep"] == n * sum(2 * p.factor_entries for p in parts)
-    matrices = [c.members[0].reduced for c in prepared.classes]
+    matrices = [c.members[0].reduced for c in discretised.classes]
     assert counts["sparse"] == n * sum(k.nnz + m.nnz for m, _, k in matrices)
-    dense = sum(2 * p.interface**2 + (sizes.iterations + 1) * p.channels**2 for p in parts)
-    assert counts["dense"] == pytest.approx(n * dense)
-    assert counts["history"] == n * prepared.layout.n_flat
-    assert set_up(sizes)["cube"] == sum(p.interface**3 + 3 * p.channels**3 for p in parts)
-    found = {name for name, count in counts.items() if count}
-    assert not found & {"energy", "field", "stress", "probe_value", "call", "many_sweep"}
-    assert set(counts) | set(set_up(sizes)) <= set(SECONDS)
-    assert run_cost(sizes).total == pytest.approx(
-        sum(SECONDS[k] * v for part in (counts, set_up(sizes)) for k, v in part.items())
-    )
+    dense = sum(2 * p.interface**2 + (run.iterations + 1) * p.channels**2 for p in parts)
+    assert counts["entry"] == pytest.approx(n * (dense + sum(2 * p.factor for p in parts)))
+    flat = (run.iterations + 2) * discretised.layout.n_flat
+    assert counts["value"] == pytest.approx(n * (flat + sum(p.unknowns for p in parts)))
+    assert counts["flop"] == 0
+    assert operator_counts(run)[0] == sum(p.flops + p.interface**3 + 3 * p.channels**3 for p in parts)
 
 
 def test_what_is_kept_is_counted() -> None:
     tables = scene(4).tables()
+    plain = counted(run_size(discretise(latin_fmu.scene_from_dict(tables))))
     tables["output"] |= {"fields": True, "stress": True, "energy": True, "every": 3}
-    prepared = discretise(latin_fmu.scene_from_dict(tables))
-    counts, n = march(run_sizes(prepared)), prepared.scene.time.n_step
-    stored, bodies = n // 3 + 1, prepared.bodies.values()
-    matrices = [c.members[0].reduced for c in prepared.classes]
-    assert counts["energy"] == 2 * n
-    assert counts["energy_entry"] == n * sum(k.nnz + m.nnz for m, _, k in matrices)
-    assert counts["field"] == counts["stress"] == 2 * stored
-    assert counts["field_node"] == stored * sum(b.mesh.n_node for b in bodies)
-    assert counts["stress_cell"] == stored * sum(b.mesh.n_cell for b in bodies)
+    discretised = discretise(latin_fmu.scene_from_dict(tables))
+    counts, n = counted(run_size(discretised)), discretised.scene.time.n_step
+    stored, bodies = n // 3 + 1, discretised.bodies.values()
+    matrices = [c.members[0].reduced for c in discretised.classes]
+    nodes, cells = sum(b.mesh.n_node for b in bodies), sum(b.mesh.n_cell for b in bodies)
+    unknowns = sum(k.shape[0] for _, _, k in matrices)
+    assert counts["call"] - plain["call"] == pytest.approx(2 * 2 * stored)
+    assert counts["sparse"] - plain["sparse"] == n * sum(k.nnz + m.nnz for m, _, k in matrices) + stored * 144 * cells
+    assert counts["value"] - plain["value"] == pytest.approx(n * unknowns + stored * (6 * nodes + 30 * cells))
 
 
 def test_a_body_that_nothing_reaches_is_not_counted() -> None:
     tables = scene(4).tables()
-    moving = march(run_sizes(discretise(latin_fmu.scene_from_dict(tables))))
+    moving = counted(run_size(discretise(latin_fmu.scene_from_dict(tables))))
     tables["interface"] = {}
-    lone = march(run_sizes(discretise(latin_fmu.scene_from_dict(tables))))
-    assert 0.4 * moving["vector"] < lone["vector"] < 0.6 * moving["vector"]
+    lone = counted(run_size(discretise(latin_fmu.scene_from_dict(tables))))
+    assert 0.4 * moving["sparse"] < lone["sparse"] < 0.6 * moving["sparse"]
 
 
 def test_predicted_and_real_seconds_are_of_one_size() -> None:
     """A factor of ten on whatever machine the tests run, for direct and explicit marches of 2 x 2200 unknowns."""
     for propagator in ("direct", "explicit"):
-        prepared = discretise(scene(8, propagator=propagator))
-        prediction = predict(run_sizes(prepared))
-        assert prediction.kind == propagator
-        api.run(prepared.build())  # kernels
-        built = prepared.build()
+        discretised = discretise(scene(8, propagator=propagator))
+        prediction = Prediction(discretised)
+        assert prediction.run.propagator.kind == propagator
+        run(discretised.build())  # kernels
+        built = discretised.build()
         start = time.process_time()
-        api.run(built)
+        run(built)
         real = time.process_time() - start
         assert 0.1 * real < prediction.march < 10 * real, (propagator, prediction.march, real)
 
 
 def test_explicit_and_reduced_are_suggested_never_chosen() -> None:
-    prediction = predict(run_sizes(discretise(scene(14))))
-    assert prediction.kind == "direct"
-    assert [kind for kind, _, _ in prediction.cheaper()] == ["explicit", "reduced"]
-    assert all("another answer" in what and 0 < factor < 0.4 for _, what, factor in prediction.cheaper())
-    assert "direct propagator" in prediction.text()
+    explanation = explain(scene(14))
+    assert "direct" in explanation.choices["propagator"]
+    others = [s for s in explanation.suggestions if "another answer" in s.what]
+    assert [s.settings for s in others] == [("solver.propagator=explicit",), ("solver.propagator=reduced",)]
+    assert all(s.factor is not None and 0 < s.factor < 0.4 for s in others)
 
 
 def test_conjugate_gradients_where_factors_do_not_fit() -> None:
     classes = discretise(scene(6)).classes
     direct = PropagatorSettings("direct")
-    needed = memory_needed(classes, direct)
+    needed = sum(operator_bytes(class_size(c.members[0], len(c.members)), direct) for c in classes)
     assert fitting(classes, direct, 2 * needed).kind == "direct"
     assert fitting(classes, direct, 1.2 * needed).kind == "cg"  # 70 % of it may be taken
     assert fitting(classes, PropagatorSettings("explicit"), 1.0).kind == "explicit"
@@ -146,7 +156,7 @@ def test_conjugate_gradients_where_factors_do_not_fit() -> None:
 
 
 def test_the_choice_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("latin_fmu.assembly.cost.physical_memory", lambda: 1000)
+    monkeypatch.setattr("latin_fmu.assembly.propagator_choice.physical_memory", lambda: 1000)
     automatic, asked = latin_fmu.solve(scene(2)), latin_fmu.solve(scene(2, propagator="direct"))
     assert any("conjugate gradients" in w for w in automatic.warnings)
     assert not any("conjugate gradients" in w for w in asked.warnings)

@@ -1,0 +1,322 @@
+"""Predicted CPU time of a run, before anything is factorised.
+
+An instant reads the factors, the sparse matrices and the condensed operators of all substructures once or several
+times. The prediction counts their entries; five times per operation turn counts into seconds on one core of a
+common server. ``examples/cost_model.py`` compares prediction and measurement, and fits the constants
+(``--fit``). On another machine all of them change by about the same factor: shares and comparisons stay.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+
+from ..assembly.inactive_substructures import arrival_times, marched_share
+from ..assembly.problem import DiscretisedProblem
+from ..assembly.propagator_choice import ClassSize, chosen_propagators, class_size, operator_bytes
+from ..interface.behaviour import bonds
+from ..latin.assembly import Array, InterfaceUnit
+from ..propagator.registry import PropagatorSettings
+from ..scene.schema import Scene
+from ..scene.solver_settings import WHOLE
+
+OPERATIONS: Final = ("flop", "entry", "sparse", "value", "call")
+"""``flop`` : multiplications of a factorisation. ``entry`` : entries of factors and condensed operators that are read.
+``sparse`` : the same of sparse matrices. ``value`` : values of the vectors of an instant, all their operations
+together. ``call`` : calls of the Python driver."""
+
+
+def numbers(**given: float) -> Array:
+    """Counts of operations, or the CPU seconds of one of each, in the order of ``OPERATIONS``."""
+    return np.array([given.get(name, 0.0) for name in OPERATIONS])
+
+
+SECONDS: Final = numbers(flop=3.5e-11, entry=1.8e-10, sparse=4.8e-10, value=9.5e-9, call=1.3e-4)
+CACHE: Final = 8e6  # bytes of operators; the part that does not fit in the cache takes twice as long
+_TOGETHER = 0.5  # cost of one more member of a class over the cost of the first
+_PASSES = 0.65  # sweeps of the whole interval per iteration: instants before the first change are not marched again
+_SEQUENTIAL = 3.0  # sweeps of the whole interval after a sequential start
+_CALLS = 20.0  # of the Python driver that a run, and each class of substructures, takes once
+_CG_STEPS = 40  # iterations of conjugate gradients per solution, for steps near the wave transit of an element
+_LANCZOS = 60  # products with the stiffness for the stable step of an explicit propagator
+_STRESS = numbers(sparse=144.0, value=30.0)  # per cell of the stress recovery
+
+# LATIN iterations per window, measured on the shipped models and benchmarks; friction: per coupled interface
+FRICTION, PER_INTERFACE, MOST_COUPLED = 2.25, 0.27, 7
+CONTACT, BONDED, LAYERED, STATIC, LONG_WINDOW = 1.8, 4.0, 3.6, 7.0, 6.0
+
+
+@dataclass(frozen=True)
+class RunClass:
+    """A class of identical substructures in a run. size : of its operators. nodes, cells : of one member's mesh.
+    rigid : whether it cannot deform. marched : share of the instants at which it is marched."""
+
+    size: ClassSize
+    nodes: int
+    cells: int
+    rigid: bool
+    marched: float = 1.0
+
+    @property
+    def together(self) -> float:
+        """Cost of one instant of all members over that of one member."""
+        return self.marched * (1.0 + _TOGETHER * (self.size.members - 1))
+
+
+@dataclass(frozen=True)
+class RunSize:
+    """Sizes that determine the cost of a run.
+
+    Attributes
+    ----------
+    classes : of substructures. propagator : its settings. n_flat : interface unknowns, both sides.
+    n_instant : steps. window : instants per window. sequential : whether a longer window starts from a sequential pass.
+    iterations : LATIN iterations expected per window. static : no inertia. at_once : one linear solve per instant.
+    fields, stress, energy, every : stored quantities. unbalanced : accelerations at t = 0 have to be solved for.
+    increments : of a static start, 0 where there is none.
+    """
+
+    classes: tuple[RunClass, ...]
+    propagator: PropagatorSettings
+    n_flat: int
+    n_instant: int
+    window: int
+    sequential: bool
+    iterations: float
+    static: bool
+    at_once: bool
+    fields: bool
+    stress: bool
+    energy: bool
+    every: int
+    unbalanced: bool
+    increments: int
+
+    def scaled(self, **factors: float) -> RunSize:
+        """With sizes of every class (names of ``ClassSize``) multiplied by factors."""
+
+        def changed(c: RunClass) -> RunClass:
+            return replace(c, size=replace(c.size, **{k: round(f * getattr(c.size, k)) for k, f in factors.items()}))
+
+        return replace(self, classes=tuple(map(changed, self.classes)))
+
+
+def run_size(discretised: DiscretisedProblem) -> RunSize:
+    """Sizes of the run of a discretised problem."""
+    scene, units = discretised.scene, discretised.units
+    share, output, start = _marched(discretised), scene.output, scene.time.start
+    classes = []
+    for c in discretised.classes:
+        body = discretised.bodies[c.members[0].name]
+        marched = float(np.mean([share[m.name] for m in c.members]))
+        size = class_size(c.members[0], len(c.members))
+        classes.append(RunClass(size, body.mesh.n_node, body.mesh.n_cell, body.rigid, marched))
+    return RunSize(
+        classes=tuple(classes),
+        propagator=chosen_propagators(scene, discretised.classes)[0],
+        n_flat=discretised.layout.n_flat,
+        n_instant=scene.time.n_step,
+        window=scene.time.n_step if scene.solver.window == WHOLE else int(scene.solver.window),
+        sequential=scene.solver.window == WHOLE and scene.solver.start == "sequential",
+        iterations=expected_iterations(scene, units),
+        static=scene.time.quasi_static,
+        at_once=solved_at_once(scene, units),
+        fields=output.keeps_fields,
+        stress=output.stress,
+        energy=output.energy,
+        every=output.every,
+        unbalanced=_unbalanced(scene),
+        increments=start.increments if start.type == "static" else 0,
+    )
+
+
+def solved_at_once(scene: Scene, units: Sequence[InterfaceUnit]) -> bool:
+    """Whether every instant is one linear solve: perfect interfaces only, windows of one instant."""
+    solver = scene.solver
+    direct = solver.window == 1 and solver.bonds == "direct" and not scene.time.quasi_static
+    return direct and bool(units) and all(bonds(u.behaviour) for u in units)
+
+
+def expected_iterations(scene: Scene, units: Sequence[InterfaceUnit]) -> float:
+    """LATIN iterations of a window (one solve of perfect interfaces counts as one)."""
+    if not units:
+        return 0.0
+    if solved_at_once(scene, units):
+        return 1.0
+    if scene.time.quasi_static:
+        return STATIC
+    if scene.solver.window != 1:
+        return LONG_WINDOW
+    if any(not u.behaviour.opens for u in units):
+        return BONDED if any(bonds(u.behaviour) for u in units) else LAYERED
+    if any(u.behaviour.n_component > 1 for u in units):
+        return FRICTION + PER_INTERFACE * min(len(units), MOST_COUPLED)
+    return CONTACT
+
+
+def _marched(discretised: DiscretisedProblem) -> dict[str, float]:
+    """Share of the instants at which each substructure is marched: without a tolerance for substructures at rest an
+    implicit march leaves out only those that no wave reaches."""
+    scene, names = discretised.scene, discretised.bodies
+    if scene.time.quasi_static or scene.solver.skip_at_rest == "off":
+        return dict.fromkeys(names, 1.0)
+    arrival = arrival_times(scene, discretised.bodies, discretised.units, discretised.time)
+    if scene.solver.skip_at_rest == "tolerance":
+        return {name: marched_share(arrival[name], discretised.time) for name in names}
+    return {name: float(np.isfinite(arrival[name])) for name in names}
+
+
+def _unbalanced(scene: Scene) -> bool:
+    """Whether forces act at t = 0 without an equilibrium under them."""
+    if scene.time.quasi_static or scene.time.start.type == "static":
+        return False
+    if any(any(s.body_force) for s in scene.substructure.values()):
+        return True
+    return any(load.law.sample(np.zeros(1))[0] != 0.0 for load in scene.load.values())
+
+
+# -- counts -----------------------------------------------------------------------------------------------------------
+def operator_counts(run: RunSize) -> Array:
+    """Operations that make the operators of all classes from their matrices."""
+    kind, modes = "direct" if run.static else run.propagator.kind, run.propagator.modes
+    total = numbers(call=_CALLS * len(run.classes))
+    for size in (c.size for c in run.classes):
+        dense = size.flops + size.interface**3 + 3.0 * size.channels**3
+        if kind == "direct":
+            total += numbers(flop=dense)
+        elif kind == "explicit":
+            total += numbers(sparse=_LANCZOS * size.stiffness)
+        elif kind == "reduced":
+            total += numbers(flop=dense + size.flops + 6.0 * size.unknowns * size.basis(modes) ** 2)
+            total += numbers(entry=16.0 * size.factor * (size.channels + 5 * modes))
+        else:
+            total += _CG_STEPS * size.interface * numbers(sparse=size.sparse, value=0.5 * size.unknowns)
+    return total
+
+
+def march_counts(run: RunSize) -> Array:
+    """Operations of all instants, with the start and the stored quantities."""
+    sweeps = 1.0 if run.window == 1 else run.iterations + 1.0
+    if run.window >= run.n_instant > 1:
+        sweeps = _SEQUENTIAL if run.sequential else _PASSES * sweeps
+    total = sweeps * run.n_instant * _instant(run) + _stored(run) + numbers(call=_CALLS)
+    if run.at_once:
+        total += numbers(flop=float(run.n_flat) ** 3, entry=float(run.n_instant * run.n_flat**2))
+    if run.increments:
+        start = replace(run, static=True, window=1, iterations=STATIC)
+        total += run.increments * _instant(start) + operator_counts(start)
+    elif run.unbalanced:
+        total += numbers(flop=sum(c.size.flops for c in run.classes), call=_CALLS)
+    return total
+
+
+def _instant(run: RunSize) -> Array:
+    """One instant of all classes and interfaces (of one sweep, where a window has several)."""
+    iterations = run.iterations if run.window == 1 or run.static else 1.0
+    total = numbers(value=(iterations + 2.0) * run.n_flat)
+    held = 0.0
+    for c in run.classes:
+        one = _march(run, c.size, iterations)
+        held += float(one @ numbers(entry=4.0, sparse=12.0))  # bytes; factors are read twice
+        total += c.together * one
+    if run.static:
+        total += numbers(call=(iterations + 2.0) * len(run.classes))
+    beyond = max(0.0, 1.0 - CACHE / held) if held else 0.0
+    return total * (1.0 + numbers(entry=beyond))
+
+
+def _march(run: RunSize, size: ClassSize, iterations: float) -> Array:
+    """One instant of one substructure: half solves, sparse products, one condensed product per iteration."""
+    kind, n, condensed = run.propagator.kind, float(size.unknowns), (iterations + 1.0) * size.channels**2
+    factor = size.factor if run.propagator.precision == "float64" else 0.5 * size.factor
+    dense = 2.0 * size.interface**2 + condensed
+    if run.static:
+        return numbers(entry=2.0 * factor + dense)
+    if kind == "direct":
+        return numbers(entry=2.0 * factor + dense, sparse=size.sparse, value=n)
+    if kind == "explicit":
+        return numbers(sparse=size.stiffness + size.damping, value=n)
+    if kind == "reduced":
+        basis = float(size.basis(run.propagator.modes))
+        return numbers(entry=4.0 * size.channels * basis + condensed, value=basis)
+    steps = 6.0 * _CG_STEPS  # two solutions, converged three times as far as those of the set-up
+    return numbers(entry=dense, sparse=steps * size.sparse, value=0.5 * steps * n)
+
+
+def _stored(run: RunSize) -> Array:
+    """Energies at every instant, fields and stress at those that are stored."""
+    total, stored = numbers(), run.n_instant // run.every + 1.0
+    for c in run.classes:
+        if run.energy:
+            total += run.n_instant * c.together * numbers(sparse=c.size.sparse, value=c.size.unknowns)
+        if run.fields:
+            total += stored * numbers(value=6.0 * c.nodes * c.size.members, call=1.0)
+        if run.stress and not c.rigid:
+            total += stored * (c.cells * c.size.members * _STRESS + numbers(call=1.0))
+    return total
+
+
+# -- seconds ----------------------------------------------------------------------------------------------------------
+def seconds(counts: Array) -> float:
+    """CPU time of so many operations, s."""
+    return float(counts @ SECONDS)
+
+
+class Prediction:
+    """Predicted cost of a discretised problem: CPU seconds of its operators and of its march, memory in bytes."""
+
+    def __init__(self, discretised: DiscretisedProblem) -> None:
+        self.discretised, self.scene = discretised, discretised.scene
+        self.run = run_size(discretised)
+
+    @cached_property
+    def operators(self) -> float:
+        """Factorised and condensed operators, s."""
+        return seconds(operator_counts(self.run))
+
+    @cached_property
+    def march(self) -> float:
+        """All instants, stored quantities included, s."""
+        return seconds(march_counts(self.run))
+
+    @property
+    def memory(self) -> float:
+        """Operators and states, bytes."""
+        return sum(operator_bytes(c.size, self.run.propagator) for c in self.run.classes)
+
+    @property
+    def n_dof(self) -> int:
+        """Unknowns of all substructures."""
+        return sum(c.size.members * c.size.unknowns for c in self.run.classes)
+
+    @property
+    def instant(self) -> float:
+        """One instant, stored quantities included, s."""
+        return self.march / self.run.n_instant
+
+    def saved(self, without: RunSize) -> float:
+        """CPU seconds per instant that the run ``without`` something takes less."""
+        return max(0.0, self.march - seconds(march_counts(without))) / self.run.n_instant
+
+    def without(self, units: Sequence[InterfaceUnit]) -> RunSize:
+        """The run without some of its interfaces."""
+        rest = [u for u in self.discretised.units if u not in units]
+        gone = sum(2 * u.geometry.n_point * u.behaviour.n_component for u in units)
+        fewer = self._fewer(gone)
+        return replace(fewer, iterations=expected_iterations(self.scene, rest), at_once=self.run.at_once and bool(rest))
+
+    def without_friction(self, units: Sequence[InterfaceUnit]) -> RunSize:
+        """The run without the tangential unknowns of some of its interfaces."""
+        rest = [u for u in self.discretised.units if u not in units]
+        gone = sum(2 * u.geometry.n_point * (u.behaviour.n_component - 1) for u in units)
+        iterations = max(CONTACT, expected_iterations(self.scene, rest))
+        return replace(self._fewer(gone), iterations=min(iterations, self.run.iterations))
+
+    def _fewer(self, gone: int) -> RunSize:
+        """The run with ``gone`` interface unknowns less."""
+        share = 1.0 - gone / max(self.run.n_flat, 1)
+        return replace(self.run.scaled(channels=share, interface=share), n_flat=round(share * self.run.n_flat))

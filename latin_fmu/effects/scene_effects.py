@@ -1,0 +1,341 @@
+"""Effects of a scene: on or off, the keys that decide, and the unknowns, memory and CPU time of each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from ..interface.behaviour import bonds
+from ..latin.assembly import InterfaceUnit
+from ..scene.boundaries import Absorbing, PrescribedDisplacement, PrescribedVelocity
+from ..scene.fields import split_face
+from ..scene.time_settings import StaticStart
+from .cost import Prediction, numbers, seconds
+
+
+@dataclass(frozen=True)
+class Effect:
+    """An effect as it stands in one scene.
+
+    Attributes
+    ----------
+    name : of the effect. on : whether the scene calls for it.
+    why : keys of the scene that decide, e.g. ``interface.crush.friction_coefficient``; a key that is not written
+        stands for its default.
+    reason : the same in words. switch : what would turn it the other way.
+    kernels : functions that are called because of it. cost : predicted CPU seconds per instant.
+    unknowns : unknowns it adds (dofs of substructures, or interface unknowns), over all substructures or interfaces.
+    memory : bytes it holds during a run or leaves in the results.
+    """
+
+    name: str
+    on: bool
+    why: tuple[str, ...]
+    reason: str
+    switch: str
+    kernels: tuple[str, ...] = ()
+    cost: float = 0.0
+    unknowns: int = 0
+    memory: int = 0
+
+    def report(self, instant: float) -> dict[str, Any]:
+        """Plain data; ``instant``: predicted CPU time of one instant, s."""
+        return {
+            "name": self.name,
+            "on": self.on,
+            "why": list(self.why),
+            "reason": self.reason,
+            "switch": self.switch,
+            "unknowns": self.unknowns,
+            "kernels": list(self.kernels),
+            "memory_bytes": self.memory,
+            "share_of_time": round(self.cost / instant, 4) if instant > 0 else 0.0,
+        }
+
+
+def _off(name: str, why: Sequence[str], reason: str, switch: str) -> Effect:
+    return Effect(name, False, tuple(why), reason, switch)
+
+
+# -- inside substructures ---------------------------------------------------------------------------------------------
+def inertia(p: Prediction) -> Effect:
+    """Mass times acceleration."""
+    if p.run.static:
+        reason = "a sequence of equilibria is asked for"
+        return _off("inertia", ["time.quasi_static"], reason, "time.quasi_static = false")
+    reason = f"motion is integrated by the scheme {p.scene.time.scheme.type}"
+    switch = "time.quasi_static = true (loads slow against the waves)"
+    cost, memory = p.saved(p.run.scaled(mass=0.0)), 12 * sum(c.size.members * c.size.mass for c in p.run.classes)
+    return Effect("inertia", True, ("time.scheme",), reason, switch, ("mass product",), cost, memory=memory)
+
+
+def elasticity(p: Prediction) -> Effect:
+    """Deformable substructures."""
+    name, elastic = "elastic bodies", [n for n, b in p.discretised.bodies.items() if not b.rigid]
+    if not elastic:
+        every = "every substructure is rigid"
+        return _off(name, ["substructure.*.rigid"], every, "rigid = false on a substructure")
+    classes = [c for c in p.run.classes if not c.rigid]
+    reason = f"{len(elastic)} deformable substructure(s) in {len(classes)} class(es) of identical ones"
+    kernels = "factorisation", "half solves", "stiffness product"
+    return Effect(
+        name,
+        True,
+        tuple(f"substructure.{n}" for n in elastic),
+        reason,
+        "rigid = true on bodies that only move",
+        kernels,
+        p.saved(p.run.scaled(stiffness=0.0, factor=0.0)),
+        unknowns=sum(c.size.members * c.size.unknowns for c in classes),
+        memory=int(sum(8 * (c.size.factor + c.size.interface**2) + 12 * c.size.stiffness for c in classes)),
+    )
+
+
+def rigidity(p: Prediction) -> Effect:
+    """Undeformable substructures."""
+    name, rigid = "rigid bodies", [n for n, b in p.discretised.bodies.items() if b.rigid]
+    if not rigid:
+        return _off(name, ["substructure.*.rigid"], "no substructure is rigid", "rigid = true on a substructure")
+    why = tuple(f"substructure.{n}.rigid" for n in rigid)
+    reason = f"{len(rigid)} substructure(s) of six unknowns at most"
+    cost = p.saved(replace(p.run, classes=tuple(c for c in p.run.classes if not c.rigid)))
+    unknowns = sum(c.size.members * c.size.unknowns for c in p.run.classes if c.rigid)
+    return Effect(name, True, why, reason, "rigid = false", ("rigid march",), cost, unknowns)
+
+
+def damping(p: Prediction) -> Effect:
+    """Rayleigh damping."""
+    both = "rayleigh_mass", "rayleigh_stiffness"
+    used = {b.description.material for b in p.discretised.bodies.values()}
+    materials = {n: m for n, m in p.scene.material.items() if n in used}
+    keys = tuple(f"material.{n}.{key}" for n, m in materials.items() for key in both if getattr(m, key) > 0)
+    if not keys:
+        why = [f"material.*.{key}" for key in both]
+        return _off("damping", why, "no material has any", "rayleigh_mass or rayleigh_stiffness > 0")
+    reason, memory = (
+        f"{len(keys)} Rayleigh coefficient(s)",
+        12 * sum(c.size.members * c.size.damping for c in p.run.classes),
+    )
+    cost = p.saved(p.run.scaled(damping=0.0))
+    return Effect("damping", True, keys, reason, "set them to 0", ("damping product",), cost, memory=memory)
+
+
+def absorbing_ends(p: Prediction) -> Effect:
+    """Dashpots that let waves out."""
+    name, ends = "absorbing ends", {n: b for n, b in p.scene.boundary.items() if isinstance(b, Absorbing)}
+    if not ends:
+        return _off(name, ["boundary.*.type"], "no boundary absorbs", 'a boundary with type = "absorbing"')
+    faces = [split_face(b.face) for b in ends.values()]
+    nodes = sum(len(p.discretised.bodies[body].face(face).nodes) for body, face in faces)
+    why, cost = tuple(f"boundary.{n}" for n in ends), seconds(numbers(sparse=9.0 * nodes))
+    kernels = ("damping product",)
+    return Effect(
+        name, True, why, f"dashpots on {nodes} nodes", "remove the boundary", kernels, cost, memory=12 * 9 * nodes
+    )
+
+
+def body_force(p: Prediction) -> Effect:
+    """Force per volume; without it the accelerations at t = 0 need no solution."""
+    keys = [f"substructure.{n}.body_force" for n, s in p.scene.substructure.items() if any(s.body_force)]
+    effect = _driven(p, "body force", keys, "substructure.*.body_force", "a constant nodal force", "a body_force")
+    return replace(effect, cost=p.saved(replace(p.run, unbalanced=False))) if keys else effect
+
+
+def loads(p: Prediction) -> Effect:
+    """Surface loads."""
+    keys = [f"load.{n}" for n in p.scene.load]
+    return _driven(p, "surface loads", keys, "load", "nodal forces times their laws", "a [load.NAME]")
+
+
+def initial_motion(p: Prediction) -> Effect:
+    """Initial velocities, spins and displacements."""
+    kinds = "initial_velocity", "initial_spin", "initial_displacement"
+    keys = tuple(f"substructure.{n}.{k}" for n, s in p.scene.substructure.items() for k in kinds if any(getattr(s, k)))
+    if not keys:
+        switch = "initial_velocity, initial_spin or initial_displacement"
+        return _off("initial motion", ["substructure.*.initial_velocity"], "everything starts at rest", switch)
+    return Effect("initial motion", True, keys, "initial values that are not zero", "set them to zero")
+
+
+def static_start(p: Prediction) -> Effect:
+    """A static equilibrium before the motion."""
+    name, start, why = "static start", p.scene.time.start, ("time.start",)
+    if not isinstance(start, StaticStart):
+        switch = 'time.start = "static" (bolts, weight, dead loads first)'
+        return _off(name, why, "bodies start as given", switch)
+    reason = f"an equilibrium in {start.increments} increment(s) before the first instant"
+    cost, kernels = p.saved(replace(p.run, increments=0)), ("static factorisation", "static solution")
+    return Effect(name, True, why, reason, 'time.start = "given"', kernels, cost, memory=8 * p.n_dof)
+
+
+def prescribed_motion(p: Prediction) -> Effect:
+    """Faces moved from outside."""
+    kinds = PrescribedVelocity | PrescribedDisplacement
+    keys = [f"boundary.{n}" for n, b in p.scene.boundary.items() if isinstance(b, kinds)]
+    keys += [f"interface.{n}.ground_velocity" for n, i in p.scene.interface.items() if i.ground_velocity]
+    reason = "motions that follow the recursion of the time scheme"
+    switch = 'type = "velocity" or "displacement", ground_velocity'
+    return _driven(p, "prescribed motion", keys, "boundary.*.type", reason, switch)
+
+
+def _driven(p: Prediction, name: str, keys: Sequence[str], none: str, reason: str, switch: str) -> Effect:
+    if not keys:
+        return _off(name, [none], "the scene has none", switch)
+    return Effect(name, True, tuple(keys), reason, "remove it", ("forcing",), memory=8 * p.n_dof)
+
+
+# -- at interfaces ----------------------------------------------------------------------------------------------------
+def contact(p: Prediction) -> Effect:
+    """Interfaces that may open: their normal unknowns and the iteration on them."""
+    units = [u for u in p.discretised.units if u.behaviour.opens]
+    points = sum(u.geometry.n_point for u in units)
+    reason, switch = f"{points} points may open", ("an interface that may open", 'behaviour = "perfect" (no opening)')
+    kernel = "local stage, normal part"
+    return _interface(p, "unilateral contact", units, "behaviour", 2 * points, kernel, reason, switch)
+
+
+def friction(p: Prediction) -> Effect:
+    """Coulomb friction: the tangential unknowns of contacts."""
+    units = [u for u in p.discretised.units if u.behaviour.opens and u.behaviour.n_component > 1]
+    n = sum(4 * u.geometry.n_point for u in units)
+    reason = "tangential unknowns where mu > 0, or where nothing slips"
+    switch = "friction_coefficient > 0", "friction_coefficient = 0"
+    kernel = "local stage, cone projection"
+    return _interface(p, "friction", units, "friction_coefficient", n, kernel, reason, switch)
+
+
+def gap(p: Prediction) -> Effect:
+    """Contacts that are open at the start."""
+    units = [u for u in p.discretised.units if u.behaviour.opens and bool((u.geometry.gap > 0).any())]
+    if not units:
+        touches = "every contact touches at the start"
+        return _off("initial gap", ["interface.*.gap"], touches, "gap > 0, or meshes apart")
+    reason = f"open at the start, up to {max(float(u.geometry.gap.max()) for u in units):.4g} m"
+    return Effect("initial gap", True, tuple(f"interface.{u.name}.gap" for u in units), reason, "gap = 0")
+
+
+def bond(p: Prediction) -> Effect:
+    """Perfect connections."""
+    units = [u for u in p.discretised.units if bonds(u.behaviour)]
+    n = sum(6 * u.geometry.n_point for u in units)
+    switch, kernel = ('behaviour = "perfect"', "one mesh for both bodies"), "local stage, bonds"
+    return _interface(p, "perfect bond", units, "behaviour", n, kernel, "faces with one velocity", switch)
+
+
+def layers(p: Prediction) -> Effect:
+    """Elastic layers, soft contacts and viscous joints."""
+    units = [u for u in p.discretised.units if u.behaviour.compliant]
+    n = sum(2 * u.geometry.n_point * u.behaviour.n_component for u in units if not u.behaviour.opens)
+    reason = "tractions that follow the jump of displacement or velocity"
+    switch, kernel = ('behaviour = "elastic_layer", ...', 'behaviour = "perfect"'), "local stage, layers"
+    return _interface(p, "layers and joints", units, "behaviour", n, kernel, reason, switch)
+
+
+def preload(p: Prediction) -> Effect:
+    """Pressure at the start."""
+    units, kinds = [u for u in p.discretised.units if u.preload > 0], ("preload", "preload_force", "interference")
+    if not units:
+        switch = "preload, preload_force or interference > 0"
+        return _off("preload", ["interface.*.preload"], "no interface is pressed at the start", switch)
+    given = p.scene.interface
+    keys = tuple(f"interface.{u.name}.{k}" for u in units for k in kinds if getattr(given[u.name], k) > 0)
+    reason = f"up to {max(u.preload for u in units):.4g} Pa at the start"
+    return Effect("preload", True, keys, reason, "set it to 0", ("forcing",))
+
+
+def _interface(
+    p: Prediction,
+    name: str,
+    units: list[InterfaceUnit],
+    key: str,
+    n: int,
+    kernel: str,
+    reason: str,
+    switch: tuple[str, str],
+) -> Effect:
+    """An effect that adds ``n`` interface unknowns: its share of the iteration goes with them; ``switch``: on, off."""
+    if not units:
+        return _off(name, [f"interface.*.{key}"], "no interface asks for it", switch[0])
+    share = 1 - (1 - n / max(p.run.n_flat, 1)) ** 2
+    condensed = share * sum(24 * c.size.channels**2 for c in p.run.classes)
+    memory = int(8 * n * (2 * p.run.n_instant + 30) + condensed)
+    why = tuple(f"interface.{u.name}.{key}" for u in units)
+    return Effect(name, True, why, reason, switch[1], (kernel,), _cost(p, units, n), n, memory)
+
+
+def _cost(p: Prediction, units: list[InterfaceUnit], n: int) -> float:
+    """CPU seconds per instant of ``n`` unknowns of these interfaces; a contact with friction is split into the cost
+    of its tangential unknowns and the rest."""
+    if not n:
+        return 0.0
+    everything = sum(2 * u.geometry.n_point * u.behaviour.n_component for u in units)
+    whole = p.saved(p.without(units))
+    if n == everything:
+        return whole
+    rubbing = p.saved(p.without_friction([u for u in units if u.behaviour.n_component > 1]))
+    tangential = sum(2 * u.geometry.n_point * (u.behaviour.n_component - 1) for u in units)
+    return rubbing if n == tangential else max(0.0, whole - rubbing)
+
+
+# -- stored quantities ------------------------------------------------------------------------------------------------
+def fields(p: Prediction) -> Effect:
+    """Displacement and velocity histories of the nodes."""
+    name, output = "interior history", p.scene.output
+    keys = [f"output.{key}" for key in ("fields", "strain", "nodal_stress") if getattr(output, key)]
+    if not keys:
+        return _off(name, ["output.fields"], "not asked for", "output.fields = true")
+    nodes, stored = sum(c.size.members * c.nodes for c in p.run.classes), _stored(p)
+    reason = f"displacements and velocities of {nodes} nodes at {stored} instants"
+    switch, cost = ", ".join(f"{key} = false" for key in keys), p.saved(replace(p.run, fields=False))
+    why, kernels = (*keys, "output.every"), ("field storage",)
+    return Effect(name, True, why, reason, switch, kernels, cost, memory=48 * nodes * stored)
+
+
+def stress(p: Prediction) -> Effect:
+    """Mean stress of the elements."""
+    if not p.scene.output.stress:
+        return _off("stress", ["output.stress"], "not asked for", "output.stress = true")
+    cells, stored = sum(c.size.members * c.cells for c in p.run.classes if not c.rigid), _stored(p)
+    why, reason = ("output.stress", "output.every"), f"{cells} elements at {stored} instants"
+    cost, memory = p.saved(replace(p.run, stress=False)), 48 * cells * stored
+    return Effect("stress", True, why, reason, "output.stress = false", ("stress recovery",), cost, memory=memory)
+
+
+def energy(p: Prediction) -> Effect:
+    """Energy balance."""
+    name, why = "energy balance", ("output.energy",)
+    if not p.scene.output.energy:
+        return _off(name, why, "not asked for", "output.energy = true")
+    reason, cost = "every term from the fields of every instant", p.saved(replace(p.run, energy=False))
+    memory = 8 * (p.run.n_instant + 1) * 7 * (1 + sum(c.size.members for c in p.run.classes))
+    return Effect(name, True, why, reason, "output.energy = false", ("energy meter",), cost, memory=memory)
+
+
+def _stored(p: Prediction) -> int:
+    """Number of instants at which fields are kept."""
+    return p.run.n_instant // p.run.every + 1
+
+
+EFFECTS: tuple[Callable[[Prediction], Effect], ...] = (
+    inertia,
+    elasticity,
+    rigidity,
+    damping,
+    absorbing_ends,
+    body_force,
+    loads,
+    initial_motion,
+    static_start,
+    prescribed_motion,
+    contact,
+    friction,
+    gap,
+    bond,
+    layers,
+    preload,
+    fields,
+    stress,
+    energy,
+)
+"""All effects, in the order of the report. A new one is one function and one line here."""
