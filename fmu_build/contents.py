@@ -22,7 +22,7 @@ Files = dict[str, bytes]
 
 _ADAPTERS = ("__init__.py", "adapter.py")
 _EXPORTERS = {"2": "pythonfmu", "3": "pythonfmu3"}
-_LEFT_OUT = ("cli.py", "__main__.py", "commands", "accuracy", "stability", "aot")  # nothing an FMU runs
+_LEFT_OUT = ("cli.py", "__main__.py", "commands", "stability", "aot")  # nothing an FMU runs
 _BARE_INIT = '"""The solver inside an FMU; nothing is imported before it is needed."""\n\n__version__ = "{}"\n'
 
 

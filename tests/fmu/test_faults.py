@@ -87,6 +87,22 @@ def test_results_file(opened, fmi, tmp_path):
     tree.close()
 
 
+def test_estimated_errors_in_the_results_file(opened, fmi, tmp_path):
+    from latin_fmu import open_results
+
+    file = tmp_path / "out.nc"
+    host = opened(fmi)
+    host.set(resultsFile=str(file), estimateError=1, load__press__value=1.0)
+    host.start()
+    for i in range(8):
+        assert host.step(i * H, H)
+    host.fmu.terminate()
+    assert not host.messages
+    tree = open_results(file)
+    assert "crush.impulse" in tree["accuracy"]["quantity"].values
+    tree.close()
+
+
 def test_settings_out_of_range(opened, fmi):
     host = opened(fmi)
     host.set(mode=5, timeStep=-1.0)
