@@ -6,9 +6,9 @@ import json
 
 import pytest
 
+from latin_fmu import stability
 from latin_fmu.cli import main
-from latin_fmu.stability import CASES, Case, Measure, run_case, suite
-from latin_fmu.stability import schemes as scheme_table
+from latin_fmu.stability import CASES, Case, Measure, report, run_case
 
 KEYS = {"case", "asked", "measured", "passed", "iterations", "fallbacks", "seconds"}
 
@@ -19,7 +19,7 @@ def few(monkeypatch):
     names = ("bars that overlap", "at rest in touch, no load", "bars, gap 0.001 L")
     chosen = tuple(c for c in CASES if c.name in names)
     assert len(chosen) == 3
-    monkeypatch.setattr(suite, "CASES", chosen)
+    monkeypatch.setattr(stability, "CASES", chosen)
     return chosen
 
 
@@ -32,8 +32,8 @@ def test_json_is_one_list_of_rows(few, capsys):
 
 
 def test_report_and_figure(few, tmp_path, monkeypatch, capsys):
-    first = dict([next(iter(scheme_table.SCHEMES.items()))])
-    monkeypatch.setattr(scheme_table, "SCHEMES", first)
+    first = dict([next(iter(report.SCHEMES.items()))])
+    monkeypatch.setattr(report, "SCHEMES", first)
     target = tmp_path / "stability.md"
     assert main(["stress", "--quick", "-o", str(target)]) == 0
     text = target.read_text(encoding="utf-8")
@@ -56,7 +56,7 @@ def test_a_case_that_fails_is_told(monkeypatch, capsys):
         Case("no number", "x", "small", lambda _: [Measure("off by", float("nan"), 1.0)]),
         Case("stops", "x", "runs", broken),
     )
-    monkeypatch.setattr(suite, "CASES", bad)
+    monkeypatch.setattr(stability, "CASES", bad)
     assert main(["stress", "--json"]) == 1
     rows = json.loads(capsys.readouterr().out)
     assert [row["passed"] for row in rows] == [False] * 3
@@ -76,5 +76,5 @@ def test_a_margin_of_one_is_the_limit():
 
 
 def test_quick_is_a_part_of_all():
-    assert set(suite.cases(quick=True)) < set(suite.cases())
-    assert len(suite.cases(quick=True)) > 100
+    assert set(stability.cases(quick=True)) < set(stability.cases())
+    assert len(stability.cases(quick=True)) > 100

@@ -12,7 +12,7 @@ from . import CONVERGED, NOT_CONVERGED, AddParser, add_settings, declare
 
 if TYPE_CHECKING:
     from ..accuracy.study import Study
-    from ..stability.case import Row
+    from ..stability import Row
 
 _COST_EXAMPLES = """\
 examples:
@@ -138,9 +138,8 @@ def _write_studies(studies: list[Study], folder: Path) -> None:
 
 def _stress(arguments: argparse.Namespace) -> int:
     from ..results.files import check_target
+    from ..stability import cases, run_suite
     from ..stability.report import as_json, verdict
-    from ..stability.runner import run_suite
-    from ..stability.suite import cases
 
     if arguments.output is not None:
         check_target(arguments.output)  # before the long part
@@ -159,9 +158,7 @@ def _tell_row(row: Row) -> None:
 def _write_rows(rows: list[Row], target: Path, quick: bool) -> None:
     """Report and figure, each complete or not at all."""
     from ..results.files import written_whole
-    from ..stability.figure import stability_figure
-    from ..stability.report import as_markdown
-    from ..stability.schemes import compare_schemes
+    from ..stability.report import as_markdown, compare_schemes, stability_figure
 
     picture = target.with_suffix(".png")
     with written_whole(picture) as draft:

@@ -1,13 +1,29 @@
 """The stability suite: hard cases as data, run and reported by ``latin-fmu stress``.
 
-``case`` what a case is, ``scenes`` the descriptions they are made of, one file per family of cases, ``suite`` the
-list of all of them, ``runner`` runs it, ``report`` and ``figure`` tell the outcome.
+``case`` what a case is and how it runs, ``scenes`` the descriptions they are made of, one file per family of cases,
+``report`` tells the outcome.
 """
 
 from __future__ import annotations
 
-from .case import Bench, Case, Measure, Row
-from .runner import run_case, run_suite
-from .suite import CASES, cases
+from . import contrast, friction, impact, settings
+from .case import Bench, Case, Measure, Row, run_case, run_suite
+
+CASES: tuple[Case, ...] = (
+    *contrast.contrast_cases(),
+    *impact.gap_cases(),
+    *friction.cases(),
+    *contrast.shape_cases(),
+    *settings.setting_cases(),
+    *impact.long_cases(),
+    *settings.bad_input_cases(),
+)
+"""All hard cases, in the order of the report."""
+
+
+def cases(quick: bool = False) -> tuple[Case, ...]:
+    """All cases, or the quick ones (under a minute together)."""
+    return tuple(case for case in CASES if case.quick or not quick)
+
 
 __all__ = ["CASES", "Bench", "Case", "Measure", "Row", "cases", "run_case", "run_suite"]

@@ -1,14 +1,20 @@
-"""What a hard case is: a promise, and numbers that must stay below limits."""
+"""What a hard case is and how it runs: a promise, numbers that must stay below limits, and the laws of every run."""
 
 from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Callable, Sequence
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Any
 
+import numpy as np
+
 from ..api import solve
+from ..errors import LatinError
+from ..latin.record import Array
 from ..results.solution import Solution
 from ..scene.reader import scene_from_dict
 
@@ -100,3 +106,150 @@ class Row:
     mean_iterations: float
     fallbacks: int
     seconds: float
+
+
+def run_case(case: Case) -> Row:
+    """Row of one case. A case whose run fails is a failed row, with what it said as its measure."""
+    start = time.perf_counter()
+    bench = Bench()
+    measures: list[Measure] = []
+    said = ""
+    try:
+        measures = list(case.check(bench))
+    except (ArithmeticError, LatinError, ValueError) as error:
+        said = f"{type(error).__name__}: {error}"
+    limits = "; ".join(f"{m.what} <= {m.limit:.3g}" for m in measures)
+    counts = bench.iterations
+    return Row(
+        case=case.name,
+        family=case.family,
+        asked=f"{case.promise}: {limits}" if limits else case.promise,
+        measured=said or "; ".join(f"{m.value:.3g}" for m in measures),
+        passed=bool(measures) and all(m.passed for m in measures),
+        margin=max((m.margin for m in measures), default=math.inf),
+        iterations=max(counts, default=0),
+        mean_iterations=sum(counts) / len(counts) if counts else 0.0,
+        fallbacks=bench.fallbacks,
+        seconds=time.perf_counter() - start,
+    )
+
+
+def run_suite(cases: Iterable[Case], tell: Callable[[Row], None] | None = None) -> list[Row]:
+    """Rows of all cases, in their order; ``tell`` hears each as it is done."""
+    rows = []
+    for case in cases:
+        rows.append(run_case(case))
+        if tell is not None:
+            tell(rows[-1])
+    return rows
+
+
+TIGHT: Mapping[str, Any] = MappingProxyType({"tolerance": 1e-9, "max_iterations": 3000})
+"""Solver settings of a run to round-off: the same discrete problem, whatever the search direction."""
+
+
+def pressure_force(solution: Solution, interface: str = "meet") -> Array:
+    """Compressive normal resultant, (n_time,)."""
+    return solution.interfaces[interface].normal_resultant()
+
+
+def distance(found: Array, wanted: Array) -> float:
+    """Largest difference over the largest wanted value."""
+    largest = float(np.abs(wanted).max())
+    apart = float(np.abs(found - wanted).max())
+    return apart / largest if largest > 0 else apart
+
+
+def impulse(solution: Solution, interface: str = "meet") -> float:
+    """Time integral of the compressive resultant (end-of-step forces: the force acts over the step it ends)."""
+    force = pressure_force(solution, interface)
+    return float(np.trapezoid(force, solution.time))
+
+
+def mean_iterations(solution: Solution) -> float:
+    """LATIN iterations per window."""
+    return float(np.mean([window.iterations for window in solution.windows]))
+
+
+def turns(force: Array, level: float) -> int:
+    """How often a force turns back by more than ``level``."""
+    count, peak, rising = 0, float(force[0]), True
+    for value in map(float, force[1:]):
+        if (value - peak) * (1 if rising else -1) > 0:
+            peak = value
+        elif abs(value - peak) > level:
+            count, rising, peak = count + 1, not rising, value
+    return count
+
+
+def openings(force: Array, level: float) -> int:
+    """How often a force falls to zero after it has exceeded ``level``."""
+    state, count = False, 0
+    for value in force:
+        if not state and value > level:
+            state = True
+        elif state and value <= 0.0:
+            state, count = False, count + 1
+    return count
+
+
+def laws(solution: Solution, round_off: float = 1e-9) -> list[Measure]:
+    """What every run must obey: no tension, Coulomb's cone, energy balance to ``round_off``, no energy gained."""
+    return [*contact_laws(solution), *energy_laws(solution, round_off)]
+
+
+def contact_laws(solution: Solution) -> list[Measure]:
+    """No tension and Coulomb's cone at every point and instant, relative to the largest traction."""
+    tension = cone = 0.0
+    for history in solution.interfaces.values():
+        if history.behaviour != "contact":
+            continue
+        size = float(np.abs(history.traction).max()) or 1.0
+        normal = np.einsum("tpc,pc->tp", history.traction, history.normals)
+        shear = np.linalg.norm(history.traction - normal[..., None] * history.normals, axis=2)
+        tension = max(tension, float(normal.max()) / size)
+        excess = shear - (history.friction_coefficient or 0.0) * np.maximum(-normal, 0.0)
+        cone = max(cone, float(excess.max()) / size)
+    return [Measure("tension", tension, 1e-12), Measure("friction outside the cone", cone, 1e-9)]
+
+
+def energy_laws(solution: Solution, round_off: float = 1e-9) -> list[Measure]:
+    """Discrete balance (relative to the largest energy), and energy gained.
+
+    Gained: stored energy minus work of loads above its start, at any instant; under loads at the end only (HHT
+    weights the loads of three instants, so that its work is counted up to a step late), where interfaces may have
+    passed on half of the force tolerance (1e-2) too much; iterated far the gain is negative.
+    """
+    energy = solution.energy
+    if energy is None:
+        return []
+    stored = energy["kinetic"] + energy["elastic"]
+    scale = max(float(stored.max()), float(np.abs(energy["work_of_loads"]).max())) or 1.0
+    excess = stored - energy["work_of_loads"]
+    loaded = bool(energy["work_of_loads"].any())
+    growth = float(excess[-1] - excess[0] if loaded else (excess - excess[0]).max()) / scale
+    return [
+        Measure("energy balance", float(np.abs(energy["balance"]).max()) / scale, round_off),
+        Measure("energy gained", growth, 5e-3 if loaded else 1e-6),
+    ]
+
+
+def penetration_bound(solution: Solution) -> float:
+    """Largest penetration over its bound.
+
+    Bound: half a step times the range of the opening velocity (an impact is met at the end of a step, and nothing
+    pushes a penetrated point out), plus what the tolerance lets pass: in each step anew the velocities of both
+    sides agree to the force tolerance (1e-2) of their sum, at most twice the largest in the assembly.
+    """
+    worst, step, span = 0.0, float(solution.time[1]), float(solution.time[-1])
+    fastest = max(float(np.abs(history.velocity).max()) for history in solution.interfaces.values())
+    for history in solution.interfaces.values():
+        if history.gap is None:
+            continue
+        relative = history.velocity[:, 1] - history.velocity[:, 0]
+        opening = np.einsum("tpc,pc->tp", relative, history.normals)
+        change = float(np.ptp(opening, axis=0).max())
+        bound = 0.5 * step * change + 2e-2 * span * fastest
+        if bound > 0:
+            worst = max(worst, history.penetration() / bound)
+    return worst

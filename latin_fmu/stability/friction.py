@@ -8,8 +8,7 @@ from math import cos, degrees, radians, sin
 
 import numpy as np
 
-from .case import Bench, Case, Description, Measure
-from .measures import TIGHT, contact_laws, distance, energy_laws, impulse, laws
+from .case import TIGHT, Bench, Case, Description, Measure, contact_laws, distance, energy_laws, impulse, laws
 from .scenes import Box, Stuff, cornered, press, two_boxes
 
 STICK = 1

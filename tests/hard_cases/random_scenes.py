@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 import latin_fmu
-from latin_fmu.stability.measures import contact_laws, penetration_bound
+from latin_fmu.stability.case import contact_laws, penetration_bound
 
 SECONDS = 20.0  # of one scene; the smallest machine needs less than one
 SCHEMES = (

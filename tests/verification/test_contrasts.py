@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import latin_fmu
+from latin_fmu.stability.case import pressure_force
 from latin_fmu.stability.contrast import bars, blocks
-from latin_fmu.stability.measures import pressure_force
 
 from .oracles.bars import Bar
 from .oracles.cases import colliding_bars
