@@ -1,7 +1,7 @@
 """The stability suite: hard cases as data, run and reported by ``latin-fmu stress``.
 
 ``case`` what a case is and how it runs, ``scenes`` the descriptions they are made of, one file per family of cases,
-``report`` tells the outcome.
+``report`` the table and figure of the outcome.
 """
 
 from __future__ import annotations

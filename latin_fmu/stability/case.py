@@ -7,6 +7,7 @@ import math
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from types import MappingProxyType
 from typing import Any
 
@@ -17,9 +18,7 @@ from ..errors import LatinError
 from ..latin.record import Array
 from ..results.solution import Solution
 from ..scene.reader import scene_from_dict
-
-Description = dict[str, Any]
-"""A scene as nested tables, as a scene file holds them."""
+from .scenes import Description
 
 
 @dataclass(frozen=True)
@@ -88,6 +87,13 @@ class Case:
     quick: bool = True
 
 
+def make_case(
+    family: str, name: str, promise: str, check: Callable[..., Any], *arguments: Any, quick: bool = True
+) -> Case:
+    """A case that calls ``check`` with ``arguments`` and a bench."""
+    return Case(name, family, promise, partial(check, *arguments), quick)
+
+
 @dataclass(frozen=True)
 class Row:
     """Outcome of one case.
@@ -109,22 +115,22 @@ class Row:
 
 
 def run_case(case: Case) -> Row:
-    """Row of one case. A case whose run fails is a failed row, with what it said as its measure."""
+    """Row of one case. A case whose run fails is a failed row, with the message of the error as its measure."""
     start = time.perf_counter()
     bench = Bench()
     measures: list[Measure] = []
-    said = ""
+    failure = ""
     try:
         measures = list(case.check(bench))
     except (ArithmeticError, LatinError, ValueError) as error:
-        said = f"{type(error).__name__}: {error}"
+        failure = f"{type(error).__name__}: {error}"
     limits = "; ".join(f"{m.what} <= {m.limit:.3g}" for m in measures)
     counts = bench.iterations
     return Row(
         case=case.name,
         family=case.family,
         asked=f"{case.promise}: {limits}" if limits else case.promise,
-        measured=said or "; ".join(f"{m.value:.3g}" for m in measures),
+        measured=failure or "; ".join(f"{m.value:.3g}" for m in measures),
         passed=bool(measures) and all(m.passed for m in measures),
         margin=max((m.margin for m in measures), default=math.inf),
         iterations=max(counts, default=0),
@@ -134,13 +140,13 @@ def run_case(case: Case) -> Row:
     )
 
 
-def run_suite(cases: Iterable[Case], tell: Callable[[Row], None] | None = None) -> list[Row]:
-    """Rows of all cases, in their order; ``tell`` hears each as it is done."""
+def run_suite(cases: Iterable[Case], report: Callable[[Row], None] | None = None) -> list[Row]:
+    """Rows of all cases, in their order; ``report`` is called with each."""
     rows = []
     for case in cases:
         rows.append(run_case(case))
-        if tell is not None:
-            tell(rows[-1])
+        if report is not None:
+            report(rows[-1])
     return rows
 
 
@@ -153,10 +159,16 @@ def pressure_force(solution: Solution, interface: str = "meet") -> Array:
     return solution.interfaces[interface].normal_resultant()
 
 
-def distance(found: Array, wanted: Array) -> float:
-    """Largest difference over the largest wanted value."""
-    largest = float(np.abs(wanted).max())
-    apart = float(np.abs(found - wanted).max())
+def energies(solution: Solution) -> dict[str, Array]:
+    """Terms of the energy balance, (n_time,) each, of a scene that asks for it."""
+    assert solution.energy is not None
+    return solution.energy
+
+
+def distance(computed: Array, reference: Array) -> float:
+    """Largest difference over the largest reference value."""
+    largest = float(np.abs(reference).max())
+    apart = float(np.abs(computed - reference).max())
     return apart / largest if largest > 0 else apart
 
 

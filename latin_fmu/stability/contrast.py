@@ -12,58 +12,45 @@ from .case import (
     TIGHT,
     Bench,
     Case,
-    Description,
     Measure,
     distance,
     energy_laws,
     impulse,
     laws,
+    make_case,
     mean_iterations,
     pressure_force,
 )
-from .scenes import UNIT, Box, Stuff, bar, press, stack, two_boxes
+from .scenes import UNIT, Box, Description, Material, bar, column, press, stack, two_boxes
 
 RATIOS = (1.0, 10.0, 1e2, 1e4, 1e6)
 
 
 def contrast_cases() -> Iterator[Case]:
     """Contrasts of stiffness and density for bars and blocks, of length, and a side the mesh does not resolve."""
-    for what in ("E", "rho"):
-        for ratio in RATIOS:
-            yield Case(
-                f"bars, {what} ratio {ratio:g}",
-                "contrast",
-                "stress Z1 Z2 v/(Z1+Z2), cost of contrast 1",
-                partial(_bars, what, ratio),
-            )
+    case = partial(make_case, "contrast")
+    kinds = [(what, ratio) for what in ("E", "rho") for ratio in RATIOS]
+    for what, ratio in kinds:
+        yield case(f"bars, {what} ratio {ratio:g}", "stress Z1 Z2 v/(Z1+Z2), cost of contrast 1", _bars, what, ratio)
+    promise = "force of the same discrete problem at round-off, cost of contrast 1"
     for friction in (0.0, 0.3):
-        for what in ("E", "rho"):
-            for ratio in RATIOS:
-                yield Case(
-                    f"blocks, {what} ratio {ratio:g}, mu {friction:g}",
-                    "contrast",
-                    "force of the same discrete problem at round-off, cost of contrast 1",
-                    partial(_blocks, what, ratio, friction),
-                )
+        for what, ratio in kinds:
+            name = f"blocks, {what} ratio {ratio:g}, mu {friction:g}"
+            yield case(name, promise, _blocks, what, ratio, friction)
     for ratio in (1.0, 10.0, 100.0):
-        yield Case(
-            f"bars, length ratio 1:{ratio:g}",
-            "contrast",
-            "the short bar stops: impulse rho L v",
-            partial(_lengths, ratio),
-            quick=ratio < 100,
-        )
-    yield Case("blocks, soft side not resolved", "contrast", "converged is not accurate: warned", _unresolved)
+        name = f"bars, length ratio 1:{ratio:g}"
+        yield case(name, "the short bar stops: impulse rho L v", _lengths, ratio, quick=ratio < 100)
+    yield case("blocks, soft side not resolved", "converged is not accurate: warned", _unresolved)
 
 
-def _stuffs(what: str, ratio: float, poisson: float = 0.0) -> tuple[Stuff, Stuff]:
-    hard = Stuff(ratio, 1.0, poisson) if what == "E" else Stuff(1.0, ratio, poisson)
-    return Stuff(1.0, 1.0, poisson), hard
+def _materials(what: str, ratio: float, poisson: float = 0.0) -> tuple[Material, Material]:
+    hard = Material(ratio, 1.0, poisson) if what == "E" else Material(1.0, ratio, poisson)
+    return Material(1.0, 1.0, poisson), hard
 
 
 def bars(what: str, ratio: float, elements: int = 30) -> tuple[Description, float]:
     """Two bars of equal transit, the first thrown on the second; the scene and the exact contact stress."""
-    soft, hard = _stuffs(what, ratio)
+    soft, hard = _materials(what, ratio)
     low, up = bar(soft, 1.0, elements, 1.0), bar(hard, hard.speed, elements)
     exact = soft.impedance * hard.impedance / (soft.impedance + hard.impedance)
     return two_boxes(low, up, 1.0 / elements, int(1.8 * elements)), exact
@@ -87,7 +74,7 @@ def _bars(what: str, ratio: float, bench: Bench) -> list[Measure]:
 
 def blocks(what: str, ratio: float, friction: float, **solver: Any) -> Description:
     """Two cubes of 3 x 3 x 3 elements, one thrown askew on the other; the step follows the faster wave."""
-    soft, hard = _stuffs(what, ratio, 0.3)
+    soft, hard = _materials(what, ratio, 0.3)
     step = 1.0 / 3.0 / max(soft.pressure_speed, hard.pressure_speed)
     return two_boxes(Box(soft, velocity=(0.3, 0.0, 1.0)), Box(hard), step, 40, friction, **solver)
 
@@ -96,18 +83,18 @@ def _blocks(what: str, ratio: float, friction: float, bench: Bench) -> list[Meas
     solution = bench.converged(blocks(what, ratio, friction))
     exact = bench.converged(blocks(what, ratio, friction, **TIGHT), counted=False)
     even = bench.converged(blocks(what, 1.0, friction), counted=False)
-    found, wanted = (s.interfaces["meet"].force() for s in (solution, exact))
+    force, reference = (s.interfaces["meet"].force() for s in (solution, exact))
     return [
-        Measure("force off by", distance(found, wanted), 1e-2),
+        Measure("force off by", distance(force, reference), 1e-2),
         Measure("passes over contrast 1", solution.passes / even.passes, 3.0),
         *laws(solution),
     ]
 
 
 def _lengths(ratio: float, bench: Bench) -> list[Measure]:
-    stuff, elements = Stuff(), 20
-    short = bar(stuff, 1.0 / ratio, elements, 1.0)
-    long = bar(stuff, 1.0, round(4 * ratio) if ratio > 10 else elements * round(ratio))
+    material, elements = Material(), 20
+    short = bar(material, 1.0 / ratio, elements, 1.0)
+    long = bar(material, 1.0, round(4 * ratio) if ratio > 10 else elements * round(ratio))
     step = 1.0 / ratio / elements
     solution = bench.converged(two_boxes(short, long, step, 3 * elements))
     left = pressure_force(solution)[int(2.5 * elements) :]
@@ -124,73 +111,45 @@ def _unresolved(bench: Bench) -> list[Measure]:
 
 
 def shape_cases() -> Iterator[Case]:
-    """See the module docstring."""
+    """Slivers, near incompressibility, symmetry, redundant and shared interfaces, floating bodies, stacks."""
+    case = partial(make_case, "shape")
+    promise = "force of the same discrete problem at round-off"
     for aspect in (10.0, 100.0, 1000.0):
         for shape in ("thin", "long", "flat"):
-            yield Case(
-                f"{shape} elements, aspect {aspect:g}",
-                "shape",
-                "force of the same discrete problem at round-off",
-                partial(_sliver, shape, aspect),
-            )
+            yield case(f"{shape} elements, aspect {aspect:g}", promise, _sliver, shape, aspect)
     for poisson in (-0.9, 0.45, 0.49, 0.499, 0.4999):
-        yield Case(
-            f"Poisson's ratio {poisson:g}",
-            "shape",
-            "force of the problem at round-off; locking warned",
-            partial(_poisson, poisson),
-        )
-    for friction in (0.0, 0.1, 0.3, 1.0, 10.0):
-        yield Case(
-            f"planes of symmetry across the interface, mu {friction:g}",
-            "shape",
-            "quarter model = full model",
-            partial(_symmetry, friction),
-        )
-    for friction in (0.0, 0.3):
-        yield Case(
-            f"interface declared twice, mu {friction:g}",
-            "shape",
-            "total force that of one interface",
-            partial(_twice, friction),
-        )
-        yield Case(
-            f"eight blocks around a point, mu {friction:g}",
-            "shape",
-            "corner nodes of three interfaces, floating blocks: laws kept, symmetry kept",
-            partial(_eight, friction),
-        )
-    yield Case("smallest interface: one element face", "shape", "stress of a wider bar", _smallest)
-    yield Case(
-        "stack of 16 blocks, gap 0",
-        "shape",
-        "converged, no flipping, separation of a tight run",
-        partial(_stack, 16),
-        quick=False,
-    )
-    yield Case(
-        "stack of 4 blocks, gap 0", "shape", "converged, no flipping, separation of a tight run", partial(_stack, 4)
-    )
+        promise = "force of the problem at round-off; locking warned"
+        yield case(f"Poisson's ratio {poisson:g}", promise, _poisson, poisson)
+    for mu in (0.0, 0.1, 0.3, 1.0, 10.0):
+        yield case(f"planes of symmetry across the interface, mu {mu:g}", "quarter model = full model", _symmetry, mu)
+    for mu in (0.0, 0.3):
+        yield case(f"interface declared twice, mu {mu:g}", "total force that of one interface", _twice, mu)
+        promise = "corner nodes of three interfaces, floating blocks: laws kept, symmetry kept"
+        yield case(f"eight blocks around a point, mu {mu:g}", promise, _eight, mu)
+    yield case("smallest interface: one element face", "stress of a wider bar", _smallest)
+    for count in (16, 4):
+        promise = "converged, no flipping, separation of a tight run"
+        yield case(f"stack of {count} blocks, gap 0", promise, _stack, count, quick=count < 16)
 
 
 def _against_tight(bench: Bench, scene: Description, limit: float = 1e-2) -> list[Measure]:
     solution = bench.converged(scene)
     exact = bench.converged(scene | {"solver": dict(TIGHT)}, counted=False)
-    found, wanted = (s.interfaces["meet"].force() for s in (solution, exact))
-    return [Measure("force off by", distance(found, wanted), limit), *laws(solution)]
+    force, reference = (s.interfaces["meet"].force() for s in (solution, exact))
+    return [Measure("force off by", distance(force, reference), limit), *laws(solution)]
 
 
 def _sliver(shape: str, aspect: float, bench: Bench) -> list[Measure]:
     size = {"thin": (1, 1, 1 / aspect), "long": (1, 1, aspect), "flat": (aspect, 1, 1)}[shape]
     step = 0.2 / aspect if shape == "thin" else 0.2
-    stuff = Stuff(1.0, 1.0, 0.3)
-    scene = two_boxes(Box(stuff, size, velocity=(0.3, 0.0, 1.0)), Box(stuff, size), step, 30, 0.3)
+    material = Material(1.0, 1.0, 0.3)
+    scene = two_boxes(Box(material, size, velocity=(0.3, 0.0, 1.0)), Box(material, size), step, 30, 0.3)
     return _against_tight(bench, scene)
 
 
 def _poisson(poisson: float, bench: Bench) -> list[Measure]:
-    stuff = Stuff(1.0, 1.0, poisson)
-    scene = two_boxes(Box(stuff, velocity=(0.3, 0.0, 1.0)), Box(stuff), 0.2, 30, 0.3)
+    material = Material(1.0, 1.0, poisson)
+    scene = two_boxes(Box(material, velocity=(0.3, 0.0, 1.0)), Box(material), 0.2, 30, 0.3)
     measures = _against_tight(bench, scene)
     if poisson > 0.45:
         silent = not any("lock" in w for w in bench.solve(scene, counted=False).warnings)
@@ -213,8 +172,8 @@ def _symmetry(friction: float, bench: Bench) -> list[Measure]:
 
 
 def _twice(friction: float, bench: Bench) -> list[Measure]:
-    stuffs = Stuff(1.0, 1.0, 0.3), Stuff(3.0, 2.0, 0.3)
-    scene = two_boxes(Box(stuffs[0], velocity=(0.3, 0.0, 1.0)), Box(stuffs[1]), 0.2, 30, friction, **TIGHT)
+    materials = Material(1.0, 1.0, 0.3), Material(3.0, 2.0, 0.3)
+    scene = two_boxes(Box(materials[0], velocity=(0.3, 0.0, 1.0)), Box(materials[1]), 0.2, 30, friction, **TIGHT)
     once = bench.converged(scene, counted=False)
     scene["interface"]["again"] = dict(scene["interface"]["meet"])
     twice = bench.converged(scene)
@@ -228,19 +187,15 @@ def _twice(friction: float, bench: Bench) -> list[Measure]:
 
 
 def _eight(friction: float, bench: Bench) -> list[Measure]:
-    scene = two_boxes(Box(), Box(), 0.2, 30)
-    scene["substructure"], scene["interface"] = {}, {}
-    stuff = Stuff(1.0, 1.0, 0.3)
-    scene["material"] = {"rubber": stuff.table()}
-    for i, j, k in np.ndindex(2, 2, 2):
-        velocity = (0.3 - 0.6 * i, 0.2 - 0.4 * j, 1.0 - 2.0 * k)
-        block = Box(stuff, UNIT, (2, 2, 2), velocity)
-        scene["substructure"][f"b{i}{j}{k}"] = block.table("rubber", (float(i), float(j), float(k)))
+    scene = column({"b000": Box(Material(poisson=0.3))}, {}, 6.0, 30, output={"energy": True})
+    for place in np.ndindex(2, 2, 2):
+        i, j, k = place
+        block = Box(elements=(2, 2, 2), velocity=(0.3 - 0.6 * i, 0.2 - 0.4 * j, 1.0 - 2.0 * k))
+        scene["substructure"][f"b{i}{j}{k}"] = block.table(tuple(map(float, place)))
         for axis, name in enumerate("xyz"):
-            if (i, j, k)[axis] == 0:
-                other = [i, j, k]
-                other[axis] = 1
-                sides = [f"b{i}{j}{k}.{name}max", f"b{other[0]}{other[1]}{other[2]}.{name}min"]
+            if place[axis] == 0:
+                other = "".join("1" if n == axis else str(c) for n, c in enumerate(place))
+                sides = [f"b{i}{j}{k}.{name}max", f"b{other}.{name}min"]
                 scene["interface"][f"{name}{i}{j}{k}"] = {"sides": sides, "friction_coefficient": friction}
     solution = bench.converged(scene)
     vertical = [pressure_force(solution, n) for n in solution.interfaces if n.startswith("z")]
@@ -251,9 +206,9 @@ def _eight(friction: float, bench: Bench) -> list[Measure]:
 
 
 def _smallest(bench: Bench) -> list[Measure]:
-    stuff = Stuff()
-    wide = Box(stuff, UNIT, (4, 4, 20), (0.0, 0.0, 1.0)), Box(stuff, UNIT, (4, 4, 20))
-    one = bench.converged(two_boxes(bar(stuff, 1.0, 20, 1.0), bar(stuff, 1.0, 20), 0.05, 40, **TIGHT))
+    material = Material()
+    wide = Box(material, UNIT, (4, 4, 20), (0.0, 0.0, 1.0)), Box(material, UNIT, (4, 4, 20))
+    one = bench.converged(two_boxes(bar(material, 1.0, 20, 1.0), bar(material, 1.0, 20), 0.05, 40, **TIGHT))
     many = bench.converged(two_boxes(*wide, 0.05, 40, **TIGHT), counted=False)
     return [Measure("force differs by", distance(pressure_force(one), pressure_force(many)), 1e-7)]
 
@@ -274,8 +229,8 @@ def _stack(count: int, bench: Bench) -> list[Measure]:
         apart = max(apart, abs(float(ends[0] - ends[1])))
     off, missing = (0.0, 0.0)  # the worst instant is a separation, shifted within the tolerance: 3 % of the peak
     for name in solution.interfaces:
-        found, wanted = (run.interfaces[name].force() for run in (solution, exact))
-        off = max(off, float(np.linalg.norm(found - wanted) / np.linalg.norm(wanted)))
+        force, reference = (run.interfaces[name].force() for run in (solution, exact))
+        off = max(off, float(np.linalg.norm(force - reference) / np.linalg.norm(reference)))
         missing = max(missing, abs(impulse(solution, name) / impulse(exact, name) - 1))
     return [
         Measure("force history of the worst interface off by (L2)", off, 3e-2),

@@ -1,26 +1,32 @@
-"""Descriptions the hard cases are made of: two boxes that meet, a bar that bounces, blocks under a press."""
+"""Scenes as nested tables: boxes on top of each other, and the problems that hard cases are made of.
+
+``column`` makes any stack of boxes; the tables it returns may be changed before ``scene_from_dict`` reads them.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from math import sqrt
 from typing import Any
 
-from .case import Description
-
+Description = dict[str, Any]
+"""A scene as nested tables, as a scene file holds them."""
 Triple = Sequence[float]
 UNIT: Triple = (1.0, 1.0, 1.0)
 REST: Triple = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
-class Stuff:
-    """An elastic material (any consistent units)."""
+class Material:
+    """An elastic material (any consistent units). keys : further keys of its table, e.g. ``rayleigh_mass``."""
 
     young: float = 1.0
     density: float = 1.0
     poisson: float = 0.0
+    name: str = "m"
+    keys: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def impedance(self) -> float:
@@ -40,130 +46,128 @@ class Stuff:
 
     def table(self) -> dict[str, float]:
         """The material's table in a scene."""
-        return {"young_modulus": self.young, "poisson_ratio": self.poisson, "density": self.density}
+        return {"young_modulus": self.young, "poisson_ratio": self.poisson, "density": self.density, **self.keys}
 
 
 @dataclass(frozen=True)
 class Box:
-    """A box substructure: material, size, elements, velocity."""
+    """A box substructure: material, size, elements, velocity. keys : further keys of its table, e.g. ``rigid``."""
 
-    stuff: Stuff = Stuff()
+    material: Material = Material()
     size: Triple = UNIT
     elements: Sequence[int] = (3, 3, 3)
     velocity: Triple = REST
+    keys: Mapping[str, Any] = field(default_factory=dict)
 
-    def table(self, material: str, origin: Triple) -> dict[str, Any]:
+    def table(self, origin: Triple = REST) -> Description:
         """The substructure's table in a scene."""
         box = {"origin": list(origin), "size": [float(s) for s in self.size], "elements": list(self.elements)}
-        return {"material": material, "box": box, "initial_velocity": [float(v) for v in self.velocity]}
+        velocity = [float(v) for v in self.velocity]
+        return {"material": self.material.name, "box": box, "initial_velocity": velocity, **self.keys}
 
 
-def two_boxes(
-    low: Box,
-    up: Box,
-    step: float,
+def column(
+    bodies: Mapping[str, Box],
+    interfaces: Mapping[str, Mapping[str, Any]],
+    end: float,
     instants: int,
-    friction: float = 0.0,
     gap: float = 0.0,
-    behaviour: str = "contact",
-    **solver: Any,
+    **tables: Any,
 ) -> Description:
-    """Box ``up`` stands on box ``low`` along z, ``gap`` apart; interface ``meet``; further keys: [solver]."""
-    meet: dict[str, Any] = {"sides": ["low.zmax", "up.zmin"], "behaviour": behaviour}
-    if behaviour == "contact":
-        meet["friction_coefficient"] = friction
+    """Boxes on top of each other along z, the first one at the origin.
+
+    Parameters
+    ----------
+    bodies : boxes by name, from below. interfaces : further keys of each interface by name, from below.
+    end, instants : of the time table. gap : between neighbours, m. tables : further tables, e.g. ``load``.
+    """
+    height, origins = 0.0, {}
+    for name, box in bodies.items():
+        origins[name] = (0.0, 0.0, height)
+        height += float(box.size[2]) + gap
+    pairs = zip(pairwise(bodies), interfaces.items(), strict=True)
     return {
-        "name": "two_boxes",
-        "material": {"first": low.stuff.table(), "second": up.stuff.table()},
-        "substructure": {
-            "low": low.table("first", REST),
-            "up": up.table("second", (0.0, 0.0, float(low.size[2]) + gap)),
-        },
-        "interface": {"meet": meet},
+        "name": "column",
+        "material": {box.material.name: box.material.table() for box in bodies.values()},
+        "substructure": {name: box.table(origins[name]) for name, box in bodies.items()},
+        "interface": {name: {"sides": [f"{low}.zmax", f"{up}.zmin"], **keys} for (low, up), (name, keys) in pairs},
         "boundary": {},
         "load": {},
-        "time": {"end": instants * step, "instants": instants},
-        "solver": solver,
-        "output": {"energy": True},
+        "time": {"end": end, "instants": instants},
+        **tables,
     }
 
 
-def bar(stuff: Stuff, length: float, elements: int, speed: float = 0.0) -> Box:
+def two_boxes(
+    low: Box, up: Box, step: float, instants: int, friction: float = 0.0, gap: float = 0.0, **solver: Any
+) -> Description:
+    """Box ``up`` on box ``low``, ``gap`` apart; interface ``meet``, materials first and second; keys of [solver]."""
+    bodies = {
+        "low": replace(low, material=replace(low.material, name="first")),
+        "up": replace(up, material=replace(up.material, name="second")),
+    }
+    meet = {"friction_coefficient": friction}
+    energy = {"energy": True}
+    return column(bodies, {"meet": meet}, instants * step, instants, gap, solver=solver, output=energy)
+
+
+def bar(material: Material, length: float, elements: int, speed: float = 0.0) -> Box:
     """A bar of unit section along z."""
-    return Box(stuff, (1.0, 1.0, length), (1, 1, elements), (0.0, 0.0, speed))
+    return Box(material, (1.0, 1.0, length), (1, 1, elements), (0.0, 0.0, speed))
 
 
 def thrown(
     elements: int, instants: int, end: float, gap: float, speed: float, gravity: float, **solver: Any
 ) -> Description:
     """Bar of length 10, E 900, rho 1 (wave speed 30) above rigid ground, thrown down or dropped; interface ``wall``."""
-    falling = bar(Stuff(900.0, 1.0), 10.0, elements, speed).table("bar", (0.0, 0.0, gap))
-    return {
-        "name": "thrown_bar",
-        "material": {"bar": Stuff(900.0, 1.0).table()},
-        "substructure": {"bar": falling | {"body_force": [0.0, 0.0, -gravity]}},
-        "interface": {"wall": {"sides": ["bar.zmin", "ground"], "gap": gap}},
-        "time": {"end": end, "instants": instants},
-        "solver": solver,
-        "output": {"energy": True},
-    }
+    falling = replace(bar(Material(900.0), 10.0, elements, speed), keys={"body_force": [0.0, 0.0, -gravity]})
+    scene = column({"bar": falling}, {}, end, instants, solver=solver, output={"energy": True})
+    scene["substructure"]["bar"]["box"]["origin"][2] = gap
+    scene["interface"]["wall"] = {"sides": ["bar.zmin", "ground"], "gap": gap}
+    return scene
 
 
 def cornered(velocity: Triple, friction: float, elements: int = 3, **solver: Any) -> Description:
     """A unit block thrown into a corner of three walls: one node is held by three interfaces."""
-    block = Box(Stuff(1.0, 1.0, 0.3), UNIT, (elements,) * 3, velocity)
-    return {
-        "name": "corner",
-        "material": {"rubber": block.stuff.table()},
-        "substructure": {"block": block.table("rubber", REST)},
-        "interface": {
-            face: {"sides": [f"block.{face}", "ground"], "friction_coefficient": friction}
-            for face in ("xmin", "ymin", "zmin")
-        },
-        "time": {"end": 8.0, "instants": 60},
-        "solver": solver,
-        "output": {"energy": True},
-    }
+    block = Box(Material(poisson=0.3), elements=(elements,) * 3, velocity=velocity)
+    scene = column({"block": block}, {}, 8.0, 60, solver=solver, output={"energy": True})
+    for face in ("xmin", "ymin", "zmin"):
+        scene["interface"][face] = {"sides": [f"block.{face}", "ground"], "friction_coefficient": friction}
+    return scene
 
 
-ALUMINIUM, STEEL = Stuff(70e9, 2700.0, 0.3), Stuff(210e9, 7800.0, 0.3)
+ALUMINIUM, STEEL = Material(70e9, 2700.0, 0.3, "aluminium"), Material(210e9, 7800.0, 0.3, "steel")
 EDGE, PRESSURE = 0.01, 200e6
 
 
 def press(friction: float, elements: int = 3, instants: int = 100, quarter: bool = True, **solver: Any) -> Description:
     """Steel block on aluminium block crushed by a half-sine pressure of 10 us; the base slides and stays down."""
     side, count = (EDGE, elements) if quarter else (2 * EDGE, 2 * elements)
-    size, number = (side, side, EDGE), (count, count, elements)
-    scene = two_boxes(
-        Box(ALUMINIUM, size, number), Box(STEEL, size, number), 30e-6 / instants, instants, friction, **solver
-    )
-    scene["boundary"] = {"base": {"type": "symmetry", "face": "low.zmin"}}
-    for name, table in scene["substructure"].items():
-        if quarter:
-            for axis in "xy":
-                scene["boundary"][f"{name}_{axis}"] = {"type": "symmetry", "face": f"{name}.{axis}min"}
-        else:
+    low, up = (Box(m, (side, side, EDGE), (count, count, elements)) for m in (ALUMINIUM, STEEL))
+    scene = two_boxes(low, up, 30e-6 / instants, instants, friction, **solver)
+    _crush(scene, quarter)
+    if not quarter:
+        for table in scene["substructure"].values():
             table["box"]["origin"][:2] = [-EDGE, -EDGE]
-    law = {"type": "half_sine", "duration": 10e-6}
-    scene["load"] = {"press": {"face": "up.zmax", "pressure": PRESSURE, "law": law}}
     return scene
 
 
 def stack(count: int, friction: float, elements: int = 3, instants: int = 150, **solver: Any) -> Description:
     """``count`` alternating blocks that touch (gap 0), quarter symmetry, half-sine pressure of 10 us on the top."""
-    scene = press(friction, elements, instants, **solver)
-    size, number = (EDGE,) * 3, (elements,) * 3
-    scene["substructure"], scene["interface"] = {}, {}
-    scene["boundary"] = {"base": {"type": "symmetry", "face": "b1.zmin"}}
-    scene["load"]["press"]["face"] = f"b{count}.zmax"
-    for i in range(1, count + 1):
-        stuff, name = (ALUMINIUM, "first") if i % 2 else (STEEL, "second")
-        scene["substructure"][f"b{i}"] = Box(stuff, size, number).table(name, (0.0, 0.0, (i - 1) * EDGE))
-        for axis in "xy":
-            scene["boundary"][f"b{i}_{axis}"] = {"type": "symmetry", "face": f"b{i}.{axis}min"}
-        if i > 1:
-            scene["interface"][f"i{i - 1}"] = {
-                "sides": [f"b{i - 1}.zmax", f"b{i}.zmin"],
-                "friction_coefficient": friction,
-            }
+    low, up = (Box(m, (EDGE,) * 3, (elements,) * 3) for m in (ALUMINIUM, STEEL))
+    bodies = {f"b{i}": low if i % 2 else up for i in range(1, count + 1)}
+    interfaces = {f"i{i}": {"friction_coefficient": friction} for i in range(1, count)}
+    scene = column(bodies, interfaces, 30e-6, instants, solver=solver, output={"energy": True})
+    _crush(scene, quarter=True)
     return scene
+
+
+def _crush(scene: Description, quarter: bool) -> None:
+    """Pressure on the top, a base that slides, planes of symmetry x = 0 and y = 0 (of a quarter)."""
+    names = list(scene["substructure"])
+    law = {"type": "half_sine", "duration": 10e-6}
+    scene["load"] = {"press": {"face": f"{names[-1]}.zmax", "pressure": PRESSURE, "law": law}}
+    scene["boundary"] = {"base": {"type": "symmetry", "face": f"{names[0]}.zmin"}}
+    for name in names if quarter else ():
+        for axis in "xy":
+            scene["boundary"][f"{name}_{axis}"] = {"type": "symmetry", "face": f"{name}.{axis}min"}

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import partial
 from math import inf, nan
 from typing import Any, Final
 
 from ..errors import SceneError
-from .case import Bench, Case, Description, Measure, distance, laws, penetration_bound
-from .scenes import ALUMINIUM, STEEL, Box, Stuff, press, two_boxes
+from .case import Bench, Case, Measure, distance, laws, make_case, penetration_bound
+from .scenes import ALUMINIUM, STEEL, Box, Description, Material, press, two_boxes
 
 # (mass, length, time) units: how many of them make one kg, m, s
 UNITS: Final = {
@@ -23,45 +23,38 @@ UNITS: Final = {
 
 
 def setting_cases() -> Iterator[Case]:
-    """See the module docstring."""
+    """Search directions, windows, units and steps that must not change the answer."""
+    case = partial(make_case, "settings")
     for kind in ("automatic", "impedance"):
         for factor in (1e-2, 0.1, 10.0, 1e2):
-            yield Case(f"k {kind} x {factor:g}", "settings", "the answer of k x 1", partial(_direction, kind, factor))
+            yield case(f"k {kind} x {factor:g}", "the answer of k x 1", _direction, kind, factor)
     for window in (2, 5, 10, "whole"):
         for ratio in (1.0, 1e4):
-            yield Case(
-                f"windows of {window}, E ratio {ratio:g}",
-                "settings",
-                "the answer of one-step windows",
-                partial(_window, window, ratio),
-            )
+            name = f"windows of {window}, E ratio {ratio:g}"
+            yield case(name, "the answer of one-step windows", _window, window, ratio)
     for name, units in UNITS.items():
-        yield Case(f"units {name}", "settings", "SI after scaling, same iterations", partial(_units, units))
+        yield case(f"units {name}", "SI after scaling, same iterations", _units, units)
     for transits in (1e-6, 1e-3, 1.0, 1e2, 1e4):
-        yield Case(
-            f"step of {transits:g} transits",
-            "settings",
-            "converged, laws kept, penetration bounded",
-            partial(_step, transits),
-        )
+        promise = "converged, laws kept, penetration bounded"
+        yield case(f"step of {transits:g} transits", promise, _step, transits)
 
 
 def _scene(ratio: float = 3.0, step: float = 0.2, **solver: Any) -> Description:
-    low, up = Stuff(1.0, 1.0, 0.3), Stuff(ratio, 2.0 if ratio == 3.0 else 1.0, 0.3)
+    low, up = Material(1.0, 1.0, 0.3), Material(ratio, 2.0 if ratio == 3.0 else 1.0, 0.3)
     return two_boxes(Box(low, velocity=(0.3, 0.1, 1.0)), Box(up), step, 30, 0.3, **solver)
 
 
 def _direction(kind: str, factor: float, bench: Bench) -> list[Measure]:
-    found = bench.converged(_scene(search_direction={"type": kind, "factor": factor}, tolerance=1e-4))
-    wanted = bench.converged(_scene(tolerance=1e-8, max_iterations=3000), counted=False)
-    forces = (s.interfaces["meet"].force() for s in (found, wanted))
-    return [Measure("force off by", distance(*forces), 2e-3), *laws(found)]
+    solution = bench.converged(_scene(search_direction={"type": kind, "factor": factor}, tolerance=1e-4))
+    reference = bench.converged(_scene(tolerance=1e-8, max_iterations=3000), counted=False)
+    forces = (s.interfaces["meet"].force() for s in (solution, reference))
+    return [Measure("force off by", distance(*forces), 2e-3), *laws(solution)]
 
 
 def _window(window: int | str, ratio: float, bench: Bench) -> list[Measure]:
-    found = bench.converged(_scene(ratio, window=window, tolerance=1e-4, max_iterations=1000))
-    wanted = bench.converged(_scene(ratio, tolerance=1e-8, max_iterations=3000), counted=False)
-    forces = (s.interfaces["meet"].force() for s in (found, wanted))
+    solution = bench.converged(_scene(ratio, window=window, tolerance=1e-4, max_iterations=1000))
+    reference = bench.converged(_scene(ratio, tolerance=1e-8, max_iterations=3000), counted=False)
+    forces = (s.interfaces["meet"].force() for s in (solution, reference))
     return [Measure("force off by", distance(*forces), 5e-3)]
 
 
@@ -69,7 +62,7 @@ def _crush(mass: float, length: float, time: float) -> Description:
     """Oblique impact of two 10 mm blocks over a gap of 1 um, in given units."""
     pressure, weight = mass / length / time**2, mass / length**3
     size = (0.01 * length,) * 3
-    low, up = (Stuff(s.young * pressure, s.density * weight, s.poisson) for s in (ALUMINIUM, STEEL))
+    low, up = (Material(s.young * pressure, s.density * weight, s.poisson) for s in (ALUMINIUM, STEEL))
     velocity = (3.0 * length / time, 0.0, 10.0 * length / time)
     return two_boxes(Box(low, size, velocity=velocity), Box(up, size), 2e-7 * time, 60, 0.3, 1e-6 * length)
 
@@ -93,72 +86,45 @@ def _step(transits: float, bench: Bench) -> list[Measure]:
     return [Measure("penetration over its bound", penetration_bound(solution), 1.0), *laws(solution, round_off)]
 
 
-Damage = Callable[[Description], None]
-
-
-def _nan_load(scene: Description) -> None:
-    scene["load"]["press"]["pressure"] = nan
-
-
-def _infinite_load(scene: Description) -> None:
-    scene["load"]["press"]["pressure"] = inf
-
-
-def _nan_law(scene: Description) -> None:
-    scene["load"]["press"]["law"] = {"type": "table", "times": [0.0, 1.0], "values": [0.0, nan]}
-
-
-def _no_density(scene: Description) -> None:
-    scene["material"]["first"]["density"] = 0.0
-
-
-def _incompressible(scene: Description) -> None:
-    scene["material"]["first"]["poisson_ratio"] = 0.5
-
-
-def _unknown_face(scene: Description) -> None:
-    scene["interface"]["meet"]["sides"][0] = "low.top"
-
-
-def _no_elements(scene: Description) -> None:
-    scene["substructure"]["low"]["box"]["elements"] = [3, 0, 3]
-
-
-def _nothing_in_common(scene: Description) -> None:
-    box = scene["substructure"]["low"]["box"]
-    box["origin"] = [box["origin"][0] + 3 * box["size"][0], *box["origin"][1:]]
-
-
-def _facing_away(scene: Description) -> None:
-    scene["interface"]["meet"]["sides"] = ["low.zmin", "up.zmin"]
-
-
-DAMAGES: Final[dict[str, tuple[Damage, str]]] = {
-    "load that is not a number": (_nan_load, "load.press.pressure"),
-    "infinite load": (_infinite_load, "load.press.pressure"),
-    "table with a value that is not a number": (_nan_law, "load.press.law"),
-    "density 0": (_no_density, "material.first.density"),
-    "Poisson's ratio 0.5": (_incompressible, "material.first.poisson_ratio"),
-    "unknown face": (_unknown_face, "interface.meet.sides"),
-    "no elements": (_no_elements, "substructure.low.box.elements"),
-    "faces with nothing in common": (_nothing_in_common, "interface.meet.sides"),
-    "faces that look away": (_facing_away, "interface.meet.sides"),
+# name of the damage: key of the scene of ``press``, its value, place that the message must name where another one
+DAMAGES: Final[dict[str, tuple[str, Any, str]]] = {
+    "load that is not a number": ("load.press.pressure", nan, ""),
+    "infinite load": ("load.press.pressure", inf, ""),
+    "table with a value that is not a number": (
+        "load.press.law",
+        {"type": "table", "times": [0.0, 1.0], "values": [0.0, nan]},
+        "",
+    ),
+    "density 0": ("material.first.density", 0.0, ""),
+    "Poisson's ratio 0.5": ("material.first.poisson_ratio", 0.5, ""),
+    "unknown face": ("interface.meet.sides", ["low.top", "up.zmin"], ""),
+    "no elements": ("substructure.low.box.elements", [3, 0, 3], ""),
+    "faces with nothing in common": ("substructure.low.box.origin", [0.03, 0.0, 0.0], "interface.meet.sides"),
+    "faces that look away": ("interface.meet.sides", ["low.zmin", "up.zmin"], ""),
 }
 
 
 def bad_input_cases() -> Iterator[Case]:
     """One case per damage, and all that the reader can see at once."""
-    for name in DAMAGES:
-        yield Case(name, "bad input", "refused before solving, place named", partial(_refused, name))
-    yield Case("five mistakes", "bad input", "all told at once", _all_at_once)
+    case = partial(make_case, "bad input")
+    for name, (key, value, place) in DAMAGES.items():
+        yield case(name, "refused before solving, place named", _refused, key, value, place or key)
+    yield case("five mistakes", "all problems in one message", _all_at_once)
 
 
-def _refused(name: str, bench: Bench) -> list[Measure]:
-    damage, place = DAMAGES[name]
-    scene = press(0.3)
-    damage(scene)
+def changed(scene: Description, key: str, value: Any) -> Description:
+    """The scene with another value at a dotted key."""
+    *holders, last = key.split(".")
+    table = scene
+    for holder in holders:
+        table = table[holder]
+    table[last] = value
+    return scene
+
+
+def _refused(key: str, value: Any, place: str, bench: Bench) -> list[Measure]:
     try:
-        bench.solve(scene)
+        bench.solve(changed(press(0.3), key, value))
     except SceneError as error:
         return [Measure("place not named", float(place not in str(error)), 0)]
     return [Measure("solved in silence", 1.0, 0)]
@@ -166,12 +132,12 @@ def _refused(name: str, bench: Bench) -> list[Measure]:
 
 def _all_at_once(bench: Bench) -> list[Measure]:
     scene = press(0.3)
-    for damage in (_nan_load, _no_density, _no_elements):
-        damage(scene)
-    scene["material"]["second"]["young_modulus"] = -1.0
-    scene["time"]["end"] = 0.0
+    for name in ("load that is not a number", "density 0", "no elements"):
+        changed(scene, *DAMAGES[name][:2])
+    changed(scene, "material.second.young_modulus", -1.0)
+    changed(scene, "time.end", 0.0)
     try:
         bench.solve(scene)
     except SceneError as error:
-        return [Measure("problems not told", 5 - len(error.problems), 0)]
+        return [Measure("problems not in the message", 5 - len(error.problems), 0)]
     return [Measure("solved in silence", 1.0, 0)]

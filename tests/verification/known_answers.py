@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -15,7 +14,7 @@ import latin_fmu
 from latin_fmu.accuracy.quantities import Force, Measured, of_force
 from latin_fmu.accuracy.resolution import in_short_windows
 from latin_fmu.scene.schema import Scene
-from latin_fmu.stability.scenes import Stuff, bar, two_boxes
+from latin_fmu.stability.scenes import Box, Material, bar, two_boxes
 
 from .oracles import cases
 from .oracles.bars import Bar, Waves
@@ -102,7 +101,7 @@ def shear_interface() -> Known:
 
 def two_bars_on_a_wall() -> Known:
     """Steel bars, gap 10 um, constant pressure; pressed to the end of the run."""
-    steel = Stuff(210e9, 7800.0)
+    steel = Material(210e9, 7800.0)
     scene = two_boxes(_thin(steel, 0.1), _thin(steel, 0.1), 0.4e-6, 250, gap=1e-5)
     scene["load"] = {"push": {"face": "low.zmin", "pressure": 100e6, "law": "step"}}
     scene["boundary"] = {"wall": {"type": "fixed", "face": "up.zmax", "components": ["z"]}}
@@ -110,13 +109,11 @@ def two_bars_on_a_wall() -> Known:
     return Known("two_bars_on_a_wall", latin_fmu.scene_from_dict(scene), exact, frozenset({"meet.separation"}))
 
 
-def _thin(stuff: Stuff, length: float) -> Any:
-    from latin_fmu.stability.scenes import Box
-
-    return Box(stuff, (0.01, 0.01, length), (1, 1, 50))
+def _thin(material: Material, length: float) -> Box:
+    return Box(material, (0.01, 0.01, length), (1, 1, 50))
 
 
-SOFT, HARD = Stuff(1.0, 1.0), Stuff(4.0, 2.25)  # speeds 1 and 4/3, impedances 1 and 3
+SOFT, HARD = Material(1.0, 1.0), Material(4.0, 2.25)  # speeds 1 and 4/3, impedances 1 and 3
 
 
 def colliding_bars() -> Known:
@@ -142,7 +139,7 @@ def smooth_pulse(gap: float) -> Known:
 
 def contrast() -> Known:
     """A triangular pulse from a bar ten times faster and stiffer in impedance into a slow one on a wall."""
-    scene = two_boxes(bar(Stuff(100.0, 1.0), 1.0, 20), bar(Stuff(), 1.0, 40), 0.01, 600)
+    scene = two_boxes(bar(Material(100.0, 1.0), 1.0, 20), bar(Material(), 1.0, 40), 0.01, 600)
     law = {"type": "table", "times": [0.0, 0.5, 1.0], "values": [0.0, 1.0, 0.0]}
     scene["load"] = {"push": {"face": "low.zmin", "pressure": 0.1, "law": law}}
     scene["boundary"] = {"wall": {"type": "fixed", "face": "up.zmax", "components": ["z"]}}
@@ -154,7 +151,7 @@ def contrast() -> Known:
 
 def squeeze() -> Known:
     """Two equal bars on a wall squeezed slowly: half-sine of five transits."""
-    scene = two_boxes(bar(Stuff(), 1.0, 32), bar(Stuff(), 1.0, 32), 0.025, 320)
+    scene = two_boxes(bar(Material(), 1.0, 32), bar(Material(), 1.0, 32), 0.025, 320)
     scene["load"] = {"push": {"face": "up.zmax", "pressure": 0.1, "law": {"type": "half_sine", "duration": 5.0}}}
     scene["boundary"] = {"wall": {"type": "fixed", "face": "low.zmin", "components": ["z"]}}
     rows = [Joint(), Contact(0.0), PrescribedStress(_half_sine(5.0, 8.0))]
