@@ -1,39 +1,25 @@
 """The LATIN loop over one window from Python, with its fall-backs.
 
-solver
-------
-The LATIN loop over one window from Python, with its fall-back chain.
-
 The stages are those of ``kernels.iteration``, called one by one: for observers, laws written in Python, factors that
 the kernels do not hold, and windows in which the iteration stalls. A stalled acceleration is followed by Newton's
 method (without inertia), by relaxation 1/2 from the best iterate, and in windows of one instant by a solution point by
 point. A window that does not converge returns its best iterate, which need not be the last.
 
-newton
-------
-Newton-Krylov steps on the fixed point of the iteration, where the acceleration stalls (quasi-static mode).
-
-A front of slip that runs along a slender body moves a few points per iteration, and every point that changes its state
-spoils the memory of the acceleration. The residual r(q) = F_hat + k W_hat - q of one iteration is piecewise smooth, so
-that Newton's method settles stick, slip and opening in about ten steps,
+Newton's method, without inertia: a front of slip that runs along a slender body moves a few points per iteration, and
+every point that changes its state makes the stored differences of the acceleration useless. The residual
+r(q) = F_hat + k W_hat - q of one iteration is piecewise smooth, so that Newton's method settles stick, slip and opening
+in about ten steps,
 
     J dq = -r(q),   J x by the difference of two iterations,   GMRES in the norm of the iteration,
 
-with the step halved until the residual falls. Every product with J is one iteration: nothing is factorised, and any
-interface behaviour will do.
+with the step halved until the residual decreases. Every product with J is one iteration: nothing is factorised, and
+any interface behaviour is admitted.
 
-approach
---------
-First guesses without inertia: loads that turn, bodies that travel far before they touch.
-
-The velocities of the last increment are a good guess as long as the loads go on as they did. Where the loads turn or
-stop, these velocities have the wrong sign at sliding points: ``run_image.continuation`` is the share of them that the
-guess keeps.
-
-An iteration moves a body that is not held yet by the load over k. Where that is a small part of the gap to close, many
-iterations are needed, and the differences of their residuals are useless to the acceleration. On springs soft enough to
-cross the gap at once, k = load / gap, the strains of the bodies are negligible: a few iterations of the same loop find
-the faces in contact. Their tractions and velocities are the first guess of the loop with the right k.
+Softened start, without inertia, where a gap is large: one iteration moves a body that is not held yet by the load over
+k. Where that is a small part of the gap, many iterations are needed, and the differences of their residuals are useless
+to the acceleration. With a search direction soft enough to close the gap at once, k = load / gap, the strains of the
+bodies are negligible: a few iterations of the same loop give the faces in contact. Their tractions and velocities are
+the first guess of the loop with the regular k.
 """
 
 from __future__ import annotations
@@ -55,8 +41,9 @@ from .search_direction import Direction
 from .settings import Settings
 
 RELAXED, POINT_BY_POINT, NEWTON = "relaxation 1/2", "points one after the other", "Newton-Krylov"
-_NEWTON = 3  # iterations of the Newton-Krylov fall-back, in max_iterations
-_AFTER_LAST = 20  # iterations after the last fall-back
+SOFTENED = "softened start"
+_NEWTON_BUDGET = 3  # iterations of Newton's method, in max_iterations
+_AFTER_POINTS = 20  # iterations after the solution point by point
 
 
 @dataclass(frozen=True)
@@ -79,37 +66,6 @@ class IterationEvent:
 Observer = Callable[[IterationEvent], None]
 
 
-class Slide:
-    """Relaxation 1/2 with run-ups, for bodies that slide or topple back to where they stick under a small excess of
-    force: the residual is the same iteration after iteration, and so is the step.
-
-    After every ``PERIOD`` iterations with nearly the same residual the step is taken many times at once, twice as many
-    as the time before. The relaxations in between reduce the other errors that this step has caused.
-
-    Parameters
-    ----------
-    metric : (n_flat,) area / k.
-    """
-
-    PERIOD, SAME = 8, 0.05
-
-    def __init__(self, metric: Array) -> None:
-        self._metric = metric
-        self._steps, self._size, self._times = 0, np.inf, 8.0
-
-    def factor(self, residual: Array) -> float:
-        """Factor on the residual (n, n_flat) of the next step."""
-        self._steps += 1
-        if self._steps % self.PERIOD:
-            return 0.5
-        size = float(np.vdot(self._metric * residual, residual)) ** 0.5
-        same, self._size = abs(size - self._size) < self.SAME * size, size
-        if not same:
-            return 0.5
-        self._times *= 2.0
-        return 0.5 * self._times
-
-
 class WindowSolver:
     """Iterates one window from the present state of the propagators.
 
@@ -127,105 +83,105 @@ class WindowSolver:
         trial: Callable[[Stages, Callable[[int], None]], None] | None = None,
     ) -> None:
         self._settings, self._observer, self._progress, self._trial = settings, observer, progress, trial
-        self._static = settings.quasi_static
 
     def solve(self, stages: Stages, record: WindowRecord, number: int) -> Iterate:
         """Iterate from the q of the image; fills ``record`` and returns the accepted (else the best) iterate, which is
         the last one of the image then."""
-        settings, static = self._settings, self._static
+        settings, used = self._settings, list[str]()
         best: Iterate | None = None
-        phase, before = 0, len(record.fallbacks)
-        limit, iteration, steps = record.iterations + settings.max_iterations, 0, 0
-        slide: Slide | None = None
-        accelerated, relaxed = settings.anderson_depth > 0, settings.anderson_depth == 0
+        limit, phase, iteration = record.iterations + settings.max_iterations, 0, 0
         while True:
-            stages.evaluate(iteration)
-            measures = stages.measures()
-            record.error_indicator.append(float(measures[0]))
-            record.force_mismatch.append(float(measures[1]))
-            found = stages.judge(phase, iteration, accelerated and not relaxed)
-            if found & (BEST | CONVERGED) or best is None:
+            self._evaluate(stages, record, iteration)
+            accelerated = settings.anderson_depth > 0 and used[-1:] != [RELAXED]
+            verdict = stages.judge(phase, iteration, accelerated)
+            if verdict & (BEST | CONVERGED) or best is None:
                 best, record.accepted = stages.iterate(), record.iterations - 1
             self._report(number, record, stages)
             iteration += 1
-            if found & CONVERGED:
+            if verdict & CONVERGED:
                 record.converged = True
                 return best
-            if found & BROKEN:
+            if verdict & BROKEN:
                 break
             exhausted = record.iterations >= limit
-            patient = static and relaxed  # a body may take many equal steps back to where it sticks
-            if not exhausted and (patient or not found & STALLED):
-                self._step(stages, steps, slide, relaxed and record.fallbacks[before:] != [])
-                steps += 1
+            # without inertia a body may take many equal steps back to where it sticks
+            patient = settings.quasi_static and not accelerated
+            if not exhausted and (patient or not verdict & STALLED):
+                self._next(stages, iteration - 1 - phase, used)
                 continue
-            fallback = self._fallback(stages, record.fallbacks[before:], exhausted)
+            fallback = self._fallback(stages, used, exhausted)
             if fallback is None:
                 break
+            used.append(fallback)
             record.fallbacks.append(fallback)
-            phase, steps = iteration, 0
-            relaxed = fallback == RELAXED or settings.anderson_depth == 0
+            phase = iteration
             if fallback == NEWTON:
                 self._newton(stages, best, record)
                 limit = record.iterations + settings.max_iterations
             elif fallback == RELAXED:
-                slide = Slide(stages.direction.metric) if static else None
                 stages.put(best)
-                self._step(stages, 0, slide, True)
+                self._next(stages, 0, used)
             else:
-                limit = record.iterations + _AFTER_LAST
+                limit = record.iterations + _AFTER_POINTS
                 self._point_by_point(stages, best)
         stages.put(best)
         return best
 
-    def _step(self, stages: Stages, steps: int, slide: Slide | None, halved: bool) -> None:
-        """The next q of the image."""
-        if halved:
-            factor = 0.5 if slide is None else slide.factor(stages.field("r"))
-            stages.field("q")[...] += factor * stages.field("r")
+    @staticmethod
+    def _evaluate(stages: Stages, record: WindowRecord, iteration: int) -> None:
+        """One iteration from the q of the image; its measures go to ``record``."""
+        stages.evaluate(iteration)
+        measures = stages.measures()
+        record.error_indicator.append(float(measures[0]))
+        record.force_mismatch.append(float(measures[1]))
+
+    def _next(self, stages: Stages, steps: int, used: list[str]) -> None:
+        """The next q of the image, ``steps`` made since the start or the last fall-back."""
+        if used and (used[-1] == RELAXED or self._settings.anderson_depth == 0):
+            stages.field("q")[...] += 0.5 * stages.field("r")
         else:
             stages.image.call(entries.NEXT, stages.n, steps)
 
     def _fallback(self, stages: Stages, used: list[str], exhausted: bool) -> str | None:
         """The next fall-back, None when there is none left."""
-        if self._static and NEWTON not in used and self._settings.max_iterations >= PATIENCE:
+        static = self._settings.quasi_static
+        enough = self._settings.max_iterations >= PATIENCE  # fewer: a study of the iteration, not of its solution
+        if static and NEWTON not in used and enough:
             return NEWTON
         if RELAXED not in used and not exhausted:
             return RELAXED
-        wanted = self._settings.max_iterations >= PATIENCE  # fewer: the iteration is studied, no solution is wanted
         # without inertia a floating body has no admittance, which the solution point by point needs
-        wanted = wanted and stages.n == 1 and not self._static
-        return POINT_BY_POINT if wanted and POINT_BY_POINT not in used else None
+        usable = enough and stages.n == 1 and not static
+        return POINT_BY_POINT if usable and POINT_BY_POINT not in used else None
 
     def _point_by_point(self, stages: Stages, best: Iterate) -> None:
-        """q of the solution point by point."""
+        """Set q by the solution point by point, from the tractions of the best iterate."""
         image, direction = stages.image, stages.direction
         image.call(entries.FREE_MOTION, stages.first)
         free = image.field("w", image.n_flat).copy()
-        reaches = [
+        gaps = [
             image.group_field(g, "reach", group.n_point, group.n_component if group.behaviour.elastic else 1).copy()
             for g, group in enumerate(direction.assembly.layout.groups)
         ]
         rates = float(1.0 / image.run[0]["dt"]), float(image.run[0]["layer_rate"])
-        f_hat, w_hat = direction.points.solve(free, best.f_hat[0], reaches, rates)
+        f_hat, w_hat = direction.points.solve(free, best.f_hat[0], gaps, rates)
         stages.field("q")[0] = direction.incoming(f_hat, w_hat)
 
     def _newton(self, stages: Stages, best: Iterate, record: WindowRecord) -> None:
-        """q after Newton's method; each of its products counts as an iteration."""
+        """Set q by Newton's method from the best iterate; each of its products counts as an iteration."""
 
         def evaluate(q: Array) -> tuple[Array, Array]:
             stages.field("q")[...] = q
-            stages.evaluate(1)
-            measures = stages.measures()
-            record.error_indicator.append(float(measures[0]))
-            record.force_mismatch.append(float(measures[1]))
+            self._evaluate(stages, record, 1)
             return stages.field("q").copy(), stages.field("r").copy()
 
         settings, direction = self._settings, stages.direction
         weight = np.where(direction.k > 0, np.sqrt(direction.metric), 0.0)
-        stages.field("q")[...] = newton(evaluate, best.q, weight, settings.tolerance, _NEWTON * settings.max_iterations)
+        budget = _NEWTON_BUDGET * settings.max_iterations
+        stages.field("q")[...] = newton(evaluate, best.q, weight, settings.tolerance, budget)
 
     def _report(self, number: int, record: WindowRecord, stages: Stages) -> None:
+        """Call the receivers of progress and of iterates."""
         error = record.error_indicator[-1]
         if self._progress is not None:
             self._progress(record.iterations, error)
@@ -241,23 +197,21 @@ class WindowSolver:
 
 
 Evaluate = Callable[[Array], tuple[Array, Array]]
-"""q (1, n_flat) -> q as it acts, and its residual."""
+"""q (1, n_flat) -> q after the coarse problem, and the residual of its iteration."""
 
 _STEPS, _KRYLOV, _HALVINGS = 25, 60, 6
 _LINEAR, _DIFFERENCE = 1e-2, 1e-7
-_FALLS, _STUCK = (
-    0.1,
-    0.98,
-)  # part of the linear decrease asked for; residual over the one before that ends the attempt
-_ENOUGH = 0.01  # residual over the size of q, in units of the tolerance
+_DECREASE = 0.1  # share of the linear decrease that a step has to give
+_STUCK = 0.98  # residual over the one before that ends the method
+_SMALL = 0.01  # residual over the size of q that ends the method, in units of the tolerance
 
 
 def newton(evaluate: Evaluate, q: Array, weight: Array, tolerance: float, budget: int) -> Array:
-    """The q with the smallest residual that was found.
+    """Iterate q (1, n_flat) with the smallest residual of a damped Newton-Krylov method.
 
     Parameters
     ----------
-    q : (1, n_flat) first iterate. weight : (n_flat,) square root of area / k, 0 where there is nothing to find.
+    q : (1, n_flat) first iterate. weight : (n_flat,) square root of area / k, 0 where there is no unknown.
     tolerance : of the window. budget : iterations after which no new step is begun.
     """
     free = weight > 0
@@ -274,17 +228,17 @@ def newton(evaluate: Evaluate, q: Array, weight: Array, tolerance: float, budget
     q, r = at(q)
     for _ in range(_STEPS):
         before = size(r)
-        if before <= _ENOUGH * tolerance * size(q) or not np.isfinite(before) or spent > budget:
+        if before <= _SMALL * tolerance * size(q) or not np.isfinite(before) or spent > budget:
             break
         step = np.zeros_like(q)
-        step[0, free] = _linear(at, q, r, weight, free)
+        step[0, free] = _newton_step(at, q, r, weight, free)
         best: tuple[float, Array, Array] | None = None
         for halving in range(_HALVINGS):
             length = 0.5**halving
             trial, rest = at(q + length * step)
             if best is None or size(rest) < best[0]:
                 best = size(rest), trial, rest
-            if size(rest) <= (1 - _FALLS * length) * before:
+            if size(rest) <= (1 - _DECREASE * length) * before:
                 break
         assert best is not None
         if best[0] < before:
@@ -294,9 +248,9 @@ def newton(evaluate: Evaluate, q: Array, weight: Array, tolerance: float, budget
     return q
 
 
-def _linear(at: Evaluate, q: Array, r: Array, weight: Array, free: NDArray[np.bool_]) -> Array:
-    """Newton's step on the free unknowns."""
-    scale, image = weight[free], q + r
+def _newton_step(at: Evaluate, q: Array, r: Array, weight: Array, free: NDArray[np.bool_]) -> Array:
+    """Newton's step on the free unknowns, by GMRES on differences of residuals."""
+    scale, mapped = weight[free], q + r
     reference = float(np.linalg.norm(weight * q))
 
     def product(x: Array) -> Array:
@@ -307,24 +261,23 @@ def _linear(at: Evaluate, q: Array, r: Array, weight: Array, free: NDArray[np.bo
         epsilon = _DIFFERENCE * max(reference, np.finfo(float).tiny) / length
         step[0, free] = epsilon * x / scale
         moved, rest = at(q + step)
-        change: Array = scale * ((moved + rest) - image)[0, free] / epsilon - x
+        change: Array = scale * ((moved + rest) - mapped)[0, free] / epsilon - x
         return change
 
     n = len(scale)
     operator = spla.LinearOperator((n, n), matvec=product, dtype=float)
     x, _ = spla.gmres(operator, -scale * r[0, free], rtol=_LINEAR, restart=_KRYLOV, maxiter=1)
-    found: Array = x / scale
-    return found
+    step: Array = x / scale
+    return step
 
 
-APPROACH = "a first look on soft springs"
-_FAR = 0.3  # the load crosses less than this part of the largest gap in one iteration
-_ROUGHLY, _ITERATIONS = 1e-2, 12
-_SOFT = -1  # the soft search direction among those of the image
+_FAR = 0.3  # share of the largest gap that the load closes in one iteration, below which the start is softened
+_SOFT_TOLERANCE, _SOFT_ITERATIONS = 1e-2, 12
+_SOFT = -1  # key of the soft search direction in the image
 
 
 def softening(assembly: Assembly, k: Array, gaps: list[Array]) -> float | None:
-    """Factor on k (n_flat,) that lets the loads close the largest gap at once; None where k does."""
+    """Factor on k (n_flat,) with which the loads close the largest gap at once; None where k does."""
     gap = max((float(g.max(initial=0.0)) for g in gaps), default=0.0)
     if gap <= 0.0 or assembly.characteristic_traction <= 0.0:
         return None
@@ -332,35 +285,32 @@ def softening(assembly: Assembly, k: Array, gaps: list[Array]) -> float | None:
     return crossed if crossed < _FAR else None
 
 
-def second_guess(
-    assembly: Assembly, settings: Settings, image: Image, stages: Stages, f_hat: Array, gaps: list[Array]
-) -> tuple[str, Array]:
-    """Guess after one from which the iteration has not converged: a name and q (n_flat,) of the next increment.
-
-    From rest with the last tractions ``f_hat``; where the gap to close is large, from a first run of the iteration on
-    soft springs, which leaves propagators and image bound to the soft direction.
-    """
+def softened_start(
+    assembly: Assembly, settings: Settings, image: Image, stages: Stages, gaps: list[Array]
+) -> Array | None:
+    """First guess q (n_flat,) of an increment without inertia by a short iteration with a soft search direction, which
+    stays bound to propagators and image; None where the loads close the gaps without it."""
     direction = stages.direction
     factor = softening(assembly, direction.k, gaps)
     if factor is None:
-        return "from rest", f_hat
-    wanted = replace(settings.search_direction, factor=factor * settings.search_direction.factor)
+        return None
+    search = replace(settings.search_direction, factor=factor * settings.search_direction.factor)
     rough = replace(
         settings,
-        search_direction=wanted,
-        tolerance=max(_ROUGHLY, settings.tolerance),
+        search_direction=search,
+        tolerance=max(_SOFT_TOLERANCE, settings.tolerance),
         force_tolerance=np.inf,
-        max_iterations=_ITERATIONS,
+        max_iterations=_SOFT_ITERATIONS,
     )
     soft = Direction(assembly, rough, 1)
     soft.bind()
     image.bind(_SOFT, soft.run_fields(), soft.group_fields(), afresh=True)
     image.set(rules(rough))
-    looking = Stages(image, soft, 1, stages.first)
+    window = Stages(image, soft, 1, stages.first)
     for c in range(len(image.propagators)):
         image.predict(c, stages.first)
     image.call(entries.OPEN, 1, stages.first - 1)
-    looking.field("q")[...] = 0.0
-    found = WindowSolver(rough).solve(looking, WindowRecord(stages.first, stages.first), 0)
+    window.field("q")[...] = 0.0
+    iterate = WindowSolver(rough).solve(window, WindowRecord(stages.first, stages.first), 0)
     image.set(rules(settings))
-    return APPROACH, direction.incoming(found.f_hat[0], found.w_hat[0])
+    return direction.incoming(iterate.f_hat[0], iterate.w_hat[0])

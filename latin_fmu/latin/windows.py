@@ -26,7 +26,7 @@ from .recorder import Recorder, Tape
 from .run_image import SlideProbes, Stages, Threads, histories, make_image
 from .search_direction import Direction
 from .settings import Settings
-from .solver import APPROACH, Observer, WindowSolver, second_guess
+from .solver import SOFTENED, Observer, WindowSolver, softened_start
 from .status import WindowList
 
 # Stop the run if a window ends with sqrt(eta) above this value.
@@ -275,8 +275,7 @@ class Run:
         if guess is not None:
             stages.field("q")[...] = guess
         accepted = solver.solve(stages, record, number)
-        if self.assembly.quasi_static and not record.converged:
-            self._guess_again(stages, record)
+        if self.assembly.quasi_static and not record.converged and self._soften(stages, record):
             accepted = solver.solve(stages, record, number)
         if not record.converged and n > 1:
             image.call(entries.REWIND)
@@ -317,7 +316,7 @@ class Run:
         if not record.converged:
             image.field("scales", 3)[:] = scales  # a failed iterate must not loosen the windows that follow
         # bodies that travelled far have arrived
-        image.field("carry", 1)[0] = float(APPROACH not in record.fallbacks)
+        image.field("carry", 1)[0] = float(SOFTENED not in record.fallbacks)
         if n > 1:
             image.call(entries.REWIND)
         image.set({"first_row": first})
@@ -359,13 +358,16 @@ class Run:
         image.set({"first_row": row})
         self._move(begun)
 
-    def _guess_again(self, stages: Stages, record: WindowRecord) -> None:
-        """Another first guess of q without inertia."""
-        name, q = second_guess(self.assembly, self.settings, self.image, stages, self.f_hat.copy(), self.gaps())
-        record.fallbacks.append(name)
+    def _soften(self, stages: Stages, record: WindowRecord) -> bool:
+        """Begin the window once more with a softened start, where that makes a difference."""
+        q = softened_start(self.assembly, self.settings, self.image, stages, self.gaps())
+        if q is None:
+            return False
+        record.fallbacks.append(SOFTENED)
         self._use(self._single)
         self._begin_window(stages)
         stages.field("q")[...] = q
+        return True
 
     def _one_by_one(self, record: WindowRecord, n: int, number: int, count: int) -> WindowRecord:
         """Fall-back: the window as windows of one instant."""
