@@ -16,7 +16,7 @@ from .latin.assembly import InterfaceUnit
 from .latin.record import Outcome, Timings
 from .latin.recorder import Recorder
 from .latin.solver import IterationEvent
-from .latin.status import drift_remarks, status
+from .latin.status import drift_remarks
 from .latin.windows import Run
 from .memory import peak_memory
 from .observe import Iteration, Observer
@@ -93,20 +93,19 @@ def run(
             None if progress is None else progress.update,
         )
         march.all()
-    state = march.state
-    converged, sentence = status(assembly, problem.settings, state.windows, state.interface_indicator)
+    converged, sentence = march.status()
     names = [u.name for u in assembly.interfaces]
-    indicator = state.interface_indicator
+    indicator = march.interface_indicator
     outcome = Outcome(
         time=assembly.time[: recorder.n_kept],
         interfaces=recorder.interfaces(assembly),
         substructures=recorder.substructures(),
-        windows=state.windows,
+        windows=march.windows,
         interface_indicator={} if indicator is None else dict(zip(names, map(float, indicator), strict=True)),
         converged=converged,
         status=sentence,
-        passes=(state.marched + state.condensed) / (assembly.n_substructure * assembly.n_instant),
-        marched=state.marched / (assembly.n_substructure * assembly.n_instant),
+        passes=(march.marched + march.condensed) / (assembly.n_substructure * assembly.n_instant),
+        marched=march.marched / (assembly.n_substructure * assembly.n_instant),
         energy=recorder.assembly_energy(assembly),
         timings=timings,
         warnings=(*problem.warnings, *drift_remarks(assembly), *accuracy_remarks(assembly.propagators)),

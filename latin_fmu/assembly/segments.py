@@ -15,7 +15,6 @@ from ..latin.assembly import GroundState
 from ..latin.record import InterfaceHistory, SubstructureHistory, Timings, WindowRecord
 from ..latin.recorder import Recorder
 from ..latin.state_serialization import decode, encode
-from ..latin.status import status
 from ..latin.windows import Run
 from ..propagator import Propagator
 from ..scene.laws import InputLaw
@@ -155,11 +154,10 @@ class SegmentedRun:
         if self._run is None:
             self._run = Run(assembly, problem.settings, recorder, self.timings)
         else:
-            self._run.resume(recorder)
+            self._run.begin_segment(recorder)
         run = self._run
         run.all()
-        state = run.state
-        converged, sentence = status(assembly, problem.settings, state.windows, state.interface_indicator)
+        converged, sentence = run.status()
         energy = recorder.assembly_energy(assembly)
         if energy is not None:
             for term in _RUNNING:
@@ -172,7 +170,7 @@ class SegmentedRun:
             time[: recorder.n_kept],
             recorder.interfaces(assembly),
             recorder.substructures(),
-            state.windows,
+            run.windows,
             converged,
             True,
             sentence,
@@ -241,12 +239,11 @@ class SegmentedRun:
 
     def _tree(self) -> dict[str, object]:
         assert self._run is not None
-        image = self._run.image
         return {
             "time": self.time,
             "start": self._amplitudes,
             "running": dict(self._running),
-            "fields": {name: image.field(name, size).copy() for name, size in self._run.handed_on()},
+            "fields": self._run.get_state(),
             "stored": self._stored,
             "steps": self._steps,
             "ground": {str(i): list(g) for i, g in self._ground.items()},
@@ -256,8 +253,7 @@ class SegmentedRun:
     def _resume(self, tree: dict[str, Any]) -> None:
         assert self._run is not None
         self.time, self._running = tree["time"], dict(tree["running"])
-        for name, size in self._run.handed_on():
-            self._run.image.field(name, size)[:] = tree["fields"][name]
+        self._run.set_state(tree["fields"])
         self._stored, self._steps = tree["stored"], list(tree["steps"])
         self._ground = {int(i): GroundState(*g) for i, g in tree["ground"].items()}
         for propagator, part in zip(self.problem.assembly.propagators, tree["propagators"], strict=True):

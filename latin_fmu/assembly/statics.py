@@ -20,7 +20,6 @@ from ..interface.behaviour import bonds
 from ..latin.assembly import InterfaceUnit, Layout
 from ..latin.record import Timings
 from ..latin.recorder import Recorder
-from ..latin.status import status
 from ..latin.windows import Run
 from ..propagator import StaticPropagator
 from ..scene.fields import GROUND, split_face
@@ -102,9 +101,7 @@ def static_state(whole: DiscretisedProblem, amplitudes: Mapping[str, float]) -> 
             problem.assembly, problem.settings, Recorder(problem.assembly, problem.wanted, problem.info), Timings()
         )
         run.all()
-        converged, sentence = status(
-            problem.assembly, problem.settings, run.state.windows, run.state.interface_indicator
-        )
+        converged, sentence = run.status()
         if converged:
             return _handed(problem, run, amplitudes, tolerance)
     raise SceneError(
@@ -137,7 +134,7 @@ def _handed(problem: SolverReadyProblem, run: Run, amplitudes: Mapping[str, floa
         traction[unit.name] = group.block(run.f_hat)[0, points]
         if unit.behaviour.opens and not unit.behaviour.elastic:
             closure[unit.name] = np.where(traction[unit.name][:, 0] < 0.0, gaps[id(group)][points], 0.0)
-    windows = run.state.windows
+    windows = run.windows
     told = f"static equilibrium, {len(windows)} increment(s), {sum(w.iterations for w in windows)} iterations"
     remarks = (
         ()

@@ -39,7 +39,7 @@ _ROUND_OFF = 1e-12
 _BALANCED = 1e-7  # what a static start leaves unbalanced is no reason to accelerate anything
 
 
-def start(assembly: Assembly) -> tuple[Array, Array]:
+def initial_conditions(assembly: Assembly) -> tuple[Array, Array]:
     """Start every propagator; tractions and velocities (n_flat,) of the channels at t = 0."""
     propagators = assembly.propagators
     if assembly.quasi_static:

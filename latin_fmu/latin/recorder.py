@@ -228,24 +228,6 @@ class Recorder:
         return total
 
 
-class Tape:
-    """Recorder of a sequential pass."""
-
-    def __init__(self, n_flat: int) -> None:
-        self._n = n_flat
-        self.f_hat: list[Array] = []
-        self.w_hat: list[Array] = []
-
-    def instants_unseen(self) -> int:
-        """No limit."""
-        return 1 << 30
-
-    def kept(self, assembly: Assembly, image: Image, probes: SlideProbes, n: int, row: int = 0) -> None:  # noqa: ARG002
-        """Keep the fields of n instants."""
-        self.f_hat.append(image.field("history_f", image.rows, self._n)[row : row + n].copy())
-        self.w_hat.append(image.field("history_w", image.rows, self._n)[row : row + n].copy())
-
-
 def interface_history(
     unit: InterfaceUnit,
     f_hat: Array,

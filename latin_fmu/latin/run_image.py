@@ -98,6 +98,21 @@ def make_image(assembly: Assembly, settings: Settings, direction: Direction, pro
     )
 
 
+def negligible_scales(image: Image, direction: Direction) -> Array:
+    """Scales (3,) of negligible fields, relative to the largest load: denominator of eta, normal and tangential
+    forces; ``image`` : of windows of one instant, bound to ``direction``."""
+    image.field("local_f", image.n_flat)[:], image.field("r", image.n_flat)[:] = direction.level, 0.0
+    measures = image.field("measure", 8)
+    measures[:] = 0.0
+    if image.n_flat:
+        image.call(entries.FORCES, 1)
+    tiny = np.finfo(float).tiny
+    weights = direction.weights[1, direction.assembly.layout.normal]
+    fields = float(direction.level.max(initial=0.0)) ** 2 * float(weights.sum())
+    force = max(float(measures[3]), tiny)
+    return np.array([max(fields, tiny), force, force])
+
+
 def rules(settings: Settings) -> dict[str, float]:
     """Numbers of the record of the run that may change during it."""
     return {

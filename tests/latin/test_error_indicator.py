@@ -10,6 +10,7 @@ import pytest
 
 from latin_fmu.api import run
 from latin_fmu.kernels import entries
+from latin_fmu.latin.run_image import negligible_scales
 from latin_fmu.latin.search_direction import Direction
 from latin_fmu.latin.settings import Settings
 
@@ -78,7 +79,7 @@ class Indicator:
 
     def floor(self) -> Array:
         """Scales of negligible fields."""
-        scales: Array = self._run._negligible()
+        scales: Array = negligible_scales(self._run.image, self._run.direction(1))
         return scales
 
 

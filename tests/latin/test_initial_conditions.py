@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from latin_fmu.api import run
-from latin_fmu.latin.initial_conditions import start
+from latin_fmu.latin.initial_conditions import initial_conditions
 
 LOADS: dict[str, dict[str, Any]] = {
     "end_load": {"load": {"pull": {"face": "a.zmin", "traction": [0.3, -0.1, 0.8]}}},
@@ -74,7 +74,7 @@ def test_a_cut_bar_starts_like_the_merged_one(bars_scene: Any, bar_box: Any, mad
     """Accelerations of all nodes at t = 0, and the motion that follows."""
     whole, pieces = (made(cut(bars_scene, bar_box, case, n)) for n in (1, 3))
     for built in (whole, pieces):
-        start(built.assembly)
+        initial_conditions(built.assembly)
     one, three = by_place(whole, "a"), by_place(pieces, "a")
     assert one.keys() == three.keys()
     scale = max(float(np.abs(a).max()) for a in one.values())
@@ -95,7 +95,7 @@ def test_tractions_are_opposite_and_zero_where_contact_is_open(blocks_scene: Any
     for body in tables["substructure"].values():
         body["body_force"] = [0.0, 0.0, -1.0]
     built = made(tables)
-    traction, velocity = start(built.assembly)
+    traction, velocity = initial_conditions(built.assembly)
     assert not traction.any()  # contact at t = 0 is left to the first instant
     high = built.assembly.layout.channels(1, 1)
     np.testing.assert_allclose(velocity[high], np.tile([-0.1, 0.05, 0.02], (9, 1)), atol=1e-15)
@@ -106,7 +106,7 @@ def test_preload_is_there_and_nothing_moves(blocks_scene: Any, made: Any) -> Non
     tables["substructure"]["high"].pop("initial_velocity")
     tables["interface"]["rub"]["preload"] = 3.0
     built = made(tables)
-    traction, _ = start(built.assembly)
+    traction, _ = initial_conditions(built.assembly)
     for side, sign in ((0, -1.0), (1, 1.0)):
         channels = built.assembly.layout.channels(1, side)
         np.testing.assert_array_equal(traction[channels[:, 0]], sign * 3.0)
@@ -125,7 +125,7 @@ def test_body_bonded_to_moving_ground_takes_its_acceleration(bars_scene: Any, ma
         "ground_velocity": {"direction": [0.0, 3.0, 4.0], "amplitude": 0.5, "law": law},
     }
     built = made(tables)
-    start(built.assembly)
+    initial_conditions(built.assembly)
     a = by_place(built, "a")
     for key, value in a.items():
         if key[2] == 3.0:

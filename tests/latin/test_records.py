@@ -367,7 +367,7 @@ def test_what_is_not_a_field_is_never_written_or_read() -> None:
         np.testing.assert_array_equal(image.moving.view(np.int64)[gaps], marks)
         np.testing.assert_array_equal(bare.recorder.f_hat, marked.recorder.f_hat)
         np.testing.assert_array_equal(bare.recorder.w_hat, marked.recorder.w_hat)
-        assert all(w.converged for w in marked.state.windows)
+        assert all(w.converged for w in marked.windows)
 
 
 @pytest.mark.parametrize(("tables", "change"), CASES)
@@ -393,7 +393,7 @@ def test_a_snapshot_is_a_copy_of_the_state(tables: Tables, change: Callable[[Tab
     kept, begun, seen = run.image.state.copy(), run.assembly.instant, run.recorder._instant
     first = on()
     run.image.state[:] = kept
-    run._move(begun)
+    run._set_instant(begun)
     run.recorder._instant = seen
     again = on()
     assert np.abs(first["f"]).max() > 0.0

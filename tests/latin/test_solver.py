@@ -205,8 +205,8 @@ def test_real_chain_marks_its_windows(blocks_scene: Any, made: Any, begun: Any, 
     python_driver()  # whose windows are solved with the fall-backs, from the first iteration
     run = begun(made(blocks_scene(solver={"tolerance": 1e-20})))
     run.all()
-    active = [w for w in run.state.windows if w.fallbacks]
-    assert len(run.state.windows) == 12
+    active = [w for w in run.windows if w.fallbacks]
+    assert len(run.windows) == 12
     assert len(active) >= 10
     for window in active:
         assert window.fallbacks == ["relaxation 1/2", "points one after the other"]

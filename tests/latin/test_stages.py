@@ -84,7 +84,7 @@ def commit(run_: Any, f_hat: Array, instant: int) -> None:
     for c in range(len(run_.image.propagators)):
         run_.image.end(c, instant)
     run_.image.call(entries.END_INSTANT, instant)
-    run_._step_to(instant)
+    run_._set_instant(instant)
 
 
 def test_outgoing_quantities_of_the_linear_stage(run_: Any) -> None:

@@ -58,7 +58,7 @@ def test_windows_cover_the_interval(blocks_scene: Any, made: Any, begun: Any) ->
     for length, count in ((1, 12), (5, 3), ("whole", 1)):
         march = begun(made(blocks_scene(solver={"window": length})))
         march.all()
-        windows = march.state.windows
+        windows = march.windows
         assert len(windows) == count
         assert windows[0].first_instant == 1
         assert windows[-1].last_instant == 12
@@ -116,16 +116,16 @@ def test_the_sequential_start_leaves_no_trace_but_a_better_guess(blocks_scene: A
     for march in (zero, sequential):
         march.all()
     assert sequential.recorder is recorded
-    assert len(sequential.state.windows) == 1
-    assert sequential.state.windows[0].iterations < zero.state.windows[0].iterations
-    assert sequential.state.marched + sequential.state.condensed > 12 * 2 * sequential.state.windows[0].iterations
+    assert len(sequential.windows) == 1
+    assert sequential.windows[0].iterations < zero.windows[0].iterations
+    assert sequential.marched + sequential.condensed > 12 * 2 * sequential.windows[0].iterations
 
 
 def test_an_error_in_the_sequential_pass_puts_recorder_and_state_back(
     blocks_scene: Any, made: Any, begun: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     march = begun(made(blocks_scene(solver={"window": "whole"})))
-    recorder, windows, before = march.recorder, march.state.windows, march.image.state.copy()
+    recorder, windows, before = march.recorder, march.windows, march.image.state.copy()
     call = march.image.call
 
     def broken(action: int, *arguments: int) -> int:
@@ -138,7 +138,7 @@ def test_an_error_in_the_sequential_pass_puts_recorder_and_state_back(
     with pytest.raises(FloatingPointError):
         march.advance(12, 0, 1)
     assert march.recorder is recorder
-    assert march.state.windows is windows
+    assert march.windows is windows
     assert not len(windows)
     np.testing.assert_array_equal(march.image.state, before)
     assert march.assembly.instant == 0
