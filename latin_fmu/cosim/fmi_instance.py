@@ -1,6 +1,6 @@
-"""A session behind numbered variables: everything an adapter to a co-simulation standard needs.
+"""Co-simulation of a scene through numbered variables: what an FMI adapter hands its calls to.
 
-No exception leaves a participant: what goes wrong is logged with a level, and answered by False.
+No exception leaves an instance: an error is logged with a level, and the method returns False.
 """
 
 from __future__ import annotations
@@ -14,246 +14,231 @@ from ..errors import LatinError
 from ..latin.settings import tolerance_for
 from ..latin.state_serialization import decode, encode
 from .variable import Variable
-from .variable_store import DISCARD, WARNING, Log, Values, guarded
+from .variable_store import DISCARD, ERROR, WARNING, Log, VariableStore, exception_barrier
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # imported at initialization: hosts instantiate an FMU only to look at it
     from ..scene.schema import Scene
     from .session import Session
     from .settings import Settings
     from .step_history import Link
 
 
-class SavedState:
-    """A saved state: its bytes, and what keeps the accepted steps before it alive."""
+class SavedState(bytes):
+    """State of an instance; ``last_step`` keeps the accepted steps before it in memory."""
 
-    def __init__(self, blob: bytes, link: Link | None = None) -> None:
-        self.blob, self.link = blob, link
+    last_step: Link | None = None
 
 
-class Participant:
-    """Variables by reference (their place in the table), life cycle, states.
+class FmiInstance:
+    """Variables by value reference (their place in the table), life cycle, states.
 
     Parameters
     ----------
-    table : the variables. scene : called for the scene when it is first needed. log : takes level and message.
+    table : the variables. scene : called once, when the scene is needed. log : takes the level and the text of a
+        message.
     """
 
     def __init__(self, table: Sequence[Variable], scene: Callable[[], Scene], log: Log) -> None:
-        self._open, self.log = scene, log
-        self._values = Values(table, log)
+        self._open_scene, self.log = scene, log
+        self._variables = VariableStore(table, log)
         self._session: Session | None = None
-        self._host_tolerance: float | None = None
-        self._failure = ""
         self.clear()
 
     @property
     def table(self) -> tuple[Variable, ...]:
-        """The variables; their place is the reference."""
-        return self._values.table
+        """The variables; their place is the value reference."""
+        return self._variables.table
+
+    def log_error(self, message: str) -> None:
+        """Log a message with the level of an error."""
+        self.log(ERROR, message)
 
     def clear(self) -> None:
-        """Every variable at its start value; before initialization."""
-        self._values.clear()
-        self._host_tolerance, self._failure, self._ready = None, "", False
+        """Set every variable to its start value, before initialization; operators are kept."""
+        self._variables.clear()
+        self._host_tolerance: float | None = None
+        self._failure = ""
         self._start_time = 0.0
         if self._session is not None:
             self._session.reset()
 
     # -- variables ------------------------------------------------------------------------------------------------
-    @guarded(())
     def get(self, references: Sequence[int]) -> Sequence[float]:
-        """Numbers, those of arrays one after the other in row-major order."""
-        return self._values.get(references, self._session)
+        """Numbers by value reference, arrays in row-major order; zeros, and an error is logged, on failure."""
+        return self._get(references) or [0.0] * self._variables.size(references)
 
-    def size(self, references: Sequence[int]) -> int:
-        """How many numbers ``get`` gives."""
-        return self._values.size(references)
+    @exception_barrier(())
+    def _get(self, references: Sequence[int]) -> Sequence[float]:
+        return self._variables.get(references, self._session)
 
-    @guarded(False)
+    @exception_barrier(False)
     def set(self, references: Sequence[int], values: Sequence[float]) -> bool:
-        """Set numbers; arrays take as many as they hold."""
-        self._values.set(references, values, self._ready)
+        """Set numbers; an array takes as many values as it has elements."""
+        self._variables.set(references, values)
         return True
 
-    @guarded(())
     def get_texts(self, references: Sequence[int]) -> Sequence[str]:
-        """Strings."""
-        return self._values.get_texts(references)
+        """Values of strings by value reference; empty, and an error is logged, on failure."""
+        return self._get_texts(references) or [""] * len(references)
 
-    @guarded(False)
+    @exception_barrier(())
+    def _get_texts(self, references: Sequence[int]) -> Sequence[str]:
+        return self._variables.get_texts(references)
+
+    @exception_barrier(False)
     def set_texts(self, references: Sequence[int], values: Sequence[str]) -> bool:
-        """Set strings."""
-        self._values.set_texts(references, values, self._ready)
+        """Set strings by value reference."""
+        self._variables.set_texts(references, values)
         return True
 
     # -- life cycle -----------------------------------------------------------------------------------------------
-    @guarded(None)
+    @exception_barrier(None)
     def setup(self, start_time: float, tolerance: float | None) -> None:
         """Start time, s, and the tolerance of the host, None where it gives none."""
         self._start_time, self._host_tolerance = start_time, tolerance
 
     def settings(self) -> Settings:
-        """The parameters as settings of a session."""
-        return settings_of(self._values, self._host_tolerance)
+        """Settings of a session from the parameters.
+
+        A tolerance of the host is a relative accuracy and replaces the parameter ``tolerance``, which is on sqrt(eta).
+        """
+        from .settings import Settings
+
+        number, accuracy = self._variables.number, self._host_tolerance
+        return Settings(
+            mode=int(number("mode")),
+            interpolation=int(number("inputInterpolation")),
+            time_step=number("timeStep"),
+            end_time=number("endTime"),
+            tolerance=tolerance_for(accuracy) if accuracy is not None and accuracy > 0.0 else number("tolerance"),
+            max_iterations=int(number("maxIterations")),
+            keep=bool(self._variables.text("resultsFile")),
+        )
 
     def initialize(self) -> bool:
-        """Build, and in prescribed mode solve; False and logged where that fails."""
+        """Build the scene, in prescribed mode solve it; False, and an error is logged, where that fails."""
         self._failure = "initialization failed, see the message before"
         if self._initialize():
-            self._failure, self._ready = "", True
-        return self._ready
+            self._failure, self._variables.fixed = "", True
+        return self._variables.fixed
 
-    @guarded(False)
+    @exception_barrier(False)
     def _initialize(self) -> bool:
-        check_results_file(self._values)
-        if estimate_wanted(self._values) and not self._values.text("resultsFile"):
+        target = self._variables.text("resultsFile")
+        if target:
+            from ..results.files import check_target
+
+            check_target(target)
+        elif self._estimates_errors():
             self.log(WARNING, "estimateError has no effect without resultsFile, where the estimate is told")
-        session = self._session_for(self.settings())
+        session = self._session_with(self.settings())
         session.reset()
-        push_loads(self._values, session)
-        push_histories(self._values, session, self.log)
+        self._set_loads(session)
+        self._set_histories(session)
         session.initialize(self._start_time)
         for remark in session.warnings:
             self.log(WARNING, remark)
-        self._values.take(session)
+        self._variables.update(session)
         return True
 
-    def _session_for(self, settings: Settings) -> Session:
-        """The session with these settings; one that exists keeps its operators."""
+    def _estimates_errors(self) -> bool:
+        return bool(self._variables.number("estimateError"))
+
+    def _session_with(self, settings: Settings) -> Session:
+        """The session with these settings; the present one, with its operators, where they are equal."""
         from .session import Session
 
         if self._session is None or self._session.settings != settings:
-            self._session = Session(self._open(), settings)
+            self._session = Session(self._open_scene(), settings)
         return self._session
 
-    @guarded(False)
+    def _set_loads(self, session: Session) -> None:
+        number = self._variables.number
+        for name in session.loads:
+            session.set_load(name, number(f"load.{name}.value"), number(f"load.{name}.rate"))
+
+    def _set_histories(self, session: Session) -> None:
+        """Set the histories of a session in prescribed mode: those of the file, then those given as arrays."""
+        file = self._variables.text("historyFile")
+        if not session.prescribed:
+            if file:
+                self.log(WARNING, "historyFile has no effect in windowed mode: set mode = 1")
+            return
+        if file:
+            from .loads import read_histories
+
+            for name, history in read_histories(file, session.loads).items():
+                session.set_history(name, *history)
+        for name, history in self._variables.histories().items():
+            session.set_history(name, *history)
+
+    @exception_barrier(False)
     def step(self, t: float, h: float) -> bool:
-        """Go on from t by h, s; False and logged where the step is refused."""
+        """Advance from t by h, s; False, and the reason is logged, where the step is discarded."""
         session = self._session
-        if not self._ready or session is None:
+        if not self._variables.fixed or session is None:
             self.log(DISCARD, self._failure or "a step before initialization")
             return False
         before = {name: session.load(name) for name in session.loads}
-        push_loads(self._values, session)
+        self._set_loads(session)
         report = session.step(t, h)
         if not report.accepted:
             for name, (value, rate) in before.items():
                 session.set_load(name, value, rate)
             self.log(DISCARD, report.message)
             return False
-        self._values.take(session)
+        self._variables.update(session)
         return True
 
-    @guarded(False)
+    @exception_barrier(False)
     def terminate(self) -> bool:
-        """Write the results, where they are asked for."""
-        target = self._values.text("resultsFile")
-        if target and self._ready and self._session is not None:
+        """Write the results file, where one is named."""
+        target = self._variables.text("resultsFile")
+        if target and self._variables.fixed and self._session is not None:
             from ..results.files import write_netcdf
 
-            write_netcdf(self._session.dataset(estimate=estimate_wanted(self._values)), target)
+            write_netcdf(self._session.dataset(estimate=self._estimates_errors()), target)
         return True
 
     # -- states ---------------------------------------------------------------------------------------------------
-    @guarded(None)
-    def save(self) -> SavedState | None:
-        """All of it, bit-exact; None where that fails (logged)."""
-        session = self._session if self._ready else None
-        tree: dict[str, Any] = {
-            "values": self._values.tree(),
-            "start_time": self._start_time,
-            "tolerance": self._host_tolerance,
-            "ready": int(self._ready),
-            "failure": self._failure,
-            "session": None if session is None else np.frombuffer(session.snapshot(), dtype=np.uint8),
-        }
-        return SavedState(encode(tree, self._kind), None if session is None else session.chain.head)
+    @exception_barrier(None)
+    def get_state(self) -> SavedState | None:
+        """Everything that determines the next steps, bit for bit; None, and an error is logged, on failure."""
+        session = self._session if self._variables.fixed else None
+        snapshot = None if session is None else np.frombuffer(session.snapshot(), dtype=np.uint8)
+        saved = SavedState(encode({**self._own_state(), "session": snapshot}, self._kind))
+        saved.last_step = None if session is None else session.step_history.head
+        return saved
 
-    @property
-    def _kind(self) -> str:
-        return f"participant {len(self.table)} {self.table[-1].name}"
-
-    @guarded(False)
-    def load(self, state: SavedState) -> bool:
-        """Back to a saved state; nothing changes where it cannot be used (logged)."""
-        tree = decode(state.blob, self._kind)
-        keep = self._parts()
+    @exception_barrier(False)
+    def set_state(self, saved: bytes) -> bool:
+        """Restore a state; where it cannot be used an error is logged and nothing changes."""
+        state = decode(saved, self._kind)
+        before, session = self._own_state(), self._session
         try:
-            self._take(tree)
-            if tree["session"] is not None:
-                self._session_for(self.settings()).restore(tree["session"].tobytes())
-                self._values.changed()
+            self._set_own_state(state)
+            if state["session"] is not None:
+                self._session_with(self.settings()).restore(state["session"].tobytes())
+                self._variables.forget_arrays()
         except LatinError:
-            self._take_parts(keep)
+            self._set_own_state(before)
+            self._session = session
             raise
         return True
 
-    def _take(self, tree: dict[str, Any]) -> None:
-        self._values.resume(tree["values"])
-        self._start_time, self._host_tolerance = tree["start_time"], tree["tolerance"]
-        self._ready, self._failure = bool(tree["ready"]), tree["failure"]
+    @property
+    def _kind(self) -> str:
+        return f"co-simulation {len(self.table)} {self.table[-1].name}"
 
-    def _parts(self) -> tuple[Any, ...]:
-        return (self._values.tree(), self._start_time, self._host_tolerance, self._ready, self._failure, self._session)
+    def _own_state(self) -> dict[str, Any]:
+        return {
+            "variables": self._variables.get_state(),
+            "start_time": self._start_time,
+            "tolerance": self._host_tolerance,
+            "failure": self._failure,
+        }
 
-    def _take_parts(self, parts: tuple[Any, ...]) -> None:
-        values, self._start_time, self._host_tolerance, self._ready, self._failure, self._session = parts
-        self._values.resume(values)
-
-
-# -- From the values of the variables to the settings, loads and histories of a session.
-def settings_of(values: Values, host_tolerance: float | None) -> Settings:
-    """The parameters as settings; the tolerance of the host, where it gives one, goes first.
-
-    The host's tolerance is a relative accuracy wanted; the parameter ``tolerance`` is on sqrt(eta).
-    """
-    from .settings import Settings
-
-    given = None if host_tolerance is None or not host_tolerance > 0.0 else tolerance_for(host_tolerance)
-    return Settings(
-        mode=int(values.number("mode")),
-        interpolation=int(values.number("inputInterpolation")),
-        time_step=values.number("timeStep"),
-        end_time=values.number("endTime"),
-        tolerance=values.number("tolerance") if given is None else given,
-        max_iterations=int(values.number("maxIterations")),
-        keep=bool(values.text("resultsFile")),
-    )
-
-
-def check_results_file(values: Values) -> None:
-    """Raises ResultsError where the results, if they are asked for, cannot be written."""
-    if target := values.text("resultsFile"):
-        from ..results.files import check_target
-
-        check_target(target)
-
-
-def estimate_wanted(values: Values) -> bool:
-    """Whether the errors of what was solved are to be estimated at the end."""
-    return bool(values.number("estimateError"))
-
-
-def push_loads(values: Values, session: Session) -> None:
-    """Inputs to the session."""
-    for name in session.loads:
-        session.set_load(name, values.number(f"load.{name}.value"), values.number(f"load.{name}.rate"))
-
-
-def push_histories(values: Values, session: Session, log: Log) -> None:
-    """Histories to the session, those of the file first.
-
-    Raises InputError where the file, or a history, cannot be used.
-    """
-    from .loads import read_histories
-
-    file = values.text("historyFile")
-    if not session.prescribed:
-        if file:
-            log(WARNING, "historyFile has no effect in windowed mode: set mode = 1")
-        return
-    if file:
-        for name, (times, amplitudes) in read_histories(file, session.loads).items():
-            session.set_history(name, times, amplitudes)
-    for name, (times, amplitudes) in values.histories().items():
-        session.set_history(name, times, amplitudes)
+    def _set_own_state(self, state: dict[str, Any]) -> None:
+        self._variables.set_state(state["variables"])
+        self._start_time, self._host_tolerance = state["start_time"], state["tolerance"]
+        self._failure = state["failure"]

@@ -6,7 +6,7 @@ import csv
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
@@ -14,13 +14,15 @@ from ..errors import InputError, Problem
 from ..latin.record import Array
 from ..scene.laws import InputLaw
 from ..scene.schema import Scene
-from .step_history import AcceptedStep
-from .variables import HOLD, LINE, RATE, input_loads
+from .variables import HOLD, LINE, input_loads
 
 Curve = tuple[tuple[float, ...], tuple[float, ...]]
 """Times, s, strictly increasing, and amplitudes between which a load was linear."""
 
-_JUMP: Final = 1e-7  # of a step: how far apart the two times of a jump are written
+Histories = dict[str, tuple[Array, Array]]
+"""Times, s, and amplitudes by load."""
+
+_HEADING = "the load histories cannot be used"
 
 
 class Loads:
@@ -93,10 +95,10 @@ class Loads:
 
     def curves(self, end: float) -> dict[str, Curve]:
         """The histories, and constants from 0 to ``end``, s, for loads without."""
-        found: dict[str, Curve] = {name: ((0.0, end), (value, value)) for name, value in self.initial_values().items()}
+        curves: dict[str, Curve] = {name: ((0.0, end), (value, value)) for name, value in self.initial_values().items()}
         for name, (times, values) in self.histories.items():
-            found[name] = (tuple(map(float, times)), tuple(map(float, values)))
-        return found
+            curves[name] = (tuple(map(float, times)), tuple(map(float, values)))
+        return curves
 
     def amplitudes(self, h: float, n: int, rule: int) -> dict[str, Array]:
         """Amplitudes (n + 1,) over a step of h, s, in n parts. rule : HOLD, RATE or LINE."""
@@ -116,8 +118,8 @@ class Loads:
         self._reached = {name: float(a[-1]) for name, a in amplitudes.items()}
 
     # -- state ----------------------------------------------------------------------------------------------------
-    def tree(self) -> dict[str, Any]:
-        """All of it."""
+    def get_state(self) -> dict[str, Any]:
+        """Everything that was set."""
         return {
             "value": self.value,
             "rate": self.rate,
@@ -126,11 +128,11 @@ class Loads:
             "histories": {name: list(pair) for name, pair in self.histories.items()},
         }
 
-    def resume(self, tree: Mapping[str, Any]) -> None:
-        """Back to a tree."""
-        self.value, self.rate, self._reached = tree["value"], tree["rate"], tree["reached"]
-        self._initial = {name: (a, b) for name, (a, b) in tree["initial"].items()}
-        self.histories = {name: (t, a) for name, (t, a) in tree["histories"].items()}
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Restore what ``get_state`` returned."""
+        self.value, self.rate, self._reached = state["value"], state["rate"], state["reached"]
+        self._initial = {name: (a, b) for name, (a, b) in state["initial"].items()}
+        self.histories = {name: (t, a) for name, (t, a) in state["histories"].items()}
 
 
 def _start_value(scene: Scene, name: str) -> float:
@@ -139,32 +141,7 @@ def _start_value(scene: Scene, name: str) -> float:
     return law.start_value
 
 
-def curves_of(steps: Sequence[AcceptedStep], rule: int, before: Mapping[str, Curve]) -> dict[str, Curve]:
-    """What loads did over accepted steps, times from the start of the first one.
-
-    Parameters
-    ----------
-    rule : HOLD, RATE or LINE. before : curves whose last value is that of the start.
-    """
-    t0 = steps[0].start
-    found: dict[str, Curve] = {}
-    for name, (_, given) in before.items():
-        times, values = [0.0], [given[-1] if rule == LINE else steps[0].value[name]]
-        for step in steps:
-            value, h = step.value[name], step.end - step.start
-            if rule != LINE and value != values[-1]:
-                times.append(times[-1] + _JUMP * h)
-                values.append(value)
-            times.append(step.end - t0)
-            values.append(value + step.rate[name] * h if rule == RATE else value)
-        found[name] = (tuple(times), tuple(values))
-    return found
-
-
-# -- Load histories from a CSV or netCDF file.
-Histories = dict[str, tuple[Array, Array]]
-
-
+# -- histories from a file ----------------------------------------------------------------------------------------
 def read_histories(path: str | Path, loads: Sequence[str]) -> Histories:
     """Times and amplitudes of loads, by name.
 
@@ -189,7 +166,7 @@ def read_histories(path: str | Path, loads: Sequence[str]) -> Histories:
         if name not in loads
     ]
     if problems:
-        raise InputError(problems, "the load histories cannot be used")
+        raise InputError(problems, _HEADING)
     return {name: check_history(f"{file}: {name}", times, values) for name, values in columns.items()}
 
 
@@ -207,7 +184,7 @@ def check_history(where: str, times: Array, values: Array) -> tuple[Array, Array
     elif (np.diff(t) <= 0.0).any():
         what = "the times do not increase strictly"
     if what is not None:
-        raise InputError([Problem(where, what)], "the load histories cannot be used")
+        raise InputError([Problem(where, what)], _HEADING)
     return t, a
 
 
@@ -243,4 +220,4 @@ def _netcdf(file: Path) -> dict[str, Array]:
 
 
 def _bad(file: Path, what: str, remedy: str | None = None) -> InputError:
-    return InputError([Problem(str(file), what, None, None, remedy)], "the load histories cannot be used")
+    return InputError([Problem(str(file), what, None, None, remedy)], _HEADING)

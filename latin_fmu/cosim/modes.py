@@ -1,4 +1,8 @@
-"""Windowed mode: a communication step is one segment of the run, the state is carried on."""
+"""The two modes of a session.
+
+Windowed: a communication step is one segment of the run, and the state is carried on. Prescribed: the whole interval is
+solved from given histories at initialization, then played back.
+"""
 
 from __future__ import annotations
 
@@ -21,10 +25,12 @@ from ..latin.state_serialization import encode
 from ..latin.windows import Run
 from ..scene.schema import Scene
 from .loads import Histories, Loads
-from .outputs import Motion, Places, impulses, motion_now, motion_of, nodes_of, places_of, rows_of, series_of
+from .outputs import Motion, Places, impulses, motion_now, motion_of, nodes_of, output_rows, places_of, series_of
 from .settings import SHORTEST, Settings, StepReport, refused
+from .step_history import INTERFACE_FIELDS
 
 MAX_INSTANTS = 1_000_000  # of one communication step
+ROUND_OFF = 1e-9  # of a time step: times closer than this are one instant
 
 
 class Windowed:
@@ -47,7 +53,7 @@ class Windowed:
         self.segment: Segment | None = None
 
     def start(self, loads: Loads) -> None:
-        """Outputs at t = 0, with the loads as they are set."""
+        """Compute the outputs at t = 0 under the loads that are set."""
         self._outputs_now(loads.value)
 
     def _outputs_now(self, amplitudes: Mapping[str, float]) -> None:
@@ -65,12 +71,12 @@ class Windowed:
         motion = motion_now(self._places, self.run.displacement, self.run.velocity)
         series = series_of(self.interfaces)
         energy = recorder.assembly_energy(assembly)
-        rows = rows_of(series, self._impulse[None], motion, (0.0, 0.0, 1.0, 0.0), energy, 1)
+        rows = output_rows(series, self._impulse[None], motion, (0.0, 0.0, 1.0, 0.0), energy, 1)
         self.row = rows[0]
         self.run.reset()
 
     def step(self, loads: Loads, t: float, h: float, t0: float) -> StepReport:
-        """Go on from t by h, s, t0 being the start of the simulation.
+        """Solve from t to t + h, s; ``t0`` is the start of the simulation.
 
         Raises
         ------
@@ -87,20 +93,20 @@ class Windowed:
         if not segment.accepted:
             return refused(f"no convergence in the step of {h:g} s at {t:g} s: {segment.status}")
         loads.reach(amplitudes)
-        self._read(segment)
+        self._take_outputs(segment)
         return StepReport(True, "", n, segment.iterations, segment.error_indicator)
 
     def _advance(self, end: float, n: int, loads: Mapping[str, Array]) -> Segment:
         """Solve n time steps up to ``end``, s; nothing changes where the segment is not accepted."""
         before = self.run.snapshot()
         try:
-            with np.errstate(all="ignore"):  # what overflows ends as "not converged"
+            with np.errstate(all="ignore"):  # an overflow is reported as "not converged"
                 return self.run.advance(end, n, loads)
         except (ArithmeticError, ValueError, RuntimeError, np.linalg.LinAlgError) as error:
             self.run.restore(before)
             raise SolverError(f"the solver cannot make this step: {error}") from error
 
-    def _read(self, segment: Segment) -> None:
+    def _take_outputs(self, segment: Segment) -> None:
         n = len(segment.time) - 1
         dt = (segment.time[-1] - segment.time[0]) / n
         series = series_of(segment.interfaces)
@@ -109,7 +115,7 @@ class Windowed:
         energy = None if segment.energy is None else {k: v[-1:] for k, v in segment.energy.items()}
         solver = (segment.iterations, segment.error_indicator, float(segment.converged), n)
         last = {name: s.last() for name, s in series.items()}
-        self.row = rows_of(last, impulse[-1:], motion, solver, energy, 1)[0]
+        self.row = output_rows(last, impulse[-1:], motion, solver, energy, 1)[0]
         self._impulse = impulse[-1]
         self.time, self.interfaces, self.segment = segment.time, segment.interfaces, segment
 
@@ -118,39 +124,28 @@ class Windowed:
         return len(self.time) - 1
 
     def reset(self) -> None:
-        """Back to t = 0."""
+        """Return to t = 0; operators are kept."""
         self.run.reset()
 
-    def tree(self) -> dict[str, Any]:
-        """All that determines the next steps and the outputs now."""
+    def get_state(self) -> dict[str, Any]:
+        """Everything that determines the next steps and the present outputs."""
         return {
             "run": np.frombuffer(self.run.snapshot(), dtype=np.uint8),
             "impulse": self._impulse,
             "row": self.row,
             "time": self.time,
-            "fields": {name: _fields(history) for name, history in self.interfaces.items()},
+            "fields": {n: {f: getattr(h, f) for f in INTERFACE_FIELDS} for n, h in self.interfaces.items()},
         }
 
-    def resume(self, tree: Mapping[str, Any], _loads: Loads) -> None:
-        """Back to a tree. Raises InputError where the run in it is of another scene."""
+    def set_state(self, state: Mapping[str, Any], _loads: Loads) -> None:
+        """Restore a state. Raises InputError where its run is of another scene."""
         if not self.interfaces:
             self._outputs_now({})  # gives the geometry of the interfaces
-        self.run.restore(tree["run"].tobytes())
-        self._impulse, self.row, self.time = tree["impulse"], tree["row"], tree["time"]
+        self.run.restore(state["run"].tobytes())
+        self._impulse, self.row, self.time = state["impulse"], state["row"], state["time"]
         known = self.interfaces
-        self.interfaces = {name: replace(known[name], **f) for name, f in tree["fields"].items()}
+        self.interfaces = {name: replace(known[name], **f) for name, f in state["fields"].items()}
         self.segment = None
-
-
-_FIELDS = ("traction", "velocity", "gap", "contact_status", "friction_power", "layer_energy", "joint_power")
-
-
-def _fields(history: InterfaceHistory) -> dict[str, Any]:
-    return {key: getattr(history, key) for key in _FIELDS}
-
-
-# -- Prescribed mode: the whole interval solved from given histories, then played back.
-ROUND_OFF = 1e-9  # of a time step: an instant this close is that instant
 
 
 class Prescribed:
@@ -171,7 +166,7 @@ class Prescribed:
         self._table = np.zeros((0, 0))  # rows of all instants
 
     def start(self, loads: Loads) -> None:
-        """Solve, and be at the first instant.
+        """Solve the interval and take the outputs of its first instant.
 
         Raises
         ------
@@ -181,7 +176,7 @@ class Prescribed:
         self.row = self._row_at(0.0)
 
     def _solve(self, values: Mapping[str, float], histories: Histories) -> None:
-        """Solve for these loads: a history, or a constant value; nothing to do where that is solved already."""
+        """Solve for these loads, histories or constants, unless the present solution is theirs."""
         given = {"value": dict(values), "history": {name: list(pair) for name, pair in histories.items()}}
         key = hashlib.sha256(encode(given, "histories")).hexdigest()
         if key == self._solved_for:
@@ -203,10 +198,10 @@ class Prescribed:
             raise SolverError(segment.status)
         motion = motion_of(places, segment.substructures, nodes)
         self._table = _rows(segment, motion, n)
-        self.run, self.segment, self._solved_for = run, _as_asked(segment, self._scene), key
+        self.run, self.segment, self._solved_for = run, _requested(segment, self._scene), key
 
     def step(self, loads: Loads, t: float, h: float, t0: float) -> StepReport:
-        """Play back from t to t + h, s, t0 being the start of the simulation."""
+        """Play back from t to t + h, s; ``t0`` is the start of the simulation."""
         if changed := loads.changed():
             return refused(
                 f"load.{changed} was changed after initialization, which has no effect in prescribed mode: give a "
@@ -221,12 +216,12 @@ class Prescribed:
 
     @property
     def time(self) -> Array:
-        """Instants solved, s."""
+        """Instants of the solution, s; none before ``start``."""
         return np.zeros(0) if self.segment is None else self.segment.time
 
     @property
     def interfaces(self) -> dict[str, InterfaceHistory]:
-        """Histories over the whole interval."""
+        """Interface histories over the whole interval."""
         return {} if self.segment is None else self.segment.interfaces
 
     def _row_at(self, time: float) -> Array:
@@ -250,16 +245,16 @@ class Prescribed:
         return int(np.clip(np.floor(place + ROUND_OFF * max(1.0, abs(place))), 0, len(self._table) - 1))
 
     def reset(self) -> None:
-        """Back to before ``start``; the solution is kept."""
+        """Return to before ``start``; the solution is kept."""
 
-    def tree(self) -> dict[str, Any]:
-        """What restores the playback: the outputs now; the solution follows from the loads."""
+    def get_state(self) -> dict[str, Any]:
+        """The present outputs; the solution follows from the loads."""
         return {"row": self.row}
 
-    def resume(self, tree: Mapping[str, Any], loads: Loads) -> None:
-        """Back to a tree; solves where these loads are not solved yet. Raises SolverError."""
+    def set_state(self, state: Mapping[str, Any], loads: Loads) -> None:
+        """Restore a state; solves where these loads are not solved yet. Raises SolverError."""
         self._solve(loads.initial_values(), loads.histories)
-        self.row = tree["row"]
+        self.row = state["row"]
 
 
 def _rows(segment: Segment, motion: Sequence[Motion], n: int) -> Array:
@@ -268,44 +263,37 @@ def _rows(segment: Segment, motion: Sequence[Motion], n: int) -> Array:
     impulse = [history.impulse(segment.time) for history in segment.interfaces.values()]
     running = np.stack(impulse, axis=1) if impulse else impulses(series, 0.0, np.zeros((0, 3)))
     solver = (segment.iterations, segment.error_indicator, float(segment.converged), n)
-    return rows_of(series, running, motion, solver, segment.energy, n + 1)
+    return output_rows(series, running, motion, solver, segment.energy, n + 1)
 
 
 def _recording(
     problem: SolverReadyProblem, places: Places
 ) -> tuple[SolverReadyProblem, dict[str, NDArray[np.int64]] | None]:
-    """Sensors need fields at every instant: those of their nodes, or all (None) where the scene wants fields."""
+    """The problem with the fields that sensors need at every instant, and their nodes (None: all, for fields)."""
     if not places:
         return problem, None
     nodes = None if problem.wanted.fields else nodes_of(places)
     return replace(problem, wanted=replace(problem.wanted, fields=True, every=1, nodes=nodes)), nodes
 
 
-def _as_asked(segment: Segment, scene: Scene) -> Segment:
-    """What only the sensors needed is dropped: the fields, or those of instants the scene leaves out."""
+def _requested(segment: Segment, scene: Scene) -> Segment:
+    """The segment without the fields, or the instants of fields, that only the sensors needed."""
     if not scene.sensor:
         return segment
-    keep = slice(None, None, scene.output.every)
-    asked = {}
-    for name, history in segment.substructures.items():
-        if scene.output.keeps_fields:
-            asked[name] = replace(
-                history,
-                time=history.time[keep],
-                displacement=_cut(history.displacement, keep),
-                velocity=_cut(history.velocity, keep),
-                stress=_cut(history.stress, keep),
-            )
-        elif history.stress is not None or history.energy is not None:
-            asked[name] = replace(
-                history,
-                time=history.time[keep] if history.stress is not None else np.zeros(0),
-                displacement=None,
-                velocity=None,
-                stress=_cut(history.stress, keep),
-            )
-    return replace(segment, substructures=asked)
+    every, fields = scene.output.every, scene.output.keeps_fields
+    kept = {
+        name: replace(
+            history,
+            time=history.time[::every] if fields or history.stress is not None else np.zeros(0),
+            displacement=_thinned(history.displacement, every) if fields else None,
+            velocity=_thinned(history.velocity, every) if fields else None,
+            stress=_thinned(history.stress, every),
+        )
+        for name, history in segment.substructures.items()
+        if fields or history.stress is not None or history.energy is not None
+    }
+    return replace(segment, substructures=kept)
 
 
-def _cut(field: Array | None, keep: slice) -> Array | None:
-    return None if field is None else field[keep]
+def _thinned(field: Array | None, every: int) -> Array | None:
+    return None if field is None else field[::every]

@@ -1,9 +1,10 @@
-"""Resultants of an interface over some instants: what the outputs of a co-simulation are made of."""
+"""Outputs of a co-simulation: resultants of the interfaces, motion of the sensors, rows and arrays of the table."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,19 +72,46 @@ class InterfaceSeries:
         return np.concatenate(parts, axis=1)
 
 
-def impulse_steps(force: Array, dt: float) -> Array:
-    """Running trapezoid (n, 3) of a force (n, 3) at instants dt apart, 0 at the first."""
-    steps = 0.5 * dt * (force[1:] + force[:-1])
-    return np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
+def array_output(name: str, time: Array, interfaces: Mapping[str, InterfaceHistory], instant: int) -> Array:
+    """An array of the variable table by name; empty where there is none.
+
+    time, interfaces : instants and histories of the window. instant : index of the present instant in ``time``.
+    """
+    if name == "window.time":
+        return time
+    _, interface, group, quantity = name.split(".")
+    if interface not in interfaces:
+        return np.zeros(0)
+    history = interfaces[interface]
+    values = _over_window(InterfaceSeries.of(history), quantity) if group == "window" else _at_points(history, quantity)
+    if values is None:
+        return np.zeros(0)
+    return values if group == "window" else np.asarray(values[instant], dtype=float)
 
 
-# -- Where the sensors of a scene sit on its meshes.
+def _over_window(series: InterfaceSeries, quantity: str) -> Array | None:
+    shares = ("closed", "sticking", "slipping")
+    if quantity in shares:
+        return None if series.shares is None else series.shares[:, shares.index(quantity)]
+    sides = {"velocityE": series.velocity[:, 0], "velocityEp": series.velocity[:, 1]}
+    return {**sides, "force": series.force, "gap": series.gap}[quantity]
+
+
+def _at_points(history: InterfaceHistory, quantity: str) -> Any:
+    field: Any = getattr(history, "contact_status" if quantity == "status" else quantity)
+    return field
+
+
+# -- sensors ------------------------------------------------------------------------------------------------------
 Places = dict[str, tuple[str, int]]
 """Substructure and node by sensor."""
 
+Motion = tuple[Array, Array]
+"""Displacement and velocity (n, 3) of a sensor."""
+
 
 def places_of(scene: Scene, info: Mapping[str, SubstructureInfo]) -> Places:
-    """The node nearest to the point of each sensor."""
+    """Node of the mesh nearest to the point of each sensor."""
     places = {}
     for name, sensor in scene.sensor.items():
         _, node = nearest(np.asarray([sensor.point]), info[sensor.substructure].nodes)
@@ -91,9 +119,7 @@ def places_of(scene: Scene, info: Mapping[str, SubstructureInfo]) -> Places:
     return places
 
 
-def motion_now(
-    places: Places, displacement: Callable[[str], Array], velocity: Callable[[str], Array]
-) -> list[tuple[Array, Array]]:
+def motion_now(places: Places, displacement: Callable[[str], Array], velocity: Callable[[str], Array]) -> list[Motion]:
     """Displacement and velocity (1, 3) of every sensor at the present time."""
     return [(displacement(body)[None, node], velocity(body)[None, node]) for body, node in places.values()]
 
@@ -106,34 +132,37 @@ def nodes_of(places: Places) -> dict[str, NDArray[np.int64]]:
 
 def motion_of(
     places: Places, histories: Mapping[str, SubstructureHistory], nodes: Mapping[str, NDArray[np.int64]] | None
-) -> list[tuple[Array, Array]]:
+) -> list[Motion]:
     """Displacement and velocity (n_time, 3) of every sensor from stored fields, those of ``nodes`` or of all."""
-    found = []
+    motions = []
     for body, node in places.values():
         displacement, velocity = histories[body].displacement, histories[body].velocity
         assert displacement is not None
         assert velocity is not None
         place = node if nodes is None else int(np.searchsorted(nodes[body], node))
-        found.append((displacement[:, place], velocity[:, place]))
-    return found
+        motions.append((displacement[:, place], velocity[:, place]))
+    return motions
 
 
-# -- Scalar outputs in the order of the variable table, from what a solved interval left.
-Motion = tuple[Array, Array]  # displacement, velocity (n, 3) of a sensor
+# -- rows of scalar outputs ---------------------------------------------------------------------------------------
 
 
 def series_of(interfaces: Mapping[str, InterfaceHistory]) -> dict[str, InterfaceSeries]:
-    """Resultants of every interface."""
+    """Resultants of every interface at the instants of its history."""
     return {name: InterfaceSeries.of(history) for name, history in interfaces.items()}
 
 
 def impulses(series: Mapping[str, InterfaceSeries], dt: float, start: Array) -> Array:
     """Running impulses (n, n_interface, 3), N s; ``start`` (n_interface, 3) at the first instant."""
-    steps = [impulse_steps(s.force, dt) for s in series.values()]
-    return start + np.stack(steps, axis=1) if steps else np.zeros((1, 0, 3))
+    if not series:
+        return np.zeros((1, 0, 3))
+    force = np.stack([s.force for s in series.values()], axis=1)
+    running = np.cumsum(0.5 * dt * (force[1:] + force[:-1]), axis=0)  # trapezoidal rule
+    total: Array = start + np.concatenate([np.zeros_like(force[:1]), running])
+    return total
 
 
-def rows_of(
+def output_rows(
     series: Mapping[str, InterfaceSeries],
     impulse: Array,
     sensors: Sequence[Motion],
@@ -141,7 +170,7 @@ def rows_of(
     energy: Mapping[str, Array] | None,
     n: int,
 ) -> Array:
-    """(n, n_output): one row per instant.
+    """Scalar outputs in the order of the variable table, (n, n_output), one row per instant.
 
     impulse : (n, n_interface, 3). solver : iterations, indicator, converged, instants of the interval.
     energy : terms (n,), None where the scene asks for none.

@@ -23,10 +23,10 @@ from ..latin.record import Array, InterfaceHistory
 from ..latin.state_serialization import decode, encode
 from ..results.estimates import ErrorEstimate
 from ..scene.schema import Scene
-from .loads import Curve, Loads
+from .loads import Loads
 from .modes import Prescribed, Windowed
 from .settings import Settings, StepReport, refused, why_not
-from .step_history import AcceptedStep, Chain
+from .step_history import AcceptedStep, StepHistory
 from .variables import PRESCRIBED, scalar_table
 
 
@@ -54,8 +54,8 @@ class Session:
         self._loads = Loads(scene)
         self._time_step = self.settings.step_of(scene)
         self._kind = hashlib.sha256((self.scene.text() + repr(self.settings.choices())).encode()).hexdigest()
-        self._engine: Windowed | Prescribed | None = None
-        self.chain = Chain()
+        self._mode: Windowed | Prescribed | None = None
+        self.step_history = StepHistory()
         self.reset()
 
     def reset(self) -> None:
@@ -63,9 +63,9 @@ class Session:
         self.time, self._t0, self.started = 0.0, 0.0, False
         self._loads.reset()
         self.row: Array = np.zeros(len(self.outputs))
-        self.chain.clear()
-        if self._engine is not None:
-            self._engine.reset()
+        self.step_history.clear()
+        if self._mode is not None:
+            self._mode.reset()
 
     @property
     def prescribed(self) -> bool:
@@ -108,41 +108,41 @@ class Session:
         bad = self._loads.not_finite()
         if bad or not math.isfinite(t0):
             raise InputError([Problem(bad or "start time", "is not a finite number")], "the session cannot start")
-        engine = self._built()
-        engine.start(self._loads)
-        self.row = engine.row
+        mode = self._prepared_mode()
+        mode.start(self._loads)
+        self.row = mode.row
         self._t0 = self.time = float(t0)
         self._loads.begin()
         self.started = True
 
-    def _built(self) -> Windowed | Prescribed:
-        if self._engine is None:
-            self._engine = (Prescribed if self.prescribed else Windowed)(self.scene, self.settings)
-        return self._engine
+    def _prepared_mode(self) -> Windowed | Prescribed:
+        if self._mode is None:
+            self._mode = (Prescribed if self.prescribed else Windowed)(self.scene, self.settings)
+        return self._mode
 
     def step(self, t: float, h: float) -> StepReport:
         """Go on from t by h, s, with the loads set before. A step that is refused changes nothing."""
-        engine = self._engine
-        if engine is None or not self.started:
+        mode = self._mode
+        if mode is None or not self.started:
             return refused("the session is not initialized")
         bad = self._loads.not_finite()
         trouble = f"{bad} is not a finite number" if bad else why_not(t, h, self.time, self._time_step)
         if trouble:
             return refused(trouble)
         try:
-            report = engine.step(self._loads, t, h, self._t0)
+            report = mode.step(self._loads, t, h, self._t0)
         except LatinError as error:
             return refused(str(error))
         if report.accepted:
-            self.time, self.row = t + h, engine.row
+            self.time, self.row = t + h, mode.row
             if self.settings.keep:
-                self._keep(t, h, engine)
+                self._keep(t, h, mode)
         return report
 
-    def _keep(self, t: float, h: float, engine: Windowed | Prescribed) -> None:
-        segment = engine.segment if isinstance(engine, Windowed) else None
+    def _keep(self, t: float, h: float, mode: Windowed | Prescribed) -> None:
+        segment = mode.segment if isinstance(mode, Windowed) else None
         value, rate = dict(self._loads.value), dict(self._loads.rate)
-        self.chain.append(AcceptedStep(t, t + h, self.row, value, rate, segment))
+        self.step_history.append(AcceptedStep(t, t + h, self.row, value, rate, segment))
 
     # -- outputs --------------------------------------------------------------------------------------------------
     def value(self, name: str) -> float:
@@ -158,37 +158,38 @@ class Session:
 
     def window(self) -> tuple[Array, dict[str, InterfaceHistory]]:
         """Instants (n,), s, and interface histories of the last step (the whole interval in prescribed mode)."""
-        if self._engine is None:
+        if self._mode is None:
             return np.zeros(0), {}
-        return self._t0 + self._engine.time, self._engine.interfaces
+        return self._t0 + self._mode.time, self._mode.interfaces
 
     def instant(self) -> int:
         """Index of the present instant in ``window``."""
-        return -1 if self._engine is None else self._engine.instant(self.time - self._t0)
+        return -1 if self._mode is None else self._mode.instant(self.time - self._t0)
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """Remarks about the scene, known after ``initialize``."""
-        run = None if self._engine is None else self._engine.run
+        run = None if self._mode is None else self._mode.run
         return () if run is None else run.problem.warnings
 
-    def given_curves(self) -> dict[str, Curve]:
-        """Loads set from outside when the session was initialized: histories, else constants."""
-        return self._loads.curves(self.scene.time.end)
-
     def estimate_error(self) -> ErrorEstimate:
-        """Estimated relative error of every quantity of the steps kept (prescribed mode: of the whole interval), from
-        coarser runs of what was solved; takes as long as these."""
-        from .session_results import session_error
+        """Estimated relative error of every quantity of the steps kept (prescribed mode: of the whole interval).
 
-        return session_error(self, self._engine)
+        It needs coarser runs of the same interval and takes as long as these.
+        """
+        from .session_results import estimated_error
+
+        given = self._loads.curves(self.scene.time.end)
+        return estimated_error(self.scene, self.settings, list(self.step_history), self._mode, given)
 
     def dataset(self, estimate: bool = False) -> xr.DataTree:
-        """Accepted steps as a DataTree: that of a run, and group ``exchange`` with inputs and outputs by step; where
-        wanted group ``accuracy`` with the estimated errors."""
-        from .session_results import session_tree
+        """Accepted steps as a DataTree: groups of a run, and ``exchange`` with inputs and outputs by step.
 
-        tree = session_tree(self, self._engine)
+        estimate : add group ``accuracy`` with the estimated errors.
+        """
+        from .session_results import result_tree
+
+        tree = result_tree(self.scene, self.table, list(self.step_history), self._mode)
         if estimate:
             tree["/accuracy"] = xr.DataTree(self.estimate_error().group().dataset())
         return tree
@@ -196,17 +197,17 @@ class Session:
     # -- state ----------------------------------------------------------------------------------------------------
     def snapshot(self) -> bytes:
         """Everything that determines the next steps and the outputs, versioned, bit-exact."""
-        engine = self._engine if self.started else None
-        tree: dict[str, Any] = {
+        mode = self._mode if self.started else None
+        state: dict[str, Any] = {
             "time": self.time,
             "t0": self._t0,
             "started": int(self.started),
             "row": self.row,
-            "loads": self._loads.tree(),
-            "last": self.chain.identity,
-            "engine": None if engine is None else engine.tree(),
+            "loads": self._loads.get_state(),
+            "last": self.step_history.identity,
+            "mode": None if mode is None else mode.get_state(),
         }
-        return encode(tree, self._kind)
+        return encode(state, self._kind)
 
     def restore(self, blob: bytes) -> None:
         """Back to a snapshot of this or another session of the same scene and settings.
@@ -216,12 +217,12 @@ class Session:
         InputError : no such bytes; nothing has changed. SolverError : in prescribed mode, a session that has not
         solved these histories solves them, and cannot.
         """
-        tree = decode(blob, self._kind)
+        state = decode(blob, self._kind)
         loads = Loads(self.scene)
-        loads.resume(tree["loads"])
-        if tree["engine"] is not None:
-            self._built().resume(tree["engine"], loads)
+        loads.set_state(state["loads"])
+        if state["mode"] is not None:
+            self._prepared_mode().set_state(state["mode"], loads)
         self._loads = loads
-        self.time, self._t0, self.started = tree["time"], tree["t0"], bool(tree["started"])
-        self.row = tree["row"]
-        self.chain.move_to(tree["last"])
+        self.time, self._t0, self.started = state["time"], state["t0"], bool(state["started"])
+        self.row = state["row"]
+        self.step_history.move_to(state["last"])

@@ -1,20 +1,16 @@
-"""What a session exchanged and what it solved, as one DataTree with attributes from the variable table."""
+"""Results of a session: what was solved and exchanged as one DataTree, and its estimated errors."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import replace
 from itertools import takewhile
-from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
 
-from ..accuracy.estimate import estimate_error
-from ..accuracy.resolution import with_tolerance
 from ..assembly.segments import Segment
-from ..latin.record import Array, InterfaceHistory, Outcome, SubstructureHistory, Timings, WindowRecord
+from ..latin.record import Array
 from ..results.dataset import AXES, datatree, provenance, result_groups
 from ..results.estimates import ErrorEstimate
 from ..results.groups import SCHEMA_VERSION
@@ -22,37 +18,36 @@ from ..results.quantities_of_interest import FLOOR
 from ..results.solution import Solution
 from ..scene.point_laws import TableLaw
 from ..scene.schema import Scene
-from .loads import Curve, curves_of
+from .loads import Curve
 from .modes import Prescribed, Windowed
 from .settings import Settings
-from .step_history import AcceptedStep
+from .step_history import AcceptedStep, curves_of, joined
 from .variable import Variable
 
-if TYPE_CHECKING:
-    from .session import Session
-
 _COMPONENT = re.compile(r"(.+)\[(\d)\]")
+_SAME_STEP = 1e-6  # relative difference of time steps that count as equal
 
 
-def session_tree(session: Session, engine: Windowed | Prescribed | None) -> xr.DataTree:
+def result_tree(
+    scene: Scene, table: Sequence[Variable], steps: Sequence[AcceptedStep], mode: Windowed | Prescribed | None
+) -> xr.DataTree:
     """Results of the accepted steps; group ``exchange`` holds inputs and outputs at the communication points."""
-    steps = list(session.chain)
-    segments = _segments(engine, steps)
-    if engine is None or engine.run is None or not segments:
-        tree = xr.DataTree(name=session.scene.name)
-        tree.attrs = {**provenance(), "scene_name": session.scene.name, "schema_version": SCHEMA_VERSION}
+    segments = [] if mode is None else _segments(mode, steps)
+    if mode is None or mode.run is None or not segments:
+        tree = xr.DataTree(name=scene.name)
+        tree.attrs = {**provenance(), "scene_name": scene.name, "schema_version": SCHEMA_VERSION}
     else:
-        outcome = joined(segments, engine.run.timings, engine.run.problem.warnings)
-        name = session.scene.name
-        recovered = engine.run.problem.recovered
-        tree = datatree(result_groups(outcome, name, session.scene.text(), provenance(), recovered), name)
-    tree["/exchange"] = xr.DataTree(exchange_dataset(session.table, steps))
+        problem = mode.run.problem
+        outcome = joined(segments, mode.run.timings, problem.warnings)
+        groups = result_groups(outcome, scene.name, scene.text(), provenance(), problem.recovered)
+        tree = datatree(groups, scene.name)
+    tree["/exchange"] = xr.DataTree(exchange_dataset(table, steps))
     return tree
 
 
-def _segments(engine: Windowed | Prescribed | None, steps: Sequence[AcceptedStep]) -> list[Segment]:
-    found = [engine.segment] if isinstance(engine, Prescribed) else [step.segment for step in steps]
-    return [segment for segment in found if segment is not None]
+def _segments(mode: Windowed | Prescribed, steps: Sequence[AcceptedStep]) -> list[Segment]:
+    segments = [mode.segment] if isinstance(mode, Prescribed) else [step.segment for step in steps]
+    return [segment for segment in segments if segment is not None]
 
 
 def exchange_dataset(table: Sequence[Variable], steps: Sequence[AcceptedStep]) -> xr.Dataset:
@@ -66,14 +61,14 @@ def exchange_dataset(table: Sequence[Variable], steps: Sequence[AcceptedStep]) -
         if variable.causality == "input":
             _, load, what = variable.name.split(".")
             values = np.array([getattr(step, what)[load] for step in steps])
-            columns[_plain(variable.name)] = (("time",), values, attributes(variable))
+            columns[_plain(variable.name)] = (("time",), values, _attributes(variable))
     for i, variable in enumerate(outputs):
         match = _COMPONENT.fullmatch(variable.name)
         if match is None:
-            columns[_plain(variable.name)] = (("time",), rows[:, i], attributes(variable))
+            columns[_plain(variable.name)] = (("time",), rows[:, i], _attributes(variable))
         elif match[2] == "1":
-            facts = attributes(variable) | {"long_name": variable.description.removesuffix(", x")}
-            columns[_plain(match[1])] = (("time", "component"), rows[:, i : i + 3], facts)
+            attributes = _attributes(variable) | {"long_name": variable.description.removesuffix(", x")}
+            columns[_plain(match[1])] = (("time", "component"), rows[:, i : i + 3], attributes)
     time = np.array([step.end for step in steps])
     dataset = xr.Dataset(columns, coords={"time": time, "component": AXES})
     dataset["time"].attrs = {"units": "s", "long_name": "communication point, end of the step"}
@@ -81,113 +76,56 @@ def exchange_dataset(table: Sequence[Variable], steps: Sequence[AcceptedStep]) -
     return dataset
 
 
-def attributes(variable: Variable) -> dict[str, str]:
+def _attributes(variable: Variable) -> dict[str, str]:
     """netCDF attributes of a variable."""
-    facts = {"long_name": variable.description}
-    return facts if variable.unit is None else {"units": variable.unit, **facts}
+    meaning = {"long_name": variable.description}
+    return meaning if variable.unit is None else {"units": variable.unit, **meaning}
 
 
 def _plain(name: str) -> str:
     return name.replace(".", "_")
 
 
-def joined(segments: Sequence[Segment], timings: Timings, warnings: tuple[str, ...]) -> Outcome:
-    """Segments that follow one another as one run."""
-    time = np.concatenate([segments[0].time, *(s.time[1:] for s in segments[1:])])
-    interfaces = {name: _joined_interface([s.interfaces[name] for s in segments]) for name in segments[0].interfaces}
-    substructures = {
-        name: _joined_fields([s.substructures[name] for s in segments]) for name in segments[0].substructures
-    }
-    energy = None
-    if segments[0].energy is not None:
-        energy = {
-            term: np.concatenate([(s.energy or {})[term][(i > 0) :] for i, s in enumerate(segments)])
-            for term in segments[0].energy
-        }
-    indicator = max(s.error_indicator for s in segments)
-    return Outcome(
-        time=time,
-        interfaces=interfaces,
-        substructures=substructures,
-        windows=_joined_windows(segments),
-        interface_indicator={},
-        converged=all(s.converged for s in segments),
-        status=f"{len(segments)} accepted segment(s), largest error indicator {indicator:.3g}",
-        passes=float("nan"),
-        energy=energy,
-        timings=timings,
-        warnings=warnings,
-    )
+def estimated_error(
+    scene: Scene,
+    settings: Settings,
+    steps: Sequence[AcceptedStep],
+    mode: Windowed | Prescribed | None,
+    given: dict[str, Curve],
+) -> ErrorEstimate:
+    """Estimated relative error of every quantity of the solved interval.
 
+    The loads set from outside become tables, jumps at communication points included; the coarser runs then are runs of
+    a plain scene (see ``estimate_error``). Time steps must be equal; the interval ends at the first other one, and a
+    remark says so.
 
-def _joined_interface(parts: Sequence[InterfaceHistory]) -> InterfaceHistory:
-    changes: dict[str, Array] = {}
-    for key in ("traction", "velocity", "gap", "contact_status", "friction_power", "layer_energy", "joint_power"):
-        if getattr(parts[0], key) is not None:
-            changes[key] = np.concatenate([getattr(p, key)[(i > 0) :] for i, p in enumerate(parts)])
-    return replace(parts[0], **changes)  # type: ignore[arg-type]
-
-
-def _joined_fields(parts: Sequence[SubstructureHistory]) -> SubstructureHistory:
-    changes: dict[str, Array] = {"time": np.concatenate([p.time[(i > 0) :] for i, p in enumerate(parts)])}
-    for key in ("displacement", "velocity", "stress"):
-        if getattr(parts[0], key) is not None:
-            changes[key] = np.concatenate([getattr(p, key)[(i > 0) :] for i, p in enumerate(parts)])
-    energy = None
-    if parts[0].energy is not None:
-        energy = {
-            term: np.concatenate([(p.energy or {})[term][(i > 0) :] for i, p in enumerate(parts)])
-            for term in parts[0].energy
-        }
-    return replace(parts[0], energy=energy, **changes)  # type: ignore[arg-type]
-
-
-def _joined_windows(segments: Sequence[Segment]) -> list[WindowRecord]:
-    windows, done = [], 0
-    for segment in segments:
-        windows += [
-            replace(w, first_instant=w.first_instant + done, last_instant=w.last_instant + done)
-            for w in segment.windows
-        ]
-        done += len(segment.time) - 1
-    return windows
-
-
-# -- The estimated error of what a session solved: the same as a plain run, judged by coarser ones.
-_SAME_STEP = 1e-6
-
-
-def session_error(session: Session, engine: Windowed | Prescribed | None) -> ErrorEstimate:
-    """Estimated relative error of every quantity of the interval solved.
-
-    The loads set from outside become tables of what was set, jumps at communication points included; the coarser runs
-    then are runs of a plain scene (see ``estimate_error``). Steps inside the communication steps must be equal; what
-    comes after the first other one is left out, and told.
+    given : loads when the session was initialized: histories, else constants.
     """
-    if engine is None or engine.run is None:
-        return _none("nothing was solved")
-    if isinstance(engine, Prescribed):
-        segments = [] if engine.segment is None else [engine.segment]
-        curves = session.given_curves()
-    else:
-        steps = list(session.chain)
-        segments = [step.segment for step in steps if step.segment is not None]
+    from ..accuracy.estimate import estimate_error
+
+    if mode is None or mode.run is None:
+        return _no_estimate("nothing was solved")
+    segments = _segments(mode, steps)
+    if isinstance(mode, Windowed):
         if not segments or len(segments) < len(steps) or segments[0].time[0] > 0.0:
-            return _none("the steps from the start on are not known: nothing was solved, or a state was restored")
-        curves = curves_of(steps, session.settings.interpolation, session.given_curves())
+            return _no_estimate(
+                "the steps from the start on are not known: nothing was solved, or a state was restored"
+            )
+        given = curves_of(steps, settings.interpolation, given)
     equal = list(takewhile(lambda s: abs(_step(s) / _step(segments[0]) - 1.0) <= _SAME_STEP, segments))
-    scene = plain_scene(session.scene, session.settings, curves, equal)
-    found = estimate_error(
-        scene, Solution(joined(equal, engine.run.timings, engine.run.problem.warnings), scene.text(), scene.name)
-    )
+    plain = _plain_scene(scene, settings, given, equal)
+    solved = Solution(joined(equal, mode.run.timings, mode.run.problem.warnings), plain.text(), plain.name)
+    estimate = estimate_error(plain, solved)
     if len(equal) == len(segments):
-        return found
+        return estimate
     remark = f"steps of unequal length: estimated up to {equal[-1].time[-1]:.6g} s after the start"
-    return ErrorEstimate(found.quantities, (*found.remarks, remark), found.cpu, found.floor)
+    return ErrorEstimate(estimate.quantities, (*estimate.remarks, remark), estimate.cpu, estimate.floor)
 
 
-def plain_scene(scene: Scene, settings: Settings, curves: dict[str, Curve], segments: Sequence[Segment]) -> Scene:
+def _plain_scene(scene: Scene, settings: Settings, curves: dict[str, Curve], segments: Sequence[Segment]) -> Scene:
     """The scene with the loads that were set, over the instants of equal segments from the start on."""
+    from ..accuracy.resolution import with_tolerance
+
     loads = {
         name: load.model_copy(update={"law": TableLaw(times=curves[name][0], values=curves[name][1])})
         if name in curves
@@ -206,5 +144,5 @@ def _step(segment: Segment) -> float:
     return float(segment.time[-1] - segment.time[0]) / (len(segment.time) - 1)
 
 
-def _none(why: str) -> ErrorEstimate:
-    return ErrorEstimate((), (f"no estimate: {why}",), 0.0, FLOOR)
+def _no_estimate(reason: str) -> ErrorEstimate:
+    return ErrorEstimate((), (f"no estimate: {reason}",), 0.0, FLOOR)

@@ -1,15 +1,36 @@
-"""The accepted steps of a session: a chain one can go back along, so that steps rolled back are never stored."""
+"""Accepted steps of a session: their history, the loads over them, and their segments as one run.
+
+The history is a chain of links, so that a session whose state is restored returns to an earlier step.
+"""
 
 from __future__ import annotations
 
 import hashlib
 from collections import deque
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final
 from weakref import WeakValueDictionary
 
+import numpy as np
+
 from ..assembly.segments import Segment
-from ..latin.record import Array
+from ..latin.record import Array, InterfaceHistory, Outcome, SubstructureHistory, Timings, WindowRecord
+from .loads import Curve
+from .variables import LINE, RATE
+
+INTERFACE_FIELDS: Final = (
+    "traction",
+    "velocity",
+    "gap",
+    "contact_status",
+    "friction_power",
+    "layer_energy",
+    "joint_power",
+)
+"""Fields of an ``InterfaceHistory`` over time."""
+
+_JUMP: Final = 1e-7  # of a step: distance of the two times at which a jump is written
 
 
 @dataclass(frozen=True)
@@ -25,7 +46,7 @@ class AcceptedStep:
 
 
 class Link:
-    """A step and the one before it. Its identity is a digest of all steps up to it."""
+    """A step and the one before it; ``identity`` is a digest of all steps up to it."""
 
     def __init__(self, step: AcceptedStep, before: Link | None, identity: str) -> None:
         self.step, self.before = step, before
@@ -35,39 +56,39 @@ class Link:
         self.identity = digest.hexdigest()[:32]
 
 
-class Chain:
-    """The steps accepted so far.
+class StepHistory:
+    """The accepted steps, the last of them in ``head``.
 
-    Links of other branches are found again while they are among the last ``RECENT`` or somebody holds them
-    (``head``); a chain moved to a link that is gone begins there anew.
+    Steps that were rolled back can be returned to while they are among the last ``RECENT`` or somebody holds their
+    link. A history moved to a step that is no longer in memory starts there anew.
     """
 
     RECENT = 256
 
     def __init__(self) -> None:
         self.head: Link | None = None
-        self._gone = ""  # identity of a last step whose link is gone
+        self._forgotten = ""  # identity of a last step that is not in memory
         self._known: WeakValueDictionary[str, Link] = WeakValueDictionary()
         self._recent: deque[Link] = deque(maxlen=self.RECENT)
 
     @property
     def identity(self) -> str:
-        """Of the last step; empty before the first."""
-        return self._gone if self.head is None else self.head.identity
+        """Identity of the last step; empty before the first."""
+        return self._forgotten if self.head is None else self.head.identity
 
     def append(self, step: AcceptedStep) -> None:
-        """Add a step."""
+        """Add a step after the last one."""
         self.head = Link(step, self.head, self.identity)
         self._known[self.head.identity] = self.head
         self._recent.append(self.head)
 
     def move_to(self, identity: str) -> None:
-        """Make the step of this identity the last one."""
-        self.head, self._gone = self._known.get(identity), identity
+        """Make the step with this identity the last one."""
+        self.head, self._forgotten = self._known.get(identity), identity
 
     def clear(self) -> None:
-        """Forget the steps."""
-        self.head, self._gone = None, ""
+        """Remove all steps."""
+        self.head, self._forgotten = None, ""
         self._recent.clear()
 
     def __iter__(self) -> Iterator[AcceptedStep]:
@@ -76,3 +97,83 @@ class Chain:
             steps.append(link.step)
             link = link.before
         return reversed(steps)
+
+
+def curves_of(steps: Sequence[AcceptedStep], rule: int, before: Mapping[str, Curve]) -> dict[str, Curve]:
+    """Loads over accepted steps, times from the start of the first one.
+
+    Parameters
+    ----------
+    rule : HOLD, RATE or LINE. before : curves whose last value is that of the start.
+    """
+    t0 = steps[0].start
+    curves: dict[str, Curve] = {}
+    for name, (_, given) in before.items():
+        times, values = [0.0], [given[-1] if rule == LINE else steps[0].value[name]]
+        for step in steps:
+            value, h = step.value[name], step.end - step.start
+            if rule != LINE and value != values[-1]:
+                times.append(times[-1] + _JUMP * h)
+                values.append(value)
+            times.append(step.end - t0)
+            values.append(value + step.rate[name] * h if rule == RATE else value)
+        curves[name] = (tuple(times), tuple(values))
+    return curves
+
+
+# -- segments as one run ------------------------------------------------------------------------------------------
+def joined(segments: Sequence[Segment], timings: Timings, warnings: tuple[str, ...]) -> Outcome:
+    """Outcome of a run from segments that follow one another."""
+    first = segments[0]
+    indicator = max(s.error_indicator for s in segments)
+    return Outcome(
+        time=_joined_arrays([s.time for s in segments]),
+        interfaces={name: _joined_interface([s.interfaces[name] for s in segments]) for name in first.interfaces},
+        substructures={
+            name: _joined_substructure([s.substructures[name] for s in segments]) for name in first.substructures
+        },
+        windows=_joined_windows(segments),
+        interface_indicator={},
+        converged=all(s.converged for s in segments),
+        status=f"{len(segments)} accepted segment(s), largest error indicator {indicator:.3g}",
+        passes=float("nan"),
+        energy=_joined_energies([s.energy for s in segments]),
+        timings=timings,
+        warnings=warnings,
+    )
+
+
+def _joined_arrays(parts: Sequence[Array]) -> Array:
+    """Values over time; the first instant of a part is the last of the one before."""
+    return np.concatenate([part[(i > 0) :] for i, part in enumerate(parts)])
+
+
+def _joined_fields(parts: Sequence[Any], names: Sequence[str]) -> dict[str, Any]:
+    """Those of the fields that are kept, over the instants of all parts."""
+    kept = (name for name in names if getattr(parts[0], name) is not None)
+    return {name: _joined_arrays([getattr(part, name) for part in parts]) for name in kept}
+
+
+def _joined_energies(parts: Sequence[dict[str, Array] | None]) -> dict[str, Array] | None:
+    terms = [part for part in parts if part is not None]
+    return {term: _joined_arrays([part[term] for part in terms]) for term in terms[0]} if terms else None
+
+
+def _joined_interface(parts: Sequence[InterfaceHistory]) -> InterfaceHistory:
+    return replace(parts[0], **_joined_fields(parts, INTERFACE_FIELDS))
+
+
+def _joined_substructure(parts: Sequence[SubstructureHistory]) -> SubstructureHistory:
+    fields = _joined_fields(parts, ("time", "displacement", "velocity", "stress"))
+    return replace(parts[0], energy=_joined_energies([part.energy for part in parts]), **fields)
+
+
+def _joined_windows(segments: Sequence[Segment]) -> list[WindowRecord]:
+    windows, done = [], 0
+    for segment in segments:
+        windows += [
+            replace(w, first_instant=w.first_instant + done, last_instant=w.last_instant + done)
+            for w in segment.windows
+        ]
+        done += len(segment.time) - 1
+    return windows

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from math import isfinite, nextafter
 from typing import NamedTuple
 
@@ -16,6 +16,9 @@ from .contact_law import ContactLaw, Modes, Motion, Regularisation, Traction
 from .system import ENERGY_NAMES, WORKS, Array, ReducedSystem
 
 N_WORK = len(WORKS)
+
+GivenLoads = dict[str, tuple[float, float, float]]
+"""Value, rate (1/s) and the time they were set at, s, of the loads set from outside, by name."""
 
 
 class Evaluation(NamedTuple):
@@ -103,7 +106,7 @@ class Equations:
         return self.law.called_for(self.motion(t, y, segment)[0], segment)
 
     # -- right-hand side --------------------------------------------------------------------------------------------
-    def evaluate(self, t: float, y: Array, modes: Modes, given: dict[str, tuple[float, float, float]]) -> Evaluation:
+    def evaluate(self, t: float, y: Array, modes: Modes, given: GivenLoads) -> Evaluation:
         """Derivative and everything outputs need; ``given`` as in ``Amplitudes.at``."""
         s, n = self.system, self.system.n
         x, v, area = y[:n], y[n : 2 * n], s.contacts.area
@@ -176,7 +179,7 @@ class Amplitudes:
             t = max(t, nextafter(start * (1.0 + _AFTER), np.inf))
         return min(t, self.knots[segment]) if segment < len(self.knots) else t
 
-    def at(self, t: float, segment: int, given: Mapping[str, tuple[float, float, float]]) -> Array:
+    def at(self, t: float, segment: int, given: GivenLoads) -> Array:
         """(n_load,) amplitudes; ``given``: value, rate and the time it was set at, of the loads set from outside."""
         inside = self._inside(t, segment)
         found = np.ones(len(self._laws))
@@ -208,7 +211,7 @@ def _knots(law: TimeLaw) -> Iterator[float]:
 
 
 # -- Outputs of a reduced model, in the order of its table.
-class Readings:
+class Outputs:
     """Turns an evaluation into outputs."""
 
     def __init__(self, equations: Equations) -> None:

@@ -10,9 +10,8 @@ import pytest
 
 import latin_fmu
 from latin_fmu.cosim import Session, Settings
-from latin_fmu.cosim.fmi_instance import Participant
-from latin_fmu.cosim.loads import curves_of
-from latin_fmu.cosim.step_history import AcceptedStep
+from latin_fmu.cosim.fmi_instance import FmiInstance
+from latin_fmu.cosim.step_history import AcceptedStep, curves_of
 from latin_fmu.cosim.variables import HOLD, LINE, PRESCRIBED, RATE, table_of
 from latin_fmu.results.estimates import ErrorEstimate
 from latin_fmu.results.quantities_of_interest import FLOOR
@@ -137,20 +136,20 @@ def test_the_host_finds_the_estimate_in_the_results_file(tmp_path: Path) -> None
     """Asked for by a parameter; without a results file a warning says that there is no place for it."""
     scene = with_law(KNOWN, "input")
     heard: list[str] = []
-    participant = Participant(table_of(scene), lambda: scene, lambda _, text: heard.append(text))
-    place = {v.name: i for i, v in enumerate(participant.table)}
-    participant.set([place["estimateError"]], [1])
-    assert participant.initialize()
+    instance = FmiInstance(table_of(scene), lambda: scene, lambda _, text: heard.append(text))
+    place = {v.name: i for i, v in enumerate(instance.table)}
+    instance.set([place["estimateError"]], [1])
+    assert instance.initialize()
     assert any("no effect without resultsFile" in text for text in heard)
-    participant.clear()
+    instance.clear()
     heard.clear()
     file = tmp_path / "session.nc"
-    participant.set([place["estimateError"], place["load.push.value"]], [1, 0.5])
-    participant.set_texts([place["resultsFile"]], [str(file)])
-    assert participant.initialize()
+    instance.set([place["estimateError"], place["load.push.value"]], [1, 0.5])
+    instance.set_texts([place["resultsFile"]], [str(file)])
+    assert instance.initialize()
     for i in range(20):
-        assert participant.step(0.1 * i, 0.1)
-    assert participant.terminate()
+        assert instance.step(0.1 * i, 0.1)
+    assert instance.terminate()
     assert not heard
     tree = latin_fmu.open_results(file)
     assert float(tree["accuracy"]["relative_error"].sel(quantity="meet.impulse")) > 0.0

@@ -231,7 +231,7 @@ def test_rounded_steps_share_one_factorisation():
         h = 0.02 * (1.0 + 1e-13 * math.sin(t))
         assert session.step(t, h)
         t = t + h
-        present = session._engine.run.problem.assembly.propagators[0].operators
+        present = session._mode.run.problem.assembly.propagators[0].operators
         assert operators is None or operators is present
         operators = present
 

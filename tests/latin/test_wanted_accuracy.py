@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from latin_fmu.cosim.fmi_instance import Participant
+from latin_fmu.cosim.fmi_instance import FmiInstance
 from latin_fmu.cosim.variables import table_of
 from latin_fmu.latin.settings import ITERATION_SHARE, accuracy_of, tolerance_for
 from latin_fmu.results.quantities_of_interest import IMPULSE, KINDS
@@ -33,9 +33,9 @@ def test_there_and_back_is_the_same_number() -> None:
 
 def test_the_host_comes_through_it() -> None:
     scene = blocks()
-    participant = Participant(table_of(scene), lambda: scene, lambda *_: None)
-    written = participant.settings().tolerance
-    participant.setup(0.0, 0.005)
-    assert participant.settings().tolerance == tolerance_for(0.005, IMPULSE.iteration) == 1e-3
-    participant.setup(0.0, None)
-    assert participant.settings().tolerance == written
+    instance = FmiInstance(table_of(scene), lambda: scene, lambda *_: None)
+    written = instance.settings().tolerance
+    instance.setup(0.0, 0.005)
+    assert instance.settings().tolerance == tolerance_for(0.005, IMPULSE.iteration) == 1e-3
+    instance.setup(0.0, None)
+    assert instance.settings().tolerance == written
