@@ -22,7 +22,7 @@ from example_tools import BLUE, GREEN, MODELS, ORANGE, options, save, table, tid
 from matplotlib.figure import Figure
 
 import latin_fmu
-from latin_fmu.accuracy.quantities import Force, Measured
+from latin_fmu.accuracy.quantities import Force, Quantities
 from latin_fmu.accuracy.reference import FILE, physics_of
 from latin_fmu.accuracy.runs import measure_solution
 
@@ -49,7 +49,7 @@ class Plan:
 FULL, QUICK = Plan(15, 24, (120, 240, 360), (12, 18)), Plan(6, 12, (60, 120, 180), (4, 6))
 
 
-def explicit(elements: Sequence[int], instants: int, end: float) -> Measured:
+def explicit(elements: Sequence[int], instants: int, end: float) -> Quantities:
     """Quantities of an explicit run."""
     mesh = [f"substructure.{body}.box.elements={list(elements)}" for body in ("lower", "upper")]
     time = ["time.scheme=central_difference", f"time.end={end}", f"time.step={end / instants}"]
@@ -59,7 +59,7 @@ def explicit(elements: Sequence[int], instants: int, end: float) -> Measured:
     return measure_solution(scene, solution)
 
 
-def cube(n: int, shorter: int) -> Measured:
+def cube(n: int, shorter: int) -> Quantities:
     """The whole interval with n elements along every edge, steps shorter than those of the scene for that mesh."""
     return explicit((n, n, n), 200 * n * shorter // 6, 30e-6)
 
@@ -128,7 +128,7 @@ def write(file: Path, values: dict[str, float], errors: dict[str, float], force:
 
 
 def figure(
-    plan: Plan, runs: Sequence[Measured], early: dict[str, float], values: dict[str, float], errors: dict[str, float]
+    plan: Plan, runs: Sequence[Quantities], early: dict[str, float], values: dict[str, float], errors: dict[str, float]
 ) -> Figure:
     """First contact and separation of the runs beside the value taken."""
     drawn = Figure(figsize=(9.5, 3.6), layout="constrained")

@@ -89,7 +89,7 @@ def compared(model: str, found: Study, quantity: str, target: float) -> Case:
         for i, row in enumerate(rows, 1):
             seconds[i].append(math.nan if row is None else timed(lambda row=row: again(scene, row))[1])
     assert choice.solution is not None
-    true = measure_solution(scene, choice.solution).error(quantity, found.reference.measured)
+    true = measure_solution(scene, choice.solution).error(quantity, found.reference.quantities)
     medians = (float(np.median(column)) for column in seconds)
     name = "-" if rows[1] is None else f"{rows[1].variant}, mesh x {rows[1].resolution.mesh:.2g}"
     return Case(model, quantity, target, choice, true, *medians, name)

@@ -1,1 +1,1 @@
-"""What accuracy costs: quantities, refinement, error estimates, studies."""
+"""Accuracy and its cost: quantities of runs, error estimates, adaptive resolution, work-precision studies."""

@@ -1,4 +1,8 @@
-"""A wanted accuracy: which mesh, step and tolerance reach it, and what that costs, before it is paid."""
+"""Adaptive resolution: mesh, time step and tolerance for a target accuracy, and their cost before the run.
+
+Runs of a refinement sequence (mesh and time step refined at one ratio) are made from coarse to fine until the estimated
+error of the target quantity (``estimate.quantity_estimate``) is below the target.
+"""
 
 from __future__ import annotations
 
@@ -6,92 +10,91 @@ import math
 import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Final
 
 from .. import api
 from ..errors import LatinError
 from ..fem.elasticity import wave_speeds
 from ..latin.settings import tolerance_for
+from ..memory import physical_memory
 from ..results.estimates import ErrorEstimate, QuantityEstimate
-from ..results.quantities_of_interest import FIRST_CONTACT, FLOOR, PEAK_FORCE, SEPARATION, Kind, kind_of
+from ..results.quantities_of_interest import FLOOR, definition_of
 from ..results.solution import Solution
+from ..results.summary import percent
 from ..scene.output_settings import Output
 from ..scene.schema import Scene
-from .estimate import ORDER_BAND, Judged, observed_order, relative, same_way
+from .estimate import quantity_estimate
 from .resolution import (
+    FEWEST_STEPS,
     Resolution,
     aligned,
     at_resolution,
     counts_that_vary,
     in_short_windows,
     meshed_by_the_program,
-    sampling_error,
+    reachable,
     with_tolerance,
 )
-from .runs import CostModel, Run, as_run, exponent_of, memory_foreseen, memory_of_the_machine, told
-from .study_report import percent
+from .runs import Run, RunTimeFit, Tell, as_run, cost_exponent, memory_at, message_of
 
-COURANT = 0.75
-"""Courant number c_p dt / h aimed at: with the same mesh, a step twice as short gains nothing (impulse of the impact
-bar: 1.1 % off at 1.5, 0.51 % at 0.75, 0.56 % at 0.4)."""
+COURANT: Final = 0.75
+"""Target of the Courant number c_p dt / h: with the same mesh, a step twice as short gains nothing (impulse of the
+impact bar: 1.1 % off at 1.5, 0.51 % at 0.75, 0.56 % at 0.4)."""
 
-_FEWEST_STEPS = 8
+_LOOSEST, _TIGHTEST = 1e-2, 1e-9  # tolerances
+_FIRST_FACTORS = (0.35, 0.5, 0.71, 1.0, 1.41, 2.0, 2.83, 4.0)  # the search starts at the first with a coarser run
+_MARGIN = 0.95  # of the target
+_LARGEST_REFINEMENT, _LARGEST_COST_RATIO = 3.0, 25.0  # of the next run: limits of the extrapolation
+_NEARLY_TWICE = 1.7
+_LEAST_REFINEMENT = 1.2
+_ROUNDS = 16
+_LEAST_GAIN = 1.15  # of a refinement by 2; a smaller one counts as no convergence
+_MEMORY_SHARE = 0.8  # of the machine
 
 
 @dataclass
-class Ladder:
-    """Runs by resolution; each is made once.
+class RefinementSequence:
+    """Runs of one scene on finer and finer meshes and steps at one ratio; each is made once.
 
     Attributes
     ----------
-    scene : in short windows, with the tolerance to be used. tell : hears each run as it is done.
-    seconds : CPU seconds of all runs. solution : of the run last asked for with its output.
+    scene : in short windows, with the tolerance to use. tell : called with a line of text after each run.
+    seconds : CPU seconds of all runs. solution : of the last run ``with_output``.
     """
 
     scene: Scene
-    tell: Callable[[str], None]
+    tell: Tell
     seconds: float = 0.0
     solution: Solution | None = None
     _runs: dict[Resolution, Run] = field(default_factory=dict)
-    _dearer: set[Resolution] = field(default_factory=set)
+    _with_output: set[Resolution] = field(default_factory=set)
     _finest: tuple[Resolution, Output, Solution] | None = None
 
     @property
     def refines_mesh(self) -> bool:
-        """Whether the mesh can change at all."""
+        """Whether the mesh can change."""
         return bool(counts_that_vary(self.scene)) and meshed_by_the_program(self.scene)
 
     def factor(self, wanted: float) -> float:
-        """The factor nearest to one wanted that leaves the largest number of elements whole."""
-        if not self.refines_mesh:
-            return wanted
-        largest = max(counts_that_vary(self.scene))
-        return max(1, round(largest * wanted)) / largest
+        """The factor nearest to ``wanted`` that leaves the largest number of elements whole."""
+        return reachable(counts_that_vary(self.scene), wanted) if self.refines_mesh else wanted
 
     def at(self, factor: float) -> Resolution:
-        """Mesh and steps of a factor: the Courant number goes towards 0.75, by shorter steps only."""
+        """Mesh and steps of a factor: shorter steps where the Courant number is above 0.75."""
         mesh = factor if self.refines_mesh else 1.0
         return Resolution(mesh, aligned(self.scene, factor * step_ratio(self.scene)))
 
-    def possible(self, factor: float) -> bool:
-        """Whether a factor leaves enough steps to learn from."""
-        return self.scene.time.n_step * self.at(factor).time >= _FEWEST_STEPS
-
     def chain(self, factor: float) -> list[float]:
-        """A factor, its half, quarter and eighth as far as they exist and differ."""
-        found = [factor]
-        for part in (0.5, 0.25, 0.125):
+        """A factor, its half and quarter, as far as they exist, differ and have enough steps."""
+        factors = [factor]
+        for part in (0.5, 0.25):
             f = self.factor(factor * part)
-            if f < 0.8 * found[-1] and self.possible(f):
-                found.append(f)
-        return found
-
-    def made(self, resolution: Resolution) -> bool:
-        """Whether there is a run at a resolution."""
-        return resolution in self._runs
+            if f < 0.8 * factors[-1] and self.scene.time.n_step * self.at(f).time >= FEWEST_STEPS:
+                factors.append(f)
+        return factors
 
     def run(self, resolution: Resolution) -> Run:
-        """The run at a resolution, with no output but what its quantities need.
+        """The run at a resolution, with the output that its quantities need.
 
         Raises
         ------
@@ -99,14 +102,14 @@ class Ladder:
         """
         if resolution not in self._runs:
             scene = at_resolution(self.scene, resolution)
-            run, solution = self._solved(scene, resolution)
+            run, solution = self._solve(scene, resolution)
             self._runs[resolution] = run
             if self._finest is None or resolution.time >= self._finest[0].time:
                 self._finest = resolution, scene.output, solution
         return self._runs[resolution]
 
-    def whole(self, resolution: Resolution, output: Output) -> Run:
-        """The run with the output asked for, kept as ``solution``: the finest made where it holds all of it.
+    def with_output(self, resolution: Resolution, output: Output) -> Run:
+        """The run with the requested output, stored as ``solution``; the finest run serves where it has that output.
 
         Raises
         ------
@@ -114,19 +117,19 @@ class Ladder:
         """
         scene = at_resolution(self.scene, resolution)
         output = output.model_copy(update={"fields": output.keeps_fields or bool(self.scene.sensor)})
-        kept = output.fields and (output.every > 1 or not scene.output.fields)
-        if output.stress or output.energy or output.recovers or kept:
+        more_fields = output.fields and (output.every > 1 or not scene.output.fields)
+        if output.stress or output.energy or output.recovers or more_fields:
             scene = scene.model_copy(update={"output": output})
         if self._finest is None or self._finest[:2] != (resolution, scene.output):
-            run, solution = self._solved(scene, resolution, ", with its output")
+            run, solution = self._solve(scene, resolution, ", with its output")
             self._finest = resolution, scene.output, solution
             if resolution not in self._runs:
                 self._runs[resolution] = run
-                self._dearer.add(resolution)
+                self._with_output.add(resolution)
         self.solution = self._finest[2]
         return self._runs[resolution]
 
-    def _solved(self, scene: Scene, resolution: Resolution, note: str = "") -> tuple[Run, Solution]:
+    def _solve(self, scene: Scene, resolution: Resolution, note: str = "") -> tuple[Run, Solution]:
         start = clock.process_time()
         solution = api.solve(scene)
         run = as_run(self.scene, solution, resolution, clock.process_time() - start)
@@ -138,12 +141,38 @@ class Ladder:
     @property
     def runs(self) -> list[Run]:
         """The runs made without output, one a resolution, cheapest first."""
-        lean = (run for at, run in self._runs.items() if at not in self._dearer)
+        lean = (run for at, run in self._runs.items() if at not in self._with_output)
         return sorted(lean, key=lambda run: run.cpu)
+
+    def estimate(self, factor: float, quantity: str, needed: int = 2) -> QuantityEstimate:
+        """Estimated error of a quantity at a factor; infinite without a coarser run.
+
+        ``needed`` : number of runs (2 or 3) made for it, the one at ``factor`` and those with a half and a quarter of
+        its resolution; a third one that exists already always counts.
+        """
+        runs: list[Run] = []
+        for f in self.chain(factor):
+            at = self.at(f)
+            if len(runs) >= needed and at not in self._runs:
+                break
+            try:
+                run = self.run(at)
+            except LatinError as error:
+                self.tell(f"no coarser run: {message_of(error)}")
+                break
+            if not run.converged:
+                break
+            runs.append(run)
+        if len(runs) < 2:
+            definition, value = definition_of(quantity), runs[0].quantities.values[quantity] if runs else math.nan
+            nan = math.nan
+            return QuantityEstimate(quantity, value, definition.unit, math.inf, nan, definition.order, True, nan, nan)
+        scene = at_resolution(self.scene, self.at(factor))
+        return quantity_estimate(scene, quantity, [(run.resolution, run.quantities) for run in runs])
 
 
 def step_ratio(scene: Scene) -> float:
-    """How many times shorter steps bring the largest Courant number to 0.75; between 1 and 2."""
+    """Factor on the number of steps that brings the largest Courant number to 0.75; between 1 and 2."""
     largest = 0.0
     for body in scene.substructure.values():
         if body.box is None:
@@ -156,123 +185,16 @@ def step_ratio(scene: Scene) -> float:
     return min(max(largest / COURANT, 1.0), 2.0)
 
 
-_SAFETY = 1.15
-_STEADY, _LEAST_ORDER, _LARGEST_ORDER = 0.35, 0.3, 2.0
-_RINGING = 2.0  # weight of the ringing of a peak
-
-
-def ladder_error(ladder: Ladder, factor: float, quantity: str, needed: int = 2) -> Judged:
-    """Estimated relative error of a quantity at a factor.
-
-    Two runs: ``Kind.change`` x what the last refinement changed. Three: the larger of ``Kind.changes`` x the last two
-    changes. Four that go one way and agree on the order p: 1.15 x change / (r^p - 1), p the smaller order. It is an
-    estimate where the order observed is the expected one or steady, else a bound. Infinite where there is no coarser
-    run.
-
-    Parameters
-    ----------
-    needed : runs made where there are none yet, the one at ``factor`` and those with a half and a quarter of its
-        resolution; coarser ones count where they have been made.
-    """
-    chain = _chain(ladder, factor, needed)
-    if len(chain) < 2:
-        return Judged(math.inf, math.nan, bound_only=True)
-    kind = kind_of(quantity)
-    scene = at_resolution(ladder.scene, ladder.at(factor))
-    sampling = 0.0 if kind in (FIRST_CONTACT, SEPARATION) else sampling_error(scene)
-    iteration = kind.iteration * scene.solver.tolerance
-    found = _steady(chain, quantity) if kind is not PEAK_FORCE else None
-    if found is None:
-        found = _by_change(chain, quantity, kind)
-    return Judged(max(found.error, sampling) + iteration, found.order, found.bound_only)
-
-
-def _chain(ladder: Ladder, factor: float, needed: int) -> list[Run]:
-    """The run at a factor and the coarser ones, those needed and those already made, up to the first without answer."""
-    found: list[Run] = []
-    for f in ladder.chain(factor):
-        at = ladder.at(f)
-        if len(found) >= needed and not ladder.made(at):
-            break
-        try:
-            run = ladder.run(at)
-        except LatinError as error:
-            ladder.tell(f"no coarser run: {told(error)}")
-            break
-        if not run.converged:
-            break
-        found.append(run)
-    return found
-
-
-def _by_change(chain: list[Run], quantity: str, kind: Kind) -> Judged:
-    """The error from what the last refinement changed, and the one before where it is known."""
-    fine, last, order = chain[0].measured, _change(chain[0], chain[:2], quantity, kind), math.nan
-    error = kind.change * last
-    if len(chain) > 2:
-        before = _change(chain[0], chain[1:3], quantity, kind)
-        error = max(kind.changes[0] * last, kind.changes[1] * before)
-        if same_way(quantity, *(run.measured for run in chain[:3])):
-            order = _order(chain[:3], chain, quantity)[0]
-    if kind is PEAK_FORCE:
-        error = max(error, _RINGING * fine.ringing[quantity.rpartition(".")[0]])
-    return Judged(error, order, not abs(order - kind.order) <= ORDER_BAND)
-
-
-def _change(scale: Run, pair: list[Run], quantity: str, kind: Kind) -> float:
-    """Relative change between two runs, brought to a refinement by two at the expected order."""
-    fine, coarse = pair
-    ratio = fine.resolution.time / coarse.resolution.time
-    change = relative(quantity, scale.measured, fine.measured, coarse.measured)
-    return float(change * (2.0**kind.order - 1.0) / (ratio**kind.order - 1.0))
-
-
-def _steady(chain: list[Run], quantity: str) -> Judged | None:
-    """The extrapolated error, where four runs agree on the order."""
-    if len(chain) < 4:
-        return None
-    one_way = all(same_way(quantity, *(run.measured for run in chain[i : i + 3])) for i in (0, 1))
-    (first, half), (second, _) = _order(chain[:3], chain, quantity), _order(chain[1:], chain, quantity)
-    order = min(first, second, _LARGEST_ORDER)
-    if not (one_way and abs(first - second) <= _STEADY and order >= _LEAST_ORDER):
-        return None
-    ratio = chain[0].resolution.time / chain[1].resolution.time
-    return Judged(_SAFETY * half / (ratio**order - 1.0), order, bound_only=False)
-
-
-def _order(triple: list[Run], chain: list[Run], quantity: str) -> tuple[float, float]:
-    """Observed order of three runs, and the difference of the first two."""
-    fine, half, quarter = triple
-    scale = chain[0].measured
-    first = relative(quantity, scale, fine.measured, half.measured)
-    second = relative(quantity, scale, half.measured, quarter.measured)
-    time = fine.resolution.time
-    return observed_order(first, second, (time / half.resolution.time, time / quarter.resolution.time)), first
-
-
-Tell = Callable[[str], None]
-
-_LOOSEST, _TIGHTEST = 1e-2, 1e-9
-_STARTS = (0.35, 0.5, 0.71, 1.0, 1.41, 2.0, 2.83, 4.0)
-"""Resolutions to start from: the first that has a coarser run; errors of still coarser ones tell nothing."""
-_MARGIN = 0.95  # of the target, aimed at
-_LEAP, _GROWTH = (3.0, 25.0)  # the next run at most this much finer, and this many times dearer: more is not trusted
-_NEARLY_TWICE = 1.7
-_LEAST = 1.2  # least refinement
-_ROUNDS = 16
-_STUCK = 1.15  # a refinement by 2 that gains less than this is no convergence
-
-
 @dataclass(frozen=True)
 class Choice:
-    """What a search for an accuracy found.
+    """Result of a search for a target accuracy.
 
     Attributes
     ----------
-    solution : at the chosen resolution and tolerance, with the output asked for and the estimated error of every
-        quantity; the best tried where not ``reached``, None where no run could be judged.
-    resolution : relative to the scene as written. quantity : the worst of those aimed at, with its judged ``error``.
-    cpu : CPU seconds of the chosen run, ``seconds`` of the whole search. sentence : for people.
+    solution : at the chosen resolution and tolerance, with the requested output and the estimated error of every
+        quantity; the best one where the target is not ``reached``, None where no run has an estimate.
+    resolution : relative to the scene as written. quantity : the worst of the target quantities, with its ``error``.
+    cpu : CPU seconds of the chosen run, ``seconds`` of the whole search. sentence : the result as text.
     """
 
     solution: Solution | None
@@ -298,162 +220,146 @@ class Choice:
         }
 
 
-def choose(scene: Scene, target: float, limit: float, tell: Tell) -> Choice:
+def choose(scene: Scene, target: float, limit: float, tell: Callable[[str], None]) -> Choice:
     """Mesh, time step and tolerance for a relative error ``target`` of ``scene.accuracy.quantity``.
 
-    A coarse and a once-refined run (a sixth and a third of the scene's resolution), their extrapolated error, then
-    the refinement it asks for; its own error is judged before it is accepted. Runs grow geometrically, so that
-    those made on the way cost a fraction of the last; they are made without output, the last is made again with it
-    where the scene asks for more than the quantities need. The target holds for the largest error where the quantity
-    belongs to several interfaces. LATIN stops at a tenth of the target.
+    A coarse run and one twice as fine (a sixth and a third of the scene's resolution) give an estimated error, and its
+    order the next refinement; the run is accepted when its own estimate is below the target. Runs grow geometrically,
+    so that all coarser ones cost a fraction of the last; they are made without output, the last one is repeated where
+    the scene requests more output than the quantities need. The target holds for the largest error where the quantity
+    belongs to several interfaces. The iteration error is a tenth of the target.
 
     Parameters
     ----------
-    limit : CPU seconds one run may take. tell : hears what is run, foreseen and spent.
+    limit : CPU seconds of one run. tell : called with lines of text about runs, predicted and used time.
 
     Raises
     ------
     LatinError : the scene itself cannot be built or solved.
     """
-    kind = kind_of(scene.accuracy.quantity)
-    tolerance = min(max(tolerance_for(target, kind.iteration), _TIGHTEST), _LOOSEST)
-    lean = in_short_windows(scene).model_copy(update={"solver": with_tolerance(in_short_windows(scene), tolerance)})
-    search = _Search(scene, Ladder(lean, tell), target, limit, tell)
-    return search.run()
+    iteration = definition_of(scene.accuracy.quantity).iteration
+    tolerance = min(max(tolerance_for(target, iteration), _TIGHTEST), _LOOSEST)
+    lean = in_short_windows(scene)
+    lean = lean.model_copy(update={"solver": with_tolerance(lean, tolerance)})
+    return _Search(scene, RefinementSequence(lean, tell), target, limit, tell).run()
 
 
 class _Search:
-    """The search for the factor; ``tried`` holds the worst judged error by factor."""
+    """The search for the factor; ``estimates`` holds the largest estimated error of the target quantities by factor."""
 
-    def __init__(self, scene: Scene, ladder: Ladder, target: float, limit: float, tell: Tell) -> None:
-        self.scene, self.ladder, self.target, self.limit, self.tell = scene, ladder, target, limit, tell
-        self.tried: dict[float, tuple[str, Judged]] = {}
+    def __init__(self, scene: Scene, sequence: RefinementSequence, target: float, limit: float, tell: Tell) -> None:
+        self.scene, self.sequence, self.target, self.limit, self.tell = scene, sequence, target, limit, tell
+        self.estimates: dict[float, QuantityEstimate] = {}
 
     def run(self) -> Choice:
-        factor, trusted = self._start(), False
+        factor, expected_last = self._first(), False
         for _ in range(_ROUNDS):
-            why = self._try(factor, trusted)
+            why = self._try(factor, expected_last)
             if why:
                 return self._refused(why)
-            quantity, judged = self.tried[factor]
-            if judged.error <= self.target:
-                return self._chosen(factor, quantity, judged)
-            if self._stuck():
+            estimate = self.estimates[factor]
+            if estimate.error <= self.target:
+                return self._chosen(factor, estimate)
+            if self._stagnates():
                 return self._refused(
-                    f"{quantity} does not converge: {percent(judged.error)} is the best bound after refinements"
+                    f"{estimate.quantity} does not converge, the smallest bound is {percent(estimate.error)}"
                 )
-            factor, trusted = self._next(factor, self._wanted(factor, quantity, judged))
-        return self._refused("the target is not met after many refinements")
+            factor, expected_last = self._next(factor, estimate)
+        return self._refused(f"the target is not reached after {_ROUNDS} refinements")
 
-    def _start(self) -> float:
-        """A third of the scene's resolution (more where that leaves no coarser run to learn from)."""
-        for wanted in _STARTS:
-            factor = self.ladder.factor(wanted)
-            if len(self.ladder.chain(factor)) >= 2:
-                return factor
-        return self.ladder.factor(_STARTS[-1])
+    def _first(self) -> float:
+        """A third of the scene's resolution, or more where that leaves no coarser run."""
+        factors = [self.sequence.factor(f) for f in _FIRST_FACTORS]
+        return next((f for f in factors if len(self.sequence.chain(f)) >= 2), factors[-1])
 
-    def _wanted(self, factor: float, quantity: str, judged: Judged) -> float:
-        """The factor that brings the error to the target at the observed order, at the expected one where none is."""
-        order = judged.order if 0.3 <= judged.order <= 2.0 else kind_of(quantity).order
-        refinement = (judged.error / (_MARGIN * self.target)) ** (1.0 / order)
-        return factor * float(max(refinement, _LEAST))
+    def _next(self, factor: float, estimate: QuantityEstimate) -> tuple[float, bool]:
+        """The next factor, and whether it is expected to reach the target.
 
-    def _next(self, factor: float, wanted: float) -> tuple[float, bool]:
-        """The next factor, and whether it is trusted to reach the target.
-
-        The wanted one, as far as an extrapolation is trusted; twice the factor where that is little more, because the
-        runs made so far are then those it is judged by. Measured times play no part: a search gives one answer.
+        The one that reaches the target at the observed order (the expected one where none is observed), within the
+        limits of the extrapolation; twice the factor where that is little more, because the runs so far are then its
+        coarser runs. Measured times are not used: the search is reproducible.
         """
-        longest = min(_LEAP, _GROWTH ** (1.0 / (1.0 + exponent_of(self.scene))))
-        new = factor * min(wanted / factor, longest)
+        order = estimate.order if 0.3 <= estimate.order <= 2.0 else estimate.expected_order
+        refinement = max((estimate.error / (_MARGIN * self.target)) ** (1.0 / order), _LEAST_REFINEMENT)
+        longest = min(_LARGEST_REFINEMENT, _LARGEST_COST_RATIO ** (1.0 / (1.0 + cost_exponent(self.scene))))
+        new = factor * min(refinement, longest)
         if _NEARLY_TWICE * factor < new < 2.0 * factor:
             new = 2.0 * factor
-        while (found := self.ladder.factor(new)) <= factor:
+        while (following := self.sequence.factor(new)) <= factor:
             new *= 1.1
-        return found, wanted <= found
+        return following, factor * refinement <= following
 
-    def _model(self) -> CostModel:
-        return CostModel.fitted(self.scene, self.ladder.runs)
-
-    def _try(self, factor: float, trusted: bool) -> str:
-        """Run a factor, with its output where it is ``trusted`` to be the last, and judge it; a sentence where that
-        cannot be done."""
-        at = self.ladder.at(factor)
-        if self.ladder.runs:
-            foreseen = self._model().seconds(at.mesh, at.time)
-            if foreseen > self.limit:
-                return f"the next run would take about {foreseen:.0f} CPU s, above the limit of {self.limit:g} s"
-            if (need := memory_foreseen(self.scene, at)) > memory_of_the_machine():
-                return f"the next run would need about {need / 1e9:.0f} GB of memory"
-            self.tell(f"foreseen {foreseen:.2g} CPU s for mesh x {at.mesh:.3g}, steps x {at.time:.3g}")
+    def _try(self, factor: float, expected_last: bool) -> str:
+        """Run a factor, with its output where it is ``expected_last``, and estimate its error; the reason where that
+        cannot be done, else an empty string."""
+        at = self.sequence.at(factor)
+        if self.sequence.runs:
+            seconds = RunTimeFit.of(self.scene, self.sequence.runs).seconds(at.mesh, at.time)
+            if seconds > self.limit:
+                return f"the next run would take about {seconds:.0f} CPU s, above the limit of {self.limit:g} s"
+            memory = memory_at(self.scene, at)
+            if memory > _MEMORY_SHARE * (physical_memory() or math.inf):
+                return f"the next run would need about {memory / 1e9:.0f} GB of memory"
+            self.tell(f"predicted {seconds:.2g} CPU s for mesh x {at.mesh:.3g}, steps x {at.time:.3g}")
         try:
-            coarser = self.ladder.chain(factor)[1:2]
-            for f in coarser:
-                self.ladder.run(self.ladder.at(f))
-            run = self.ladder.whole(at, self.scene.output) if trusted else self.ladder.run(at)
+            for f in self.sequence.chain(factor)[1:2]:
+                self.sequence.run(self.sequence.at(f))
+            run = self.sequence.with_output(at, self.scene.output) if expected_last else self.sequence.run(at)
             if not run.converged:
                 return f"mesh x {at.mesh:.3g}: {run.status}"
-            names = [q for q in run.measured.values if wanted_by(self.scene, q)]
+            names = [q for q in run.quantities.values if is_target(self.scene, q)]
             if not names:
-                return f"no quantity {self.scene.accuracy.quantity} in this scene"
-            for needed in (2, 3):  # the third is cheap, and not wanted where two are enough
-                found = [(q, ladder_error(self.ladder, factor, q, needed)) for q in names]
-                self.tried[factor] = max(found, key=lambda pair: pair[1].error)
-                if self.tried[factor][1].error <= self.target:
+                return f"the scene has no quantity {self.scene.accuracy.quantity}"
+            for needed in (2, 3):  # the third run only where two are not enough
+                estimates = [self.sequence.estimate(factor, quantity, needed) for quantity in names]
+                self.estimates[factor] = max(estimates, key=lambda estimate: estimate.error)
+                if self.estimates[factor].error <= self.target:
                     break
         except LatinError as error:
-            return told(error)
-        quantity, judged = self.tried[factor]
-        order = "" if math.isnan(judged.order) else f", observed order {judged.order:.1f}"
-        self.tell(f"         {quantity}: {'bound' if judged.bound_only else 'error'} {percent(judged.error)}{order}")
+            return message_of(error)
+        estimate = self.estimates[factor]
+        order = "" if math.isnan(estimate.order) else f", observed order {estimate.order:.1f}"
+        what = "bound" if estimate.bound_only else "error"
+        self.tell(f"         {estimate.quantity}: {what} {percent(estimate.error)}{order}")
         return ""
 
-    def _stuck(self) -> bool:
-        """Whether the last refinements by four together hardly gain."""
-        factors = sorted(self.tried)
-        last = factors[-1]
-        before = [f for f in factors if f <= last / 3.9]
-        return bool(before) and self.tried[before[-1]][1].error < _STUCK**2 * self.tried[last][1].error
+    def _stagnates(self) -> bool:
+        """Whether the last refinements, by four together, hardly reduce the estimated error."""
+        last = max(self.estimates)
+        before = max((f for f in self.estimates if f <= last / 3.9), default=None)
+        return before is not None and self.estimates[before].error < _LEAST_GAIN**2 * self.estimates[last].error
 
-    def _chosen(self, factor: float, quantity: str, judged: Judged) -> Choice:
-        at = self.ladder.at(factor)
+    def _chosen(self, factor: float, estimate: QuantityEstimate) -> Choice:
+        at = self.sequence.at(factor)
         sentence = (
-            f"{quantity} within {percent(self.target)}: estimated error {percent(max(judged.error, FLOOR))} at "
-            f"mesh x {at.mesh:.3g}, steps x {at.time:.3g}, tolerance {self.ladder.scene.solver.tolerance:.2g}"
+            f"{estimate.quantity} within {percent(self.target)}: estimated error {percent(max(estimate.error, FLOOR))} "
+            f"at mesh x {at.mesh:.3g}, steps x {at.time:.3g}, tolerance {self.sequence.scene.solver.tolerance:.2g}"
         )
-        return self._choice(factor, quantity, judged, sentence, reached=True)
+        return self._choice(factor, estimate, sentence, reached=True)
 
     def _refused(self, why: str) -> Choice:
         sentence = f"an accuracy of {percent(self.target)} cannot be promised: {why}"
-        best = min(self.tried, key=lambda f: self.tried[f][1].error, default=None)
+        best = min(self.estimates, key=lambda f: self.estimates[f].error, default=None)
         if best is None:
-            lost, quantity = Resolution(), self.scene.accuracy.quantity
-            return Choice(None, lost, quantity, math.inf, False, math.nan, self.ladder.seconds, sentence)
-        quantity, judged = self.tried[best]
-        at = self.ladder.at(best)
-        sentence += f". Best: {quantity} {percent(judged.error)} at mesh x {at.mesh:.3g}, steps x {at.time:.3g}"
-        return self._choice(best, quantity, judged, sentence, reached=False)
+            quantity, seconds = self.scene.accuracy.quantity, self.sequence.seconds
+            return Choice(None, Resolution(), quantity, math.inf, False, math.nan, seconds, sentence)
+        estimate, at = self.estimates[best], self.sequence.at(best)
+        sentence += f". Best: {estimate.quantity} {percent(estimate.error)} at mesh x {at.mesh:.3g}, "
+        return self._choice(best, estimate, f"{sentence}steps x {at.time:.3g}", reached=False)
 
-    def _choice(self, factor: float, quantity: str, judged: Judged, sentence: str, reached: bool) -> Choice:
-        at = self.ladder.at(factor)
-        run = self.ladder.whole(at, self.scene.output)
-        solution = self.ladder.solution
+    def _choice(self, factor: float, estimate: QuantityEstimate, sentence: str, reached: bool) -> Choice:
+        at = self.sequence.at(factor)
+        run = self.sequence.with_output(at, self.scene.output)
+        solution = self.sequence.solution
         if solution is not None:
-            solution = replace(solution, estimate=self._estimate(factor, run))
-        return Choice(solution, at, quantity, judged.error, reached, run.cpu, self.ladder.seconds, sentence)
-
-    def _estimate(self, factor: float, run: Run) -> ErrorEstimate:
-        """Estimated errors of every quantity of the chosen run, from the runs of the search."""
-        found = []
-        for quantity, value in run.measured.values.items():
-            judged, kind = ladder_error(self.ladder, factor, quantity), kind_of(quantity)
-            orders = (judged.order, kind.order, judged.bound_only)
-            found.append(QuantityEstimate(quantity, value, kind.unit, judged.error, *orders, math.nan, math.nan))
-        return ErrorEstimate(tuple(found), (), self.ladder.seconds - run.cpu, FLOOR)
+            estimates = tuple(self.sequence.estimate(factor, quantity) for quantity in run.quantities.values)
+            cpu = self.sequence.seconds - run.cpu
+            solution = replace(solution, estimate=ErrorEstimate(estimates, (), cpu, FLOOR))
+        seconds = self.sequence.seconds
+        return Choice(solution, at, estimate.quantity, estimate.error, reached, run.cpu, seconds, sentence)
 
 
-def wanted_by(scene: Scene, quantity: str) -> bool:
-    """Whether ``owner.key`` is what the scene aims at (a key alone stands for every owner)."""
+def is_target(scene: Scene, quantity: str) -> bool:
+    """Whether ``owner.key`` is the target quantity of the scene (a key alone stands for every owner)."""
     owner, _, key = scene.accuracy.quantity.rpartition(".")
     return quantity.rpartition(".")[2] == key and owner in ("", quantity.rpartition(".")[0])

@@ -1,11 +1,18 @@
-"""The error of a run, told by a few coarser ones."""
+"""The error of a run, estimated from coarser runs of the same scene.
+
+The runs form a sequence, finest first, in which mesh and time step are coarsened at one ratio. One estimator serves all
+callers: the estimate of a plain run or of a session (``estimate_error``), the search for a target accuracy
+(``adaptive_resolution``) and the reference of a study. Its constants are those of the quantities of interest
+(``results.quantities_of_interest``).
+"""
 
 from __future__ import annotations
 
 import math
 import time as clock
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 from ..errors import LatinError
 from ..results.estimates import ErrorEstimate, QuantityEstimate
@@ -16,34 +23,44 @@ from ..results.quantities_of_interest import (
     FORCE_HISTORY,
     PEAK_FORCE,
     SEPARATION,
-    Kind,
-    kind_of,
+    QuantityOfInterest,
+    definition_of,
 )
 from ..results.solution import Solution
 from ..scene.schema import Scene
-from .quantities import Measured
-from .resolution import Resolution, aligned, counts_that_vary, in_short_windows, meshed_by_the_program, sampling_error
-from .runs import measure_solution, run_at, told
+from .quantities import Quantities
+from .resolution import (
+    FEWEST_STEPS,
+    Resolution,
+    aligned,
+    counts_that_vary,
+    in_short_windows,
+    meshed_by_the_program,
+    reachable,
+    sampling_error,
+)
+from .runs import measure_solution, message_of, run_at
 
-ORDER_BAND = 0.3
-"""An observed order within this of the expected one makes an estimate; elsewhere there is only a bound."""
+ORDER_BAND: Final = 0.3
+"""A sequence whose observed order lies within this of the expected one is regular: its error is an estimate, else a
+bound."""
 
-_ORDERS = (-3.0, 8.0)  # where an observed order is looked for
-_BOUND = (3.0, 1.2, 0.5, 2.0)  # weights in the bound of: half, steps, quarter, ringing
+_ORDERS = (-3.0, 8.0)  # range of observed orders
+_STEP_WEIGHT, _RINGING_WEIGHT = 1.2, 2.0  # in the bound
 
 
 @dataclass(frozen=True)
-class Differences:
-    """Relative differences of one quantity between the run (h, dt) and coarser ones.
+class Changes:
+    """Relative changes of one quantity along a sequence of runs.
 
     Attributes
     ----------
-    half : between (h, dt) and (r h, r dt), r the first of ``ratios``.
-    quarter : between (r h, r dt) and (r' h, r' dt), r' the second ratio; NaN where there is no such run.
-    steps : between (r h, r dt) and (r h, dt); NaN where there is none.
+    half : between the run (h, dt) and the next coarser one (r h, r dt), r the first of ``ratios``.
+    quarter : between (r h, r dt) and (r' h, r' dt), r' the second ratio; NaN without a third run.
+    steps : between (r h, r dt) and (r h, dt), the change by the time step alone; NaN where not computed.
     same_way : both refinements change the quantity in the same direction.
-    ringing : how much of a peak is numerical oscillation. sampling : error of the sampled loads.
-    iteration : error left by the iteration.
+    ringing : part of a peak that is numerical oscillation. sampling : relative error of the sampled loads.
+    iteration : relative error left by the iteration.
     """
 
     half: float
@@ -55,191 +72,188 @@ class Differences:
     sampling: float = 0.0
     iteration: float = 0.0
 
+    @property
+    def order(self) -> float:
+        """Observed order of convergence; NaN where the changes give none."""
+        return observed_order(self.half, self.quarter, self.ratios) if self.same_way else math.nan
+
 
 @dataclass(frozen=True)
-class Judged:
-    """Relative error, observed order (NaN where none can be told), and whether the error is only a bound."""
+class EstimatedError:
+    """Relative error, observed order (NaN: none), and whether the error is only a bound."""
 
     error: float
     order: float
     bound_only: bool
 
 
-def judge(kind: Kind, differences: Differences) -> Judged:
+def estimated_error(definition: QuantityOfInterest, changes: Changes) -> EstimatedError:
     """Estimated relative error of a quantity.
 
-    Where the observed order p is the expected one: safety x half / (r^p - 1) (p at most the expected one). Elsewhere
-    the largest of what the coarser runs change, weighted; a run whose quantities agree by chance is thus held
-    against those whose time step alone is different.
+    With the expected order p the last refinement by r extrapolates to e = change / (r^p - 1), the one before to e'.
+    Regular sequence (three runs, observed order within ``ORDER_BAND`` of p): ``safety`` x e. Otherwise a bound, the
+    largest of ``three_runs`` x (e, e') (``two_runs`` x e without a third run), 1.2 x the change by the time step alone,
+    and 2 x the ringing of a peak. A last change that is small by chance is thus compared with the others. A peak on a
+    front has no order: its error is always a bound. The error is at least that of the sampled loads, and the error
+    left by the iteration is added.
     """
-    d = differences
-    r = d.ratios[0]
-    order = observed_order(d.half, d.quarter, d.ratios) if d.same_way else math.nan
-    regular = abs(order - kind.order) <= ORDER_BAND and d.sampling <= d.half
-    p = min(order, kind.order) if kind is not FORCE_HISTORY else kind.order
+    p = definition.order
+    ratio = changes.ratios[0]
+    last = changes.half / (ratio**p - 1.0)
+    order = changes.order
+    regular = abs(order - p) <= ORDER_BAND and changes.sampling <= changes.half and definition is not PEAK_FORCE
     if regular:
-        error = kind.safety * d.half / (r**p - 1.0)
+        error = definition.safety * last
+    elif math.isnan(changes.quarter):
+        error = definition.two_runs * last
     else:
-        parts = (d.half, d.steps, d.quarter, d.ringing)
-        error = max(w * part for w, part in zip(_BOUND, parts, strict=True) if not math.isnan(part))
-        if math.isnan(d.quarter):  # no third run: take half the expected order
-            error = max(error, kind.safety * d.half / (r ** (0.5 * kind.order) - 1.0))
-    return Judged(max(error, d.sampling) + d.iteration, order, not regular)
+        before = changes.quarter / ((changes.ratios[1] / ratio) ** p - 1.0)
+        error = max(definition.three_runs[0] * last, definition.three_runs[1] * before)
+    if not regular:
+        steps = 0.0 if math.isnan(changes.steps) else changes.steps
+        error = max(error, _STEP_WEIGHT * steps, _RINGING_WEIGHT * changes.ringing)
+    return EstimatedError(max(error, changes.sampling) + changes.iteration, order, not regular)
 
 
 def observed_order(half: float, quarter: float, ratios: tuple[float, float]) -> float:
-    """p such that error ~ h^p explains both differences: quarter / half = (r'^p - r^p) / (r^p - 1).
+    """Order p for which an error ~ h^p gives both changes: quarter / half = (r'^p - r^p) / (r^p - 1).
 
-    NaN where a difference is zero or missing.
+    NaN where a change is zero or missing.
 
     >>> round(observed_order(1.0, 2.0, (2.0, 4.0)), 6)
     1.0
     """
     if not (half > 0.0 and quarter > 0.0) or not 1.0 < ratios[0] < ratios[1]:
         return math.nan
-    wanted = quarter / half
+    a, b = math.log(ratios[0]), math.log(ratios[1])
 
-    def found(p: float) -> float:
-        a, b = math.log(ratios[0]), math.log(ratios[1])
-        if abs(p) < 1e-9:
-            return (b - a) / a
-        return (math.exp(p * b) - math.exp(p * a)) / math.expm1(p * a)
+    def quotient(p: float) -> float:
+        return (b - a) / a if abs(p) < 1e-9 else (math.exp(p * b) - math.exp(p * a)) / math.expm1(p * a)
 
     low, high = _ORDERS
-    if not found(low) < wanted < found(high):
-        return low if wanted <= found(low) else high
+    if not quotient(low) < quarter / half < quotient(high):
+        return low if quarter / half <= quotient(low) else high
     for _ in range(60):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if found(middle) < wanted else (low, middle)
+        low, high = (middle, high) if quotient(middle) < quarter / half else (low, middle)
     return 0.5 * (low + high)
 
 
-_FEWEST_STEPS = 8
+def relative(quantity: str, scale: Quantities, a: Quantities, b: Quantities) -> float:
+    """Distance of a quantity between two runs, divided by its scale in a third; 0 where the scale is 0."""
+    if quantity not in a.values or quantity not in b.values:
+        return math.nan
+    divisor = scale.scales[quantity]
+    return a.distance(quantity, b) / divisor if divisor > 0.0 else 0.0
+
+
+def same_way(quantity: str, fine: Quantities, half: Quantities, quarter: Quantities) -> bool:
+    """Whether both refinements change the quantity in the same direction (always true for the norm of a difference)."""
+    owner = quantity.rpartition(".")[0]
+    definition = definition_of(quantity)
+    if definition is FORCE_HISTORY or quantity not in half.values or quantity not in quarter.values:
+        return True
+    if definition is DISPLACEMENT:
+        last, before = fine.vectors[owner] - half.vectors[owner], half.vectors[owner] - quarter.vectors[owner]
+        return float(last @ before) > 0.0
+    last_change = fine.values[quantity] - half.values[quantity]
+    return last_change * (half.values[quantity] - quarter.values[quantity]) > 0.0
+
+
+def quantity_estimate(
+    scene: Scene,
+    quantity: str,
+    runs: Sequence[tuple[Resolution, Quantities]],
+    mesh_alone: Quantities | None = None,
+    sampling: float | None = None,
+) -> QuantityEstimate:
+    """Estimated error of one quantity of the first of ``runs``.
+
+    Parameters
+    ----------
+    scene : of the first run. runs : two or more, finest first; from the fourth on they do not count.
+    mesh_alone : quantities on the mesh of the second run with the time step of the first.
+    sampling : of the loads of the scene (``sampling_error``), computed where None.
+    """
+    definition = definition_of(quantity)
+    (at, fine), (at_half, half) = runs[:2]
+    ratios, quarter, one_way = (at.time / at_half.time, 2.0 * at.time / at_half.time), math.nan, True
+    if len(runs) > 2:
+        at_quarter, coarsest = runs[2]
+        ratios = ratios[0], at.time / at_quarter.time
+        quarter, one_way = relative(quantity, fine, half, coarsest), same_way(quantity, fine, half, coarsest)
+    if definition in (FIRST_CONTACT, SEPARATION):
+        sampling = 0.0
+    changes = Changes(
+        half=relative(quantity, fine, fine, half),
+        quarter=quarter,
+        steps=math.nan if mesh_alone is None else relative(quantity, fine, half, mesh_alone),
+        same_way=one_way,
+        ratios=ratios,
+        ringing=fine.ringing[quantity.rpartition(".")[0]] if definition is PEAK_FORCE else 0.0,
+        sampling=sampling_error(scene) if sampling is None else sampling,
+        iteration=definition.iteration * scene.solver.tolerance,
+    )
+    estimate = estimated_error(definition, changes)
+    mesh = math.nan if mesh_alone is None else relative(quantity, fine, fine, mesh_alone)
+    time = changes.half if at.mesh == at_half.mesh else changes.steps
+    orders = estimate.order, definition.order
+    value = fine.values[quantity]
+    return QuantityEstimate(quantity, value, definition.unit, estimate.error, *orders, estimate.bound_only, mesh, time)
 
 
 @dataclass(frozen=True)
-class Companions:
-    """Resolutions relative to the run.
+class CoarserRuns:
+    """Resolutions of the coarser runs from which the error of a run is estimated, relative to the run.
 
     Attributes
     ----------
     half : mesh and time step about twice as coarse, at one ratio. quarter : about four times; None where the scene
         is too coarse for it. half_mesh : the mesh of ``half`` with the steps of the run; None where no mesh changes.
-    remarks : what cannot be told.
+    remarks : what the estimate does not cover.
     """
 
     half: Resolution
     quarter: Resolution | None
     half_mesh: Resolution | None
-    remarks: tuple[str, ...]
+    remarks: tuple[str, ...] = ()
 
-    @property
-    def ratios(self) -> tuple[float, float]:
-        """How many times coarser in time ``half`` and ``quarter`` are."""
-        return 1.0 / self.half.time, 4.0 if self.quarter is None else 1.0 / self.quarter.time
+    def by_name(self) -> dict[str, Resolution]:
+        """The resolutions that exist, by the name of the attribute."""
+        runs = {"half": self.half, "quarter": self.quarter, "half_mesh": self.half_mesh}
+        return {name: resolution for name, resolution in runs.items() if resolution is not None}
+
+    def estimates(
+        self, scene: Scene, fine: Quantities, coarser: Mapping[str, Quantities]
+    ) -> tuple[QuantityEstimate, ...]:
+        """Estimates of all quantities of a run of ``scene``; ``coarser`` by name, empty without ``half``."""
+        if "half" not in coarser:
+            return ()
+        runs = [(Resolution(), fine), *((at, coarser[n]) for n, at in self.by_name().items() if n in coarser)]
+        sequence = [run for run in runs if run[0] != self.half_mesh]
+        mesh_alone, sampling = coarser.get("half_mesh"), sampling_error(scene)
+        return tuple(quantity_estimate(scene, q, sequence, mesh_alone, sampling) for q in fine.values)
 
 
-def companions_of(scene: Scene) -> Companions | None:
-    """Coarser runs of a scene; None where it is too short to be coarsened at all."""
-    if scene.time.n_step < 2 * _FEWEST_STEPS:
+def coarser_runs_of(scene: Scene) -> CoarserRuns | None:
+    """Coarser runs of a scene; None where it has too few time steps."""
+    n = scene.time.n_step
+    if n < 2 * FEWEST_STEPS:
         return None
     counts = counts_that_vary(scene)
-    if not meshed_by_the_program(scene):
-        return _steps_only(scene, ("the mesh comes from a file: its share of the error is not estimated",))
-    if not counts:
-        return _steps_only(scene, ())
-    first, second = reachable(counts, 0.5), reachable(counts, 0.25)
-    half, quarter_steps = aligned(scene, first), aligned(scene, second)
-    if first == 1.0:
-        return _steps_only(scene, ("the mesh cannot be coarsened: its share of the error is not estimated",))
-    quarter = None
-    remarks: tuple[str, ...] = ()
-    if second < 0.8 * first and scene.time.n_step * second >= _FEWEST_STEPS:
-        quarter = Resolution(second, quarter_steps)
-    else:
-        remarks = ("too coarse for a third run: no order is observed",)
-    return Companions(Resolution(first, half), quarter, Resolution(first, 1.0), remarks)
+    if not counts or not meshed_by_the_program(scene):
+        why = "the mesh comes from a file: its share of the error is not estimated"
+        quarter = Resolution(1.0, aligned(scene, 0.25)) if n >= 4 * FEWEST_STEPS else None
+        remarks = () if meshed_by_the_program(scene) else (why,)
+        return CoarserRuns(Resolution(1.0, aligned(scene, 0.5)), quarter, None, remarks)
+    mesh, second = reachable(counts, 0.5), reachable(counts, 0.25)
+    half, mesh_alone = Resolution(mesh, aligned(scene, mesh)), Resolution(mesh, 1.0)
+    if second < 0.8 * mesh and n * second >= FEWEST_STEPS:
+        return CoarserRuns(half, Resolution(second, aligned(scene, second)), mesh_alone)
+    return CoarserRuns(half, None, mesh_alone, ("too coarse for a third run: no order of convergence is observed",))
 
 
-def _steps_only(scene: Scene, remarks: tuple[str, ...]) -> Companions:
-    long = scene.time.n_step >= 4 * _FEWEST_STEPS
-    quarter = Resolution(1.0, aligned(scene, 0.25)) if long else None
-    return Companions(Resolution(1.0, aligned(scene, 0.5)), quarter, None, remarks)
-
-
-def reachable(counts: list[int], factor: float) -> float:
-    """The factor nearest to ``factor`` that leaves the largest number of elements whole.
-
-    >>> reachable([6, 6], 0.25), reachable([5], 0.5)
-    (0.3333333333333333, 0.6)
-    """
-    largest = max(counts)
-    return max(1, int(largest * factor + 0.5)) / largest
-
-
-def judged(
-    scene: Scene, run: Measured, coarser: Mapping[str, Measured], companions: Companions
-) -> tuple[QuantityEstimate, ...]:
-    """Estimates from the quantities of a run and of the coarser ones ``half``, ``quarter``, ``half_mesh``."""
-    sampling = sampling_error(scene)
-    estimates = []
-    for quantity, value in run.values.items():
-        kind = kind_of(quantity)
-        differences = differences_of(scene, quantity, run, coarser, companions, sampling)
-        result = judge(kind, differences)
-        mesh = relative(quantity, run, run, coarser["half_mesh"]) if "half_mesh" in coarser else math.nan
-        time = differences.half if companions.half_mesh is None else differences.steps
-        estimates.append(
-            QuantityEstimate(
-                quantity, value, kind.unit, result.error, result.order, kind.order, result.bound_only, mesh, time
-            )
-        )
-    return tuple(estimates)
-
-
-def differences_of(
-    scene: Scene, quantity: str, run: Measured, coarser: Mapping[str, Measured], companions: Companions, sampling: float
-) -> Differences:
-    """What the coarser runs say of one quantity."""
-    half, quarter, mesh = coarser["half"], coarser.get("quarter"), coarser.get("half_mesh")
-    kind = kind_of(quantity)
-    return Differences(
-        half=relative(quantity, run, run, half),
-        quarter=math.nan if quarter is None else relative(quantity, run, half, quarter),
-        steps=math.nan if mesh is None else relative(quantity, run, half, mesh),
-        same_way=quarter is None or same_way(quantity, run, half, quarter),
-        ratios=companions.ratios,
-        ringing=run.ringing[quantity.rpartition(".")[0]] if kind is PEAK_FORCE else 0.0,
-        sampling=0.0 if kind in (FIRST_CONTACT, SEPARATION) else sampling,
-        iteration=kind.iteration * scene.solver.tolerance,
-    )
-
-
-def relative(quantity: str, run: Measured, a: Measured, b: Measured) -> float:
-    """Distance of a quantity between two runs over the scale it has in ``run``; 0 where nothing happens."""
-    if quantity not in a.values or quantity not in b.values:
-        return math.nan
-    scale = run.scales[quantity]
-    return a.distance(quantity, b) / scale if scale > 0.0 else 0.0
-
-
-def same_way(quantity: str, run: Measured, half: Measured, quarter: Measured) -> bool:
-    """Whether both refinements change the quantity in the same direction (always, for a norm of differences)."""
-    owner = quantity.rpartition(".")[0]
-    kind = kind_of(quantity)
-    if kind is FORCE_HISTORY or quantity not in half.values or quantity not in quarter.values:
-        return True
-    if kind is DISPLACEMENT:
-        fine, coarse = (m.vectors for m in (run, quarter))
-        return float((fine[owner] - half.vectors[owner]) @ (half.vectors[owner] - coarse[owner])) > 0.0
-    fine_step = run.values[quantity] - half.values[quantity]
-    return fine_step * (half.values[quantity] - quarter.values[quantity]) > 0.0
-
-
-Tell = Callable[[str], None]
-
-
-def estimate_error(scene: Scene, solution: Solution, tell: Tell | None = None) -> ErrorEstimate:
+def estimate_error(scene: Scene, solution: Solution, tell: Callable[[str], None] | None = None) -> ErrorEstimate:
     """Estimated relative error of every quantity of a finished run of ``scene``.
 
     Costs three coarser runs: mesh and step halved together (1/16 of the cost of the run in 3-D), quartered together
@@ -247,43 +261,32 @@ def estimate_error(scene: Scene, solution: Solution, tell: Tell | None = None) -
 
     Parameters
     ----------
-    tell : hears what is being run.
+    tell : called with a line of text before each coarser run.
     """
     start = clock.process_time()
-    companions = companions_of(scene)
-    if companions is None:
+    plan = coarser_runs_of(scene)
+    if plan is None:
         return ErrorEstimate((), ("too few time steps for an estimate",), 0.0, FLOOR)
-    remarks = list(companions.remarks)
-    found = _coarser_runs(scene, companions, remarks, tell)
-    run = measure_solution(scene, solution)
-    estimates = judged(scene, run, found, companions) if "half" in found else ()
-    if not run.values:
-        remarks.append("no interface and no sensor whose fields are kept: no quantity to judge")
-    if not solution.converged:
-        remarks.append("the run did not converge: the estimate does not cover what that leaves")
-    return ErrorEstimate(estimates, tuple(remarks), clock.process_time() - start, FLOOR)
-
-
-def _coarser_runs(scene: Scene, companions: Companions, remarks: list[str], tell: Tell | None) -> dict[str, Measured]:
-    """Quantities of the coarser runs that can be made and converge, by name; a remark for each other."""
+    remarks = list(plan.remarks)
+    coarser: dict[str, Quantities] = {}
     lean = in_short_windows(scene)
-    found: dict[str, Measured] = {}
-    for name, resolution in _wanted(companions).items():
+    for name, resolution in plan.by_name().items():
         text = f"mesh x {resolution.mesh:.3g}, steps x {resolution.time:.3g}"
         if tell is not None:
             tell(f"error estimate: {text}")
         try:
             run = run_at(lean, resolution)
         except LatinError as error:
-            remarks.append(f"no coarser run ({text}): {told(error)}")
+            remarks.append(f"no coarser run ({text}): {message_of(error)}")
             continue
         if run.converged:
-            found[name] = run.measured
+            coarser[name] = run.quantities
         else:
             remarks.append(f"a coarser run ({text}) did not converge")
-    return found
-
-
-def _wanted(companions: Companions) -> dict[str, Resolution]:
-    runs = {"half": companions.half, "quarter": companions.quarter, "half_mesh": companions.half_mesh}
-    return {name: resolution for name, resolution in runs.items() if resolution is not None}
+    fine = measure_solution(scene, solution)
+    if not fine.values:
+        remarks.append("no quantity to estimate: no interface, and no sensor on a body whose fields are stored")
+    if not solution.converged:
+        remarks.append("the run did not converge: the estimate does not cover the error this leaves")
+    estimates = plan.estimates(scene, fine, coarser)
+    return ErrorEstimate(estimates, tuple(remarks), clock.process_time() - start, FLOOR)

@@ -1,5 +1,4 @@
-"""The reference of a study: quantities declared with a model, exact or from refined runs, or the finest run that can
-be paid."""
+"""The reference of a study: quantities declared with a model, exact or from refined runs."""
 
 from __future__ import annotations
 
@@ -14,28 +13,28 @@ import numpy as np
 
 from ..errors import Problem, SceneError
 from ..results.estimates import ErrorEstimate, QuantityEstimate
-from ..results.quantities_of_interest import FLOOR, kind_of
+from ..results.quantities_of_interest import FLOOR, definition_of
 from ..scene.schema import Scene
-from .quantities import Force, Measured, of_force
+from .quantities import Force, Quantities, of_force
 from .resolution import Resolution
 
 FILE: Final = "reference.json"
-"""Name of the file with quantities known better than any run of a study, beside the scene file."""
+"""Name of the file with reference quantities, beside the scene file."""
 
 _PHYSICS: Final = ("material", "substructure", "interface", "boundary", "load", "sensor")
 
 
 @dataclass(frozen=True)
 class Reference:
-    """What errors are measured against.
+    """Reference of the errors of a study.
 
     Attributes
     ----------
-    measured : its quantities. exact : closed form, else a run. text : where it comes from.
-    own_error : estimated error of what is not exact. resolution : of a run of the study taken as reference.
+    quantities : of the reference. exact : closed form, else a run. text : its source.
+    own_error : estimated error of a reference that is not exact. resolution : of a run of the study taken as reference.
     """
 
-    measured: Measured
+    quantities: Quantities
     exact: bool
     text: str
     own_error: ErrorEstimate | None = None
@@ -43,7 +42,7 @@ class Reference:
 
 
 def physics_of(scene: Scene) -> str:
-    """Hash of what an exact solution depends on: everything but meshes, time steps, schemes and solver settings.
+    """Hash of all settings of an exact solution: everything but meshes, time steps, schemes and solver settings.
 
     Settings left at their defaults do not count, so that a new key of the scene file changes no hash.
     """
@@ -73,36 +72,36 @@ def declared(scene: Scene) -> Reference | None:
         data = json.loads(file.read_text(encoding="utf-8"))
         if data["scene"] != scene.name or data["holds_for"] != physics_of(scene):
             return None
-        measured = _measured(data, scene.time.end)
-        own = _own_error(measured, data["errors"]) if "errors" in data else None
+        quantities = _quantities(data, scene.time.end)
+        own = _own_error(quantities, data["errors"]) if "errors" in data else None
         text = f"{'exact' if own is None else 'refined runs'}: {data['source']}"
-        return Reference(measured, own is None, text, own)
+        return Reference(quantities, own is None, text, own)
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise SceneError([_unusable(file, error)], "the reference cannot be used") from error
 
 
-def _measured(data: dict[str, Any], end: float) -> Measured:
-    found = Measured()
+def _quantities(data: dict[str, Any], end: float) -> Quantities:
+    quantities = Quantities()
     for interface, table in data.get("force", {}).items():
         force = Force(np.asarray(table["time"], dtype=float), np.asarray(table["value"], dtype=float))
-        found.forces[interface] = force
-        for key, (value, scale) in of_force(force, end, opens=True).items():
-            found.values[f"{interface}.{key}"], found.scales[f"{interface}.{key}"] = value, scale
+        quantities.forces[interface] = force
+        quantities.add(interface, of_force(force, end, opens=True))
     for quantity, value in data.get("values", {}).items():
-        found.values[quantity] = found.scales[quantity] = float(value)
-    return found
+        quantities.values[quantity] = quantities.scales[quantity] = float(value)
+    return quantities
 
 
-def _own_error(measured: Measured, errors: dict[str, float]) -> ErrorEstimate:
+def _own_error(quantities: Quantities, errors: dict[str, float]) -> ErrorEstimate:
     """The declared errors, one for every quantity (KeyError where one is missing)."""
-    found = []
-    for quantity, value in measured.values.items():
-        kind, error = kind_of(quantity), float(errors[quantity])
+    estimates = []
+    for quantity, value in quantities.values.items():
+        definition, error = definition_of(quantity), float(errors[quantity])
         if not 0.0 < error < 1.0:
             raise ValueError(f"error of {quantity} is {error:g}, not between 0 and 1")
-        none = math.nan
-        found.append(QuantityEstimate(quantity, value, kind.unit, error, none, kind.order, True, none, none))
-    return ErrorEstimate(tuple(found), (), 0.0, FLOOR)
+        nan = math.nan
+        orders = nan, definition.order
+        estimates.append(QuantityEstimate(quantity, value, definition.unit, error, *orders, True, nan, nan))
+    return ErrorEstimate(tuple(estimates), (), 0.0, FLOOR)
 
 
 def _unusable(file: Path, error: Exception) -> Problem:

@@ -1,15 +1,19 @@
-"""The same scene on another mesh, with another time step or tolerance; how well its steps sample its loads."""
+"""A scene on another mesh, with another time step or tolerance; the error of loads sampled at its time steps."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
 from ..scene.laws import InputLaw, RectangularPulseLaw, StepLaw, sampled_impulse_error
 from ..scene.schema import Scene
 from ..scene.solver_settings import WHOLE
+
+FEWEST_STEPS: Final = 8
+"""Least number of time steps of a coarser run."""
 
 
 @dataclass(frozen=True)
@@ -30,16 +34,23 @@ def meshed_by_the_program(scene: Scene) -> bool:
 
 
 def counts_that_vary(scene: Scene) -> list[int]:
-    """Numbers of elements other than one: those that a change of the mesh scales.
-
-    One element across says that nothing varies in that direction.
-    """
+    """Numbers of elements other than one: those that a change of the mesh scales."""
     boxes = [body.box for body in scene.substructure.values() if body.box is not None]
     return [n for box in boxes for n in box.elements if n > 1]
 
 
+def reachable(counts: list[int], factor: float) -> float:
+    """The factor nearest to ``factor`` that leaves the largest number of elements whole.
+
+    >>> reachable([6, 6], 0.25), reachable([5], 0.5)
+    (0.3333333333333333, 0.6)
+    """
+    largest = max(counts)
+    return max(1, int(largest * factor + 0.5)) / largest
+
+
 def at_resolution(scene: Scene, resolution: Resolution) -> Scene:
-    """The scene with numbers of elements and steps multiplied, stripped of what quantities do not need.
+    """The scene with numbers of elements and steps multiplied, without the output that no quantity needs.
 
     The time step is divided by ``resolution.time`` exactly; the last instant falls at the end or less than a step
     after it. One element across stays one.
@@ -48,7 +59,7 @@ def at_resolution(scene: Scene, resolution: Resolution) -> Scene:
     ------
     SceneError : the mesh or the number of steps leaves the range of a scene.
     """
-    changes: dict[str, object] = {"output": _lean(scene)}
+    changes: dict[str, object] = {"output": type(scene.output)(fields=bool(scene.sensor))}
     if resolution.mesh != 1.0:
         changes["substructure"] = {
             name: body
@@ -77,7 +88,7 @@ def with_tolerance(scene: Scene, tolerance: float) -> object:
 
 
 def in_short_windows(scene: Scene) -> Scene:
-    """Windows of one instant where the whole interval was one: the same answer, far fewer passes."""
+    """The scene with windows of one instant in the place of one whole window: same solution, far fewer sweeps."""
     if scene.solver.window != WHOLE:
         return scene
     update = {"window": 1, "acceleration": type(scene.solver)().acceleration}
@@ -88,15 +99,10 @@ def _scaled(elements: tuple[int, int, int], factor: float) -> tuple[int, ...]:
     return tuple(n if n == 1 else max(1, math.floor(n * factor + 0.5)) for n in elements)
 
 
-def _lean(scene: Scene) -> object:
-    fields = bool(scene.sensor)
-    return type(scene.output)(fields=fields)
-
-
 def sampling_error(scene: Scene, step: float | None = None) -> float:
     """Largest relative error of the impulse of a load sampled with a step (s; that of the scene where None).
 
-    Loads that are inputs are not known and count as exact.
+    Loads that are inputs count as exact.
     """
     step = scene.time.time_step if step is None else step
     time = step * np.arange(math.ceil(scene.time.end / step - 1e-6) + 1)
@@ -105,10 +111,10 @@ def sampling_error(scene: Scene, step: float | None = None) -> float:
 
 
 def aligned(scene: Scene, factor: float) -> float:
-    """A number of steps, relative to that of the scene, near ``factor`` (within 12 %) on which jumps of loads fall.
+    """A number of steps relative to that of the scene, near ``factor`` (within 12 %), with jumps of loads at instants.
 
-    A pulse that ends between two instants loses or gains up to half a step of impulse, which would be taken for an
-    error of the run.
+    A pulse that ends between two instants loses or gains up to half a step of impulse, which would count as an error
+    of the run.
     """
     step = scene.time.time_step
     choices = [factor]

@@ -1,9 +1,8 @@
-"""One run of a study: its quantities and what it cost; time and memory of other runs foreseen."""
+"""One run with its quantities and its cost; time and memory of other runs predicted from it."""
 
 from __future__ import annotations
 
 import math
-import os
 import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,13 +10,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from .. import api
+from ..assembly.propagator_choice import factor_bytes
 from ..errors import LatinError
 from ..fem.mesh import nearest
 from ..latin.record import Array, Timings
 from ..results.solution import Solution
 from ..scene.schema import Scene
-from .quantities import Measured, measure
-from .resolution import Resolution, at_resolution, counts_that_vary
+from .quantities import Quantities, measure
+from .resolution import Resolution, at_resolution
 
 
 @dataclass(frozen=True)
@@ -26,13 +26,13 @@ class Run:
 
     Attributes
     ----------
-    resolution : relative to the scene. measured : its quantities. cpu : CPU seconds of the process, set-up included.
+    resolution : relative to the scene. quantities : of the run. cpu : CPU seconds of the process, set-up included.
     timings : by part. iterations : per window, mean and largest. converged, status : as of the solution.
     steps : time steps.
     """
 
     resolution: Resolution
-    measured: Measured
+    quantities: Quantities
     cpu: float
     timings: Timings
     iterations: tuple[float, int]
@@ -59,7 +59,7 @@ def as_run(scene: Scene, solution: Solution, resolution: Resolution, cpu: float)
     counts = [window.iterations for window in solution.windows] or [0]
     return Run(
         resolution=resolution,
-        measured=measure_solution(scene, solution),
+        quantities=measure_solution(scene, solution),
         cpu=cpu,
         timings=solution.timings,
         iterations=(float(np.mean(counts)), max(counts)),
@@ -70,50 +70,46 @@ def as_run(scene: Scene, solution: Solution, resolution: Resolution, cpu: float)
     )
 
 
-def measure_solution(scene: Scene, solution: Solution) -> Measured:
-    """Quantities of a solution on the interval of the scene; sensors where the fields were kept."""
+def measure_solution(scene: Scene, solution: Solution) -> Quantities:
+    """Quantities of a solution on the interval of the scene; sensors where the fields were stored."""
     return measure(solution.time, solution.interfaces, scene.time.end, _sensors(scene, solution))
 
 
 def _sensors(scene: Scene, solution: Solution) -> dict[str, tuple[Array, Array]]:
-    found = {}
+    histories = {}
     for name, sensor in scene.sensor.items():
         history = solution.substructures.get(sensor.substructure)
         if history is None or history.displacement is None:
             continue
         _, node = nearest(np.asarray([sensor.point]), history.nodes)
-        found[name] = (history.time, history.displacement[:, int(node[0])])
-    return found
+        histories[name] = (history.time, history.displacement[:, int(node[0])])
+    return histories
 
 
 Tell = Callable[[str], None]
 
 
-def told(error: LatinError) -> str:
-    """The problems of an error in one line."""
+def message_of(error: LatinError) -> str:
+    """The problems of an error as one line of text."""
     problems = getattr(error, "problems", ())
     return "; ".join(f"{p.where}: {p.what}" for p in problems) or str(error)
 
 
 @dataclass(frozen=True)
-class CostModel:
-    """CPU seconds of a run foreseen from those made: fixed + per-work x work.
-
-    Work = steps x cells^(4/3) for solids, steps x cells where one direction is refined (banded factors): what half
-    solves cost on such meshes. The exponent is that of the scene, the factors are fitted to the runs.
-    """
+class RunTimeFit:
+    """CPU seconds of a run at another resolution: fixed + rate x mesh^exponent x steps, fitted to measured runs."""
 
     fixed: float
     rate: float
     exponent: float
 
     @classmethod
-    def fitted(cls, scene: Scene, runs: list[Run]) -> CostModel:
-        """From runs at different resolutions (at least one): the largest and the cheapest.
+    def of(cls, scene: Scene, runs: list[Run]) -> RunTimeFit:
+        """Fit to the largest and the cheapest of runs at different resolutions (at least one).
 
-        The first run of a process also pays for loading kernels: it may be neither the smallest nor cheap.
+        The first run of a process includes the time to load kernels, so the smallest may not be the cheapest.
         """
-        exponent = exponent_of(scene)
+        exponent = cost_exponent(scene)
         work = [r.resolution.mesh**exponent * r.resolution.time for r in runs]
         large = max(range(len(runs)), key=work.__getitem__)
         cheap = min(range(len(runs)), key=lambda i: runs[i].cpu)
@@ -123,33 +119,18 @@ class CostModel:
         return cls(max(runs[cheap].cpu - rate * work[cheap], 0.0), rate, exponent)
 
     def seconds(self, mesh: float, time: float) -> float:
-        """Foreseen CPU seconds at a resolution."""
+        """Predicted CPU seconds at a resolution."""
         return float(self.fixed + self.rate * mesh**self.exponent * time)
 
 
-def exponent_of(scene: Scene) -> float:
-    """How the cost of a step grows with the number of elements along an edge: 1 for bars, 2 x 1.2 for plates, 4 for
-    solids."""
+def cost_exponent(scene: Scene) -> float:
+    """Growth of the cost of a step with the number of elements along an edge: solves with banded factors in bars,
+    about n^1.2 for the n nodes of plates and n^(4/3) of solids."""
     directions = {i for b in scene.substructure.values() if b.box for i, n in enumerate(b.box.elements) if n > 1}
-    return {0: 0.0, 1: 1.0, 2: 2.4, 3: 4.0}[len(directions)] if counts_that_vary(scene) else 0.0
+    return (0.0, 1.0, 2.4, 4.0)[len(directions)]
 
 
-def memory_foreseen(scene: Scene, at: Resolution) -> float:
-    """Bytes of factors and histories at a resolution: 60 entries a dof in bars, n^(4/3) growth in solids."""
-    largest = 0.0
-    for body in scene.substructure.values():
-        if body.box is None:
-            continue
-        counts = [max(1.0, n * at.mesh) if n > 1 else 1.0 for n in body.box.elements]
-        dofs = 3.0 * math.prod(n + 1 for n in counts)
-        width = math.prod(sorted(n + 1 for n in counts)[:2]) * 3.0  # dofs of the smallest cross-section
-        largest += 8.0 * dofs * min(width, 6.0 * dofs ** (1.0 / 3.0) * 10.0)
-    return largest
-
-
-def memory_of_the_machine() -> float:
-    """Bytes of physical memory; infinite where the system does not tell."""
-    try:
-        return 0.8 * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    except (AttributeError, ValueError, OSError):
-        return math.inf
+def memory_at(scene: Scene, at: Resolution) -> float:
+    """Bytes of the Cholesky factors of the boxes at a resolution (``assembly.propagator_choice.factor_bytes``)."""
+    boxes = [b.box for b in at_resolution(scene, Resolution(at.mesh)).substructure.values() if b.box is not None]
+    return sum(factor_bytes(3 * math.prod(n + 1 for n in box.elements)) for box in boxes)

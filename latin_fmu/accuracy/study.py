@@ -1,4 +1,4 @@
-"""The designed study: which runs tell what accuracy costs."""
+"""Work-precision study of a scene: runs over meshes, time steps, tolerances, time schemes and propagators."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import math
 import tempfile
 import time as clock
 import tomllib
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -21,11 +20,19 @@ from ..scene.reader import scene_from_dict
 from ..scene.schema import Scene
 from ..scene.solver_settings import WHOLE, Solver
 from ..scene.time_settings import Time
-from .estimate import companions_of, judged, reachable
-from .quantities import Measured
+from .estimate import coarser_runs_of
+from .quantities import Quantities
 from .reference import Reference, declared
-from .resolution import Resolution, aligned, at_resolution, counts_that_vary, in_short_windows, meshed_by_the_program
-from .runs import CostModel, Run, as_run, told
+from .resolution import (
+    Resolution,
+    aligned,
+    at_resolution,
+    counts_that_vary,
+    in_short_windows,
+    meshed_by_the_program,
+    reachable,
+)
+from .runs import Run, RunTimeFit, Tell, as_run, message_of
 
 AS_WRITTEN = "as written"
 
@@ -40,12 +47,12 @@ class Variant:
 
 
 def main_variant(scene: Scene) -> Variant:
-    """The scene with its own scheme and propagator, in short windows (the same answer, fewer passes)."""
+    """The scene with its own scheme and propagator, in short windows (same solution, fewer sweeps)."""
     return Variant(_name(scene), in_short_windows(scene))
 
 
 def unreduced(scene: Scene) -> Variant | None:
-    """The scene marched without reduction, everything else as it is; None where nothing is reduced."""
+    """The scene without reduced substructures, otherwise unchanged; None where nothing is reduced."""
     if scene.solver.propagator.type != "reduced":
         return None
     direct = changed(in_short_windows(scene), {"solver": {"propagator": "direct"}})
@@ -53,9 +60,9 @@ def unreduced(scene: Scene) -> Variant | None:
 
 
 def variants_of(scene: Scene) -> list[Variant]:
-    """Every other way to march the scene, then the scene as written where it is one whole window.
+    """The scene with every other scheme and propagator, then as written where it is one whole window.
 
-    Schemes without inertia answer another question and are left out.
+    Quasi-static schemes are left out: they solve another problem.
     """
     short = in_short_windows(scene)
     own = (scene.time.scheme.type, scene.solver.propagator.type)
@@ -121,12 +128,9 @@ def _name(scene: Scene) -> str:
     return text if propagator in ("automatic", "direct", "explicit") else f"{propagator}, {text}"
 
 
-Tell = Callable[[str], None]
-
-
 @dataclass
 class Row:
-    """One run of the study: who, at which resolution, and the run; ``failure`` says why there is none."""
+    """One run of the study: series, variant, resolution and the run; ``failure`` is the reason where there is none."""
 
     series: str
     variant: str
@@ -137,36 +141,36 @@ class Row:
 
 
 @dataclass
-class Bench:
-    """Solves the points of a study, each once.
+class StudyRuns:
+    """Runs of a study, each made once.
 
     Attributes
     ----------
-    budget : CPU seconds the whole study may take. tell : hears each run as it is done. rows : all points so far.
+    budget : CPU seconds of the whole study. tell : called with a line of text after each run. rows : of all runs.
     """
 
     budget: float
     tell: Tell
     rows: list[Row] = field(default_factory=list)
     spent: float = 0.0
-    _known: dict[tuple[str, Resolution], tuple[Run | None, str]] = field(default_factory=dict)
+    _made: dict[tuple[str, Resolution], tuple[Run | None, str]] = field(default_factory=dict)
 
     def run(self, series: str, variant: Variant, resolution: Resolution, save: bool = False) -> Run | None:
-        """The run of a variant at a resolution; None where it failed (the row says why).
+        """The run of a variant at a resolution; None where it failed (the row has the reason).
 
-        ``save``: its results are written to a temporary file, so that the cost of output is known.
+        ``save``: write its results to a temporary file, so that the cost of output is measured.
         """
         key = (variant.name, resolution)
-        if key not in self._known:
-            self._known[key] = self._solve(variant, resolution, save)
-        run, failure = self._known[key]
+        if key not in self._made:
+            self._made[key] = self._solve(variant, resolution, save)
+        run, failure = self._made[key]
         scene = variant.scene
         tolerance = resolution.tolerance or (math.nan if scene is None else scene.solver.tolerance)
         self.rows.append(Row(series, variant.name, resolution, tolerance, run, failure))
         return run if run is not None and not failure else None
 
     def warm_up(self, variant: Variant, resolution: Resolution) -> None:
-        """One run that no row holds: what is compiled at first use costs no row anything."""
+        """One run that is in no row, so that no row includes the time to load or compile kernels."""
         if variant.scene is not None:
             with contextlib.suppress(LatinError):
                 api.solve(at_resolution(variant.scene, resolution))
@@ -182,7 +186,7 @@ class Bench:
         try:
             solution = api.solve(at_resolution(variant.scene, resolution))
         except LatinError as error:
-            failure = told(error)
+            failure = message_of(error)
             self.tell(f"refused  {label}: {failure}")
             return None, failure
         cpu = clock.process_time() - start
@@ -196,19 +200,12 @@ class Bench:
 
     @property
     def left(self) -> float:
-        """CPU seconds left of the budget."""
+        """Remaining CPU seconds of the budget."""
         return self.budget - self.spent
 
 
-TOGETHER, SPACE, TIME, TOLERANCE, REDUCTION, WINDOWS, REFERENCE = (
-    "together",
-    "space",
-    "time",
-    "tolerance",
-    "reduction",
-    "windows",
-    "reference",
-)
+TOGETHER, SPACE, TIME, TOLERANCE = "together", "space", "time", "tolerance"
+REDUCTION, WINDOWS, REFERENCE = "reduction", "windows", "reference"
 """Series of runs."""
 
 TOLERANCES = (1e-1, 3e-2, 1e-2, 3e-3, 1e-3, 1e-4)
@@ -217,12 +214,12 @@ TIGHT = 1e-6
 
 @dataclass
 class Study:
-    """Outcome of a study.
+    """Result of a study.
 
     Attributes
     ----------
-    scene : as given. rows : every run, failed ones included. reference : what errors are measured against.
-    main : name of the scene's own way to march. windows : (length, direction) -> (mean iterations, passes).
+    scene : as given. main : name of the variant with the scene's own scheme and propagator. reference : of the errors.
+    rows : every run, failed ones included. windows : (length, direction) -> (mean iterations, passes).
     seconds : CPU seconds in all.
     """
 
@@ -234,152 +231,140 @@ class Study:
     seconds: float = 0.0
 
     def of(self, series: str, variant: str | None = None) -> list[Row]:
-        """Rows of a series that succeeded, in order of cost."""
-        wanted = self.main if variant is None else variant
-        found = [r for r in self.rows if r.series == series and r.variant == wanted and r.run and not r.failure]
-        return sorted(found, key=lambda r: (r.resolution.mesh, r.resolution.time, -r.tolerance))
+        """Rows of a series without failure, in order of cost; of the main variant where none is named."""
+        name = self.main if variant is None else variant
+        rows = [r for r in self.rows if r.series == series and r.variant == name and r.run and not r.failure]
+        return sorted(rows, key=lambda r: (r.resolution.mesh, r.resolution.time, -r.tolerance))
 
     def error(self, row: Row, quantity: str) -> float:
         """Relative error of a quantity of a row against the reference; NaN where unknown, or where the reference is
         a run hardly finer."""
-        if row.run is None or quantity not in row.run.measured.values:
+        if row.run is None or quantity not in row.run.quantities.values:
             return math.nan
         finest = self.reference.resolution
         if finest is not None and min(row.resolution.mesh / finest.mesh, row.resolution.time / finest.time) > 0.75:
             return math.nan
-        return row.run.measured.error(quantity, self.reference.measured)
+        return row.run.quantities.error(quantity, self.reference.quantities)
 
     @property
     def quantities(self) -> list[str]:
-        """Quantities that the reference has and the runs too."""
+        """Names of the quantities of both the reference and the runs."""
         runs = [r.run for r in self.rows if r.run is not None]
-        return [q for q in self.reference.measured.values if any(q in r.measured.values for r in runs)]
+        return [q for q in self.reference.quantities.values if any(q in r.quantities.values for r in runs)]
 
 
 def study(scene: Scene, budget: float, tell: Tell) -> Study:
     """Run the study of a scene in about ``budget`` CPU seconds.
 
     Mesh and step together for every scheme and propagator; mesh alone, step alone and tolerance for the scene's own,
-    and where it is reduced, the same without reduction; windows against search directions on a coarse mesh. The
-    reference is declared with the model or the finest run that a third of the budget pays.
+    and where it is reduced, the same without reduction; windows and search directions on a coarse mesh. The reference
+    is declared with the model, else it is the finest run that a third of the budget allows.
 
     Raises
     ------
     SceneError : the scene cannot be built as written.
     """
-    bench = Bench(budget, tell)
+    made = StudyRuns(budget, tell)
     main = main_variant(scene)
-    factors = _factors(scene)
-    bench.warm_up(main, _at(scene, factors[0]))
+    factors = _factors(scene, (0.25, 0.35, 0.5, 0.71, 1.0, 1.41, 2.0, 2.83, 4.0))
+    made.warm_up(main, _at(scene, factors[0]))
     coarse = [_at(scene, f) for f in factors if f <= 1.0]
-    runs = [r for r in (bench.run(TOGETHER, main, at, save=True) for at in coarse) if r is not None]
+    runs = [r for r in (made.run(TOGETHER, main, at, save=True) for at in coarse) if r is not None]
     if not runs:
-        at_resolution(scene, Resolution())  # nothing to learn: let what is wrong be told
+        at_resolution(scene, Resolution())  # raises the error of the scene
     reference = declared(scene)
     for f in (f for f in factors if f > 1.0):
         share = 0.35 if reference is None else 0.15
-        if runs and CostModel.fitted(scene, runs[-2:]).seconds(f, f) < share * budget:
-            run = bench.run(TOGETHER, main, _at(scene, f), save=True)
+        if runs and RunTimeFit.of(scene, runs[-2:]).seconds(f, f) < share * budget:
+            run = made.run(TOGETHER, main, _at(scene, f), save=True)
             runs += [] if run is None else [run]
-    found = Study(scene, main.name, reference or _finest(scene, bench, main, runs))
-    _separate(scene, bench, main)
+    result = Study(scene, main.name, reference or finest_reference(scene, made, main, runs))
+    _refine_separately(scene, made, main)
     if (whole := unreduced(scene)) is not None:
-        bench.run(REDUCTION, whole, _at(scene, 1.0))
-    _map(scene, bench, main)
-    _others(scene, bench, factors)
-    _windows(scene, bench, found)
-    found.rows, found.seconds = bench.rows, bench.spent
-    return found
+        made.run(REDUCTION, whole, _at(scene, 1.0))
+    _refine_others(scene, made, factors)
+    _vary_windows(scene, made, result)
+    result.rows, result.seconds = made.rows, made.spent
+    return result
 
 
-def _factors(scene: Scene) -> list[float]:
-    """Refinement factors, each leaving the largest number of elements whole."""
-    wanted = (0.25, 0.35, 0.5, 0.71, 1.0, 1.41, 2.0, 2.83, 4.0)
-    counts = counts_that_vary(scene)
-    if not counts or not meshed_by_the_program(scene):
+def _refines_mesh(scene: Scene) -> bool:
+    return bool(counts_that_vary(scene)) and meshed_by_the_program(scene)
+
+
+def _factors(scene: Scene, wanted: tuple[float, ...]) -> list[float]:
+    """The refinement factors near those wanted that leave the largest number of elements whole."""
+    if not _refines_mesh(scene):
         return list(wanted)
-    return sorted({reachable(counts, f) for f in wanted})
+    return sorted({reachable(counts_that_vary(scene), f) for f in wanted})
 
 
 def _at(scene: Scene, factor: float) -> Resolution:
     """Mesh and step refined together (the step alone where the mesh is from a file)."""
-    mesh = factor if counts_that_vary(scene) and meshed_by_the_program(scene) else 1.0
-    return Resolution(mesh, aligned(scene, factor))
+    return Resolution(factor if _refines_mesh(scene) else 1.0, aligned(scene, factor))
 
 
-def _finest(scene: Scene, bench: Bench, main: Variant, runs: list[Run]) -> Reference:
-    """The finest run, its error estimated from the coarser ones."""
+def finest_reference(scene: Scene, made: StudyRuns, main: Variant, runs: list[Run]) -> Reference:
+    """The finest run as reference, its error estimated from coarser runs."""
     finest = runs[-1]
     at = finest.resolution
     fine_scene = at_resolution(main.scene or scene, at)
-    companions = companions_of(fine_scene)
+    plan = coarser_runs_of(fine_scene)
     own: ErrorEstimate | None = None
-    if companions is not None:
-        coarser: dict[str, Measured] = {}
-        for name, relative in (
-            ("half", companions.half),
-            ("quarter", companions.quarter),
-            ("half_mesh", companions.half_mesh),
-        ):
-            if relative is not None:
-                point = Resolution(at.mesh * relative.mesh, at.time * relative.time)
-                run = bench.run(REFERENCE, main, point)
-                if run is not None:
-                    coarser[name] = run.measured
-        if "half" in coarser:
-            own = ErrorEstimate(judged(fine_scene, finest.measured, coarser, companions), (), 0.0, FLOOR)
+    if plan is not None:
+        coarser: dict[str, Quantities] = {}
+        for name, relative in plan.by_name().items():
+            run = made.run(REFERENCE, main, Resolution(at.mesh * relative.mesh, at.time * relative.time))
+            if run is not None:
+                coarser[name] = run.quantities
+        if estimates := plan.estimates(fine_scene, finest.quantities, coarser):
+            own = ErrorEstimate(estimates, (), 0.0, FLOOR)
     text = f"refined run: mesh x {at.mesh:.3g}, steps x {at.time:.3g}, {finest.cpu:.3g} CPU s"
-    return Reference(finest.measured, False, text, own, at)
+    return Reference(finest.quantities, False, text, own, at)
 
 
-def _separate(scene: Scene, bench: Bench, main: Variant) -> None:
-    """Mesh alone at twice the steps; step alone on the mesh as written."""
-    counts = counts_that_vary(scene)
-    if counts and meshed_by_the_program(scene):
-        for f in sorted({reachable(counts, f) for f in (0.35, 0.5, 1.0, 2.0)}):
-            bench.run(SPACE, main, Resolution(f, aligned(scene, 2.0)))
+def _refine_separately(scene: Scene, made: StudyRuns, main: Variant) -> None:
+    """Mesh alone at twice the steps; step alone on the mesh as written; tolerances on several meshes."""
+    if _refines_mesh(scene):
+        for f in _factors(scene, (0.35, 0.5, 1.0, 2.0)):
+            made.run(SPACE, main, Resolution(f, aligned(scene, 2.0)))
     for f in (0.25, 0.5, 1.0, 2.0, 4.0):
-        bench.run(TIME, main, Resolution(1.0, aligned(scene, f)))
-
-
-def _map(scene: Scene, bench: Bench, main: Variant) -> None:
-    """Tolerance against mesh; the tightest one tells what the iteration leaves."""
+        made.run(TIME, main, Resolution(1.0, aligned(scene, f)))
     counts = counts_that_vary(scene)
-    meshes = sorted({reachable(counts, f) for f in (0.35, 0.5, 1.0, 1.41)}) if counts else [0.5, 1.0, 2.0]
-    for f in meshes:
+    for f in sorted({reachable(counts, f) for f in (0.35, 0.5, 1.0, 1.41)}) if counts else [0.5, 1.0, 2.0]:
         at = _at(scene, f)
         for tolerance in (TIGHT, *TOLERANCES):
-            bench.run(TOLERANCE, main, Resolution(at.mesh, at.time, tolerance))
+            made.run(TOLERANCE, main, Resolution(at.mesh, at.time, tolerance))
 
 
-def _others(scene: Scene, bench: Bench, factors: list[float]) -> None:
-    """Other schemes and propagators, refined together like the scene's own; where the step is refused, shorter ones."""
+def _refine_others(scene: Scene, made: StudyRuns, factors: list[float]) -> None:
+    """Other schemes and propagators, mesh and step together; shorter steps where the step is refused."""
     others = variants_of(scene)
     for i, variant in enumerate(others):
-        share = 0.6 * bench.left / (len(others) - i)
+        share = 0.6 * made.left / (len(others) - i)
         runs: list[Run] = []
         for f in [g for g in factors if g > 0.3]:
-            run = _with_stable_steps(scene, bench, variant, f)
+            run = _with_stable_steps(scene, made, variant, f)
             runs += [] if run is None else [run]
             if variant.scene is None:
                 break
-            coming = f * 2**0.5
-            if runs and CostModel.fitted(scene, runs[-2:]).seconds(coming, coming) > 0.4 * share:
+            following = f * 2**0.5
+            if runs and RunTimeFit.of(scene, runs[-2:]).seconds(following, following) > 0.4 * share:
                 break
 
 
-def _with_stable_steps(scene: Scene, bench: Bench, variant: Variant, factor: float) -> Run | None:
+def _with_stable_steps(scene: Scene, made: StudyRuns, variant: Variant, factor: float) -> Run | None:
     """A run with mesh and step refined together; a step refused as too long is halved, twice at most."""
     at = _at(scene, factor)
     for shorter in (1.0, 2.0, 4.0):
-        run = bench.run(TOGETHER, variant, Resolution(at.mesh, at.time * shorter))
-        if run is not None or "step is longer" not in bench.rows[-1].failure:
+        run = made.run(TOGETHER, variant, Resolution(at.mesh, at.time * shorter))
+        if run is not None or "step is longer" not in made.rows[-1].failure:
             return run
     return None
 
 
-def _windows(scene: Scene, bench: Bench, found: Study) -> None:
-    """Iterations and passes against window length and search direction, on half the mesh."""
+def _vary_windows(scene: Scene, made: StudyRuns, result: Study) -> None:
+    """Iterations and passes by window length and search direction, on half the mesh."""
     counts = counts_that_vary(scene)
     at = _at(scene, reachable(counts, 0.5) if counts else 0.5)
     for length in (1, 2, 5, 10, 25, WHOLE):
@@ -387,6 +372,6 @@ def _windows(scene: Scene, bench: Bench, found: Study) -> None:
             solver = {"window": length, "search_direction": direction, "acceleration": "anderson"}
             name = f"window {length}, {direction}"
             variant = Variant(name, changed(scene, {"solver": {**solver, "max_iterations": 100}}))
-            run = bench.run(WINDOWS, variant, at)
+            run = made.run(WINDOWS, variant, at)
             if run is not None:
-                found.windows[(str(length), direction)] = (run.iterations[0], run.passes)
+                result.windows[(str(length), direction)] = (run.iterations[0], run.passes)

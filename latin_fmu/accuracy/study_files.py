@@ -1,4 +1,4 @@
-"""A study as xarray (one entry a run, derived tables beside it) and as a figure."""
+"""Files of a study: xarray dataset (one entry a run, derived tables beside it) and figures."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ import xarray as xr
 
 from ..results.dataset import provenance
 from ..results.groups import CONVENTIONS
-from ..results.quantities_of_interest import FLOOR, FORCE_HISTORY, KINDS, kind_of
+from ..results.quantities_of_interest import FLOOR, FORCE_HISTORY, QUANTITIES_OF_INTEREST, definition_of
+from ..results.summary import percent
 from .study import TIGHT, TOGETHER, TOLERANCE, Row, Study
-from .study_report import percent, sources, useful_tolerances
+from .study_report import sources, useful_tolerances
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -26,13 +27,13 @@ def datatree(study: Study) -> xr.DataTree:
     """Groups ``runs``, ``sources``, ``tolerances``, ``windows``; the reference and the scene in the root attributes.
 
     ``runs``: per run its series, scheme, resolution, cost by part, and error and value of every quantity (NaN where
-    the run failed; ``failure`` says why).
+    the run failed; ``failure`` is the reason).
     """
     root = xr.Dataset(
         attrs={
             **provenance(),
             "Conventions": CONVENTIONS,
-            "title": f"{study.scene.name}: what accuracy costs",
+            "title": f"{study.scene.name}: cost of accuracy",
             "scene_name": study.scene.name,
             "scene": study.scene.text(),
             "reference": study.reference.text,
@@ -49,8 +50,8 @@ def datatree(study: Study) -> xr.DataTree:
 def _runs(study: Study) -> xr.Dataset:
     rows, quantities = study.rows, study.quantities
     table = xr.Dataset(coords={"quantity": _texts(quantities)})
-    table["quantity_unit"] = ("quantity", _texts([kind_of(q).unit for q in quantities]))
-    for name, text in (("series", "series of the study"), ("variant", "scheme"), ("failure", "why there is no answer")):
+    table["quantity_unit"] = ("quantity", _texts([definition_of(q).unit for q in quantities]))
+    for name, text in (("series", "series of the study"), ("variant", "scheme"), ("failure", "reason of a failure")):
         table[name] = ("run", _texts([getattr(r, name) for r in rows]), {"long_name": text})
     numbers: dict[str, tuple[list[float], str, str]] = {
         "mesh": ([r.resolution.mesh for r in rows], "1", "elements per length, relative to the scene"),
@@ -67,7 +68,7 @@ def _runs(study: Study) -> xr.Dataset:
         table[name] = ("run", np.array(values, dtype=float), {"units": unit, "long_name": meaning})
     errors = np.array([[study.error(r, q) for q in quantities] for r in rows]).reshape(len(rows), len(quantities))
     table["error"] = (("run", "quantity"), errors, {"units": "1", "long_name": "relative error"})
-    read = [[_of(r, lambda run, q=q: run.measured.values.get(q, np.nan)) for q in quantities] for r in rows]
+    read = [[_of(r, lambda run, q=q: run.quantities.values.get(q, np.nan)) for q in quantities] for r in rows]
     table["value"] = (
         ("run", "quantity"),
         np.array(read, dtype=float).reshape(errors.shape),
@@ -81,25 +82,25 @@ def _of(row: Row, read: Any) -> float:
 
 
 def _sources(study: Study) -> xr.Dataset:
-    found = [sources(study, q) for q in study.quantities]
+    split = [sources(study, q) for q in study.quantities]
     table = xr.Dataset(coords={"quantity": _texts(study.quantities)})
     for name in _SOURCES:
         what = "observed order, " + name[6:] if name.startswith("order") else f"relative error, {name}"
         attributes = {"units": "1", "long_name": what}
-        table[name] = ("quantity", np.array([getattr(s, name) for s in found], dtype=float), attributes)
+        table[name] = ("quantity", np.array([getattr(s, name) for s in split], dtype=float), attributes)
     return table
 
 
 def _tolerances(study: Study) -> xr.Dataset:
-    found = {q: useful_tolerances(study, q) for q in study.quantities}
-    meshes = sorted({m for table in found.values() for m in table})
-    values = [[table.get(m, np.nan) for m in meshes] for table in found.values()]
+    useful = {q: useful_tolerances(study, q) for q in study.quantities}
+    meshes = sorted({m for table in useful.values() for m in table})
+    values = [[table.get(m, np.nan) for m in meshes] for table in useful.values()]
     table = xr.Dataset(coords={"quantity": _texts(study.quantities), "mesh": np.array(meshes, dtype=float)})
     table["mesh"].attrs.update(units="1", long_name="refinement factor of the mesh")
     table["useful_tolerance"] = (
         ("quantity", "mesh"),
-        np.array(values, dtype=float).reshape(len(found), len(meshes)),
-        {"units": "1", "long_name": "tolerance on sqrt(eta) below which a smaller one buys nothing"},
+        np.array(values, dtype=float).reshape(len(useful), len(meshes)),
+        {"units": "1", "long_name": "tolerance on sqrt(eta) below which the iteration error is negligible"},
     )
     return table
 
@@ -140,19 +141,19 @@ def cost_figure(study: Study) -> Figure:
     cost_split(panels.pop(0), study)
     for axes in panels:
         axes.set_axis_off()
-    figure.suptitle(f"{study.scene.name}: what accuracy costs. Reference: {study.reference.text}", fontsize=10)
+    figure.suptitle(f"{study.scene.name}: cost of accuracy. Reference: {study.reference.text}", fontsize=10)
     return figure
 
 
 def quantities_shown(study: Study) -> list[str]:
-    """One of each kind: of the interface (or sensor) the scene aims at, else the first."""
-    aimed = study.scene.accuracy.quantity.rpartition(".")[0]
-    found = []
-    for kind in KINDS:
-        of_kind = [q for q in study.quantities if kind_of(q) is kind]
-        if of_kind:
-            found.append(next((q for q in of_kind if q.startswith(f"{aimed}.")), of_kind[0]))
-    return found
+    """One quantity of each definition: of the target interface (or sensor) of the scene, else the first."""
+    target = study.scene.accuracy.quantity.rpartition(".")[0]
+    shown = []
+    for definition in QUANTITIES_OF_INTEREST:
+        candidates = [q for q in study.quantities if definition_of(q) is definition]
+        if candidates:
+            shown.append(next((q for q in candidates if q.startswith(f"{target}.")), candidates[0]))
+    return shown
 
 
 def work_precision(axes: Axes, study: Study, quantity: str) -> None:
@@ -164,21 +165,21 @@ def work_precision(axes: Axes, study: Study, quantity: str) -> None:
         errors = np.maximum([study.error(r, quantity) for r in rows], 1e-5)
         axes.plot(cost, 100 * errors, marker=mark, markersize=4, linewidth=1.2, label=name)
     own = study.reference.own_error
-    if own is not None and quantity in study.reference.measured.values:
+    if own is not None and quantity in study.reference.quantities.values:
         axes.axhspan(0, 100 * own[quantity].error, color="0.92", zorder=0, label="error of the reference")
     axes.axhline(100 * FLOOR, color="0.6", linewidth=0.8, linestyle=":")
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.set_xlabel("CPU time (s)", fontsize=8)
     axes.set_ylabel("relative error (%)", fontsize=8)
-    axes.set_title(quantity + (" (L2)" if kind_of(quantity) is FORCE_HISTORY else ""), fontsize=9)
+    axes.set_title(quantity + (" (L2)" if definition_of(quantity) is FORCE_HISTORY else ""), fontsize=9)
     axes.grid(color="0.92", which="both")
     axes.tick_params(labelsize=7)
     axes.legend(fontsize=6)
 
 
 def tolerance_map(axes: Axes, study: Study, quantity: str) -> None:
-    """Error over tolerance and mesh; the line beyond which a smaller sqrt(eta) buys nothing."""
+    """Error over tolerance and mesh; right of the line the iteration error is negligible."""
     rows = [r for r in study.of(TOLERANCE) if r.tolerance != TIGHT]
     useful = useful_tolerances(study, quantity)
     meshes = sorted(useful)
@@ -207,7 +208,7 @@ def tolerance_map(axes: Axes, study: Study, quantity: str) -> None:
     axes.set_yticks(range(len(meshes)), [f"x {m:.2g}" for m in meshes], fontsize=7)
     axes.set_xlabel("tolerance on sqrt(eta)", fontsize=8)
     axes.set_ylabel("mesh and steps", fontsize=8)
-    axes.set_title(f"{quantity}: right of the line a smaller\nsqrt(eta) buys nothing", fontsize=8)
+    axes.set_title(f"{quantity}: right of the line\nthe iteration error is negligible", fontsize=8)
 
 
 def _line(axes: Axes, useful: Sequence[float], tolerances: Sequence[float]) -> None:
@@ -262,7 +263,7 @@ def comparison_figure(studies: Sequence[Study]) -> Figure:
 
     figure = Figure(figsize=(14, 3.3 * len(studies)), layout="constrained")
     for panels, study in zip(figure.subplots(len(studies), 4, squeeze=False), studies, strict=True):
-        shown = {kind_of(q).key: q for q in quantities_shown(study)}
+        shown = {definition_of(q).key: q for q in quantities_shown(study)}
         chosen = [shown[key] for key in ("impulse", "first_contact", "force_history") if key in shown]
         for axes, quantity in zip(panels, chosen, strict=False):
             work_precision(axes, study, quantity)
@@ -276,11 +277,11 @@ def comparison_figure(studies: Sequence[Study]) -> Figure:
 
 
 def _one_legend(figure: Figure) -> None:
-    """The legends of all panels as one below them."""
-    found: dict[str, Artist] = {}
+    """Replace the legends of all panels by one below them."""
+    entries: dict[str, Artist] = {}
     for axes in figure.axes:
         handles, labels = axes.get_legend_handles_labels()
-        found |= dict(zip(labels, handles, strict=True))
+        entries |= dict(zip(labels, handles, strict=True))
         if (legend := axes.get_legend()) is not None:
             legend.remove()
-    figure.legend(list(found.values()), list(found), loc="outside lower center", ncols=len(found), fontsize=8)
+    figure.legend(list(entries.values()), list(entries), loc="outside lower center", ncols=len(entries), fontsize=8)

@@ -21,7 +21,7 @@ examples:
 
 Mesh, time step and tolerance are refined in turn and together, for every time scheme and propagator; errors are
 measured against the exact solution declared with the model (reference.json beside the scene) or against a refined
-run whose own error is told. Methods that fail are listed.
+run whose own error is estimated. Methods that fail are listed.
 """
 _STRESS_EXAMPLES = """\
 examples:
@@ -41,7 +41,7 @@ def register(add: AddParser) -> None:
 
 
 def _register_cost(add: AddParser) -> None:
-    text = "tell what accuracy costs in time: work-precision study of a scene"
+    text = "measure the CPU time that accuracy costs: work-precision study of a scene"
     parser = declare(add, "cost", text, _cost, _COST_EXAMPLES)
     parser.add_argument("scenes", metavar="SCENE", type=Path, nargs="+", help="scene file (TOML)")
     add_settings(parser, "change one setting of every scene; may be repeated")
@@ -98,7 +98,7 @@ def _cost(arguments: argparse.Namespace) -> int:
     if arguments.output is not None:
         _write_studies(studies, arguments.output)
     if arguments.json:
-        print("[\n" + ",\n".join(as_json(found) for found in studies) + "\n]")
+        print("[\n" + ",\n".join(as_json(item) for item in studies) + "\n]")
     return CONVERGED
 
 
@@ -122,14 +122,14 @@ def _write_studies(studies: list[Study], folder: Path) -> None:
     from ..accuracy.study_report import as_markdown
     from ..results.files import write_netcdf, written_whole
 
-    for found in studies:
-        stem = folder / f"{found.scene.name}_cost"
+    for study in studies:
+        stem = folder / f"{study.scene.name}_cost"
         picture = stem.with_suffix(".png")
         with written_whole(picture) as draft:
-            cost_figure(found).savefig(draft, dpi=130)
+            cost_figure(study).savefig(draft, dpi=130)
         with written_whole(stem.with_suffix(".md")) as draft:
-            draft.write_text(as_markdown(found, picture.name), encoding="utf-8")
-        write_netcdf(datatree(found), stem.with_suffix(".nc"))
+            draft.write_text(as_markdown(study, picture.name), encoding="utf-8")
+        write_netcdf(datatree(study), stem.with_suffix(".nc"))
         print(f"study: {stem}.md, .png, .nc", file=sys.stderr)
     if len(studies) > 1:
         with written_whole(folder / "work_precision.png") as draft:

@@ -50,6 +50,11 @@ def readable_vector(values: Sequence[float], unit: str, digits: int = 4) -> str:
     return f"({', '.join(_digits(value, digits) for value in shown)}) {label}"
 
 
+def percent(error: float) -> str:
+    """A relative error in per cent, two digits; ``-`` for NaN."""
+    return "-" if math.isnan(error) else f"{100 * error:.2g} %"
+
+
 def _digits(value: float, digits: int) -> str:
     """Significant digits, trailing zeros kept; a plain 0 for zero."""
     return "0" if value == 0.0 else f"{value:#.{digits}g}".rstrip(".")
@@ -173,7 +178,7 @@ def _table(outcome: Outcome) -> list[str]:
         "slipping area",
         "sqrt(eta)",
     )
-    return _aligned([head, *(_row(outcome, history) for history in outcome.interfaces.values())])
+    return aligned([head, *(_row(outcome, history) for history in outcome.interfaces.values())])
 
 
 def _row(outcome: Outcome, history: InterfaceHistory) -> tuple[str, ...]:
@@ -193,7 +198,7 @@ def _row(outcome: Outcome, history: InterfaceHistory) -> tuple[str, ...]:
     )
 
 
-def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
+def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
     """Columns two spaces apart; the first one to the left, the others to the right."""
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
     cells = [[row[0].ljust(widths[0]), *(c.rjust(w) for c, w in zip(row[1:], widths[1:], strict=True))] for row in rows]

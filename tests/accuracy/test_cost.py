@@ -12,10 +12,10 @@ import pytest
 import xarray as xr
 
 from latin_fmu.accuracy import study as study_module
-from latin_fmu.accuracy.quantities import Measured
+from latin_fmu.accuracy.quantities import Quantities
 from latin_fmu.accuracy.reference import Reference
 from latin_fmu.accuracy.resolution import Resolution
-from latin_fmu.accuracy.runs import CostModel, Run, run_at
+from latin_fmu.accuracy.runs import Run, RunTimeFit, run_at
 from latin_fmu.accuracy.study import (
     REDUCTION,
     SPACE,
@@ -23,9 +23,9 @@ from latin_fmu.accuracy.study import (
     TIME,
     TOGETHER,
     TOLERANCE,
-    Bench,
     Row,
     Study,
+    StudyRuns,
     unreduced,
     variants_of,
 )
@@ -45,7 +45,7 @@ def made_up(mesh: float, steps: float, tolerance: float = 1e-3, cpu: float = 1.0
     """A run whose impulse is 1 + 0.04 h + 0.01 dt + 0.3 tolerance (+ ``left``)."""
     value = 1.0 + 0.04 / mesh + 0.01 / steps + 0.3 * tolerance + left
     at = Resolution(mesh, steps, tolerance)
-    run = Run(at, Measured({Q: value}, {Q: 1.0}), cpu, Timings(), (3.0, 4), True, "", 100, 4.0)
+    run = Run(at, Quantities({Q: value}, {Q: 1.0}), cpu, Timings(), (3.0, 4), True, "", 100, 4.0)
     return Row("", "own", at, tolerance, run)
 
 
@@ -59,7 +59,7 @@ def linear() -> Study:
         rows += [(TOLERANCE, made_up(f, f, t)) for t in (TIGHT, 1e-1, 1e-2, 1e-3, 1e-4)]
     for series, row in rows:
         row.series = series
-    study = Study(shipped("impact_bar"), "own", Reference(Measured({Q: 1.0}, {Q: 1.0}), True, "made up"))
+    study = Study(shipped("impact_bar"), "own", Reference(Quantities({Q: 1.0}, {Q: 1.0}), True, "made up"))
     study.rows = [row for _, row in rows]
     return study
 
@@ -110,19 +110,19 @@ def test_every_scheme_of_the_registry_is_tried() -> None:
     assert MasslessContact().type in names
 
 
-def test_cost_model_follows_two_runs() -> None:
+def test_run_time_fit_follows_two_runs() -> None:
     rows = [made_up(f, f, cpu=0.1 + 0.2 * f**2) for f in (1.0, 2.0)]
-    model = CostModel.fitted(shipped("impact_bar"), [r.run for r in rows if r.run is not None])
-    assert model.seconds(4.0, 4.0) == pytest.approx(0.1 + 0.2 * 16)
+    fit = RunTimeFit.of(shipped("impact_bar"), [r.run for r in rows if r.run is not None])
+    assert fit.seconds(4.0, 4.0) == pytest.approx(0.1 + 0.2 * 16)
 
 
 @pytest.mark.parametrize(("seconds", "foreseen"), [((0.5, 0.3, 0.9), 0.1 + 0.2 * 16), ((0.5, 0.4, 0.1), 0.4)])
-def test_cost_model_survives_a_dear_first_run(seconds: tuple[float, float, float], foreseen: float) -> None:
+def test_run_time_fit_with_an_expensive_first_run(seconds: tuple[float, float, float], foreseen: float) -> None:
     """The first run of a process also pays for loading kernels: the cheapest and the largest count; where the largest
     is the cheapest, all its cost is taken for work."""
     rows = [made_up(f, f, cpu=cpu) for f, cpu in zip((0.5, 1.0, 2.0), seconds, strict=True)]
-    model = CostModel.fitted(shipped("impact_bar"), [r.run for r in rows if r.run is not None])
-    assert model.seconds(4.0, 4.0) == pytest.approx(foreseen)
+    fit = RunTimeFit.of(shipped("impact_bar"), [r.run for r in rows if r.run is not None])
+    assert fit.seconds(4.0, 4.0) == pytest.approx(foreseen)
 
 
 @pytest.fixture
@@ -151,7 +151,7 @@ def test_the_command_writes_page_figure_and_dataset(tmp_path: Path, capsys: pyte
     for part in (
         "cheapest setting",
         "sources of error",
-        "buys nothing",
+        "is negligible",
         "failed or were refused",
         "impact_bar_cost.png",
     ):
@@ -167,13 +167,13 @@ def test_the_command_writes_page_figure_and_dataset(tmp_path: Path, capsys: pyte
 def test_what_a_reduction_costs_is_told_apart(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two modes against all: the distance to the same march by factors, both solved here once more; the curve of the
     march by factors stands beside that of the modes."""
-    monkeypatch.setattr(study_module, "_windows", lambda *_: None)
+    monkeypatch.setattr(study_module, "_vary_windows", lambda *_: None)
     settings = ["substructure.bar.box.elements=[1, 1, 32]", "time.instants=128", "output.energy=false"]
     file = MODELS / "impact_bar/scene.toml"
     few = ["solver.propagator={type = 'reduced', modes = 2}"]
     found = study_module.study(load_scene(file, [*settings, *few]), 3.0, lambda _: None)
     reduced, whole = (run_at(load_scene(file, [*settings, *s]), Resolution()) for s in (few, []))
-    value, expected = (r.measured.values["wall.impulse"] for r in (reduced, whole))
+    value, expected = (r.quantities.values["wall.impulse"] for r in (reduced, whole))
     told = sources(found, "wall.impulse")
     assert told.reduction == pytest.approx(abs(value - expected) / expected, rel=1e-9)
     assert told.reduction > 0.02
@@ -194,12 +194,12 @@ def test_the_target_folder_is_checked_before_the_run(tmp_path: Path, capsys: pyt
 
 
 def test_a_scene_without_a_declared_reference_gets_a_refined_run_with_its_own_error() -> None:
-    bench = Bench(3.0, lambda _: None)
+    made = StudyRuns(3.0, lambda _: None)
     scene = shipped("impact_bar")
     main_variant = study_module.main_variant(scene)
-    run = bench.run(TOGETHER, main_variant, Resolution(0.5, 0.5))
+    run = made.run(TOGETHER, main_variant, Resolution(0.5, 0.5))
     assert run is not None
-    reference = study_module._finest(scene, bench, main_variant, [run])
+    reference = study_module.finest_reference(scene, made, main_variant, [run])
     assert not reference.exact
     assert reference.own_error is not None
     assert 0.01 < reference.own_error["wall.impulse"].error < 0.06  # true 1.7 %

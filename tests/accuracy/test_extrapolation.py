@@ -6,12 +6,12 @@ import math
 
 import pytest
 
-from latin_fmu.accuracy.estimate import Differences, judge, observed_order
+from latin_fmu.accuracy.estimate import Changes, estimated_error, observed_order
 from latin_fmu.results.quantities_of_interest import FORCE_HISTORY, IMPULSE
 
 
 def series(order: float, ratios: tuple[float, float], error: float = 0.01) -> tuple[float, float]:
-    """Differences of the sequence q* + error h^order at h = 1 and the ratios."""
+    """Changes of the sequence q* + error h^order at h = 1 and the ratios."""
     first, second = (error * r**order for r in ratios)
     return first - error, second - first
 
@@ -31,28 +31,28 @@ def test_no_order_without_differences() -> None:
 @pytest.mark.parametrize("ratios", [(2.0, 4.0), (5 / 3, 5.0)])
 def test_a_regular_sequence_gives_an_estimate_within_five_times(order: float, ratios: tuple[float, float]) -> None:
     half, quarter = series(order, ratios)
-    judged = judge(IMPULSE, Differences(half, quarter, steps=half, ratios=ratios))
-    assert not judged.bound_only
-    assert 0.01 <= judged.error <= 0.05
+    estimate = estimated_error(IMPULSE, Changes(half, quarter, steps=half, ratios=ratios))
+    assert not estimate.bound_only
+    assert 0.01 <= estimate.error <= 0.05
 
 
 def test_an_irregular_sequence_gives_a_bound_and_says_so() -> None:
     """Two resolutions that agree by chance: what the time step alone changes counts."""
-    judged = judge(IMPULSE, Differences(half=1e-5, quarter=0.02, steps=0.01))
-    assert judged.bound_only
-    assert judged.error >= 0.01
-    assert judge(IMPULSE, Differences(*series(1.0, (2.0, 4.0)), same_way=False)).bound_only
+    estimate = estimated_error(IMPULSE, Changes(half=1e-5, quarter=0.02, steps=0.01))
+    assert estimate.bound_only
+    assert estimate.error >= 0.01
+    assert estimated_error(IMPULSE, Changes(*series(1.0, (2.0, 4.0)), same_way=False)).bound_only
 
 
 def test_sampling_and_iteration_count() -> None:
     half, quarter = series(1.0, (2.0, 4.0))
-    plain = judge(IMPULSE, Differences(half, quarter))
-    assert judge(IMPULSE, Differences(half, quarter, iteration=0.1)).error == pytest.approx(plain.error + 0.1)
-    sampled = judge(IMPULSE, Differences(half, quarter, sampling=0.1))
+    plain = estimated_error(IMPULSE, Changes(half, quarter))
+    assert estimated_error(IMPULSE, Changes(half, quarter, iteration=0.1)).error == pytest.approx(plain.error + 0.1)
+    sampled = estimated_error(IMPULSE, Changes(half, quarter, sampling=0.1))
     assert sampled.error >= 0.1
     assert sampled.bound_only
 
 
 def test_a_front_in_the_force_history_is_regular_at_one_half() -> None:
     half, quarter = series(0.5, (2.0, 4.0))
-    assert not judge(FORCE_HISTORY, Differences(half, quarter)).bound_only
+    assert not estimated_error(FORCE_HISTORY, Changes(half, quarter)).bound_only

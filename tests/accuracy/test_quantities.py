@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from latin_fmu.accuracy.quantities import Force, measure, of_force
-from latin_fmu.results import quantities_of_interest as kinds
+from latin_fmu.results.quantities_of_interest import QUANTITIES_OF_INTEREST
 from latin_fmu.scene.accuracy_settings import QUANTITY_KEYS
 
 from ..results import synthetic
 
 
-def test_the_scene_knows_all_kinds() -> None:
-    assert tuple(kind.key for kind in kinds.KINDS) == QUANTITY_KEYS
+def test_the_scene_accepts_all_quantities() -> None:
+    assert tuple(definition.key for definition in QUANTITIES_OF_INTEREST) == QUANTITY_KEYS
 
 
 def test_distance_of_a_rectangle_and_a_ramp() -> None:

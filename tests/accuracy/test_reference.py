@@ -30,9 +30,9 @@ def test_declared_values_are_those_of_the_waves(known) -> None:
     reference = declared(shipped(known.name))
     assert reference is not None
     assert reference.exact
-    for quantity, value in reference.measured.values.items():
+    for quantity, value in reference.quantities.values.items():
         assert value == pytest.approx(known.exact.values[quantity], rel=1e-9, abs=1e-12)
-    for name, force in reference.measured.forces.items():
+    for name, force in reference.quantities.forces.items():
         assert force.distance(known.exact.forces[name]) <= 1e-9 * force.norm()
 
 
@@ -68,10 +68,10 @@ def test_refined_runs_agree_with_another_scheme() -> None:
     assert {q.quantity for q in reference.own_error.quantities} == set(measured.values)
     for quantity in measured.values:
         granted = max(estimate[quantity].error, 1e-3) + reference.own_error[quantity].error
-        assert measured.error(quantity, reference.measured) <= granted, quantity
+        assert measured.error(quantity, reference.quantities) <= granted, quantity
     sharp = {"impulse": 5e-4, "separation": 2e-3, "peak_force": 6e-3, "first_contact": 1e-2}
     for key, error in sharp.items():
-        assert measured.error(f"crush.{key}", reference.measured) <= error, key
+        assert measured.error(f"crush.{key}", reference.quantities) <= error, key
 
 
 @pytest.mark.parametrize("errors", [{}, {"wall.impulse": 0.0}, {"wall.impulse": "small"}])

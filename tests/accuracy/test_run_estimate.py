@@ -60,7 +60,7 @@ def test_no_estimate_where_none_is_wanted(scene: str, choice: list[str], capsys:
     assert "accuracy" not in latin_fmu.open_results("a.nc").children
 
 
-def test_companions_that_fail_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_failed_coarser_runs_are_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     """One that cannot be built and one that does not converge: told, and what is left is only a bound."""
     scene = at_resolution(shipped("impact_bar"), Resolution(0.2, 0.2))
     solution = latin_fmu.solve(scene)

@@ -8,15 +8,15 @@ import pytest
 from latin_fmu.cosim.fmi_instance import FmiInstance
 from latin_fmu.cosim.variables import table_of
 from latin_fmu.latin.settings import ITERATION_SHARE, accuracy_of, tolerance_for
-from latin_fmu.results.quantities_of_interest import IMPULSE, KINDS
+from latin_fmu.results.quantities_of_interest import IMPULSE, QUANTITIES_OF_INTEREST
 
 from ..cosim.scenes import blocks
 
 
 @pytest.mark.parametrize("accuracy", [0.2, 0.01, 3e-5])
 def test_the_iteration_may_leave_a_tenth(accuracy: float) -> None:
-    for kind in KINDS:
-        left = tolerance_for(accuracy, kind.iteration) * kind.iteration
+    for definition in QUANTITIES_OF_INTEREST:
+        left = tolerance_for(accuracy, definition.iteration) * definition.iteration
         assert left == pytest.approx(ITERATION_SHARE * accuracy)
 
 

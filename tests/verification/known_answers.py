@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 import latin_fmu
-from latin_fmu.accuracy.quantities import Force, Measured, of_force
+from latin_fmu.accuracy.quantities import Force, Quantities, of_force
 from latin_fmu.accuracy.resolution import in_short_windows
 from latin_fmu.scene.schema import Scene
 from latin_fmu.stability.scenes import Box, Material, bar, two_boxes
@@ -31,7 +31,7 @@ class Known:
 
     name: str
     scene: Scene
-    exact: Measured
+    exact: Quantities
     trivial: frozenset[str] = field(default_factory=frozenset)
 
     @property
@@ -42,25 +42,23 @@ class Known:
 
 def exact_of(
     interface: str, solved: Solved, area: float, end: float, sensors: dict[str, tuple[int, int]] | None = None
-) -> Measured:
+) -> Quantities:
     """Exact quantities of one contact; ``sensors``: connection and side of bar ends by name."""
-    found = Measured()
+    exact = Quantities()
     knots: list[float] = []
     values: list[float] = []
     for start, stop, first, last in solved.pressure.pieces(0.0, end):
         knots += [start, stop]
         values += [area * first, area * last]
     force = Force(np.array(knots), np.array(values))
-    found.forces[interface] = force
-    for key, (value, scale) in of_force(force, end, opens=True).items():
-        found.values[f"{interface}.{key}"], found.scales[f"{interface}.{key}"] = value, scale
+    exact.forces[interface] = force
+    exact.add(interface, of_force(force, end, opens=True))
     for name, (connection, side) in (sensors or {}).items():
         velocity = solved.waves.velocity[connection][side]
         path = np.array([velocity.integral(0.0, t) for t in np.linspace(0.0, end, 2001)])
-        found.vectors[name] = np.array([0.0, 0.0, path[-1]])
-        found.values[f"{name}.displacement"] = abs(path[-1])
-        found.scales[f"{name}.displacement"] = float(np.abs(path).max())
-    return found
+        exact.vectors[name] = np.array([0.0, 0.0, path[-1]])
+        exact.add(name, {"displacement": (abs(path[-1]), float(np.abs(path).max()))})
+    return exact
 
 
 def _with_sensors(scene: Scene, **places: tuple[str, float]) -> Scene:
@@ -95,7 +93,7 @@ def shear_interface() -> Known:
     """Dissipation mu sigma0 per unit slip, slip rate 2 (tau_i - mu sigma0) / (rho c_s) while tau_i > mu sigma0."""
     strength, area, duration, impedance = 3e6, 4e-6, 3.0472470011002204e-05, 7800 * np.sqrt(84e9 / 7800)
     slip = 2 * strength / impedance * duration / np.pi * (2 * np.sqrt(3) - 2 * np.pi / 3)
-    exact = Measured({"fault.friction_work": area * strength * slip}, {"fault.friction_work": area * strength * slip})
+    exact = Quantities({"fault.friction_work": area * strength * slip}, {"fault.friction_work": area * strength * slip})
     return Known("shear_interface", shipped("shear_interface"), exact)
 
 

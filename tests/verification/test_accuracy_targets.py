@@ -38,7 +38,7 @@ def chosen(model: str, quantity: str, target: float, limit: float = 120.0) -> tu
     scene = scene.model_copy(update={"accuracy": accuracy, "output": lean})
     choice = choose(scene, target, limit, lambda _: None)
     assert choice.solution is not None
-    true = measure_solution(scene, choice.solution).error(quantity, reference.measured)
+    true = measure_solution(scene, choice.solution).error(quantity, reference.quantities)
     return choice, true, reference
 
 

@@ -48,7 +48,7 @@ def test_quantities_agree_with_the_refined_runs(run: tuple[Any, Any]) -> None:
     blow = solution.to_datatree()["interfaces/blow"]
     force = Force(blow["time"].values, -blow["force"].sel(component="z").values)
     found = {key: value for key, (value, _) in of_force(force, scene.time.end, opens=True).items()}
-    known = {key.split(".")[1]: value for key, value in reference.measured.values.items()}
+    known = {key.split(".")[1]: value for key, value in reference.quantities.values.items()}
     assert found["impulse"] == pytest.approx(known["impulse"], rel=0.01)
     assert found["first_contact"] == pytest.approx(1e-5, rel=0.002)
     assert found["separation"] == pytest.approx(known["separation"], rel=0.06)

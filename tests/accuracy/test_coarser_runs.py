@@ -6,8 +6,15 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu.accuracy.estimate import companions_of, reachable
-from latin_fmu.accuracy.resolution import Resolution, aligned, at_resolution, in_short_windows, sampling_error
+from latin_fmu.accuracy.estimate import coarser_runs_of
+from latin_fmu.accuracy.resolution import (
+    Resolution,
+    aligned,
+    at_resolution,
+    in_short_windows,
+    reachable,
+    sampling_error,
+)
 
 from ..verification.known_answers import MODELS, shipped
 
@@ -23,7 +30,7 @@ def test_resolution_scales_elements_and_divides_the_step() -> None:
     assert scene.substructure["bar2"].box.elements == (1, 1, 50)
 
 
-def test_the_steps_of_companions_meet_the_jumps_of_the_loads() -> None:
+def test_the_steps_of_coarser_runs_meet_the_jumps_of_the_loads() -> None:
     """The pulse lasts 42 steps: a quarter of the steps would end it between two instants."""
     scene = shipped("beam_in_traction")
     steps = aligned(scene, 0.25)
@@ -38,28 +45,28 @@ def test_the_steps_of_companions_meet_the_jumps_of_the_loads() -> None:
 def test_small_counts_keep_one_ratio() -> None:
     assert reachable([6, 6, 6], 0.5) == 0.5
     assert reachable([5], 0.5) == 0.6
-    companions = companions_of(latin_fmu.load_scene(MODELS / "two_specimen_crushing/scene.toml"))
-    assert companions is not None
-    assert companions.half == Resolution(0.5, 0.5)
-    assert companions.quarter == Resolution(1 / 3, 1 / 3)
-    assert companions.half_mesh == Resolution(0.5, 1.0)
+    coarser = coarser_runs_of(latin_fmu.load_scene(MODELS / "two_specimen_crushing/scene.toml"))
+    assert coarser is not None
+    assert coarser.half == Resolution(0.5, 0.5)
+    assert coarser.quarter == Resolution(1 / 3, 1 / 3)
+    assert coarser.half_mesh == Resolution(0.5, 1.0)
 
 
 def test_a_mesh_from_a_file_leaves_the_time_step() -> None:
-    companions = companions_of(shipped("punched_plates"))
-    assert companions is not None
-    assert companions.half == Resolution(1.0, 0.5)
-    assert companions.half_mesh is None
-    assert "mesh" in companions.remarks[0]
+    coarser = coarser_runs_of(shipped("punched_plates"))
+    assert coarser is not None
+    assert coarser.half == Resolution(1.0, 0.5)
+    assert coarser.half_mesh is None
+    assert "mesh" in coarser.remarks[0]
 
 
 def test_a_handful_of_steps_cannot_be_coarsened() -> None:
     scene = latin_fmu.load_scene(MODELS / "impact_bar/scene.toml", ["time.instants=10"])
-    assert companions_of(scene) is None
+    assert coarser_runs_of(scene) is None
 
 
 def test_short_windows_keep_the_answer() -> None:
-    """The companions of a run in one window march in short ones: both are converged, so they agree."""
+    """The coarser runs of a run in one window use short ones: both are converged, so they agree."""
     scene = at_resolution(shipped("beam_in_traction"), Resolution(0.5, 0.5, 1e-6))
     whole, short = latin_fmu.solve(scene), latin_fmu.solve(in_short_windows(scene))
     assert len(whole.windows) == 1 < len(short.windows)
