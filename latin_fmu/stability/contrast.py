@@ -187,7 +187,7 @@ def _twice(friction: float, bench: Bench) -> list[Measure]:
 
 
 def _eight(friction: float, bench: Bench) -> list[Measure]:
-    scene = column({"b000": Box(Material(poisson=0.3))}, {}, 6.0, 30, output={"energy": True})
+    scene = column({"b000": Box(Material(poisson=0.3))}, {}, {"end": 6.0, "instants": 30}, output={"energy": True})
     for place in np.ndindex(2, 2, 2):
         i, j, k = place
         block = Box(elements=(2, 2, 2), velocity=(0.3 - 0.6 * i, 0.2 - 0.4 * j, 1.0 - 2.0 * k))

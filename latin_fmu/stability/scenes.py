@@ -69,8 +69,7 @@ class Box:
 def column(
     bodies: Mapping[str, Box],
     interfaces: Mapping[str, Mapping[str, Any]],
-    end: float,
-    instants: int,
+    time: Mapping[str, Any],
     gap: float = 0.0,
     **tables: Any,
 ) -> Description:
@@ -79,7 +78,7 @@ def column(
     Parameters
     ----------
     bodies : boxes by name, from below. interfaces : further keys of each interface by name, from below.
-    end, instants : of the time table. gap : between neighbours, m. tables : further tables, e.g. ``load``.
+    time : table of the time. gap : between neighbours, m. tables : further tables, e.g. ``load``, or ``name``.
     """
     height, origins = 0.0, {}
     for name, box in bodies.items():
@@ -93,9 +92,14 @@ def column(
         "interface": {name: {"sides": [f"{low}.zmax", f"{up}.zmin"], **keys} for (low, up), (name, keys) in pairs},
         "boundary": {},
         "load": {},
-        "time": {"end": end, "instants": instants},
+        "time": dict(time),
         **tables,
     }
+
+
+def half_sine(duration: float) -> Description:
+    """Law of a load: half a sine wave of so many seconds."""
+    return {"type": "half_sine", "duration": duration}
 
 
 def two_boxes(
@@ -106,9 +110,9 @@ def two_boxes(
         "low": replace(low, material=replace(low.material, name="first")),
         "up": replace(up, material=replace(up.material, name="second")),
     }
-    meet = {"friction_coefficient": friction}
-    energy = {"energy": True}
-    return column(bodies, {"meet": meet}, instants * step, instants, gap, solver=solver, output=energy)
+    meet = {"meet": {"friction_coefficient": friction}}
+    time = {"end": instants * step, "instants": instants}
+    return column(bodies, meet, time, gap, solver=solver, output={"energy": True})
 
 
 def bar(material: Material, length: float, elements: int, speed: float = 0.0) -> Box:
@@ -121,7 +125,8 @@ def thrown(
 ) -> Description:
     """Bar of length 10, E 900, rho 1 (wave speed 30) above rigid ground, thrown down or dropped; interface ``wall``."""
     falling = replace(bar(Material(900.0), 10.0, elements, speed), keys={"body_force": [0.0, 0.0, -gravity]})
-    scene = column({"bar": falling}, {}, end, instants, solver=solver, output={"energy": True})
+    time = {"end": end, "instants": instants}
+    scene = column({"bar": falling}, {}, time, solver=solver, output={"energy": True})
     scene["substructure"]["bar"]["box"]["origin"][2] = gap
     scene["interface"]["wall"] = {"sides": ["bar.zmin", "ground"], "gap": gap}
     return scene
@@ -130,7 +135,7 @@ def thrown(
 def cornered(velocity: Triple, friction: float, elements: int = 3, **solver: Any) -> Description:
     """A unit block thrown into a corner of three walls: one node is held by three interfaces."""
     block = Box(Material(poisson=0.3), elements=(elements,) * 3, velocity=velocity)
-    scene = column({"block": block}, {}, 8.0, 60, solver=solver, output={"energy": True})
+    scene = column({"block": block}, {}, {"end": 8.0, "instants": 60}, solver=solver, output={"energy": True})
     for face in ("xmin", "ymin", "zmin"):
         scene["interface"][face] = {"sides": [f"block.{face}", "ground"], "friction_coefficient": friction}
     return scene
@@ -157,7 +162,8 @@ def stack(count: int, friction: float, elements: int = 3, instants: int = 150, *
     low, up = (Box(m, (EDGE,) * 3, (elements,) * 3) for m in (ALUMINIUM, STEEL))
     bodies = {f"b{i}": low if i % 2 else up for i in range(1, count + 1)}
     interfaces = {f"i{i}": {"friction_coefficient": friction} for i in range(1, count)}
-    scene = column(bodies, interfaces, 30e-6, instants, solver=solver, output={"energy": True})
+    time = {"end": 30e-6, "instants": instants}
+    scene = column(bodies, interfaces, time, solver=solver, output={"energy": True})
     _crush(scene, quarter=True)
     return scene
 
@@ -165,8 +171,7 @@ def stack(count: int, friction: float, elements: int = 3, instants: int = 150, *
 def _crush(scene: Description, quarter: bool) -> None:
     """Pressure on the top, a base that slides, planes of symmetry x = 0 and y = 0 (of a quarter)."""
     names = list(scene["substructure"])
-    law = {"type": "half_sine", "duration": 10e-6}
-    scene["load"] = {"press": {"face": f"{names[-1]}.zmax", "pressure": PRESSURE, "law": law}}
+    scene["load"] = {"press": {"face": f"{names[-1]}.zmax", "pressure": PRESSURE, "law": half_sine(10e-6)}}
     scene["boundary"] = {"base": {"type": "symmetry", "face": f"{names[0]}.zmin"}}
     for name in names if quarter else ():
         for axis in "xy":

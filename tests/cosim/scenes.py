@@ -6,8 +6,7 @@ from typing import Any
 
 import latin_fmu
 from latin_fmu.scene.schema import Scene
-
-STEEL = {"young_modulus": 210e9, "poisson_ratio": 0.3, "density": 7800.0}
+from latin_fmu.stability.scenes import STEEL, Box, Material, column, half_sine
 
 
 def blocks(**changes: Any) -> Scene:
@@ -15,44 +14,31 @@ def blocks(**changes: Any) -> Scene:
 
     ``changes`` replace top-level tables.
     """
-    size = {"size": [0.01, 0.01, 0.01], "elements": [2, 2, 2]}
-    data: dict[str, Any] = {
-        "name": "blocks",
-        "material": {"steel": STEEL},
-        "substructure": {
-            "lower": {"material": "steel", "box": {"origin": [0.0, 0.0, 0.0], **size}},
-            "upper": {"material": "steel", "box": {"origin": [0.0, 0.0, 0.01], **size}},
-        },
-        "interface": {"crush": {"sides": ["lower.zmax", "upper.zmin"], "friction_coefficient": 0.2}},
-        "boundary": {"base": {"type": "fixed", "face": "lower.zmin"}},
-        "load": {
+    block = Box(STEEL, (0.01,) * 3, (2,) * 3)
+    data = column(
+        {"lower": block, "upper": block},
+        {"crush": {"friction_coefficient": 0.2}},
+        {"end": 6e-6, "step": 0.2e-6},
+        name="blocks",
+        boundary={"base": {"type": "fixed", "face": "lower.zmin"}},
+        load={
             "press": {"face": "upper.zmax", "pressure": 100e6, "law": {"type": "input", "start_value": 0.25}},
-            "push": {
-                "face": "upper.xmin",
-                "traction": [10e6, 0.0, 0.0],
-                "law": {"type": "half_sine", "duration": 9e-6},
-            },
+            "push": {"face": "upper.xmin", "traction": [10e6, 0.0, 0.0], "law": half_sine(9e-6)},
         },
-        "sensor": {"head": {"substructure": "upper", "point": [0.005, 0.005, 0.02]}},
-        "time": {"end": 6e-6, "step": 0.2e-6},
-        "output": {"energy": True},
-    }
-    return latin_fmu.scene_from_dict({**data, **changes})
+        sensor={"head": {"substructure": "upper", "point": [0.005, 0.005, 0.02]}},
+        output={"energy": True},
+    )
+    return latin_fmu.scene_from_dict(data | changes)
 
 
 def bar(**changes: Any) -> Scene:
     """A bar of five elements thrown against a wall, no load from outside."""
-    data: dict[str, Any] = {
-        "name": "thrown_bar",
-        "material": {"soft": {"young_modulus": 900.0, "poisson_ratio": 0.0, "density": 1.0}},
-        "substructure": {
-            "bar": {
-                "material": "soft",
-                "box": {"origin": [0.0, 0.0, 0.5], "size": [1.0, 1.0, 10.0], "elements": [1, 1, 5]},
-                "initial_velocity": [0.0, 0.0, -10.0],
-            }
-        },
-        "interface": {"wall": {"sides": ["bar.zmin", "ground"], "gap": 0.5}},
-        "time": {"end": 1.0, "instants": 50},
-    }
-    return latin_fmu.scene_from_dict({**data, **changes})
+    data = column(
+        {"bar": Box(Material(900.0, name="soft"), (1.0, 1.0, 10.0), (1, 1, 5), (0.0, 0.0, -10.0))},
+        {},
+        {"end": 1.0, "instants": 50},
+        name="thrown_bar",
+        interface={"wall": {"sides": ["bar.zmin", "ground"], "gap": 0.5}},
+    )
+    data["substructure"]["bar"]["box"]["origin"][2] = 0.5
+    return latin_fmu.scene_from_dict(data | changes)

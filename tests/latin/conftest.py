@@ -13,6 +13,7 @@ from latin_fmu.latin.record import Timings
 from latin_fmu.latin.recorder import Recorder
 from latin_fmu.latin.windows import Run
 from latin_fmu.scene.reader import scene_from_dict
+from latin_fmu.stability.scenes import Box, Material, column, half_sine
 
 Tables = dict[str, Any]
 SECTION, LENGTH, ELEMENTS = 0.5, 1.0, 6
@@ -28,47 +29,34 @@ def bars(behaviour: str = "contact", gap: float = 0.0, **others: Any) -> Tables:
 
     E = 4, nu = 0, rho = 1 (c = 2); the front needs 0.5 s per bar.
     """
-    tables: Tables = {
-        "name": "bars",
-        "material": {"m": {"young_modulus": 4.0, "poisson_ratio": 0.0, "density": 1.0}},
-        "substructure": {
-            "a": {"material": "m", "box": box(0.0)},
-            "b": {"material": "m", "box": box(LENGTH)},
-            "c": {"material": "m", "box": box(2 * LENGTH + gap)},
-        },
-        "interface": {
-            "joint": {"sides": ["a.zmax", "b.zmin"], "behaviour": "perfect"},
-            "meet": {"sides": ["b.zmax", "c.zmin"], "behaviour": behaviour},
-        },
-        "boundary": {"held": {"type": "fixed", "face": "c.zmax"}},
-        "load": {"push": {"face": "a.zmin", "pressure": 1.0, "law": {"type": "half_sine", "duration": 1.0}}},
-        "time": {"end": 2.4, "instants": 48},
-        "solver": {},
-        "output": {"fields": True, "energy": True},
-    }
+    bar = Box(Material(4.0), (SECTION, SECTION, LENGTH), (1, 1, ELEMENTS))
+    tables = column(
+        dict.fromkeys("abc", bar),
+        {"joint": {"behaviour": "perfect"}, "meet": {"behaviour": behaviour}},
+        {"end": 2.4, "instants": 48},
+        name="bars",
+        boundary={"held": {"type": "fixed", "face": "c.zmax"}},
+        load={"push": {"face": "a.zmin", "pressure": 1.0, "law": half_sine(1.0)}},
+        solver={},
+        output={"fields": True, "energy": True},
+    )
+    tables["substructure"]["c"]["box"]["origin"][2] += gap
     return tables | others
 
 
 def blocks(**others: Any) -> Tables:
     """Two blocks with friction, the upper one thrown obliquely on the lower one, which stands on the ground."""
-    tables: Tables = {
-        "name": "blocks",
-        "material": {
-            "m": {"young_modulus": 4.0, "poisson_ratio": 0.3, "density": 1.0},
-            "soft": {"young_modulus": 2.0, "poisson_ratio": 0.2, "density": 2.0},
-        },
-        "substructure": {
-            "low": {"material": "m", "box": box(0.0, 1.0, 2, 2, 1.0)},
-            "high": {"material": "soft", "box": box(1.0, 1.0, 2, 2, 1.0), "initial_velocity": [0.05, 0.02, -0.1]},
-        },
-        "interface": {
-            "floor": {"sides": ["low.zmin", "ground"], "friction_coefficient": 0.5},
-            "rub": {"sides": ["low.zmax", "high.zmin"], "friction_coefficient": 0.2},
-        },
-        "time": {"end": 1.2, "instants": 12},
-        "solver": {},
-        "output": {"fields": True, "energy": True},
-    }
+    hard, soft = Material(4.0, 1.0, 0.3), Material(2.0, 2.0, 0.2, "soft")
+    tables = column(
+        {"low": Box(hard, elements=(2, 2, 2)), "high": Box(soft, elements=(2, 2, 2), velocity=(0.05, 0.02, -0.1))},
+        {"rub": {"friction_coefficient": 0.2}},
+        {"end": 1.2, "instants": 12},
+        name="blocks",
+        solver={},
+        output={"fields": True, "energy": True},
+    )
+    floor = {"sides": ["low.zmin", "ground"], "friction_coefficient": 0.5}
+    tables["interface"] = {"floor": floor, **tables["interface"]}
     return tables | others
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from latin_fmu.assembly.segments import SegmentedRun
 from latin_fmu.compiled import PLAIN
 from latin_fmu.latin import windows
 from latin_fmu.latin.run_image import dealt
+from latin_fmu.stability.scenes import ALUMINIUM, STEEL, Box, column, half_sine
 
 pytestmark = pytest.mark.skipif(PLAIN, reason="the kernels of a run are plain Python: too slow")
 
@@ -25,28 +27,19 @@ def stack(n: int = 3, behaviour: str = "contact", **solver: Any) -> Tables:
     contact: Tables = {"behaviour": behaviour}
     if behaviour == "contact":
         contact["friction_coefficient"] = 0.3
-    box = {"size": [0.01, 0.01, 0.01], "elements": [2, 2, 2]}
-    return {
-        "name": "stack",
-        "material": {
-            "soft": {"young_modulus": 70e9, "poisson_ratio": 0.3, "density": 2700.0},
-            "hard": {"young_modulus": 210e9, "poisson_ratio": 0.3, "density": 7800.0},
-        },
-        "substructure": {
-            name: {"material": ("soft", "hard")[i % 2], "box": {"origin": [0.0, 0.0, 0.01 * i], **box}}
-            for i, name in enumerate(names)
-        },
-        "interface": {
-            "floor": {"sides": ["b0.zmin", "ground"], **contact},
-            **{f"i{i}": {"sides": [f"b{i}.zmax", f"b{i + 1}.zmin"], **contact} for i in range(n - 1)},
-        },
-        "load": {
-            "press": {"face": f"{names[-1]}.zmax", "pressure": 2e8, "law": {"type": "half_sine", "duration": 5e-6}},
+    boxes = [Box(replace(m, name=kind), (0.01,) * 3, (2,) * 3) for m, kind in ((ALUMINIUM, "soft"), (STEEL, "hard"))]
+    tables = column(
+        {name: boxes[i % 2] for i, name in enumerate(names)},
+        {f"i{i}": contact for i in range(n - 1)},
+        {"end": 6e-6, "instants": 30},
+        load={
+            "press": {"face": f"{names[-1]}.zmax", "pressure": 2e8, "law": half_sine(5e-6)},
             "shear": {"face": f"{names[-1]}.zmax", "traction": [5e7, 1e7, 0.0], "law": {"type": "step"}},
         },
-        "time": {"end": 6e-6, "instants": 30},
-        "solver": solver,
-    }
+        solver=solver,
+    )
+    tables["interface"] = {"floor": {"sides": ["b0.zmin", "ground"], **contact}, **tables["interface"]}
+    return tables
 
 
 def moving_ground(tables: Tables) -> None:

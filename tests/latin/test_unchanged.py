@@ -11,34 +11,22 @@ import latin_fmu
 from latin_fmu.kernels import entries
 from latin_fmu.latin.run_image import negligible
 from latin_fmu.latin.settings import Settings
+from latin_fmu.stability.scenes import ALUMINIUM, STEEL, Box, column, half_sine
 
 Tables = dict[str, Any]
 
 
 def stack(n: int = 8, **solver: Any) -> Tables:
     """Blocks of two materials in a row, pressed and rubbed at one end: some interfaces converge before others."""
-    names = [f"b{i}" for i in range(n)]
-    contact = {"behaviour": "contact", "friction_coefficient": 0.3}
-    return {
-        "name": "stack",
-        "material": {
-            "soft": {"young_modulus": 70e9, "poisson_ratio": 0.3, "density": 2700.0},
-            "hard": {"young_modulus": 210e9, "poisson_ratio": 0.3, "density": 7800.0},
-        },
-        "substructure": {
-            name: {
-                "material": ("soft", "hard")[i % 2],
-                "box": {"origin": [0, 0, 0.01 * i], "size": [0.01, 0.01, 0.01], "elements": [2, 2, 3]},
-            }
-            for i, name in enumerate(names)
-        },
-        "interface": {f"i{i}": {"sides": [f"b{i}.zmax", f"b{i + 1}.zmin"], **contact} for i in range(n - 1)},
-        "load": {
-            "press": {"face": "b0.zmin", "traction": [5e7, 0.0, 2e8], "law": {"type": "half_sine", "duration": 4e-6}}
-        },
-        "time": {"end": 12e-6, "instants": 60},
-        "solver": solver,
-    }
+    soft, hard = (Box(m, (0.01, 0.01, 0.01), (2, 2, 3)) for m in (ALUMINIUM, STEEL))
+    press = {"face": "b0.zmin", "traction": [5e7, 0.0, 2e8], "law": half_sine(4e-6)}
+    return column(
+        {f"b{i}": (soft, hard)[i % 2] for i in range(n)},
+        {f"i{i}": {"behaviour": "contact", "friction_coefficient": 0.3} for i in range(n - 1)},
+        {"end": 12e-6, "instants": 60},
+        load={"press": press},
+        solver=solver,
+    )
 
 
 def outcome(**solver: Any) -> Any:
