@@ -28,9 +28,21 @@ Array = NDArray[np.float64]
 TERMS = ("kinetic", "elastic", "work_of_loads", "interface_work", "damping_dissipation", "scheme_dissipation")
 """Terms of the account, in the order of ``totals``."""
 _KINETIC, _ELASTIC, _LOADS, _INTERFACE, _DAMPING, _SCHEME = range(6)
-# places of ``past``: displacements (0), fields, then forces of the last instant and of the one before it
-_A, _MASS_A, _NOW, _BEFORE = 1, 2, 3, 7
-_V, _K_V, _FORCE, _K_U, _MASS_V = 1, 2, 3, 4, 5  # of EXPLICIT classes
+_M, _K, _C, _LUMPED_C = range(4)
+FIELDS = 16
+"""Fields of ``past``."""
+# their places, displacements first: accelerations, M a and M v of the dofs alone, then the forces (``_forces``, C v) of
+# the last three instants in turn
+_A, _MASS_A, _MASS_V, _RING = 1, 2, 3, 4
+# of EXPLICIT classes: velocities, K v, loads, K u, M v
+_V, _K_V, _LOAD, _K_U, _OLD_MASS_V = 1, 2, 3, 4, 5
+
+
+@kernel
+def _copy(x: Array, out: Array) -> None:
+    """out = x; an assignment of arrays would check whether they overlap, and allocate."""
+    for i in range(len(out)):
+        out[i] = x[i]
 
 
 @kernel
@@ -47,59 +59,64 @@ def _add_border(n: int, count: int, starts: Any, columns: Any, values: Array, m:
 
 
 @kernel
-def _product(pools: Any, c: int, which: int, x: Array, out: Array) -> None:
-    """out = M (``which`` 0), K (1), C (2) or the lumped C (3) times x on dofs and motions (n + n_motion, m)."""
+def _add_borders(pools: Any, c: int, which: int, x: Array, out: Array) -> None:
+    """out += what the rows of prescribed motions add to a product; see ``_product``."""
     row = pools.classes[c]
-    n, m, count = row.n, row.m, row.n_motion
-    out[:] = 0.0
+    count = row.n_motion
+    if count == 0:
+        return
     starts_at, columns_at, values_at = row.border_mass_starts, row.border_mass_columns, row.border_mass_values
-    if which == 0:
-        add_mass(pools, c, 1.0, x[: n * m], out[: n * m])
-    elif which == 1:
-        add_stiffness(pools, c, 1.0, x[: n * m], out[: n * m])
+    if which == _K:
         starts_at, columns_at = row.border_stiffness_starts, row.border_stiffness_columns
         values_at = row.border_stiffness_values
-    elif which == 2:
-        add_damping(pools, c, 1.0, x[: n * m], out[: n * m])
+    elif which == _C:
         starts_at, columns_at = row.border_damping_starts, row.border_damping_columns
         values_at = row.border_damping_values
-    else:
-        add_dashpots(pools, c, 1.0, x[: n * m], out[: n * m])
+    elif which == _LUMPED_C:
         starts_at, columns_at = row.border_dashpots_starts, row.border_dashpots_columns
         values_at = row.border_dashpots_values
-    if count > 0:
-        starts = pools.fixed_int[starts_at : starts_at + count + 1]
-        _add_border(
-            n,
-            count,
-            starts,
-            pools.fixed_col[columns_at : columns_at + starts[count]],
-            pools.fixed[values_at : values_at + starts[count]],
-            m,
-            x,
-            out,
-        )
+    starts = pools.fixed_int[starts_at : starts_at + count + 1]
+    columns = pools.fixed_col[columns_at : columns_at + starts[count]]
+    _add_border(row.n, count, starts, columns, pools.fixed[values_at : values_at + starts[count]], row.m, x, out)
 
 
 @kernel
-def _field(pools: Any, c: int, place: int, order: int, instant: int, out: Array) -> None:
-    """Displacements (``order`` 0), velocities (1) or accelerations (2) of dofs and motions into ``out``."""
+def _product(pools: Any, c: int, which: int, x: Array, out: Array) -> None:
+    """out = M, K, C or the lumped C times x on dofs and motions (n + n_motion, m)."""
+    row = pools.classes[c]
+    size = row.n * row.m
+    out[:] = 0.0
+    if which == _M:
+        add_mass(pools, c, 1.0, x[:size], out[:size])
+    elif which == _K:
+        add_stiffness(pools, c, 1.0, x[:size], out[:size])
+    elif which == _C:
+        add_damping(pools, c, 1.0, x[:size], out[:size])
+    else:
+        add_dashpots(pools, c, 1.0, x[:size], out[:size])
+    _add_borders(pools, c, which, x, out)
+
+
+@kernel
+def _field(pools: Any, c: int, place: int, order: int, instant: int, scratch: Array) -> Array:
+    """Displacements (``order`` 0), velocities (1) or accelerations (2) of dofs and motions, from ``place`` on in the
+    state; in ``scratch`` where there are motions."""
     row, run = pools.classes[c], pools.run[0]
     size, count = row.n * row.m, row.n_motion * row.m
-    for i in range(size):
-        out[i] = pools.moving[place + i]
-    if count > 0:
-        at = row.motions + (order * run.n_time + instant) * count
-        for i in range(count):
-            out[size + i] = pools.moving[at + i]
+    own: Array = pools.moving[place : place + size]
+    if count == 0:
+        return own
+    _copy(own, scratch[:size])
+    at = row.motions + (order * run.n_time + instant) * count
+    _copy(pools.moving[at : at + count], scratch[size:])
+    return scratch
 
 
 @kernel
 def _loads(pools: Any, c: int, instant: int, out: Array) -> None:
     """Loads of the scene on the dofs (n m,)."""
     row = pools.classes[c]
-    for i in range(row.n * row.m):
-        out[i] = pools.moving[row.work_loads + i]
+    _copy(pools.moving[row.work_loads : row.work_loads + row.n * row.m], out)
     n = row.work_terms
     if n > 0:
         starts = pools.moving_int[row.work_starts : row.work_starts + n + 1]
@@ -117,88 +134,131 @@ def _loads(pools: Any, c: int, instant: int, out: Array) -> None:
 
 @kernel
 def _tractions(pools: Any, c: int, flat: Array, out: Array) -> None:
-    """Nodal forces (n m,) of tractions (N,) on the dofs."""
-    row, work = pools.classes[c], pools.moving
-    m, n_inner, size = row.m, row.n_inner, row.n_channel * row.m
-    channels = pools.fixed_int[row.channels : row.channels + size]
-    nodal, inner = work[row.channel : row.channel + size], work[row.inner : row.inner + n_inner * m]
-    for i in range(row.n_channel):
+    """Forces (g m,) of tractions (N,) on the interface dofs."""
+    row = pools.classes[c]
+    m, size = row.m, row.n_channel * row.m
+    channels, nodal = (
+        pools.fixed_int[row.channels : row.channels + size],
+        pools.moving[row.channel : row.channel + size],
+    )
+    area = pools.fixed[row.area : row.area + row.n_channel]
+    for i in range(len(area)):
         for j in range(m):
-            nodal[i * m + j] = pools.fixed[row.area + i] * flat[channels[i * m + j]]
-    inner[:] = 0.0
-    add_spread(pools, c, nodal, inner)
+            nodal[i * m + j] = area[i] * flat[channels[i * m + j]]
     out[:] = 0.0
-    for i in range(n_inner):
-        at = pools.fixed_int[row.dofs + i] * m
-        for j in range(m):
-            out[at + j] = inner[i * m + j]
+    add_spread(pools, c, nodal, out)
 
 
 @kernel
 def _add_dot(m: int, factor: float, x: Array, y: Array, totals: Array) -> None:
     """totals (m,) += factor times the scalar product of each member's column."""
-    for i in range(0, len(x), m):
+    for j in range(m):  # a sum stored in every step would not be vectorised
+        total = 0.0
+        for at in range(j, len(x), m):
+            total += x[at] * y[at]
+        totals[j] += factor * total
+
+
+@kernel
+def _add_work(
+    m: int, weights: tuple[float, float, float], step: Array, earlier: Array, then: Array, now: Array, totals: Array
+) -> None:
+    """totals (m,) += step . weighted forces of the instants n - 1, n, n + 1, for each member's column."""
+    of_earlier, of_then, of_now = weights
+    for j in range(m):
+        total = 0.0
+        for at in range(j, len(step), m):
+            total += step[at] * (of_earlier * earlier[at] + of_then * then[at] + of_now * now[at])
+        totals[j] += total
+
+
+@kernel
+def _steps(pools: Any, c: int, u: Array, u_old: Array, step: Array, inner: Array) -> None:
+    """Du of dofs and motions, and of the interface dofs (g m,)."""
+    row = pools.classes[c]
+    m = row.m
+    for i in range(len(step)):
+        step[i] = u[i] - u_old[i]
+    dofs = pools.fixed_int[row.dofs : row.dofs + row.n_inner]
+    for i in range(len(dofs)):
         for j in range(m):
-            totals[j] += factor * x[i + j] * y[i + j]
+            inner[i * m + j] = step[dofs[i] * m + j]
 
 
 @kernel
-def _forces(pools: Any, c: int, instant: int, flat: Array, out: Array) -> None:
-    """Elastic forces, damping, loads and tractions (4, n + n_motion, m) of an instant; zeros where a motion is
-    prescribed for the last two, whose share there is part of the reactions."""
-    row, work = pools.classes[c], pools.moving
-    size, wide = row.n * row.m, (row.n + row.n_motion) * row.m
-    field = work[row.extended : row.extended + wide]
-    out[:] = 0.0
-    _field(pools, c, row.u, 0, instant, field)
-    _product(pools, c, 1, field, out[:wide])
-    if row.damping_rows > 0:
-        _field(pools, c, row.v, 1, instant, field)
-        _product(pools, c, 2, field, out[wide : 2 * wide])
-    _loads(pools, c, instant, out[2 * wide : 2 * wide + size])
-    _tractions(pools, c, flat, out[3 * wide : 3 * wide + size])
-
-
-@kernel
-def _state_energies(pools: Any, c: int, instant: int, elastic: Array) -> None:
-    """Kinetic and elastic energy of the present motion; ``elastic``: K u."""
-    row, work, state = pools.classes[c], pools.moving, pools.moving
+def _forces(pools: Any, c: int, instant: int, flat: Array, u: Array, out: Array) -> None:
+    """K u into the first of four fields of n + n_motion rows, loads (n m,) into the third, forces of tractions flat
+    (N,) on the interface dofs (g m,) into the fourth. Loads and tractions where a motion is prescribed are part of the
+    reactions."""
+    row = pools.classes[c]
     m, wide = row.m, (row.n + row.n_motion) * row.m
-    totals = state[row.totals : row.totals + 6 * m]
-    field, image = (work[row.extended : row.extended + wide], work[row.extended + wide : row.extended + 2 * wide])
-    totals[: 2 * m] = 0.0
+    _product(pools, c, _K, u, out[:wide])
+    _loads(pools, c, instant, out[2 * wide : 2 * wide + row.n * m])
+    _tractions(pools, c, flat, out[3 * wide : 3 * wide + row.n_inner * m])
+
+
+@kernel
+def _state_energies(pools: Any, c: int, u: Array, v: Array, mass_v: Array, elastic: Array, image: Array) -> None:
+    """Kinetic and elastic energy of the present motion; mass_v: M v without prescribed motions (n m,), elastic: K u,
+    image: scratch."""
+    row = pools.classes[c]
+    m, size = row.m, row.n * row.m
+    totals = pools.moving[row.totals : row.totals + 2 * m]
+    totals[:] = 0.0
+    kinetic = totals[_KINETIC * m : (_KINETIC + 1) * m]
     if row.kind != STATIC:
-        _field(pools, c, row.v, 1, instant, field)
-        _product(pools, c, 0, field, image)
-        _add_dot(m, 0.5, field, image, totals[_KINETIC * m : (_KINETIC + 1) * m])
-    _field(pools, c, row.u, 0, instant, field)
-    _add_dot(m, 0.5, field, elastic, totals[_ELASTIC * m : (_ELASTIC + 1) * m])
+        _add_dot(m, 0.5, v[:size], mass_v, kinetic)
+    if row.kind != STATIC and row.n_motion > 0:
+        image[:] = 0.0
+        _add_borders(pools, c, _M, v, image)
+        _add_dot(m, 0.5, v, image, kinetic)
+    _add_dot(m, 0.5, u, elastic, totals[_ELASTIC * m : (_ELASTIC + 1) * m])
 
 
 @kernel
 def open_account(pools: Any, c: int, instant: int, flat: Array) -> None:
     """Begin the account of a class in its present motion under tractions flat (N,)."""
-    row, state = pools.classes[c], pools.moving
+    row, work, state = pools.classes[c], pools.moving, pools.moving
     if row.accounted == 0:
         return
     m, size, wide = row.m, row.n * row.m, (row.n + row.n_motion) * row.m
-    past = state[row.past : row.past + 11 * wide]
-    now = past[_NOW * wide : _BEFORE * wide]
+    past, scratch = state[row.past : row.past + FIELDS * wide], work[row.extended : row.extended + 4 * wide]
+    now, mass_v, image = (
+        past[_RING * wide : (_RING + 4) * wide],
+        scratch[2 * wide : 2 * wide + size],
+        scratch[3 * wide :],
+    )
     state[row.totals : row.totals + 6 * m] = 0.0
-    _forces(pools, c, instant, flat, now)
+    past[:] = 0.0
+    mass_v[:] = 0.0
+    u, v = (
+        _field(pools, c, row.u, 0, instant, scratch[:wide]),
+        _field(pools, c, row.v, 1, instant, scratch[wide : 2 * wide]),
+    )
+    _forces(pools, c, instant, flat, u, now)
+    if row.kind != STATIC:
+        add_mass(pools, c, 1.0, v[:size], mass_v)
+    _state_energies(pools, c, u, v, mass_v, now[:wide], image)
+    if row.kind == EXPLICIT:
+        _open_explicit(pools, c, u, v)
+        _write(pools, c, instant)
+        return
     if row.kind == STATIC:
         # loads that do not start from zero are counted as growing over the first increment
-        for i in range(size):
-            now[2 * wide + i] = now[i] - now[3 * wide + i]
-    _state_energies(pools, c, instant, now[:wide])
-    _field(pools, c, row.u, 0, instant, past[:wide])
-    if row.kind == EXPLICIT:
-        _keep_explicit(pools, c, instant, now[2 * wide : 3 * wide], now[:wide], past)
+        dofs = pools.fixed_int[row.dofs : row.dofs + row.n_inner]
+        _copy(now[:size], now[2 * wide : 2 * wide + size])
+        for i in range(len(dofs)):
+            for j in range(m):
+                now[2 * wide + dofs[i] * m + j] -= now[3 * wide + i * m + j]
     else:
-        _field(pools, c, row.a, 2, instant, past[_A * wide : (_A + 1) * wide])
-        if row.kind != STATIC:
-            _product(pools, c, 0, past[_A * wide : (_A + 1) * wide], past[_MASS_A * wide : (_MASS_A + 1) * wide])
-        past[_BEFORE * wide :] = now
+        add_mass(pools, c, 1.0, state[row.a : row.a + size], past[_MASS_A * wide : _MASS_A * wide + size])
+        _copy(mass_v, past[_MASS_V * wide : _MASS_V * wide + size])
+        _copy(_field(pools, c, row.a, 2, instant, image), past[_A * wide : (_A + 1) * wide])
+    if row.damping_rows > 0:
+        _product(pools, c, _C, v, now[wide : 2 * wide])
+    _copy(u, past[:wide])
+    _copy(now, past[(_RING + 4) * wide : (_RING + 8) * wide])
+    state[row.turn] = 2.0
     _write(pools, c, instant)
 
 
@@ -209,12 +269,9 @@ def account(pools: Any, c: int, instant: int, flat: Array, marched: bool) -> Non
     row = pools.classes[c]
     if row.accounted == 0:
         return
-    if not marched:
-        _write(pools, c, instant)
-        return
-    if row.kind == EXPLICIT:
+    if marched and row.kind == EXPLICIT:
         _account_explicit(pools, c, instant, flat)
-    else:
+    elif marched:
         _account_weighted(pools, c, instant, flat)
     _write(pools, c, instant)
 
@@ -223,128 +280,161 @@ def account(pools: Any, c: int, instant: int, flat: Array, marched: bool) -> Non
 def _account_weighted(pools: Any, c: int, instant: int, flat: Array) -> None:
     """The step of a DIRECT or STATIC class."""
     row, run, work, state = pools.classes[c], pools.run[0], pools.moving, pools.moving
-    n, m, wide = row.n, row.m, (row.n + row.n_motion) * row.m
-    past, scratch = state[row.past : row.past + 11 * wide], work[row.extended : row.extended + 8 * wide]
-    field, mass_a, new = scratch[:wide], scratch[wide : 2 * wide], scratch[4 * wide : 8 * wide]
-    _forces(pools, c, instant, flat, new)
-    totals = state[row.totals : row.totals + 6 * m]
-    _state_energies(pools, c, instant, new[:wide])
-    a = scratch[2 * wide : 3 * wide]
-    mass_a[:] = 0.0
-    _field(pools, c, row.a, 2, instant, a)
+    m, size, wide, inner_size = row.m, row.n * row.m, (row.n + row.n_motion) * row.m, row.n_inner * row.m
+    past, scratch = state[row.past : row.past + FIELDS * wide], work[row.extended : row.extended + 4 * wide]
+    ring, turn, step, image = (
+        past[_RING * wide :],
+        int(state[row.turn]),
+        scratch[2 * wide : 3 * wide],
+        scratch[3 * wide :],
+    )
+    new, earlier, then = (
+        ring[4 * turn * wide :],
+        ring[4 * ((turn + 1) % 3) * wide :],
+        ring[4 * ((turn + 2) % 3) * wide :],
+    )
+    state[row.turn] = (turn + 1) % 3
+    u, v = (
+        _field(pools, c, row.u, 0, instant, scratch[:wide]),
+        _field(pools, c, row.v, 1, instant, scratch[wide : 2 * wide]),
+    )
+    _forces(pools, c, instant, flat, u, new)
+    if row.damping_rows > 0:
+        _product(pools, c, _C, v, new[wide : 2 * wide])
+    totals, inner = state[row.totals : row.totals + 6 * m], work[row.inner : row.inner + inner_size]
+    of_loads, of_interface = totals[_LOADS * m : (_LOADS + 1) * m], totals[_INTERFACE * m : (_INTERFACE + 1) * m]
+    of_damping, of_scheme = totals[_DAMPING * m : (_DAMPING + 1) * m], totals[_SCHEME * m :]
+    _steps(pools, c, u, past[:wide], step, inner)
+    _copy(u, past[:wide])
     if row.kind != STATIC:
-        if row.n_motion == 0:
-            mass_a[:] = work[row.mass_a : row.mass_a + wide]
-        else:
-            _product(pools, c, 0, a, mass_a)
-    _field(pools, c, row.u, 0, instant, field)
+        _account_inertia(pools, c, of_scheme)
+    _state_energies(pools, c, u, v, past[_MASS_V * wide : _MASS_V * wide + size], new[:wide], image)
+    if row.kind != STATIC and row.n_motion > 0:
+        _account_moved_inertia(pools, c, instant, step, of_loads, of_scheme)
     before, old, now = run.energy_before, run.energy_old, run.energy_new
+    _add_work(m, (before, old - 0.5, now - 0.5), step, earlier[:wide], then[:wide], new[:wide], of_scheme)
+    at, end = 2 * wide, 2 * wide + size
+    _add_work(m, (before, old, now), step[:size], earlier[at:end], then[at:end], new[at:end], of_loads)
+    at, end = 3 * wide, 3 * wide + inner_size
+    _add_work(m, (before, old, now), inner, earlier[at:end], then[at:end], new[at:end], of_interface)
+    if row.damping_rows > 0:
+        at, end = wide, 2 * wide
+        _add_work(m, (before, old, now), step, earlier[at:end], then[at:end], new[at:end], of_damping)
+    for at in range(size, 2 * wide if row.n_motion > 0 else 0, wide):  # reactions of K u, of C v
+        end = at + wide - size
+        _add_work(m, (before, old, now), step[size:], earlier[at:end], then[at:end], new[at:end], of_loads)
+
+
+@kernel
+def _account_inertia(pools: Any, c: int, of_scheme: Array) -> None:
+    """x a_w.M Da of the dofs; M v from M a by the recursion of v, a product less. Keeps M a."""
+    row, run = pools.classes[c], pools.run[0]
+    m, size, wide = row.m, row.n * row.m, (row.n + row.n_motion) * row.m
+    past = pools.moving[row.past : row.past + _RING * wide]
+    a, mass_a = pools.moving[row.a : row.a + size], pools.moving[row.mass_a : row.mass_a + size]
+    a_old, mass_a_old = past[_A * wide : _A * wide + size], past[_MASS_A * wide : _MASS_A * wide + size]
+    mass_v = past[_MASS_V * wide : _MASS_V * wide + size]
     of_old, of_new, loss = run.energy_a_old, run.energy_a_new, run.inertia_dissipation
-    u_old, a_old, mass_a_old = past[:wide], past[wide : 2 * wide], past[2 * wide : 3 * wide]
-    then, earlier = past[_NOW * wide : _BEFORE * wide], past[_BEFORE * wide : (_BEFORE + 4) * wide]
-    for j in range(m):  # sums in variables of their own: stored in every step they would not be vectorised
-        of_scheme = of_damping = of_interface = of_loads = 0.0
-        for at in range(j, wide, m):
-            step = field[at] - u_old[at]
-            elastic = before * earlier[at] + old * then[at] + now * new[at]
-            of_scheme += step * (elastic - 0.5 * (then[at] + new[at]))
-            of_scheme += loss * (of_old * a_old[at] + of_new * a[at]) * (mass_a[at] - mass_a_old[at])
-            of_damping += step * (before * earlier[wide + at] + old * then[wide + at] + now * new[wide + at])
-            second, third = 2 * wide + at, 3 * wide + at
-            of_loads += step * (before * earlier[second] + old * then[second] + now * new[second])
-            of_interface += step * (before * earlier[third] + old * then[third] + now * new[third])
-        for at in range(n * m + j, wide, m):  # reactions of prescribed motions, which carry no loads
-            force = of_old * mass_a_old[at] + of_new * mass_a[at]
-            force += before * earlier[at] + old * then[at] + now * new[at]
-            force += before * earlier[wide + at] + old * then[wide + at] + now * new[wide + at]
-            of_loads += (field[at] - u_old[at]) * force
-        totals[_SCHEME * m + j] += of_scheme
-        totals[_DAMPING * m + j] += of_damping
-        totals[_INTERFACE * m + j] += of_interface
-        totals[_LOADS * m + j] += of_loads
-    past[_BEFORE * wide :] = past[_NOW * wide : _BEFORE * wide]
-    past[_NOW * wide : _BEFORE * wide] = new
-    past[:wide] = field
-    past[_A * wide : (_A + 1) * wide] = a
-    past[_MASS_A * wide : (_MASS_A + 1) * wide] = mass_a
+    if loss != 0.0:
+        for j in range(m):
+            total = 0.0
+            for at in range(j, size, m):
+                total += (of_old * a_old[at] + of_new * a[at]) * (mass_a[at] - mass_a_old[at])
+            of_scheme[j] += loss * total
+    of_old, of_new = run.v_a, run.velocity_gain
+    for i in range(size):
+        mass_v[i] += of_old * mass_a_old[i] + of_new * mass_a[i]
+    _copy(mass_a, mass_a_old)
+    if row.n_motion == 0:
+        _copy(a, a_old)
+
+
+@kernel
+def _account_moved_inertia(pools: Any, c: int, instant: int, step: Array, of_loads: Array, of_scheme: Array) -> None:
+    """What prescribed motions add to x a_w.M Da, and their reactions M a_w."""
+    row, run = pools.classes[c], pools.run[0]
+    m, size, wide = row.m, row.n * row.m, (row.n + row.n_motion) * row.m
+    kept = pools.moving[row.past + _A * wide : row.past + (_A + 1) * wide]
+    scratch = pools.moving[row.extended : row.extended + 4 * wide]
+    mean, image = scratch[wide : 2 * wide], scratch[3 * wide :]
+    a, of_old, of_new = _field(pools, c, row.a, 2, instant, scratch[:wide]), run.energy_a_old, run.energy_a_new
+    for i in range(wide):
+        mean[i], kept[i] = of_old * kept[i] + of_new * a[i], a[i] - kept[i]
+    image[:] = 0.0
+    _add_borders(pools, c, _M, kept, image)
+    _add_dot(m, run.inertia_dissipation, mean, image, of_scheme)
+    image[:] = 0.0
+    _add_borders(pools, c, _M, mean, image)
+    _add_dot(m, 1.0, step[size:], image[size:], of_loads)
+    _copy(a, kept)
+
+
+@kernel
+def _open_explicit(pools: Any, c: int, u: Array, v: Array) -> None:
+    """Fields of an EXPLICIT class at the start, from the forces in the place of the ring."""
+    row = pools.classes[c]
+    wide = len(u)
+    past = pools.moving[row.past : row.past + FIELDS * wide]
+    _copy(past[(_RING + 2) * wide : (_RING + 3) * wide], past[_LOAD * wide : (_LOAD + 1) * wide])
+    _copy(u, past[:wide])
+    _copy(v, past[_V * wide : (_V + 1) * wide])
+    _product(pools, c, _K, v, past[_K_V * wide : (_K_V + 1) * wide])
+    _product(pools, c, _M, v, past[_OLD_MASS_V * wide : (_OLD_MASS_V + 1) * wide])
 
 
 @kernel
 def _account_explicit(pools: Any, c: int, instant: int, flat: Array) -> None:
     """The step of an EXPLICIT class; the elastic force of its middle is K u + dt/2 K v of the old instant."""
-    row, work, state = pools.classes[c], pools.moving, pools.moving
-    n, m, wide, dt = row.n, row.m, (row.n + row.n_motion) * row.m, pools.run[0].dt
-    past, scratch = state[row.past : row.past + 11 * wide], work[row.extended : row.extended + 8 * wide]
-    new = scratch[4 * wide : 8 * wide]
-    damping, field, moved = scratch[:wide], scratch[wide : 2 * wide], scratch[2 * wide : 3 * wide]
-    dashpots = scratch[3 * wide : 4 * wide]
-    _field(pools, c, row.v, 1, instant, field)
-    for i in range(wide):
-        moved[i] = 0.5 * (field[i] - past[_V * wide + i])
-    damping[:] = 0.0
-    dashpots[:] = 0.0
-    if row.damping_rows > 0:
-        _product(pools, c, 2, past[_V * wide : (_V + 1) * wide], damping)
-        if row.dashpots_rows > 0:
-            _product(pools, c, 3, moved, dashpots)
-        for i in range(wide):
-            damping[i] += dashpots[i]
-    _forces_without_damping(pools, c, instant, flat, moved, new)
-    totals = state[row.totals : row.totals + 6 * m]
-    mass_v, k_v = new[wide : 2 * wide], dashpots
-    _product(pools, c, 0, field, mass_v)
-    _product(pools, c, 1, field, k_v)
-    totals[: 2 * m] = 0.0
-    _add_dot(m, 0.5, field, mass_v, totals[_KINETIC * m : (_KINETIC + 1) * m])
-    _add_dot(m, -dt * dt / 8, field, k_v, totals[_SCHEME * m : (_SCHEME + 1) * m])
-    _add_dot(
-        m,
-        dt * dt / 8,
-        past[_V * wide : (_V + 1) * wide],
-        past[_K_V * wide : (_K_V + 1) * wide],
-        totals[_SCHEME * m : (_SCHEME + 1) * m],
+    row, work, state, dt = pools.classes[c], pools.moving, pools.moving, pools.run[0].dt
+    m, size, wide, inner_size = row.m, row.n * row.m, (row.n + row.n_motion) * row.m, row.n_inner * row.m
+    past, scratch = state[row.past : row.past + FIELDS * wide], work[row.extended : row.extended + 4 * wide]
+    step, damping, k_v, mass_v = (
+        past[:wide],
+        past[6 * wide : 7 * wide],
+        past[7 * wide : 8 * wide],
+        past[8 * wide : 9 * wide],
     )
-    _field(pools, c, row.u, 0, instant, moved)
-    _add_dot(m, 0.5, moved, new[:wide], totals[_ELASTIC * m : (_ELASTIC + 1) * m])
-    for i in range(n + row.n_motion):
-        for j in range(m):
-            at = i * m + j
-            step = moved[at] - past[at]
-            loads = 0.5 * (past[_FORCE * wide + at] + new[2 * wide + at])
-            if i >= n:
-                internal = past[_K_U * wide + at] + 0.5 * dt * past[_K_V * wide + at]
-                loads = (mass_v[at] - past[_MASS_V * wide + at]) / dt + internal + damping[at]
-            totals[_DAMPING * m + j] += step * damping[at]
-            totals[_INTERFACE * m + j] += step * new[3 * wide + at]
-            totals[_LOADS * m + j] += step * loads
-    past[:wide] = moved
-    _keep_explicit(pools, c, instant, new[2 * wide : 3 * wide], new[:wide], past)
-
-
-@kernel
-def _forces_without_damping(pools: Any, c: int, instant: int, flat: Array, field: Array, out: Array) -> None:
-    """Elastic forces, nothing, loads and tractions (4, n + n_motion, m); ``field`` is scratch and keeps u."""
-    row = pools.classes[c]
-    size, wide = row.n * row.m, (row.n + row.n_motion) * row.m
-    out[:] = 0.0
-    _field(pools, c, row.u, 0, instant, field)
-    _product(pools, c, 1, field, out[:wide])
-    _loads(pools, c, instant, out[2 * wide : 2 * wide + size])
-    _tractions(pools, c, flat, out[3 * wide : 3 * wide + size])
-
-
-@kernel
-def _keep_explicit(pools: Any, c: int, instant: int, loads: Array, elastic: Array, past: Array) -> None:
-    """Keep velocities, K v, loads, K u and M v for the next step."""
-    wide = len(elastic)
-    kept_loads, kept_elastic = (past[_FORCE * wide : (_FORCE + 1) * wide], past[_K_U * wide : (_K_U + 1) * wide])
-    for i in range(wide):  # element by element: ``elastic`` and ``loads`` may lie in ``past``
-        now_loads, now_elastic = loads[i], elastic[i]
-        kept_loads[i], kept_elastic[i] = now_loads, now_elastic
-    velocity = past[_V * wide : (_V + 1) * wide]
-    _field(pools, c, pools.classes[c].v, 1, instant, velocity)
-    _product(pools, c, 1, velocity, past[_K_V * wide : (_K_V + 1) * wide])
-    _product(pools, c, 0, velocity, past[_MASS_V * wide : (_MASS_V + 1) * wide])
+    new, v_old = past[12 * wide :], past[_V * wide : (_V + 1) * wide]
+    u, v = (
+        _field(pools, c, row.u, 0, instant, scratch[:wide]),
+        _field(pools, c, row.v, 1, instant, scratch[wide : 2 * wide]),
+    )
+    _forces(pools, c, instant, flat, u, new)
+    damping[:] = 0.0
+    if row.damping_rows > 0:
+        _product(pools, c, _C, v_old, damping)
+    if row.dashpots_rows > 0:
+        for i in range(wide):
+            k_v[i] = 0.5 * (v[i] - v_old[i])
+        _product(pools, c, _LUMPED_C, k_v, mass_v)
+        for i in range(wide):
+            damping[i] += mass_v[i]
+    _product(pools, c, _M, v, mass_v)
+    _product(pools, c, _K, v, k_v)
+    totals, inner = state[row.totals : row.totals + 6 * m], work[row.inner : row.inner + inner_size]
+    of_loads, of_scheme = totals[_LOADS * m : (_LOADS + 1) * m], totals[_SCHEME * m :]
+    totals[: 2 * m] = 0.0
+    _add_dot(m, 0.5, v, mass_v, totals[_KINETIC * m : (_KINETIC + 1) * m])
+    _add_dot(m, 0.5, u, new[:wide], totals[_ELASTIC * m : (_ELASTIC + 1) * m])
+    _add_dot(m, -dt * dt / 8, v, k_v, of_scheme)
+    _add_dot(m, dt * dt / 8, v_old, past[_K_V * wide : (_K_V + 1) * wide], of_scheme)
+    _steps(pools, c, u, past[:wide], step, inner)  # in place of the old displacements
+    _add_dot(m, 1.0, step, damping, totals[_DAMPING * m : (_DAMPING + 1) * m])
+    _add_dot(m, 1.0, inner, new[3 * wide : 3 * wide + inner_size], totals[_INTERFACE * m : (_INTERFACE + 1) * m])
+    load_old, load = past[_LOAD * wide : _LOAD * wide + size], new[2 * wide : 2 * wide + size]
+    _add_work(m, (0.0, 0.5, 0.5), step[:size], load_old, load_old, load, of_loads)
+    if row.n_motion > 0:  # reactions
+        moved, k_v_old = step[size:], past[_K_V * wide + size : (_K_V + 1) * wide]
+        mass_v_old = past[_OLD_MASS_V * wide + size : (_OLD_MASS_V + 1) * wide]
+        k_u_old = past[_K_U * wide + size : (_K_U + 1) * wide]
+        _add_work(m, (-1 / dt, 1 / dt, 1.0), moved, mass_v_old, mass_v[size:], damping[size:], of_loads)
+        _add_work(m, (0.0, 1.0, 0.5 * dt), moved, k_u_old, k_u_old, k_v_old, of_loads)
+    _copy(u, past[:wide])
+    _copy(v, past[_V * wide : (_V + 1) * wide])
+    _copy(k_v, past[_K_V * wide : (_K_V + 1) * wide])
+    _copy(new[2 * wide : 3 * wide], past[_LOAD * wide : (_LOAD + 1) * wide])
+    _copy(new[:wide], past[_K_U * wide : (_K_U + 1) * wide])
+    _copy(mass_v, past[_OLD_MASS_V * wide : (_OLD_MASS_V + 1) * wide])
 
 
 @kernel
@@ -353,5 +443,4 @@ def _write(pools: Any, c: int, instant: int) -> None:
     row = pools.classes[c]
     size = 6 * row.m
     at = row.energies + size * (instant - pools.run[0].first_row)
-    for i in range(size):
-        pools.moving[at + i] = pools.moving[row.totals + i]
+    pools.moving[at : at + size] = pools.moving[row.totals : row.totals + size]

@@ -117,7 +117,8 @@ CLASS_FIELDS: Final[tuple[Field, ...]] = (
     ("energy", "state: first number of the account of energies, n_energy in all"),
     ("n_energy", "their number"),
     ("totals", "state (6, m): terms of the account, J (``energy.TERMS``)"),
-    ("past", "state (11, n + n_motion, m): fields and forces of the last two instants"),
+    ("past", "state (16, n + n_motion, m): fields and forces of the last instants"),
+    ("turn", "state (1,): which of their three places the forces of the next instant take"),
     # work
     ("marched", "work (1,): substructure-instants marched"),
     ("passed", "work (1,): 1 where the class is passed over at this instant"),
@@ -140,7 +141,7 @@ CLASS_FIELDS: Final[tuple[Field, ...]] = (
     ("vectors", "work (2 m, n_live)"),
     ("answers", "work (2 m, n_live)"),
     ("tile", "work ((max(n, c) + SPARE) x LANES,)"),
-    ("extended", "work (8, n + n_motion, m): scratch of the account of energies"),
+    ("extended", "work (4, n + n_motion, m): scratch of the account of energies"),
     # histories
     ("constant", "histories (n, m): constant forces, N"),
     ("motions", "histories (3, T, n_motion, m): prescribed displacements, velocities, accelerations"),

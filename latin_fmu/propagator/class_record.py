@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ..cholesky.factor import CholeskyFactor, DiagonalFactor
 from ..cholesky.substitution import LANES, SPARE, TILED
+from ..kernels.energy import FIELDS
 from ..kernels.lanes import padded
 from ..kernels.pool import Block
 from ..kernels.records import DIRECT, EXPLICIT, STATIC
@@ -235,7 +236,8 @@ def state(block: Block, row: Row) -> None:
         row[name] = block.reserve(size)
     row["n_state"] = block.size - row["state"]
     row["energy"] = row["totals"] = block.reserve(6 * row["m"] * row["accounted"])
-    row["past"] = block.reserve(11 * wide * row["accounted"])
+    row["past"] = block.reserve(FIELDS * wide * row["accounted"])
+    row["turn"] = block.reserve(row["accounted"])
     row["n_energy"] = block.size - row["energy"]
 
 
@@ -264,7 +266,7 @@ def work(block: Block, row: Row, window: int, stride: int) -> None:
         "vectors": 2 * m * row["n_live"],
         "answers": 2 * m * max(row["n_live"], c),
         "tile": (max(n, c) + SPARE) * LANES,
-        "extended": 8 * wide * row["accounted"],
+        "extended": 4 * wide * row["accounted"],
     }
     for name, size in sizes.items():
         row[name] = block.reserve(size)
