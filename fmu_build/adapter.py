@@ -103,7 +103,7 @@ class CoSimulationAdapter(Adapter):
         table = self._module("cosim.variable").table_from(self._content("variables.json").decode())
         scene = os.path.join(self.folder, "scene", "scene.toml")
         instance = self._module("cosim.fmi_instance")
-        return instance.FmiInstance(table, lambda: self._module("scene.reader").load_scene(scene), self.log_message)
+        return instance.FmiInstance(table, lambda: self._module("reader").load_scene(scene), self.log_message)
 
     def do_step(self, current_time: float, step_size: float) -> bool:
         """Advance by one communication step; False where the step is discarded."""

@@ -44,9 +44,9 @@ if TYPE_CHECKING:
     from .api import check, solve
     from .errors import InputError, LatinError, MeshError, ResultsError, SceneError, SolverError
     from .observe import Iteration
+    from .reader import load_scene, scene_from_dict
     from .results.files import open_results
     from .results.solution import Solution
-    from .scene.reader import load_scene, scene_from_dict
     from .scene.schema import Scene
 
 __version__ = "0.1.0"
@@ -80,9 +80,9 @@ _MODULES: Final = MappingProxyType(
         "Solution": "results.solution",
         "check": "api",
         "estimate_error": "accuracy.estimate",
-        "load_scene": "scene.reader",
+        "load_scene": "reader",
         "open_results": "results.files",
-        "scene_from_dict": "scene.reader",
+        "scene_from_dict": "reader",
         "solve": "api",
     }
 )

@@ -13,10 +13,10 @@ from typing import Any
 
 from .. import api
 from ..errors import LatinError
+from ..reader import scene_from_dict
 from ..results.estimates import ErrorEstimate
 from ..results.quantities_of_interest import FLOOR
 from ..scene.describe import tables_in, tag_of
-from ..scene.reader import scene_from_dict
 from ..scene.schema import Scene
 from ..scene.solver_settings import WHOLE, Solver
 from ..scene.time_settings import Time

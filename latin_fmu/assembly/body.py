@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
@@ -14,15 +15,15 @@ from ..fem.elasticity import BENDING_CELLS, body_load, lumped_mass, mass, stiffn
 from ..fem.elements import Elements, rigid_body
 from ..fem.faces import Face, face_of
 from ..fem.mesh import Array, FacetSet, Mesh, boundary, box_mesh, nested_dissection
-from ..fem.mesh_file import mesh_of
 from ..fem.stress import MeanStress, Recovery
 from ..fem.surface import Surface
-from ..mesh_files.content import MeshContent
-from ..mesh_files.reading import read_content
 from ..scene.fields import ALL_OF_IT
 from ..scene.materials import Material
 from ..scene.schema import Scene
 from ..scene.substructures import MeshFile, Substructure
+
+if TYPE_CHECKING:
+    from ..mesh_files.content import MeshContent
 
 
 class Shape:
@@ -136,6 +137,9 @@ class _MeshFiles:
 
     def mesh(self, name: str, table: MeshFile, base_dir: Path, problems: list[Problem]) -> Mesh | None:
         """Mesh of a substructure; None where it cannot be had, with its problems told unless they were before."""
+        from ..fem.mesh_file import mesh_of
+        from ..mesh_files.reading import read_content
+
         path = base_dir / table.file
         try:
             if path not in self._contents:

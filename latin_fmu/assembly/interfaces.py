@@ -8,7 +8,7 @@ from itertools import combinations
 
 import numpy as np
 
-from ..errors import Problem, SceneError
+from ..errors import Problem, SceneError, did_you_mean
 from ..fem.common_part import common_cells
 from ..fem.faces import face_of
 from ..fem.mesh import Array, nearest
@@ -20,7 +20,6 @@ from ..scene.fields import ALL_OF_IT, GROUND, split_face
 from ..scene.interface_keys import PARAMETERS, TAKES
 from ..scene.interfaces import Interface
 from ..scene.schema import Scene
-from ..scene.wording import did_you_mean
 from .body import Body, build_bodies
 from .conditions import Conditions
 from .opposite import MATCHING, Opposite, Side, by_mortar, held_dofs, node_by_node, on_plane, own_points

@@ -24,7 +24,6 @@ from ..latin.windows import Run
 from ..propagator import StaticPropagator
 from ..scene.fields import GROUND, split_face
 from ..scene.schema import Scene
-from ..scene.static_scene import resting, something_acts, static_interfaces, static_scene
 from ..scene.time_settings import StaticStart
 from ..time_scheme import QuasiStatic
 from .body import Body
@@ -32,6 +31,7 @@ from .checks import boundaries_of
 from .conditions import Conditions, RigidConditions, conditions_on
 from .models import model_classes
 from .problem import DiscretisedProblem, InitialState, SolverReadyProblem
+from .static_scene import resting, something_acts, static_interfaces, static_scene
 
 TIGHT = 1e-11, 1e-9  # tolerances of the static solution; that of the scene where round-off lets neither
 _HELD = 1e-10  # a rigid motion with less relative motion at interfaces than this (squared) is free

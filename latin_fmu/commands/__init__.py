@@ -52,6 +52,6 @@ def add_settings(parser: argparse.ArgumentParser, text: str) -> None:
 
 def read_scene(arguments: argparse.Namespace) -> Scene:
     """The scene that SCENE names, with the settings of ``--set``."""
-    from ..scene.reader import load_scene
+    from ..reader import load_scene
 
     return load_scene(arguments.scene, arguments.overrides)

@@ -79,7 +79,7 @@ def _is_scene(file: Path) -> bool:
 
 def _scene_figure(arguments: argparse.Namespace) -> Figure:
     from ..pictures.assembly_picture import assembly_figure
-    from ..scene.reader import load_scene
+    from ..reader import load_scene
 
     warnings: list[str] = []
     figure = assembly_figure(load_scene(arguments.file, arguments.overrides), warnings)

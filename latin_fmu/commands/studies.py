@@ -81,7 +81,7 @@ def _register_stress(add: AddParser) -> None:
 def _cost(arguments: argparse.Namespace) -> int:
     from ..accuracy.study import study
     from ..accuracy.study_report import as_json, as_text
-    from ..scene.reader import load_scene
+    from ..reader import load_scene
 
     scenes = [load_scene(path, arguments.overrides) for path in arguments.scenes]  # all before the long part
     budget = (_QUICK if arguments.quick else _BUDGET) if arguments.budget is None else arguments.budget

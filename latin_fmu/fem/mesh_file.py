@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import MeshError, Problem
-from ..mesh_files.content import MeshContent, listed
+from ..errors import MeshError, Problem, listed
+from ..mesh_files.content import MeshContent
 from ..mesh_files.reading import read_content
 from .elements import jacobians
 from .mesh import Array, CellBlock, FacetSet, Index, Mesh, boundary, unjoined

@@ -12,8 +12,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..errors import listed
 from .abaqus_cards import SOLID_FACES, Card, Include, cards, element_type, elements_of, nodes_of
-from .content import CORNERS, FLAT, Array, Index, MeshContent, Problems, listed, rows_of
+from .content import CORNERS, FLAT, Array, Index, MeshContent, Problems, rows_of
 
 _NONE = np.zeros(0, dtype=np.int64)
 

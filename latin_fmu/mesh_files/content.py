@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import MeshError, Problem
+from ..errors import MeshError, Problem, listed
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -152,9 +151,3 @@ def rows_of(labels: Index, wanted: Index) -> tuple[Index, NDArray[np.bool_]]:
     place = np.minimum(np.searchsorted(labels, wanted, sorter=order), len(labels) - 1)
     rows = order[place]
     return rows, labels[rows] == wanted
-
-
-def listed(names: Iterable[str], most: int = 12) -> str:
-    """Names for a message, the first ones of many; "none" where there are none."""
-    known = sorted(names)
-    return (", ".join(known[:most]) + (f", ... ({len(known)} in all)" if len(known) > most else "")) or "none"

@@ -6,8 +6,8 @@ from typing import Annotated, Final
 
 from pydantic import AfterValidator
 
+from ..errors import did_you_mean
 from .fields import Flag, Real, Table, Text, about, refusal
-from .wording import did_you_mean
 
 QUANTITY_KEYS: Final = (
     "impulse",

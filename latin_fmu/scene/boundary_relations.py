@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from ..errors import Problem
+from ..errors import Problem, shown
 from .boundaries import AXES
 from .face_relations import face_problems, is_box
 from .raw_scene import RawTable, named_tables, parsed_face, text_list
 from .substructures import BOX_FACES
-from .wording import shown
 
 _DRIVEN = ("velocity", "displacement")
 

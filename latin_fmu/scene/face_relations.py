@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import Any
 
-from ..errors import Problem
+from ..errors import Problem, did_you_mean, shown
 from .fields import ALL_OF_IT, NAME_PATTERN
 from .raw_scene import given, named_tables, parsed_face
 from .substructures import BOX_FACES
-from .wording import did_you_mean, shown
 
 _MAX_LISTED = 12
 

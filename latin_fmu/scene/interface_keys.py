@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Final
 
-from ..errors import Problem
+from ..errors import Problem, shown
 from .raw_scene import RawTable, given, number
-from .wording import shown
 
 # Keys of an interface that only some behaviours take.
 TAKES: Final[Mapping[str, tuple[str, ...]]] = {
@@ -18,6 +17,7 @@ TAKES: Final[Mapping[str, tuple[str, ...]]] = {
     "soft_contact": ("normal_stiffness", "friction_coefficient", "gap", "preload", "preload_force", "interference"),
     "viscous_joint": ("normal_viscosity", "tangential_viscosity"),
 }
+BEHAVIOUR_NAMES: Final = tuple(sorted(TAKES))
 NEEDS: Final[Mapping[str, tuple[str, ...]]] = {
     "elastic_layer": ("normal_stiffness", "tangential_stiffness"),
     "soft_contact": ("normal_stiffness",),

@@ -8,10 +8,10 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BeforeValidator
 
-from .behaviours import BEHAVIOUR_NAMES, opens
+from ..errors import did_you_mean
 from .fields import GROUND, Direction, Real, Side, Table, Text, Vector, _as_list, about, refusal
+from .interface_keys import BEHAVIOUR_NAMES, TAKES
 from .laws import ConstantLaw, Law
-from .wording import did_you_mean
 
 _GAP_RULES = ("measured", "closed")
 _LARGEST = sys.float_info.max
@@ -133,7 +133,7 @@ class Interface(Table):
     @property
     def behaves_open(self) -> bool:
         """True where the sides may come apart."""
-        return opens(self.behaviour)
+        return "gap" in TAKES[self.behaviour]
 
     def initial_pressure(self, area: float) -> float:
         """Pressure at t = 0 on a face of the given area, m2; Pa."""

@@ -12,12 +12,11 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ..errors import Problem, SceneError
+from ..errors import Problem, SceneError, did_you_mean, shown
 from .describe import is_named
 from .fields import NAME_PATTERN
 from .problems import path_text
 from .schema import Scene
-from .wording import did_you_mean, shown
 
 _FORM = "name.key=value, e.g. interface.crush.friction_coefficient=0.1"
 

@@ -9,9 +9,8 @@ from typing import Any, Final
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from ..errors import Problem
+from ..errors import Problem, did_you_mean, shown
 from .describe import allowed_text, field_at, tables_at, tags_of
-from .wording import did_you_mean, shown
 
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 _LONGEST_KEY = 100

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from ..errors import Problem
+from ..errors import Problem, shown
 from .raw_scene import RawTable, given, single_table
-from .wording import shown
 
 EXPLICIT, REDUCED, CENTRAL = "explicit", "reduced", "central_difference"
 REDUCIBLE = ("hht", "newmark")

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from ..errors import Problem
+from ..errors import Problem, shown
 from .boundary_relations import boundary_problems
 from .face_relations import face_problems, unknown_name
 from .fields import GROUND
@@ -19,7 +19,6 @@ from .propagator_relations import propagator_problems
 from .raw_scene import RawTable, given, named_tables, number, single_table, text_list
 from .static_relations import static_problems
 from .time_settings import MAX_INSTANTS
-from .wording import shown
 
 STEP_ROUND_OFF = 1e-6
 

@@ -17,7 +17,7 @@ from .interfaces import Interface
 from .law_file import base_dir_of
 from .loads import Load
 from .materials import Material
-from .mesh_parts import MeshParts, with_parts
+from .mesh_parts import MeshParts
 from .output_settings import Output
 from .problems import field_problems, path_text
 from .propagator_relations import with_its_scheme
@@ -35,6 +35,16 @@ _HEADING = "the scene cannot be used"
 def _of_parts(problem: Problem) -> bool:
     """Whether a problem comes from parts that could not be had: no substructures, or incomplete ones."""
     return problem.what == "this key is missing" and problem.where.startswith("substructure")
+
+
+def _with_parts(raw: Any, base_dir: Path, context: Any) -> tuple[Any, list[Problem]]:
+    """The scene with the parts of its mesh files as substructures, by the reader that the context names."""
+    reader = context.get("with_parts") if isinstance(context, dict) else None
+    if reader is not None:
+        written, problems = reader(raw, base_dir)
+        return written, problems
+    remedy = "make the scene with load_scene or scene_from_dict"
+    return raw, [Problem("mesh", "mesh files are not read here", remedy=remedy)] if named_tables(raw, "mesh") else []
 
 
 class Scene(Table):
@@ -76,7 +86,7 @@ class Scene(Table):
         if endless := [Problem(path_text(path), "too large for a number") for path in endless_numbers(raw)]:
             raise SceneError(endless, _HEADING)
         base_dir = data.base_dir if isinstance(data, Scene) else base_dir_of(info.context)
-        written, unreadable = with_parts(raw, base_dir)
+        written, unreadable = _with_parts(raw, base_dir, info.context)
         try:
             completed = with_its_scheme(written)
             scene = handler(data if completed is raw else completed)

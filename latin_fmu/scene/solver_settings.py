@@ -6,9 +6,9 @@ from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field, PlainValidator
 
+from ..errors import did_you_mean
 from .fields import Count, Real, Table, about, refusal, tagged_or
 from .propagator_settings import AutomaticPropagator, Propagator
-from .wording import did_you_mean
 
 WHOLE: Literal["whole"] = "whole"
 _FACTOR = "multiplies k; changes the cost, never the answer"

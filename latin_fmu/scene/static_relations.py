@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from ..errors import Problem
+from ..errors import Problem, shown
 from .raw_scene import RawTable, given, named_tables, number, single_table
 from .time_settings import HHT
-from .wording import shown
 
 _DAMPING = ("rayleigh_mass", "rayleigh_stiffness")
 

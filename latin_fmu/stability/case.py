@@ -16,8 +16,8 @@ import numpy as np
 from ..api import solve
 from ..errors import LatinError
 from ..latin.record import Array
+from ..reader import scene_from_dict
 from ..results.solution import Solution
-from ..scene.reader import scene_from_dict
 from .scenes import Description
 
 

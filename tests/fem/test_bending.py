@@ -15,7 +15,7 @@ from latin_fmu.errors import SceneError
 from latin_fmu.fem.elasticity import mass, stiffness
 from latin_fmu.fem.elements import Elements
 from latin_fmu.fem.mesh import box_mesh
-from latin_fmu.scene.reader import scene_from_dict
+from latin_fmu.reader import scene_from_dict
 
 from .conftest import write_msh
 from .meshes import cut

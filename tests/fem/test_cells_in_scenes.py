@@ -11,7 +11,7 @@ import pytest
 from latin_fmu import api
 from latin_fmu.assembly.build import build, discretise
 from latin_fmu.fem.faces import consistent_dashpots, lumped_dashpots
-from latin_fmu.scene.reader import scene_from_dict
+from latin_fmu.reader import scene_from_dict
 
 from .meshes import QUADRATIC, TYPES, typed_box
 from .scenes import box_file, steel

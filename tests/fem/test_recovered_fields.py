@@ -13,9 +13,9 @@ import xarray as xr
 from latin_fmu import api
 from latin_fmu.cosim.session import Session
 from latin_fmu.effects import explain
+from latin_fmu.reader import scene_from_dict
 from latin_fmu.results.files import open_results
 from latin_fmu.results.vtk import export_vtu
-from latin_fmu.scene.reader import scene_from_dict
 
 from .meshes import TYPES
 from .scenes import box_file, steel

@@ -12,7 +12,7 @@ from latin_fmu.assembly.problem import SolverReadyProblem
 from latin_fmu.latin.record import Timings
 from latin_fmu.latin.recorder import Recorder
 from latin_fmu.latin.windows import Run
-from latin_fmu.scene.reader import scene_from_dict
+from latin_fmu.reader import scene_from_dict
 from latin_fmu.stability.scenes import Box, Material, column, half_sine
 
 Tables = dict[str, Any]

@@ -23,7 +23,7 @@ from latin_fmu.kernels import entries, records
 from latin_fmu.kernels.energy import TERMS
 from latin_fmu.kernels.lanes import padded
 from latin_fmu.kernels.records import CLASS_FIELDS, GROUP_FIELDS, LINE, RUN_FIELDS, RUN_NUMBERS
-from latin_fmu.scene.reader import scene_from_dict
+from latin_fmu.reader import scene_from_dict
 
 Tables = dict[str, Any]
 POOLS = ("constants", "direction", "histories", "state", "work", "output")

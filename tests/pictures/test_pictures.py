@@ -18,7 +18,7 @@ from latin_fmu.pictures.assembly_picture import _assembly, _shifts, assembly_fig
 from latin_fmu.pictures.frame import draw
 from latin_fmu.pictures.result_picture import _on_facets, _round, result_figure
 from latin_fmu.pictures.skin import Skin, View, edges_of, skin_of
-from latin_fmu.scene.reader import scene_from_dict
+from latin_fmu.reader import scene_from_dict
 
 RED, BLUE = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
 

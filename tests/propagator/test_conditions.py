@@ -17,7 +17,7 @@ from latin_fmu.assembly.problem import SolverReadyProblem
 from latin_fmu.errors import SceneError
 from latin_fmu.latin.record import Outcome
 from latin_fmu.propagator import DirectPropagator, Histories
-from latin_fmu.scene.reader import scene_from_dict
+from latin_fmu.reader import scene_from_dict
 from latin_fmu.time_scheme import make_scheme
 
 # c = 2 along a bar with E = 4, rho = 1, nu = 0; shear waves at sqrt(2)

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from latin_fmu.errors import SceneError
-from latin_fmu.scene.reader import scene_from_dict
+from latin_fmu.reader import scene_from_dict
 
 GONE = object()
 TABLE = {"type": "table"}

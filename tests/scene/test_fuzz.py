@@ -14,7 +14,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from latin_fmu.errors import SceneError
-from latin_fmu.scene.reader import load_scene, scene_from_dict
+from latin_fmu.reader import load_scene, scene_from_dict
 from latin_fmu.scene.schema import Scene
 
 MODELS = Path(__file__).parents[2] / "models"

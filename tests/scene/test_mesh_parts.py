@@ -13,9 +13,10 @@ from latin_fmu import api
 from latin_fmu.assembly.body import build_bodies
 from latin_fmu.errors import Problem, SceneError
 from latin_fmu.fem.mesh import box_mesh
+from latin_fmu.reader import scene_from_dict
 from latin_fmu.scene.mesh_parts import part_name
 from latin_fmu.scene.overrides import apply_overrides
-from latin_fmu.scene.reader import scene_from_dict
+from latin_fmu.scene.schema import Scene
 
 Tables = dict[str, Any]
 
@@ -114,6 +115,11 @@ def test_an_unreadable_file_hides_no_other_mistake_and_makes_none(folder: Path) 
     data = scene(file="bad.inp")
     data["time"]["end"] = -1.0
     assert {p.where for p in problems_of(data, folder)} == {"mesh.all.file", "time.end"}
+
+
+def test_the_tables_alone_read_no_mesh_file(folder: Path) -> None:
+    with pytest.raises(SceneError, match="mesh files are not read here"):
+        Scene.model_validate(scene(), context={"base_dir": folder})
 
 
 def test_one_problem_of_a_file_is_told_once(folder: Path) -> None:

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from latin_fmu.errors import SceneError
+from latin_fmu.reader import load_scene, scene_from_dict
 from latin_fmu.scene.boundaries import Periodic, Symmetry
 from latin_fmu.scene.laws import HalfSineLaw, sampled_impulse_error
-from latin_fmu.scene.reader import load_scene, scene_from_dict
 from latin_fmu.scene.schema import Scene
 from latin_fmu.scene.substructures import Box
 

@@ -11,11 +11,11 @@ import pytest
 from pydantic import ValidationError
 
 from latin_fmu.errors import SceneError
+from latin_fmu.reader import load_scene, scene_from_dict
 from latin_fmu.scene.boundaries import Absorbing, Fixed
 from latin_fmu.scene.interfaces import GroundVelocity, Interface
 from latin_fmu.scene.laws import CsvLaw
 from latin_fmu.scene.materials import Material
-from latin_fmu.scene.reader import load_scene, scene_from_dict
 from latin_fmu.scene.schema import Scene
 from latin_fmu.scene.solver_settings import Anderson, Automatic, NoAcceleration, Row, Solver, Uniform
 from latin_fmu.scene.substructures import Box, Substructure

@@ -9,10 +9,10 @@ from typing import get_args
 import pytest
 from pydantic import BaseModel
 
-from latin_fmu.interface.registry import BEHAVIOURS
-from latin_fmu.scene.behaviours import BEHAVIOUR_NAMES
+from latin_fmu.interface.registry import BEHAVIOURS, opens
+from latin_fmu.reader import scene_from_dict
 from latin_fmu.scene.describe import kind_of, tables_in, tags_of, unit_of
-from latin_fmu.scene.reader import scene_from_dict
+from latin_fmu.scene.interface_keys import BEHAVIOUR_NAMES, TAKES
 from latin_fmu.scene.reference import reference_schema, reference_text
 from latin_fmu.scene.reference_text import EXAMPLE
 from latin_fmu.scene.schema import Scene
@@ -66,6 +66,7 @@ def test_the_example_is_valid() -> None:
 
 def test_names_are_those_of_the_registries() -> None:
     assert set(BEHAVIOUR_NAMES) == set(BEHAVIOURS)
+    assert {name for name, keys in TAKES.items() if "gap" in keys} == set(filter(opens, BEHAVIOURS))
     assert set(tags_of(tables_in(Time.model_fields["scheme"].annotation))) == set(SCHEMES)
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from latin_fmu import api
 from latin_fmu.errors import SceneError
-from latin_fmu.scene.reader import scene_from_dict
+from latin_fmu.reader import scene_from_dict
 
 AREA, FIRST, SECOND = 0.01, 1.0, 2.0  # m2, kg, kg
 REDUCED = 1 / (1 / FIRST + 1 / SECOND)

@@ -15,7 +15,7 @@ from latin_fmu.errors import SceneError
 from latin_fmu.fem.elasticity import mass
 from latin_fmu.fem.elements import Elements, rigid_body
 from latin_fmu.fem.mesh import Mesh, box_mesh
-from latin_fmu.scene.reader import scene_from_dict
+from latin_fmu.reader import scene_from_dict
 
 from .oracles import sliding_block
 

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from .boundaries import Absorbing, PrescribedDisplacement, PrescribedVelocity
-from .fields import GROUND, split_face
-from .laws import InputLaw
-from .reader import scene_from_dict
-from .schema import Scene
-from .time_settings import StaticStart
+from ..reader import scene_from_dict
+from ..scene.boundaries import Absorbing, PrescribedDisplacement, PrescribedVelocity
+from ..scene.fields import GROUND, split_face
+from ..scene.laws import InputLaw
+from ..scene.schema import Scene
+from ..scene.time_settings import StaticStart
 
 _MOST = 500  # iterations of an increment
 _Tables = dict[str, Any]
