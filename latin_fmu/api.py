@@ -109,7 +109,7 @@ def run(
         energy=recorder.assembly_energy(assembly),
         timings=timings,
         warnings=(*problem.warnings, *drift_remarks(assembly), *accuracy_remarks(assembly.propagators)),
-        settings=march.choices() | ({} if problem.start is None else {"start": problem.start.told}),
+        settings=march.choices() | ({} if problem.start is None else {"start": problem.start.message}),
     )
     # the march is timed with the wall clock, which costs nothing to read, and has its share of the CPU time
     cpu = clock.process_time() - begin
@@ -139,7 +139,7 @@ def check(scene: Scene) -> list[str]:
         f"  {', '.join(p.names)}: {p.n_dof} unknowns, {p.n_channel} interface channels" for p in assembly.propagators
     ]
     lines += [_interface_line(u, u.name not in scene.interface) for u in assembly.interfaces]
-    lines += [] if problem.start is None else [f"  start: {problem.start.told}"]
+    lines += [] if problem.start is None else [f"  start: {problem.start.message}"]
     warnings = (*size_remarks(discretised.bodies), *problem.warnings)
     lines += [f"warning: {w}" for w in warnings]
     return [*lines, "the scene can be solved" + (", mind the warnings" if warnings else "")]

@@ -38,6 +38,16 @@ class Problem:
         return text
 
 
+class Problems(list[Problem]):
+    """Problems of one input, collected to be reported together."""
+
+    def add(
+        self, where: str, what: str, value: str | None = None, allowed: str | None = None, remedy: str | None = None
+    ) -> None:
+        """One more problem (see ``Problem``)."""
+        self.append(Problem(where, what, value, allowed, remedy))
+
+
 class LatinError(Exception):
     """Base of every error this package raises on purpose."""
 

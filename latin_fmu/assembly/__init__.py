@@ -3,7 +3,7 @@
 ========================  ==========================================================================
 build, problem            `build`: a scene -> a discretised problem -> a solver-ready problem
 body, conditions, models  meshes, materials, supports, loads and rigid bodies of the substructures
-interfaces, opposite      points of the interfaces
+interfaces, face_pairs    points, normals, gaps and traces of the interfaces
 checks, scales            checks of the scene against its meshes; impedances and tractions
 statics                   equilibrium before t = 0, static scenes
 inactive_substructures    when something reaches each substructure

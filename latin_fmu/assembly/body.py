@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -10,14 +11,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
-from ..errors import MeshError, Problem
+from ..errors import MeshError, Problem, Problems
 from ..fem.elasticity import BENDING_CELLS, body_load, lumped_mass, mass, stiffness, wave_speeds
 from ..fem.elements import Elements, rigid_body
 from ..fem.faces import Face, face_of
 from ..fem.mesh import Array, FacetSet, Mesh, boundary, box_mesh, nested_dissection
 from ..fem.stress import MeanStress, Recovery
 from ..fem.surface import Surface
-from ..scene.fields import ALL_OF_IT
+from ..latin.assembly import InterfaceUnit
+from ..scene.fields import ALL_OF_IT, GROUND, split_face
 from ..scene.materials import Material
 from ..scene.schema import Scene
 from ..scene.substructures import MeshFile, Substructure
@@ -39,18 +41,18 @@ class Shape:
 
     @cached_property
     def mass(self) -> sp.csr_array:
-        """Mass (3 n_node, 3 n_node), assembled where it is asked for."""
+        """Consistent mass (3 n_node, 3 n_node), kg."""
         return mass(self.elements, self.material.density)
 
     @cached_property
     def lumped_mass(self) -> Array | None:
         """Positive masses (3 n_node,) where the row sums of the mass are not, else None."""
-        found = lumped_mass(self.elements, self.material.density)
-        return None if found is None else np.repeat(found, 3)
+        nodal = lumped_mass(self.elements, self.material.density)
+        return None if nodal is None else np.repeat(nodal, 3)
 
     @cached_property
     def stiffness(self) -> sp.csr_array:
-        """Stiffness (3 n_node, 3 n_node)."""
+        """Stiffness (3 n_node, 3 n_node), N m-1."""
         m = self.material
         return stiffness(self.elements, m.young_modulus, m.poisson_ratio, self.bending_modes)
 
@@ -85,7 +87,7 @@ class Shape:
 
 @dataclass(frozen=True)
 class Body:
-    """One substructure: its shape, where it stands, its faces as they are asked for."""
+    """One substructure: its mesh in its place, shape (shared by equal bodies), faces."""
 
     name: str
     mesh: Mesh
@@ -128,15 +130,23 @@ class Body:
         return 3 * self.mesh.n_node
 
 
+def body_sides(units: Sequence[InterfaceUnit]) -> Iterator[tuple[int, int, str]]:
+    """Number of the interface, side (0 or 1) and substructure of every side that is not the ground."""
+    for i, unit in enumerate(units):
+        for side, face in enumerate(unit.sides):
+            if face != GROUND:
+                yield i, side, split_face(face)[0]
+
+
 class _MeshFiles:
-    """Mesh files of a scene: each is read once, and what is wrong with it is said once."""
+    """Mesh files of a scene: each is read once, and each of its problems is reported once."""
 
     def __init__(self) -> None:
         self._contents: dict[Path, MeshContent | None] = {}
-        self._said: set[Problem] = set()
+        self._reported: set[Problem] = set()
 
-    def mesh(self, name: str, table: MeshFile, base_dir: Path, problems: list[Problem]) -> Mesh | None:
-        """Mesh of a substructure; None where it cannot be had, with its problems told unless they were before."""
+    def mesh(self, name: str, table: MeshFile, base_dir: Path, problems: Problems) -> Mesh | None:
+        """Mesh of a substructure; None where it cannot be read, with problems that were not reported before."""
         from ..fem.mesh_file import mesh_of
         from ..mesh_files.reading import read_content
 
@@ -148,15 +158,15 @@ class _MeshFiles:
             content = self._contents[path]
             return None if content is None else mesh_of(content, path.name, table.group, table.scale)
         except MeshError as error:
-            fresh = [p for p in error.problems if p not in self._said]
-            self._said.update(fresh)
+            fresh = [p for p in error.problems if p not in self._reported]
+            self._reported.update(fresh)
             where = f"substructure.{name}.mesh"
             problems += [Problem(where, f"{p.where}: {p.what}", p.value, p.allowed, p.remedy) for p in fresh]
             return None
 
 
-def build_bodies(scene: Scene, problems: list[Problem]) -> dict[str, Body]:
-    """Bodies of every substructure whose mesh can be had; what is wrong with others goes to ``problems``."""
+def build_bodies(scene: Scene, problems: Problems) -> dict[str, Body]:
+    """Bodies of every substructure whose mesh can be read; the errors of others are added to ``problems``."""
     bodies: dict[str, Body] = {}
     shapes: dict[tuple[object, ...], Shape] = {}
     files = _MeshFiles()
@@ -165,24 +175,21 @@ def build_bodies(scene: Scene, problems: list[Problem]) -> dict[str, Body]:
         if description.box is not None:
             box = description.box
             key: tuple[object, ...] = (box.size, box.elements, material, description.bending_modes)
-            mesh = box_mesh(np.asarray(box.origin), np.asarray(box.size), box.elements)
+            placed = box_mesh(np.asarray(box.origin), np.asarray(box.size), box.elements)
             if key not in shapes:
                 unit = box_mesh(np.zeros(3), np.asarray(box.size), box.elements)
                 shapes[key] = Shape(unit, material, description.bending_modes)
-            bodies[name] = Body(name, mesh, shapes[key], description)
+            bodies[name] = Body(name, placed, shapes[key], description)
         elif description.mesh is not None:
-            found = files.mesh(name, description.mesh, scene.base_dir, problems)
-            if found is None:
+            mesh = files.mesh(name, description.mesh, scene.base_dir, problems)
+            if mesh is None:
                 continue
-            mesh = found
             if description.bending_modes and not set(BENDING_CELLS) & set(mesh.cell_types):
-                problems.append(
-                    Problem(
-                        f"substructure.{name}.bending_modes",
-                        "the mesh has no 8-node hexahedra",
-                        ", ".join(mesh.cell_types),
-                        remedy="leave the key out",
-                    )
+                problems.add(
+                    f"substructure.{name}.bending_modes",
+                    "the mesh has no 8-node hexahedra",
+                    ", ".join(mesh.cell_types),
+                    remedy="leave the key out",
                 )
             shape = Shape(mesh, material, description.bending_modes)
             bodies[name] = Body(name, mesh, shape, description)

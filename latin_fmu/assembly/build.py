@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ..errors import Problem, SceneError
+from ..errors import Problems, SceneError
 from ..interface import Behaviour
 from ..latin.assembly import Layout
 from ..scene.schema import Scene
@@ -53,7 +53,7 @@ def solver_ready(discretised: DiscretisedProblem, amplitudes: Mapping[str, float
 
 def discretise(scene: Scene, behaviours: Mapping[str, Behaviour] | None = None) -> DiscretisedProblem:
     """All of ``build`` but the factors (same errors)."""
-    problems: list[Problem] = []
+    problems = Problems()
     bodies = build_bodies(scene, problems)
     check_faces(scene, bodies, problems)
     if problems:
@@ -64,10 +64,10 @@ def discretise(scene: Scene, behaviours: Mapping[str, Behaviour] | None = None) 
         remarks += lonely_remarks(scene, bodies)
     conditions = {name: conditions_on(body, boundaries_of(scene, name), problems) for name, body in bodies.items()}
     messages = Messages(problems, remarks)
-    found = [build_interface(n, i, bodies, conditions, messages) for n, i in scene.interface.items()]
+    made = [build_interface(n, i, bodies, conditions, messages) for n, i in scene.interface.items()]
     if problems:
         raise SceneError(problems, "the scene cannot be built")
-    units = with_behaviours([unit for unit in found if unit is not None], behaviours or {}, problems)
+    units = with_behaviours([unit for unit in made if unit is not None], behaviours or {}, problems)
     initial_problems(scene, units, problems, remarks)
     if scene.time.quasi_static and not problems:
         problems += unheld(bodies, conditions, units, "quasi_static")

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import Problem
+from ..errors import Problems
 from ..fem.elasticity import BENDING_CELLS
 from ..fem.elements import rigid_body
 from ..fem.mesh import Array, FacetSet, Mesh
@@ -37,9 +37,14 @@ LOCKING_POISSON = 0.45
 HEXAHEDRON, TETRAHEDRON = 0.55, 2.5  # c of the module docstring
 _SHARE = 0.05  # of the surface: less of it is no wall worth a remark
 _LINEAR = ("hexahedron", "tetra", "wedge")
-_MOST = 400  # facets looked at: every so many of a larger surface
+_MOST = 400  # facets that are examined: of a larger surface, evenly spaced ones
 _OPPOSED = -0.5  # cosine between the normals of two sides of a wall
-_REACH = 0.6  # of both facets' longest edges: how far apart, across the wall, two opposite facets may stand
+_ASIDE = 0.6  # largest distance of two opposite facets along the wall over the sum of their longest edges
+
+
+def _faces(boundary: Boundary) -> tuple[str, ...]:
+    """Faces that a boundary condition names."""
+    return tuple(boundary.faces) if isinstance(boundary, Periodic) else (boundary.face,)
 
 
 def _faces_named(scene: Scene) -> Iterator[tuple[str, str]]:
@@ -48,16 +53,13 @@ def _faces_named(scene: Scene) -> Iterator[tuple[str, str]]:
             if side != GROUND:
                 yield f"interface.{name}.sides[{i}]", side
     for name, boundary in scene.boundary.items():
-        if isinstance(boundary, Periodic):
-            for i, face in enumerate(boundary.faces):
-                yield f"boundary.{name}.faces[{i}]", face
-        else:
-            yield f"boundary.{name}.face", boundary.face
+        for i, face in enumerate(_faces(boundary)):
+            yield f"boundary.{name}.faces[{i}]" if isinstance(boundary, Periodic) else f"boundary.{name}.face", face
     for name, load in scene.load.items():
         yield f"load.{name}.face", load.face
 
 
-def check_faces(scene: Scene, bodies: dict[str, Body], problems: list[Problem]) -> None:
+def check_faces(scene: Scene, bodies: dict[str, Body], problems: Problems) -> None:
     """Every face named in the scene must exist on its mesh."""
     for where, side in _faces_named(scene):
         substructure, face = split_face(side)
@@ -66,32 +68,26 @@ def check_faces(scene: Scene, bodies: dict[str, Body], problems: list[Problem]) 
         known = sorted(bodies[substructure].mesh.faces)
         if face not in known and face != ALL_OF_IT:
             close = difflib.get_close_matches(face, known, 1)
-            problems.append(
-                Problem(
-                    where,
-                    "unknown face",
-                    side,
-                    ", ".join(known) or "no named surface group touches this volume",
-                    f"did you mean {substructure}.{close[0]!s}?" if close else None,
-                )
+            problems.add(
+                where,
+                "unknown face",
+                side,
+                ", ".join(known) or "no named surface group touches this volume",
+                f"did you mean {substructure}.{close[0]!s}?" if close else None,
             )
 
 
 def boundaries_of(scene: Scene, substructure: str) -> dict[str, Boundary]:
     """Boundary conditions on the faces of a substructure."""
-
-    def face(boundary: Boundary) -> str:
-        return boundary.faces[0] if isinstance(boundary, Periodic) else boundary.face
-
-    return {n: b for n, b in scene.boundary.items() if split_face(face(b))[0] == substructure}
+    return {n: b for n, b in scene.boundary.items() if split_face(_faces(b)[0])[0] == substructure}
 
 
 def redundancy_remarks(scene: Scene) -> list[str]:
     """Interfaces that join the same two faces: their total force is unique, its share is not."""
-    seen: dict[frozenset[str], str] = {}
+    joined: dict[frozenset[str], str] = {}
     remarks = []
     for name, interface in scene.interface.items():
-        first = seen.setdefault(frozenset(interface.sides), name)
+        first = joined.setdefault(frozenset(interface.sides), name)
         if first != name:
             remarks.append(
                 f"interfaces {first} and {name} join the same faces: their total force is unique, "
@@ -107,8 +103,8 @@ def lumping_remarks(bodies: dict[str, Body]) -> list[str]:
     hexahedra and tetrahedra of 4 and 10 nodes, 0.01 % with 27.
     """
     return [
-        f"substructure {name}: 20-node hexahedra in an explicit march: their lumped masses answer forces on a face "
-        "with noise; take 8 or 27 nodes, or an implicit scheme"
+        f"substructure {name}: 20-node hexahedra in an explicit march: with their lumped masses a force on a face "
+        "excites oscillations of single nodes; use 8 or 27 nodes, or an implicit scheme"
         for name, body in bodies.items()
         if "hexahedron20" in body.mesh.cell_types and not body.rigid
     ]
@@ -129,12 +125,12 @@ def sampling_remarks(scene: Scene, time: Array) -> list[str]:
         if error > _SAMPLING:
             remarks.append(
                 f"{where}: sampled at the instants its time integral is off by {100 * error:.2g} % "
-                "(jumps between instants): let jumps fall on instants, or take smaller steps"
+                "(jumps between instants): place the jumps on instants, or use smaller steps"
             )
     return remarks
 
 
-def initial_problems(scene: Scene, units: list[InterfaceUnit], problems: list[Problem], remarks: list[str]) -> None:
+def initial_problems(scene: Scene, units: list[InterfaceUnit], problems: Problems, remarks: list[str]) -> None:
     """Overlaps, open preloads and torn bonds that initial displacements make; velocity jumps of bonds are remarks."""
     for unit in units:
         first, second = (None if side == GROUND else scene.substructure[split_face(side)[0]] for side in unit.sides)
@@ -146,13 +142,11 @@ def initial_problems(scene: Scene, units: list[InterfaceUnit], problems: list[Pr
             continue
         if not unit.behaviour.opens:
             if jump.any():
-                problems.append(
-                    Problem(
-                        where,
-                        "initial displacements tear a bonded interface",
-                        str(jump.tolist()),
-                        remedy="give both sides the same initial displacement",
-                    )
+                problems.add(
+                    where,
+                    "initial displacements tear a bonded interface",
+                    str(jump.tolist()),
+                    remedy="give both sides the same initial displacement",
                 )
             if second is not None and first.initial_velocity != second.initial_velocity:
                 remarks.append(
@@ -163,27 +157,22 @@ def initial_problems(scene: Scene, units: list[InterfaceUnit], problems: list[Pr
         gap = unit.geometry.gap + unit.geometry.frames[:, 0] @ jump
         size = float(np.ptp(unit.geometry.points, axis=0).max())
         if gap.min() < -1e-9 * max(size, float(np.abs(jump).max())):
-            problems.append(
-                Problem(
-                    where,
-                    "the sides overlap at the start",
-                    f"by {-gap.min():.6g} m in all",
-                    remedy="change initial_displacement, or move the meshes apart",
-                )
+            problems.add(
+                where,
+                "the sides overlap at the start",
+                f"by {-gap.min():.6g} m in all",
+                remedy="change initial_displacement, or move the meshes apart",
             )
         elif unit.preload > 0 and gap.max() > 1e-9 * size and not unit.geometry.gap.any():
-            problems.append(
-                Problem(
-                    f"{where}.preload",
-                    "a preloaded interface cannot be open",
-                    f"{gap.max():.6g} m",
-                    remedy="leave out the initial displacement that opens it, or the preload",
-                )
+            problems.add(
+                f"{where}.preload",
+                "a preloaded interface cannot be open",
+                f"{gap.max():.6g} m",
+                remedy="leave out the initial displacement that opens it, or the preload",
             )
 
 
-def mass_of(body: Body) -> float:
-    """Mass of a body, kg."""
+def _mass(body: Body) -> float:
     return float(rigid_body(body.mesh, body.shape.material.density).mass[0, 0])
 
 
@@ -196,21 +185,21 @@ def body_lines(bodies: Mapping[str, Body]) -> list[str]:
         for block in body.mesh.blocks:
             kinds[block.cell_type] += len(block.cells)
         cells = ", ".join(f"{count} {kind}" for kind, count in kinds.items())
-        lines.append(f"  body {name}: {size} m, {mass_of(body):.4g} kg, {body.mesh.n_node} nodes, {cells}")
+        lines.append(f"  body {name}: {size} m, {_mass(body):.4g} kg, {body.mesh.n_node} nodes, {cells}")
     return lines
 
 
 def size_remarks(bodies: Mapping[str, Body]) -> list[str]:
     """A warning where the largest body is larger than ``LARGEST`` or smaller than ``SMALLEST``."""
-    name, body = max(bodies.items(), key=lambda item: float(item[1].mesh.extent().max()))
-    size = float(body.mesh.extent().max())
+    name, body = max(bodies.items(), key=lambda item: item[1].mesh.size)
+    size = body.mesh.size
     if SMALLEST <= size <= LARGEST:
         return []
-    told = f"the largest body, {name}, is {size:.4g} m long and has a mass of {mass_of(body):.4g} kg"
+    message = f"the largest body, {name}, is {size:.4g} m long and has a mass of {_mass(body):.4g} kg"
     if body.description.mesh is None:
-        return [f"{told}: is its size in metres?"]
+        return [f"{message}: is its size in metres?"]
     scale = body.description.mesh.scale
-    return [f"{told}: is scale = {scale:g} the length of a unit of its mesh file in metres (1e-3 for mm)?"]
+    return [f"{message}: is scale = {scale:g} the length of a unit of its mesh file in metres (1e-3 for mm)?"]
 
 
 def locking_remarks(scene: Scene, bodies: dict[str, Body]) -> list[str]:
@@ -225,15 +214,13 @@ def locking_remarks(scene: Scene, bodies: dict[str, Body]) -> list[str]:
             remarks.append(
                 f"substructure {name}: Poisson's ratio {nu:g} > {LOCKING_POISSON}: linear elements lock (too stiff)"
             )
-        boundaries = [b for b in scene.boundary.values() if split_face(_face(b))[0] == name]
+        boundaries = boundaries_of(scene, name).values()
         if any(isinstance(b, Periodic) for b in boundaries):
             continue
-        box = body.description.box
-        found = _box_walls(body, boundaries) if box is not None else _mesh_walls(body, boundaries)
-        extent = float(body.mesh.extent().max())
-        if (told := _told(found, stiff, set(body.mesh.cell_types), extent)) is not None:
+        behind = _mesh_walls(body, boundaries) if body.description.box is None else _box_walls(body, boundaries)
+        if (message := _bending_message(behind, stiff, set(body.mesh.cell_types), body.mesh.size)) is not None:
             remedy = f"set substructure.{name}.bending_modes" if "hexahedron" in stiff else "use quadratic elements"
-            remarks.append(f"substructure {name}: {told}; {remedy} (waves along it are not concerned)")
+            remarks.append(f"substructure {name}: {message}; {remedy} (waves along it are not concerned)")
     return remarks
 
 
@@ -243,16 +230,16 @@ def _stiff_types(body: Body) -> set[str]:
     return types - set(BENDING_CELLS) if body.shape.bending_modes else types
 
 
-def _told(found: Walls, stiff: set[str], types: set[str], extent: float) -> str | None:
-    """What is wrong with the walls of a body of this size, if anything: slender ones bend, and short ones if they are
-    very coarse."""
+def _bending_message(walls: Walls, stiff: set[str], types: set[str], extent: float) -> str | None:
+    """Message on the walls of a body of this size that are too stiff in bending, None where there are none: slender
+    walls bend, and short ones where they are very coarse."""
     factors = _factors(stiff, types)
-    excess = np.array([factors.get(kind, 0.0) for kind in found.kind.tolist()]) * (found.length / found.thickness) ** 2
-    slender = extent / found.thickness
+    excess = np.array([factors.get(kind, 0.0) for kind in walls.kind.tolist()]) * (walls.length / walls.thickness) ** 2
+    slender = extent / walls.thickness
     coarse = (excess > np.where(slender > 10.0, 0.2, 0.6)) & (slender > 5.0)
-    if found.area[coarse].sum() <= _SHARE * found.area.sum():
+    if walls.area[coarse].sum() <= _SHARE * walls.area.sum():
         return None
-    thickness, times = found.thickness[coarse], found.length[coarse] / found.thickness[coarse]
+    thickness, times = walls.thickness[coarse], walls.length[coarse] / walls.thickness[coarse]
     return (
         f"linear elements {np.median(times):.2g} times as long as the wall of {np.median(thickness):.3g} m is thick: "
         f"in bending it would be about {100 * float(np.median(excess[coarse])):.0f} % too stiff"
@@ -266,11 +253,8 @@ def _factors(stiff: set[str], types: set[str]) -> dict[str, float]:
 
 
 def _mesh_walls(body: Body, boundaries: Iterable[Boundary]) -> Walls:
-    mirrors: list[tuple[FacetSet, NDArray[np.bool_]]] = []
-    for boundary_condition in boundaries:
-        facets = body.facets(split_face(_face(boundary_condition))[1])
-        mirrors.append((facets, _held_axes(boundary_condition)))
-    return walls(body.mesh, body.outside, mirrors)
+    mirrors = [(body.facets(split_face(_faces(b)[0])[1]), _held_axes(b)) for b in boundaries]
+    return _walls(body.mesh, body.outside, mirrors)
 
 
 def _box_walls(body: Body, boundaries: Iterable[Boundary]) -> Walls:
@@ -279,9 +263,9 @@ def _box_walls(body: Body, boundaries: Iterable[Boundary]) -> Walls:
     assert box is not None
     size, elements = np.asarray(box.size), np.asarray(box.elements)
     free = np.ones(3, dtype=bool)
-    for boundary_condition in boundaries:
-        axis = "xyz".index(split_face(_face(boundary_condition))[1][0])
-        free[axis] &= not _held_axes(boundary_condition)[axis]
+    for boundary in boundaries:
+        axis = "xyz".index(split_face(_faces(boundary)[0])[1][0])
+        free[axis] &= not _held_axes(boundary)[axis]
     if not free.any():
         return Walls(np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0, dtype=np.str_))
     thin = int(np.argmin(np.where(free, size, np.inf)))
@@ -290,16 +274,12 @@ def _box_walls(body: Body, boundaries: Iterable[Boundary]) -> Walls:
     return Walls(np.ones(1), size[[thin]], np.array([length]), np.array(["quad"]))
 
 
-def _face(boundary_condition: Boundary) -> str:
-    return boundary_condition.faces[0] if isinstance(boundary_condition, Periodic) else boundary_condition.face
-
-
-def _held_axes(boundary_condition: Boundary) -> NDArray[np.bool_]:
+def _held_axes(boundary: Boundary) -> NDArray[np.bool_]:
     """Axes along which the face moves as a whole, or not at all, (3,)."""
-    if isinstance(boundary_condition, Symmetry):
+    if isinstance(boundary, Symmetry):
         return np.ones(3, dtype=bool)  # along the normal of the face, whichever axis that is
-    if isinstance(boundary_condition, Fixed | PrescribedVelocity | PrescribedDisplacement):
-        return np.isin(AXES, boundary_condition.components)
+    if isinstance(boundary, Fixed | PrescribedVelocity | PrescribedDisplacement):
+        return np.isin(AXES, boundary.components)
     return np.zeros(3, dtype=bool)
 
 
@@ -333,7 +313,7 @@ class _Facets:
         return _Facets(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
 
 
-def walls(mesh: Mesh, surface: FacetSet, mirrors: list[tuple[FacetSet, NDArray[np.bool_]]]) -> Walls:
+def _walls(mesh: Mesh, surface: FacetSet, mirrors: list[tuple[FacetSet, NDArray[np.bool_]]]) -> Walls:
     """Walls behind a surface of the mesh.
 
     Parameters
@@ -356,7 +336,7 @@ def walls(mesh: Mesh, surface: FacetSet, mirrors: list[tuple[FacetSet, NDArray[n
         depth = apart @ some.normal[i]
         aside = np.sqrt(np.maximum((apart**2).sum(axis=1) - depth**2, 0.0))
         behind = (free.normal @ some.normal[i] < _OPPOSED) & (depth > 0)
-        behind &= aside <= _REACH * (some.longest[i] + free.longest)
+        behind &= aside <= _ASIDE * (some.longest[i] + free.longest)
         thickness[i] = depth[behind].min(initial=np.inf)
     length = np.where(np.char.startswith(some.kind, "tri"), some.mean, some.longest)
     return Walls(some.area, thickness, length, some.kind)

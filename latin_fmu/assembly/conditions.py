@@ -13,8 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
+from numpy.typing import NDArray
 
-from ..errors import Problem
+from ..errors import Problems
 from ..fem.elements import RigidBody, rigid_body
 from ..fem.faces import changes_basis, consistent_dashpots, lumped_dashpots
 from ..fem.mesh import Array, Index, nearest
@@ -82,6 +83,12 @@ class Conditions:
     dashpots: sp.csr_array | None
     lumped_dashpots: sp.csr_array | None
 
+    @property
+    def held(self) -> NDArray[np.bool_]:
+        """(n_full,) dofs that never move."""
+        never: NDArray[np.bool_] = (np.diff(self.expansion.indptr) == 0) & ~self.pattern.any(axis=1)
+        return never
+
     def velocity(self, time: Array, over_steps: bool = False) -> Array:
         """Velocities of the prescribed motions, (n_time, n_motion), m s-1: at the instants, or over the steps that end
         there."""
@@ -97,35 +104,31 @@ class _Dofs:
     """Held, driven and tied dofs while the conditions of a body are read."""
 
     def __init__(self, n_full: int) -> None:
-        self.leader = np.arange(n_full)
         self.held = np.zeros(n_full, dtype=bool)
         self.driver = np.full(n_full, -1)
         self.motions: list[Motion] = []
-
-    def tie(self, first: Index, second: Index) -> None:
-        for a, b in zip(first, second, strict=True):
-            ra, rb = self.root(int(a)), self.root(int(b))
-            self.leader[max(ra, rb)] = min(ra, rb)
+        self.tied: list[tuple[Index, Index]] = []
 
     def roots(self) -> Index:
-        """Leader of every dof."""
-        roots = np.arange(len(self.leader))
-        for dof in np.flatnonzero(self.leader != roots):
-            roots[dof] = self.root(int(dof))
-        return roots
+        """First of the dofs that each dof is tied to, itself where there are none, (n_full,)."""
+        n = len(self.held)
+        if not self.tied:
+            return np.arange(n)
+        from scipy.sparse.csgraph import connected_components  # few scenes have periodic faces
+
+        ends = tuple(np.concatenate(side) for side in zip(*self.tied, strict=True))
+        graph = sp.coo_array((np.ones(len(ends[0])), ends), shape=(n, n))
+        _, label = connected_components(graph, directed=False)
+        first: Index = np.unique(label, return_index=True)[1][label]
+        return first
 
     def with_tied(self, some: Index) -> Index:
         """The dofs and all that are tied to them."""
         roots = self.roots()
         return np.flatnonzero(np.isin(roots, roots[some]))
 
-    def root(self, dof: int) -> int:
-        while self.leader[dof] != dof:
-            dof = int(self.leader[dof])
-        return dof
 
-
-def build_conditions(body: Body, boundaries: dict[str, Boundary], problems: list[Problem]) -> Conditions:
+def _nodal_conditions(body: Body, boundaries: dict[str, Boundary], problems: Problems) -> Conditions:
     """Conditions on ``body`` from the boundaries that name one of its faces."""
     dofs = _Dofs(body.full_size())
     dashpots: list[tuple[sp.csr_array, sp.csr_array]] = []
@@ -151,43 +154,39 @@ def build_conditions(body: Body, boundaries: dict[str, Boundary], problems: list
     return _finish(dofs, dashpots)
 
 
-def _normal_axis(body: Body, name: str, boundary: Symmetry, problems: list[Problem]) -> int | None:
+def _normal_axis(body: Body, name: str, boundary: Symmetry, problems: Problems) -> int | None:
     normals = body.face(split_face(boundary.face)[1]).normals
     axis = int(np.argmax(np.abs(normals[0])))
     if np.abs(np.abs(normals[:, axis]) - 1).max() > _FLAT:
-        problems.append(
-            Problem(
-                f"boundary.{name}.face",
-                "a symmetry face must be plane and face an axis",
-                boundary.face,
-                "a plane face normal to x, y or z",
-                'turn the mesh, or use type = "fixed" with components',
-            )
+        problems.add(
+            f"boundary.{name}.face",
+            "a symmetry face must be plane and face an axis",
+            boundary.face,
+            "a plane face normal to x, y or z",
+            'turn the mesh, or use type = "fixed" with components',
         )
         return None
     return axis
 
 
 def _drive(
-    name: str, boundary: PrescribedVelocity | PrescribedDisplacement, nodes: Index, dofs: _Dofs, problems: list[Problem]
+    name: str, boundary: PrescribedVelocity | PrescribedDisplacement, nodes: Index, dofs: _Dofs, problems: Problems
 ) -> None:
     for component, value in zip(boundary.components, boundary.value, strict=True):
         moved = dofs.with_tied(3 * nodes + AXES.index(component))
         if (dofs.driver[moved] >= 0).any() or dofs.held[moved].any():
-            problems.append(
-                Problem(
-                    f"boundary.{name}",
-                    "drives nodes already held or driven by another condition",
-                    boundary.face,
-                    remedy="shared edges belong to one condition: leave the component out of one of them",
-                )
+            problems.add(
+                f"boundary.{name}",
+                "drives nodes already held or driven by another condition",
+                boundary.face,
+                remedy="shared edges belong to one condition: leave the component out of one of them",
             )
             continue
         dofs.driver[moved] = len(dofs.motions)
         dofs.motions.append(Motion(boundary.law, value, isinstance(boundary, PrescribedDisplacement)))
 
 
-def _tie(body: Body, name: str, boundary: Periodic, dofs: _Dofs, problems: list[Problem]) -> None:
+def _tie(body: Body, name: str, boundary: Periodic, dofs: _Dofs, problems: Problems) -> None:
     first, second = (body.face(split_face(f)[1]) for f in boundary.faces)
     shift = body.mesh.nodes[second.nodes].mean(axis=0) - body.mesh.nodes[first.nodes].mean(axis=0)
     spacing = np.sqrt(np.median(first.areas))
@@ -195,15 +194,13 @@ def _tie(body: Body, name: str, boundary: Periodic, dofs: _Dofs, problems: list[
         distance, partner = nearest(body.mesh.nodes[first.nodes] + shift, body.mesh.nodes[second.nodes])
         if distance.max() <= _PAIRING * spacing and len(np.unique(partner)) == len(partner):
             for component in range(3):
-                dofs.tie(3 * first.nodes + component, 3 * second.nodes[partner] + component)
+                dofs.tied.append((3 * first.nodes + component, 3 * second.nodes[partner] + component))
             return
-    problems.append(
-        Problem(
-            f"boundary.{name}.faces",
-            "the nodes of periodic faces must match one to one",
-            f"{len(first.nodes)} and {len(second.nodes)} nodes",
-            remedy="mesh opposite faces alike",
-        )
+    problems.add(
+        f"boundary.{name}.faces",
+        "the nodes of periodic faces must match one to one",
+        f"{len(first.nodes)} and {len(second.nodes)} nodes",
+        remedy="mesh opposite faces alike",
     )
 
 
@@ -217,7 +214,7 @@ def _absorb(body: Body, face_name: str) -> tuple[sp.csr_array, sp.csr_array]:
 
 
 def _finish(dofs: _Dofs, dashpots: list[tuple[sp.csr_array, sp.csr_array]]) -> Conditions:
-    n_full = len(dofs.leader)
+    n_full = len(dofs.held)
     root = dofs.roots()
     held = np.zeros(n_full, dtype=bool)
     np.logical_or.at(held, root, dofs.held)
@@ -231,18 +228,14 @@ def _finish(dofs: _Dofs, dashpots: list[tuple[sp.csr_array, sp.csr_array]]) -> C
     pattern = np.zeros((n_full, len(dofs.motions)))
     driven = np.flatnonzero((driver >= 0) & ~held)
     pattern[driven, driver[driven]] = 1.0
-    consistent, lumped = (_total([pair[i] for pair in dashpots]) for i in (0, 1))
+    consistent, lumped = (total(*(pair[i] for pair in dashpots)) for i in (0, 1))
     return Conditions(expansion, pattern, tuple(dofs.motions), consistent, lumped)
 
 
-def _total(matrices: list[sp.csr_array]) -> sp.csr_array | None:
-    """Sum of the matrices, None of none."""
-    if not matrices:
-        return None
-    total = matrices[0]
-    for matrix in matrices[1:]:
-        total = sp.csr_array(total + matrix)
-    return total
+def total(*matrices: sp.csr_array | None) -> sp.csr_array | None:
+    """Sum of the matrices that are given, None where there are none."""
+    given = [m for m in matrices if m is not None]
+    return sp.csr_array(sum(given[1:], given[0])) if given else None
 
 
 @dataclass(frozen=True)
@@ -259,68 +252,59 @@ class RigidConditions(Conditions):
     @property
     def nodal(self) -> Array:
         """Displacements of the nodes (3 n_node, n_full) for unit values of the unknowns."""
-        shapes: Array = self.body.modes @ self.basis
-        return shapes
+        return np.asarray(self.body.modes @ self.basis)
 
     def values(self, translation: Array, rotation: Array, driven: Array) -> Array:
         """Unknowns (n_full,) closest, in kinetic energy, to a motion of the centre; ``driven`` (n_motion,) is known."""
         n_free = self.expansion.shape[1]
         free, rest = self.basis[:, :n_free], self.basis[:, n_free:]
-        wanted = self.body.coordinates(translation, rotation) - rest @ driven
-        mass = self.body.mass
-        found = la.solve(free.T @ mass @ free, free.T @ mass @ wanted, assume_a="pos") if n_free else np.zeros(0)
-        return np.concatenate([found, driven])
+        motion, mass = self.body.coordinates(translation, rotation) - rest @ driven, self.body.mass
+        own = la.solve(free.T @ mass @ free, free.T @ mass @ motion, assume_a="pos") if n_free else np.zeros(0)
+        return np.concatenate([own, driven])
 
 
-def conditions_on(body: Body, boundaries: dict[str, Boundary], problems: list[Problem]) -> Conditions:
+def conditions_on(body: Body, boundaries: dict[str, Boundary], problems: Problems) -> Conditions:
     """Conditions of a body, elastic or rigid, from the boundaries on its faces."""
-    held = build_conditions(body, boundaries, problems)
-    return rigid_conditions(body, held, boundaries, problems) if body.rigid else held
+    nodal = _nodal_conditions(body, boundaries, problems)
+    return _rigid_conditions(body, nodal, boundaries, problems) if body.rigid else nodal
 
 
-def rigid_conditions(
-    body: Body, held: Conditions, boundaries: dict[str, Boundary], problems: list[Problem]
-) -> Conditions:
-    """``held`` (conditions of the nodes) on the rigid motions of ``body``."""
+def _rigid_conditions(body: Body, nodal: Conditions, boundaries: dict[str, Boundary], problems: Problems) -> Conditions:
+    """Conditions of the nodes, ``nodal``, on the rigid motions of ``body``."""
     for name, boundary in boundaries.items():
         if isinstance(boundary, Periodic):
-            problems.append(
-                Problem(
-                    f"boundary.{name}",
-                    "a rigid body cannot be periodic",
-                    body.name,
-                    "an elastic substructure",
-                    f"remove the boundary, or substructure.{body.name}.rigid",
-                )
+            problems.add(
+                f"boundary.{name}",
+                "a rigid body cannot be periodic",
+                body.name,
+                "an elastic substructure",
+                f"remove the boundary, or substructure.{body.name}.rigid",
             )
-            return held
+            return nodal
     rigid = rigid_body(body.mesh, body.shape.material.density)
-    driven = held.pattern.any(axis=1)
-    blocked = (np.diff(held.expansion.indptr) == 0) & ~driven
-    rows = np.concatenate([rigid.modes[blocked], rigid.modes[driven]])
-    wanted = np.concatenate([np.zeros((int(blocked.sum()), len(held.motions))), held.pattern[driven]])
-    motions = la.lstsq(rows, wanted)[0] if wanted.size else np.zeros((6, len(held.motions)))
-    if wanted.size and np.abs(rows @ motions - wanted).max() > _ROUND_OFF:
-        problems.append(
-            Problem(
-                f"substructure.{body.name}.rigid",
-                "a rigid body cannot follow its boundary conditions",
-                ", ".join(boundaries),
-                "motions that a rigid body can make",
-                "hold or drive it through faces that move together, or leave it elastic",
-            )
+    held, driven = nodal.held, nodal.pattern.any(axis=1)
+    rows = np.concatenate([rigid.modes[held], rigid.modes[driven]])
+    values = np.concatenate([np.zeros((int(held.sum()), len(nodal.motions))), nodal.pattern[driven]])
+    motions = la.lstsq(rows, values)[0] if values.size else np.zeros((6, len(nodal.motions)))
+    if values.size and np.abs(rows @ motions - values).max() > _ROUND_OFF:
+        problems.add(
+            f"substructure.{body.name}.rigid",
+            "a rigid body cannot follow its boundary conditions",
+            ", ".join(boundaries),
+            "motions that a rigid body can make",
+            "hold or drive it through faces that move together, or leave it elastic",
         )
     free = _null_space(rows)
     basis = np.concatenate([free, motions], axis=1)
     n_free, n_full = free.shape[1], basis.shape[1]
     expansion = sp.csr_array(np.eye(n_full)[:, :n_free])
-    nodal = rigid.modes @ basis
-    dashpots = None if held.dashpots is None else sp.csr_array(nodal.T @ (held.dashpots @ nodal))
-    return RigidConditions(expansion, np.eye(n_full)[:, n_free:], held.motions, dashpots, dashpots, rigid, basis)
+    shapes = rigid.modes @ basis
+    dashpots = None if nodal.dashpots is None else sp.csr_array(shapes.T @ (nodal.dashpots @ shapes))
+    return RigidConditions(expansion, np.eye(n_full)[:, n_free:], nodal.motions, dashpots, dashpots, rigid, basis)
 
 
 def _null_space(rows: Array) -> Array:
-    """Motions (6, n) that no row sees, as simple as they come: one unit entry each (reduced row echelon form)."""
+    """Null space (6, n) of the rows by reduced row echelon form: each motion has one unit entry."""
     if not len(rows):
         return np.eye(6)
     reduced = la.qr(rows, mode="r")[0][:6].copy()
@@ -339,9 +323,9 @@ def _null_space(rows: Array) -> Array:
         reduced[others] -= np.outer(reduced[others, column], reduced[row])
         pivots.append(column)
         row += 1
-    left = [c for c in range(6) if c not in pivots]
-    space = np.eye(6)[:, left]
-    space[pivots] = -reduced[: len(pivots), left]
+    free = [c for c in range(6) if c not in pivots]
+    space = np.eye(6)[:, free]
+    space[pivots] = -reduced[: len(pivots), free]
     return np.where(np.abs(space) < _ROUND_OFF, 0.0, space)
 
 
@@ -353,14 +337,11 @@ def rigid_model(
     mass = sp.csr_array(held.basis.T @ held.body.mass @ held.basis)
     n_full = mass.shape[0]
     share = body.shape.material.rayleigh_mass
-    damping = sp.csr_array(share * mass) if share else None
-    if held.dashpots is not None:
-        damping = held.dashpots if damping is None else sp.csr_array(damping + held.dashpots)
     still, start = np.zeros(3), held.start()
     return SubstructureModel(
         name=body.name,
         mass=mass,
-        damping=damping,
+        damping=total(sp.csr_array(share * mass) if share else None, held.dashpots),
         stiffness=sp.csr_array((n_full, n_full)),
         expansion=held.expansion,
         trace=sp.csr_array(trace @ nodal),

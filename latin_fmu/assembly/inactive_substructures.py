@@ -84,11 +84,11 @@ def _inside(scene: Scene, name: str) -> float:
 
 def _face_sources(scene: Scene, units: Sequence[InterfaceUnit], time: Array) -> dict[Port, float]:
     """When faces are disturbed by what the scene puts on them."""
-    found: dict[Port, float] = {}
+    onsets: dict[Port, float] = {}
 
     def source(face: str, onset: float) -> None:
         port = split_face(face)
-        found[port] = min(found.get(port, np.inf), onset)
+        onsets[port] = min(onsets.get(port, np.inf), onset)
 
     for load in scene.load.values():
         source(load.face, _onset(load.law, time))
@@ -99,7 +99,7 @@ def _face_sources(scene: Scene, units: Sequence[InterfaceUnit], time: Array) -> 
         ground = scene.interface[unit.name].ground_velocity
         if ground is not None and any(ground.vector):
             source(unit.sides[0], _onset(ground.law, time))
-    return found
+    return onsets
 
 
 def _onset(law: TimeLaw, time: Array) -> float:
@@ -125,17 +125,17 @@ def _transit(body: Body, first: str, second: str) -> float:
 
 def cut_by_arrival(classes: Sequence[ModelClass], marched: Mapping[str, float]) -> list[ModelClass]:
     """Classes cut where it pays; ``marched``: predicted share of the instants at which each substructure is marched."""
-    found: list[ModelClass] = []
+    parts: list[ModelClass] = []
     for whole in classes:
         order = sorted(range(len(whole.members)), key=lambda j: -marched[whole.members[j].name])
         shares = [marched[whole.members[j].name] for j in order]
-        first = len(found)
+        first = len(parts)
         for start, stop in _parts(shares):
             kept = sorted(order[start:stop])
-            twin = None if len(found) == first else first
+            twin = None if len(parts) == first else first
             part = replace(whole, members=[whole.members[j] for j in kept], channels=whole.channels[:, kept])
-            found.append(replace(part, twin=twin))
-    return found
+            parts.append(replace(part, twin=twin))
+    return parts
 
 
 def _parts(shares: Sequence[float]) -> list[tuple[int, int]]:

@@ -1,4 +1,4 @@
-"""Interfaces of a scene: contact search between bodies, what is opposite each face, initial gap, frames and traces."""
+"""Interfaces of a scene: contact search between bodies, pairs of faces, initial gap, frames and traces."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from itertools import combinations
 
 import numpy as np
 
-from ..errors import Problem, SceneError, did_you_mean
+from ..errors import Problem, Problems, SceneError, did_you_mean
 from ..fem.common_part import common_cells
 from ..fem.faces import face_of
 from ..fem.mesh import Array, nearest
@@ -22,7 +22,7 @@ from ..scene.interfaces import Interface
 from ..scene.schema import Scene
 from .body import Body, build_bodies
 from .conditions import Conditions
-from .opposite import MATCHING, Opposite, Side, by_mortar, held_dofs, node_by_node, on_plane, own_points
+from .face_pairs import MATCHING, FacePair, Side, by_mortar, node_by_node, on_plane, own_points
 
 _TOUCHING = 1e-9  # a distance along N below this fraction of the face is no gap
 _CLOSABLE = 1.0  # gap = "closed" spans distances up to this share of the spacing of points
@@ -32,46 +32,44 @@ _LEAST = 1e-3  # a common area below this share of a facet is a touch of edges, 
 
 @dataclass
 class Messages:
-    """What the pairing of faces has to say."""
+    """Problems and remarks on interfaces."""
 
-    problems: list[Problem]
+    problems: Problems
     remarks: list[str]
 
 
 def build_interface(
     name: str, interface: Interface, bodies: dict[str, Body], conditions: Mapping[str, Conditions], messages: Messages
 ) -> InterfaceUnit | None:
-    """The interface ready to be solved, or None (with its problems told) when its faces do not fit."""
+    """The interface with its geometry; None, with its problems reported, where its faces do not fit."""
     sides = [_side(bodies, side) for side in interface.sides if side != GROUND]
     if interface.against_ground:
-        found = _on_ground(name, interface, sides[0], messages.problems)
+        pair = _on_ground(name, interface, sides[0], messages.problems)
     else:
-        found = _opposite(name, interface, (sides[0], sides[1]), conditions, messages)
-    if found is None:
+        pair = _face_pair(name, interface, (sides[0], sides[1]), conditions, messages)
+    if pair is None:
         return None
-    gap = _gap(name, interface, found, messages.problems)
+    gap = _gap(name, interface, pair, messages.problems)
     if gap is None:
         return None
     behaviour = _behaviour(interface)
-    pressure = interface.initial_pressure(float(found.areas.sum()))
+    pressure = interface.initial_pressure(float(pair.areas.sum()))
     if behaviour.elastic and pressure > 0 and interface.normal_stiffness:
         gap = gap - pressure / interface.normal_stiffness
-    frames = local_frames(found.normals)
-    geometry = InterfaceGeometry(found.points, found.areas, frames, gap, found.traces, found.owner, found.matching)
+    frames = local_frames(pair.normals)
+    geometry = InterfaceGeometry(pair.points, pair.areas, frames, gap, pair.traces, pair.owner, pair.matching)
     if pressure > 0 and gap.max() > 0:
-        messages.problems.append(
-            Problem(
-                f"interface.{name}.preload",
-                "a preloaded interface cannot be open",
-                f"gap up to {gap.max():g} m",
-                remedy="close the gap of the meshes, or leave the preload out",
-            )
+        messages.problems.add(
+            f"interface.{name}.preload",
+            "a preloaded interface cannot be open",
+            f"gap up to {gap.max():g} m",
+            remedy="close the gap of the meshes, or leave the preload out",
         )
     return InterfaceUnit(name, interface.sides, behaviour, geometry, pressure)
 
 
 def with_behaviours(
-    units: list[InterfaceUnit], behaviours: Mapping[str, Behaviour], problems: list[Problem]
+    units: list[InterfaceUnit], behaviours: Mapping[str, Behaviour], problems: Problems
 ) -> list[InterfaceUnit]:
     """Interfaces with behaviours of the caller's own, by name, in the place of those of the scene."""
     names = [unit.name for unit in units]
@@ -95,61 +93,57 @@ def _side(bodies: dict[str, Body], side: str) -> Side:
     return bodies[substructure], bodies[substructure].facets(face)
 
 
-def _on_ground(name: str, interface: Interface, side: Side, problems: list[Problem]) -> Opposite | None:
+def _on_ground(name: str, interface: Interface, side: Side, problems: Problems) -> FacePair | None:
     """A face against the ground: a plane that the scene places, or behind the points of a plane face."""
     if (ground := interface.ground) is not None:
         normal = np.asarray(ground.normal) / np.linalg.norm(ground.normal)
-        found = on_plane(side, np.asarray(ground.point), normal)
-        if found is None:
-            problems.append(
-                Problem(
-                    f"interface.{name}.ground",
-                    "no facet of the face looks at the plane",
-                    interface.sides[0],
-                    "facets within 60 degrees of it",
-                    "turn the normal: it points out of the ground",
-                )
+        pair = on_plane(side, np.asarray(ground.point), normal)
+        if pair is None:
+            problems.add(
+                f"interface.{name}.ground",
+                "no facet of the face is turned towards the plane",
+                interface.sides[0],
+                "facets within 60 degrees of it",
+                "turn the normal: it points out of the ground",
             )
-        return found
+        return pair
     body, facets = side
     face = face_of(body.mesh.nodes, facets)
     normals = face.normals
     bent = float(np.abs(normals @ normals[0] - 1).max())
     if interface.behaves_open and bent > MATCHING:
         angle = np.degrees(np.arccos(np.clip((normals @ normals[0]).min(), -1, 1)))
-        problems.append(
-            Problem(
-                f"interface.{name}.sides",
-                "a curved face against ground without a place",
-                interface.sides[0],
-                f"a plane face (its normals differ by {angle:.2g} degrees)",
-                "give the ground a place: ground = {point = [...], normal = [...]}",
-            )
+        problems.add(
+            f"interface.{name}.sides",
+            "a curved face against ground without a place",
+            interface.sides[0],
+            f"a plane face (its normals differ by {angle:.2g} degrees)",
+            "specify the plane: ground = {point = [...], normal = [...]}",
         )
         return None
     points, trace = own_points(body, facets, face)
-    return Opposite(points, face.positive_areas, normals, np.zeros(len(points)), (trace, None), np.zeros(len(points)))
+    return FacePair(points, face.positive_areas, normals, np.zeros(len(points)), (trace, None), np.zeros(len(points)))
 
 
-def _opposite(
+def _face_pair(
     name: str, interface: Interface, sides: tuple[Side, Side], conditions: Mapping[str, Conditions], messages: Messages
-) -> Opposite | None:
+) -> FacePair | None:
     """Two faces of bodies: nodes that match, else the part they have in common."""
     first, second = sides
     if interface.search is None and interface.points_from == "automatic":
-        found = node_by_node(first, second)
-        if found is not None:
-            return found
-    held = [None if body.rigid else held_dofs(conditions[body.name]) for body, _ in sides]
-    found = by_mortar(first, second, interface.points_from, interface.search, (held[0], held[1]))
-    if found is None:
+        pair = node_by_node(first, second)
+        if pair is not None:
+            return pair
+    held = [None if body.rigid else conditions[body.name].held for body, _ in sides]
+    pair = by_mortar(first, second, interface.points_from, interface.search, (held[0], held[1]))
+    if pair is None:
         messages.problems.append(_apart(name, interface, first, second))
-    elif interface.search is None and max(found.shares) < _SLIVER:
+    elif interface.search is None and max(pair.shares) < _SLIVER:
         messages.remarks.append(
-            f"interface {name}: the faces have {100 * max(found.shares):.2g} % of their areas in common "
-            f"({found.areas.sum():.4g} m2): are they opposite each other?"
+            f"interface {name}: the faces have {100 * max(pair.shares):.2g} % of their areas in common "
+            f"({pair.areas.sum():.4g} m2): are they opposite each other?"
         )
-    return found
+    return pair
 
 
 def _apart(name: str, interface: Interface, first: Side, second: Side) -> Problem:
@@ -170,25 +164,25 @@ def _apart(name: str, interface: Interface, first: Side, second: Side) -> Proble
     )
 
 
-def _gap(name: str, interface: Interface, found: Opposite, problems: list[Problem]) -> Array | None:
+def _gap(name: str, interface: Interface, pair: FacePair, problems: Problems) -> Array | None:
     """Initial gap (n_point,): the distance of the faces, 0, or the number given where they touch.
 
-    Flat facets stand for smooth surfaces: overlap below twice their distance from those (``Opposite.sags``) counts as
+    Flat facets stand for smooth surfaces: overlap below twice their distance from those (``FacePair.sags``) counts as
     touching, and so does any distance where it is that small everywhere.
     """
     if interface.against_ground and interface.ground is None:
-        return np.full(len(found.points), interface.number_gap or 0.0)
-    size = float(np.ptp(found.points, axis=0).max())
-    size = max(size, float(np.sqrt(found.areas.sum())))
-    distance, negligible = found.distance, _TOUCHING * size
-    chordal = np.abs(distance) <= 2 * found.sags + negligible
+        return np.full(len(pair.points), interface.number_gap or 0.0)
+    size = float(np.ptp(pair.points, axis=0).max())
+    size = max(size, float(np.sqrt(pair.areas.sum())))
+    distance, negligible = pair.distance, _TOUCHING * size
+    chordal = np.abs(distance) <= 2 * pair.sags + negligible
     if chordal.all():
         distance = np.where(np.abs(distance) > negligible, 0.0, distance)
     distance = np.where(chordal & (distance < 0), 0.0, distance)
     if interface.behaviour == "perfect":
         return _bonded(name, distance, size, problems)
     if interface.gap == "closed":
-        return _closed(name, found, problems)
+        return _closed(name, pair, problems)
     if distance.min() < -negligible:
         problems.append(_overlap(name, interface, -float(distance.min())))
         return None
@@ -199,14 +193,12 @@ def _gap(name: str, interface: Interface, found: Opposite, problems: list[Proble
     if given is None:
         return distance
     if distance.any() and np.abs(distance - given).max() > 1e-6 * max(given, float(distance.max())):
-        problems.append(
-            Problem(
-                f"interface.{name}.gap",
-                "differs from the distance of the two meshes",
-                f"{given:g} m",
-                f"{distance.min():g} to {distance.max():g} m",
-                "leave gap out to use the distance, or let the meshes touch to use the number",
-            )
+        problems.add(
+            f"interface.{name}.gap",
+            "differs from the distance of the two meshes",
+            f"{given:g} m",
+            f"{distance.min():g} to {distance.max():g} m",
+            "leave gap out to use the distance, or let the meshes touch to use the number",
         )
         return None
     return np.full(len(distance), given)
@@ -226,33 +218,29 @@ def _overlap(name: str, interface: Interface, depth: float) -> Problem:
     return Problem(f"interface.{name}.sides", "the two faces overlap at the start", f"by {depth:.6g} m", remedy=remedy)
 
 
-def _bonded(name: str, distance: Array, size: float, problems: list[Problem]) -> Array | None:
+def _bonded(name: str, distance: Array, size: float, problems: Problems) -> Array | None:
     if np.abs(distance).max() <= MATCHING * size:
         return np.zeros(len(distance))
-    problems.append(
-        Problem(
-            f"interface.{name}.sides",
-            "bonded faces must touch",
-            f"{np.abs(distance).max():.6g} m apart",
-            remedy='move the meshes together, or use behaviour = "contact"',
-        )
+    problems.add(
+        f"interface.{name}.sides",
+        "bonded faces must touch",
+        f"{np.abs(distance).max():.6g} m apart",
+        remedy='move the meshes together, or use behaviour = "contact"',
     )
     return None
 
 
-def _closed(name: str, found: Opposite, problems: list[Problem]) -> Array | None:
-    """No gap, where the distance is small enough for the faces to be meant to touch."""
-    far, spacing = float(np.abs(found.distance).max()), float(np.sqrt(np.median(found.areas)))
+def _closed(name: str, pair: FacePair, problems: Problems) -> Array | None:
+    """Gap 0 where the distance is below the spacing of the nodes; else None and a problem."""
+    far, spacing = float(np.abs(pair.distance).max()), float(np.sqrt(np.median(pair.areas)))
     if far <= _CLOSABLE * spacing:
-        return np.zeros(len(found.distance))
-    problems.append(
-        Problem(
-            f"interface.{name}.gap",
-            "the faces are too far apart, or overlap too much, to count as closed",
-            f"{found.distance.min():.4g} to {found.distance.max():.4g} m",
-            f"up to the node spacing, {spacing:.4g} m",
-            'move the meshes together, or use gap = "measured"',
-        )
+        return np.zeros(len(pair.distance))
+    problems.add(
+        f"interface.{name}.gap",
+        "the faces are too far apart, or overlap too much, to count as closed",
+        f"{pair.distance.min():.4g} to {pair.distance.max():.4g} m",
+        f"up to the node spacing, {spacing:.4g} m",
+        'move the meshes together, or use gap = "measured"',
     )
     return None
 
@@ -266,7 +254,7 @@ def completed(scene: Scene) -> Scene:
     """
     if not scene.contact:
         return scene
-    problems: list[Problem] = []
+    problems = Problems()
     bodies = build_bodies(scene, problems)
     whole = scene if problems else with_found(scene, bodies, problems)
     if problems:
@@ -274,13 +262,13 @@ def completed(scene: Scene) -> Scene:
     return whole
 
 
-def with_found(scene: Scene, bodies: dict[str, Body], problems: list[Problem]) -> Scene:
-    """The same for bodies that stand already; overlaps deeper than a search go to ``problems``."""
+def with_found(scene: Scene, bodies: dict[str, Body], problems: Problems) -> Scene:
+    """The same for bodies that have been built; overlaps deeper than a search are added to ``problems``."""
     if not scene.contact:
         return scene
     by_hand = {frozenset(split_face(side)[0] for side in i.sides) for i in scene.interface.values()}
     surfaces = {name: body.surface(ALL_OF_IT) for name, body in bodies.items()}
-    found: dict[str, Interface] = {}
+    interfaces: dict[str, Interface] = {}
     taken = set(by_hand)
     for name, table in scene.contact.items():
         names = [n for n in bodies if table.parts is None or n in table.parts]
@@ -292,19 +280,17 @@ def with_found(scene: Scene, bodies: dict[str, Body], problems: list[Problem]) -
             area, depth = _common(one, other, table.search)
             if area > _LEAST * min(one.facet_area, other.facet_area):
                 taken.add(pair)
-                free = _free_name(f"{first}_{second}", {*scene.interface, *found})
-                found[free] = table.interface(first, second)
+                free = _free_name(f"{first}_{second}", {*scene.interface, *interfaces})
+                interfaces[free] = table.interface(first, second)
             elif depth > 0.0:
-                problems.append(
-                    Problem(
-                        f"contact.{name}.search",
-                        f"{first} and {second} overlap at the start by more than this",
-                        f"{depth:.4g} m",
-                        f"at most {table.search:g} m",
-                        "move the meshes apart, or leave the pair out by except",
-                    )
+                problems.add(
+                    f"contact.{name}.search",
+                    f"{first} and {second} overlap at the start by more than this",
+                    f"{depth:.4g} m",
+                    f"at most {table.search:g} m",
+                    "move the meshes apart, or leave the pair out by except",
                 )
-    return scene.model_copy(update={"interface": {**scene.interface, **found}, "contact": {}})
+    return scene.model_copy(update={"interface": {**scene.interface, **interfaces}, "contact": {}})
 
 
 def _near_pairs(names: list[str], surfaces: dict[str, Surface], search: float) -> list[tuple[str, str]]:
@@ -330,11 +316,11 @@ def _common(first: Surface, second: Surface, search: float) -> tuple[float, floa
     return area, deepest if deepest > search else 0.0
 
 
-def _free_name(wanted: str, taken: set[str]) -> str:
-    number, name = 1, wanted[:96]
+def _free_name(stem: str, taken: set[str]) -> str:
+    number, name = 1, stem[:96]
     while name in taken:
         number += 1
-        name = f"{wanted[:96]}_{number}"
+        name = f"{stem[:96]}_{number}"
     return name
 
 
@@ -358,5 +344,4 @@ def lonely_remarks(scene: Scene, bodies: dict[str, Body]) -> list[str]:
 
 def _distance(one: Body, other: Body) -> float:
     places = [body.mesh.nodes[body.outside.nodes] for body in (one, other)]
-    found, _ = nearest(*places)
-    return float(np.min(found))
+    return float(np.min(nearest(*places)[0]))

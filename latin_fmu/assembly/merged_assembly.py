@@ -26,7 +26,7 @@ from ..scene.fields import split_face
 from .problem import Timeline
 
 _NOTHING = 1e-9  # entries below this share of 1 are round-off
-_LARGEST = 1e3  # an entry above it means that two bonds say nearly the same
+_LARGEST = 1e3  # an entry above it means that two bonds are nearly linearly dependent
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Merged:
     Attributes
     ----------
     model : the merged body. members : the models it is made of.
-    where : where the full dofs of each stand among those of the merged body.
+    where : slice of the full dofs of each among those of the merged body.
     """
 
     model: SubstructureModel
@@ -44,7 +44,7 @@ class Merged:
     where: dict[str, slice]
 
     def histories(self, timeline: Timeline, time: Array) -> Histories:
-        """What drives the merged body at the instants ``time``, s."""
+        """Histories that drive the merged body at the instants ``time``, s."""
         parts = [timeline.histories(m, time) for m in self.members]
         amplitudes = [a for part in parts for a in part.amplitudes]
         return Histories(time, amplitudes, np.concatenate([p.imposed_velocity for p in parts], axis=1))
@@ -57,7 +57,7 @@ def bonded(
 
     Returns
     -------
-    The propagator of the merged body, and where the full dofs of each substructure stand among its full dofs.
+    The propagator of the merged body, and the slice of the full dofs of each substructure among its full dofs.
     """
     merged = merge([m for p in assembly.propagators for m in p.members], assembly.interfaces, info)
     propagator = DirectPropagator([merged.model], assembly.scheme, assembly.dt, energy)
@@ -241,16 +241,16 @@ def tied(bonds: sp.csr_array, expansion: sp.csr_array, pattern: Array) -> tuple[
         raise ValueError("bonds that hold the same nodes twice")
     solved[np.abs(solved) < _NOTHING] = 0.0
     of_chosen = sp.csr_array(expansion[:, chosen])
-    found = sp.csr_array(expansion[:, free] + of_chosen @ sp.csr_array(solved[:, : len(free)]))
-    found.eliminate_zeros()
-    return found, pattern + of_chosen @ solved[:, len(free) :]
+    reduced = sp.csr_array(expansion[:, free] + of_chosen @ sp.csr_array(solved[:, : len(free)]))
+    reduced.eliminate_zeros()
+    return reduced, pattern + of_chosen @ solved[:, len(free) :]
 
 
 def _pivots(rows: sp.csr_array) -> Index:
     """A column of its own for each row: its largest positive entry that no row before it has taken."""
     chosen = np.full(rows.shape[0], -1, dtype=np.int64)
     taken: set[int] = set()
-    for i in np.argsort(-_largest(rows), kind="stable"):
+    for i in np.argsort(-rows.max(axis=1).toarray().ravel(), kind="stable"):
         part = slice(rows.indptr[i], rows.indptr[i + 1])
         for j in np.argsort(-rows.data[part], kind="stable"):
             column = int(rows.indices[part][j])
@@ -261,8 +261,3 @@ def _pivots(rows: sp.csr_array) -> Index:
         else:
             raise ValueError("bonds that hold the same nodes twice")
     return chosen
-
-
-def _largest(rows: sp.csr_array) -> Array:
-    found: Array = rows.max(axis=1).toarray().ravel()
-    return found

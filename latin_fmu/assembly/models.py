@@ -13,11 +13,11 @@ from ..fem.elasticity import without_contact_mass
 from ..latin.assembly import Index, InterfaceUnit, Layout
 from ..propagator import LoadTerm, SubstructureModel
 from ..propagator.model import diagonal_matrix, share_patterns
-from ..scene.fields import GROUND, split_face
+from ..scene.fields import split_face
 from ..scene.schema import Scene
 from ..time_scheme import QuasiStatic, TimeScheme
-from .body import Body
-from .conditions import Conditions, RigidConditions, rigid_model
+from .body import Body, body_sides
+from .conditions import Conditions, RigidConditions, rigid_model, total
 
 
 @dataclass(frozen=True)
@@ -49,14 +49,14 @@ def model_classes(
         model, channels = _model(scene, name, body, conditions[name], units, layout, scheme)
         key = _signature(model, body) if scene.solver.share_identical else name.encode()
         classes.setdefault(key, []).append((model, channels))
-    found = []
+    groups = []
     for members in classes.values():
         models = [m for m, _ in members]
         # with the matrices: no part of the factorisation
         _ = models[0].reduced_stiffness if models[0].mass is None else models[0].reduced
-        found.append(ModelClass(models, np.stack([c for _, c in members], axis=1)))
-    share_patterns([c.members[0] for c in found if c.members[0].mass is not None])
-    return found
+        groups.append(ModelClass(models, np.stack([c for _, c in members], axis=1)))
+    share_patterns([c.members[0] for c in groups if c.members[0].mass is not None])
+    return groups
 
 
 def _model(
@@ -69,19 +69,16 @@ def _model(
     scheme: TimeScheme,
 ) -> tuple[SubstructureModel, Index]:
     traces, areas, preloads, channels = [], [], [], []
-    for i, unit in enumerate(units):
-        for side, face in enumerate(unit.sides):
-            if face == GROUND or split_face(face)[0] != name:
-                continue
-            n_component = unit.behaviour.n_component
-            trace = unit.geometry.local_trace(side, n_component)
-            assert trace is not None
-            traces.append(trace)
-            areas.append(np.repeat(unit.geometry.areas, n_component))
-            pressed = np.zeros((unit.geometry.n_point, n_component))
-            pressed[:, 0] = unit.preload * (-1.0 if side == 0 else 1.0)
-            preloads.append(pressed.ravel())
-            channels.append(layout.channels(i, side).ravel())
+    for i, side in [(i, side) for i, side, owner in body_sides(units) if owner == name]:
+        unit, n_component = units[i], units[i].behaviour.n_component
+        trace = unit.geometry.local_trace(side, n_component)
+        assert trace is not None
+        traces.append(trace)
+        areas.append(np.repeat(unit.geometry.areas, n_component))
+        pressed = np.zeros((unit.geometry.n_point, n_component))
+        pressed[:, 0] = unit.preload * (-1.0 if side == 0 else 1.0)
+        preloads.append(pressed.ravel())
+        channels.append(layout.channels(i, side).ravel())
     n_full = body.full_size()
     trace = sp.csr_array(sp.vstack(traces)) if traces else sp.csr_array((0, n_full))
     area = np.concatenate(areas) if areas else np.zeros(0)
@@ -93,10 +90,9 @@ def _model(
     if isinstance(held, RigidConditions):
         rigid = rigid_model(body, held, trace, area, loads)
         return (replace(rigid, mass=None) if isinstance(scheme, QuasiStatic) else rigid), flat
-    mass = _without_contact_mass(name, body, units) if scheme.massless_contact else _mass(body, scheme)
     model = SubstructureModel(
         name=name,
-        mass=mass,
+        mass=_mass(name, body, units, scheme),
         damping=_damping(body, held),
         stiffness=body.shape.stiffness,
         expansion=held.expansion,
@@ -114,11 +110,12 @@ def _model(
     return model, flat
 
 
-def _mass(body: Body, scheme: TimeScheme) -> sp.csr_array | None:
-    return None if isinstance(scheme, QuasiStatic) else body.shape.mass
-
-
-def _without_contact_mass(name: str, body: Body, units: list[InterfaceUnit]) -> sp.csr_array:
+def _mass(name: str, body: Body, units: list[InterfaceUnit], scheme: TimeScheme) -> sp.csr_array | None:
+    """Mass of an elastic body: None in statics, without that of contact nodes where the scheme asks for it."""
+    if isinstance(scheme, QuasiStatic):
+        return None
+    if not scheme.massless_contact:
+        return body.shape.mass
     try:
         return without_contact_mass(body.shape.mass, body.mesh, _contact_nodes(name, units))
     except ValueError as error:
@@ -136,26 +133,18 @@ def _without_contact_mass(name: str, body: Body, units: list[InterfaceUnit]) -> 
 
 def _contact_nodes(name: str, units: list[InterfaceUnit]) -> Index:
     """Nodes of a substructure that take part in interfaces which may open."""
-    traces = [
-        unit.geometry.traces[i]
-        for unit in units
-        for i, side in enumerate(unit.sides)
-        if unit.behaviour.opens and not unit.behaviour.compliant and side != GROUND and split_face(side)[0] == name
-    ]
-    found = [np.unique(trace.indices // 3) for trace in traces if trace is not None]
-    return np.unique(np.concatenate(found)).astype(np.int64) if found else np.zeros(0, dtype=np.int64)
+    opening = [u for u in units if u.behaviour.opens and not u.behaviour.compliant]
+    traces = [opening[i].geometry.traces[side] for i, side, owner in body_sides(opening) if owner == name]
+    nodes = [np.asarray(trace.indices, dtype=np.int64) // 3 for trace in traces if trace is not None]
+    return np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *nodes]))
 
 
 def _damping(body: Body, held: Conditions) -> sp.csr_array | None:
     material = body.shape.material
-    damping: sp.csr_array | None = None
-    if material.rayleigh_mass or material.rayleigh_stiffness:
-        damping = sp.csr_array(
-            material.rayleigh_mass * body.shape.mass + material.rayleigh_stiffness * body.shape.stiffness
-        )
-    if held.dashpots is not None:
-        damping = held.dashpots if damping is None else sp.csr_array(damping + held.dashpots)
-    return damping
+    if not (material.rayleigh_mass or material.rayleigh_stiffness):
+        return held.dashpots
+    rayleigh = material.rayleigh_mass * body.shape.mass + material.rayleigh_stiffness * body.shape.stiffness
+    return total(sp.csr_array(rayleigh), held.dashpots)
 
 
 def _lumped_damping(body: Body, held: Conditions) -> sp.csr_array | None:
@@ -163,8 +152,7 @@ def _lumped_damping(body: Body, held: Conditions) -> sp.csr_array | None:
     mass = body.shape.lumped_mass
     if mass is None:
         return None
-    damping = diagonal_matrix(body.shape.material.rayleigh_mass * mass)
-    return damping if held.lumped_dashpots is None else sp.csr_array(damping + held.lumped_dashpots)
+    return total(diagonal_matrix(body.shape.material.rayleigh_mass * mass), held.lumped_dashpots)
 
 
 def _loads(scene: Scene, name: str, body: Body) -> list[LoadTerm]:
@@ -190,7 +178,7 @@ def _loads(scene: Scene, name: str, body: Body) -> list[LoadTerm]:
 def _signature(model: SubstructureModel, body: Body) -> bytes:
     """Equal for substructures whose operators are equal (loads, initial values and place do not count)."""
     digest = hashlib.sha256()
-    size = float(body.mesh.extent().max())
+    size = body.mesh.size
     digest.update(repr((body.shape.material, body.shape.bending_modes, body.mesh.cell_types, f"{size:.9e}")).encode())
     digest.update(np.round((body.mesh.nodes - body.mesh.nodes[0]) / size, 9).astype("f8").tobytes())
     for block in body.mesh.blocks:

@@ -1,4 +1,4 @@
-"""A scene on its way to the solver: the discretised problem, and the solver-ready problem with its operators."""
+"""The discretised problem of a scene, and the solver-ready problem with its operators."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class Timeline:
         assembly.begin(time, dt, self._ground(assembly, time), ground_start)
 
     def histories(self, model: SubstructureModel, time: Array, given: Mapping[str, Array] | None = None) -> Histories:
-        """What drives one substructure at the instants; ``given`` as for ``begin``."""
+        """Histories that drive one substructure at the instants; ``given`` as for ``begin``."""
         amplitudes = [self._amplitude(load.name, time, given or {}) for load in model.loads]
         motion = self._conditions[model.name].velocity(time, over_steps=self._scene.time.quasi_static)
         return Histories(time, amplitudes, motion)
@@ -89,15 +89,15 @@ class InitialState:
     Attributes
     ----------
     displacement : (n_full,) by substructure, m. traction : (n_point, n_component) on side E by interface, local frames,
-        Pa. closure : (n_point,) by interface, m: what the tolerance has left of the gaps of closed points.
-    amplitudes : of the loads that are set from outside. told : how it was found. remarks : warnings.
+        Pa. closure : (n_point,) by interface, m: residual gaps of closed points, within the tolerance.
+    amplitudes : of the loads that are set from outside. message : how it was computed. remarks : warnings.
     """
 
     displacement: Mapping[str, Array]
     traction: Mapping[str, Array]
     closure: Mapping[str, Array]
     amplitudes: Mapping[str, float]
-    told: str
+    message: str
     remarks: tuple[str, ...] = ()
 
     def displaced(self, classes: list[ModelClass]) -> list[ModelClass]:
@@ -110,8 +110,7 @@ class InitialState:
     def hand_over(self, assembly: Assembly) -> None:
         """Give an assembly the tractions, and the gaps of closed points as zero.
 
-        A gap that the tolerance has left, small as it is, would have to be crossed within the first step: over a
-        short one that is a velocity.
+        A residual gap, small as it is, would have to close within the first step; in a short step that is a velocity.
         """
         for i, unit in enumerate(assembly.interfaces):
             if unit.name in self.traction:
@@ -175,7 +174,7 @@ class DiscretisedProblem:
 
     @property
     def recovered(self) -> dict[str, Recovered]:
-        """What finds more fields of the elastic substructures, where the scene asks for them."""
+        """Recovery of further fields of the elastic substructures, where the scene requests them."""
         output = self.scene.output
         if not output.recovers:
             return {}
@@ -184,7 +183,7 @@ class DiscretisedProblem:
 
     @property
     def timeline(self) -> Timeline:
-        """What drives the substructures."""
+        """Histories of the loads and motions of the substructures."""
         return Timeline(self.scene, self.conditions)
 
     @cached_property

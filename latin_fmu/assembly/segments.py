@@ -101,14 +101,14 @@ class SegmentedRun:
         ------
         SceneError : there is none; nothing has changed.
         """
-        wanted = self._at_start(amplitudes)
-        if wanted == self._amplitudes or not starts_static(self.scene):
+        start = self._at_start(amplitudes)
+        if start == self._amplitudes or not starts_static(self.scene):
             return
         before = self.problem
         with one_thread():
-            found = self._discretised.build(static_state(self._discretised, wanted))
-        self.problem = replace(found, settings=before.settings, wanted=before.wanted)
-        self._amplitudes, self._run = wanted, None
+            problem = self._discretised.build(static_state(self._discretised, start))
+        self.problem = replace(problem, settings=before.settings, wanted=before.wanted)
+        self._amplitudes, self._run = start, None
 
     def _at_start(self, amplitudes: Mapping[str, float]) -> dict[str, float]:
         """Amplitudes at t = 0 of all loads that are set from outside."""

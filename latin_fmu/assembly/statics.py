@@ -14,7 +14,8 @@ from dataclasses import replace
 import numpy as np
 import scipy.linalg as la
 
-from ..errors import Problem, SceneError
+from ..errors import Problem, Problems, SceneError
+from ..fem.elements import rigid_modes
 from ..fem.mesh import Array
 from ..interface.behaviour import bonds
 from ..latin.assembly import InterfaceUnit, Layout
@@ -22,11 +23,10 @@ from ..latin.record import Timings
 from ..latin.recorder import Recorder
 from ..latin.windows import Run
 from ..propagator import StaticPropagator
-from ..scene.fields import GROUND, split_face
 from ..scene.schema import Scene
 from ..scene.time_settings import StaticStart
 from ..time_scheme import QuasiStatic
-from .body import Body
+from .body import Body, body_sides
 from .checks import boundaries_of
 from .conditions import Conditions, RigidConditions, conditions_on
 from .models import model_classes
@@ -57,7 +57,7 @@ def start_problems(
         )
         return
     for unit in units:
-        moving = [n for n in (split_face(side)[0] for side in unit.sides) if n != GROUND and n not in still]
+        moving = [name for _, _, name in body_sides([unit]) if name not in still]
         tied = bonds(unit.behaviour) or unit.behaviour.elastic or unit.preload > 0
         if moving and tied:
             yield Problem(
@@ -93,8 +93,8 @@ def static_state(whole: DiscretisedProblem, amplitudes: Mapping[str, float]) -> 
         return None
     discretised = _static_problem(whole, scene)
     solver = whole.scene.solver
-    wanted = [*((tight, tight) for tight in TIGHT), (solver.tolerance, solver.force_mismatch_tolerance)]
-    for tolerance, force in wanted:
+    own = solver.tolerance, solver.force_mismatch_tolerance
+    for tolerance, force in [*((tight, tight) for tight in TIGHT), own]:
         problem = discretised.build()
         problem = replace(problem, settings=replace(problem.settings, tolerance=tolerance, force_tolerance=force))
         run = Run(
@@ -103,7 +103,7 @@ def static_state(whole: DiscretisedProblem, amplitudes: Mapping[str, float]) -> 
         run.all()
         converged, sentence = run.status()
         if converged:
-            return _handed(problem, run, amplitudes, tolerance)
+            return _initial_state(problem, run, amplitudes, tolerance)
     raise SceneError(
         [
             Problem(
@@ -118,7 +118,9 @@ def static_state(whole: DiscretisedProblem, amplitudes: Mapping[str, float]) -> 
     )
 
 
-def _handed(problem: SolverReadyProblem, run: Run, amplitudes: Mapping[str, float], tolerance: float) -> InitialState:
+def _initial_state(
+    problem: SolverReadyProblem, run: Run, amplitudes: Mapping[str, float], tolerance: float
+) -> InitialState:
     """Displacements, tractions and gaps at the end of the static run."""
     assembly, displacement = problem.assembly, {}
     for p in assembly.propagators:
@@ -135,21 +137,22 @@ def _handed(problem: SolverReadyProblem, run: Run, amplitudes: Mapping[str, floa
         if unit.behaviour.opens and not unit.behaviour.elastic:
             closure[unit.name] = np.where(traction[unit.name][:, 0] < 0.0, gaps[id(group)][points], 0.0)
     windows = run.windows
-    told = f"static equilibrium, {len(windows)} increment(s), {sum(w.iterations for w in windows)} iterations"
+    message = f"static equilibrium, {len(windows)} increment(s), {sum(w.iterations for w in windows)} iterations"
     remarks = (
         ()
         if tolerance in TIGHT
         else (
-            f"the static start was found to {tolerance:g} only (wanted {TIGHT[-1]:g}): what it leaves unbalanced moves",
+            f"the static start reached a tolerance of {tolerance:g} only, not {TIGHT[-1]:g}: "
+            "the unbalanced rest sets the bodies in motion",
         )
     )
-    return InitialState(displacement, traction, closure, dict(amplitudes), told, remarks)
+    return InitialState(displacement, traction, closure, dict(amplitudes), message, remarks)
 
 
 def _static_problem(whole: DiscretisedProblem, scene: Scene) -> DiscretisedProblem:
     """The static problem on the meshes and interfaces that are there."""
     bodies = {name: whole.bodies[name] for name in scene.substructure}
-    problems: list[Problem] = []
+    problems = Problems()
     conditions = {n: conditions_on(b, boundaries_of(scene, n), problems) for n, b in bodies.items()}
     assert not problems, problems  # the same conditions stood before
     units = [unit for unit in whole.units if unit.name in scene.interface]
@@ -172,9 +175,9 @@ def _static_problem(whole: DiscretisedProblem, scene: Scene) -> DiscretisedProbl
 
 def unheld(
     bodies: dict[str, Body], conditions: dict[str, Conditions], units: list[InterfaceUnit], because: str
-) -> list[Problem]:
-    """A problem for every group of substructures that could move as rigid bodies without any interface, pressed
-    together as it may be, feeling it: statics cannot say where they are.
+) -> Problems:
+    """A problem for every group of substructures that could move as rigid bodies without relative motion at any
+    interface, open or closed: their static position is not unique.
 
     The six motions of each body that its conditions allow, q, are free where all relative motions at the interfaces
     (normal ones; tangential ones with friction) vanish: the null space of their sum of squares. ``because`` : the key
@@ -185,64 +188,52 @@ def unheld(
     where = {n: slice(int(e) - m.shape[1], int(e)) for (n, m), e in zip(motions.items(), ends, strict=True)}
     total = int(ends[-1])
     if not total:
-        return []
+        return Problems()
     squares = np.zeros((total, total))
     for unit in units:
         relative = np.zeros((unit.geometry.n_point * unit.behaviour.n_component, total))
-        for side, face in enumerate(unit.sides):
+        for _, side, name in body_sides([unit]):
             trace = unit.geometry.local_trace(side, unit.behaviour.n_component)
             if trace is not None:
-                name = split_face(face)[0]
                 relative[:, where[name]] += (1 - 2 * side) * (trace @ motions[name])
         squares += relative.T @ relative / unit.geometry.n_point
     values, vectors = la.eigh(squares)
     free = vectors[:, values < _HELD * max(float(values[-1]), 1e-300)] if values[-1] > 0 else vectors
-    return _told(free, where, motions, because)
+    return _unheld_problems(free, where, motions, because)
 
 
 def _allowed(body: Body, held: Conditions) -> Array:
     """Rigid motions of the nodes that the conditions allow, prescribed ones at rest, (3 n_node, 0 ... 6)."""
     if isinstance(held, RigidConditions):
         return held.nodal[:, : held.expansion.shape[1]]
-    nodes = body.mesh.nodes
-    arm = (nodes - nodes.mean(axis=0)) / float(body.mesh.extent().max())
-    motions = np.zeros((len(nodes), 3, 6))
-    motions[:, :, :3] = np.eye(3)
-    for axis in range(3):
-        motions[:, :, 3 + axis] = np.cross(np.eye(3)[axis], arm)
-    full = motions.reshape(-1, 6)
-    p = held.expansion
+    nodes, p = body.mesh.nodes, held.expansion
+    full = rigid_modes(nodes, nodes.mean(axis=0), body.mesh.size)
     reduced = (p.T @ full) / np.maximum(p.sum(axis=0), 1)[:, None]
     against = full - p @ reduced  # what held and tied nodes do not allow
     values, vectors = la.eigh(against.T @ against / len(nodes))
-    allowed: Array = full @ vectors[:, values < _HELD]
-    return allowed
+    return np.asarray(full @ vectors[:, values < _HELD])
 
 
-def _told(free: Array, where: dict[str, slice], motions: dict[str, Array], because: str) -> list[Problem]:
-    """Problems from the free motions (columns)."""
-    problems = []
+def _unheld_problems(free: Array, where: dict[str, slice], motions: dict[str, Array], because: str) -> Problems:
+    """One problem for each substructure that takes part in the free motions (columns)."""
+    problems = Problems()
     for name, rows in where.items():
         own = motions[name] @ free[rows] if free.size else np.zeros((0, 0))
         if not own.size or np.abs(own).max() < 1e-6:
             continue
         ways = [f"along {axis}" for i, axis in enumerate("xyz") if _contains(own, i)]
-        problems.append(
-            Problem(
-                f"substructure.{name}",
-                "nothing holds it, so that a static position does not exist",
-                f"it can move {', '.join(ways)}" if ways else "it can turn",
-                remedy="hold it with a boundary (fixed or symmetry with one component is enough), give it an interface "
-                f"with friction or a perfect one, or leave {because} out",
-            )
+        problems.add(
+            f"substructure.{name}",
+            "nothing holds it, so that a static position does not exist",
+            f"it can move {', '.join(ways)}" if ways else "it can turn",
+            remedy="hold it with a boundary (fixed or symmetry with one component is enough), give it an interface "
+            f"with friction or a perfect one, or leave {because} out",
         )
     return problems
 
 
 def _contains(motions: Array, axis: int) -> bool:
     """Whether a translation along an axis is a combination of the motions (3 n_node, n)."""
-    wanted = np.zeros((len(motions) // 3, 3))
-    wanted[:, axis] = 1.0
-    target = wanted.ravel()
-    rest = target - motions @ la.lstsq(motions, target)[0]
-    return bool(np.linalg.norm(rest) < 1e-6 * np.linalg.norm(target))
+    translation = np.tile(np.eye(3)[axis], len(motions) // 3)
+    rest = translation - motions @ la.lstsq(motions, translation)[0]
+    return bool(np.linalg.norm(rest) < 1e-6 * np.linalg.norm(translation))

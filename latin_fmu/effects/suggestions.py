@@ -123,7 +123,7 @@ def _rigid(p: Prediction, _: list[Effect]) -> Iterator[Suggestion]:
     for name, body in p.discretised.bodies.items() if not p.run.static else ():
         if body.rigid:
             continue
-        transit = float(body.mesh.extent().max()) * body.shape.material.density / body.shape.impedances[0]
+        transit = body.mesh.size * body.shape.material.density / body.shape.impedances[0]
         pairs = [[split_face(side)[0] for side in u.sides if side != GROUND] for u in p.discretised.units]
         others = [p.discretised.bodies[n] for pair in pairs if name in pair for n in pair if n != name]
         soft = max((o.shape.impedances[0] for o in others if not o.rigid), default=0.0)

@@ -52,11 +52,11 @@ class Cells:
 
 def common_cells(owner: Surface, other: Surface, reach: float | None) -> list[list[Cells]]:
     """Cells for every pair of blocks of the two faces; ``reach`` : largest distance along the owner's normal, m."""
-    found = []
+    rows = []
     for mine in owner.pieces:
         row = [_cells(mine, theirs, owner.is_plane, reach) for theirs in other.pieces]
-        found.append(_nearest_layer(mine, row))
-    return found
+        rows.append(_nearest_layer(mine, row))
+    return rows
 
 
 def _cells(mine: Pieces, theirs: Pieces, plane: bool, reach: float | None) -> Cells:
@@ -99,7 +99,7 @@ def _plane_axes(pieces: Pieces, rows: Index) -> tuple[Array, Array]:
 
 
 def _candidates(mine: Pieces, theirs: Pieces, plane: bool, reach: float | None) -> tuple[Index, Index]:
-    """Pairs of pieces near enough to each other, found in trees of the other face's centres by size."""
+    """Pairs of pieces near enough to each other, by trees of the other face's centres by size."""
     from scipy.spatial import cKDTree  # a tenth of a second to load, and faces that match do without
 
     here, there = mine.centres, theirs.centres
@@ -119,7 +119,7 @@ def _candidates(mine: Pieces, theirs: Pieces, plane: bool, reach: float | None) 
         members = np.flatnonzero(size == level)
         radius = (mine.radii + 2.0 ** (level + 1) + ahead) * (1 + 1e-9)
         lists = cKDTree(there[members]).query_ball_point(here, radius, return_sorted=True)
-        counts = np.array([len(found) for found in lists])
+        counts = np.array([len(numbers) for numbers in lists])
         ones.append(np.repeat(np.arange(len(here)), counts))
         if counts.any():
             twos.append(members[np.concatenate([np.asarray(f, dtype=np.int64) for f in lists])])
@@ -161,7 +161,7 @@ def clip(subject: Array, window: Array) -> tuple[Array, Index]:
 
 
 def _cut(corners: Array, count: Index, start: Array, along: Array) -> tuple[Array, Index]:
-    """What is left of each polygon to the left of a line through ``start`` along ``along`` (n, 2)."""
+    """Part of each polygon to the left of a line through ``start`` along ``along`` (n, 2)."""
     n, width, _ = corners.shape
     slot = np.arange(width)
     used = slot < count[:, None]
@@ -182,15 +182,13 @@ def _cut(corners: Array, count: Index, start: Array, along: Array) -> tuple[Arra
 
 def _height(points: Array, start: Array, along: Array) -> Array:
     arm = points - start[:, None]
-    height: Array = along[:, None, 0] * arm[..., 1] - along[:, None, 1] * arm[..., 0]
-    return height
+    return np.asarray(along[:, None, 0] * arm[..., 1] - along[:, None, 1] * arm[..., 0])
 
 
 def areas(corners: Array) -> Array:
     """Signed areas (n,) of polygons (n, p, 2) with repeated last corners."""
     arm = corners[:, 1:] - corners[:, :1]
-    total: Array = 0.5 * (arm[:, :-1, 0] * arm[:, 1:, 1] - arm[:, :-1, 1] * arm[:, 1:, 0]).sum(axis=1)
-    return total
+    return np.asarray(0.5 * (arm[:, :-1, 0] * arm[:, 1:, 1] - arm[:, :-1, 1] * arm[:, 1:, 0]).sum(axis=1))
 
 
 def triangles(corners: Array, count: Index) -> tuple[Array, Index]:

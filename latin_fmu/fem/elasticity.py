@@ -65,8 +65,7 @@ def mode_gradients(jacobian: Array) -> Array:
     # the rule is symmetric about the centre and the Jacobian trilinear: its mean over the points is that of the centre
     centre = jacobian.mean(axis=1)
     ratio = np.linalg.det(centre)[:, None] / np.linalg.det(jacobian)
-    found: Array = ratio[:, :, None, None] * (slopes[None] @ np.linalg.inv(centre)[:, None])
-    return found
+    return np.asarray(ratio[:, :, None, None] * (slopes[None] @ np.linalg.inv(centre)[:, None]))
 
 
 def mode_amplitudes(points: Points, first: float, shear: float) -> tuple[Array, Array]:
@@ -90,8 +89,7 @@ def condensed(points: Points, first: float, shear: float) -> Array:
     amplitudes, coupled = mode_amplitudes(points, first, shear)
     softened = np.swapaxes(coupled, 1, 2) @ amplitudes
     softened = 0.5 * (softened + np.swapaxes(softened, 1, 2))
-    matrix: Array = plain + softened.reshape(plain.shape)
-    return matrix
+    return np.asarray(plain + softened.reshape(plain.shape))
 
 
 def lame(young_modulus: float, poisson_ratio: float) -> tuple[float, float]:
@@ -176,9 +174,9 @@ def without_contact_mass(mass: sp.csr_array, mesh: Mesh, nodes: Index) -> sp.csr
     bare = np.zeros(mesh.n_node, dtype=bool)
     bare[nodes] = True
     pairs = _inner_neighbours(mesh, bare, CELL_LINKS)
-    left = bare.copy()
-    left[pairs[:, 0]] = False
-    across = _inner_neighbours(mesh, left, _DIAGONALS, bare)
+    isolated = bare.copy()
+    isolated[pairs[:, 0]] = False
+    across = _inner_neighbours(mesh, isolated, _DIAGONALS, bare)
     pairs = np.concatenate([pairs, across])
     count = np.bincount(pairs[:, 0], minlength=mesh.n_node)
     kept = np.flatnonzero(count == 0)

@@ -39,8 +39,7 @@ def jacobians(nodes: Array, block: CellBlock, rule: Rule) -> Array:
     slopes = cell_functions(block.cell_type).gradients(rule.points)
     corners = nodes[block.cells]
     arms = corners - corners[:, :1]  # a cell far from the origin loses no digits
-    found: Array = np.einsum("pak,cai->cpik", slopes, arms, optimize=True)
-    return found
+    return np.asarray(np.einsum("pak,cai->cpik", slopes, arms, optimize=True))
 
 
 def points_in(nodes: Array, block: CellBlock, rule: Rule) -> Points:
@@ -137,12 +136,12 @@ class RigidBody:
 
 def rigid_body(mesh: Mesh, density: float) -> RigidBody:
     """Rigid motions of a mesh of uniform density, kg m-3."""
-    found = list(Elements(mesh).points(of_products=True))
-    points = np.concatenate([(p.values @ mesh.nodes[p.cells]).reshape(-1, 3) for _, p in found])
-    weights = density * np.concatenate([p.volumes.ravel() for _, p in found])
+    pieces = list(Elements(mesh).points(of_products=True))
+    points = np.concatenate([(p.values @ mesh.nodes[p.cells]).reshape(-1, 3) for _, p in pieces])
+    weights = density * np.concatenate([p.volumes.ravel() for _, p in pieces])
     total = float(weights.sum())
     centre = weights @ points / total
-    length = float(mesh.extent().max())
+    length = mesh.size
     at_points = rigid_modes(points, centre, length).reshape(-1, 3, 6)
     mass = np.einsum("q,qia,qib->ab", weights, at_points, at_points)
     return RigidBody(centre, length, rigid_modes(mesh.nodes, centre, length), 0.5 * (mass + mass.T))

@@ -63,8 +63,7 @@ def shape(kind: str, at: Array) -> Array:
         return np.concatenate([corner * (2 * corner - 1), middle], axis=-1)
     sx, sy = x[..., None] * _SIGNS[:, 0], y[..., None] * _SIGNS[:, 1]
     if kind == "quad":
-        bilinear: Array = 0.25 * (1 + sx) * (1 + sy)
-        return bilinear
+        return np.asarray(0.25 * (1 + sx) * (1 + sy))
     if kind == "quad8":
         corner = 0.25 * (1 + sx) * (1 + sy) * (sx + sy - 1)
         bubble_x, bubble_y = 0.5 * (1 - x * x), 0.5 * (1 - y * y)
@@ -81,8 +80,7 @@ def shape(kind: str, at: Array) -> Array:
 def slopes(kind: str, at: Array) -> Array:
     """Derivatives (..., n_node, 2) of the shape functions; exact: the functions are of degree 2 in each coordinate."""
     steps = np.eye(2)
-    found: Array = np.stack([0.5 * (shape(kind, at + s) - shape(kind, at - s)) for s in steps], axis=-1)
-    return found
+    return np.asarray(np.stack([0.5 * (shape(kind, at + s) - shape(kind, at - s)) for s in steps], axis=-1))
 
 
 def triangle_quadrature(degree: int) -> tuple[Array, Array]:
@@ -104,8 +102,7 @@ def flat_pieces(kind: str, straight: bool) -> Array:
     if straight or not quadratic(kind):
         return (_TRIANGLE if triangle else _SIGNS)[None]
     nodes, pieces = (_TRIANGLE_NODES, _TRIANGLE_PIECES) if triangle else (_QUAD_NODES, _QUAD_PIECES)
-    cut: Array = nodes[np.array(pieces)]
-    return cut
+    return np.asarray(nodes[np.array(pieces)])
 
 
 def is_straight(kind: str, places: Array) -> bool:
@@ -209,8 +206,7 @@ class Face:
     def normals(self) -> Array:
         """Unit outward normal at each node, (n_point, 3)."""
         vector = self.vector_areas if self.change is None else self.change.T @ self.vector_areas
-        normals: Array = vector / np.linalg.norm(vector, axis=1)[:, None]
-        return normals
+        return np.asarray(vector / np.linalg.norm(vector, axis=1)[:, None])
 
 
 def face(mesh: Mesh, name: str) -> Face:
@@ -286,8 +282,7 @@ def consistent_dashpots(nodes: Array, facets: FacetSet, normal: float, tangentia
 
 
 def _tensor(n: Array, normal: float, tangential: float) -> Array:
-    found: Array = tangential * np.eye(3) + (normal - tangential) * n[..., :, None] * n[..., None, :]
-    return found
+    return np.asarray(tangential * np.eye(3) + (normal - tangential) * n[..., :, None] * n[..., None, :])
 
 
 def _assembled(n_node: int, parts: list[tuple[Index, Array]]) -> sp.csr_array:

@@ -111,17 +111,21 @@ class Mesh:
 
     def extent(self) -> Array:
         """Size of the bounding box, (3,), m."""
-        size: Array = np.ptp(self.nodes, axis=0)
-        return size
+        return np.asarray(np.ptp(self.nodes, axis=0))
+
+    @property
+    def size(self) -> float:
+        """Longest edge of the bounding box, m."""
+        return float(self.extent().max())
 
 
 def boundary(mesh: Mesh) -> FacetSet:
     """All facets that belong to one cell only, oriented outwards, in the order of blocks, local faces and cells."""
-    found: dict[str, list[Index]] = {}
+    facets_of: dict[str, list[Index]] = {}
     for block in mesh.blocks:
         for local in CELL_FACES[block.cell_type]:
-            found.setdefault(FACET_KIND[len(local)], []).append(block.cells[:, list(local)])
-    candidates = [FacetBlock(kind, np.concatenate(facets)) for kind, facets in found.items()]
+            facets_of.setdefault(FACET_KIND[len(local)], []).append(block.cells[:, list(local)])
+    candidates = [FacetBlock(kind, np.concatenate(facets)) for kind, facets in facets_of.items()]
     return FacetSet(tuple(b for b in map(_single, candidates) if len(b.facets)))
 
 

@@ -65,7 +65,7 @@ def mesh_of(content: MeshContent, where: str, group: str | None = None, scale: f
 
 
 def _volume_cells(content: MeshContent, group: str | None, where: str) -> dict[str, Index]:
-    """Connectivity of the wanted volume by cell type."""
+    """Connectivity of the volume by cell type."""
     if group is not None and group not in content.volumes:
         raise MeshError(
             [Problem(where, "no such volume group", group, allowed=listed(content.volumes), remedy=_no_group(content))]
@@ -132,13 +132,13 @@ def _named_faces(content: MeshContent, renumber: Index, surface: FacetSet) -> di
     by_kind = {block.kind: block.facets for block in surface.blocks}
     faces: dict[str, FacetSet] = {}
     for name, tables in content.facets.items():
-        found: dict[tuple[str, int], None] = {}  # in the order of the file, each facet once
+        matches: dict[tuple[str, int], None] = {}  # in the order of the file, each facet once
         for table in tables:
             for corners in renumber[table].tolist():
                 match = outward.get(tuple(sorted(corners)))
                 if match is not None:
-                    found[match] = None
-        _add_face(faces, name, list(found), by_kind)
+                    matches[match] = None
+        _add_face(faces, name, list(matches), by_kind)
     for name, rows in content.node_sets.items():
         if name in faces or name in content.facets:
             continue
@@ -154,11 +154,11 @@ def _named_faces(content: MeshContent, renumber: Index, surface: FacetSet) -> di
     return faces
 
 
-def _add_face(faces: dict[str, FacetSet], name: str, found: list[tuple[str, int]], by_kind: dict[str, Index]) -> None:
+def _add_face(faces: dict[str, FacetSet], name: str, rows: list[tuple[str, int]], by_kind: dict[str, Index]) -> None:
     """The face made of boundary facets given by kind and row, if there are any."""
-    kinds = dict.fromkeys(kind for kind, _ in found)
+    kinds = dict.fromkeys(kind for kind, _ in rows)
     if kinds:
-        faces[name] = FacetSet.of(*(by_kind[kind][[row for k, row in found if k == kind]] for kind in kinds))
+        faces[name] = FacetSet.of(*(by_kind[kind][[row for k, row in rows if k == kind]] for kind in kinds))
 
 
 def oriented(nodes: Array, block: CellBlock) -> tuple[Index, NDArray[np.bool_]]:
@@ -166,7 +166,7 @@ def oriented(nodes: Array, block: CellBlock) -> tuple[Index, NDArray[np.bool_]]:
 
     Returns
     -------
-    cells (n_cell, n_node), and which of them (n_cell,) have no volume somewhere or change sign: looked at are the
+    cells (n_cell, n_node), and which of them (n_cell,) have no volume somewhere or change sign, judged by the
     Jacobians at all nodes but those in the middle of faces and cells, and at the integration points.
     """
     places = cell_functions(block.cell_type).nodes[:20]

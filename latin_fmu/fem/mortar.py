@@ -59,8 +59,7 @@ class Mortar:
     @property
     def normals(self) -> Array:
         """Unit normals (n_point, 3), outwards from the owner."""
-        normal: Array = self.vector_areas / np.linalg.norm(self.vector_areas, axis=1)[:, None]
-        return normal
+        return np.asarray(self.vector_areas / np.linalg.norm(self.vector_areas, axis=1)[:, None])
 
 
 class _Points:
@@ -189,20 +188,17 @@ def _affine(corners: Array) -> bool:
 
 def _reference(at: Array, corners: Array, reference: Array) -> Array:
     """Coordinates in the facet (n_cell, n_gauss, 2) of places in the plane of a piece with these corners."""
-    found: Array
     if corners.shape[1] == 3:
         edges = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=2)
         share = np.linalg.solve(edges[:, None], (at - corners[:, None, 0])[..., None])[..., 0]
         spans = np.stack([reference[:, 1] - reference[:, 0], reference[:, 2] - reference[:, 0]], axis=1)
-        found = reference[:, None, 0] + share @ spans
-        return found
+        return np.asarray(reference[:, None, 0] + share @ spans)
     local = np.zeros_like(at)
     for _ in range(1 if _affine(corners) else 12):  # Newton; one step solves a parallelogram
         slope = slopes("quad", local).swapaxes(-1, -2) @ corners[:, None]  # rows: along both coordinates
         off = at - shape("quad", local) @ corners
         local = local + np.asarray(np.linalg.solve(slope.swapaxes(-1, -2), off[..., None])[..., 0])
-    found = shape("quad", local) @ reference
-    return found
+    return np.asarray(shape("quad", local) @ reference)
 
 
 def _finished(points: _Points, least: float) -> Mortar:

@@ -53,12 +53,12 @@ _WEDGE = ((0, 0, -1), (1, 0, -1), (0, 1, -1), (0, 0, 1), (1, 0, 1), (0, 1, 1))
 def _with_middle_nodes(faces: Local, edges: Local, corners: int, centres: bool = False) -> Local:
     """Faces of a quadratic cell: corners, middle nodes of the edges in the same turn, centre where there is one."""
     middle = {frozenset(edge): corners + i for i, edge in enumerate(edges)}
-    found = []
+    whole_faces = []
     for i, face in enumerate(faces):
         turn = zip(face, (*face[1:], face[0]), strict=True)
         whole = (*face, *(middle[frozenset(edge)] for edge in turn))
-        found.append((*whole, corners + len(edges) + i) if centres else whole)
-    return tuple(found)
+        whole_faces.append((*whole, corners + len(edges) + i) if centres else whole)
+    return tuple(whole_faces)
 
 
 # The types of cells, by their names in meshio, with the nodes of their faces.
@@ -116,8 +116,7 @@ class ShapeFunctions:
 
     def values(self, points: Array) -> Array:
         """Functions at points (n_point, 3): (n_point, n_node)."""
-        found: Array = _monomials(points, self.exponents) @ self.coefficients
-        return found
+        return np.asarray(_monomials(points, self.exponents) @ self.coefficients)
 
     def gradients(self, points: Array) -> Array:
         """Derivatives by the reference coordinates at points (n_point, 3): (n_point, n_node, 3)."""
@@ -131,8 +130,7 @@ class ShapeFunctions:
 
 def _monomials(points: Array, exponents: Array) -> Array:
     """(n_point, n_monomial)."""
-    found: Array = np.prod(points[:, None, :] ** exponents[None], axis=2)
-    return found
+    return np.asarray(np.prod(points[:, None, :] ** exponents[None], axis=2))
 
 
 def _functions(nodes: Array, exponents: Iterable[tuple[int, ...]]) -> ShapeFunctions:
@@ -206,7 +204,7 @@ def simplex_rule(n: int, axes: int) -> Rule:
     for axis in range(axes):
         x, w = roots_jacobi(n, axis, 0)
         x, w = 0.5 * (1 + x), w / 2.0 ** (axis + 1)
-        # the simplex found so far, shrunk towards the new corner
+        # the rule of the axes so far, shrunk towards the new corner
         points = np.concatenate([np.concatenate([(1 - t) * points, np.full((len(points), 1), t)], axis=1) for t in x])
         weights = np.outer(w, weights).ravel()
     return Rule(points, weights)

@@ -98,21 +98,18 @@ class Recovery:
         nodal = displacement[:, points.cells].reshape(len(displacement), len(points.cells), -1)
         amplitudes = np.einsum("cmd,tcd->tcm", mode_amplitudes(points, *self._lame)[0], nodal, optimize=True)
         of_modes = amplitudes.reshape(*amplitudes.shape[:2], 3, 3)
-        found: Array = np.einsum("cpmj,tcmi->tcpij", mode_gradients(points.jacobian), of_modes, optimize=True)
-        return found
+        return np.asarray(np.einsum("cpmj,tcmi->tcpij", mode_gradients(points.jacobian), of_modes, optimize=True))
 
 
 def _mean_gradients(points: Points) -> Array:
     """Mean gradients of the shape functions over each cell, (n_cell, n_node, 3)."""
     volumes = points.volumes / points.volumes.sum(axis=1, keepdims=True)
-    mean: Array = np.einsum("cpaj,cp->caj", points.gradients, volumes)
-    return mean
+    return np.asarray(np.einsum("cpaj,cp->caj", points.gradients, volumes))
 
 
 def _symmetric(slope: Array) -> Array:
     """Six components (..., 6) of the symmetric part of gradients (..., 3, 3)."""
-    picked: Array = 0.5 * (slope + np.swapaxes(slope, -1, -2))[..., _ROWS, _COLUMNS]
-    return picked
+    return np.asarray(0.5 * (slope + np.swapaxes(slope, -1, -2))[..., _ROWS, _COLUMNS])
 
 
 def hooke(strain: Array, first: float, shear: float) -> Array:
@@ -127,5 +124,4 @@ def principal(tensor: Array) -> Array:
     full = np.empty((*tensor.shape[:-1], 3, 3))
     full[..., _ROWS, _COLUMNS] = tensor
     full[..., _COLUMNS, _ROWS] = tensor
-    values: Array = np.linalg.eigvalsh(full)[..., ::-1]
-    return values
+    return np.asarray(np.linalg.eigvalsh(full)[..., ::-1])

@@ -40,32 +40,27 @@ class Pieces:
         c = self.corners
         second = c[:, 3] - c[:, 1] if c.shape[1] == 4 else c[:, 2] - c[:, 1]
         first = c[:, 2] - c[:, 0] if c.shape[1] == 4 else c[:, 1] - c[:, 0]
-        vector: Array = 0.5 * np.cross(first, second)
-        return vector
+        return np.asarray(0.5 * np.cross(first, second))
 
     @cached_property
     def areas(self) -> Array:
         """(n_piece,), m2."""
-        area: Array = np.linalg.norm(self.vector_areas, axis=1)
-        return area
+        return np.asarray(np.linalg.norm(self.vector_areas, axis=1))
 
     @cached_property
     def normals(self) -> Array:
         """Unit normals (n_piece, 3), outwards."""
-        normal: Array = self.vector_areas / self.areas[:, None]
-        return normal
+        return np.asarray(self.vector_areas / self.areas[:, None])
 
     @cached_property
     def centres(self) -> Array:
         """(n_piece, 3), m."""
-        centre: Array = self.corners.mean(axis=1)
-        return centre
+        return np.asarray(self.corners.mean(axis=1))
 
     @cached_property
     def radii(self) -> Array:
         """Largest distance of a corner from the centre, (n_piece,), m."""
-        radius: Array = np.linalg.norm(self.corners - self.centres[:, None], axis=2).max(axis=1)
-        return radius
+        return np.asarray(np.linalg.norm(self.corners - self.centres[:, None], axis=2).max(axis=1))
 
 
 @dataclass(frozen=True)
@@ -130,13 +125,13 @@ class Surface:
         )
         bend = _bend(np.concatenate(ends), normals, 1e-9 * self.size)
         sag = np.where(bend < _CREASE, height * bend / 8, 0.0)
-        found, start = [], 0
+        sags, start = [], 0
         for p, o in zip(self.pieces, owner, strict=True):
             own = np.zeros(p.n_piece)
             np.maximum.at(own, o, sag[start : start + len(o)])
-            found.append(own)
+            sags.append(own)
             start += len(o)
-        return tuple(found)
+        return tuple(sags)
 
 
 def _bend(ends: Array, normals: Array, tolerance: float) -> Array:

@@ -11,7 +11,7 @@ import numpy as np
 from ..assembly.body import Body, build_bodies
 from ..assembly.build import discretise
 from ..assembly.checks import check_faces
-from ..errors import Problem, SceneError
+from ..errors import Problems, SceneError
 from ..fem.mesh import Array, Index
 from ..latin.assembly import InterfaceUnit
 from ..results.plots import Colour, colours
@@ -95,7 +95,7 @@ def assembly_figure(scene: Scene, warnings: list[str]) -> Figure:
     skins = {name: skin_of(body.mesh, _rgb(tints[name])) for name, body in bodies.items()}
     _paint(assembly, skins, strong)
     everything = np.concatenate([s.points for s in skins.values()])
-    mean = float(np.mean([body.mesh.extent().max() for body in bodies.values()]))
+    mean = float(np.mean([body.mesh.size for body in bodies.values()]))
     distance = min(_APART * float(np.ptp(everything, axis=0).max()), _APART_OF_BODY * mean)
     shifts = _shifts(assembly, distance)
     apart = [s.moved(shifts[name]) for name, s in skins.items()]
@@ -117,7 +117,7 @@ def _assembly(scene: Scene, warnings: list[str]) -> _Assembly:
     try:
         discretised = discretise(scene)
     except SceneError as error:
-        problems: list[Problem] = []
+        problems = Problems()
         bodies = build_bodies(scene, problems)
         check_faces(scene, bodies, problems)
         if problems:

@@ -11,7 +11,7 @@ import pytest
 
 from latin_fmu import api
 from latin_fmu.assembly.body import build_bodies
-from latin_fmu.errors import Problem, SceneError
+from latin_fmu.errors import Problem, Problems, SceneError
 from latin_fmu.fem.mesh import box_mesh
 from latin_fmu.reader import scene_from_dict
 from latin_fmu.scene.mesh_parts import part_name
@@ -129,7 +129,7 @@ def test_one_problem_of_a_file_is_told_once(folder: Path) -> None:
     del data["mesh"]
     mesh = {"file": "bad.inp", "scale": 1e-3}
     data["substructure"] = {n: {"material": "steel", "mesh": mesh} for n in ("low_er", "upper", "third")}
-    problems: list[Problem] = []
+    problems = Problems()
     build_bodies(scene_from_dict(data, folder), problems)
     assert len(problems) == 1
     assert "line 2" in str(problems[0])

@@ -19,7 +19,6 @@ from ..fem.mesh import Array, FacetBlock, FacetSet, Index, nearest
 from ..fem.mortar import Mortar, mortar
 from ..fem.surface import Surface
 from .body import Body
-from .conditions import Conditions
 
 MATCHING = 1e-3
 """Lateral distance of paired nodes over the spacing of nodes."""
@@ -35,8 +34,8 @@ _ON_EDGE = 1e-6  # distance from an edge over the size of the face
 
 
 @dataclass(frozen=True)
-class Opposite:
-    """Two faces seen from the points between them.
+class FacePair:
+    """Two faces that meet, at the points of one of them.
 
     Attributes
     ----------
@@ -75,7 +74,7 @@ def own_points(body: Body, facets: FacetSet, face: Face) -> tuple[Array, sp.csr_
     return values @ places, sp.csr_array(sp.kron(values, sp.eye_array(3)) @ selected)
 
 
-def node_by_node(first: Side, second: Side) -> Opposite | None:
+def node_by_node(first: Side, second: Side) -> FacePair | None:
     """Faces whose nodes stand opposite each other, one to one; None where they do not."""
     (body, facets), (other_body, other_facets) = first, second
     face, other = face_of(body.mesh.nodes, facets), face_of(other_body.mesh.nodes, other_facets)
@@ -94,7 +93,7 @@ def node_by_node(first: Side, second: Side) -> Opposite | None:
         other_trace = sp.csr_array(other_trace[(3 * partner[:, None] + np.arange(3)).ravel()])
     normals = face.normals
     distance = np.einsum("pi,pi->p", there - points, normals)
-    return Opposite(points, face.positive_areas, normals, distance, (trace, other_trace), np.zeros(len(distance)))
+    return FacePair(points, face.positive_areas, normals, distance, (trace, other_trace), np.zeros(len(distance)))
 
 
 def _partners(face: Face, other: Face, points: Array, there: Array) -> Index | None:
@@ -118,7 +117,7 @@ def _partners(face: Face, other: Face, points: Array, there: Array) -> Index | N
 
 def by_mortar(
     first: Side, second: Side, owner: Owner, reach: float | None, held: tuple[Mask | None, Mask | None]
-) -> Opposite | None:
+) -> FacePair | None:
     """Faces with nodes of their own, over the part that they have in common; None where there is none.
 
     Parameters
@@ -128,21 +127,21 @@ def by_mortar(
         than the other side can follow).
     reach : see ``fem.mortar``. held : dofs of the two bodies that never move, None for rigid ones.
     """
-    pair = _Pair((first, second), reach, held)
+    pair = _MortarPair((first, second), reach, held)
     if owner != "automatic":
-        return pair.seen_from(0 if owner == "E" else 1)
+        return pair.from_side(0 if owner == "E" else 1)
     rigid = [body.rigid for body, _ in (first, second)]
     if rigid[0] != rigid[1]:
-        return pair.seen_from(int(rigid[0]))
+        return pair.from_side(int(rigid[0]))
     finer = int(pair.surfaces[1].facet_area < (1 - 1e-6) * pair.surfaces[0].facet_area)
     if pair.mortar(finer) is None or pair.mortar(1 - finer) is None:
         return None
     side = next((s for s in (finer, 1 - finer) if pair.covered(s)), finer)
-    return pair.seen_from(1 - side if pair.held_alone(side) > pair.held_alone(1 - side) else side)
+    return pair.from_side(1 - side if pair.held_alone(side) > pair.held_alone(1 - side) else side)
 
 
-class _Pair:
-    """Two faces; what one of them gives as the owner is worked out once."""
+class _MortarPair:
+    """Two faces; the integrals with either of them as the owner are computed once."""
 
     def __init__(self, sides: tuple[Side, Side], reach: float | None, held: tuple[Mask | None, Mask | None]) -> None:
         self.surfaces = tuple(Surface(body.mesh.nodes, facets) for body, facets in sides)
@@ -157,41 +156,41 @@ class _Pair:
 
     def covered(self, side: int) -> bool:
         """Whether the facets of this side are wholly covered, as far as they meet the other one at all."""
-        found = self.mortar(side)
-        return found is not None and found.covered >= COVERED
+        part = self.mortar(side)
+        return part is not None and part.covered >= COVERED
 
     def held_alone(self, side: int) -> int:
         """Number of directions in which points of this side cannot move while the other side can."""
         return int(self._directions(side)[1].sum())
 
     def _directions(self, side: int) -> tuple[Mask, Mask]:
-        found, held, other = self.mortar(side), self._held[side], self._held[1 - side]
-        assert found is not None
+        part, held, other = self.mortar(side), self._held[side], self._held[1 - side]
+        assert part is not None
         if held is None or other is None:
-            none = np.zeros((len(found.areas), 3), dtype=bool)
+            none = np.zeros((len(part.areas), 3), dtype=bool)
             return none, none
-        points, own = found.owner @ self.surfaces[side].nodes, _of_vectors(found.owner)
-        return held_directions(points, found.normals, own, held, self.surfaces[1 - side], other)
+        points, own = part.owner @ self.surfaces[side].nodes, _of_vectors(part.owner)
+        return _held_directions(points, part.normals, own, held, self.surfaces[1 - side], other)
 
-    def seen_from(self, side: int) -> Opposite | None:
+    def from_side(self, side: int) -> FacePair | None:
         """Points of this side."""
-        found = self.mortar(side)
-        if found is None:
+        part = self.mortar(side)
+        if part is None:
             return None
         mine, theirs = self.surfaces[side].nodes, self.surfaces[1 - side].nodes
-        points = found.owner @ mine
-        normals = found.normals if side == 0 else -found.normals
-        jump = (found.other @ theirs - points) * (1 if side == 0 else -1)
-        gone, _ = self._directions(side)
-        traces = [without(_of_vectors(t), gone) for t in (found.owner, found.other)]
-        shares = tuple(float(found.areas.sum()) / s.area for s in self.surfaces)
-        return Opposite(
+        points = part.owner @ mine
+        normals = part.normals if side == 0 else -part.normals
+        jump = (part.other @ theirs - points) * (1 if side == 0 else -1)
+        removed, _ = self._directions(side)
+        traces = [_without(_of_vectors(t), removed) for t in (part.owner, part.other)]
+        shares = tuple(float(part.areas.sum()) / s.area for s in self.surfaces)
+        return FacePair(
             points,
-            found.areas,
+            part.areas,
             normals,
             np.einsum("pi,pi->p", jump, normals),
             (traces[side], traces[1 - side]),
-            found.sags,
+            part.sags,
             side,
             False,
             (shares[0], shares[1]),
@@ -203,9 +202,9 @@ def _of_vectors(trace: sp.csr_array) -> sp.csr_array:
     return sp.csr_array(sp.kron(trace, sp.eye_array(3), format="csr"))
 
 
-def on_plane(side: Side, point: Array, normal: Array) -> Opposite | None:
+def on_plane(side: Side, point: Array, normal: Array) -> FacePair | None:
     """A face against rigid ground behind the plane through ``point`` with the unit ``normal`` out of the ground; the
-    facets that look away from it (more than 60 degrees) are left out. None where all do."""
+    facets turned away from it by more than 60 degrees are left out. None where all are."""
     body, facets = side
     blocks = []
     for block, pieces in zip(facets.blocks, Surface(body.mesh.nodes, facets).pieces, strict=True):
@@ -220,7 +219,7 @@ def on_plane(side: Side, point: Array, normal: Array) -> Opposite | None:
     points, trace = own_points(body, facing_set, face)
     vector = face.vector_areas if face.change is None else face.change.T @ face.vector_areas
     normals = np.tile(-normal, (len(points), 1))
-    return Opposite(
+    return FacePair(
         points,
         -vector @ normal,
         normals,
@@ -231,13 +230,7 @@ def on_plane(side: Side, point: Array, normal: Array) -> Opposite | None:
     )
 
 
-def held_dofs(conditions: Conditions) -> Mask:
-    """(n_full,) dofs of a body that never move."""
-    held: Mask = (np.diff(conditions.expansion.indptr) == 0) & ~conditions.pattern.any(axis=1)
-    return held
-
-
-def held_directions(
+def _held_directions(
     points: Array, normals: Array, own: sp.csr_array, held: Mask, other: Surface, other_held: Mask
 ) -> tuple[Mask, Mask]:
     """Directions (n_point, 3) in which points of the owner cannot move.
@@ -260,25 +253,25 @@ def held_directions(
     return both, still & ~both
 
 
-def without(trace: sp.csr_array, gone: Mask) -> sp.csr_array:
+def _without(trace: sp.csr_array, removed: Mask) -> sp.csr_array:
     """The trace without the rows of these directions (n_point, 3)."""
-    kept = sp.csr_array(sp.diags_array((~gone).astype(float).ravel()) @ trace)
+    kept = sp.csr_array(sp.diags_array((~removed).astype(float).ravel()) @ trace)
     kept.eliminate_zeros()
     return kept
 
 
 def _edges(facets: FacetSet, held: Mask) -> Index:
     """Nodes at the ends (n, 2) of edges whose ends are both ``held`` (n_node,)."""
-    found = [np.zeros((0, 2), dtype=np.int64)]
+    held_edges = [np.zeros((0, 2), dtype=np.int64)]
     for block in facets.blocks:
         corners = block.facets[:, : N_CORNER[block.kind]]
         ends = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2)
-        found.append(ends[held[ends].all(axis=1)])
-    return np.unique(np.sort(np.concatenate(found), axis=1), axis=0)
+        held_edges.append(ends[held[ends].all(axis=1)])
+    return np.unique(np.sort(np.concatenate(held_edges), axis=1), axis=0)
 
 
 def _on_edges(points: Array, normals: Array, ends: Array) -> Mask:
-    """Whether each of ``points`` (n, 3) lies on one of the edges ``ends`` (m, 2, 3), seen along its normal."""
+    """Whether each of ``points`` (n, 3) lies on one of the edges ``ends`` (m, 2, 3), in projection along its normal."""
     on = np.zeros(len(points), dtype=bool)
     if not len(ends):
         return on
