@@ -10,8 +10,7 @@ import scipy.sparse as sp
 
 from ..assembly.build import discretise
 from ..assembly.interfaces import completed
-from ..assembly.problem import DiscretisedProblem
-from ..assembly.scales import characteristic_traction, side_impedance
+from ..assembly.problem import DiscretisedProblem, characteristic_traction, side_impedance
 from ..assembly.statics import starts_static
 from ..cholesky.factor import interface_factor
 from ..errors import Problem, SceneError
