@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 from pydantic import ValidationError
 
 from .errors import MeshError, Problem, SceneError, listed, shown
-from .scene.mesh_parts import ALL, MeshParts, part_name
 from .scene.overrides import apply_overrides
 from .scene.raw_scene import given, named_tables
 from .scene.schema import Scene
+from .scene.substructures import ALL, MeshParts, part_name
 
 if TYPE_CHECKING:
     from .mesh_files.content import MeshContent

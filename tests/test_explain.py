@@ -14,7 +14,7 @@ from latin_fmu.cli import main
 from latin_fmu.effects import Explanation, explain
 from latin_fmu.effects.scene_effects import EFFECTS
 from latin_fmu.reader import load_scene, scene_from_dict
-from latin_fmu.scene.lines import key_lines, line_of
+from latin_fmu.scene.overrides import key_lines, line_of
 
 MODELS = Path(__file__).parents[1] / "models"
 NAMES = {

@@ -21,8 +21,8 @@ from ..results.estimates import ErrorEstimate, QuantityEstimate
 from ..results.quantities_of_interest import FLOOR, definition_of
 from ..results.solution import Solution
 from ..results.summary import percent
-from ..scene.output_settings import Output
 from ..scene.schema import Scene
+from ..scene.settings import Output
 from .estimate import quantity_estimate
 from .resolution import (
     FEWEST_STEPS,

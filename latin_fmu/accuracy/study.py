@@ -18,8 +18,8 @@ from ..results.estimates import ErrorEstimate
 from ..results.quantities_of_interest import FLOOR
 from ..scene.describe import tables_in, tag_of
 from ..scene.schema import Scene
+from ..scene.settings import Time
 from ..scene.solver_settings import WHOLE, Solver
-from ..scene.time_settings import Time
 from .estimate import coarser_runs_of
 from .quantities import Quantities
 from .reference import Reference, declared

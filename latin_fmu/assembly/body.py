@@ -20,9 +20,8 @@ from ..fem.stress import MeanStress, Recovery
 from ..fem.surface import Surface
 from ..latin.assembly import InterfaceUnit
 from ..scene.fields import ALL_OF_IT, GROUND, split_face
-from ..scene.materials import Material
 from ..scene.schema import Scene
-from ..scene.substructures import MeshFile, Substructure
+from ..scene.substructures import Material, MeshFile, Substructure
 
 if TYPE_CHECKING:
     from ..mesh_files.content import MeshContent

@@ -17,8 +17,7 @@ from ..interface import Behaviour, InterfaceGeometry, make_behaviour
 from ..interface.geometry import local_frames
 from ..latin.assembly import InterfaceUnit
 from ..scene.fields import ALL_OF_IT, GROUND, split_face
-from ..scene.interface_keys import PARAMETERS, TAKES
-from ..scene.interfaces import Interface
+from ..scene.interfaces import PARAMETERS, TAKES, Interface
 from ..scene.schema import Scene
 from .body import Body, build_bodies
 from .conditions import Conditions

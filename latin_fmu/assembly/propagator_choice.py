@@ -18,9 +18,9 @@ from ..propagator import Propagator
 from ..propagator.explicit import ExplicitPropagator
 from ..propagator.model import SubstructureModel
 from ..propagator.registry import Kind, PropagatorSettings
-from ..scene.propagator_relations import CENTRAL
-from ..scene.propagator_settings import AutomaticPropagator, ReducedPropagator
+from ..scene.relations import CENTRAL
 from ..scene.schema import Scene
+from ..scene.solver_settings import AutomaticPropagator, ReducedPropagator
 from .models import ModelClass
 
 AVAILABLE: Final = 0.7  # part of the memory of the machine that operators may take

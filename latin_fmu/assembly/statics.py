@@ -29,7 +29,7 @@ from ..scene.boundaries import Absorbing, PrescribedDisplacement, PrescribedVelo
 from ..scene.fields import GROUND, split_face
 from ..scene.laws import InputLaw
 from ..scene.schema import Scene
-from ..scene.time_settings import StaticStart
+from ..scene.settings import StaticStart
 from ..time_scheme import QuasiStatic
 from .body import Body, body_sides
 from .checks import boundaries_of

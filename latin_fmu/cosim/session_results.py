@@ -16,7 +16,7 @@ from ..results.estimates import ErrorEstimate
 from ..results.groups import SCHEMA_VERSION
 from ..results.quantities_of_interest import FLOOR
 from ..results.solution import Solution
-from ..scene.point_laws import TableLaw
+from ..scene.laws import TableLaw
 from ..scene.schema import Scene
 from .loads import Curve
 from .modes import Prescribed, Windowed

@@ -9,7 +9,7 @@ from typing import Any
 
 from ..assembly.build import discretise
 from ..results.summary import readable
-from ..scene.lines import key_lines, line_of
+from ..scene.overrides import key_lines, line_of
 from ..scene.schema import Scene
 from ..scene.solver_settings import WHOLE, Anderson
 from .cost import Prediction

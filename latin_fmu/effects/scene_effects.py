@@ -10,7 +10,7 @@ from ..interface.behaviour import bonds
 from ..latin.assembly import InterfaceUnit
 from ..scene.boundaries import Absorbing, PrescribedDisplacement, PrescribedVelocity
 from ..scene.fields import split_face
-from ..scene.time_settings import StaticStart
+from ..scene.settings import StaticStart
 from .cost import Prediction, numbers, seconds
 
 

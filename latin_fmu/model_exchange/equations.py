@@ -10,8 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from pydantic import TypeAdapter
 
-from ..scene.laws import HalfSineLaw, InputLaw, Law, RectangularPulseLaw, StepLaw, TimeLaw
-from ..scene.point_laws import CsvLaw, TableLaw
+from ..scene.laws import CsvLaw, HalfSineLaw, InputLaw, Law, RectangularPulseLaw, StepLaw, TableLaw, TimeLaw
 from .contact_law import ContactLaw, Modes, Motion, Regularisation, Traction
 from .system import ENERGY_NAMES, WORKS, Array, ReducedSystem
 

@@ -20,7 +20,7 @@ from ..propagator.model import reduced_rank
 from ..scene.boundaries import PrescribedDisplacement, PrescribedVelocity
 from ..scene.fields import GROUND, split_face
 from ..scene.schema import Scene
-from ..scene.time_settings import HHT
+from ..scene.settings import HHT
 from .bodies import (
     BondedBody,
     Cut,

@@ -1,13 +1,17 @@
-"""The scene: what the user describes, as validated data (no operator, no mesh, no solver here).
+"""The scene: what the user describes, as checked data (no mesh, no operator, no solver here).
 
-=================  ==================================================================================
-schema             `Scene`, the whole description; its tables live in materials, substructures,
-                   interfaces, boundaries, loads, laws, time_settings, solver_settings, output_settings
-relations          checks that span several keys or tables (unknown names, contradictions)
-reader             TOML file or dictionary -> `Scene`
-overrides          ``a.b.c=value`` settings applied on top of a file
-reference          the printed reference and the JSON schema, both generated from the tables
-=================  ==================================================================================
+===================================  ================================================================================
+schema                               `Scene`, the whole description, and its TOML text
+substructures, interfaces,           its tables, one class each; checks between the keys of one table stand there, too
+boundaries, laws, settings,
+solver_settings
+fields                               types of the keys: strict numbers, names, faces; description, unit and range
+relations                            checks between tables: unknown names, contradictions
+raw_scene                            the scene as it was written, for these checks
+describe, problems                   what the tables say about themselves; from a failed check to a message
+overrides                            settings ``a.b.c=value`` on top of a file, and the lines on which keys stand
+reference                            the printed reference and the JSON schema, both made from the tables
+===================================  ================================================================================
 """
 
 from __future__ import annotations

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from collections.abc import Iterator
+from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field
 
+from ..errors import Problem, shown
 from .fields import Face, Series, Table, _as_list, about, refusal
 from .laws import ConstantLaw, Law
+from .raw_scene import RawTable, face_problems, is_box, named_tables, parsed_face, text_list
+from .substructures import BOX_FACES
 
 Axis = Literal["x", "y", "z"]
 AXES: tuple[Axis, ...] = ("x", "y", "z")
@@ -76,3 +80,78 @@ class Periodic(Table):
 Boundary = Annotated[
     Fixed | Symmetry | PrescribedVelocity | PrescribedDisplacement | Absorbing | Periodic, Field(discriminator="type")
 ]
+
+
+_DRIVEN = ("velocity", "displacement")
+
+
+def boundary_problems(raw: Any) -> Iterator[Problem]:
+    """All problems between keys of the boundary conditions, and between the conditions."""
+    imposed: dict[tuple[str, str], str] = {}
+    for name, table in named_tables(raw, "boundary").items():
+        where, kind = f"boundary.{name}", table.get("type")
+        face = table.get("face")
+        if isinstance(face, str):
+            yield from face_problems(raw, f"{where}.face", face)
+        if kind == "periodic":
+            yield from _periodic_problems(raw, where, table)
+        if kind in _DRIVEN:
+            yield from _length_problems(where, table)
+        for place, component in _imposed(raw, table):
+            other = imposed.setdefault((place, component), name)
+            if other != name:
+                yield Problem(
+                    where,
+                    f"{component} on {place!r} is already set by boundary {other!r}",
+                    None,
+                    "one condition per face and component",
+                )
+
+
+def _length_problems(where: str, table: RawTable) -> Iterator[Problem]:
+    components, value = table.get("components"), table.get("value")
+    if isinstance(components, (list, tuple)) and isinstance(value, (list, tuple)) and len(components) != len(value):
+        yield Problem(f"{where}.value", "must have one number per component", shown(value), str(len(components)))
+
+
+def _periodic_problems(raw: Any, where: str, table: RawTable) -> Iterator[Problem]:
+    faces = text_list(table.get("faces"))
+    if len(faces) != 2:
+        return
+    for index, face in enumerate(faces):
+        yield from face_problems(raw, f"{where}.faces[{index}]", face)
+    first, second = parsed_face(faces[0]), parsed_face(faces[1])
+    if first is None or second is None:
+        return
+    if first == second or first[0] != second[0]:
+        yield Problem(f"{where}.faces", "periodic faces must be two different faces of one substructure", shown(faces))
+    elif is_box(raw, first[0]) and first[1] in BOX_FACES and second[1] in BOX_FACES and first[1][0] != second[1][0]:
+        yield Problem(
+            f"{where}.faces",
+            "periodic faces must be opposite",
+            shown(faces),
+            ", ".join(f"{axis}min with {axis}max" for axis in AXES),
+        )
+
+
+def _imposed(raw: Any, table: RawTable) -> Iterator[tuple[str, str]]:
+    """The (face, quantity) pairs that a condition sets."""
+    kind, face = table.get("type"), table.get("face")
+    if kind == "periodic":
+        for place in dict.fromkeys(text_list(table.get("faces"))):
+            yield place, "periodicity"
+    elif not isinstance(face, str) or not isinstance(kind, str):
+        return
+    elif kind == "absorbing":
+        yield face, "absorption"
+    elif kind == "symmetry":
+        parsed = parsed_face(face)
+        if parsed is not None and is_box(raw, parsed[0]) and parsed[1] in BOX_FACES:
+            yield face, parsed[1][0]
+        else:
+            yield face, "symmetry"
+    elif kind == "fixed" or kind in _DRIVEN:
+        default = list(AXES) if kind == "fixed" else []
+        for component in dict.fromkeys(text_list(table.get("components")) or default):
+            if component in AXES:
+                yield face, component

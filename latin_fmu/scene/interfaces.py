@@ -1,17 +1,87 @@
-"""Table [interface.NAME]: how two substructures, or a substructure and the ground, act on each other."""
+"""Tables [interface.NAME] and [contact.NAME]: how substructures and the ground act on each other."""
 
 from __future__ import annotations
 
 import math
 import sys
-from typing import Annotated, Literal
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
-from pydantic import AfterValidator, BeforeValidator
+from pydantic import AfterValidator, BeforeValidator, create_model
 
-from ..errors import did_you_mean
-from .fields import GROUND, Direction, Real, Side, Table, Text, Vector, _as_list, about, refusal
-from .interface_keys import BEHAVIOUR_NAMES, TAKES
+from ..errors import Problem, did_you_mean, shown
+from .fields import GROUND, Direction, Name, Real, Side, Table, Text, Vector, _as_list, about, refusal
 from .laws import ConstantLaw, Law
+from .raw_scene import RawTable, given, number
+
+# Keys of an interface that only some behaviours take.
+TAKES: Final[Mapping[str, tuple[str, ...]]] = {
+    "perfect": (),
+    "contact": ("friction_coefficient", "gap", "preload", "preload_force"),
+    "no_slip": ("gap", "preload", "preload_force"),
+    "elastic_layer": ("normal_stiffness", "tangential_stiffness", "preload", "preload_force"),
+    "soft_contact": ("normal_stiffness", "friction_coefficient", "gap", "preload", "preload_force", "interference"),
+    "viscous_joint": ("normal_viscosity", "tangential_viscosity"),
+}
+BEHAVIOUR_NAMES: Final = tuple(sorted(TAKES))
+NEEDS: Final[Mapping[str, tuple[str, ...]]] = {
+    "elastic_layer": ("normal_stiffness", "tangential_stiffness"),
+    "soft_contact": ("normal_stiffness",),
+    "viscous_joint": ("normal_viscosity", "tangential_viscosity"),
+}
+PARAMETERS: Final[tuple[str, ...]] = (
+    "friction_coefficient",
+    "normal_stiffness",
+    "tangential_stiffness",
+    "normal_viscosity",
+    "tangential_viscosity",
+)
+_ALL: Final = tuple(dict.fromkeys(key for keys in TAKES.values() for key in keys))
+MEANINGLESS: Final[Mapping[str, tuple[str, ...]]] = {
+    name: tuple(key for key in _ALL if key not in keys) for name, keys in TAKES.items()
+}
+_PRESSED: Final = ("preload", "preload_force", "interference")
+
+
+def key_problems(where: str, table: RawTable, behaviour: str) -> Iterator[Problem]:
+    """Keys that mean nothing with this behaviour, and those that are missing."""
+    kind = "a perfect connection" if behaviour == "perfect" else f'behaviour = "{behaviour}"'
+    for key in MEANINGLESS.get(behaviour, ()):
+        if given(table, key):
+            taking = " or ".join(f'"{name}"' for name, keys in TAKES.items() if key in keys)
+            yield Problem(
+                f"{where}.{key}",
+                f"{key!r} means nothing on {kind}",
+                shown(table[key]),
+                None,
+                f"remove it, or choose behaviour = {taking}",
+            )
+    for key in NEEDS.get(behaviour, ()):
+        if not given(table, key):
+            yield Problem(f"{where}.{key}", f"missing: {kind} needs it", None, "a number >= 0")
+    yield from _value_problems(where, table, behaviour)
+
+
+def _value_problems(where: str, table: RawTable, behaviour: str) -> Iterator[Problem]:
+    pressed = [key for key in _PRESSED if (number(table, key) or 0.0) > 0.0 and key in TAKES.get(behaviour, ())]
+    if len(pressed) > 1:
+        yield Problem(f"{where}.{pressed[1]}", f"given together with {pressed[0]!r}", None, "one of them")
+    gap = number(table, "gap")
+    for key in pressed[:1]:
+        if gap is not None and gap > 0.0:
+            yield Problem(
+                f"{where}.{key}",
+                "an open interface carries no preload",
+                f"{number(table, key):g} with gap = {gap:g}",
+                f"{key} > 0 only where gap = 0",
+                "set gap = 0 or remove the preload",
+            )
+    if number(table, "normal_stiffness") != 0.0:
+        return
+    if behaviour == "soft_contact" or (behaviour == "elastic_layer" and pressed):
+        what = "no force can be carried" if behaviour == "soft_contact" else "nothing holds the preload"
+        yield Problem(f"{where}.normal_stiffness", what, "0", "> 0")
+
 
 _GAP_RULES = ("measured", "closed")
 _LARGEST = sys.float_info.max
@@ -139,3 +209,46 @@ class Interface(Table):
         """Pressure at t = 0 on a face of the given area, m2; Pa."""
         squeezed = self.interference * (self.normal_stiffness or 0.0)
         return self.preload + self.preload_force / area + squeezed
+
+
+NamePair = Annotated[tuple[Name, Name], BeforeValidator(_as_list)]
+NamePairs = Annotated[tuple[NamePair, ...], BeforeValidator(_as_list)]
+Names = Annotated[tuple[Name, ...], BeforeValidator(_as_list)]
+
+
+class _ContactKeys(Table):
+    search: Annotated[Real, about("boundaries nearer than this along the normal become an interface", "m", gt=0)]
+    parts: Annotated[Names | None, about("substructures among which is searched; all of them where left out")] = None
+    behaviour: Annotated[Behaviour, about("what happens there, as for an interface")] = "contact"
+    gap: Annotated[Gap | None, about("initial distance, as for an interface", "m")] = None
+    friction_coefficient: Annotated[Real, about("Coulomb's coefficient mu", "1", ge=0)] = 0.0
+    normal_stiffness: Annotated[Real | None, about("as for an interface", "N m-3", ge=0)] = None
+    tangential_stiffness: Annotated[Real | None, about("as for an interface", "N m-3", ge=0)] = None
+    normal_viscosity: Annotated[Real | None, about("as for an interface", "N s m-3", ge=0)] = None
+    tangential_viscosity: Annotated[Real | None, about("as for an interface", "N s m-3", ge=0)] = None
+
+    @property
+    def exceptions(self) -> frozenset[frozenset[str]]:
+        """Pairs of substructures that are left out."""
+        return frozenset(frozenset(pair) for pair in getattr(self, "except"))
+
+    def interface(self, first: str, second: str) -> Interface:
+        """The interface between the boundaries of two substructures."""
+        taken = TAKES[self.behaviour]
+        keys = [k for k in ("gap", *PARAMETERS) if k in taken and getattr(self, k) is not None]
+        values: dict[str, Any] = {key: getattr(self, key) for key in keys}
+        return Interface(sides=(f"{first}.*", f"{second}.*"), behaviour=self.behaviour, search=self.search, **values)
+
+
+if TYPE_CHECKING:
+
+    class ContactSearch(_ContactKeys):
+        """Interfaces found between boundaries; a pair with an interface in the scene is left as it is."""
+else:
+    # "except" is a keyword of Python: such a field cannot be written in the body of a class
+    ContactSearch = create_model(
+        "ContactSearch",
+        __base__=_ContactKeys,
+        __doc__="Interfaces found between boundaries; a pair with an interface in the scene is left as it is.",
+        **{"except": (Annotated[NamePairs, about("pairs of substructures that are left out")], ())},
+    )

@@ -10,21 +10,169 @@ Sampling
 --------
 The solver uses a(t_i) at its instants and is linear in between, so its impulse is the trapezoid rule of the
 samples. `sampled_impulse_error` compares it with the exact integral of the law. With the rule of jumps, a
-pulse that starts and ends on instants has its exact impulse.
-"""
+pulse that starts and ends on instants has its exact impulse."""
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Protocol
+import math
+import re
+from pathlib import Path
+from typing import Annotated, Any, Literal, Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
 
-from .fields import Real, Table, about, tagged
-from .point_laws import CsvLaw, TableLaw
+from .fields import Real, Series, Table, Text, about, refusal, tagged
+
+MAX_FILE_BYTES = 500_000_000
+_TWO_COLUMNS = "two columns, time and value, separated by a comma, semicolon, tab or blank"
+
+
+def base_dir_of(context: Any) -> Path:
+    """Folder that relative file names start from: that of the scene file, else the current one."""
+    base_dir = context.get("base_dir") if isinstance(context, dict) else None
+    return base_dir if isinstance(base_dir, Path) else Path()
+
+
+def read_law_file(base_dir: Path, name: str) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Times and values of a file; blank lines and lines starting with # are skipped, one header is allowed.
+
+    Raises the refusal of the field that names the file.
+    """
+    rows: list[tuple[float, float]] = []
+    seen_text = False
+    for number, line in enumerate(_text(base_dir, name).splitlines(), 1):
+        stripped = line.strip()
+        if not stripped or stripped.startswith("#"):
+            continue
+        row = _row(stripped)
+        if row is None and not seen_text:
+            seen_text = True  # the header
+            continue
+        seen_text = True
+        if row is None or not all(map(math.isfinite, row)):
+            raise refusal(f"line {number} is not two finite numbers", value=stripped[:60], allowed=_TWO_COLUMNS)
+        rows.append(row)
+    return tuple(row[0] for row in rows), tuple(row[1] for row in rows)
+
+
+def _text(base_dir: Path, name: str) -> str:
+    try:
+        path = base_dir / name
+        if path.stat().st_size > MAX_FILE_BYTES:
+            raise refusal("the file is too large", value=name, allowed=f"at most {MAX_FILE_BYTES} bytes")
+        return path.read_text(encoding="utf-8-sig")
+    except (FileNotFoundError, NotADirectoryError):
+        raise refusal(
+            "the file does not exist", value=name, remedy="file names are relative to the scene file"
+        ) from None
+    except UnicodeDecodeError:
+        raise refusal("not a text file", value=name, allowed=_TWO_COLUMNS) from None
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        raise refusal(f"the file cannot be read ({reason})", value=name) from None
+
+
+def _row(line: str) -> tuple[float, float] | None:
+    cells = [cell for cell in re.split(r"\s*[,;\t]\s*|\s+", line) if cell]
+    if len(cells) != 2:
+        return None
+    try:
+        return float(cells[0]), float(cells[1])
+    except ValueError:
+        return None
+
 
 Array = NDArray[np.float64]
+Points = tuple[float, ...]
+
+
+def _interpolated(t: ArrayLike, times: Points, values: Points) -> Array:
+    return np.asarray(np.interp(np.asarray(t, dtype=np.float64), times, values), dtype=np.float64)
+
+
+def _integral(t0: float, t1: float, times: Points, values: Points) -> float:
+    knots = np.asarray(times)
+    t = np.concatenate(([t0], knots[(knots > t0) & (knots < t1)], [t1]))
+    return float(np.trapezoid(_interpolated(t, times, values), t))
+
+
+def _check_points(times: Points, values: Points) -> None:
+    if len(times) < 2:
+        raise refusal("a table needs two points or more", value=len(times), allowed="at least 2 times")
+    if len(times) != len(values):
+        raise refusal(
+            "times and values differ in number",
+            value=f"{len(times)} times, {len(values)} values",
+            allowed="one value per time",
+        )
+    t = np.asarray(times)
+    falls = np.flatnonzero(t[1:] <= t[:-1])
+    if falls.size:
+        i = int(falls[0])
+        raise refusal(
+            "times do not increase",
+            value=f"times[{i + 1}] = {times[i + 1]!r} after {times[i]!r}",
+            allowed="strictly increasing times",
+            remedy="write a jump as two close times",
+        )
+
+
+class TableLaw(Table):
+    """Given points, linear in between, held at both ends."""
+
+    type: Literal["table"] = "table"
+    times: Annotated[Series, about("strictly increasing times, two or more", "s")]
+    values: Annotated[Series, about("a at these times", "1")]
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        _check_points(self.times, self.values)
+        return self
+
+    def sample(self, times: ArrayLike) -> Array:
+        """a(t) at the times, s."""
+        return _interpolated(times, self.times, self.values)
+
+    def impulse(self, t0: float, t1: float) -> float:
+        """Exact integral of a from t0 to t1 >= t0, s."""
+        return _integral(t0, t1, self.times, self.values)
+
+
+class CsvLaw(Table):
+    """Points read from a file of two columns, time (s) and value; linear in between, held at both ends.
+
+    The points are kept with the scene (`times`, `values`), which no longer needs the file afterwards.
+    """
+
+    type: Literal["csv"] = "csv"
+    file: Annotated[Text, about("file, relative to the scene file; a header line is allowed")]
+    times: Annotated[Series, about("filled from the file; where given, the file is not read", "s")] = ()
+    values: Annotated[Series, about("filled from the file", "1")] = ()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _load(cls, data: Any, info: ValidationInfo) -> Any:
+        if isinstance(data, dict) and isinstance(data.get("file"), str) and not {"times", "values"} & data.keys():
+            times, values = read_law_file(base_dir_of(info.context), data["file"])
+            return {**data, "times": times, "values": values}
+        return data
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        _check_points(self.times, self.values)
+        return self
+
+    def sample(self, times: ArrayLike) -> Array:
+        """a(t) at the times, s."""
+        return _interpolated(times, self.times, self.values)
+
+    def impulse(self, t0: float, t1: float) -> float:
+        """Exact integral of a from t0 to t1 >= t0, s."""
+        return _integral(t0, t1, self.times, self.values)
+
+
 JUMP_ROUND_OFF = 1e-9
 _START = "instant where the law starts"
 

@@ -1,17 +1,18 @@
 """Tolerant views of a scene as it was written: whatever has the wrong shape is left out, never an error.
 
-The checks between keys and tables look at these, so that a wrong field somewhere hides none of them.
-"""
+The checks between keys and tables look at these, so that a wrong field somewhere hides none of them."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from pydantic import BaseModel
 
-from .fields import FACE_PATTERN, split_face
+from ..errors import Problem, did_you_mean, shown
+from .fields import ALL_OF_IT, FACE_PATTERN, NAME_PATTERN, split_face
+from .substructures import BOX_FACES
 
 RawTable = Mapping[str, Any]
 _DEPTH = 6  # of the deepest table a scene has
@@ -83,3 +84,45 @@ def parsed_face(value: Any) -> tuple[str, str] | None:
     if isinstance(value, str) and FACE_PATTERN.fullmatch(value):
         return split_face(value)
     return None
+
+
+_MAX_LISTED = 12
+
+
+def unknown_name(where: str, kind: str, name: str, known: Iterable[str]) -> Problem:
+    """The problem of a name that no table has."""
+    names = sorted(name for name in known if NAME_PATTERN.fullmatch(name))
+    listed = ", ".join(names[:_MAX_LISTED]) + (", ..." if len(names) > _MAX_LISTED else "")
+    return Problem(where, f"no {kind} of this name", shown(name), listed, did_you_mean(name, names))
+
+
+def face_problems(raw: Any, where: str, face: str) -> Iterator[Problem]:
+    """What is wrong with the face ``"substructure.face"``; faces of mesh files are checked with the mesh."""
+    parsed = parsed_face(face)
+    substructures = named_tables(raw, "substructure")
+    if parsed is None or not substructures:
+        return
+    substructure, name = parsed
+    if substructure not in substructures:
+        known = [f"{other}.{name}" for other in substructures]
+        problem = unknown_name(where, "substructure", substructure, substructures)
+        close = did_you_mean(substructure, substructures)
+        yield (
+            problem
+            if close is None
+            else Problem(where, problem.what, shown(face), problem.allowed, did_you_mean(face, known) or close)
+        )
+    elif is_box(raw, substructure) and name not in (*BOX_FACES, ALL_OF_IT):
+        yield Problem(
+            where,
+            f"the box {substructure!r} has no face of this name",
+            shown(face),
+            ", ".join(BOX_FACES),
+            did_you_mean(name, BOX_FACES),
+        )
+
+
+def is_box(raw: Any, substructure: str) -> bool:
+    """True for a substructure written as a box only."""
+    table = named_tables(raw, "substructure").get(substructure, {})
+    return given(table, "box") and not given(table, "mesh")

@@ -11,9 +11,122 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
 from .describe import allowed_text, is_named, tables_in, tag_of
-from .reference_text import CONVENTIONS, EXAMPLE, INTRODUCTION
-from .schema import Scene
-from .toml_text import toml_value
+from .schema import Scene, toml_value
+
+INTRODUCTION = """\
+A scene is a TOML file. Named tables such as [material.steel] are referred to by their name: a letter, then
+letters, digits or underscores (no substructure may be called "ground"). A bare string may stand for a table
+that only has a type: law = "constant". A key that is not listed here is an error; all errors of a scene are
+reported at once. Settings on the command line follow the same path:
+--set interface.crush.friction_coefficient=0.1 or --set substructure.bar.box.elements.2=100.
+
+Units are SI as stated with each key; a key without one has no dimension. Nothing depends on it: any
+consistent system works (mm, t, s, MPa ...)."""
+
+CONVENTIONS = """\
+Faces          "substructure.face". The faces of a box are xmin xmax ymin ymax zmin zmax; those of a mesh
+               file are its named surface groups, surfaces of element faces, side sets, and node sets (facets with
+               all corners in the set); "substructure.*" is the whole boundary. The second side of an interface may
+               be "ground": rigid, unbounded, at rest unless ground_velocity is given.
+Interface      The normal N points from the first side (E) to the second (E'). Forces and tractions in the
+               results are those the interface exerts on side E, in global axes: two bodies pressed together
+               along z, the first one below, give a negative z component.
+Meshes         Nodes of the two faces that stand opposite each other one to one are the points of the interface.
+               Else the points are those of one side (points_from: the wholly covered one, else the finer), over
+               the part that the faces have in common, and the other side takes part through integrals over it
+               (mortar). Faces may be curved and closed. Points with hardly any common area are merged into
+               their neighbours.
+Gap            Distance of the two sides along N at the points, open > 0. Measured on the meshes where left out or
+               "measured"; where a number is given the meshes must agree or touch; "closed" takes none. Flat facets
+               stand for smooth faces: an overlap below twice their distance from those counts as touching, and
+               so does every distance where none is larger.
+Ground         Without a place the ground lies behind the face, which must be plane where it may open; its gap is
+               the number given, 0 without one. With ground = {point = [...], normal = [...]}, the normal out of
+               the ground, the gap is measured from that plane.
+Contact        A table [contact.NAME] makes an interface of every two boundaries that are nearer than search along
+               the normal (less than the parts are thick), named part_part; pairs that have an interface in the
+               scene are left as they are. latin-fmu check lists them, and the parts that touch nothing.
+Preload        Contact pressure already there at t = 0, in equilibrium with initial stresses nobody needs to
+               describe: displacements, velocities and stresses are counted from that state.
+               preload_force is the same as a force on the whole face (a tightened bolt), interference the same as
+               a compression of the layer of a soft_contact.
+Behaviours     perfect: one velocity. contact: unilateral, Coulomb friction. no_slip: unilateral, never slides.
+               elastic_layer: bonded, tractions proportional to the jump of displacement. soft_contact: unilateral,
+               pressure proportional to the compression of a layer, Coulomb friction. viscous_joint: bonded,
+               tractions proportional to the jump of velocity. A layer or joint has no thickness and no mass; the
+               distance of its faces does not count.
+Rigid          A rigid substructure keeps its mass and its mesh, which says where its faces and their points are.
+               Held and prescribed directions are taken out of its six motions; conditions that no rigid
+               motion satisfies are refused. Its rotations are small ones.
+Signs          Pressure is positive in compression: traction -p n, n the outward normal. Tractions, body
+               forces and prescribed motions are along the global axes x, y, z.
+Laws           A law a(t) has no dimension and multiplies the load or the prescribed motion. Before its
+               first and after its last point a table keeps its end values.
+Jumps          The value of a law at a jump is the value before it. A step or a pulse that starts at 0 is 0
+               at t = 0; a rectangular pulse is 1 for start < t <= start + duration. An instant closer to
+               the jump than 1e-9 of its own value lies on it.
+Sampling       The solver takes a(t) at its instants, linear in between. Pulses that start and end on
+               instants keep their impulse exactly; a difference of more than 0.1 % is reported.
+Instants       t_i = i end / n, i = 0 ... n, n = instants or end / step. Initial conditions hold at t = 0.
+Quasi-static   time.quasi_static = true leaves inertia out: every step is an equilibrium under the loads of
+               its end. At t = 0 nothing acts but preloads; loads that do not start from zero come with the
+               first step. Time only orders the increments (a viscous_joint alone feels its pace). What nothing
+               holds is an error; where contact and friction cannot hold the loads, the run stops there.
+Static start   time.start = "static" solves the equilibrium under what acts at t = 0 first: loads at a(0) (a step
+               or pulse that starts at 0 is a shock and not in it), body forces, preloads, displaced faces; faces
+               driven by a velocity and the ground stand still. The motion starts from its displacements,
+               tractions, gaps, stick and slip. Substructures with an initial velocity are not in it. What
+               nothing holds, or friction cannot hold, is an error.
+Boundaries     fixed and symmetry block displacement; velocity and displacement prescribe value * a(t) along
+               the components. One condition per face and component. Loads on one face add up.
+Absorbing      Half of a traction on an absorbing face goes into its dashpots: a traction 2 t launches a
+               wave t."""
+
+EXAMPLE = """\
+name = "two_blocks"
+description = "A moving block strikes a resting one and rubs on it"
+
+[material.steel]
+young_modulus = 210e9
+poisson_ratio = 0.3
+density = 7800.0
+
+[substructure.lower]
+material = "steel"
+box = {origin = [0.0, 0.0, 0.0], size = [0.01, 0.01, 0.01], elements = [4, 4, 4]}
+
+[substructure.upper]
+material = "steel"
+box = {origin = [0.0, 0.0, 0.01], size = [0.01, 0.01, 0.01], elements = [4, 4, 4]}
+initial_velocity = [1.0, 0.0, -5.0]
+
+[interface.strike]
+sides = ["lower.zmax", "upper.zmin"]
+behaviour = "contact"
+friction_coefficient = 0.2
+
+[boundary.base]
+type = "fixed"
+face = "lower.zmin"
+
+[load.press]
+face = "upper.zmax"
+pressure = 50e6
+law = {type = "half_sine", duration = 5e-6}
+
+[time]
+end = 20e-6
+step = 0.1e-6
+scheme = {type = "hht", alpha = -0.1}
+
+[solver]
+tolerance = 1e-3
+window = 1
+
+[output]
+energy = true
+"""
+
 
 _WIDTH = 110
 _INDENT = " " * 8

@@ -1,24 +1,20 @@
 """Checks that span several keys or tables: unknown names, alternatives, contradictions.
 
 They work on the scene as written (see raw_scene), beside the checks of each field, so that one message
-lists everything. A value that is wrong by itself is reported there and ignored here.
-"""
+lists everything. A value that is wrong by itself is reported there and ignored here."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from ..errors import Problem, shown
-from .boundary_relations import boundary_problems
-from .face_relations import face_problems, unknown_name
+from .boundaries import boundary_problems
 from .fields import GROUND
-from .interface_keys import key_problems
-from .propagator_relations import propagator_problems
-from .raw_scene import RawTable, given, named_tables, number, single_table, text_list
-from .static_relations import static_problems
-from .time_settings import MAX_INSTANTS
+from .interfaces import key_problems
+from .raw_scene import RawTable, face_problems, given, named_tables, number, single_table, text_list, unknown_name
+from .settings import HHT, MAX_INSTANTS
 
 STEP_ROUND_OFF = 1e-6
 
@@ -194,3 +190,112 @@ def _time_problems(time: RawTable) -> Iterator[Problem]:
             f"a multiple of step = {step:.12g}",
             f"nearest: end = {n_step * step:.12g}, or instants = {n_step} instead of step",
         )
+
+
+EXPLICIT, REDUCED, CENTRAL = "explicit", "reduced", "central_difference"
+REDUCIBLE = ("hht", "newmark")
+
+
+def with_its_scheme(raw: Any) -> Any:
+    """The scene with the time scheme of its propagator where none is written."""
+    time = single_table(raw, "time")
+    if _kind(single_table(raw, "solver"), "propagator") != EXPLICIT or not time or given(time, "scheme"):
+        return raw
+    return {**raw, "time": {**time, "scheme": CENTRAL}}
+
+
+def propagator_problems(raw: Any) -> Iterator[Problem]:
+    """Propagators and time schemes that exclude each other."""
+    kind = _kind(single_table(raw, "solver"), "propagator")
+    scheme = _kind(single_table(raw, "time"), "scheme")
+    if kind == EXPLICIT and scheme not in (None, CENTRAL):
+        yield Problem(
+            "solver.propagator",
+            "the explicit propagator has a time scheme of its own",
+            shown(scheme),
+            f'time.scheme = "{CENTRAL}", or none',
+            "leave out time.scheme, or choose another propagator",
+        )
+    if kind == REDUCED and scheme not in (None, CENTRAL, *REDUCIBLE):
+        yield Problem(
+            "solver.propagator",
+            "vibration modes need a scheme in which every node has its mass",
+            shown(scheme),
+            " or ".join(f'time.scheme = "{name}"' for name in REDUCIBLE),
+            "choose another time scheme or propagator",
+        )
+    precision = single_table(raw, "solver").get("precision")
+    if precision == "float32" and (scheme == CENTRAL or kind in (EXPLICIT, REDUCED, "cg")):
+        yield Problem(
+            "solver.precision",
+            "only the direct propagator has factors",
+            shown(precision),
+            'solver.propagator = "direct" or "automatic"',
+            "leave out solver.precision",
+        )
+    if scheme == CENTRAL and kind not in (None, "automatic", EXPLICIT):
+        yield Problem(
+            "time.scheme",
+            "central differences are marched by the explicit propagator only",
+            shown(kind),
+            'solver.propagator = "explicit" or "automatic"',
+            "choose another time scheme, or that propagator",
+        )
+
+
+def _kind(table: RawTable, key: str) -> str | None:
+    """Type that a key chooses, by a bare word or in a table."""
+    value = table.get(key)
+    chosen = value.get("type") if isinstance(value, Mapping) else value
+    return chosen if isinstance(chosen, str) else None
+
+
+_DAMPING = ("rayleigh_mass", "rayleigh_stiffness")
+
+
+def static_problems(raw: Any) -> Iterator[Problem]:
+    """All contradictions of a scene as written with ``time.quasi_static``."""
+    time = single_table(raw, "time")
+    if time.get("quasi_static") is not True:
+        return
+    scheme = time.get("scheme")
+    if scheme is not None and scheme not in ("hht", {"type": "hht"}, HHT().model_dump()):  # but for the default
+        yield _refused("time.scheme", "a time scheme integrates inertia", scheme, "leave the scheme out")
+    start = time.get("start")
+    if (start.get("type", "static") if isinstance(start, dict) else start) == "static":
+        yield _refused("time.start", "every step is an equilibrium already", start, "leave the start out")
+    for name, table in named_tables(raw, "substructure").items():
+        for key in ("initial_velocity", "initial_spin"):
+            if _moves(table.get(key)):
+                yield _refused(f"substructure.{name}.{key}", "a velocity needs inertia", table[key], "remove it")
+    for name, table in named_tables(raw, "boundary").items():
+        if table.get("type") == "absorbing":
+            yield _refused(
+                f"boundary.{name}", "an absorbing end resists waves only", "absorbing", "remove it, or hold the face"
+            )
+    for name, table in named_tables(raw, "material").items():
+        for key in _DAMPING:
+            if number(table, key):
+                yield _refused(f"material.{name}.{key}", "damping acts on rates", table[key], "remove it")
+    yield from _solver_problems(single_table(raw, "solver"))
+
+
+def _solver_problems(solver: RawTable) -> Iterator[Problem]:
+    if given(solver, "window") and solver["window"] != 1:
+        yield _refused(
+            "solver.window", "increments of load are solved one by one", solver["window"], "leave the window out"
+        )
+    propagator = solver.get("propagator")
+    kind = propagator.get("type") if isinstance(propagator, dict) else propagator
+    if isinstance(kind, str) and kind not in ("automatic", "direct"):
+        yield _refused("solver.propagator", "equilibria are not marched", kind, "leave the propagator out")
+
+
+def _moves(value: object) -> bool:
+    return isinstance(value, list | tuple) and any(isinstance(v, int | float) and v != 0 for v in value)
+
+
+def _refused(where: str, what: str, value: object, remedy: str) -> Problem:
+    return Problem(
+        where, f"{what}: not with quasi_static = true", shown(value), None, f"{remedy}, or leave quasi_static out"
+    )

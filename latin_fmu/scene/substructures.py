@@ -1,13 +1,40 @@
-"""Table [substructure.NAME]: a body, its shape, its material and its initial state."""
+"""Tables [material], [substructure], [mesh], [load] and [sensor], each by name: bodies and what acts on them."""
 
 from __future__ import annotations
 
 import math
+import re
 from typing import Annotated
 
-from pydantic import AfterValidator, BeforeValidator
+from pydantic import AfterValidator, BeforeValidator, Field
 
-from .fields import Flag, Name, Positive, PositiveCount, Real, Table, Text, Vector, _as_list, about, refusal
+from .fields import (
+    GROUND,
+    Face,
+    Flag,
+    Name,
+    Positive,
+    PositiveCount,
+    Real,
+    Table,
+    Text,
+    Vector,
+    _as_list,
+    about,
+    refusal,
+)
+from .laws import ConstantLaw, Law
+
+
+class Material(Table):
+    """Homogeneous isotropic elastic material, with optional Rayleigh damping C = a M + b K."""
+
+    young_modulus: Annotated[Real, about("Young's modulus E", "Pa", gt=0)]
+    poisson_ratio: Annotated[Real, about("Poisson's ratio nu", "1", gt=-1, lt=0.5)]
+    density: Annotated[Real, about("mass per unit volume rho", "kg m-3", gt=0)]
+    rayleigh_mass: Annotated[Real, about("Rayleigh damping, share a of the mass", "s-1", ge=0)] = 0.0
+    rayleigh_stiffness: Annotated[Real, about("Rayleigh damping, share b of the stiffness", "s", ge=0)] = 0.0
+
 
 BOX_FACES = ("xmin", "xmax", "ymin", "ymax", "zmin", "zmax")
 MAX_ELEMENTS = 20_000_000
@@ -60,3 +87,55 @@ class Substructure(Table):
     ] = (0.0, 0.0, 0.0)
     initial_displacement: Annotated[Vector, about("uniform displacement at t = 0", "m")] = (0.0, 0.0, 0.0)
     body_force: Annotated[Vector, about("force per unit volume, constant in time", "N m-3")] = (0.0, 0.0, 0.0)
+
+
+ALL = "*"
+
+
+def _all_or_listed(value: object) -> object:
+    if isinstance(value, str) and value != ALL:
+        raise refusal(
+            "must be a list of volume groups, or all of them", value=value, allowed='"*", or e.g. ["bolt", "nut"]'
+        )
+    return (ALL,) if value == ALL else _as_list(value)
+
+
+class MeshParts(Table):
+    """A mesh file with several parts: every volume group, or each group listed, becomes a substructure of its name."""
+
+    file: Annotated[Text, about("mesh file, relative to the scene file (.msh, .inp, .bdf, .e, .vtu, .med ...)")]
+    scale: Annotated[Real, about("length of one file unit (1e-3 for a mesh in mm)", "m", gt=0)] = 1.0
+    parts: Annotated[
+        tuple[Text, ...],
+        BeforeValidator(_all_or_listed),
+        about('volume groups that become substructures; "*": all of them that share the cells out'),
+        Field(min_length=1),
+    ] = (ALL,)
+    material: Annotated[Name | None, about("material of the parts whose [substructure.PART] names none")] = None
+
+
+def part_name(group: str) -> str:
+    """Name of the substructure made of a volume group: what no name may hold becomes an underscore."""
+    name = re.sub("[^A-Za-z0-9_]", "_", group)
+    if not name[:1].isalpha():
+        name = f"part_{name}"
+    return f"{name}_" if name == GROUND else name[:100]
+
+
+class Load(Table):
+    """A uniform load on a face, times a law. It has exactly one of `pressure` and `traction`.
+
+    Loads on one face add up. A positive pressure p compresses: its traction is -p n, n the outward normal.
+    """
+
+    face: Annotated[Face, about('the loaded face, "substructure.face"')]
+    pressure: Annotated[Real | None, about("pressure, positive in compression", "Pa")] = None
+    traction: Annotated[Vector | None, about("traction along x, y, z", "Pa")] = None
+    law: Annotated[Law, about("time law a(t)")] = ConstantLaw()
+
+
+class Sensor(Table):
+    """Displacement and velocity of the node of a substructure nearest to a point."""
+
+    substructure: Annotated[Name, about("name of a [substructure.NAME] table")]
+    point: Annotated[Vector, about("where to measure, before any motion", "m")]

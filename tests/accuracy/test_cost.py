@@ -33,7 +33,7 @@ from latin_fmu.accuracy.study_report import as_text, price, sources, useful_tole
 from latin_fmu.cli import main
 from latin_fmu.latin.record import Timings
 from latin_fmu.reader import load_scene
-from latin_fmu.scene.time_settings import MasslessContact
+from latin_fmu.scene.settings import MasslessContact
 from latin_fmu.time_scheme import SCHEMES
 
 from ..verification.known_answers import MODELS, shipped

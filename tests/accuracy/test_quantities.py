@@ -9,7 +9,7 @@ import pytest
 
 from latin_fmu.accuracy.quantities import Force, measure, of_force
 from latin_fmu.results.quantities_of_interest import QUANTITIES_OF_INTEREST
-from latin_fmu.scene.accuracy_settings import QUANTITY_KEYS
+from latin_fmu.scene.settings import QUANTITY_KEYS
 
 from ..results import synthetic
 

@@ -14,9 +14,9 @@ from latin_fmu.assembly.body import build_bodies
 from latin_fmu.errors import Problem, Problems, SceneError
 from latin_fmu.fem.mesh import box_mesh
 from latin_fmu.reader import scene_from_dict
-from latin_fmu.scene.mesh_parts import part_name
 from latin_fmu.scene.overrides import apply_overrides
 from latin_fmu.scene.schema import Scene
+from latin_fmu.scene.substructures import part_name
 
 Tables = dict[str, Any]
 

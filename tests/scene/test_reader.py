@@ -15,11 +15,10 @@ from latin_fmu.reader import load_scene, scene_from_dict
 from latin_fmu.scene.boundaries import Absorbing, Fixed
 from latin_fmu.scene.interfaces import GroundVelocity, Interface
 from latin_fmu.scene.laws import CsvLaw
-from latin_fmu.scene.materials import Material
 from latin_fmu.scene.schema import Scene
+from latin_fmu.scene.settings import HHT, Newmark, Time
 from latin_fmu.scene.solver_settings import Anderson, Automatic, NoAcceleration, Row, Solver, Uniform
-from latin_fmu.scene.substructures import Box, Substructure
-from latin_fmu.scene.time_settings import HHT, Newmark, Time
+from latin_fmu.scene.substructures import Box, Material, Substructure
 
 
 @pytest.mark.parametrize(

@@ -12,11 +12,10 @@ from pydantic import BaseModel
 from latin_fmu.interface.registry import BEHAVIOURS, opens
 from latin_fmu.reader import scene_from_dict
 from latin_fmu.scene.describe import kind_of, tables_in, tags_of, unit_of
-from latin_fmu.scene.interface_keys import BEHAVIOUR_NAMES, TAKES
-from latin_fmu.scene.reference import reference_schema, reference_text
-from latin_fmu.scene.reference_text import EXAMPLE
+from latin_fmu.scene.interfaces import BEHAVIOUR_NAMES, TAKES
+from latin_fmu.scene.reference import EXAMPLE, reference_schema, reference_text
 from latin_fmu.scene.schema import Scene
-from latin_fmu.scene.time_settings import Time
+from latin_fmu.scene.settings import Time
 from latin_fmu.time_scheme import SCHEMES
 
 

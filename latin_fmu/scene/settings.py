@@ -1,12 +1,13 @@
-"""Table [time]: the interval, its instants and the time scheme."""
+"""Tables [time], [output] and [accuracy]: the interval and its scheme, what the results keep, the error estimate."""
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
-from pydantic import BeforeValidator, Field
+from pydantic import AfterValidator, BeforeValidator, Field
 
-from .fields import Count, Flag, Real, Table, about, tagged_or
+from ..errors import did_you_mean
+from .fields import Count, Flag, Real, Table, Text, about, refusal, tagged_or
 
 MAX_INSTANTS = 10_000_000
 
@@ -107,3 +108,66 @@ class Time(Table):
     def time_step(self) -> float:
         """Length of one step, s: ``end / n_step``, so that the last instant is `end` exactly."""
         return self.end / self.n_step
+
+
+class Output(Table):
+    """Interface histories and convergence are always kept; the rest costs memory and is asked for."""
+
+    fields: Annotated[Flag, about("displacement and velocity history of the substructures")] = False
+    stress: Annotated[Flag, about("mean stress of the elements of the substructures")] = False
+    nodal_stress: Annotated[
+        Flag, about("stress at the nodes, averaged over the elements around; keeps displacements, too")
+    ] = False
+    principal_stress: Annotated[Flag, about("principal values of the stresses that are kept")] = False
+    strain: Annotated[Flag, about("mean strain of the elements; keeps displacements, too")] = False
+    energy: Annotated[Flag, about("energy balance of the assembly")] = False
+    every: Annotated[Count, about("fields and stress are kept every so many steps", "1", ge=1)] = 1
+
+    @property
+    def keeps_fields(self) -> bool:
+        """Whether displacements and velocities are kept."""
+        return self.fields or self.strain or self.nodal_stress
+
+    @property
+    def recovers(self) -> bool:
+        """Whether more is found from what is kept when the results are written."""
+        return self.strain or self.nodal_stress or self.principal_stress
+
+
+QUANTITY_KEYS: Final = (
+    "impulse",
+    "first_contact",
+    "separation",
+    "peak_force",
+    "friction_work",
+    "force_history",
+    "displacement",
+)
+"""Kinds of quantities: those of interfaces, and the displacement of sensors."""
+
+
+def _check_quantity(quantity: str) -> str:
+    owner, _, key = quantity.rpartition(".")
+    if key not in QUANTITY_KEYS or "." in owner:
+        raise refusal(
+            "unknown quantity",
+            value=quantity,
+            allowed=f"one of {', '.join(QUANTITY_KEYS)}, with the name of one interface or sensor before it or not",
+            remedy=did_you_mean(key, QUANTITY_KEYS),
+        )
+    return quantity
+
+
+Quantity = Annotated[Text, AfterValidator(_check_quantity)]
+
+
+class Accuracy(Table):
+    """Whether `latin-fmu run` estimates its error, and what `--accuracy` aims at."""
+
+    estimate: Annotated[Flag, about("coarse companion runs tell the error of each quantity (`latin-fmu run`)")] = True
+    quantity: Annotated[
+        Quantity, about('what the target is for: "impulse" (of every interface that may open), "crush.impulse", ...')
+    ] = "impulse"
+    target: Annotated[
+        Real | None, about("relative error wanted; mesh, time step and tolerance are then chosen", "1", gt=0, lt=1)
+    ] = None
