@@ -38,21 +38,7 @@ class Iteration:
         names = [u.name for u in self._assembly.interfaces]
         if name not in names:
             raise KeyError(f"no interface {name!r}; there are {', '.join(names)}")
-        index = names.index(name)
-        layout = self._assembly.layout
-        group = layout.group(index)
-        points = group.members[index]
-        f_hat = group.block(self._event.f_hat)[:, 0, points]
-        w_hat = group.block(self._event.w_hat)[:, :, points]
-        return interface_history(
-            self._assembly.interfaces[index],
-            f_hat,
-            w_hat,
-            None,
-            None,
-            group.parameters[points],
-            self._assembly.characteristic_traction,
-        )
+        return interface_history(self._assembly, names.index(name), self._event.f_hat, self._event.w_hat)
 
     def displacement(self, name: str) -> Array:
         """Linear-stage displacement of a substructure in this iterate, (n, n_node, 3), m: costs one more march.

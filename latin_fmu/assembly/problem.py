@@ -12,7 +12,7 @@ from ..errors import SceneError
 from ..fem.elasticity import lame
 from ..fem.mesh import padded_cells
 from ..latin.assembly import Array, Assembly, GroundState, InterfaceUnit, Layout
-from ..latin.recorder import SubstructureInfo, Wanted
+from ..latin.recorder import OutputRequest, SubstructureInfo
 from ..latin.search_direction import inertial_impedance, unresolved_sides
 from ..latin.settings import SearchDirection, Settings
 from ..propagator import Histories, Propagator, StaticPropagator, SubstructureModel, make_propagator
@@ -135,7 +135,7 @@ class SolverReadyProblem:
 
     assembly: Assembly
     settings: Settings
-    wanted: Wanted
+    wanted: OutputRequest
     info: dict[str, SubstructureInfo]
     warnings: tuple[str, ...]
     timeline: Timeline
@@ -234,7 +234,7 @@ class DiscretisedProblem:
         if not static and any(body.rigid for body in self.bodies.values()):
             inertial_impedance(assembly)
         output = scene.output
-        wanted = Wanted(output.keeps_fields, output.stress, output.energy, output.every)
+        wanted = OutputRequest(output.keeps_fields, output.stress, output.energy, output.every)
         warnings = (*self.remarks, *without_factor, *([] if static else unresolved_sides(assembly)))
         warnings += () if start is None else start.remarks
         return SolverReadyProblem(

@@ -1,14 +1,7 @@
-"""Keeps the accepted fields of a run; histories and energies of interfaces at its end.
+"""Keeps the accepted fields of a run; at its end histories of interfaces and substructures, and the energies.
 
-recorder
---------
-Keeps the accepted fields of a run and turns them into histories at its end.
-
-interface_energy
-----------------
-What interfaces give and take, from their own histories: impact losses, work of a moving ground.
-
-Works over a step use the time scheme's weights of the instants n-1, n, n+1, as the substructures' accounts do.
+Interface energies follow from the histories of the interfaces. Works over a step use the time scheme's weights of the
+instants n-1, n, n+1, as the energy balances of the substructures do.
 """
 
 from __future__ import annotations
@@ -21,16 +14,16 @@ import numpy as np
 from ..interface.behaviour import SEPARATION, as_layer
 from ..kernels.energy import TERMS
 from ..propagator.image import Image
-from .assembly import Array, Assembly, InterfaceUnit
+from .assembly import Array, Assembly
 from .record import InterfaceHistory, SubstructureHistory
 from .run_image import SlideProbes
 
-_NO_CONTACT = 1e-6
+_NO_CONTACT = 1e-6  # pressure that does not count as contact, over the traction the loads can bring
 _NONE = np.zeros(0, dtype=np.int64)
 
 
 @dataclass(frozen=True)
-class Wanted:
+class OutputRequest:
     """What to keep: displacement and velocity fields, mean stress, energies; fields every ``every`` instants.
 
     nodes : displacement and velocity of these nodes only, by substructure; None for all.
@@ -46,7 +39,7 @@ class Wanted:
 @dataclass(frozen=True)
 class SubstructureInfo:
     """Mesh of a substructure for the results, and its stress recovery (displacements (n_node, 3) -> (n_cell, 6),
-    None where no stress is wanted)."""
+    None where no stress is requested)."""
 
     nodes: Array
     cells: np.ndarray
@@ -55,164 +48,142 @@ class SubstructureInfo:
 
 
 class Recorder:
-    """Histories of interfaces (always) and substructures (as wanted)."""
+    """Histories of interfaces (always) and substructures (as requested)."""
 
-    def __init__(self, assembly: Assembly, wanted: Wanted, substructures: dict[str, SubstructureInfo]) -> None:
-        self._wanted, self._info = wanted, substructures
+    def __init__(self, assembly: Assembly, request: OutputRequest, substructures: dict[str, SubstructureInfo]) -> None:
+        self._request, self._info = request, substructures
+        self._stores = request.fields or request.stress
         n_time, layout = len(assembly.time), assembly.layout
         self.f_hat = np.zeros((n_time, layout.n_flat))
         self.w_hat = np.zeros((n_time, layout.n_flat))
-        self.gaps = [np.zeros((n_time, g.n_point)) if g.behaviour.opens else None for g in layout.groups]
-        # Frictionless interfaces carry no tangential unknowns: their tangential velocities come from the sides.
+        self._gaps = [np.zeros((n_time, g.n_point)) if g.behaviour.opens else None for g in layout.groups]
+        # Frictionless interfaces have no tangential unknowns: their tangential velocities come from the substructures.
         self._slide = {
             i: np.zeros((n_time, 2, u.geometry.n_point, 3))
             for i, u in enumerate(assembly.interfaces)
             if u.behaviour.n_component == 1
         }
-        self._where = {name: (p, m) for p in assembly.propagators for m, name in enumerate(p.names)}
-        self._classes = range(len(assembly.propagators))
-        self._numbers = {name: c for c, p in enumerate(assembly.propagators) for name in p.names}
-        self._stored: dict[str, dict[str, list[Array]]] = {name: {} for name in self._where}
-        self._stored_time: list[float] = []
+        self._places = {name: (c, m) for c, p in enumerate(assembly.propagators) for m, name in enumerate(p.names)}
+        self._fields: dict[str, dict[str, list[Array]]] = {name: {} for name in self._places}
+        self._field_times: list[float] = []
         self._energy: list[list[Array]] = [[] for _ in assembly.propagators]  # (n, 6, n_member) each
-        self._instant = 0
-
-    def start(self, assembly: Assembly, image: Image, probes: SlideProbes) -> None:
-        """Keep t = 0, the first row of the image's output."""
-        self._instant = -1
-        self.kept(assembly, image, probes, 1)
-
-    def kept(self, assembly: Assembly, image: Image, probes: SlideProbes, n: int, row: int = 0) -> None:
-        """Keep the next n instants, rows of the image's output from ``row`` on."""
-        rows, now = slice(row, row + n), slice(self._instant + 1, self._instant + 1 + n)
-        self.f_hat[now] = image.field("history_f", image.rows, image.n_flat)[rows]
-        self.w_hat[now] = image.field("history_w", image.rows, image.n_flat)[rows]
-        gaps = image.field("history_gap", image.rows, int(image.run[0]["n_point"]))[rows]
-        at = 0
-        for group, gap in zip(assembly.layout.groups, self.gaps, strict=True):
-            if gap is not None:
-                gap[now] = gaps[:, at : at + group.n_point]
-            at += group.n_point
-        if self._slide:
-            probes.read(assembly, now, [image.output(c, "probed", "n_probe")[rows] for c in self._classes], self._slide)
-        if self._wanted.energy:
-            for c, kept in enumerate(self._energy):
-                kept.append(image.output(c, "energies", 6)[rows].copy())
-        self._instant += n
-        if (self._wanted.fields or self._wanted.stress) and self._instant % self._wanted.every == 0:
-            self._store_fields(float(assembly.time[self._instant]))
-
-    def instants_unseen(self) -> int:
-        """Instants that may pass before the recorder has to see the substructures again."""
-        if self._wanted.fields or self._wanted.stress:
-            return self._wanted.every - self._instant % self._wanted.every
-        return len(self.f_hat)
+        self.n_kept = 0
+        """Instants kept so far, t = 0 included."""
 
     @property
     def sliding(self) -> list[int]:
         """Interfaces whose tangential velocities come from the substructures."""
         return sorted(self._slide)
 
-    def _member_energy(self, name: str) -> Array:
-        """Terms (n_time, 6) of a substructure, J."""
-        member, c = self._where[name][1], self._numbers[name]
-        return np.concatenate([part[:, :, member] for part in self._energy[c]])
+    def keep(self, assembly: Assembly, image: Image, probes: SlideProbes, n: int, row: int = 0) -> None:
+        """Keep the next n instants, rows of the image's output from ``row`` on; the first ones are t = 0."""
+        rows, now = slice(row, row + n), slice(self.n_kept, self.n_kept + n)
+        self.f_hat[now] = image.field("history_f", image.rows, image.n_flat)[rows]
+        self.w_hat[now] = image.field("history_w", image.rows, image.n_flat)[rows]
+        gaps = image.field("history_gap", image.rows, int(image.run[0]["n_point"]))[rows]
+        at = 0
+        for group, gap in zip(assembly.layout.groups, self._gaps, strict=True):
+            if gap is not None:
+                gap[now] = gaps[:, at : at + group.n_point]
+            at += group.n_point
+        if self._slide:
+            probed = [image.output(c, "probed", "n_probe")[rows] for c in range(len(self._energy))]
+            probes.read(assembly, now, probed, self._slide)
+        if self._request.energy:
+            for c, kept in enumerate(self._energy):
+                kept.append(image.output(c, "energies", 6)[rows].copy())
+        self.n_kept += n
+        if self._stores and (self.n_kept - 1) % self._request.every == 0:
+            self._keep_fields(assembly)
 
-    def _store_fields(self, time: float) -> None:
-        self._stored_time.append(time)
-        for name, (propagator, member) in self._where.items():
-            stored = self._stored[name]
+    def until_fields(self) -> int:
+        """Instants from the last kept one to the next whose fields are kept."""
+        if self._stores:
+            return self._request.every - (self.n_kept - 1) % self._request.every
+        return len(self.f_hat)
+
+    def _keep_fields(self, assembly: Assembly) -> None:
+        """Keep the requested fields of the present state of the substructures."""
+        self._field_times.append(float(assembly.time[self.n_kept - 1]))
+        for name, (c, member) in self._places.items():
+            propagator, fields = assembly.propagators[c], self._fields[name]
             u = propagator.full_displacement(member)
-            if self._wanted.fields:
-                v = propagator.full_velocity(member)
-                if self._wanted.nodes is not None:
-                    nodes = self._wanted.nodes.get(name, _NONE)
-                    u_kept, v = u[nodes], v[nodes]
-                else:
-                    u_kept = u
-                stored.setdefault("displacement", []).append(u_kept)
-                stored.setdefault("velocity", []).append(v)
+            if self._request.fields:
+                nodes = slice(None) if self._request.nodes is None else self._request.nodes.get(name, _NONE)
+                fields.setdefault("displacement", []).append(u[nodes])
+                fields.setdefault("velocity", []).append(propagator.full_velocity(member)[nodes])
             recover = self._info[name].stress
-            if self._wanted.stress and recover is not None:
-                stored.setdefault("stress", []).append(recover(u))
-
-    @property
-    def n_kept(self) -> int:
-        """Instants kept so far, t = 0 included."""
-        return self._instant + 1
+            if self._request.stress and recover is not None:
+                fields.setdefault("stress", []).append(recover(u))
 
     # -- histories --------------------------------------------------------------------------------------------
     def interfaces(self, assembly: Assembly) -> dict[str, InterfaceHistory]:
         """Interface histories over the kept instants."""
-        return {u.name: self._interface(assembly, i, u) for i, u in enumerate(assembly.interfaces)}
-
-    def _interface(self, assembly: Assembly, index: int, unit: InterfaceUnit) -> InterfaceHistory:
-        n = self._instant + 1
-        group = assembly.layout.group(index)
-        points = group.members[index]
-        f_hat = group.block(self.f_hat[:n])[:, 0, points]
-        w_hat = group.block(self.w_hat[:n])[:, :, points]
-        return interface_history(
-            unit,
-            f_hat,
-            w_hat,
-            self._slide.get(index),
-            self._gap_of(assembly, index, n),
-            group.parameters[points],
-            assembly.characteristic_traction,
-        )
-
-    def _gap_of(self, assembly: Assembly, index: int, n: int) -> Array | None:
-        group = assembly.layout.group(index)
-        gap = self.gaps[assembly.layout.groups.index(group)]
-        return None if gap is None else gap[:n, group.members[index]]
+        n, layout = self.n_kept, assembly.layout
+        histories = {}
+        for i, unit in enumerate(assembly.interfaces):
+            group = layout.group(i)
+            gap = self._gaps[layout.groups.index(group)]
+            histories[unit.name] = interface_history(
+                assembly,
+                i,
+                self.f_hat[:n],
+                self.w_hat[:n],
+                None if gap is None else gap[:n, group.members[i]],
+                self._slide.get(i),
+            )
+        return histories
 
     def substructures(self) -> dict[str, SubstructureHistory]:
-        """Histories of the substructures for which something was wanted."""
-        if not (self._wanted.fields or self._wanted.stress or self._wanted.energy):
+        """Histories of the substructures for which some output is requested."""
+        if not (self._stores or self._request.energy):
             return {}
-        time = np.array(self._stored_time)
+        time = np.array(self._field_times)
         histories = {}
         for name, info in self._info.items():
-            stored = {key: np.stack(values) for key, values in self._stored[name].items()}
+            fields = {key: np.stack(values) for key, values in self._fields[name].items()}
             energy = None
-            if self._wanted.energy:
-                table = self._member_energy(name)
-                energy = {term: table[:, j] for j, term in enumerate(TERMS)}
+            if self._request.energy:
+                energy = dict(zip(TERMS, self._energy_terms(name).T, strict=True))
             histories[name] = SubstructureHistory(
                 name,
                 info.nodes,
                 info.cells,
                 info.cell_type,
                 time,
-                stored.get("displacement"),
-                stored.get("velocity"),
-                stored.get("stress"),
+                fields.get("displacement"),
+                fields.get("velocity"),
+                fields.get("stress"),
                 energy,
             )
         return histories
 
+    def _energy_terms(self, name: str) -> Array:
+        """Terms (n_time, 6) of a substructure, J."""
+        c, member = self._places[name]
+        return np.concatenate([part[:, :, member] for part in self._energy[c]])
+
     def assembly_energy(self, assembly: Assembly) -> dict[str, Array] | None:
-        """Sums over the substructures, what the interfaces dissipate, balance; None unless wanted.
+        """Sums over the substructures, dissipation of the interfaces, balance; None unless requested.
 
         balance = change of (kinetic + elastic) + damping + scheme - work of loads - interface work. The interface
         work is - friction - contact dissipation + ground work - joint dissipation - change of layer energy, but for
         the iteration tolerance and the different weights of the instants in these terms (friction takes the end of
         each instant, so that it never decreases).
         """
-        if not self._wanted.energy:
+        if not self._request.energy:
             return None
-        n = self._instant + 1
-        tables = [self._member_energy(name) for name in self._where]
+        n = self.n_kept
+        tables = [self._energy_terms(name) for name in self._places]
         total = {t: sum((table[:, j] for table in tables), np.zeros(n)) for j, t in enumerate(TERMS)}
         histories = list(self.interfaces(assembly).values())
         total["friction_dissipation"] = np.zeros(n)
         for history in histories:
             if history.friction_power is not None:
                 total["friction_dissipation"][1:] += np.cumsum(history.friction_power[1:]) * assembly.dt
-        weights, lead = assembly.scheme.energy_weights()[0], assembly.scheme.gap_offset(assembly.dt)
-        total["contact_dissipation"] = sum((impact_losses(h, weights, lead) for h in histories), np.zeros(n))
-        total.update(yielding_terms(histories, assembly.dt))
+        weights, offset = assembly.scheme.energy_weights()[0], assembly.scheme.gap_offset(assembly.dt)
+        total["contact_dissipation"] = sum((impact_losses(h, weights, offset) for h in histories), np.zeros(n))
+        total.update(compliant_terms(histories, assembly.dt))
         if any(g.any() for g in assembly.ground.values()):
             works = [ground_work(histories[i], assembly.ground_path(i)[:n], weights) for i in assembly.ground]
             total["ground_work"] = sum(works, np.zeros(n))
@@ -229,105 +200,102 @@ class Recorder:
 
 
 def interface_history(
-    unit: InterfaceUnit,
-    f_hat: Array,
-    w_hat: Array,
-    slide: Array | None,
-    gap: Array | None,
-    parameters: Array,
-    characteristic: float,
+    assembly: Assembly, index: int, f_hat: Array, w_hat: Array, gap: Array | None = None, slide: Array | None = None
 ) -> InterfaceHistory:
-    """History in global axes from local-frame fields.
+    """History of interface ``index`` in global axes from local-frame fields.
 
     Parameters
     ----------
-    f_hat : (n, n_point, n_component) on side E. w_hat : (n, 2, n_point, n_component).
+    f_hat, w_hat : (n, n_flat) local-stage tractions and velocities. gap : (n, n_point) or None.
     slide : (n_time, 2, n_point, 3) velocities of the sides where tangential unknowns are absent, else None.
-    gap : (n, n_point) or None. parameters : (n_point, n_parameter).
-    characteristic : traction the loads can bring, Pa; a pressure below 1e-6 of it (the round-off and the numerical
-        forerunners of a wave that has not arrived) does not count as contact.
+
+    A pressure below 1e-6 of the traction that the loads can bring (round-off, and the numerical precursor of a wave
+    that has not arrived) does not count as contact.
     """
-    geometry, n_component = unit.geometry, unit.behaviour.n_component
-    frames = geometry.frames[:, :n_component]
+    unit, group = assembly.interfaces[index], assembly.layout.group(index)
+    points = group.members[index]
+    f_hat, w_hat = group.block(f_hat)[:, 0, points], group.block(w_hat)[:, :, points]
+    behaviour, geometry, parameters = unit.behaviour, unit.geometry, group.parameters[points]
+    frames = geometry.frames[:, : behaviour.n_component]
     traction, velocity = _in_global_axes(f_hat, frames), _in_global_axes(w_hat, frames)
     if slide is not None:
         normal = geometry.frames[:, 0]
-        kept = slide[: len(f_hat)]
-        velocity = velocity + kept - np.einsum("tspi,pi,pj->tspj", kept, normal, normal)
-    power = None
-    if unit.behaviour.opens and n_component > 1:
+        tangential = slide[: len(f_hat)]
+        velocity = velocity + tangential - np.einsum("tspi,pi,pj->tspj", tangential, normal, normal)
+    friction_power = joint_power = status = None
+    if behaviour.opens and behaviour.n_component > 1:
         density = np.zeros(f_hat.shape[:-1])
-        for c in range(1, n_component):
+        for c in range(1, behaviour.n_component):
             density += f_hat[..., c] * (w_hat[:, 1, :, c] - w_hat[:, 0, :, c])
-        power = density @ geometry.areas
-    layer, joint_power = as_layer(unit.behaviour), None
+        friction_power = density @ geometry.areas
+    layer = as_layer(behaviour)
     layer_energy = None if layer is None else layer.stored_energy(f_hat, parameters) @ geometry.areas
-    if unit.behaviour.compliant and layer is None:
+    if behaviour.compliant and layer is None:
         joint_power = (f_hat * (w_hat[:, 1] - w_hat[:, 0])).sum(axis=-1) @ geometry.areas
-    opens = unit.behaviour.opens
-    status = None
-    if opens:
-        status = unit.behaviour.status(f_hat, parameters)
-        status[-f_hat[..., 0] <= _NO_CONTACT * characteristic] = SEPARATION
+    if behaviour.opens:
+        status = behaviour.status(f_hat, parameters)
+        status[-f_hat[..., 0] <= _NO_CONTACT * assembly.characteristic_traction] = SEPARATION
     return InterfaceHistory(
         name=unit.name,
-        behaviour=unit.behaviour.name,
+        behaviour=behaviour.name,
         sides=unit.sides,
         points=geometry.points,
         areas=geometry.areas,
         normals=geometry.frames[:, 0],
         initial_gap=geometry.gap,
-        friction_coefficient=getattr(unit.behaviour, "friction_coefficient", None),
+        friction_coefficient=getattr(behaviour, "friction_coefficient", None),
         traction=traction,
         velocity=velocity,
         gap=gap,
         contact_status=status,
-        friction_power=power,
+        friction_power=friction_power,
         layer_energy=layer_energy,
         joint_power=joint_power,
     )
 
 
 def _in_global_axes(values: Array, frames: Array) -> Array:
-    """Vectors (..., n_point, n_component) in the axes of their points, frames (n_point, n_component, 3), turned."""
+    """Vectors (..., n_point, n_component) given in the frames (n_point, n_component, 3) of their points, in global
+    axes."""
     if len(frames) and (frames == frames[0]).all():
         return _in_one_frame(values, frames[0])
-    turned: Array = np.einsum("...pc,pci->...pi", values, frames)
-    return turned
+    vectors: Array = np.einsum("...pc,pci->...pi", values, frames)
+    return vectors
 
 
 def _in_one_frame(values: Array, frame: Array) -> Array:
-    """Vectors (..., n_component) in one frame (n_component, 3), turned."""
-    if (np.count_nonzero(frame, axis=0) <= 1).all():  # along the global axes: nothing to add up
-        turned = np.empty((*values.shape[:-1], 3))
+    """Vectors (..., n_component) given in one frame (n_component, 3), in global axes."""
+    if (np.count_nonzero(frame, axis=0) <= 1).all():  # along the global axes: no sums
+        vectors = np.empty((*values.shape[:-1], 3))
         for axis, column in enumerate(frame.T):
             row = int(np.argmax(np.abs(column)))
-            np.multiply(values[..., row], column[row], out=turned[..., axis])
-        return turned
+            np.multiply(values[..., row], column[row], out=vectors[..., axis])
+        return vectors
     product: Array = values.reshape(-1, len(frame)) @ frame  # one product instead of one per instant
     return product.reshape(*values.shape[:-1], 3)
 
 
-def impact_losses(history: InterfaceHistory, weights: tuple[float, float, float], lead: float) -> Array:
+# -- energies of interfaces -------------------------------------------------------------------------------------
+def impact_losses(history: InterfaceHistory, weights: tuple[float, float, float], offset: float) -> Array:
     """Energy (n_time,) lost to the normal contact law since the start, J: - sum of pressure x change of gap.
 
-    A closed point that stays closed loses nothing; a closing one loses what the end-of-instant law takes out: the
-    kinetic energy of the layer of elements that meets the other side, which goes to zero under refinement. ``lead``:
-    how far ahead of the instants the gaps are, s.
+    A point that stays closed loses nothing. A point that closes loses the energy that the end-of-instant law
+    dissipates: the kinetic energy of the layer of elements that meets the other side, which goes to zero under
+    refinement. ``offset`` : time from the instants to the displacements that give the gaps, s.
     """
     if history.gap is None or history.layer_energy is not None:
         return np.zeros(len(history.traction))
     pressure = -np.einsum("tpc,pc->tp", history.traction, history.normals)
     gap = history.gap
-    if lead:
+    if offset:
         opening = history.velocity[:, 1] - history.velocity[:, 0]
-        gap = gap - lead * np.einsum("tpc,pc->tp", opening, history.normals)
+        gap = gap - offset * np.einsum("tpc,pc->tp", opening, history.normals)
     power = -_weighted(pressure, weights) * np.diff(gap, axis=0)
     return _running(power @ history.areas)
 
 
-def yielding_terms(histories: Sequence[InterfaceHistory], dt: float) -> dict[str, Array]:
-    """Energy of elastic layers and dissipation of viscous joints, (n_time,) each, J; only what there is."""
+def compliant_terms(histories: Sequence[InterfaceHistory], dt: float) -> dict[str, Array]:
+    """Energy of elastic layers and dissipation of viscous joints, (n_time,) each, J; keys of existing ones only."""
     terms = {}
     layers = [h.layer_energy for h in histories if h.layer_energy is not None]
     joints = [h.joint_power for h in histories if h.joint_power is not None]
@@ -346,11 +314,12 @@ def ground_work(history: InterfaceHistory, path: Array, weights: tuple[float, fl
 
 
 def _weighted(values: Array, weights: tuple[float, float, float]) -> Array:
-    """Weighted values of each step, (n_time - 1, ...); the first step counts its start twice."""
+    """Weighted values of each step, (n_time - 1, ...); the first step takes its start for the instant before."""
     before = np.concatenate([values[:1], values[:-2]])
     combined: Array = weights[0] * before + weights[1] * values[:-1] + weights[2] * values[1:]
     return combined
 
 
 def _running(steps: Array) -> Array:
+    """Running sums (n_time,) of values per step, 0 at the start."""
     return np.concatenate([[0.0], np.cumsum(steps)])

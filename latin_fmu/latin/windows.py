@@ -147,12 +147,12 @@ class Run:
         """Record the first instant of the segment."""
         self.image.set({"first_row": 0})
         self.image.call(entries.READ_START)
-        self.recorder.start(self.assembly, self.image, self._probes)
+        self.recorder.keep(self.assembly, self.image, self._probes, 1)
 
     def _record(self, n: int, row: int = 0) -> None:
         """Record n accepted instants, rows of the image's output from ``row`` on."""
         if self._sequence is None:
-            self.recorder.kept(self.assembly, self.image, self._probes, n, row)
+            self.recorder.keep(self.assembly, self.image, self._probes, n, row)
         else:
             f_hat, w_hat = (
                 self.image.field(name, self.image.rows, self.image.n_flat) for name in ("history_f", "history_w")
@@ -220,7 +220,7 @@ class Run:
         fall-back)."""
         image, before, first = self.image, clock.perf_counter(), self.assembly.instant + 1
         longest = max(1, int(_SECONDS / self._per_instant)) if self._per_instant > 0 else _FIRST
-        n = min(n, image.rows, longest, image.rows if self._sequence is not None else self.recorder.instants_unseen())
+        n = min(n, image.rows, longest, image.rows if self._sequence is not None else self.recorder.until_fields())
         image.set({"first_row": first})
         done = self._march_together(first, n) if self._threads.several else image.call(entries.MARCH, first, n)
         if done:

@@ -391,11 +391,11 @@ def test_a_snapshot_is_a_copy_of_the_state(tables: Tables, change: Callable[[Tab
         return found
 
     on()
-    kept, begun, seen = run.image.state.copy(), run.assembly.instant, run.recorder._instant
+    kept, begun, seen = run.image.state.copy(), run.assembly.instant, run.recorder.n_kept
     first = on()
     run.image.state[:] = kept
     run._set_instant(begun)
-    run.recorder._instant = seen
+    run.recorder.n_kept = seen
     again = on()
     assert np.abs(first["f"]).max() > 0.0
     for name, values in first.items():
