@@ -1,7 +1,7 @@
-"""What a run leaves behind: plain arrays, no file format and no plotting.
+"""Results of a run as plain arrays: histories of interfaces and substructures, windows, timings, outcome.
 
-Interface fields are those of the local stage (they satisfy the behaviour exactly), substructure
-fields those of the linear stage (they satisfy equilibrium exactly); their distance is the indicator.
+Interface fields are those of the local stage (they satisfy the behaviour exactly), substructure fields those of the
+linear stage (they satisfy equilibrium exactly); the indicator measures the distance of both.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ class InterfaceHistory:
         return -pull
 
     def penetration(self) -> float:
-        """Largest penetration met, m (0 when none, or when the interface cannot open or is a layer that yields)."""
+        """Largest penetration, m (0 where the interface cannot open, or is an elastic layer)."""
         if self.gap is None or not self.gap.size or self.layer_energy is not None:
             return 0.0
         return float(max(0.0, -self.gap.min()))
@@ -79,7 +79,7 @@ class InterfaceHistory:
 
 @dataclass(frozen=True)
 class SubstructureHistory:
-    """Linear-stage fields of one substructure. Fields not asked for are None.
+    """Linear-stage fields of one substructure. Fields that are not requested are None.
 
     Attributes
     ----------
@@ -106,11 +106,11 @@ class SubstructureHistory:
 
 @dataclass(slots=True)
 class WindowRecord:
-    """How the iteration went in one window.
+    """Course of the iteration in one window.
 
-    ``error_indicator[i]`` is the amplitude sqrt(eta) after iteration i+1, ``force_mismatch[i]`` likewise
-    (NaN where it was not evaluated). ``accepted`` is the index of the iterate the run goes on from: the last one
-    where the window converged, else the best. ``fallbacks`` names the fall-backs used, in order.
+    ``error_indicator[i]`` is the amplitude sqrt(eta) after iteration i+1, ``force_mismatch[i]`` the interface force
+    residual (NaN where it was not evaluated). ``accepted`` is the index of the iterate from which the run continues:
+    the last one where the window converged, else the best. ``fallbacks`` names the fall-backs used, in order.
     """
 
     first_instant: int
@@ -128,7 +128,7 @@ class WindowRecord:
 
     @property
     def final_mismatch(self) -> float:
-        """Force mismatch of the accepted iterate (NaN where it was not evaluated)."""
+        """Interface force residual of the accepted iterate (NaN where it was not evaluated)."""
         return self.force_mismatch[self.accepted] if self.force_mismatch else 0.0
 
     @property
@@ -141,7 +141,7 @@ class WindowRecord:
 class Timings:
     """CPU seconds of the process by part, and the peak memory in bytes.
 
-    ``march`` : the iteration over all windows. ``predicted`` : what the cost model says of it; 0: nothing.
+    ``march`` : the iteration over all windows. ``predicted`` : its value by the cost model; 0 where there is none.
     """
 
     setup: float = 0.0
@@ -154,22 +154,22 @@ class Timings:
 
     @property
     def total(self) -> float:
-        """Sum of the CPU times."""
+        """Sum of the CPU times, s."""
         return self.setup + self.march + self.other + self.output
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """Everything a run produced.
+    """Results of a whole run.
 
     ``status`` is a sentence (with a remedy when ``converged`` is False). ``interface_indicator[name]`` is
     sqrt(eta) restricted to one interface, the largest over windows at the last iteration. ``passes`` counts
     substructure-instants marched or solved through a condensed operator, divided by substructures x instants.
-    ``marched`` counts the marched ones alone (below 1 where substructures at rest are passed over).
+    ``marched`` counts the marched ones alone (below 1 where inactive substructures are left out).
     ``energy`` is the assembly's: keys of ``SubstructureHistory.energy`` summed, plus ``friction_dissipation``,
     ``contact_dissipation`` (impacts), ``ground_work`` where the ground moves, ``layer_energy`` and
     ``joint_dissipation`` where there are elastic layers and viscous joints,
-    and ``balance``; None unless asked for. ``warnings`` lists remarks on the scene and the run.
+    and ``balance``; None unless requested. ``warnings`` lists remarks on the scene and the run.
     """
 
     time: Array

@@ -1,21 +1,9 @@
-"""The image of an assembly: records and blocks of memory for the kernels, the stages on it, its threads.
+"""The image of a run for the kernels: its records and blocks of memory, the stages of a window on it, its threads.
 
-run_image
----------
-The image of an assembly: its classes, interfaces and the rules of its iteration as records and blocks of memory.
-
-slide_probes
-------------
-Tangential velocities of frictionless interfaces, read off the substructures.
-
-Such interfaces carry no tangential unknowns; every point needs the velocity of its node on each side.
-
-threads
--------
-Substructures on several cores: between two local stages they know nothing of each other.
-
-The classes are dealt out to as many threads as there are cores given, the costliest first. Each computes what it would
-compute alone, so that the result is the same to the last bit with any number of threads.
+The record of the run holds the rules of the iteration, those of the groups the interfaces, those of the classes the
+substructures (``kernels.records``). Classes of substructures are independent of each other between two local stages:
+they are distributed over the given number of threads, the costliest first. The computation of a class does not depend
+on its thread, so that results are equal to the last bit with any number of threads.
 """
 
 from __future__ import annotations
@@ -37,18 +25,18 @@ from .settings import Settings
 
 _LONGEST_STATIC = 20.0  # step of the acceleration without inertia, in lengths of the residual
 REUSE: Final = 1e-2
-"""Change of q up to which the solution of a substructure is reused, in tolerances."""
+"""Change of q up to which the previous solve of a substructure is reused, in tolerances."""
 
 
-def negligible(settings: Settings) -> float:
-    """Squared relative change of the fields up to which solutions are reused; below zero where none is."""
+def reuse_bound(settings: Settings) -> float:
+    """Squared relative change of the fields up to which a solve is reused; below zero where none is."""
     if not settings.skip_unchanged or settings.quasi_static:
         return -1.0
     return (REUSE * min(settings.tolerance, 0.1 * settings.force_tolerance)) ** 2
 
 
 def make_image(assembly: Assembly, settings: Settings, direction: Direction, probes: SlideProbes) -> Image:
-    """Image of an assembly whose propagators have begun, are started and bound to a direction."""
+    """Image of an assembly whose propagators have their initial state and are bound to ``direction``."""
     layout, static = assembly.layout, assembly.quasi_static
     ground, _, _ = assembly.ground_tables()
     run: dict[str, Any] = {
@@ -119,7 +107,7 @@ def rules(settings: Settings) -> dict[str, float]:
         "tolerance": settings.tolerance,
         "force_tolerance": settings.force_tolerance,
         "relaxation": settings.relaxation,
-        "reuse": negligible(settings),
+        "reuse": reuse_bound(settings),
     }
 
 
@@ -128,37 +116,45 @@ def law_of(behaviour: Any) -> int:
     return LAWS[behaviour.name] if getattr(behaviour, "compiled", False) else -1
 
 
+def all_in_kernels(image: Image) -> bool:
+    """Whether the kernels hold every factor and every law."""
+    return image.factored and all(g["law"] >= 0 for g in image.groups)
+
+
 def histories(assembly: Assembly) -> dict[str, Array]:
-    """Motion of the ground at the instants of the segment, and how far the loads go on as they did."""
+    """Motion of the ground at the instants of the segment, and the ``continuation`` of the loads."""
     scheme, dt = assembly.scheme, assembly.dt
     _, velocity, displacement = assembly.ground_tables()
     acceleration = assembly.ground_accelerations()
     displacement = displacement + scheme.gap_offset(dt) * velocity
     one, zero = np.ones(1), np.zeros(1)
     layer_v, layer_a = (float(scheme.layer_jump(zero, *va, dt)[0][0]) for va in ((one, zero), (zero, one)))
-    going_on = continuation(assembly) if assembly.quasi_static else np.ones(len(assembly.time))
     return {
         "ground_velocity": velocity,
         "ground_displacement": displacement,
         "ground_acceleration": acceleration,
         "ground_layer": displacement + layer_v * velocity + layer_a * acceleration,
-        "continuation": going_on,
+        "continuation": continuation(assembly) if assembly.quasi_static else np.ones(len(assembly.time)),
     }
 
 
 def continuation(assembly: Assembly) -> Array:
-    """How far each increment of the loads continues the one before: the part of it along that one, 0 ... 1, by the
-    instant (n_time,) that it leads to; 1 where there is none before."""
+    """Share (n_time,), 0 ... 1, of the last velocities in the first guess of each increment without inertia.
+
+    It is the component of the increment of the loads along the one before, over the size of that one; 1 where there is
+    none before. The last velocities are a good guess while the loads continue as before; where the loads turn or stop,
+    they have the wrong sign at sliding points.
+    """
     n_time = len(assembly.time)
     along, size, change = np.zeros(n_time), np.zeros(n_time), np.zeros(n_time)
     for propagator in assembly.propagators:
         before = last = propagator.forcing.at(0)
         for t in range(1, n_time):
-            coming = propagator.forcing.at(t)
-            along[t] += float(np.vdot(coming - last, last - before))
+            new = propagator.forcing.at(t)
+            along[t] += float(np.vdot(new - last, last - before))
             size[t] += float(np.vdot(last - before, last - before))
-            change[t] += float(np.vdot(coming - last, coming - last))
-            before, last = last, coming
+            change[t] += float(np.vdot(new - last, new - last))
+            before, last = last, new
     ground = np.zeros(n_time, dtype=bool)
     for velocity in assembly.ground.values():
         ground[1:] |= np.einsum("ti,ti->t", velocity[1:], velocity[:-1]) > 0.0
@@ -169,7 +165,9 @@ def continuation(assembly: Assembly) -> Array:
 
 
 class SlideProbes:
-    """Rows to probe and where their values go.
+    """Tangential velocities of frictionless interfaces, read from the substructures.
+
+    Such interfaces have no tangential unknowns; every point needs the velocity of its node on each side.
 
     Parameters
     ----------
@@ -183,10 +181,9 @@ class SlideProbes:
 
     def __init__(self, assembly: Assembly, interfaces: Sequence[int]) -> None:
         propagators = self._propagators = assembly.propagators
-        self._ground: list[int] = []
+        self._ground = [i for i in interfaces if assembly.interfaces[i].against_ground]
         self._places: list[tuple[int, int, slice, int, int]] = []  # class, member, rows, interface, side
         faces: list[list[sp.csr_array]] = [[] for _ in propagators]
-        ends = [0] * len(propagators)
         self._traces: list[sp.csr_array | None] = []
         for c, propagator in enumerate(propagators):
             for member, name in enumerate(propagator.names):
@@ -201,7 +198,6 @@ class SlideProbes:
                             faces[c].append(trace)
                         self._places.append((c, member, slice(at, at + trace.shape[0]), i, side))
                         at += trace.shape[0]
-                ends[c] = max(ends[c], at)
             full = sp.csr_array(sp.vstack(faces[c])) if faces[c] else None
             nodal = propagator.members[0].nodal
             self._traces.append(full if full is None or nodal is None else sp.csr_array(full @ nodal))
@@ -209,7 +205,6 @@ class SlideProbes:
             None if full is None else sp.csr_array(full @ propagator.members[0].expansion)
             for full, propagator in zip(self._traces, propagators, strict=True)
         ]
-        self._ground = [i for i in interfaces if assembly.interfaces[i].against_ground]
 
     def read(self, assembly: Assembly, instants: slice, probed: Sequence[Array], slide: Mapping[int, Array]) -> None:
         """Write the velocities ``probed`` (n, n_probe, n_member) per class at n instants into ``slide``, (n_time, 2,
@@ -219,22 +214,22 @@ class SlideProbes:
             forcing, trace = self._propagators[c].forcing, self._traces[c]
             if forcing.moves and trace is not None:
                 part = sp.csr_array(trace[rows])
-                moved = [part @ forcing.imposed_v(t)[:, member] for t in range(instants.start, instants.stop)]
-                values = values + np.stack(moved)
+                imposed = [part @ forcing.imposed_v(t)[:, member] for t in range(instants.start, instants.stop)]
+                values = values + np.stack(imposed)
             slide[i][instants, side] = values.reshape(len(values), -1, 3)
         for i in self._ground:
             slide[i][instants, 1] = assembly.ground[i][instants][:, None]
 
 
-def dealt(costs: Sequence[float], threads: int) -> list[Index]:
-    """Numbers of the classes for each thread; no thread is left without."""
-    hands: list[list[int]] = [[] for _ in range(min(threads, len(costs)))]
-    loads = [0.0] * len(hands)
+def distributed(costs: Sequence[float], threads: int) -> list[Index]:
+    """Numbers of the classes of each thread, at least one each."""
+    parts: list[list[int]] = [[] for _ in range(min(threads, len(costs)))]
+    loads = [0.0] * len(parts)
     for c in sorted(range(len(costs)), key=lambda c: -costs[c]):
         lightest = loads.index(min(loads))
-        hands[lightest].append(c)
+        parts[lightest].append(c)
         loads[lightest] += costs[c]
-    return [np.array(sorted(hand), dtype=np.int64) for hand in hands]
+    return [np.array(sorted(part), dtype=np.int64) for part in parts]
 
 
 class Threads:
@@ -242,45 +237,49 @@ class Threads:
 
     Parameters
     ----------
-    costs : of one instant of every class, in any unit. count : threads wanted.
+    costs : of one instant of every class, in any unit. count : number of threads, at most one per class is used.
     """
 
     def __init__(self, costs: Sequence[float], count: int) -> None:
-        self._hands = dealt(costs, count)
-        self._pool = ThreadPoolExecutor(len(self._hands) - 1) if len(self._hands) > 1 else None
+        self._parts = distributed(costs, count)
+        self._pool = ThreadPoolExecutor(len(self._parts) - 1) if len(self._parts) > 1 else None
 
     @property
     def several(self) -> bool:
-        """Whether there is anything to share out."""
+        """Whether there is more than one thread."""
         return self._pool is not None
 
     def each(self, work: Callable[[int], object]) -> None:
         """Do the work for every class."""
 
-        def all_of(hand: Index) -> None:
-            for c in hand:
+        def all_of(part: Index) -> None:
+            for c in part:
                 work(int(c))
 
-        if self._pool is None:
-            for hand in self._hands:
-                all_of(hand)
-            return
-        others = [self._pool.submit(all_of, hand) for hand in self._hands[1:]]
-        all_of(self._hands[0])
+        others = [] if self._pool is None else [self._pool.submit(all_of, part) for part in self._parts[1:]]
+        for part in self._parts[:1]:
+            all_of(part)
         for other in others:
             other.result()
 
 
+_ITERATE = ("q", "local_f", "local_w", "r", "measure")  # fields of the image that make an iterate
+
+
 @dataclass
 class Iterate:
-    """One iterate of a window; arrays (n, n_flat); ``measures`` as ``kernels.records`` lists them."""
+    """A copy of one iterate of a window; arrays (n, n_flat); ``measures`` as ``kernels.records`` lists them."""
 
     q: Array
     f_hat: Array
     w_hat: Array
     residual: Array
-    error: float
     measures: Array
+
+    @property
+    def error(self) -> float:
+        """Error indicator sqrt(eta)."""
+        return float(self.measures[0])
 
 
 class Stages:
@@ -289,17 +288,16 @@ class Stages:
     def __init__(self, image: Image, direction: Direction, n: int, first: int) -> None:
         self.image, self.direction, self.n, self.first = image, direction, n, first
         self._groups = direction.assembly.layout.groups
-        self._whole = image.factored and all(g["law"] >= 0 for g in image.groups)
-        self._size = n * image.n_flat
+        self._compiled = all_in_kernels(image)
 
     def field(self, name: str) -> Array:
-        """A field (n, n_flat) of the window, a view."""
+        """A field of the window, (n, n_flat), a view."""
         return self.image.field(name, self.n, self.image.n_flat)
 
     def evaluate(self, iteration: int) -> None:
-        """One linear and one local stage from the q of the image, measured."""
+        """One linear and one local stage from the q of the image, and the measures of the iterate."""
         image, n = self.image, self.n
-        if self._whole:
+        if self._compiled:
             image.call(entries.STAGE, n, self.first, iteration)
             return
         if n > 1 and not image.factored:
@@ -312,41 +310,35 @@ class Stages:
                 if image.groups[g]["law"] >= 0:
                     image.call(entries.POINTS, g)
                 else:
-                    self._law(g)
+                    self._apply_law(g)
                 image.call(entries.FINISH, g, i, n)
         image.call(entries.MEASURE, n)
 
-    def _law(self, g: int) -> None:
-        """The law of a group as its behaviour states it in Python."""
+    def _apply_law(self, g: int) -> None:
+        """Tractions of a group by the law of its behaviour in Python."""
         image, group = self.image, self._groups[g]
-        shape = group.n_point, group.n_component
-        elastic = group.behaviour.elastic
-        reach = image.group_field(g, "reach", *(shape if elastic else shape[:1]))
-        rate = image.run[0]["layer_rate"] if elastic else 1.0 / image.run[0]["dt"]
+        shape, elastic = (group.n_point, group.n_component), group.behaviour.elastic
+        jump = image.group_field(g, "jump", *shape).copy()
+        gap = image.group_field(g, "reach", *(shape if elastic else shape[:1])).copy()
+        rate = float(image.run[0]["layer_rate"] if elastic else 1.0 / image.run[0]["dt"])
         z = self.direction.group_fields()[g]["z_sum"]
-        traction = group.behaviour.local(
-            image.group_field(g, "jump", *shape).copy(), z, reach.copy(), float(rate), group.parameters
-        )
+        traction = group.behaviour.local(jump, z, gap, rate, group.parameters)
         image.group_field(g, "traction", *shape)[...] = traction
 
     def judge(self, phase: int, iteration: int, accelerated: bool) -> int:
-        """See ``kernels.iteration.judge``."""
+        """Verdict on the iterate, bits of ``kernels.iteration.judge``."""
         return self.image.call(entries.JUDGE, self.n, phase, iteration, int(accelerated))
 
     def measures(self) -> Array:
-        """Measures of the last iterate."""
+        """Measures (8,) of the last iterate, a copy."""
         return self.image.field("measure", 8).copy()
 
     def iterate(self) -> Iterate:
         """A copy of the last iterate."""
-        q, f_hat, w_hat, residual = (self.field(name).copy() for name in ("q", "local_f", "local_w", "r"))
-        measures = self.measures()
-        return Iterate(q, f_hat, w_hat, residual, float(measures[0]), measures)
+        return Iterate(*(self.field(name).copy() for name in _ITERATE[:-1]), measures=self.measures())
 
     def put(self, iterate: Iterate) -> None:
         """Make an iterate the last one."""
-        for name, values in zip(
-            ("q", "local_f", "local_w", "r"), (iterate.q, iterate.f_hat, iterate.w_hat, iterate.residual), strict=True
-        ):
-            self.field(name)[...] = values
-        self.image.field("measure", 8)[:] = iterate.measures
+        for name, values in zip(_ITERATE, vars(iterate).values(), strict=True):
+            field = self.image.field("measure", 8) if name == "measure" else self.field(name)
+            field[...] = values

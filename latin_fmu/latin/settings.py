@@ -1,24 +1,24 @@
-"""Settings of the iteration; the tolerance that leaves a relative accuracy.
-
-settings
---------
-Settings of the iteration, as the scene gives them.
-
-wanted_accuracy
----------------
-From a relative accuracy to the tolerance of the iteration and back: one door for users and FMI hosts.
-"""
+"""Settings of the iteration, and the tolerance that belongs to a relative accuracy."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from typing import Final
 
+ITERATION_SHARE: Final = 0.1
+"""Share of the error that the iteration may cause; mesh and time step cause the rest."""
+
+ITERATION_ERROR: Final = 0.5
+"""Relative error of an impulse due to the iteration, over the tolerance on sqrt(eta): the largest of eight scenes at
+two resolutions, tolerances 1e-1 to 1e-4. Instants less, friction work up to 2 (table in ``results``)."""
+
+_DIGITS = 12  # a tolerance that is converted to an accuracy and back stays the same to the last bit
+
 
 @dataclass(frozen=True)
 class SearchDirection:
-    """What the scene asks for: ``kind`` of the module docstring, ``factor`` multiplying k, and for "uniform" the
-    normal and tangential values, Pa s m-1."""
+    """The search direction of the scene: ``kind`` as in ``latin.search_direction``, ``factor`` multiplying k, and for
+    "uniform" the normal and tangential values, Pa s m-1."""
 
     kind: str = "automatic"
     factor: float = 1.0
@@ -32,16 +32,17 @@ class Settings:
 
     Attributes
     ----------
-    tolerance : on sqrt(eta). force_tolerance : on the force mismatch.
+    tolerance : on sqrt(eta). force_tolerance : on the interface force residual.
     max_iterations : LATIN iterations per window.
-    search_direction : see ``search_direction``.
+    search_direction : see ``SearchDirection``.
     anderson_depth : 0 for no acceleration. relaxation : in (0, 1].
     window : instants per window, 0 for the whole interval.
     quasi_static : no inertia.
-    direct_bonds : windows of one instant with perfect interfaces only are solved without iteration.
+    direct_bonds : where all interfaces are perfect, windows of one instant are one linear solve each.
     threads : cores for the substructures (windows of one instant).
-    skip_unchanged : substructures are not asked again for what they have answered (``unchanged``).
-    sequential_start : a window of several instants starts from a sequential pass (else from its initial values).
+    skip_unchanged : reuse the previous solve of a substructure whose interface load has not changed.
+    sequential_start : a window of several instants starts from the solution of windows of one instant (else from its
+        initial values).
     """
 
     tolerance: float = 1e-3
@@ -58,29 +59,19 @@ class Settings:
     skip_unchanged: bool = True
 
 
-ITERATION_SHARE: Final = 0.1
-"""The iteration may leave this share of the error: mesh and time step leave the rest."""
-
-LEFT: Final = 0.5
-"""Relative error that the iteration leaves in an impulse, over the tolerance on sqrt(eta): the largest of eight scenes
-at two resolutions, tolerances 1e-1 to 1e-4. Instants less, friction work up to 2 (table in ``results``)."""
-
-_DIGITS = 12  # what a host is told and hands back gives the same tolerance to the last bit
-
-
-def tolerance_for(accuracy: float, left: float = LEFT) -> float:
-    """Tolerance on sqrt(eta) with which the iteration leaves a tenth of a relative ``accuracy``.
+def tolerance_for(accuracy: float, iteration_error: float = ITERATION_ERROR) -> float:
+    """Tolerance on sqrt(eta) with which the iteration causes a tenth of a relative error ``accuracy``.
 
     >>> tolerance_for(0.01)
     0.002
     """
-    return float(f"{ITERATION_SHARE * accuracy / left:.{_DIGITS}g}")
+    return float(f"{ITERATION_SHARE * accuracy / iteration_error:.{_DIGITS}g}")
 
 
-def accuracy_of(tolerance: float, left: float = LEFT) -> float:
-    """The relative accuracy whose tenth a tolerance on sqrt(eta) leaves: the inverse of ``tolerance_for``.
+def accuracy_of(tolerance: float, iteration_error: float = ITERATION_ERROR) -> float:
+    """Relative error a tenth of which a tolerance on sqrt(eta) causes: the inverse of ``tolerance_for``.
 
     >>> accuracy_of(0.001)
     0.005
     """
-    return float(f"{tolerance * left / ITERATION_SHARE:.{_DIGITS}g}")
+    return float(f"{tolerance * iteration_error / ITERATION_SHARE:.{_DIGITS}g}")

@@ -1,4 +1,4 @@
-"""A tree of plain values and arrays as bytes and back, bit for bit, without pickle."""
+"""Serialization of states: a tree of plain values and arrays as bytes and back, bit for bit, without pickle."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _MAGIC = b"LATIN-STATE-1\n"
 
 
 def encode(tree: Any, kind: str) -> bytes:
-    """Bytes of nested dicts and lists of arrays, numbers, texts and None; ``kind`` says what they are a state of."""
+    """Bytes of nested dicts and lists of arrays, numbers, texts and None; ``kind`` identifies the owner."""
     arrays: list[np.ndarray[Any, Any]] = []
 
     def plain(value: Any) -> Any:
@@ -27,35 +27,37 @@ def encode(tree: Any, kind: str) -> bytes:
         if isinstance(value, list | tuple):
             return [plain(item) for item in value]
         if isinstance(value, float):
-            return plain(np.asarray(value))  # json text is not needed to keep the last bit
+            return plain(np.asarray(value))  # json text need not keep the last bit
         return value
 
     head = json.dumps({"kind": kind, "tree": plain(tree)}).encode()
     return b"".join([_MAGIC, len(head).to_bytes(8, "little"), head, *(a.tobytes() for a in arrays)])
 
 
-def decode(blob: bytes, kind: str) -> Any:
-    """The tree of ``encode``; arrays of one number come back as floats.
+def decode(state: bytes, kind: str) -> Any:
+    """Tree from the bytes of ``encode``; arrays of one number become floats.
 
     Raises
     ------
-    InputError : not such bytes, cut short, or of another kind.
+    InputError : other bytes, bytes cut short, or a state of another kind.
     """
     try:
-        if blob[: len(_MAGIC)] != _MAGIC:
+        if state[: len(_MAGIC)] != _MAGIC:
             raise ValueError("not a state written by this version")
         start = len(_MAGIC) + 8
-        length = int.from_bytes(blob[len(_MAGIC) : start], "little")
-        head = json.loads(blob[start : start + length])
+        length = int.from_bytes(state[len(_MAGIC) : start], "little")
+        head = json.loads(state[start : start + length])
         if head["kind"] != kind:
             raise ValueError("a state of another scene or of other settings")
-        return _rebuilt(head["tree"], blob, start + length)
+        return _rebuilt(head["tree"], state, start + length)
     except (ValueError, KeyError, TypeError, IndexError) as error:
-        problem = Problem("state", f"cannot be restored: {error}", remedy="restore only states of this very scene")
+        remedy = "restore only states of the same scene and settings"
+        problem = Problem("state", f"cannot be restored: {error}", remedy=remedy)
         raise InputError([problem], "unusable state") from None
 
 
-def _rebuilt(tree: Any, blob: bytes, data: int) -> Any:
+def _rebuilt(tree: Any, state: bytes, start: int) -> Any:
+    """The tree with its arrays, which begin at byte ``start``."""
     specs: list[tuple[str, list[int]]] = []
 
     def collect(value: Any) -> None:
@@ -70,12 +72,12 @@ def _rebuilt(tree: Any, blob: bytes, data: int) -> Any:
                 collect(item)
 
     collect(tree)
-    arrays, at = [], data
+    arrays, at = [], start
     for dtype, shape in specs:
         count = int(np.prod(shape, dtype=np.int64))
-        arrays.append(np.frombuffer(blob, dtype=dtype, count=count, offset=at).reshape(shape).copy())
+        arrays.append(np.frombuffer(state, dtype=dtype, count=count, offset=at).reshape(shape).copy())
         at += arrays[-1].nbytes
-    if at != len(blob):
+    if at != len(state):
         raise ValueError("the length does not fit")
 
     def build(value: Any) -> Any:

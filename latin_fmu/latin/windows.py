@@ -22,7 +22,7 @@ from .initial_conditions import initial_conditions
 from .instant_solve import Bonds, all_bonded
 from .record import Timings, WindowRecord
 from .recorder import Recorder
-from .run_image import SlideProbes, Stages, Threads, histories, make_image, negligible_scales
+from .run_image import SlideProbes, Stages, Threads, all_in_kernels, histories, make_image, negligible_scales
 from .search_direction import Direction
 from .settings import Settings
 from .solver import SOFTENED, Observer, WindowSolver, softened_start
@@ -201,7 +201,7 @@ class Run:
 
     def _compiles(self) -> bool:
         """Whether the kernels hold every factor and every law, and the bonds where those are solved directly."""
-        return self._bonds is None and self.image.factored and all(g["law"] >= 0 for g in self.image.groups)
+        return self._bonds is None and all_in_kernels(self.image)
 
     def _solve_bonds_directly(self) -> None:
         """Start every instant with the solution of its perfect interfaces, one linear solve; there are no others."""

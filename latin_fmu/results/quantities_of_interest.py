@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..latin.record import Array, InterfaceHistory
-from ..latin.settings import LEFT
+from ..latin.settings import ITERATION_ERROR
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -51,7 +51,7 @@ class QuantityOfInterest:
     safety: float = 2.0
     two_runs: float = 2.5
     three_runs: tuple[float, float] = (2.0, 0.8)
-    iteration: float = LEFT
+    iteration: float = ITERATION_ERROR
 
 
 _INSTANT: Final = "the instant itself, a hundredth of the interval at least"

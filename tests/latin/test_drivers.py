@@ -13,7 +13,7 @@ import latin_fmu
 from latin_fmu.assembly.segments import SegmentedRun
 from latin_fmu.compiled import PLAIN
 from latin_fmu.latin import windows
-from latin_fmu.latin.run_image import dealt
+from latin_fmu.latin.run_image import distributed
 from latin_fmu.stability.scenes import ALUMINIUM, STEEL, Box, column, half_sine
 
 pytestmark = pytest.mark.skipif(PLAIN, reason="the kernels of a run are plain Python: too slow")
@@ -402,10 +402,10 @@ def test_the_length_of_a_call_changes_nothing(
             np.testing.assert_array_equal(history.traction, other.interfaces[name].traction)
 
 
-def test_classes_are_dealt_by_cost() -> None:
-    hands = dealt([1.0, 8.0, 2.0, 5.0], 2)
+def test_classes_are_distributed_by_cost() -> None:
+    hands = distributed([1.0, 8.0, 2.0, 5.0], 2)
     assert [hand.tolist() for hand in hands] == [[1], [0, 2, 3]]
-    assert len(dealt([1.0], 4)) == 1
+    assert len(distributed([1.0], 4)) == 1
 
 
 def test_an_instant_that_needs_a_fall_back_is_solved_from_python(python_driver: Callable[[], None]) -> None:

@@ -41,7 +41,7 @@ def test_reads_like_a_list(both: tuple[WindowList, list[WindowRecord]]) -> None:
 def test_summaries_look_at_nothing(both: tuple[WindowList, list[WindowRecord]]) -> None:
     found, expected = both
     assert found.failed() == expected[:1]
-    assert found.fallen() == 1
+    assert found.with_fallbacks() == 1
     assert found.most_iterations() == 3
     assert WindowList().most_iterations() == 0
     assert not WindowList()
