@@ -335,7 +335,8 @@ class Stages:
 
     def iterate(self) -> Iterate:
         """A copy of the last iterate."""
-        return Iterate(*(self.field(name).copy() for name in _ITERATE[:-1]), measures=self.measures())
+        q, f_hat, w_hat, residual = (self.field(name).copy() for name in _ITERATE[:-1])
+        return Iterate(q, f_hat, w_hat, residual, self.measures())
 
     def put(self, iterate: Iterate) -> None:
         """Make an iterate the last one."""
