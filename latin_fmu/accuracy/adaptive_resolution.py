@@ -164,9 +164,8 @@ class RefinementSequence:
                 break
             runs.append(run)
         if len(runs) < 2:
-            definition, value = definition_of(quantity), runs[0].quantities.values[quantity] if runs else math.nan
-            nan = math.nan
-            return QuantityEstimate(quantity, value, definition.unit, math.inf, nan, definition.order, True, nan, nan)
+            value = runs[0].quantities.values[quantity] if runs else math.nan
+            return QuantityEstimate(quantity, value, math.inf)
         scene = at_resolution(self.scene, self.at(factor))
         return quantity_estimate(scene, quantity, [(run.resolution, run.quantities) for run in runs])
 
@@ -354,7 +353,7 @@ class _Search:
         if solution is not None:
             estimates = tuple(self.sequence.estimate(factor, quantity) for quantity in run.quantities.values)
             cpu = self.sequence.seconds - run.cpu
-            solution = replace(solution, estimate=ErrorEstimate(estimates, (), cpu, FLOOR))
+            solution = replace(solution, estimate=ErrorEstimate(estimates, cpu=cpu))
         seconds = self.sequence.seconds
         return Choice(solution, at, estimate.quantity, estimate.error, reached, run.cpu, seconds, sentence)
 

@@ -19,7 +19,6 @@ from ..results.estimates import ErrorEstimate, QuantityEstimate
 from ..results.quantities_of_interest import (
     DISPLACEMENT,
     FIRST_CONTACT,
-    FLOOR,
     FORCE_HISTORY,
     PEAK_FORCE,
     SEPARATION,
@@ -78,17 +77,8 @@ class Changes:
         return observed_order(self.half, self.quarter, self.ratios) if self.same_way else math.nan
 
 
-@dataclass(frozen=True)
-class EstimatedError:
-    """Relative error, observed order (NaN: none), and whether the error is only a bound."""
-
-    error: float
-    order: float
-    bound_only: bool
-
-
-def estimated_error(definition: QuantityOfInterest, changes: Changes) -> EstimatedError:
-    """Estimated relative error of a quantity.
+def estimated_error(definition: QuantityOfInterest, changes: Changes) -> tuple[float, bool]:
+    """Estimated relative error of a quantity, and whether it is only a bound.
 
     With the expected order p the last refinement by r extrapolates to e = change / (r^p - 1), the one before to e'.
     Regular sequence (three runs, observed order within ``ORDER_BAND`` of p): ``safety`` x e. Otherwise a bound, the
@@ -100,8 +90,7 @@ def estimated_error(definition: QuantityOfInterest, changes: Changes) -> Estimat
     p = definition.order
     ratio = changes.ratios[0]
     last = changes.half / (ratio**p - 1.0)
-    order = changes.order
-    regular = abs(order - p) <= ORDER_BAND and changes.sampling <= changes.half and definition is not PEAK_FORCE
+    regular = abs(changes.order - p) <= ORDER_BAND and changes.sampling <= changes.half and definition is not PEAK_FORCE
     if regular:
         error = definition.safety * last
     elif math.isnan(changes.quarter):
@@ -112,7 +101,7 @@ def estimated_error(definition: QuantityOfInterest, changes: Changes) -> Estimat
     if not regular:
         steps = 0.0 if math.isnan(changes.steps) else changes.steps
         error = max(error, _STEP_WEIGHT * steps, _RINGING_WEIGHT * changes.ringing)
-    return EstimatedError(max(error, changes.sampling) + changes.iteration, order, not regular)
+    return max(error, changes.sampling) + changes.iteration, not regular
 
 
 def observed_order(half: float, quarter: float, ratios: tuple[float, float]) -> float:
@@ -194,12 +183,10 @@ def quantity_estimate(
         sampling=sampling_error(scene) if sampling is None else sampling,
         iteration=definition.iteration * scene.solver.tolerance,
     )
-    estimate = estimated_error(definition, changes)
+    error, bound_only = estimated_error(definition, changes)
     mesh = math.nan if mesh_alone is None else relative(quantity, fine, fine, mesh_alone)
     time = changes.half if at.mesh == at_half.mesh else changes.steps
-    orders = estimate.order, definition.order
-    value = fine.values[quantity]
-    return QuantityEstimate(quantity, value, definition.unit, estimate.error, *orders, estimate.bound_only, mesh, time)
+    return QuantityEstimate(quantity, fine.values[quantity], error, changes.order, bound_only, mesh, time)
 
 
 @dataclass(frozen=True)
@@ -266,7 +253,7 @@ def estimate_error(scene: Scene, solution: Solution, tell: Callable[[str], None]
     start = clock.process_time()
     plan = coarser_runs_of(scene)
     if plan is None:
-        return ErrorEstimate((), ("too few time steps for an estimate",), 0.0, FLOOR)
+        return ErrorEstimate((), ("too few time steps for an estimate",))
     remarks = list(plan.remarks)
     coarser: dict[str, Quantities] = {}
     lean = in_short_windows(scene)
@@ -289,4 +276,4 @@ def estimate_error(scene: Scene, solution: Solution, tell: Callable[[str], None]
     if not solution.converged:
         remarks.append("the run did not converge: the estimate does not cover the error this leaves")
     estimates = plan.estimates(scene, fine, coarser)
-    return ErrorEstimate(estimates, tuple(remarks), clock.process_time() - start, FLOOR)
+    return ErrorEstimate(estimates, tuple(remarks), clock.process_time() - start)

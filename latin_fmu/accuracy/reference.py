@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -13,7 +12,6 @@ import numpy as np
 
 from ..errors import Problem, SceneError
 from ..results.estimates import ErrorEstimate, QuantityEstimate
-from ..results.quantities_of_interest import FLOOR, definition_of
 from ..scene.schema import Scene
 from .quantities import Force, Quantities, of_force
 from .resolution import Resolution
@@ -95,13 +93,11 @@ def _own_error(quantities: Quantities, errors: dict[str, float]) -> ErrorEstimat
     """The declared errors, one for every quantity (KeyError where one is missing)."""
     estimates = []
     for quantity, value in quantities.values.items():
-        definition, error = definition_of(quantity), float(errors[quantity])
+        error = float(errors[quantity])
         if not 0.0 < error < 1.0:
             raise ValueError(f"error of {quantity} is {error:g}, not between 0 and 1")
-        nan = math.nan
-        orders = nan, definition.order
-        estimates.append(QuantityEstimate(quantity, value, definition.unit, error, *orders, True, nan, nan))
-    return ErrorEstimate(tuple(estimates), (), 0.0, FLOOR)
+        estimates.append(QuantityEstimate(quantity, value, error))
+    return ErrorEstimate(tuple(estimates))
 
 
 def _unusable(file: Path, error: Exception) -> Problem:

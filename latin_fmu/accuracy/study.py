@@ -15,7 +15,6 @@ from .. import api
 from ..errors import LatinError
 from ..reader import scene_from_dict
 from ..results.estimates import ErrorEstimate
-from ..results.quantities_of_interest import FLOOR
 from ..scene.describe import tables_in, tag_of
 from ..scene.schema import Scene
 from ..scene.settings import Time
@@ -318,7 +317,7 @@ def finest_reference(scene: Scene, made: StudyRuns, main: Variant, runs: list[Ru
             if run is not None:
                 coarser[name] = run.quantities
         if estimates := plan.estimates(fine_scene, finest.quantities, coarser):
-            own = ErrorEstimate(estimates, (), 0.0, FLOOR)
+            own = ErrorEstimate(estimates)
     text = f"refined run: mesh x {at.mesh:.3g}, steps x {at.time:.3g}, {finest.cpu:.3g} CPU s"
     return Reference(finest.quantities, False, text, own, at)
 

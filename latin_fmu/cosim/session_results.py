@@ -14,7 +14,6 @@ from ..latin.record import Array
 from ..results.dataset import AXES, datatree, provenance, result_groups
 from ..results.estimates import ErrorEstimate
 from ..results.groups import SCHEMA_VERSION
-from ..results.quantities_of_interest import FLOOR
 from ..results.solution import Solution
 from ..scene.laws import TableLaw
 from ..scene.schema import Scene
@@ -119,7 +118,7 @@ def estimated_error(
     if len(equal) == len(segments):
         return estimate
     remark = f"steps of unequal length: estimated up to {equal[-1].time[-1]:.6g} s after the start"
-    return ErrorEstimate(estimate.quantities, (*estimate.remarks, remark), estimate.cpu, estimate.floor)
+    return ErrorEstimate(estimate.quantities, (*estimate.remarks, remark), estimate.cpu)
 
 
 def _plain_scene(scene: Scene, settings: Settings, curves: dict[str, Curve], segments: Sequence[Segment]) -> Scene:
@@ -145,4 +144,4 @@ def _step(segment: Segment) -> float:
 
 
 def _no_estimate(reason: str) -> ErrorEstimate:
-    return ErrorEstimate((), (f"no estimate: {reason}",), 0.0, FLOOR)
+    return ErrorEstimate((), (f"no estimate: {reason}",))

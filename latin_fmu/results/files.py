@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from netCDF4 import Dataset
 
 from ..errors import Problem, ResultsError
 from .groups import SCHEMA_VERSION, Group, Variable, with_labels
@@ -112,6 +111,8 @@ def write_groups(groups: Mapping[str, Group], path: str | Path) -> None:
     ------
     ResultsError : the file cannot be written (folder missing or read-only, disk full, ``path`` is a folder).
     """
+    from netCDF4 import Dataset
+
     target = Path(path)
     with written_whole(target) as draft:
         try:

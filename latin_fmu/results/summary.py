@@ -1,4 +1,4 @@
-"""A run in words and in figures: numbers with SI prefixes, the summary for people, the report for programs."""
+"""Summary of a run as text, its report as JSON data, and the format of numbers with SI prefixes."""
 
 from __future__ import annotations
 
@@ -74,11 +74,11 @@ def report(outcome: Outcome) -> dict[str, Any]:
         "status": outcome.status,
         "converged": bool(outcome.converged),
         "iterations": [window.iterations for window in outcome.windows],
-        "passes": _number(outcome.passes),
-        "error_indicator": _number(outcome.error_indicator),
+        "passes": finite(outcome.passes),
+        "error_indicator": finite(outcome.error_indicator),
         "cpu_seconds": cpu_seconds(outcome.timings),
         "peak_memory_bytes": int(outcome.timings.peak_memory),
-        "penetration": _number(outcome.penetration()),
+        "penetration": finite(outcome.penetration()),
         "warnings": list(outcome.warnings),
         "interfaces": {name: _interface(outcome, history) for name, history in outcome.interfaces.items()},
     }
@@ -86,28 +86,23 @@ def report(outcome: Outcome) -> dict[str, Any]:
 
 def cpu_seconds(timings: Timings) -> dict[str, float | None]:
     """CPU seconds of the process by part, and their sum."""
-    parts = {
-        "set_up": timings.setup,
-        "march": timings.march,
-        "other": timings.other,
-        "output": timings.output,
-        "total": timings.total,
-    }
-    return {part: _number(seconds) for part, seconds in parts.items()}
+    parts = {"set_up": "setup"} | {name: name for name in ("march", "other", "output", "total")}
+    return {part: finite(getattr(timings, name)) for part, name in parts.items()}
 
 
 def _interface(outcome: Outcome, history: InterfaceHistory) -> dict[str, Any]:
     fields = InterfaceFields.of_history(history, outcome.time)
     return {
-        "impulse": [_number(value) for value in history.impulse(outcome.time)[-1]],
-        "peak_force": _number(peak_force(fields)),
-        "first_contact_time": _number(first_contact_time(fields)),
-        "separation_time": _number(separation_time(fields)),
-        "error_indicator": _number(outcome.interface_indicator.get(history.name)),
+        "impulse": [finite(value) for value in history.impulse(outcome.time)[-1]],
+        "peak_force": finite(peak_force(fields)),
+        "first_contact_time": finite(first_contact_time(fields)),
+        "separation_time": finite(separation_time(fields)),
+        "error_indicator": finite(outcome.interface_indicator.get(history.name)),
     }
 
 
-def _number(value: float | None) -> float | None:
+def finite(value: float | None) -> float | None:
+    """A number for strict JSON: None in the place of one that is not finite."""
     return float(value) if value is not None and math.isfinite(value) else None
 
 
@@ -168,17 +163,9 @@ def _cpu(outcome: Outcome) -> str:
 
 
 def _table(outcome: Outcome) -> list[str]:
-    head = (
-        "interface",
-        "behaviour",
-        "peak force",
-        "impulse on side E (x, y, z)",
-        "first contact",
-        "last contact",
-        "slipping area",
-        "sqrt(eta)",
-    )
-    return aligned([head, *(_row(outcome, history) for history in outcome.interfaces.values())])
+    head = ("interface", "behaviour", "peak force", "impulse on side E (x, y, z)")
+    more = ("first contact", "last contact", "slipping area", "sqrt(eta)")
+    return aligned([(*head, *more), *(_row(outcome, history) for history in outcome.interfaces.values())])
 
 
 def _row(outcome: Outcome, history: InterfaceHistory) -> tuple[str, ...]:

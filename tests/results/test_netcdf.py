@@ -13,7 +13,6 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from latin_fmu import ResultsError
-from latin_fmu.results import files as netcdf
 from latin_fmu.results.files import open_results, write_netcdf
 from latin_fmu.results.solution import Solution
 
@@ -83,7 +82,7 @@ def test_failure_leaves_the_old_file_and_nothing_else(
         Path(path).write_bytes(b"half")
         raise RuntimeError("NetCDF: HDF error")
 
-    monkeypatch.setattr(netcdf, "Dataset", full_disk)
+    monkeypatch.setattr("netCDF4.Dataset", full_disk)
     with pytest.raises(ResultsError, match="HDF error"):
         write_netcdf(crushing.to_datatree(), target)
     assert target.read_bytes() == b"old"
@@ -95,7 +94,7 @@ def test_interruption_leaves_nothing(crushing: Solution, tmp_path: Path, monkeyp
         Path(path).write_bytes(b"half")
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(netcdf, "Dataset", interrupted)
+    monkeypatch.setattr("netCDF4.Dataset", interrupted)
     with pytest.raises(KeyboardInterrupt):
         crushing.save(tmp_path / "out.nc")
     assert not list(tmp_path.iterdir())
