@@ -15,6 +15,7 @@ from latin_fmu.effects import Explanation, explain
 from latin_fmu.effects.scene_effects import EFFECTS
 from latin_fmu.reader import load_scene, scene_from_dict
 from latin_fmu.scene.overrides import key_lines, line_of
+from latin_fmu.stability.scenes import STEEL, Box, column
 
 MODELS = Path(__file__).parents[1] / "models"
 NAMES = {
@@ -42,18 +43,9 @@ NAMES = {
 
 def tables() -> dict[str, Any]:
     """Two blocks in frictionless contact, one pushed: as few effects as a scene can have."""
-    box = {"size": [0.01, 0.01, 0.02], "elements": [2, 2, 4]}
-    return {
-        "name": "two",
-        "material": {"steel": {"young_modulus": 210e9, "poisson_ratio": 0.3, "density": 7800.0}},
-        "substructure": {
-            "a": {"material": "steel", "box": box},
-            "b": {"material": "steel", "box": {**box, "origin": [0.0, 0.0, 0.02]}},
-        },
-        "interface": {"meet": {"sides": ["a.zmax", "b.zmin"]}},
-        "load": {"push": {"face": "a.zmin", "pressure": 1e6, "law": "step"}},
-        "time": {"end": 1e-5, "instants": 20},
-    }
+    block = Box(STEEL, (0.01, 0.01, 0.02), (2, 2, 4))
+    load = {"push": {"face": "a.zmin", "pressure": 1e6, "law": "step"}}
+    return column({"a": block, "b": block}, {"meet": {}}, {"end": 1e-5, "instants": 20}, load=load)
 
 
 def told(scene: dict[str, Any]) -> Explanation:

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import zipfile
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -29,6 +30,7 @@ from latin_fmu.compiled.signature import MismatchError, Signature, address
 from latin_fmu.interface import BEHAVIOURS
 from latin_fmu.kernels.acceleration import Anderson
 from latin_fmu.propagator import stable_step
+from latin_fmu.stability.scenes import ALUMINIUM, Box, column, half_sine
 
 ROOT = Path(__file__).parents[1]
 
@@ -328,36 +330,20 @@ print(json.dumps(found))
 
 def small_scenes() -> list[dict[str, Any]]:
     """Runs of a few instants on one element a body that take every road through the kernels of the iteration."""
-    box = {"size": [0.01, 0.01, 0.01], "elements": [1, 1, 1]}
     rubs = {"friction_coefficient": 0.3}
-    plain: dict[str, Any] = {
-        "name": "small",
-        "material": {"m": {"young_modulus": 70e9, "poisson_ratio": 0.3, "density": 2700.0}},
-        "substructure": {
-            "a": {"material": "m", "box": {"origin": [0.0, 0.0, 0.0], **box}},
-            "b": {"material": "m", "box": {"origin": [0.0, 0.0, 0.01], **box}, "initial_velocity": [0.5, 0.0, -5.0]},
-        },
-        "interface": {
-            "floor": {"sides": ["a.zmin", "ground"], **rubs},
-            "meet": {"sides": ["a.zmax", "b.zmin"], **rubs},
-        },
-        "load": {
-            "press": {"face": "b.zmax", "traction": [3e7, 0.0, -1e8], "law": {"type": "half_sine", "duration": 4e-6}}
-        },
-        "time": {"end": 2.4e-6, "instants": 6},
-        "solver": {},
-        "output": {"energy": True},
-    }
-    side_by_side = {
-        f"c{i}": {
-            "material": "m",
-            "box": {"origin": [0.02 * i, 0.0, 0.0], **box},
-            "initial_velocity": [0.0, 0.1 * i, -2.0],
-        }
-        for i in range(9)
-    }
+    block = Box(replace(ALUMINIUM, name="m"), (0.01,) * 3, (1, 1, 1))
+    plain = column(
+        {"a": block, "b": replace(block, velocity=(0.5, 0.0, -5.0))},
+        {"meet": rubs},
+        {"end": 2.4e-6, "instants": 6},
+        load={"press": {"face": "b.zmax", "traction": [3e7, 0.0, -1e8], "law": half_sine(4e-6)}},
+        solver={},
+        output={"energy": True},
+    )
+    plain["interface"] = {"floor": {"sides": ["a.zmin", "ground"], **rubs}, **plain["interface"]}
+    beside = {f"c{i}": replace(block, velocity=(0.0, 0.1 * i, -2.0)).table((0.02 * i, 0.0, 0.0)) for i in range(9)}
     damped = {"m": {**plain["material"]["m"], "rayleigh_mass": 1e4, "rayleigh_stiffness": 1e-9}}
-    law = {"type": "half_sine", "duration": 4e-6}
+    law = half_sine(4e-6)
     layer = {"behaviour": "elastic_layer", "normal_stiffness": 1e15, "tangential_stiffness": 3e14}
     soft = {"behaviour": "soft_contact", "normal_stiffness": 2e15, "friction_coefficient": 0.2}
     moved = {
@@ -390,7 +376,7 @@ def small_scenes() -> list[dict[str, Any]]:
         plain | {"interface": {"meet": {"sides": ["a.zmax", "b.zmin"], "behaviour": "perfect"}}},
         plain
         | {
-            "substructure": side_by_side,
+            "substructure": beside,
             "load": {},
             "interface": {f"i{i}": {"sides": [f"c{i}.zmin", "ground"], **rubs} for i in range(9)},
         },

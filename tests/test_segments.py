@@ -10,6 +10,7 @@ import pytest
 
 import latin_fmu
 from latin_fmu.assembly.segments import SegmentedRun
+from latin_fmu.stability.scenes import Material, bar, column, half_sine
 
 MODELS = Path(__file__).parents[1] / "models"
 
@@ -150,28 +151,19 @@ def test_a_segment_that_does_not_converge_leaves_the_state_alone():
 
 def test_driven_bodies_go_on_where_they_are():
     """Prescribed motion and moving ground over several segments equal the whole run."""
-    box = {"origin": [0, 0, 0], "size": [1.0, 1.0, 4.0], "elements": [1, 1, 8]}
-    law = {"type": "half_sine", "duration": 3.0}
-    described = latin_fmu.scene_from_dict(
-        {
-            "name": "driven",
-            "material": {"soft": {"young_modulus": 4.0, "poisson_ratio": 0.0, "density": 1.0}},
-            "substructure": {"bar": {"material": "soft", "box": box}},
-            "interface": {
-                "wall": {
-                    "sides": ["bar.zmax", "ground"],
-                    "gap": 0.05,
-                    "ground_velocity": {"direction": [0, 0, -1], "amplitude": 0.1, "law": law},
-                }
-            },
-            "boundary": {
-                "push": {"type": "velocity", "face": "bar.zmin", "components": ["z"], "value": [0.2], "law": law}
-            },
-            "time": {"end": 6.0, "instants": 120},
-            "solver": {"tolerance": 1e-10},
-            "output": {"energy": True},
-        }
+    law = half_sine(3.0)
+    moving = {"direction": [0, 0, -1], "amplitude": 0.1, "law": law}
+    driven = {"type": "velocity", "face": "bar.zmin", "components": ["z"], "value": [0.2], "law": law}
+    tables = column(
+        {"bar": bar(Material(4.0), 4.0, 8)},
+        {},
+        {"end": 6.0, "instants": 120},
+        interface={"wall": {"sides": ["bar.zmax", "ground"], "gap": 0.05, "ground_velocity": moving}},
+        boundary={"push": driven},
+        solver={"tolerance": 1e-10},
+        output={"energy": True},
     )
+    described = latin_fmu.scene_from_dict(tables)
     whole = latin_fmu.solve(described)
     parts = pieces(SegmentedRun(described), [0, 30, 77, 120], 120)
     history = whole.interfaces["wall"]

@@ -10,6 +10,7 @@ import pytest
 from latin_fmu.api import run
 from latin_fmu.latin.search_direction import channel_k, unresolved_sides
 from latin_fmu.latin.settings import SearchDirection
+from latin_fmu.stability.scenes import Box, Material, column
 
 # Two bars of one element; periodic sides tie the four nodes of a face, so that each bar is a two-node rod.
 AREA, LENGTH, DT = 0.25, 0.8, 0.1
@@ -18,21 +19,15 @@ DENSITY = {"soft": 2.0, "stiff": 5.0}
 
 
 def rods(friction: float = 0.0, dt: float = DT, scheme: str = "hht") -> dict[str, Any]:
-    materials = {n: {"young_modulus": YOUNG[n], "poisson_ratio": 0.0, "density": DENSITY[n]} for n in ("soft", "stiff")}
-    boxes = {
-        n: {"origin": [0.0, 0.0, z], "size": [0.5, 0.5, LENGTH], "elements": [1, 1, 1]}
-        for n, z in (("soft", 0.0), ("stiff", LENGTH))
-    }
-    tied = {f"{n}_{a}": {"type": "periodic", "faces": [f"{n}.{a}min", f"{n}.{a}max"]} for n in boxes for a in "xy"}
-    return {
-        "name": "rods",
-        "material": materials,
-        "substructure": {n: {"material": n, "box": b} for n, b in boxes.items()},
-        "interface": {"meet": {"sides": ["soft.zmax", "stiff.zmin"], "friction_coefficient": friction}},
-        "boundary": tied | {"held": {"type": "fixed", "face": "soft.zmin"}},
-        "load": {"push": {"face": "stiff.zmax", "pressure": 1.0}},
-        "time": {"end": 10 * dt, "instants": 10, "scheme": scheme},
-    }
+    bodies = {n: Box(Material(YOUNG[n], DENSITY[n], name=n), (0.5, 0.5, LENGTH), (1, 1, 1)) for n in ("soft", "stiff")}
+    tied = {f"{n}_{a}": {"type": "periodic", "faces": [f"{n}.{a}min", f"{n}.{a}max"]} for n in bodies for a in "xy"}
+    return column(
+        bodies,
+        {"meet": {"friction_coefficient": friction}},
+        {"end": 10 * dt, "instants": 10, "scheme": scheme},
+        boundary=tied | {"held": {"type": "fixed", "face": "soft.zmin"}},
+        load={"push": {"face": "stiff.zmax", "pressure": 1.0}},
+    )
 
 
 def admittance(name: str, dt: float, modulus: float) -> float:

@@ -19,6 +19,7 @@ from latin_fmu.pictures.frame import draw
 from latin_fmu.pictures.result_picture import _on_facets, _round, result_figure
 from latin_fmu.pictures.skin import Skin, View, edges_of, skin_of
 from latin_fmu.reader import scene_from_dict
+from latin_fmu.stability.scenes import Box, Material, column
 
 RED, BLUE = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
 
@@ -85,19 +86,16 @@ def test_views_are_right_handed() -> None:
 
 def tower() -> dict[str, Any]:
     """Three blocks on each other, pressed from above, held below."""
-    body = {"material": "steel", "box": {"size": [1e-2] * 3, "elements": [2, 2, 2]}}
-    boxes = [{**body, "box": {**body["box"], "origin": [0.0, 0.0, i * 1e-2]}} for i in range(3)]  # type: ignore[dict-item]
-    return {
-        "name": "tower",
-        "material": {"steel": {"young_modulus": 2e11, "poisson_ratio": 0.3, "density": 7800.0}},
-        "substructure": dict(zip("abc", boxes, strict=True)),
-        "interface": {n: {"sides": [f"{n[0]}.zmax", f"{n[1]}.zmin"]} for n in ("ab", "bc")},
-        "boundary": {"bed": {"type": "fixed", "face": "a.zmin"}},
-        "load": {"press": {"face": "c.zmax", "pressure": 1e6}},
-        "time": {"end": 2e-6, "step": 2e-7},
-        "output": {"fields": True},
-        "accuracy": {"estimate": False},
-    }
+    return column(
+        dict.fromkeys("abc", Box(Material(2e11, 7800.0, 0.3, "steel"), (1e-2,) * 3, (2, 2, 2))),
+        {"ab": {}, "bc": {}},
+        {"end": 2e-6, "step": 2e-7},
+        name="tower",
+        boundary={"bed": {"type": "fixed", "face": "a.zmin"}},
+        load={"press": {"face": "c.zmax", "pressure": 1e6}},
+        output={"fields": True},
+        accuracy={"estimate": False},
+    )
 
 
 def texts(figure: Figure) -> str:

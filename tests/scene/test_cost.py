@@ -19,26 +19,21 @@ from latin_fmu.effects.cost import Prediction, march_counts, operator_counts, ru
 from latin_fmu.memory import physical_memory
 from latin_fmu.propagator.registry import PropagatorSettings
 from latin_fmu.results.summary import summary
+from latin_fmu.stability.scenes import STEEL, Box, column, half_sine
 
 
 def scene(elements: int, **solver: Any) -> latin_fmu.Scene:
     """Two blocks pressed together."""
-    box = {"size": [0.01] * 3, "elements": [elements] * 3}
-    return latin_fmu.scene_from_dict(
-        {
-            "name": "blocks",
-            "material": {"steel": {"young_modulus": 210e9, "poisson_ratio": 0.3, "density": 7800.0}},
-            "substructure": {
-                "low": {"material": "steel", "box": {"origin": [0.0, 0.0, 0.0], **box}},
-                "high": {"material": "steel", "box": {"origin": [0.0, 0.0, 0.01], **box}},
-            },
-            "interface": {"i": {"sides": ["low.zmax", "high.zmin"], "friction_coefficient": 0.3}},
-            "boundary": {"base": {"type": "fixed", "face": "low.zmin"}},
-            "load": {"p": {"face": "high.zmax", "pressure": 1e8, "law": {"type": "half_sine", "duration": 4e-6}}},
-            "time": {"end": 4e-6, "instants": 40},
-            "solver": {"share_identical": False, **solver},
-        }
+    block = Box(STEEL, (0.01,) * 3, (elements,) * 3)
+    tables = column(
+        {"low": block, "high": block},
+        {"i": {"friction_coefficient": 0.3}},
+        {"end": 4e-6, "instants": 40},
+        boundary={"base": {"type": "fixed", "face": "low.zmin"}},
+        load={"p": {"face": "high.zmax", "pressure": 1e8, "law": half_sine(4e-6)}},
+        solver={"share_identical": False, **solver},
     )
+    return latin_fmu.scene_from_dict(tables)
 
 
 @pytest.mark.skipif(not COMPILES, reason="the factor of SciPy has another pattern")

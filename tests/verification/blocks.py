@@ -9,6 +9,7 @@ import numpy as np
 
 import latin_fmu
 from latin_fmu.assembly.segments import SegmentedRun
+from latin_fmu.stability.scenes import Box, Material, column, half_sine
 
 from .oracles.contact_march import Body, ContactFace
 from .oracles.hexahedra import Block, Solid, merged
@@ -16,6 +17,7 @@ from .oracles.monolithic import LinearSystem, Scheme
 
 EDGE, ELEMENTS, STEP, N_STEP = 0.01, 3, 2e-7, 60
 ALUMINIUM, STEEL = (70e9, 0.3, 2700.0), (210e9, 0.3, 7800.0)
+MATERIALS = {"aluminium": ALUMINIUM, "steel": STEEL}  # E, nu, rho
 PRESSURE, DURATION = 200e6, 6e-6
 
 
@@ -23,33 +25,23 @@ def stack(
     n: int, behaviour: str, friction: float = 0.0, gap: float = 0.0, elements: int = ELEMENTS, **solver: Any
 ) -> dict[str, Any]:
     """``n`` alternating blocks in quarter symmetry on a plane of symmetry, half-sine pressure on the top."""
-    names = ("young_modulus", "poisson_ratio", "density")
-    scene: dict[str, Any] = {
-        "name": "stack",
-        "material": {
-            "aluminium": dict(zip(names, ALUMINIUM, strict=True)),
-            "steel": dict(zip(names, STEEL, strict=True)),
-        },
-        "substructure": {},
-        "interface": {},
-        "boundary": {"base": {"type": "symmetry", "face": "b1.zmin"}},
-        "load": {
-            "pulse": {"face": f"b{n}.zmax", "pressure": PRESSURE, "law": {"type": "half_sine", "duration": DURATION}}
-        },
-        "time": {"end": N_STEP * STEP, "instants": N_STEP},
-        "solver": solver,
-        "output": {"fields": True, "energy": True},
-    }
-    for i in range(1, n + 1):
-        box = {"origin": [0, 0, (i - 1) * (EDGE + gap)], "size": [EDGE] * 3, "elements": [elements] * 3}
-        scene["substructure"][f"b{i}"] = {"material": "aluminium" if i % 2 else "steel", "box": box}
+    odd, even = (
+        Box(Material(e, rho, nu, name), (EDGE,) * 3, (elements,) * 3) for name, (e, nu, rho) in MATERIALS.items()
+    )
+    keys = {"friction_coefficient": friction} if behaviour == "contact" else {}
+    scene = column(
+        {f"b{i}": odd if i % 2 else even for i in range(1, n + 1)},
+        {f"i{i}": {"behaviour": behaviour, **keys} for i in range(1, n)},
+        {"end": N_STEP * STEP, "instants": N_STEP},
+        gap,
+        boundary={"base": {"type": "symmetry", "face": "b1.zmin"}},
+        load={"pulse": {"face": f"b{n}.zmax", "pressure": PRESSURE, "law": half_sine(DURATION)}},
+        solver=solver,
+        output={"fields": True, "energy": True},
+    )
+    for name in scene["substructure"]:
         for axis in "xy":
-            scene["boundary"][f"b{i}_{axis}"] = {"type": "symmetry", "face": f"b{i}.{axis}min"}
-        if i > 1:
-            sides = [f"b{i - 1}.zmax", f"b{i}.zmin"]
-            scene["interface"][f"i{i - 1}"] = {"sides": sides, "behaviour": behaviour}
-            if behaviour == "contact":
-                scene["interface"][f"i{i - 1}"]["friction_coefficient"] = friction
+            scene["boundary"][f"{name}_{axis}"] = {"type": "symmetry", "face": f"{name}.{axis}min"}
     return scene
 
 

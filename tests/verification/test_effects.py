@@ -14,27 +14,21 @@ from latin_fmu.assembly import body as body_module
 from latin_fmu.assembly.build import build
 from latin_fmu.fem.stress import MeanStress
 from latin_fmu.latin import windows
+from latin_fmu.stability.scenes import STEEL, Box, column, half_sine
 
 Tables = dict[str, Any]
 
 
 def scene(**interface: Any) -> Tables:
     """Two elastic blocks that touch, the lower one pushed off the axis: friction, waves, no symmetry."""
-    box = {"size": [0.01, 0.01, 0.02], "elements": [2, 2, 4]}
-    return {
-        "name": "two",
-        "material": {"steel": {"young_modulus": 210e9, "poisson_ratio": 0.3, "density": 7800.0}},
-        "substructure": {
-            "a": {"material": "steel", "box": box},
-            "b": {"material": "steel", "box": {**box, "origin": [0.0, 0.0, 0.02]}},
-        },
-        "interface": {"meet": {"sides": ["a.zmax", "b.zmin"], **interface}},
-        "load": {
-            "push": {"face": "a.zmin", "traction": [1e6, 0.0, 5e6], "law": {"type": "half_sine", "duration": 8e-6}}
-        },
-        "time": {"end": 2e-5, "instants": 60},
-        "output": {"fields": True},
-    }
+    block = Box(STEEL, (0.01, 0.01, 0.02), (2, 2, 4))
+    return column(
+        {"a": block, "b": block},
+        {"meet": interface},
+        {"end": 2e-5, "instants": 60},
+        load={"push": {"face": "a.zmin", "traction": [1e6, 0.0, 5e6], "law": half_sine(8e-6)}},
+        output={"fields": True},
+    )
 
 
 def solved(tables: Tables) -> latin_fmu.Solution:

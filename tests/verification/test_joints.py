@@ -12,6 +12,7 @@ import pytest
 from latin_fmu import api
 from latin_fmu.errors import SceneError
 from latin_fmu.reader import scene_from_dict
+from latin_fmu.stability.scenes import Box, Material, column
 
 AREA, FIRST, SECOND = 0.01, 1.0, 2.0  # m2, kg, kg
 REDUCED = 1 / (1 / FIRST + 1 / SECOND)
@@ -29,20 +30,17 @@ def solved(tables: dict[str, Any]) -> Any:
 
 def masses(behaviour: str, end: float, n: int, scheme: str = "newmark", window: Any = 1, **keys: Any) -> dict[str, Any]:
     """Two rigid blocks of 1 and 2 kg along z, the first one moving at 1 m s-1."""
-
-    def block(z: float, length: float, speed: float) -> dict[str, Any]:
-        box = {"origin": [0.0, 0.0, z], "size": [0.1, 0.1, length], "elements": [1, 1, 1]}
-        return {"material": "m", "box": box, "rigid": True, "initial_velocity": [0.0, 0.0, speed]}
-
-    return {
-        "name": "masses",
-        "material": {"m": {"young_modulus": 2e11, "poisson_ratio": 0.3, "density": 1000.0}},
-        "substructure": {"a": block(0.0, 0.1, 1.0), "b": block(0.1, 0.2, 0.0)},
-        "interface": {"joint": {"sides": ["a.zmax", "b.zmin"], "behaviour": behaviour, **keys}},
-        "time": {"end": end, "instants": n, "scheme": scheme},
-        "solver": {"tolerance": 1e-8, "window": window},
-        "output": {"fields": True, "energy": True},
-    }
+    material, rigid = Material(2e11, 1000.0, 0.3), {"rigid": True}
+    return column(
+        {
+            "a": Box(material, (0.1, 0.1, 0.1), (1, 1, 1), (0.0, 0.0, 1.0), rigid),
+            "b": Box(material, (0.1, 0.1, 0.2), (1, 1, 1), keys=rigid),
+        },
+        {"joint": {"behaviour": behaviour, **keys}},
+        {"end": end, "instants": n, "scheme": scheme},
+        solver={"tolerance": 1e-8, "window": window},
+        output={"fields": True, "energy": True},
+    )
 
 
 def spring(**more: Any) -> dict[str, Any]:
@@ -153,21 +151,16 @@ IMPEDANCE = 7800.0 * SOUND
 
 def bars(behaviour: str, **keys: Any) -> dict[str, Any]:
     """Two bars of 0.5 m; a step of 2 x 1 MPa on an absorbing end launches 1 MPa towards the joint; far end absorbs."""
-
-    def bar(z: float) -> dict[str, Any]:
-        box = {"origin": [0.0, 0.0, z], "size": [0.02, 0.02, 0.5], "elements": [1, 1, 100]}
-        return {"material": "steel", "box": box}
-
-    return {
-        "name": "bars",
-        "material": {"steel": {"young_modulus": 210e9, "poisson_ratio": 0.0, "density": 7800.0}},
-        "substructure": {"a": bar(0.0), "b": bar(0.5)},
-        "interface": {"joint": {"sides": ["a.zmax", "b.zmin"], "behaviour": behaviour, **keys}},
-        "boundary": {"left": {"type": "absorbing", "face": "a.zmin"}, "right": {"type": "absorbing", "face": "b.zmax"}},
-        "load": {"step": {"face": "a.zmin", "pressure": 2e6, "law": "step"}},
-        "time": {"end": 1.8 * 0.5 / SOUND, "instants": 180},
-        "output": {"energy": True},
-    }
+    bar = Box(Material(210e9, 7800.0), (0.02, 0.02, 0.5), (1, 1, 100))
+    ends = {"left": "a.zmin", "right": "b.zmax"}
+    return column(
+        {"a": bar, "b": bar},
+        {"joint": {"behaviour": behaviour, **keys}},
+        {"end": 1.8 * 0.5 / SOUND, "instants": 180},
+        boundary={name: {"type": "absorbing", "face": face} for name, face in ends.items()},
+        load={"step": {"face": "a.zmin", "pressure": 2e6, "law": "step"}},
+        output={"energy": True},
+    )
 
 
 def behind_the_front(outcome: Any) -> np.ndarray:

@@ -9,32 +9,24 @@ import numpy as np
 import pytest
 
 import latin_fmu
+from latin_fmu.stability.scenes import STEEL, Box, column, half_sine
 
 
 def pressed(behaviour: str, scheme: str) -> dict[str, Any]:
     """Two blocks under a dead pressure, in equilibrium; then a shear shock that the pressure outlasts."""
-    box = {"size": [0.02, 0.02, 0.01], "elements": [3, 3, 2]}
-    return {
-        "name": "pressed",
-        "material": {"steel": {"young_modulus": 210e9, "poisson_ratio": 0.3, "density": 7800.0}},
-        "substructure": {
-            "lower": {"material": "steel", "box": box},
-            "upper": {"material": "steel", "box": {**box, "origin": [0.0, 0.0, 0.01]}},
-        },
-        "interface": {"meet": {"sides": ["lower.zmax", "upper.zmin"], "behaviour": behaviour}},
-        "boundary": {"base": {"type": "fixed", "face": "lower.zmin"}},
-        "load": {
+    block = Box(STEEL, (0.02, 0.02, 0.01), (3, 3, 2))
+    return column(
+        {"lower": block, "upper": block},
+        {"meet": {"behaviour": behaviour}},
+        {"end": 1.5e-5, "instants": 75, "start": "static", "scheme": scheme},
+        boundary={"base": {"type": "fixed", "face": "lower.zmin"}},
+        load={
             "press": {"face": "upper.zmax", "pressure": 100e6},
-            "shock": {
-                "face": "upper.zmax",
-                "traction": [1e7, 4e6, 0.0],
-                "law": {"type": "half_sine", "duration": 5e-6},
-            },
+            "shock": {"face": "upper.zmax", "traction": [1e7, 4e6, 0.0], "law": half_sine(5e-6)},
         },
-        "time": {"end": 1.5e-5, "instants": 75, "start": "static", "scheme": scheme},
-        "output": {"fields": True},
-        "solver": {"tolerance": 1e-8},
-    }
+        output={"fields": True},
+        solver={"tolerance": 1e-8},
+    )
 
 
 @pytest.mark.parametrize("scheme", ["hht", "newmark"])

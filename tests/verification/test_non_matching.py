@@ -14,6 +14,7 @@ from latin_fmu.cosim.session import Session
 from latin_fmu.fem.elasticity import mass
 from latin_fmu.fem.elements import Elements
 from latin_fmu.fem.mesh import box_mesh
+from latin_fmu.stability.scenes import Box, Material, column
 
 from .blocks import segments_and_snapshots, stack
 from .static_scenes import STEEL, add_block, ramp, scene, solve
@@ -27,7 +28,7 @@ ROLLER = {"behaviour": "elastic_layer", "normal_stiffness": 2e13, "tangential_st
 
 
 # -- uniform compression ------------------------------------------------------------------------------------------
-def column(counts: tuple[tuple[int, int], ...], friction: float, **interface: Any) -> dict[str, Any]:
+def pressed(counts: tuple[tuple[int, int], ...], friction: float, **interface: Any) -> dict[str, Any]:
     """Blocks with these in-plane numbers of elements, free to spread, pressed on a plane of symmetry."""
     made = scene(2, tolerance=1e-10)
     for i, n in enumerate(counts):
@@ -77,25 +78,25 @@ def check_uniform(made: dict[str, Any], most: int, turn: np.ndarray | None = Non
 @pytest.mark.parametrize("friction", [0.0, 0.3])
 @pytest.mark.parametrize("owner", ["automatic", "Ep"])
 def test_patch_of_two(friction: float, owner: str) -> None:
-    check_uniform(column(((6, 6), (4, 4)), friction, points_from=owner), 70)
+    check_uniform(pressed(((6, 6), (4, 4)), friction, points_from=owner), 70)
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.3])
 def test_patch_of_five(friction: float) -> None:
-    check_uniform(column(FIVE, friction), 80)
+    check_uniform(pressed(FIVE, friction), 80)
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.3])
 @pytest.mark.parametrize("kind", KINDS)
 def test_patch_of_every_type_of_cell(kind: str, friction: float, tmp_path: Path) -> None:
-    check_uniform(of_kind(column(((6, 6), (4, 4)), friction), kind, tmp_path), 100)
+    check_uniform(of_kind(pressed(((6, 6), (4, 4)), friction), kind, tmp_path), 100)
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.3])
 @pytest.mark.parametrize("kind", ["hexahedron", "tetra10"])
 def test_tilted_patch(kind: str, friction: float, tmp_path: Path) -> None:
     turn = turned([0.3, 1.0, 0.2], 30.0)
-    check_uniform(of_kind(column(((6, 6), (4, 4)), friction), kind, tmp_path, turn), 100, turn)
+    check_uniform(of_kind(pressed(((6, 6), (4, 4)), friction), kind, tmp_path, turn), 100, turn)
 
 
 @pytest.mark.slow
@@ -104,13 +105,13 @@ def test_tilted_patch(kind: str, friction: float, tmp_path: Path) -> None:
 @pytest.mark.parametrize("kind", KINDS)
 def test_patch_of_five_of_every_type_of_cell(kind: str, degrees: float, friction: float, tmp_path: Path) -> None:
     turn = turned([0.3, 1.0, 0.2], degrees) if degrees else None
-    check_uniform(of_kind(column(FIVE, friction), kind, tmp_path, turn), 130, turn)
+    check_uniform(of_kind(pressed(FIVE, friction), kind, tmp_path, turn), 130, turn)
 
 
 @pytest.mark.parametrize("kind", ["tetra10", "hexahedron20"])
 def test_quadratic_faces_with_matching_nodes(kind: str, tmp_path: Path) -> None:
     """Nodes opposite each other: positive areas by the change of basis, on both sides alike."""
-    made = of_kind(column(((4, 3), (4, 3)), 0.3), kind, tmp_path)
+    made = of_kind(pressed(((4, 3), (4, 3)), 0.3), kind, tmp_path)
     unit = discretise(latin_fmu.scene_from_dict(made)).units[0]
     assert unit.geometry.matching
     assert unit.geometry.areas.min() > 0.0
@@ -120,7 +121,7 @@ def test_quadratic_faces_with_matching_nodes(kind: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("behaviour", ["perfect", "no_slip"])
 def test_bonded_patch(behaviour: str) -> None:
-    made = column(FIVE, 0.0)
+    made = pressed(FIVE, 0.0)
     for interface in made["interface"].values():
         interface["behaviour"] = behaviour
         del interface["friction_coefficient"]
@@ -132,25 +133,14 @@ def bars(
     n: int, m: int, poisson: float = 0.0, friction: float = 0.0, steps: int = 200, **solver: Any
 ) -> dict[str, Any]:
     """A bar of n x n elements thrown on one of m x m, 2 m/s."""
-    long, wide = 0.1, 0.01
-    end = 4 * long / np.sqrt(E / 7800.0)
-    box = {"size": [wide, wide, long]}
-    return {
-        "name": "bars",
-        "material": {"m": {"young_modulus": E, "poisson_ratio": poisson, "density": 7800.0}},
-        "substructure": {
-            "a": {
-                "material": "m",
-                "box": {**box, "origin": [0, 0, 0], "elements": [n, n, 20]},
-                "initial_velocity": [0.0, 0.0, 2.0],
-            },
-            "b": {"material": "m", "box": {**box, "origin": [0, 0, long], "elements": [m, m, 20]}},
-        },
-        "interface": {"i": {"sides": ["a.zmax", "b.zmin"], "friction_coefficient": friction}},
-        "time": {"end": float(end), "instants": steps},
-        "solver": solver,
-        "output": {"fields": True, "energy": True},
-    }
+    size, material = (0.01, 0.01, 0.1), Material(E, 7800.0, poisson)
+    return column(
+        {"a": Box(material, size, (n, n, 20), (0.0, 0.0, 2.0)), "b": Box(material, size, (m, m, 20))},
+        {"i": {"friction_coefficient": friction}},
+        {"end": 4 * 0.1 / material.speed, "instants": steps},
+        solver=solver,
+        output={"fields": True, "energy": True},
+    )
 
 
 def iterations_in_touch(solution: latin_fmu.Solution) -> float:

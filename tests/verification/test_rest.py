@@ -12,32 +12,25 @@ import latin_fmu
 from latin_fmu.assembly.build import build, discretise
 from latin_fmu.assembly.inactive_substructures import arrival_times, cut_by_arrival
 from latin_fmu.effects import explain
+from latin_fmu.stability.scenes import STEEL, Box, column, half_sine
 
-LENGTH, STEEL = 0.02, {"young_modulus": 210e9, "poisson_ratio": 0.3, "density": 7800.0}
-SPEED = np.sqrt(210e9 * 0.7 / (1.3 * 0.4) / 7800.0)
-TRANSIT = LENGTH / SPEED
+LENGTH = 0.02
+TRANSIT = LENGTH / STEEL.pressure_speed
 
 
 def chain(
     n: int = 8, transits: float = 2.9, elements: int = 10, behaviour: str = "perfect", **solver: Any
 ) -> dict[str, Any]:
     """``n`` blocks in a row, half-sine pressure of one transit on the first: the wave is in the third at the end."""
-    tables: dict[str, Any] = {
-        "name": "chain",
-        "material": {"steel": STEEL},
-        "substructure": {},
-        "interface": {},
-        "solver": {"skip_unchanged": False} | solver,
-        "load": {"push": {"face": "b1.zmin", "pressure": 1e8, "law": {"type": "half_sine", "duration": TRANSIT}}},
-        "time": {"end": transits * TRANSIT, "instants": round(4 * elements * transits)},
-        "output": {"fields": True},
-    }
-    for i in range(1, n + 1):
-        box = {"origin": [0.0, 0.0, (i - 1) * LENGTH], "size": [0.01, 0.01, LENGTH], "elements": [1, 1, elements]}
-        tables["substructure"][f"b{i}"] = {"material": "steel", "box": box}
-        if i > 1:
-            tables["interface"][f"i{i - 1}"] = {"sides": [f"b{i - 1}.zmax", f"b{i}.zmin"], "behaviour": behaviour}
-    return tables
+    block = Box(STEEL, (0.01, 0.01, LENGTH), (1, 1, elements))
+    return column(
+        {f"b{i}": block for i in range(1, n + 1)},
+        {f"i{i}": {"behaviour": behaviour} for i in range(1, n)},
+        {"end": transits * TRANSIT, "instants": round(4 * elements * transits)},
+        solver={"skip_unchanged": False} | solver,
+        load={"push": {"face": "b1.zmin", "pressure": 1e8, "law": half_sine(TRANSIT)}},
+        output={"fields": True},
+    )
 
 
 def solved(tables: dict[str, Any]) -> latin_fmu.Solution:

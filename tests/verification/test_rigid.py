@@ -16,24 +16,20 @@ from latin_fmu.fem.elasticity import mass
 from latin_fmu.fem.elements import Elements, rigid_body
 from latin_fmu.fem.mesh import Mesh, box_mesh
 from latin_fmu.reader import scene_from_dict
+from latin_fmu.stability.scenes import Box, Material, column
 
 from .oracles import sliding_block
 
-STEEL = {"young_modulus": 210e9, "poisson_ratio": 0.0, "density": 7800.0}
+STEEL = Material(210e9, 7800.0, name="steel")
 SIZE = (0.1, 0.2, 0.3)
-WAVE = np.sqrt(210e9 / 7800.0)
+WAVE = STEEL.speed
 
 
 def block(**more: Any) -> dict[str, Any]:
     """A scene of one rigid block, alone."""
-    body = {"material": "steel", "box": {"size": list(SIZE), "elements": [2, 2, 2]}, "rigid": True, **more}
-    return {
-        "name": "block",
-        "material": {"steel": STEEL},
-        "substructure": {"block": body},
-        "time": {"end": 1e-2, "instants": 20},
-        "output": {"fields": True, "energy": True},
-    }
+    body = Box(STEEL, SIZE, (2, 2, 2), keys={"rigid": True, **more})
+    time, output = {"end": 1e-2, "instants": 20}, {"fields": True, "energy": True}
+    return column({"block": body}, {}, time, name="block", output=output)
 
 
 def solved(tables: dict[str, Any]) -> Any:
@@ -159,24 +155,17 @@ def test_what_a_rigid_body_cannot_do_is_refused(change: dict[str, Any], where: s
 # -- against elastic bodies ---------------------------------------------------------------------------------------
 def ram(rigid: bool = True, young_modulus: float = 210e9, behaviour: str = "contact") -> dict[str, Any]:
     """A block (0.02 x 0.02 x 0.05) meets the end of a long bar at 1 m s-1; the bar's far end absorbs."""
-    length = 0.5
-    return {
-        "name": "ram",
-        "material": {"steel": STEEL, "hard": {**STEEL, "young_modulus": young_modulus}},
-        "substructure": {
-            "bar": {"material": "steel", "box": {"size": [0.02, 0.02, length], "elements": [1, 1, 100]}},
-            "ram": {
-                "material": "hard",
-                "rigid": rigid,
-                "initial_velocity": [0.0, 0.0, -1.0],
-                "box": {"origin": [0.0, 0.0, length], "size": [0.02, 0.02, 0.05], "elements": [1, 1, 2]},
-            },
+    hard = Material(young_modulus, STEEL.density, name="hard")
+    return column(
+        {
+            "bar": Box(STEEL, (0.02, 0.02, 0.5), (1, 1, 100)),
+            "ram": Box(hard, (0.02, 0.02, 0.05), (1, 1, 2), (0.0, 0.0, -1.0), {"rigid": rigid}),
         },
-        "interface": {"hit": {"sides": ["bar.zmax", "ram.zmin"], "behaviour": behaviour}},
-        "boundary": {"out": {"type": "absorbing", "face": "bar.zmin"}},
-        "time": {"end": 0.15 / WAVE, "instants": 120},
-        "output": {"energy": True},
-    }
+        {"hit": {"behaviour": behaviour}},
+        {"end": 0.15 / WAVE, "instants": 120},
+        boundary={"out": {"type": "absorbing", "face": "bar.zmin"}},
+        output={"energy": True},
+    )
 
 
 @pytest.mark.parametrize("behaviour", ["contact", "perfect"])
@@ -269,27 +258,16 @@ def shaken(step: float) -> dict[str, Any]:
     """The block of the oracle: its displacement counts from x = 3."""
     n = round(8 / step)
     time = np.linspace(0.0, 8.0, n + 1)
-    size, area = [0.5, 0.5, 0.1], 0.25
-    return {
-        "name": "shaken",
-        "material": {"m": {**STEEL, "density": 1 / (0.1 * area)}},
-        "substructure": {
-            "block": {
-                "material": "m",
-                "box": {"size": size, "elements": [1, 1, 1]},
-                "rigid": True,
-                "body_force": [0.0, 0.0, -9.81 / (0.1 * area)],
-            }
-        },
-        "interface": {"floor": {"sides": ["block.zmin", "ground"], "friction_coefficient": 0.8}},
-        "load": {
-            "push": {
-                "face": "block.zmin",
-                "traction": [sliding_block.FORCE / area, 0.0, 0.0],
-                "law": {"type": "table", "times": time.tolist(), "values": np.cos(time).tolist()},
-            }
-        },
-        "time": {"end": 8.0, "instants": n},
-        "output": {"fields": True},
-        "solver": {"tolerance": 1e-6},
-    }
+    area = 0.25
+    material = replace(STEEL, density=1 / (0.1 * area))
+    keys = {"rigid": True, "body_force": [0.0, 0.0, -9.81 / (0.1 * area)]}
+    law = {"type": "table", "times": time.tolist(), "values": np.cos(time).tolist()}
+    return column(
+        {"block": Box(material, (0.5, 0.5, 0.1), (1, 1, 1), keys=keys)},
+        {},
+        {"end": 8.0, "instants": n},
+        interface={"floor": {"sides": ["block.zmin", "ground"], "friction_coefficient": 0.8}},
+        load={"push": {"face": "block.zmin", "traction": [sliding_block.FORCE / area, 0.0, 0.0], "law": law}},
+        output={"fields": True},
+        solver={"tolerance": 1e-6},
+    )

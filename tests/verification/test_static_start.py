@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,34 +14,26 @@ import latin_fmu
 from latin_fmu.assembly.segments import SegmentedRun
 from latin_fmu.cosim.session import Session
 from latin_fmu.effects.explanation import explain
+from latin_fmu.stability.scenes import STEEL, Box, column
 
 Tables = dict[str, Any]
-STEEL = {"young_modulus": 210e9, "poisson_ratio": 0.3, "density": 7800.0}
 SIDE, HEIGHT, PRESSURE, SHEAR = 0.02, 0.01, 50e6, 4e6
 
 
 def stack(start: Any = "static", **solver: Any) -> Tables:
     """Three blocks on a fixed base under a dead pressure and a dead shear load that friction holds."""
-    box = {"size": [SIDE, SIDE, HEIGHT], "elements": [3, 3, 2]}
-    names = [f"b{i}" for i in range(3)]
-    return {
-        "name": "stack",
-        "material": {"steel": dict(STEEL)},
-        "substructure": {
-            n: {"material": "steel", "box": {"origin": [0.0, 0.0, HEIGHT * i], **box}} for i, n in enumerate(names)
-        },
-        "interface": {
-            f"i{i}": {"sides": [f"b{i}.zmax", f"b{i + 1}.zmin"], "friction_coefficient": 0.3} for i in range(2)
-        },
-        "boundary": {"base": {"type": "fixed", "face": "b0.zmin"}},
-        "load": {
+    return column(
+        dict.fromkeys(("b0", "b1", "b2"), Box(STEEL, (SIDE, SIDE, HEIGHT), (3, 3, 2))),
+        {f"i{i}": {"friction_coefficient": 0.3} for i in range(2)},
+        {"end": 2e-5, "instants": 100, "start": start},
+        boundary={"base": {"type": "fixed", "face": "b0.zmin"}},
+        load={
             "press": {"face": "b2.zmax", "pressure": PRESSURE},
             "shear": {"face": "b2.zmax", "traction": [SHEAR, 0.0, 0.0]},
         },
-        "time": {"end": 2e-5, "instants": 100, "start": start},
-        "output": {"fields": True},
-        "solver": {"tolerance": 1e-7, **solver},
-    }
+        output={"fields": True},
+        solver={"tolerance": 1e-7, **solver},
+    )
 
 
 def solved(tables: Tables) -> latin_fmu.Solution:
@@ -150,7 +143,7 @@ def test_dead_loads_move_nothing_after_the_hand_over(change: Callable[[Tables], 
     change(tables)
     change(without)
     ringing, still = solved(without), solved(tables)
-    assert speed(ringing) > 0.2 * PRESSURE / np.sqrt(STEEL["young_modulus"] * STEEL["density"])
+    assert speed(ringing) > 0.2 * PRESSURE / STEEL.impedance
     limit = 1e-7 if change is glued_and_soft else 1e-8
     assert speed(still) < limit * speed(ringing)
     moved = max(float(np.abs(body.displacement[0]).max()) for body in still.substructures.values())
@@ -161,7 +154,7 @@ def test_dead_loads_move_nothing_after_the_hand_over(change: Callable[[Tables], 
 def test_short_steps_do_not_magnify_what_the_tolerance_has_left_of_the_gaps() -> None:
     tables = stack()
     tables["time"]["end"] = 1e-9
-    assert speed(solved(tables)) < 1e-8 * PRESSURE / np.sqrt(STEEL["young_modulus"] * STEEL["density"])
+    assert speed(solved(tables)) < 1e-8 * PRESSURE / STEEL.impedance
 
 
 def test_partial_slip_is_there_and_handed_over() -> None:
@@ -211,8 +204,8 @@ def test_a_shock_on_a_bonded_bar_adds_to_its_static_state(bonds: str, shocked: s
 
 LENGTH, WIDTH, N, FRICTION, GRIP = 0.5, 0.02, 25, 0.25, 50e6
 LOST = 2 * FRICTION * GRIP * WIDTH  # friction force per length on both planes, N m-1
-STIFFNESS = STEEL["young_modulus"] * WIDTH * WIDTH
-TRANSIT = LENGTH / np.sqrt(STEEL["young_modulus"] / STEEL["density"])
+STIFFNESS = STEEL.young * WIDTH * WIDTH
+TRANSIT = LENGTH / STEEL.speed
 
 
 def clamped(first: float, last: float, transits: float) -> Tables:
@@ -223,22 +216,17 @@ def clamped(first: float, last: float, transits: float) -> Tables:
         side: {"sides": [f"bar.{side}", "ground"], "friction_coefficient": FRICTION, "preload": GRIP}
         for side in ("zmin", "zmax")
     }
-    return {
-        "name": "clamped",
-        "material": {"steel": {**STEEL, "poisson_ratio": 0.0}},
-        "substructure": {"bar": {"material": "steel", "box": {"size": [LENGTH, WIDTH, WIDTH], "elements": [N, 1, 1]}}},
-        "interface": planes,
-        "load": {
-            "pull": {
-                "face": "bar.xmax",
-                "traction": [whole, 0.0, 0.0],
-                "law": {"type": "table", "times": [0.0, transits * TRANSIT], "values": [first, last]},
-            }
-        },
-        "time": {"end": transits * TRANSIT, "instants": round(60 * transits), "start": {"increments": 20}},
-        "output": {"fields": True},
-        "solver": {"tolerance": 1e-5},
-    }
+    end = transits * TRANSIT
+    law = {"type": "table", "times": [0.0, end], "values": [first, last]}
+    return column(
+        {"bar": Box(replace(STEEL, poisson=0.0), (LENGTH, WIDTH, WIDTH), (N, 1, 1))},
+        {},
+        {"end": end, "instants": round(60 * transits), "start": {"increments": 20}},
+        interface=planes,
+        load={"pull": {"face": "bar.xmax", "traction": [whole, 0.0, 0.0], "law": law}},
+        output={"fields": True},
+        solver={"tolerance": 1e-5},
+    )
 
 
 def end_of(solution: latin_fmu.Solution) -> np.ndarray:
@@ -291,7 +279,7 @@ def test_a_stretched_bar_is_stretched_from_the_start() -> None:
     """A face displaced at t = 0 strains the bar evenly, and lets it go when the displacement is taken back."""
     tables: Tables = {
         "name": "bar",
-        "material": {"steel": {**STEEL, "poisson_ratio": 0.0}},
+        "material": {"steel": replace(STEEL, poisson=0.0).table()},
         "substructure": {"bar": {"material": "steel", "box": {"size": [0.1, 0.01, 0.01], "elements": [10, 1, 1]}}},
         "boundary": {
             "foot": {"type": "fixed", "face": "bar.xmin"},
