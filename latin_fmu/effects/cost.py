@@ -291,7 +291,11 @@ class Prediction:
     @property
     def n_dof(self) -> int:
         """Unknowns of all substructures."""
-        return sum(c.size.members * c.size.unknowns for c in self.run.classes)
+        return self.total("unknowns")
+
+    def total(self, name: str) -> int:
+        """Sum of a size (name in ``ClassSize``) over all substructures."""
+        return sum(c.size.members * getattr(c.size, name) for c in self.run.classes)
 
     @property
     def instant(self) -> float:

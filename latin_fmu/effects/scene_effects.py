@@ -54,6 +54,9 @@ class Effect:
         }
 
 
+Units = list[InterfaceUnit]
+
+
 def _off(name: str, why: Sequence[str], reason: str, switch: str) -> Effect:
     return Effect(name, False, tuple(why), reason, switch)
 
@@ -62,38 +65,30 @@ def _off(name: str, why: Sequence[str], reason: str, switch: str) -> Effect:
 def inertia(p: Prediction) -> Effect:
     """Mass times acceleration."""
     if p.run.static:
-        reason = "a sequence of equilibria is asked for"
-        return _off("inertia", ["time.quasi_static"], reason, "time.quasi_static = false")
+        return _off("inertia", ["time.quasi_static"], "the scene is quasi-static", "time.quasi_static = false")
     reason = f"motion is integrated by the scheme {p.scene.time.scheme.type}"
     switch = "time.quasi_static = true (loads slow against the waves)"
-    cost, memory = p.saved(p.run.scaled(mass=0.0)), 12 * sum(c.size.members * c.size.mass for c in p.run.classes)
-    return Effect("inertia", True, ("time.scheme",), reason, switch, ("mass product",), cost, memory=memory)
+    cost, kernels = p.saved(p.run.scaled(mass=0.0)), ("mass product",)
+    return Effect("inertia", True, ("time.scheme",), reason, switch, kernels, cost, memory=12 * p.total("mass"))
 
 
 def elasticity(p: Prediction) -> Effect:
-    """Deformable substructures."""
-    name, elastic = "elastic bodies", [n for n, b in p.discretised.bodies.items() if not b.rigid]
-    if not elastic:
-        every = "every substructure is rigid"
-        return _off(name, ["substructure.*.rigid"], every, "rigid = false on a substructure")
-    classes = [c for c in p.run.classes if not c.rigid]
-    reason = f"{len(elastic)} deformable substructure(s) in {len(classes)} class(es) of identical ones"
+    """Deformable substructures: factors and stiffness."""
+    name, keys = "elastic bodies", [f"substructure.{n}" for n, b in p.discretised.bodies.items() if not b.rigid]
+    if not keys:
+        off = "every substructure is rigid"
+        return _off(name, ["substructure.*.rigid"], off, "rigid = false on a substructure")
+    sizes = [c.size for c in p.run.classes if not c.rigid]
+    reason = f"{len(keys)} deformable substructure(s) in {len(sizes)} class(es) of identical ones"
     kernels = "factorisation", "half solves", "stiffness product"
-    return Effect(
-        name,
-        True,
-        tuple(f"substructure.{n}" for n in elastic),
-        reason,
-        "rigid = true on bodies that only move",
-        kernels,
-        p.saved(p.run.scaled(stiffness=0.0, factor=0.0)),
-        unknowns=sum(c.size.members * c.size.unknowns for c in classes),
-        memory=int(sum(8 * (c.size.factor + c.size.interface**2) + 12 * c.size.stiffness for c in classes)),
-    )
+    switch, cost = "rigid = true on bodies that only move", p.saved(p.run.scaled(stiffness=0.0, factor=0.0))
+    unknowns = sum(s.members * s.unknowns for s in sizes)
+    memory = int(sum(8 * (s.factor + s.interface**2) + 12 * s.stiffness for s in sizes))
+    return Effect(name, True, tuple(keys), reason, switch, kernels, cost, unknowns, memory)
 
 
 def rigidity(p: Prediction) -> Effect:
-    """Undeformable substructures."""
+    """Substructures that cannot deform."""
     name, rigid = "rigid bodies", [n for n, b in p.discretised.bodies.items() if b.rigid]
     if not rigid:
         return _off(name, ["substructure.*.rigid"], "no substructure is rigid", "rigid = true on a substructure")
@@ -105,7 +100,7 @@ def rigidity(p: Prediction) -> Effect:
 
 
 def damping(p: Prediction) -> Effect:
-    """Rayleigh damping."""
+    """Rayleigh damping of the materials."""
     both = "rayleigh_mass", "rayleigh_stiffness"
     used = {b.description.material for b in p.discretised.bodies.values()}
     materials = {n: m for n, m in p.scene.material.items() if n in used}
@@ -113,12 +108,12 @@ def damping(p: Prediction) -> Effect:
     if not keys:
         why = [f"material.*.{key}" for key in both]
         return _off("damping", why, "no material has any", "rayleigh_mass or rayleigh_stiffness > 0")
-    reason, memory = (
+    reason, cost, memory = (
         f"{len(keys)} Rayleigh coefficient(s)",
-        12 * sum(c.size.members * c.size.damping for c in p.run.classes),
+        p.saved(p.run.scaled(damping=0.0)),
+        p.total("damping"),
     )
-    cost = p.saved(p.run.scaled(damping=0.0))
-    return Effect("damping", True, keys, reason, "set them to 0", ("damping product",), cost, memory=memory)
+    return Effect("damping", True, keys, reason, "set them to 0", ("damping product",), cost, memory=12 * memory)
 
 
 def absorbing_ends(p: Prediction) -> Effect:
@@ -128,11 +123,9 @@ def absorbing_ends(p: Prediction) -> Effect:
         return _off(name, ["boundary.*.type"], "no boundary absorbs", 'a boundary with type = "absorbing"')
     faces = [split_face(b.face) for b in ends.values()]
     nodes = sum(len(p.discretised.bodies[body].face(face).nodes) for body, face in faces)
-    why, cost = tuple(f"boundary.{n}" for n in ends), seconds(numbers(sparse=9.0 * nodes))
-    kernels = ("damping product",)
-    return Effect(
-        name, True, why, f"dashpots on {nodes} nodes", "remove the boundary", kernels, cost, memory=12 * 9 * nodes
-    )
+    why, reason = tuple(f"boundary.{n}" for n in ends), f"dashpots on {nodes} nodes"
+    cost, kernels = seconds(numbers(sparse=9.0 * nodes)), ("damping product",)
+    return Effect(name, True, why, reason, "remove the boundary", kernels, cost, memory=108 * nodes)
 
 
 def body_force(p: Prediction) -> Effect:
@@ -143,7 +136,7 @@ def body_force(p: Prediction) -> Effect:
 
 
 def loads(p: Prediction) -> Effect:
-    """Surface loads."""
+    """Loads on the surface."""
     keys = [f"load.{n}" for n in p.scene.load]
     return _driven(p, "surface loads", keys, "load", "nodal forces times their laws", "a [load.NAME]")
 
@@ -216,7 +209,7 @@ def gap(p: Prediction) -> Effect:
 
 
 def bond(p: Prediction) -> Effect:
-    """Perfect connections."""
+    """Interfaces that are perfect connections."""
     units = [u for u in p.discretised.units if bonds(u.behaviour)]
     n = sum(6 * u.geometry.n_point for u in units)
     switch, kernel = ('behaviour = "perfect"', "one mesh for both bodies"), "local stage, bonds"
@@ -245,18 +238,11 @@ def preload(p: Prediction) -> Effect:
 
 
 def _interface(
-    p: Prediction,
-    name: str,
-    units: list[InterfaceUnit],
-    key: str,
-    n: int,
-    kernel: str,
-    reason: str,
-    switch: tuple[str, str],
+    p: Prediction, name: str, units: Units, key: str, n: int, kernel: str, reason: str, switch: tuple[str, str]
 ) -> Effect:
     """An effect that adds ``n`` interface unknowns: its share of the iteration goes with them; ``switch``: on, off."""
     if not units:
-        return _off(name, [f"interface.*.{key}"], "no interface asks for it", switch[0])
+        return _off(name, [f"interface.*.{key}"], "no interface has it", switch[0])
     share = 1 - (1 - n / max(p.run.n_flat, 1)) ** 2
     condensed = share * sum(24 * c.size.channels**2 for c in p.run.classes)
     memory = int(8 * n * (2 * p.run.n_instant + 30) + condensed)
@@ -264,7 +250,7 @@ def _interface(
     return Effect(name, True, why, reason, switch[1], (kernel,), _cost(p, units, n), n, memory)
 
 
-def _cost(p: Prediction, units: list[InterfaceUnit], n: int) -> float:
+def _cost(p: Prediction, units: Units, n: int) -> float:
     """CPU seconds per instant of ``n`` unknowns of these interfaces; a contact with friction is split into the cost
     of its tangential unknowns and the rest."""
     if not n:
@@ -303,7 +289,7 @@ def stress(p: Prediction) -> Effect:
 
 
 def energy(p: Prediction) -> Effect:
-    """Energy balance."""
+    """Energy balance at every instant."""
     name, why = "energy balance", ("output.energy",)
     if not p.scene.output.energy:
         return _off(name, why, "not asked for", "output.energy = true")
