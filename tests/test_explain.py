@@ -11,7 +11,7 @@ import pytest
 
 from latin_fmu.assembly.build import build
 from latin_fmu.cli import main
-from latin_fmu.effects import Explanation, explain
+from latin_fmu.effects.explanation import Explanation, explain
 from latin_fmu.effects.scene_effects import EFFECTS
 from latin_fmu.reader import load_scene, scene_from_dict
 from latin_fmu.scene.overrides import key_lines, line_of

@@ -54,7 +54,7 @@ def _check(arguments: argparse.Namespace) -> int:
 
 
 def _explain(arguments: argparse.Namespace) -> int:
-    from ..effects import explain
+    from ..effects.explanation import explain
 
     scene = read_scene(arguments)
     told = explain(scene, arguments.scene.read_text(encoding="utf-8-sig"))

@@ -2,8 +2,3 @@
 
 ``cost`` counts and constants, ``scene_effects`` one function per effect, ``suggestions``, ``explanation`` the report.
 """
-
-from .explanation import Explanation, explain
-from .scene_effects import Effect
-
-__all__ = ["Effect", "Explanation", "explain"]

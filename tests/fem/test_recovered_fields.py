@@ -12,7 +12,7 @@ import xarray as xr
 
 from latin_fmu import api
 from latin_fmu.cosim.session import Session
-from latin_fmu.effects import explain
+from latin_fmu.effects.explanation import explain
 from latin_fmu.reader import scene_from_dict
 from latin_fmu.results.files import open_results
 from latin_fmu.results.vtk import export_vtu

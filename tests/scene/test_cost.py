@@ -14,8 +14,9 @@ from latin_fmu.api import run
 from latin_fmu.assembly.build import discretise
 from latin_fmu.assembly.propagator_choice import class_size, factor_bytes, fitting, operator_bytes
 from latin_fmu.compiled import COMPILES
-from latin_fmu.effects import cost, explain
+from latin_fmu.effects import cost
 from latin_fmu.effects.cost import Prediction, march_counts, operator_counts, run_size, seconds
+from latin_fmu.effects.explanation import explain
 from latin_fmu.memory import physical_memory
 from latin_fmu.propagator.registry import PropagatorSettings
 from latin_fmu.results.summary import summary

@@ -10,7 +10,7 @@ import pytest
 import scipy.sparse.linalg as spla
 
 import latin_fmu
-from latin_fmu.effects import explain
+from latin_fmu.effects.explanation import explain
 from latin_fmu.latin.search_direction import Coarse
 
 from .oracles.hexahedra import Block, merged
