@@ -6,6 +6,7 @@ import difflib
 import reprlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Self
 
 
 @dataclass(frozen=True)
@@ -59,6 +60,19 @@ class InputError(LatinError):
         self.problems = tuple(problems)
         self.heading = heading
         super().__init__(str(self))
+
+    @classmethod
+    def of(
+        cls,
+        heading: str,
+        where: str,
+        what: str,
+        value: str | None = None,
+        allowed: str | None = None,
+        remedy: str | None = None,
+    ) -> Self:
+        """Error with one problem (see ``Problem``)."""
+        return cls([Problem(where, what, value, allowed, remedy)], heading)
 
     def __str__(self) -> str:
         n = len(self.problems)

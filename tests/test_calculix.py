@@ -14,10 +14,20 @@ import pytest
 
 import latin_fmu
 from latin_fmu.assembly.build import build, discretise
-from latin_fmu.assembly.merged_assembly import bonded
-from latin_fmu.assembly.problem import DiscretisedProblem
+from latin_fmu.assembly.merged_assembly import merge
+from latin_fmu.assembly.problem import DiscretisedProblem, SolverReadyProblem
+from latin_fmu.propagator import DirectPropagator
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
+
+
+def bonded(built: SolverReadyProblem) -> tuple[DirectPropagator, dict[str, slice]]:
+    """The assembly as one body, begun at its instants; slices of the full dofs of its substructures."""
+    assembly = built.assembly
+    merged = merge([m for p in assembly.propagators for m in p.members], assembly.interfaces, built.info)
+    propagator = DirectPropagator([merged.model], assembly.scheme, assembly.dt, False)
+    propagator.begin([merged.histories(built.timeline, assembly.time)], assembly.dt)
+    return propagator, merged.where
 
 
 @pytest.fixture
@@ -148,7 +158,7 @@ def test_bonded_march_is_that_of_calculix(modules: dict[str, ModuleType]) -> Non
     there = run.run(made.text(), float(ready.time[-1]), limit=60.0)
     assert there.complete
     built = build(ready.scene)
-    body, where = bonded(built.assembly, built.info, built.timeline)
+    body, where = bonded(built)
     nothing = np.zeros((0, 1))
     body.start(nothing, None)
     scale = float(np.abs(there.printed.displacement).max())

@@ -19,9 +19,9 @@ import scipy.sparse.linalg as spla
 from scipy.sparse.csgraph import connected_components
 
 from ..fem.mesh import Array, CellBlock, Index, Mesh, cell_blocks, nested_dissection
-from ..latin.assembly import Assembly, InterfaceUnit
+from ..latin.assembly import InterfaceUnit
 from ..latin.recorder import SubstructureInfo
-from ..propagator import DirectPropagator, Histories, LoadTerm, SubstructureModel
+from ..propagator import Histories, LoadTerm, SubstructureModel
 from ..scene.fields import split_face
 from .problem import Timeline
 
@@ -48,21 +48,6 @@ class Merged:
         parts = [timeline.histories(m, time) for m in self.members]
         amplitudes = [a for part in parts for a in part.amplitudes]
         return Histories(time, amplitudes, np.concatenate([p.imposed_velocity for p in parts], axis=1))
-
-
-def bonded(
-    assembly: Assembly, info: dict[str, SubstructureInfo], timeline: Timeline, energy: bool = False
-) -> tuple[DirectPropagator, dict[str, slice]]:
-    """The assembly with every interface between substructures bonded, begun at the assembly's instants.
-
-    Returns
-    -------
-    The propagator of the merged body, and the slice of the full dofs of each substructure among its full dofs.
-    """
-    merged = merge([m for p in assembly.propagators for m in p.members], assembly.interfaces, info)
-    propagator = DirectPropagator([merged.model], assembly.scheme, assembly.dt, energy)
-    propagator.begin([merged.histories(timeline, assembly.time)], assembly.dt)
-    return propagator, merged.where
 
 
 def merge(

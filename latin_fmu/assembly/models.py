@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.sparse as sp
 
-from ..errors import Problem, SceneError
+from ..errors import SceneError
 from ..fem.elasticity import without_contact_mass
 from ..latin.assembly import Index, InterfaceUnit, Layout
 from ..propagator import LoadTerm, SubstructureModel
@@ -119,15 +119,11 @@ def _mass(name: str, body: Body, units: list[InterfaceUnit], scheme: TimeScheme)
     try:
         return without_contact_mass(body.shape.mass, body.mesh, _contact_nodes(name, units))
     except ValueError as error:
-        raise SceneError(
-            [
-                Problem(
-                    "time.scheme",
-                    f"massless_contact, substructure {name}: {error}",
-                    remedy="give it two elements between its contacts, or choose another scheme",
-                )
-            ],
+        raise SceneError.of(
             "the scene cannot be built",
+            "time.scheme",
+            f"massless_contact, substructure {name}: {error}",
+            remedy="give it two elements between its contacts, or choose another scheme",
         ) from error
 
 

@@ -110,17 +110,13 @@ def static_state(whole: DiscretisedProblem, amplitudes: Mapping[str, float]) -> 
         converged, sentence = run.status()
         if converged:
             return _initial_state(problem, run, amplitudes, tolerance)
-    raise SceneError(
-        [
-            Problem(
-                "time.start",
-                f"no static equilibrium under the loads of t = 0 was found: {sentence}",
-                "static",
-                "given",
-                "hold what slides or topples, or leave time.start out",
-            )
-        ],
+    raise SceneError.of(
         "the scene cannot be built",
+        "time.start",
+        f"no static equilibrium under the loads of t = 0 was found: {sentence}",
+        "static",
+        "given",
+        "hold what slides or topples, or leave time.start out",
     )
 
 

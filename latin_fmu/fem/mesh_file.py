@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import MeshError, Problem, listed
 from ..mesh_files.content import MeshContent
-from ..mesh_files.reading import read_content
 from .elements import jacobians
 from .mesh import Array, CellBlock, FacetSet, Index, Mesh, boundary, unjoined
 from .reference_cells import CELL_FACES, Rule, cell_functions, cell_rule, mirrored
@@ -19,27 +16,22 @@ _VOLUME = tuple(CELL_FACES)
 _FLAT = 1e-12  # det J over the lengths of its columns
 
 
-def read_mesh(path: Path, group: str | None = None, scale: float = 1.0) -> Mesh:
-    """Read the volume ``group`` (all volume cells when None) and the named faces on its surface.
+def mesh_of(content: MeshContent, where: str, group: str | None = None, scale: float = 1.0) -> Mesh:
+    """The volume ``group`` of a mesh file (all volume cells when None) and the named faces on its surface.
 
     Parameters
     ----------
-    path : mesh file. group : name of a volume group. scale : metres per unit of the file.
+    content : of the file. where : its name. group : name of a volume group. scale : metres per unit of the file.
 
     Raises
     ------
-    MeshError : unreadable file, other cell types, unknown group, inverted or flat cells, no volume.
+    MeshError : other cell types, unknown group, inverted or flat cells, no volume.
     """
-    return mesh_of(read_content(path), path.name, group, scale)
-
-
-def mesh_of(content: MeshContent, where: str, group: str | None = None, scale: float = 1.0) -> Mesh:
-    """Mesh of one volume group of a file that has been read (parameters and errors: ``read_mesh``)."""
     chosen = _volume_cells(content, group, where)
     node_ids, inverse = np.unique(np.concatenate([c.ravel() for c in chosen.values()]), return_inverse=True)
     nodes = np.ascontiguousarray(content.points[node_ids], dtype=float) * scale
     if not np.all(np.abs(nodes) < _FAR):
-        raise MeshError([Problem(where, "node coordinates are not finite")], "unusable mesh")
+        raise MeshError.of("unusable mesh", where, "node coordinates are not finite")
     blocks, start = [], 0
     for cell_type, cells in chosen.items():
         own = inverse[start : start + cells.size].reshape(cells.shape).astype(np.int64)

@@ -2,7 +2,7 @@
 
 Several ``*NODE`` and ``*ELEMENT`` blocks, sets (lists, ``GENERATE``, sets of sets), ``*SURFACE`` of element faces
 (labels S1 ... S6) or nodes, ``*PART`` / ``*INSTANCE`` with translation and rotation, ``*INCLUDE``. Names are
-compared without regard to case and keep the spelling of their first use. Loads, materials and steps are left out.
+compared without regard to case and keep the spelling of their first use. Loads, materials and steps are ignored.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ import numpy as np
 
 from ..errors import listed
 from .abaqus_cards import SOLID_FACES, Card, Include, cards, element_type, elements_of, nodes_of
-from .content import CORNERS, FLAT, Array, Index, MeshContent, Problems, rows_of
+from .content import CORNERS, FLAT, Array, FileProblems, Index, MeshContent, rows_of
 
 _NONE = np.zeros(0, dtype=np.int64)
 
 
 @dataclass
 class _Scope:
-    """What stands between *PART and *END PART, *INSTANCE and *END INSTANCE, or outside of them."""
+    """Content between *PART and *END PART, *INSTANCE and *END INSTANCE, or outside of them."""
 
     nodes: list[tuple[Index, Array]] = field(default_factory=list)
     elements: list[tuple[str, Index, Index]] = field(default_factory=list)
@@ -47,7 +47,7 @@ class _Deck:
     """A deck taken apart: scopes by name, instances, spelling of names."""
 
     def __init__(self, where: str) -> None:
-        self.problems = Problems(where)
+        self.problems = FileProblems(where)
         self.root = _Scope()
         self.parts: dict[str, _Scope] = {}
         self.instances: list[tuple[str, str, _Scope, list[Card]]] = []  # name, part, its own scope, placing lines
@@ -63,7 +63,7 @@ class _Deck:
         return key
 
     def take(self, card: Card) -> None:
-        """Put what a card says into its scope."""
+        """Add the content of a card to its scope."""
         keyword = card.keyword
         if keyword == "NODE":
             self._nodes(card)
@@ -157,8 +157,8 @@ def read_abaqus(text: str, where: str, include: Include) -> MeshContent:
     return _Model(deck).content()
 
 
-def _placed(points: Array, card: Card, problems: Problems) -> Array:
-    """Points of a part moved as the data lines of its *INSTANCE say: translated, then turned about an axis a-b."""
+def _placed(points: Array, card: Card, problems: FileProblems) -> Array:
+    """Points of a part moved by the data lines of its *INSTANCE: translated, then turned about an axis a-b."""
     for (line, fields), count in zip(card.tokens(), (3, 7), strict=False):
         try:
             values = np.array([float(f.upper().replace("D", "E")) if f else 0.0 for f in fields])
@@ -215,7 +215,7 @@ class _Model:
             frame.node_labels, points = unique, points[::-1][last]
             self.points.append(points if card is None else _placed(points, card, self.problems))
             self.n_point += len(unique)
-        seen: list[Index] = []
+        every: list[Index] = []
         for kind, labels, connectivity in scope.elements:
             rows, there = rows_of(frame.node_labels, connectivity.ravel())
             if not there.all():
@@ -229,8 +229,8 @@ class _Model:
             self.first.append(self.n_element)
             self.cells.append(rows.reshape(connectivity.shape) + frame.first_node)
             self.n_element += len(labels)
-            seen.append(labels)
-        frame.element_labels = np.concatenate(seen) if seen else _NONE
+            every.append(labels)
+        frame.element_labels = np.concatenate(every) if every else _NONE
         values, counts = np.unique(frame.element_labels, return_counts=True)
         if (counts > 1).any():
             self.problems.add("two elements have the same label", int(values[counts.argmax()]))
@@ -247,18 +247,18 @@ class _Model:
         if key in path:
             self.problems.add("a set contains itself", self.deck.spelled.get(key, key))
             return _NONE
-        found = [_NONE]
+        rows = [_NONE]
         singles: dict[str, list[int]] = {}
         for instance, text, last, step in members:
             if last:
-                found.append(self._range(self._named(instance, frame), kind, int(text), last, step))
+                rows.append(self._range(self._named(instance, frame), kind, int(text), last, step))
             elif text.isascii() and text.isdigit() and len(text) < 19:
                 singles.setdefault(instance, []).append(int(text))
             else:
-                found.append(self._other(self._named(instance, frame), kind, text, (*path, key)))
+                rows.append(self._other(self._named(instance, frame), kind, text, (*path, key)))
         for instance, labels in singles.items():
-            found.append(self._labelled(self._named(instance, frame), kind, np.array(labels, dtype=np.int64), key))
-        self._resolved[memory] = np.unique(np.concatenate(found))
+            rows.append(self._labelled(self._named(instance, frame), kind, np.array(labels, dtype=np.int64), key))
+        self._resolved[memory] = np.unique(np.concatenate(rows))
         return self._resolved[memory]
 
     def _named(self, instance: str, default: _Frame) -> _Frame:
@@ -278,13 +278,13 @@ class _Model:
         chosen = (labels >= first) & (labels <= last) & ((labels - first) % step == 0)
         return np.flatnonzero(chosen) + start
 
-    def _labelled(self, frame: _Frame, kind: str, wanted: Index, name: str) -> Index:
-        """Rows of labels; those of elements that were left out (beams, springs) are not there."""
+    def _labelled(self, frame: _Frame, kind: str, some: Index, name: str) -> Index:
+        """Rows of labels; elements that are ignored (beams, springs) have none."""
         labels, start = self._labels(frame, kind)
-        rows, there = rows_of(labels, wanted)
+        rows, there = rows_of(labels, some)
         if not there.all() and not (kind == "E" and self.deck.skipped):
             what = "node" if kind == "N" else "element"
-            missing = int(wanted[~there][0])
+            missing = int(some[~there][0])
             self.problems.add(
                 f"a set names an {what} that is not there".replace("an node", "a node"),
                 f"{missing} in {self.deck.spelled.get(name, name)}",
@@ -292,18 +292,18 @@ class _Model:
         return rows[there] + start
 
     def _other(self, frame: _Frame, kind: str, text: str, path: tuple[str, ...] = ()) -> Index:
-        """Members of the set, or of ``INSTANCE.SET`` or ``INSTANCE.label``, that stands in another one."""
+        """Members of the set, or of ``INSTANCE.SET`` or ``INSTANCE.label``, that another set contains."""
         owner, dot, rest = text.rpartition(".")
         if dot and any(f.name == owner.upper() for f in self.frames):
             frame, text = self._named(owner.upper(), frame), rest
         if text.isascii() and text.isdigit() and len(text) < 19:
             return self._labelled(frame, kind, np.array([int(text)], dtype=np.int64), text)
-        found = self._find(frame, kind, text.upper(), path)
-        if found is None:
+        rows = self._find(frame, kind, text.upper(), path)
+        if rows is None:
             known = [self.deck.spelled.get(k, k) for t, k in frame.scope.sets if t == kind]
             self.problems.add("no set of this name", text, listed(known))
             return _NONE
-        return found
+        return rows
 
     def content(self) -> MeshContent:
         """Everything by rows and names."""

@@ -9,10 +9,8 @@ from typing import Final
 
 import numpy as np
 
-from .content import Array, Index, Problems
+from .content import DEEPEST, SOLIDS, Array, FileProblems, Index
 
-SOLID: Final = {4: "tetra", 6: "wedge", 8: "hexahedron", 10: "tetra10", 15: "wedge15", 20: "hexahedron20"}
-"""Solid elements C3Dn by number of nodes; their nodes are numbered as in VTK."""
 SHELL: Final = {3: "triangle", 4: "quad", 6: "triangle6", 8: "quad8", 9: "quad9"}
 """Shell, membrane, plane and surface elements by number of nodes."""
 
@@ -25,7 +23,6 @@ SOLID_FACES: Final = {
 
 _SOLID_NAME = re.compile(r"C3D(\d+)[A-Z]*")
 _SHELL_NAME = re.compile(r"(?:CPS|CPE|CPEG|CAX|S|SC?AX|M3D|SFM3D|R3D|DS|STRI)(\d+)[A-Z]*")
-_DEEPEST = 10  # files that include files
 _MOST_LINES = 50_000_000
 
 Include = Callable[[str], str]
@@ -47,7 +44,7 @@ class Card:
         return self.parameters.get(key, "")
 
     def tokens(self) -> Iterator[tuple[int, list[str]]]:
-        """Line number and the fields of each data line, empty ones at its end left out."""
+        """Line number and the fields of each data line without empty ones at its end."""
         for line, row in zip(self.lines, self.rows, strict=True):
             fields = [item.strip() for item in row.split(",")]
             while fields and not fields[-1]:
@@ -58,15 +55,15 @@ class Card:
 def element_type(name: str) -> tuple[str, int] | None:
     """VTK name and number of nodes of an element type such as C3D8I or CPS6, None for what is neither."""
     name = name.upper()
-    if (match := _SOLID_NAME.fullmatch(name)) and int(match[1]) in SOLID:
-        return SOLID[int(match[1])], int(match[1])
+    if (match := _SOLID_NAME.fullmatch(name)) and int(match[1]) in SOLIDS:
+        return SOLIDS[int(match[1])], int(match[1])
     if (match := _SHELL_NAME.fullmatch(name)) is not None:
         count = 6 if name.startswith("STRI65") else int(match[1])  # STRI65: six nodes, five unknowns each
         return (SHELL[count], count) if count in SHELL else None
     return None
 
 
-def cards(text: str, include: Include, problems: Problems, depth: int = 0) -> Iterator[Card]:
+def cards(text: str, include: Include, problems: FileProblems, depth: int = 0) -> Iterator[Card]:
     """The cards of a deck in order, those of included files in their place."""
     card: Card | None = None
     for number, line in enumerate(text.splitlines(), 1):
@@ -89,7 +86,7 @@ def cards(text: str, include: Include, problems: Problems, depth: int = 0) -> It
         yield from _complete(card, include, problems, depth)
 
 
-def _complete(card: Card, include: Include, problems: Problems, depth: int) -> Iterator[Card]:
+def _complete(card: Card, include: Include, problems: FileProblems, depth: int) -> Iterator[Card]:
     """The card with its keyword line taken apart; for *INCLUDE, the cards of that file."""
     first, *rest = card.keyword.rstrip(",").split(",")
     card.keyword = " ".join(first.lstrip("*").upper().split())
@@ -98,8 +95,8 @@ def _complete(card: Card, include: Include, problems: Problems, depth: int) -> I
         card.parameters[key.strip().upper()] = value.strip().strip('"')
     if card.keyword != "INCLUDE":
         yield card
-    elif depth >= _DEEPEST:
-        problems.add("files include each other too deeply", card.name("INPUT"), f"{_DEEPEST} levels", line=card.line)
+    elif depth >= DEEPEST:
+        problems.add("files include each other too deeply", card.name("INPUT"), f"{DEEPEST} levels", line=card.line)
     else:
         name, outer = card.name("INPUT"), problems.where
         text = include(name)
@@ -108,8 +105,8 @@ def _complete(card: Card, include: Include, problems: Problems, depth: int) -> I
         problems.where = outer
 
 
-def nodes_of(card: Card, problems: Problems) -> tuple[Index, Array]:
-    """Labels (n,) and coordinates (n, 3) of a *NODE card; coordinates left out are 0."""
+def nodes_of(card: Card, problems: FileProblems) -> tuple[Index, Array]:
+    """Labels (n,) and coordinates (n, 3) of a *NODE card; missing coordinates are 0."""
     labels, coordinates = [], []
     for line, fields in card.tokens():
         try:
@@ -126,7 +123,7 @@ def nodes_of(card: Card, problems: Problems) -> tuple[Index, Array]:
     return np.array(labels, dtype=np.int64), np.array(coordinates, dtype=float).reshape(-1, 3)
 
 
-def elements_of(card: Card, count: int, problems: Problems) -> tuple[Index, Index]:
+def elements_of(card: Card, count: int, problems: FileProblems) -> tuple[Index, Index]:
     """Labels (n,) and node labels (n, count) of an *ELEMENT card; an element may take several data lines."""
     values: list[int] = []
     for line, fields in card.tokens():

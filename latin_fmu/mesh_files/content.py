@@ -49,6 +49,15 @@ FLAT: Final = {
 }
 """Corner nodes of the surface cells, which come first in their connectivity."""
 
+SOLIDS: Final = {4: "tetra", 6: "wedge", 8: "hexahedron", 10: "tetra10", 15: "wedge15", 20: "hexahedron20"}
+"""Solid cells of decks by number of nodes."""
+
+UPPER_EDGES_LAST: Final = {15: (*range(9), 12, 13, 14, 9, 10, 11), 20: (*range(12), 16, 17, 18, 19, 12, 13, 14, 15)}
+"""Order of the nodes, by their number, of files with the middle nodes of vertical edges before those of upper ones."""
+
+DEEPEST: Final = 10
+"""Levels of decks that include each other."""
+
 MAX_PROBLEMS: Final = 8
 """So many problems of one file are listed; the rest follow from them more often than not."""
 
@@ -64,7 +73,7 @@ class MeshContent:
     volumes : name of a volume group -> cell type -> rows of its cells in ``solids``.
     facets : name of a surface group -> arrays (n_facet, 3 | 4) of corner nodes, any orientation.
     node_sets : name -> rows of ``points``.
-    parts : the volume groups that are the parts of the model where the format says so, else None.
+    parts : the volume groups that are the parts of the model where the format defines them, else None.
     skipped : cells that are neither solids nor surfaces (beams, springs, ...), number by type.
     """
 
@@ -79,7 +88,7 @@ class MeshContent:
     def part_names(self, where: str) -> tuple[str, ...]:
         """The volume groups that share the cells out among them: the parts of an assembly, in file order.
 
-        Groups that only gather others (a set of all elements) are no parts. An empty tuple: the file has no group.
+        Groups that only unite others (a set of all elements) are no parts. An empty tuple: the file has no group.
 
         Raises
         ------
@@ -115,12 +124,12 @@ def _cell_keys(cells: dict[str, Index]) -> Index:
     return np.concatenate(parts) if parts else np.zeros(0, dtype=np.int64)
 
 
-class Problems:
-    """Problems of one file, collected up to ``MAX_PROBLEMS`` and raised together."""
+class FileProblems:
+    """FileProblems of one file, collected up to ``MAX_PROBLEMS`` and raised together."""
 
     def __init__(self, where: str) -> None:
         self.where = where
-        self.found: list[Problem] = []
+        self.problems: list[Problem] = []
 
     def add(
         self,
@@ -134,20 +143,20 @@ class Problems:
         place = self.where if line is None else f"{self.where}, line {line}"
         text = None if value is None else str(value)[:80]
         problem = Problem(place, what, text, allowed, remedy)
-        if len(self.found) < MAX_PROBLEMS and problem not in self.found:
-            self.found.append(problem)
+        if len(self.problems) < MAX_PROBLEMS and problem not in self.problems:
+            self.problems.append(problem)
 
     def stop(self) -> None:
-        """Raise what was found, if anything."""
-        if self.found:
-            raise MeshError(self.found, "unreadable mesh")
+        """Raise the problems, if there are any."""
+        if self.problems:
+            raise MeshError(self.problems, "unreadable mesh")
 
 
-def rows_of(labels: Index, wanted: Index) -> tuple[Index, NDArray[np.bool_]]:
-    """Position of each of ``wanted`` in ``labels`` (unique, any order), and which of them are there."""
+def rows_of(labels: Index, some: Index) -> tuple[Index, NDArray[np.bool_]]:
+    """Position of each of ``some`` in ``labels`` (unique, any order), and which of them are there."""
     if not len(labels):
-        return np.zeros(len(wanted), dtype=np.int64), np.zeros(len(wanted), dtype=bool)
+        return np.zeros(len(some), dtype=np.int64), np.zeros(len(some), dtype=bool)
     order = np.argsort(labels, kind="stable")
-    place = np.minimum(np.searchsorted(labels, wanted, sorter=order), len(labels) - 1)
+    place = np.minimum(np.searchsorted(labels, some, sorter=order), len(labels) - 1)
     rows = order[place]
-    return rows, labels[rows] == wanted
+    return rows, labels[rows] == some

@@ -3,7 +3,7 @@
 Free, small and large fields, continuation lines, INCLUDE, decks with or without executive and case control. Solids of
 property 7 are the volume group ``PSOLID_7``, shells of property 8 the surface group ``PSHELL_8``, or what a comment of
 HyperMesh (``$HMNAME PROP``) or ANSA (``$ANSA_NAME_COMMENT``) calls that property; nodes of SPC and SPC1 set 3 are
-the node set ``SPC_3``. Loads, materials and cases are left out.
+the node set ``SPC_3``. Loads, materials and cases are ignored.
 """
 
 from __future__ import annotations
@@ -14,17 +14,13 @@ from typing import Final
 
 import numpy as np
 
-from .content import FLAT, Index, MeshContent, Problems, rows_of
+from .content import DEEPEST, FLAT, SOLIDS, UPPER_EDGES_LAST, FileProblems, Index, MeshContent, rows_of
 
 _SOLIDS: Final = {"CTETRA": (4, 10), "CPENTA": (6, 15), "CHEXA": (8, 20)}
 _SHELLS: Final = {"CTRIA3": 3, "CTRIAR": 3, "CTRIA6": 6, "CQUAD4": 4, "CQUADR": 4, "CQUAD8": 8}
-_NAMES: Final = {4: "tetra", 10: "tetra10", 6: "wedge", 15: "wedge15", 8: "hexahedron", 20: "hexahedron20"}
-# nodes in the middle of the vertical edges come before those of the upper ones; in VTK after them
-_ORDER: Final = {15: (*range(9), 12, 13, 14, 9, 10, 11), 20: (*range(12), 16, 17, 18, 19, 12, 13, 14, 15)}
 _EXPONENT = re.compile(r"(?<=[0-9.])([+-])")
 _HM_NAME = re.compile(r'\$HMNAME\s+PROP\s+(\d+)\s*"([^"]+)"')
 _ANSA_NAME = re.compile(r"\$ANSA_NAME_COMMENT;(\d+);P(?:SOLID|SHELL);([^;]+);?")
-_DEEPEST = 10
 
 Entry = tuple[int, list[str]]
 """Line number and fields of one entry, its name first."""
@@ -58,7 +54,7 @@ def _bulk_lines(text: str) -> list[tuple[int, str]]:
 
 
 def _entries(
-    text: str, include: Callable[[str], str], problems: Problems, names: dict[int, str], depth: int = 0
+    text: str, include: Callable[[str], str], problems: FileProblems, names: dict[int, str], depth: int = 0
 ) -> Iterator[Entry]:
     """Entries of the bulk data, continuation lines joined."""
     entry: Entry | None = None
@@ -78,8 +74,8 @@ def _entries(
             yield entry
         entry = None
         if line.upper().startswith("INCLUDE"):
-            if depth >= _DEEPEST:
-                problems.add("files include each other too deeply", line, f"{_DEEPEST} levels", line=number)
+            if depth >= DEEPEST:
+                problems.add("files include each other too deeply", line, f"{DEEPEST} levels", line=number)
             else:
                 name, outer = line[7:].strip().strip("'\""), problems.where
                 inner = include(name)
@@ -94,7 +90,7 @@ def _entries(
 
 
 def _fields(line: str) -> list[str]:
-    """The fields of a line, name first; continuation marks at the end of full lines are left out."""
+    """The fields of a line, name first; without the continuation marks at the end of full lines."""
     if "," in line:
         fields = [f.strip() for f in line.split(",")]
         return fields[: 5 if fields[0].endswith("*") else 9]
@@ -118,7 +114,7 @@ class _Deck:
     """Nodes and elements as they are read."""
 
     def __init__(self, where: str) -> None:
-        self.problems = Problems(where)
+        self.problems = FileProblems(where)
         self.names: dict[int, str] = {}
         self.nodes: dict[int, tuple[float, float, float]] = {}
         # (number of nodes, solid) -> property and nodes of each element
@@ -127,7 +123,7 @@ class _Deck:
         self.skipped: dict[str, int] = {}
 
     def take(self, line: int, fields: list[str]) -> None:
-        """Put what an entry says where it belongs; entries that are no mesh are passed over."""
+        """Add a node, element or constraint; entries that define no mesh are ignored."""
         name = fields[0]
         try:
             if name == "GRID":
@@ -198,14 +194,14 @@ class _Deck:
             owners = np.array([owner for owner, _ in elements], dtype=np.int64)
             cells = self._rows(labels, np.array([nodes for _, nodes in elements], dtype=np.int64))
             if solid:
-                cells = cells[:, list(_ORDER.get(count, range(count)))]
-                content.solids[_NAMES[count]] = cells
+                cells = cells[:, list(UPPER_EDGES_LAST.get(count, range(count)))]
+                content.solids[SOLIDS[count]] = cells
             for owner in dict.fromkeys(owners.tolist()):
                 rows = np.flatnonzero(owners == owner)
                 kind = "PSOLID" if solid else "PSHELL"
                 name = self.names.get(owner, f"{kind}_{owner}")
                 if solid:
-                    content.volumes.setdefault(name, {})[_NAMES[count]] = rows
+                    content.volumes.setdefault(name, {})[SOLIDS[count]] = rows
                 else:
                     corners = FLAT["triangle"] if count in (3, 6) else FLAT["quad"]
                     content.facets.setdefault(name, []).append(cells[rows][:, :corners])

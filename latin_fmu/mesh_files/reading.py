@@ -17,7 +17,7 @@ import numpy as np
 
 from ..errors import MeshError, Problem
 from .abaqus import read_abaqus
-from .content import CORNERS, FLAT, Index, MeshContent, Problems
+from .content import CORNERS, FLAT, UPPER_EDGES_LAST, FileProblems, Index, MeshContent
 from .nastran import read_nastran
 
 _ABAQUS: Final = (".inp",)
@@ -80,8 +80,6 @@ _FLAT: Final = {
     ("SHE", 3): "triangle",
     ("TRI", 4): "triangle",
 }
-# hexahedra of 20 nodes have the middle nodes of the vertical edges before those of the upper ones, wedges too
-_ORDER: Final = {20: (*range(12), 16, 17, 18, 19, 12, 13, 14, 15), 15: (*range(9), 12, 13, 14, 9, 10, 11)}
 # Sides of a cell by number of corners (Exodus II manual, table of element sides)
 _SIDES: Final = {
     4: ((0, 1, 3), (1, 2, 3), (0, 3, 2), (0, 2, 1)),
@@ -97,14 +95,14 @@ def read_content(path: Path) -> MeshContent:
 
     Raises
     ------
-    MeshError : missing or unreadable file, with the reason its reader gives.
+    MeshError : missing or unreadable file, with the reason of its reader.
     """
     try:
         if not path.is_file():
             raise MeshError([Problem(path.name, "no such mesh file", remedy="the path is relative to the scene file")])
         state = path.stat()
     except (OSError, ValueError) as error:  # a name that the system refuses
-        raise MeshError([Problem(str(path)[:80], f"not a file name: {error}")], "unreadable mesh") from None
+        raise MeshError.of("unreadable mesh", str(path)[:80], f"not a file name: {error}") from None
     if state.st_size > MAX_BYTES:
         raise MeshError([Problem(path.name, "the file is too large", str(state.st_size), f"at most {MAX_BYTES} bytes")])
     suffix = path.suffix.lower()
@@ -118,19 +116,15 @@ def read_content(path: Path) -> MeshContent:
         except MeshError:
             raise
         except Exception as error:  # netCDF4 raises many kinds on damaged files
-            raise MeshError([Problem(path.name, f"not a usable Exodus file: {error}")], "unreadable mesh") from None
+            raise MeshError.of("unreadable mesh", path.name, f"not a usable Exodus file: {error}") from None
     if suffix not in _MESHIO:
-        raise MeshError(
-            [
-                Problem(
-                    path.name,
-                    "no reader for files of this kind",
-                    suffix or "no suffix",
-                    _ALLOWED,
-                    "export .msh, .inp or .bdf",
-                )
-            ],
+        raise MeshError.of(
             "unreadable mesh",
+            path.name,
+            "no reader for files of this kind",
+            suffix or "no suffix",
+            _ALLOWED,
+            "export .msh, .inp or .bdf",
         )
     return read_with_meshio(path)
 
@@ -151,7 +145,7 @@ def _text(path: Path) -> str:
         return path.read_bytes().decode("utf-8-sig", "replace")
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
-        raise MeshError([Problem(path.name[:80], reason)], "unreadable mesh") from None
+        raise MeshError.of("unreadable mesh", path.name[:80], reason) from None
 
 
 def read_exodus(path: Path, where: str) -> MeshContent:
@@ -163,7 +157,7 @@ def read_exodus(path: Path, where: str) -> MeshContent:
     """
     import netCDF4
 
-    problems = Problems(where)
+    problems = FileProblems(where)
     with netCDF4.Dataset(path) as data:
         data.set_auto_mask(False)
         content = MeshContent(_points(data))
@@ -216,13 +210,13 @@ def _named(data: Any, short: str, long: str, dimension: str) -> list[tuple[int, 
 
 
 def _add_block(
-    content: MeshContent, problems: Problems, name: str, element: str, cells: Index
+    content: MeshContent, problems: FileProblems, name: str, element: str, cells: Index
 ) -> tuple[str, Index, Index]:
     """Put a block where it belongs; its type, connectivity and rows for the side sets."""
     key = (element.upper()[:3], cells.shape[1])
     nothing = np.zeros(0, dtype=np.int64)
     if kind := _SOLIDS.get(key):
-        cells = cells[:, list(_ORDER.get(cells.shape[1], range(cells.shape[1])))]
+        cells = cells[:, list(UPPER_EDGES_LAST.get(cells.shape[1], range(cells.shape[1])))]
         before = content.solids.get(kind)
         start = 0 if before is None else len(before)
         content.solids[kind] = cells if before is None else np.concatenate([before, cells])
@@ -240,24 +234,24 @@ def _add_block(
 
 
 def _facets(
-    blocks: list[tuple[str, Index, Index]], elements: Index, sides: Index, problems: Problems, name: str
+    blocks: list[tuple[str, Index, Index]], elements: Index, sides: Index, problems: FileProblems, name: str
 ) -> list[Index]:
     """Corners of the facets of a side set; elements are counted through all blocks."""
-    found: list[Index] = []
+    facets: list[Index] = []
     first = 0
     for kind, cells, _ in blocks:
         inside = (elements >= first) & (elements < first + len(cells))
         local, side = elements[inside] - first, sides[inside]
         first += len(cells)
         if kind in FLAT and len(local):
-            found.append(cells[local][:, : FLAT[kind]])
+            facets.append(cells[local][:, : FLAT[kind]])
         faces = _SIDES.get(CORNERS.get(kind, 0), ())
         for number, face in enumerate(faces):
             if (side == number).any():
-                found.append(cells[local[side == number]][:, list(face)])
+                facets.append(cells[local[side == number]][:, list(face)])
         if faces and len(side) and not (side.min() >= 0 and side.max() < len(faces)):
             problems.add(f"side set {name} names a side that no {kind} has", int(side.max()) + 1, f"1 to {len(faces)}")
-    return found
+    return facets
 
 
 def read_with_meshio(path: Path) -> MeshContent:
@@ -265,7 +259,7 @@ def read_with_meshio(path: Path) -> MeshContent:
 
     Raises
     ------
-    MeshError : with the reason that meshio gives; a library that meshio lacks is named.
+    MeshError : with the message of meshio, or the library that meshio needs.
     """
     mesh = _load(path)
     try:
@@ -310,22 +304,18 @@ def _load(path: Path) -> Any:
             return meshio.read(path)
     except ModuleNotFoundError as error:
         name = str(error.name).split(".")[0]
-        raise MeshError(
-            [
-                Problem(
-                    path.name,
-                    f"files of this format ({path.suffix}) need the library {name}",
-                    remedy=_NEEDS.get(name, f"pip install {name}"),
-                )
-            ],
+        raise MeshError.of(
             "unreadable mesh",
+            path.name,
+            f"files of this format ({path.suffix}) need the library {name}",
+            remedy=_NEEDS.get(name, f"pip install {name}"),
         ) from None
     except (Exception, SystemExit) as error:  # meshio raises many kinds and calls sys.exit on bad input
         raise MeshError([_unreadable(path, noise.getvalue(), error)], "unreadable mesh") from None
 
 
 def _unreadable(path: Path, noise: str, error: BaseException) -> Problem:
-    """What meshio says of a file: the reasons it prints, not the sum of them, which it prints last."""
+    """Messages of meshio on a file, without the summary that it prints last."""
     lines = [" ".join(line.split()) for line in noise.splitlines() if line.strip()]
     reasons = [line for line in lines if not line.startswith(("Error: Couldn't read file", "Couldn't read file"))]
     own = "" if isinstance(error, SystemExit) else str(error) or type(error).__name__
@@ -342,9 +332,9 @@ def _groups(mesh: Any) -> dict[str, list[Index]]:
     for name, blocks in mesh.cell_sets.items():
         if name.startswith("gmsh:"):
             continue
-        found = [np.asarray([] if b is None else b, dtype=np.int64) for b in blocks]
+        rows = [np.asarray([] if b is None else b, dtype=np.int64) for b in blocks]
         # a set written before later blocks names no cell of them
-        groups[name] = found + [nothing] * (len(mesh.cells) - len(found))
+        groups[name] = rows + [nothing] * (len(mesh.cells) - len(rows))
     physical = mesh.cell_data.get("gmsh:physical")
     named = {name: tag for name, tag in mesh.field_data.items() if np.size(tag) == 2} if physical is not None else {}
     for name, (tag, dimension) in named.items():
@@ -416,9 +406,8 @@ def _add(content: MeshContent, name: str, blocks: Any, rows: list[Index], chosen
 def _check_rows(path: Path, content: MeshContent) -> None:
     """Cells and sets name nodes that are there."""
     tables = [*content.solids.values(), *content.node_sets.values()]
-    tables += [facets for found in content.facets.values() for facets in found]
+    tables += [facets for group in content.facets.values() for facets in group]
     if any(t.size and not (t.min() >= 0 and t.max() < len(content.points)) for t in tables):
-        raise MeshError(
-            [Problem(path.name, "cells name nodes that are not there", allowed=f"{len(content.points)} nodes")],
-            "unreadable mesh",
+        raise MeshError.of(
+            "unreadable mesh", path.name, "cells name nodes that are not there", allowed=f"{len(content.points)} nodes"
         )

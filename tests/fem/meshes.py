@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 from latin_fmu.fem.mesh import Array, CellBlock, FacetSet, Mesh, boundary, box_mesh
+from latin_fmu.fem.mesh_file import mesh_of
 from latin_fmu.fem.reference_cells import CELL_EDGES, CELL_FACES, HEX_FACES
+from latin_fmu.mesh_files.reading import read_content
 
 ORIGIN, SIZE = np.array([0.3, -0.2, 0.1]), np.array([1.0, 0.8, 1.5])
 # Six tetrahedra of a hexahedron around the diagonal 0-6; neighbours cut their common face alike.
@@ -92,3 +95,8 @@ def reference_cell(cell_type: str) -> Mesh:
     nodes = cell_functions(cell_type).nodes
     faces = {str(i): FacetSet.of(np.array([local])) for i, local in enumerate(CELL_FACES[cell_type])}
     return Mesh(nodes, (CellBlock(cell_type, np.arange(len(nodes))[None]),), faces)
+
+
+def read_mesh(path: Path, group: str | None = None, scale: float = 1.0) -> Mesh:
+    """Mesh of one volume group of a mesh file."""
+    return mesh_of(read_content(path), path.name, group, scale)

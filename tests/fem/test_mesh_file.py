@@ -14,12 +14,11 @@ from latin_fmu.fem.elasticity import mass
 from latin_fmu.fem.elements import Elements
 from latin_fmu.fem.faces import face
 from latin_fmu.fem.mesh import Mesh, boundary, box_mesh
-from latin_fmu.fem.mesh_file import read_mesh
 from latin_fmu.fem.reference_cells import mirrored
 from latin_fmu.mesh_files.reading import read_content
 
 from .conftest import write_inp, write_msh
-from .meshes import SIZE, cut, typed_box
+from .meshes import SIZE, cut, read_mesh, typed_box
 
 SURFACE = {"hexahedron": "quad", "tetra": "triangle"}
 Write = Callable[..., Path]

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
 from latin_fmu.fem.mesh import Mesh, box_mesh
+from latin_fmu.fem.mesh_file import mesh_of
 from latin_fmu.mesh_files.content import Array, Index
+from latin_fmu.mesh_files.reading import read_content
 
 # Boundary faces of a unit box by the labels of a C3D8 with VTK order of nodes (Abaqus: S1 is nodes 1-2-3-4, ...)
 LABEL_OF = {"zmin": "S1", "zmax": "S2", "ymin": "S3", "xmax": "S4", "ymax": "S5", "xmin": "S6"}
@@ -85,3 +89,8 @@ def nastran_deck() -> str:
     for i, facet in enumerate((mesh.faces["zmax"].blocks[0].facets + 1).tolist()):
         text += f"CQUAD4,{100 + i},8," + ",".join(map(str, facet)) + "\n"
     return text + "PSOLID,7,1\nPSHELL,8,1,0.1\nSPC1,3,123,1,THRU,9\n"
+
+
+def read_mesh(path: Path, group: str | None = None, scale: float = 1.0) -> Mesh:
+    """Mesh of one volume group of a mesh file."""
+    return mesh_of(read_content(path), path.name, group, scale)

@@ -12,10 +12,10 @@ import pytest
 
 from latin_fmu.errors import MeshError
 from latin_fmu.fem.faces import face
-from latin_fmu.fem.mesh_file import mesh_of, read_mesh
+from latin_fmu.fem.mesh_file import mesh_of
 from latin_fmu.mesh_files.reading import _SIDES, read_content
 
-from .decks import cube
+from .decks import cube, read_mesh
 
 # Sides of HEX8 by number (Exodus II manual), as faces of a box with VTK order of nodes
 SIDE_OF = {"ymin": 1, "xmax": 2, "ymax": 3, "xmin": 4, "zmin": 5, "zmax": 6}

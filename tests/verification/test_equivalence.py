@@ -7,7 +7,9 @@ import pytest
 
 import latin_fmu
 from latin_fmu.assembly.build import build, discretise
-from latin_fmu.assembly.merged_assembly import bonded
+from latin_fmu.assembly.merged_assembly import merge
+from latin_fmu.assembly.problem import SolverReadyProblem
+from latin_fmu.propagator import DirectPropagator
 
 from .blocks import apart, solve, stack
 from .blocks import bonded as bonded_reference
@@ -19,6 +21,15 @@ SCHEMES = {
     "hht": ({"type": "hht", "alpha": -0.1}, Scheme.hht(-0.1)),
     "newmark": ({"type": "newmark", "beta": 0.25, "gamma": 0.5}, Scheme.newmark()),
 }
+
+
+def bonded(built: SolverReadyProblem) -> tuple[DirectPropagator, dict[str, slice]]:
+    """The assembly as one body, begun at its instants; slices of the full dofs of its substructures."""
+    assembly = built.assembly
+    merged = merge([m for p in assembly.propagators for m in p.members], assembly.interfaces, built.info)
+    propagator = DirectPropagator([merged.model], assembly.scheme, assembly.dt, False)
+    propagator.begin([merged.histories(built.timeline, assembly.time)], assembly.dt)
+    return propagator, merged.where
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)
@@ -97,7 +108,7 @@ def test_merged_body_is_the_monolithic_march(friction):
     """The bonded assembly as one body, whatever its interfaces are: the reference march to 1e-10."""
     scene = stack(3, "perfect") if friction is None else stack(3, "contact", friction)
     built = build(latin_fmu.scene_from_dict(scene))
-    body, where = bonded(built.assembly, built.info, built.timeline)
+    body, where = bonded(built)
     nothing = np.zeros((0, 1))
     body.start(nothing, body.mass_factor())
     fields = [body.full_displacement(0)]
@@ -124,7 +135,7 @@ def test_merged_body_of_non_matching_meshes(elements):
     solution = solve(scene)
     built = build(latin_fmu.scene_from_dict(scene))
     assert not any(unit.geometry.matching for unit in built.assembly.interfaces)
-    body, where = bonded(built.assembly, built.info, built.timeline)
+    body, where = bonded(built)
     nothing = np.zeros((0, 1))
     body.start(nothing, body.mass_factor())
     fields = [body.full_displacement(0)]
