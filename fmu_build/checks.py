@@ -1,13 +1,12 @@
-"""Cross-check files of an FMU: X_in.csv (inputs), X_ref.csv (outputs), X_ref.opt (start, stop, step, tolerance).
+"""Checks of an FMU: validation by fmpy and the XML schemas, and cross-check files.
 
-The reference is computed by a session, without the FMI: a host that reads it compares the FMU with the solver.
+Cross-check files: X_in.csv (inputs), X_ref.csv (outputs), X_ref.opt (start, stop, step, tolerance). The reference is
+computed by a session, without the FMI: a host that reads it compares the FMU with the solver.
 """
 
 from __future__ import annotations
 
 import io
-import shutil
-import subprocess
 import zipfile
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -28,7 +27,7 @@ from .contents import Files
 from .description import identifier_of, suggested_step
 
 FOLDER = "documentation/cross_check"  # inside the FMU
-_MACHINE = "solver."  # outputs that round-off decides (iterations): no part of the reference
+_MACHINE = "solver."  # outputs that depend on round-off (iterations) are no part of the reference
 
 
 @dataclass(frozen=True)
@@ -40,7 +39,7 @@ class Inputs:
 
 
 def with_inputs(scene: Scene, names: Sequence[str]) -> Inputs:
-    """Make inputs of loads.
+    """Make loads of a scene inputs.
 
     names : loads, or ``all``. A load that is an input already keeps its start value as history.
 
@@ -60,7 +59,7 @@ def with_inputs(scene: Scene, names: Sequence[str]) -> Inputs:
 
 
 def cross_check_files(inputs: Inputs) -> Files:
-    """The three files (no X_in.csv without inputs), named after the scene.
+    """Cross-check files of a scene (no X_in.csv without inputs), named after it.
 
     Raises
     ------
@@ -75,14 +74,12 @@ def cross_check_files(inputs: Inputs) -> Files:
     histories = {name: _history(inputs.laws[name], times) for name in session.loads}
     rows = []
     for i, t in enumerate(times):
+        for name, (values, rates) in histories.items():
+            session.set_load(name, values[max(i - 1, 0)], rates[max(i - 1, 0)])
         if i == 0:
-            _set(session, histories, 0)
             session.initialize()
-        else:
-            _set(session, histories, i - 1)
-            report = session.step(times[i - 1], t - times[i - 1])
-            if not report:
-                raise SolverError(f"no cross-check: {report.message}")
+        elif not (report := session.step(times[i - 1], t - times[i - 1])):
+            raise SolverError(f"no cross-check: {report.message}")
         rows.append([t, *session.values(names)])
     options = {
         "StartTime": 0.0,
@@ -111,20 +108,11 @@ def _history(law: TimeLaw, times: Sequence[float]) -> tuple[list[float], list[fl
     return values.tolist(), rates.tolist()
 
 
-def _set(session: Session, histories: Mapping[str, tuple[list[float], list[float]]], i: int) -> None:
-    for name, (values, rates) in histories.items():
-        session.set_load(name, values[i], rates[i])
-
-
 def _table(header: Sequence[str], rows: Iterable[Sequence[float]]) -> bytes:
-    text = io.StringIO()
-    text.write(",".join(header) + "\n")
-    for row in rows:
-        text.write(",".join(repr(float(value)) for value in row) + "\n")
-    return text.getvalue().encode()
+    lines = [",".join(header), *(",".join(repr(float(value)) for value in row) for row in rows)]
+    return ("\n".join(lines) + "\n").encode()
 
 
-# -- Validation of an FMU: fmpy, the XML schemas, and ``fmutool`` where it is installed. All problems are listed.
 _SCHEMAS = {"2.0": "fmi2/fmi2ModelDescription.xsd", "3.0": "fmi3/fmi3ModelDescription.xsd"}
 _TERMINALS = "fmi3/fmi3TerminalsAndIcons.xsd"
 
@@ -136,19 +124,18 @@ def validate(fmu: str | Path) -> list[str]:
     """
     from fmpy.validation import validate_fmu
 
-    found = [f"fmpy: {problem}" for problem in validate_fmu(str(fmu))]
-    return found + schema_problems(fmu)
+    return [*(f"fmpy: {problem}" for problem in validate_fmu(str(fmu))), *schema_problems(fmu)]
 
 
 def schema_problems(fmu: str | Path) -> list[str]:
-    """What the schemas of the standard say about modelDescription.xml and terminalsAndIcons.xml."""
+    """Errors of modelDescription.xml and terminalsAndIcons.xml against the schemas of the standard."""
     from lxml import etree
 
     spec = util.find_spec("fmpy")
     if spec is None or spec.origin is None:
         raise ModuleNotFoundError("validation needs fmpy: pip install 'latin-fmu[fmu]'", name="fmpy")
     schemas = Path(spec.origin).parent / "schema"
-    found = []
+    problems = []
     with zipfile.ZipFile(fmu) as archive:
         description = archive.read("modelDescription.xml")
         version = str(etree.fromstring(description).get("fmiVersion"))
@@ -158,16 +145,5 @@ def schema_problems(fmu: str | Path) -> list[str]:
         for name, schema in checks.items():
             validator = etree.XMLSchema(etree.parse(schemas / schema))
             validator.validate(etree.parse(io.BytesIO(archive.read(name))))
-            found += [f"{name}: line {e.line}: {e.message}" for e in validator.error_log]
-    return found
-
-
-def fmutool_report(fmu: str | Path, tool: str = "fmutool") -> str | None:
-    """Output of ``fmutool -check``; None where it is not installed."""
-    found = shutil.which(tool)
-    if found is None:
-        return None
-    done = subprocess.run(
-        [found, "-input", str(fmu), "-check"], capture_output=True, text=True, check=False, timeout=120
-    )
-    return done.stdout + done.stderr
+            problems += [f"{name}: line {e.line}: {e.message}" for e in validator.error_log]
+    return problems

@@ -1,20 +1,21 @@
-"""The files of an FMU: solver, adapter, exporter, scene, documentation. Equal input gives equal bytes."""
+"""The files of an FMU: solver, adapter, exporter, scene, documentation; the archive. Equal input gives equal bytes."""
 
 from __future__ import annotations
 
 import hashlib
 import importlib.metadata
 import importlib.util
-import io
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import latin_fmu
 from latin_fmu.compiled import library
+from latin_fmu.results.files import written_whole
 from latin_fmu.scene.schema import Scene
 
+from .adapter import CoSimulationAdapter, ModelExchangeAdapter
 from .description import NAME
 
 Files = dict[str, bytes]
@@ -22,7 +23,7 @@ Files = dict[str, bytes]
 
 _ADAPTERS = ("__init__.py", "adapter.py")
 _EXPORTERS = {"2": "pythonfmu", "3": "pythonfmu3"}
-_LEFT_OUT = ("cli.py", "__main__.py", "commands", "stability", "aot")  # nothing an FMU runs
+_LEFT_OUT = ("cli.py", "__main__.py", "commands", "stability", "aot")  # not run by an FMU
 _BARE_INIT = '"""The solver inside an FMU; nothing is imported before it is needed."""\n\n__version__ = "{}"\n'
 
 
@@ -31,13 +32,12 @@ class Exporter:
     """An installed exporter: its Python files and its libraries, by path below its folder."""
 
     name: str
-    version: str
     modules: Files
     libraries: Files
 
     @classmethod
     def installed(cls, fmi: str) -> Exporter:
-        """The exporter for FMI "2" or "3".
+        """Read the exporter for FMI "2" or "3".
 
         Raises ModuleNotFoundError with the command that installs it.
         """
@@ -48,12 +48,19 @@ class Exporter:
         folder = Path(spec.origin).parent
         modules = {path.name: path.read_bytes() for path in sorted(folder.glob("*.py")) if path.name != "__main__.py"}
         binaries = folder / "resources" / "binaries"
-        found = (p for p in sorted(binaries.rglob("*")) if p.suffix in (".so", ".dll", ".dylib"))
-        libraries = {path.relative_to(binaries).as_posix(): path.read_bytes() for path in found}
-        return cls(name, importlib.metadata.version(name), modules, libraries)
+        built = (p for p in sorted(binaries.rglob("*")) if p.suffix in (".so", ".dll", ".dylib"))
+        libraries = {path.relative_to(binaries).as_posix(): path.read_bytes() for path in built}
+        return cls(name, modules, libraries)
+
+    def binaries(self, identifier: str) -> Files:
+        """Libraries of the exporter under the name of the model."""
+        return {
+            f"binaries/{Path(path).parent.as_posix()}/{identifier}{Path(path).suffix}": content
+            for path, content in self.libraries.items()
+        }
 
     def licences(self) -> Files:
-        """Its licence files, as installed."""
+        """Licence files of the exporter, as installed."""
         distribution = importlib.metadata.distribution(self.name)
         return {
             f"documentation/licenses/{self.name}/{Path(str(file)).name}": Path(str(file.locate())).read_bytes()
@@ -108,38 +115,43 @@ def content_hash(*groups: Mapping[str, bytes]) -> str:
     return digest.hexdigest()
 
 
-def external_dependencies() -> str:
-    """documentation/externalDependencies.txt."""
-    return (
-        "This FMU runs in the Python of its host (CPython 3.11 or newer, 64 bit), which must have these packages,\n"
-        "installed e.g. with `pip install`:\n\n"
-        + "\n".join(requirement for requirement in _requirements())
-        + f"\n\nThe solver ({NAME} {latin_fmu.__version__}) itself is inside the FMU.\n"
-    )
+def external_dependencies(reduced: bool = False) -> bytes:
+    """documentation/externalDependencies.txt; ``reduced``: of a reduced model."""
+    program = f"{NAME} {latin_fmu.__version__}"
+    inside = f"The solver ({program}) itself is inside the FMU."
+    if reduced:
+        inside = (
+            f"The reduced model, computed when the FMU was made, and the program that runs it ({program}) are inside."
+        )
+    needed = ModelExchangeAdapter.needed if reduced else _requirements()
+    return "\n".join(
+        [
+            "This FMU runs in the Python of its host (CPython 3.11 or newer, 64 bit), which must have these packages,",
+            "installed e.g. with `pip install`:\n",
+            *needed,
+            f"\n{inside}\n",
+        ]
+    ).encode()
 
 
-def _requirements() -> list[str]:
+def _requirements() -> Sequence[str]:
     try:
         required = importlib.metadata.requires("latin-fmu") or []
     except importlib.metadata.PackageNotFoundError:  # run from a source folder
-        return ["numpy", "scipy", "numba", "meshio", "pydantic", "xarray", "netCDF4", "threadpoolctl"]
+        return CoSimulationAdapter.needed
     return sorted(r for r in required if "extra ==" not in r and not r.startswith("matplotlib"))
 
 
-# -- A deflated zip whose bytes depend on its contents only.
-_FIRST = ("modelDescription.xml",)
-_DATE = (1980, 1, 1, 0, 0, 0)
+def write_archive(target: str | Path, files: Mapping[str, bytes]) -> Path:
+    """Write a deflated zip without dates: modelDescription.xml first, then by name; the bytes depend on ``files`` only.
 
-
-def archive(files: Mapping[str, bytes]) -> bytes:
-    """The zip: modelDescription.xml first, then by name; no dates, plain permissions."""
-    buffer = io.BytesIO()
-    names = [*(n for n in _FIRST if n in files), *sorted(n for n in files if n not in _FIRST)]
-    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as target:
-        for name in names:
-            entry = zipfile.ZipInfo(name, _DATE)
+    Raises ResultsError where it cannot be written; a file at ``target`` is whole or not there.
+    """
+    with written_whole(target) as draft, zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
+        for name in sorted(files, key=lambda name: (name != "modelDescription.xml", name)):
+            entry = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
             entry.compress_type = zipfile.ZIP_DEFLATED
             entry.create_system = 3  # the same bytes on every system
             entry.external_attr = 0o644 << 16
-            target.writestr(entry, files[name])
-    return buffer.getvalue()
+            archive.writestr(entry, files[name])
+    return Path(target)

@@ -1,13 +1,16 @@
-"""What a model description says about the FMU as a whole."""
+"""XML files of an FMU: modelDescription.xml (FMI 2.0, 3.0, Model Exchange) and terminalsAndIcons.xml.
+
+They carry no date: equal contents give equal bytes.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
-from latin_fmu.cosim.variable import UNITS, Variable, output
+from latin_fmu.cosim.variable import UNITS, Variable
 from latin_fmu.model_exchange.system import Local, Names
 from latin_fmu.scene.schema import Scene
 
@@ -29,10 +32,10 @@ class Facts:
 
     Attributes
     ----------
-    model : name of the model, that of the scene. identifier : of the binaries. token : changes with the content.
-    description, version : text and version of the package. stop_time, step_size : s. tolerance : relative
-    accuracy that the tolerance of the scene goes with.
-    table : the variables; their order is the value reference.
+    model : name of the model, that of the scene. identifier : name of the binaries. token : digest of the content.
+    description : text. stop_time, step_size : of the default experiment, s. tolerance : relative accuracy that
+    belongs to the tolerance of the scene. table : the variables; their order is the value reference.
+    version : of the package.
     """
 
     model: str
@@ -62,222 +65,177 @@ def suggested_step(scene: Scene) -> float:
     return scene.time.end / parts
 
 
-# -- Small XML helpers shared by the two model descriptions.
 def xml_bytes(root: Element) -> bytes:
-    """The document, indented, UTF-8; the same tree gives the same bytes."""
+    """The document as indented UTF-8; equal trees give equal bytes."""
     indent(root)
     text: bytes = tostring(root, encoding="utf-8")
     return b'<?xml version="1.0" encoding="UTF-8"?>\n' + text + b"\n"
 
 
-def value_text(value: float | int | str) -> str:
+def _text(value: float | int | str) -> str:
     """A value with all its digits."""
     return repr(float(value)) if isinstance(value, float) else str(value)
 
 
-def head(facts: Facts, version: str, token: str) -> Element:
-    """The root element; ``token`` is the attribute that holds the token. It carries no date: equal content gives
-    equal bytes."""
-    return Element(
-        "fmiModelDescription",
-        {
-            "fmiVersion": version,
-            "modelName": facts.model,
-            token: facts.token,
-            "description": facts.description,
-            "author": AUTHOR,
-            "version": facts.version,
-            "license": LICENCE,
-            "generationTool": f"{NAME} {facts.version}",
-            "variableNamingConvention": "structured",
-        },
-    )
+def _root(facts: Facts, fmi: str, kind: str, abilities: dict[str, str], units: Iterable[str | None] = ()) -> Element:
+    """The description up to its variables: kind of FMU, units of the table and ``units``, log, default experiment."""
+    token = "guid" if fmi == "2.0" else "instantiationToken"
+    description = {
+        "fmiVersion": fmi,
+        "modelName": facts.model,
+        token: facts.token,
+        "description": facts.description,
+        "author": AUTHOR,
+        "version": facts.version,
+        "license": LICENCE,
+        "generationTool": f"{NAME} {facts.version}",
+        "variableNamingConvention": "structured",
+    }
+    root = Element("fmiModelDescription", description)
+    shared = {"needsExecutionTool": "true", "canBeInstantiatedOnlyOncePerProcess": "false"}
+    SubElement(root, kind, {"modelIdentifier": facts.identifier, **shared, **abilities})
+    definitions = SubElement(root, "UnitDefinitions")
+    used = {*(variable.unit for variable in facts.table), *units}
+    for key, unit in UNITS.items():
+        if key in used:
+            element = SubElement(definitions, "Unit", {"name": unit.name})
+            SubElement(element, "BaseUnit", {base: str(power) for base, power in unit.exponents.items()})
+    categories = SubElement(root, "LogCategories")
+    for name, meaning in LOG_CATEGORIES.items():
+        SubElement(categories, "Category", {"name": name, "description": meaning})
+    numbers = {"stopTime": facts.stop_time, "tolerance": facts.tolerance, "stepSize": facts.step_size}
+    experiment = {"startTime": "0.0", **{key: repr(number) for key, number in numbers.items()}}
+    SubElement(root, "DefaultExperiment", experiment)
+    return root
 
 
-def identity(variable: Variable, reference: int) -> dict[str, str]:
-    """Attributes that say what a variable is, the same in FMI 2 and FMI 3."""
-    found = {
+def _identity(variable: Variable, reference: int) -> dict[str, str]:
+    """Attributes of a variable that FMI 2 and FMI 3 share, without those of its values."""
+    attributes = {
         "name": variable.name,
         "valueReference": str(reference),
         "description": variable.description,
         "causality": variable.causality,
         "variability": variable.variability,
     }
-    return {**found, "initial": "calculated"} if variable.causality == "output" else found
+    return {**attributes, "initial": "calculated"} if variable.causality == "output" else attributes
 
 
-def quantity(variable: Variable) -> dict[str, str]:
-    """Attributes of the values a variable takes: unit, range, nominal."""
-    found = {}
+def _values(variable: Variable) -> dict[str, str]:
+    """Attributes of the values of a variable: unit, range, nominal, start."""
+    attributes = {}
     if variable.kind == "real" and variable.unit is not None:
-        found["unit"] = UNITS[variable.unit].name
+        attributes["unit"] = UNITS[variable.unit].name
     for key, value in (("min", variable.minimum), ("max", variable.maximum), ("nominal", variable.nominal)):
         if value is not None:
-            found[key] = value_text(float(value) if variable.kind == "real" else int(value))
-    return found
+            attributes[key] = _text(float(value) if variable.kind == "real" else int(value))
+    if variable.start is not None:
+        attributes["start"] = _text(variable.start)
+    return attributes
 
 
-def add_units(root: Element, facts: Facts) -> None:
-    """Units in use."""
-    definitions = SubElement(root, "UnitDefinitions")
-    used = {variable.unit for variable in facts.table if variable.unit is not None}
-    for key, unit in UNITS.items():
-        if key in used:
-            element = SubElement(definitions, "Unit", {"name": unit.name})
-            SubElement(element, "BaseUnit", {base: str(power) for base, power in unit.exponents.items()})
+def _dependencies(variable: Variable, places: dict[str, int]) -> str:
+    """Variables an output depends on at initialization, by the numbers the version of the FMI uses."""
+    return " ".join(str(places[name]) for name in variable.initial_dependencies)
 
 
-def add_logging_and_experiment(root: Element, facts: Facts) -> None:
-    """Log categories and default experiment."""
-    categories = SubElement(root, "LogCategories")
-    for name, description in LOG_CATEGORIES.items():
-        SubElement(categories, "Category", {"name": name, "description": description})
-    experiment = {
-        "startTime": "0.0",
-        "stopTime": repr(facts.stop_time),
-        "tolerance": repr(facts.tolerance),
-        "stepSize": repr(facts.step_size),
-    }
-    SubElement(root, "DefaultExperiment", experiment)
-
-
-# -- modelDescription.xml of FMI 2.0 from the variable table.
-_TYPES_2 = {"real": "Real", "integer": "Integer", "string": "String"}
-
-
+# -- co-simulation ------------------------------------------------------------------------------------------------
 def fmi2_description(facts: Facts) -> Element:
-    """The model description; the table must hold scalars only."""
-    root = head(facts, "2.0", "guid")
-    SubElement(
-        root,
-        "CoSimulation",
-        {
-            "modelIdentifier": facts.identifier,
-            "needsExecutionTool": "true",
-            "canHandleVariableCommunicationStepSize": "true",
-            "canInterpolateInputs": "false",
-            "canNotUseMemoryManagementFunctions": "true",
-            "canGetAndSetFMUstate": "true",
-            "canSerializeFMUstate": "true",
-            "canBeInstantiatedOnlyOncePerProcess": "false",
-        },
-    )
-    add_units(root, facts)
-    add_logging_and_experiment(root, facts)
+    """modelDescription.xml of FMI 2.0 for co-simulation; the table must hold scalars only."""
+    types = {"real": "Real", "integer": "Integer", "string": "String"}
+    abilities = {
+        "canHandleVariableCommunicationStepSize": "true",
+        "canInterpolateInputs": "false",
+        "canNotUseMemoryManagementFunctions": "true",
+        "canGetAndSetFMUstate": "true",
+        "canSerializeFMUstate": "true",
+    }
+    root = _root(facts, "2.0", "CoSimulation", abilities)
     variables = SubElement(root, "ModelVariables")
     places: dict[str, int] = {}
     for number, variable in enumerate(facts.table):
-        if variable.causality != "independent":  # optional in FMI 2, and some hosts want a start value for it
-            _add_variable(variables, number, variable)
+        if variable.causality != "independent":  # optional in FMI 2, and some hosts require a start value for it
+            element = SubElement(variables, "ScalarVariable", _identity(variable, number))
+            SubElement(element, types[variable.kind], _values(variable))
             places[variable.name] = len(places) + 1
     structure = SubElement(root, "ModelStructure")
-    outputs = [variable for variable in facts.table if variable.causality == "output"]
     now, start = SubElement(structure, "Outputs"), SubElement(structure, "InitialUnknowns")
-    for variable in outputs:
-        place = str(places[variable.name])
-        SubElement(now, "Unknown", {"index": place, "dependencies": ""})
-        depends = " ".join(str(places[name]) for name in variable.initial_dependencies)
-        SubElement(start, "Unknown", {"index": place, "dependencies": depends})
+    for variable in facts.table:
+        if variable.causality == "output":
+            place = str(places[variable.name])
+            SubElement(now, "Unknown", {"index": place, "dependencies": ""})
+            SubElement(start, "Unknown", {"index": place, "dependencies": _dependencies(variable, places)})
     return root
-
-
-def _add_variable(parent: Element, number: int, variable: Variable) -> None:
-    element = SubElement(parent, "ScalarVariable", identity(variable, number))
-    facts = quantity(variable)
-    if variable.start is not None:
-        facts["start"] = value_text(variable.start)
-    SubElement(element, _TYPES_2[variable.kind], facts)
-
-
-# -- modelDescription.xml of FMI 3.0 from the variable table.
-_TYPES_3 = {"real": "Float64", "integer": "Int32", "string": "String", "count": "UInt64"}
 
 
 def fmi3_description(facts: Facts) -> Element:
-    """The model description."""
-    root = head(facts, "3.0", "instantiationToken")
-    SubElement(
-        root,
-        "CoSimulation",
-        {
-            "modelIdentifier": facts.identifier,
-            "needsExecutionTool": "true",
-            "canBeInstantiatedOnlyOncePerProcess": "false",
-            "canGetAndSetFMUState": "true",
-            "canSerializeFMUState": "true",
-            "canHandleVariableCommunicationStepSize": "true",
-        },
-    )
-    add_units(root, facts)
-    add_logging_and_experiment(root, facts)
-    references = facts.references()
+    """modelDescription.xml of FMI 3.0 for co-simulation."""
+    abilities = {
+        "canGetAndSetFMUState": "true",
+        "canSerializeFMUState": "true",
+        "canHandleVariableCommunicationStepSize": "true",
+    }
+    root = _root(facts, "3.0", "CoSimulation", abilities)
+    places = facts.references()
     variables = SubElement(root, "ModelVariables")
     for variable in facts.table:
-        add_variable(variables, references, variable)
+        _add_variable(variables, places, variable)
     structure = SubElement(root, "ModelStructure")
     outputs = [variable for variable in facts.table if variable.causality == "output"]
-    for variable in outputs:
-        SubElement(structure, "Output", {"valueReference": str(references[variable.name]), "dependencies": ""})
-    for variable in outputs:
-        depends = " ".join(str(references[name]) for name in variable.initial_dependencies)
-        SubElement(
-            structure, "InitialUnknown", {"valueReference": str(references[variable.name]), "dependencies": depends}
-        )
+    for tag in ("Output", "InitialUnknown"):
+        for variable in outputs:
+            depends = "" if tag == "Output" else _dependencies(variable, places)
+            SubElement(structure, tag, {"valueReference": str(places[variable.name]), "dependencies": depends})
     return root
 
 
-def add_variable(parent: Element, references: dict[str, int], variable: Variable) -> None:
-    attributes = identity(variable, references[variable.name]) | quantity(variable)
-    if variable.start is not None and variable.kind != "string":
-        attributes["start"] = value_text(variable.start)
-    element = SubElement(parent, _TYPES_3[variable.kind], attributes)
+def _add_variable(parent: Element, references: dict[str, int], variable: Variable) -> None:
+    types = {"real": "Float64", "integer": "Int32", "string": "String", "count": "UInt64"}
+    attributes = _identity(variable, references[variable.name]) | _values(variable)
+    start = attributes.pop("start", "") if variable.kind == "string" else None
+    element = SubElement(parent, types[variable.kind], attributes)
     for size in variable.dimensions:
-        if isinstance(size, int):
-            SubElement(element, "Dimension", {"start": str(size)})
-        else:
-            SubElement(element, "Dimension", {"valueReference": str(references[size])})
-    if variable.kind == "string":
-        SubElement(element, "Start", {"value": str(variable.start)})
+        place = {"start": str(size)} if isinstance(size, int) else {"valueReference": str(references[size])}
+        SubElement(element, "Dimension", place)
+    if start is not None:
+        SubElement(element, "Start", {"value": start})
 
 
-# -- modelDescription.xml of an FMI 3.0 Model Exchange FMU.
+# -- Model Exchange -----------------------------------------------------------------------------------------------
 def model_exchange_description(facts: Facts, names: Names) -> Element:
-    """The model description; ``facts.table`` is that of ``names``."""
-    root = head(facts, "3.0", "instantiationToken")
-    SubElement(
-        root,
-        "ModelExchange",
-        {
-            "modelIdentifier": facts.identifier,
-            "needsExecutionTool": "true",
-            "canBeInstantiatedOnlyOncePerProcess": "false",
-            "canGetAndSetFMUState": "true",
-            "canSerializeFMUState": "true",
-            "needsCompletedIntegratorStep": "false",
-        },
-    )
-    units = [output(local.name, local.unit, local.description) for local in names.locals]
-    add_units(root, replace(facts, table=[*facts.table, *units]))
-    add_logging_and_experiment(root, facts)
-    _add_variables(root, facts, names)
-    _add_structure(root, facts, names)
-    return root
-
-
-def _add_variables(root: Element, facts: Facts, names: Names) -> None:
+    """modelDescription.xml of FMI 3.0 for Model Exchange; ``facts.table`` is that of ``names``."""
+    abilities = {
+        "canGetAndSetFMUState": "true",
+        "canSerializeFMUState": "true",
+        "needsCompletedIntegratorStep": "false",
+    }
+    root = _root(facts, "3.0", "ModelExchange", abilities, (local.unit for local in names.locals))
     variables = SubElement(root, "ModelVariables")
     references = facts.references()
     for reference, variable in enumerate(facts.table):
-        add_variable(variables, references, variable)
+        _add_variable(variables, references, variable)
         if reference in names.states:
             variables[-1].set("initial", "exact")
             variables[-1].set("start", "0.0")
     for reference, local in enumerate(names.locals, len(facts.table)):
         SubElement(variables, "Float64", _local(reference, local))
+    structure = SubElement(root, "ModelStructure")  # without dependencies: everything may depend on everything
+    outputs = [i for i, variable in enumerate(facts.table) if variable.causality == "output"]
+    derivatives = range(names.derivatives, names.derivatives + len(names.states))
+    calculated = [i for i in outputs if i not in names.states]
+    for tag, unknowns in (
+        ("Output", outputs),
+        ("ContinuousStateDerivative", derivatives),
+        ("InitialUnknown", [*calculated, *derivatives]),
+        ("EventIndicator", range(names.indicators, names.count)),
+    ):
+        for reference in unknowns:
+            SubElement(structure, tag, {"valueReference": str(reference)})
+    return root
 
 
 def _local(reference: int, local: Local) -> dict[str, str]:
-    facts = {
+    attributes = {
         "name": local.name,
         "valueReference": str(reference),
         "description": local.description,
@@ -286,64 +244,32 @@ def _local(reference: int, local: Local) -> dict[str, str]:
         "initial": "calculated" if local.start is None else "exact",
         "unit": UNITS[local.unit].name,
     }
-    if local.nominal is not None:
-        facts["nominal"] = value_text(local.nominal)
-    if local.start is not None:
-        facts["start"] = value_text(local.start)
-    if local.derivative_of is not None:
-        facts["derivative"] = str(local.derivative_of)
-    return facts
+    numbers = {"nominal": local.nominal, "start": local.start, "derivative": local.derivative_of}
+    return attributes | {key: _text(number) for key, number in numbers.items() if number is not None}
 
 
-def _add_structure(root: Element, facts: Facts, names: Names) -> None:
-    """Dependencies are left out: everything may depend on everything."""
-    structure = SubElement(root, "ModelStructure")
-    outputs = [i for i, variable in enumerate(facts.table) if variable.causality == "output"]
-    derivatives = range(names.derivatives, names.derivatives + len(names.states))
-    indicators = range(names.indicators, names.count)
-    calculated = [i for i in outputs if i not in names.states]
-    for tag, references in (
-        ("Output", outputs),
-        ("ContinuousStateDerivative", derivatives),
-        ("InitialUnknown", [*calculated, *derivatives]),
-        ("EventIndicator", indicators),
-    ):
-        for reference in references:
-            SubElement(structure, tag, {"valueReference": str(reference)})
-
-
-# -- terminalsAndIcons.xml (FMI 3.0): one terminal per load, interface and sensor.
+# -- terminals ----------------------------------------------------------------------------------------------------
 _TERMINAL = re.compile(r"(load|interface|sensor)\.(\w+)\.(.+)")
 
 
 def terminals(facts: Facts) -> Element:
-    """Members are the variables below the name of the load, interface or sensor; matched by name."""
+    """terminalsAndIcons.xml (FMI 3.0): one terminal per load, interface and sensor, matched by name."""
     root = Element("fmiTerminalsAndIcons", {"fmiVersion": "3.0"})
     picture = SubElement(root, "GraphicalRepresentation")
     square = {"x1": "-100", "y1": "-100", "x2": "100", "y2": "100"}
     SubElement(picture, "CoordinateSystem", {**square, "suggestedScalingFactorTo_mm": "0.1"})
     SubElement(picture, "Icon", square)
-    found: dict[str, Element] = {}
+    by_name: dict[str, Element] = {}
     for variable in facts.table:
         match = _TERMINAL.fullmatch(variable.name)
         if match is None or variable.causality not in ("input", "output"):
             continue
         kind, name, member = match.groups()
-        if (key := f"{kind}.{name}") not in found:
-            found[key] = Element(
-                "Terminal",
-                {
-                    "name": key,
-                    "matchingRule": "bus",
-                    "terminalKind": f"latin_fmu.{kind}",
-                    "description": f"{kind} {name} of the scene",
-                },
-            )
-        SubElement(
-            found[key],
-            "TerminalMemberVariable",
-            {"variableName": variable.name, "memberName": member, "variableKind": "signal"},
-        )
-    if found:
-        SubElement(root, "Terminals").extend(found.values())
+        key = f"{kind}.{name}"
+        about = {"name": key, "matchingRule": "bus", "terminalKind": f"latin_fmu.{kind}"}
+        terminal = by_name.setdefault(key, Element("Terminal", {**about, "description": f"{kind} {name} of the scene"}))
+        signal = {"variableName": variable.name, "memberName": member, "variableKind": "signal"}
+        SubElement(terminal, "TerminalMemberVariable", signal)
+    if by_name:
+        SubElement(root, "Terminals").extend(by_name.values())
     return root

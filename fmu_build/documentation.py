@@ -1,14 +1,15 @@
-"""documentation/index.html of the FMU, from the variable table."""
+"""documentation/index.html of an FMU: what it is, how it is used, its variables, its scene."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from html import escape
 
 from latin_fmu.model_exchange.system import Names
 
 from .description import Facts
 
-STYLE = (
+_STYLE = (
     "body{font-family:sans-serif;max-width:70em;margin:2em auto;line-height:1.4}"
     "table{border-collapse:collapse}"
     "td,th{border:1px solid #bbb;padding:.2em .5em;text-align:left;vertical-align:top}code{background:#eee}"
@@ -53,31 +54,7 @@ extraction does not compile again. The environment variable <code>LATIN_FMU_CACH
 nothing; <code>LATIN_FMU_COMPILE=0</code> is for debugging: plain Python, thousands of times slower.</p>
 """
 
-
-def documentation(facts: Facts, scene_text: str, version: str) -> str:
-    """The page: use, variables, scene. ``version`` is that of the FMI."""
-    rows = "\n".join(
-        f"<tr><td>{number}</td><td><code>{escape(v.name)}</code></td><td>{v.causality}</td><td>{v.kind}</td>"
-        f"<td>{escape(v.unit or '')}</td><td>{'' if v.start is None else escape(str(v.start))}</td>"
-        f"<td>{' x '.join(map(str, v.dimensions))}</td><td>{escape(v.description)}</td></tr>"
-        for number, v in enumerate(facts.table)
-    )
-    return (
-        f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(facts.model)}</title>\n'
-        f"<style>{STYLE}</style></head><body>\n<h1>{escape(facts.model)}</h1>\n"
-        f"<p>{escape(facts.description)}</p>\n"
-        f"<p>FMI {version} for co-simulation, made by latin_fmu {facts.version}. Impact of elastic bodies with "
-        f"frictional contact by the LATIN method. SI units.</p>\n{_USE}<h2>Variables</h2>\n<p>Components are counted "
-        "from 1, along x, y, z. A load is its amplitude here: it multiplies the pressure or traction of the scene."
-        "</p>\n"
-        "<table><tr><th>reference</th><th>name</th><th>causality</th><th>type</th><th>unit</th><th>start</th>"
-        f"<th>size</th><th>meaning</th></tr>\n{rows}\n</table>\n<h2>Scene</h2>\n<pre>{escape(scene_text)}</pre>\n"
-        "</body></html>\n"
-    )
-
-
-# -- documentation/index.html of a Model Exchange FMU.
-_TEXT = """\
+_REDUCED_MODEL = """\
 <h2>What it is</h2>
 <p>A <b>reduced</b> model of the scene below, as ordinary differential equations with state and time events. It is
 meant to <b>cross-check</b> the co-simulation FMU of the same scene, which solves the full mesh by the LATIN method:
@@ -109,22 +86,56 @@ simulation. Saving and restoring the state (serialised or not) is exact.</li>
 """
 
 
-def model_exchange_page(facts: Facts, names: Names, scene_text: str, n_mode: int, n_patch: int) -> str:
-    """The page: what it is, use, variables, scene."""
+def documentation(facts: Facts, scene_text: str, version: str) -> str:
+    """Page of an FMU for co-simulation; ``version`` is that of the FMI."""
     rows = [
-        (v.name, v.causality, v.unit or "", "" if v.start is None else str(v.start), v.description) for v in names.table
-    ] + [(v.name, "local", v.unit, "" if v.start is None else f"{v.start:g}", v.description) for v in names.locals]
+        (v.name, v.causality, v.kind, v.unit, v.start, " x ".join(map(str, v.dimensions)), v.description)
+        for v in facts.table
+    ]
+    about = (
+        f"FMI {version} for co-simulation, made by latin_fmu {facts.version}. Impact of elastic bodies with frictional "
+        "contact by the LATIN method. SI units."
+    )
+    note = (
+        "<p>Components are counted from 1, along x, y, z. A load is its amplitude here: it multiplies the pressure or "
+        "traction of the scene.</p>\n"
+    )
+    columns = ("name", "causality", "type", "unit", "start", "size", "meaning")
+    return _page(facts, about, f"{_USE}<h2>Variables</h2>\n{note}", columns, rows, scene_text)
+
+
+def model_exchange_page(facts: Facts, names: Names, scene_text: str, n_mode: int, n_patch: int) -> str:
+    """Page of an FMU for Model Exchange."""
+    rows: list[Sequence[object]] = [(v.name, v.causality, v.unit, v.start, v.description) for v in names.table]
+    for local in names.locals:
+        start = None if local.start is None else f"{local.start:g}"
+        rows.append((local.name, "local", local.unit, start, local.description))
+    about = (
+        f"FMI 3.0 for Model Exchange, made by latin_fmu {facts.version}. SI units; components are counted from 1, "
+        "along x, y, z."
+    )
+    use = f"{_REDUCED_MODEL.format(n_mode=n_mode, n_patch=n_patch)}<h2>Variables</h2>\n"
+    return _page(facts, about, use, ("name", "causality", "unit", "start", "meaning"), rows, scene_text)
+
+
+def _page(
+    facts: Facts, about: str, use: str, columns: Sequence[str], rows: Sequence[Sequence[object]], scene_text: str
+) -> str:
+    """The page; names of variables stand in the first column of ``rows``."""
+    header = "".join(f"<th>{column}</th>" for column in ("reference", *columns))
     table = "\n".join(
-        f"<tr><td>{number}</td><td><code>{escape(row[0])}</code></td>"
-        + "".join(f"<td>{escape(text)}</td>" for text in row[1:])
+        f"<tr><td>{number}</td><td><code>{_cell(name)}</code></td>"
+        + "".join(f"<td>{_cell(value)}</td>" for value in values)
         + "</tr>"
-        for number, row in enumerate(rows)
+        for number, (name, *values) in enumerate(rows)
     )
     return (
         f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(facts.model)}</title>\n'
-        f"<style>{STYLE}</style></head><body>\n<h1>{escape(facts.model)}</h1>\n<p>{escape(facts.description)}</p>\n"
-        f"<p>FMI 3.0 for Model Exchange, made by latin_fmu {facts.version}. SI units; components are counted from 1, "
-        f"along x, y, z.</p>\n{_TEXT.format(n_mode=n_mode, n_patch=n_patch)}<h2>Variables</h2>\n<table><tr>"
-        "<th>reference</th><th>name</th><th>causality</th><th>unit</th><th>start</th><th>meaning</th></tr>\n"
-        f"{table}\n</table>\n<h2>Scene</h2>\n<pre>{escape(scene_text)}</pre>\n</body></html>\n"
+        f"<style>{_STYLE}</style></head><body>\n<h1>{escape(facts.model)}</h1>\n<p>{escape(facts.description)}</p>\n"
+        f"<p>{about}</p>\n{use}<table><tr>{header}</tr>\n{table}\n</table>\n<h2>Scene</h2>\n"
+        f"<pre>{escape(scene_text)}</pre>\n</body></html>\n"
     )
+
+
+def _cell(value: object) -> str:
+    return "" if value is None else escape(str(value))

@@ -1,4 +1,4 @@
-"""Drives an FMU for co-simulation (FMI 2 or 3) with fmpy, step by step."""
+"""FMUs run with fmpy: co-simulation step by step, Model Exchange with CVode, and as a peer of a master."""
 
 from __future__ import annotations
 
@@ -70,31 +70,28 @@ class Drive:
             modelIdentifier=self.description.coSimulation.modelIdentifier,
         )
         if self.three:
-            fmu.instantiate(loggingOn=True, logMessage=lambda _e, _s, _c, text: self._hear(text))
+            fmu.instantiate(loggingOn=True, logMessage=lambda _e, _s, _c, text: self._keep_message(text))
             return fmu
         from fmpy.fmi2 import defaultCallbacks, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
 
         functions = fmi2CallbackFunctions()
-        functions.logger = fmi2CallbackLoggerTYPE(lambda _e, _i, _s, _c, text: self._hear(text))
+        functions.logger = fmi2CallbackLoggerTYPE(lambda _e, _i, _s, _c, text: self._keep_message(text))
         for name in ("allocateMemory", "freeMemory"):
             setattr(functions, name, getattr(defaultCallbacks, name))
         self._functions = functions  # the library keeps a pointer to it
         fmu.instantiate(callbacks=functions, loggingOn=True)
         return fmu
 
-    def _hear(self, text: bytes | str) -> None:
+    def _keep_message(self, text: bytes | str) -> None:
         self._message = (text.decode(errors="replace") if isinstance(text, bytes) else text).replace("%%", "%")
 
     def set(self, name: str, value: Any) -> None:
-        """Set a variable."""
+        """Set a variable by name."""
         variable = self._by_name[name]
         reference = [variable.valueReference]
-        kinds = {"Real": "Real", "Integer": "Integer", "String": "String", "Boolean": "Boolean"}
-        kind = variable.type if self.three else kinds[variable.type]
-        whole = kind in ("Integer", "Int32", "UInt64")
-        getattr(self._fmu, f"set{kind}")(
-            reference, [int(value) if whole else value if kind == "String" else float(value)]
-        )
+        kind = variable.type
+        convert = int if kind in ("Integer", "Int32", "UInt64") else str if kind == "String" else float
+        getattr(self._fmu, f"set{kind}")(reference, [convert(value)])
 
     def read(self, names: Sequence[str]) -> list[float]:
         """Values of real variables, read at once."""
@@ -102,11 +99,10 @@ class Drive:
 
     def reference(self, name: str) -> int:
         """Value reference of a variable."""
-        found: int = self._by_name[name].valueReference
-        return found
+        return int(self._by_name[name].valueReference)
 
     def read_references(self, references: Sequence[int]) -> list[float]:
-        """Values by reference."""
+        """Values of real variables by value reference."""
         return list(self._fmu.getFloat64(references) if self.three else self._fmu.getReal(references))
 
     def _give(self, t: float, h: float) -> None:
@@ -126,14 +122,14 @@ class Drive:
         return float(column[i - 1] + (column[i] - column[i - 1]) * (t - a) / (b - a))
 
     def initialize(self) -> None:
-        """Set up at time 0 and initialize."""
+        """Initialize the instance at time 0."""
         if not self.three:
             self._fmu.setupExperiment(startTime=0.0)
         self._fmu.enterInitializationMode()
         self._fmu.exitInitializationMode()
 
     def advance(self, t: float, h: float) -> bool:
-        """One step; False, with ``complaint``, where it is refused."""
+        """Make one step; False, with ``complaint``, where it is refused."""
         self._message = ""
         try:
             self._fmu.doStep(t, h)
@@ -160,7 +156,7 @@ class Drive:
         self.terminate()
 
     def terminate(self) -> None:
-        """End of the simulation: results are written now, where they are asked for."""
+        """End the simulation; the FMU writes its results file where one is named."""
         self._fmu.terminate()
 
     def close(self) -> None:
@@ -171,12 +167,8 @@ class Drive:
             self._folder = ""
 
 
-# -- Integrates a Model Exchange FMU with CVode (fmpy), behind the same few methods as ``Drive``.
-_HEADING = "the FMU cannot be integrated"
-
-
 class Integration:
-    """One run of a Model Exchange FMU.
+    """One run of a Model Exchange FMU with CVode, with the methods of ``Drive``.
 
     Parameters
     ----------
@@ -193,7 +185,7 @@ class Integration:
         known = {v.name for v in description.modelVariables}
         unknown = [n for n in (*self._start, *self._inputs) if n not in known and n != "time"]
         if unknown:
-            raise InputError([Problem(n, "no variable of this name") for n in unknown], _HEADING)
+            raise InputError([Problem(n, "no variable of this name") for n in unknown], "the FMU cannot be integrated")
         self._rest = {v.name: float(v.start) for v in description.modelVariables if v.causality == "input"}
         self.outputs = [v.name for v in description.modelVariables if v.causality == "output"]
         self.stop_time = float(description.defaultExperiment.stopTime)
@@ -206,7 +198,7 @@ class Integration:
         if not (step > 0.0 and stop > 0.0):
             raise InputError([Problem("--step, --stop", "must be > 0", f"{step}, {stop}")])
         rows: list[list[float]] = []
-        said: list[str] = []
+        messages: list[str] = []
 
         def keep(_time: float, recorder: Any) -> bool:
             rows[:] = [list(row) for row in recorder.rows]
@@ -223,15 +215,15 @@ class Integration:
                 output=self.outputs,
                 step_finished=keep,
                 record_events=False,
-                logger=lambda _e, _s, _c, text: said.append(text.decode(errors="replace")),
+                logger=lambda _e, _s, _c, text: messages.append(text.decode(errors="replace")),
             )
             rows = [list(row) for row in result]
         except Exception as error:  # fmpy and CVode raise bare exceptions
-            self.complaint = (said or [str(error)])[-1].replace("%%", "%")
+            self.complaint = (messages or [str(error)])[-1].replace("%%", "%")
         yield from rows
 
     def _signals(self) -> Any:
-        """All inputs over time: those without a column stay where they start (fmpy wants every one)."""
+        """All inputs over time; fmpy needs every one: those without a column keep their start value."""
         if not self._inputs:
             return None
         columns = {"time": self._inputs["time"]}
@@ -240,7 +232,7 @@ class Integration:
         return np.array(list(zip(*columns.values(), strict=True)), dtype=[(name, float) for name in columns])
 
     def close(self) -> None:
-        """Nothing stays open."""
+        """Close the run; nothing stays open."""
 
 
 def opened(
@@ -253,14 +245,16 @@ def opened(
     try:
         description = fmpy.read_model_description(str(path))
         exchange = description.modelExchange is not None and description.coSimulation is None
-    except Exception:  # Drive says what is wrong with it
+    except Exception:  # reported by Drive
         exchange = False
     return Integration(path, start, inputs) if exchange else Drive(path, start, inputs)
 
 
-# -- An FMU as a peer of ``latin_fmu.cosim.WaveformMaster``.
 class FmuPeer(Drive):
-    """One instance, initialized at once. ``start``: values of inputs and parameters before initialization."""
+    """An FMU for co-simulation as a peer of ``latin_fmu.cosim.WaveformMaster``, initialized at once.
+
+    start : values of inputs and parameters before initialization.
+    """
 
     def __init__(self, path: str | Path, start: Mapping[str, Any] | None = None) -> None:
         super().__init__(path, start)
@@ -272,29 +266,29 @@ class FmuPeer(Drive):
         self.set(f"load.{name}.rate", rate)
 
     def value(self, name: str) -> float:
-        """A scalar output."""
+        """Value of a scalar output."""
         return self.read([name])[0]
 
     def step(self, t: float, h: float) -> StepReport:
-        """Go on from t by h, s."""
+        """Advance from t by h, s."""
         return StepReport(True) if self.advance(t, h) else refused(self.complaint)
 
     def snapshot(self) -> bytes:
-        """The serialized state."""
-        state = self._fmu.getFMUState() if self.three else self._fmu.getFMUstate()
+        """Get the state as bytes."""
+        state = self._call("getFMUState")
         try:
-            found = self._fmu.serializeFMUState(state) if self.three else self._fmu.serializeFMUstate(state)
-            return bytes(found)
+            return bytes(self._call("serializeFMUState", state))
         finally:
-            (self._fmu.freeFMUState if self.three else self._fmu.freeFMUstate)(state)
+            self._call("freeFMUState", state)
 
     def restore(self, blob: bytes) -> None:
-        """Back to a state."""
-        if self.three:
-            state = self._fmu.deserializeFMUState(blob)
-            self._fmu.setFMUState(state)
-            self._fmu.freeFMUState(state)
-        else:
-            state = self._fmu.deSerializeFMUstate(blob)
-            self._fmu.setFMUstate(state)
-            self._fmu.freeFMUstate(state)
+        """Set a state that ``snapshot`` returned."""
+        state = self._call("deserializeFMUState", blob)
+        self._call("setFMUState", state)
+        self._call("freeFMUState", state)
+
+    def _call(self, name: str, *arguments: Any) -> Any:
+        """A function of the FMI by its name in FMI 3; FMI 2 spells some names otherwise."""
+        if not self.three:
+            name = name.replace("FMUState", "FMUstate").replace("deserialize", "deSerialize")
+        return getattr(self._fmu, name)(*arguments)

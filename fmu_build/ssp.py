@@ -7,9 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from xml.etree.ElementTree import Element, SubElement, fromstring
 
-from latin_fmu.results.files import written_whole
-
-from .contents import archive
+from .contents import write_archive
 from .description import xml_bytes
 
 Connection = tuple[str, str, str, str]
@@ -22,11 +20,11 @@ _SSD, _SSC = f"{_SSP}/SystemStructureDescription", f"{_SSP}/SystemStructureCommo
 def write_ssp(
     target: str | Path, name: str, components: Mapping[str, str | Path], connections: Sequence[Connection], stop: float
 ) -> Path:
-    """Write the package. ``components``: FMUs by name; ``stop``: end of the default experiment, s.
+    """Write a system structure package; connected variables become connectors.
 
-    Only connected variables become connectors.
+    components : FMUs by name. stop : end of the default experiment, s.
 
-    Raises ResultsError where the file cannot be written, KeyError for a variable no FMU has.
+    Raises ResultsError where the file cannot be written, KeyError for a variable that its FMU does not have.
     """
     names = {"xmlns:ssd": _SSD, "xmlns:ssc": _SSC, "version": "1.0", "name": name}
     root = Element("ssd:SystemStructureDescription", names)
@@ -40,24 +38,21 @@ def write_ssp(
             elements, "ssd:Component", {"name": component, "type": "application/x-fmu-sharedlibrary", "source": source}
         )
         connectors = SubElement(element, "ssd:Connectors")
-        kinds = _causalities(Path(path))
+        causalities = _causalities(Path(path))
         for variable in _connected(component, connections):
-            connector = SubElement(connectors, "ssd:Connector", {"name": variable, "kind": kinds[variable]})
+            connector = SubElement(connectors, "ssd:Connector", {"name": variable, "kind": causalities[variable]})
             SubElement(connector, "ssc:Real")
     lines = SubElement(system, "ssd:Connections")
     for first, output, second, given in connections:
-        facts = {"startElement": first, "startConnector": output, "endElement": second, "endConnector": given}
-        SubElement(lines, "ssd:Connection", facts)
+        ends = {"startElement": first, "startConnector": output, "endElement": second, "endConnector": given}
+        SubElement(lines, "ssd:Connection", ends)
     SubElement(root, "ssd:DefaultExperiment", {"startTime": "0.0", "stopTime": repr(stop)})
     files["SystemStructure.ssd"] = xml_bytes(root)
-    with written_whole(target) as draft:
-        draft.write_bytes(archive(files))
-    return Path(target)
+    return write_archive(target, files)
 
 
 def _connected(component: str, connections: Sequence[Connection]) -> list[str]:
-    found = dict.fromkeys(v for c in connections for n, v in ((c[0], c[1]), (c[2], c[3])) if n == component)
-    return list(found)
+    return list(dict.fromkeys(v for c in connections for n, v in ((c[0], c[1]), (c[2], c[3])) if n == component))
 
 
 def _causalities(fmu: Path) -> dict[str, str]:

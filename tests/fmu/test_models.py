@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import csv
 import io
+import shutil
+import subprocess
 from contextlib import closing
 from pathlib import Path
 
@@ -12,7 +14,7 @@ import pytest
 
 import latin_fmu
 from fmu_build.build import build_fmu
-from fmu_build.checks import FOLDER, cross_check_files, fmutool_report, validate, with_inputs
+from fmu_build.checks import FOLDER, cross_check_files, validate, with_inputs
 from fmu_build.drive import Drive
 from latin_fmu.errors import InputError
 
@@ -98,9 +100,12 @@ def test_equal_to_the_reference(path, fmi, prepared, tmp_path):
 @pytest.mark.parametrize("path", SCENES, ids=names)
 def test_fmutool_finds_nothing(path, fmi, plain):
     folder = hosts_folder()
-    said = fmutool_report(plain(path, fmi), "fmutool" if folder is None else str(folder / "common" / "bin" / "fmutool"))
-    if said is None:
+    tool = shutil.which("fmutool" if folder is None else folder / "common" / "bin" / "fmutool")
+    if tool is None:
         pytest.skip("fmutool is not installed: see tests/fmu/install_hosts.sh")
+    command = [tool, "-input", str(plain(path, fmi)), "-check"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
+    said = done.stdout + done.stderr
     assert "seems to be compliant" in said
     assert "No semantic error" in said
     assert "ERROR" not in said
