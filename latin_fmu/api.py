@@ -77,7 +77,7 @@ def run(
     wall = clock.perf_counter() if wall_start is None else wall_start
     assembly = problem.assembly
     begin, begin_wall = clock.process_time(), clock.perf_counter()
-    recorder = Recorder(assembly, problem.wanted, problem.info)
+    recorder = Recorder(assembly, problem.output, problem.info)
 
     def observe(event: IterationEvent) -> None:
         assert observer is not None

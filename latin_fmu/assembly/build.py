@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-
-import numpy as np
+from dataclasses import replace
 
 from ..errors import Problems, SceneError
 from ..interface import Behaviour
-from ..latin.assembly import Layout
 from ..scene.schema import Scene
-from ..time_scheme import QuasiStatic, TimeScheme, make_scheme
 from .body import build_bodies
 from .checks import (
     boundaries_of,
@@ -23,8 +20,7 @@ from .checks import (
 )
 from .conditions import conditions_on
 from .inactive_substructures import arrival_times, cut_by_arrival, marched_share
-from .interfaces import Messages, build_interface, lonely_remarks, with_behaviours, with_found
-from .models import model_classes
+from .interfaces import build_interface, lonely_remarks, with_behaviours, with_found
 from .problem import DiscretisedProblem, SolverReadyProblem
 from .statics import start_problems, starts_static, static_state, unheld
 
@@ -32,12 +28,12 @@ from .statics import start_problems, starts_static, static_state, unheld
 def build(
     scene: Scene, amplitudes: Mapping[str, float] | None = None, behaviours: Mapping[str, Behaviour] | None = None
 ) -> SolverReadyProblem:
-    """Meshes, matrices, interfaces and factors of a scene, and the equilibrium it starts from where it asks for one.
+    """Meshes, matrices, interfaces and factors of a scene, and its static start where it has one.
 
     Parameters
     ----------
     amplitudes : for a static start, of loads that are set from outside (their start value where left out).
-    behaviours : laws of the caller's own, by interface, in the place of those that the scene names.
+    behaviours : laws of the caller, by interface, in the place of those of the scene.
 
     Raises
     ------
@@ -52,7 +48,7 @@ def solver_ready(discretised: DiscretisedProblem, amplitudes: Mapping[str, float
 
 
 def discretise(scene: Scene, behaviours: Mapping[str, Behaviour] | None = None) -> DiscretisedProblem:
-    """All of ``build`` but the factors (same errors)."""
+    """Meshes, matrices and interfaces of a scene, nothing factorised (parameters and errors: ``build``)."""
     problems = Problems()
     bodies = build_bodies(scene, problems)
     check_faces(scene, bodies, problems)
@@ -63,8 +59,7 @@ def discretise(scene: Scene, behaviours: Mapping[str, Behaviour] | None = None) 
         scene = with_found(scene, bodies, problems)
         remarks += lonely_remarks(scene, bodies)
     conditions = {name: conditions_on(body, boundaries_of(scene, name), problems) for name, body in bodies.items()}
-    messages = Messages(problems, remarks)
-    made = [build_interface(n, i, bodies, conditions, messages) for n, i in scene.interface.items()]
+    made = [build_interface(n, i, bodies, conditions, problems, remarks) for n, i in scene.interface.items()]
     if problems:
         raise SceneError(problems, "the scene cannot be built")
     units = with_behaviours([unit for unit in made if unit is not None], behaviours or {}, problems)
@@ -75,24 +70,15 @@ def discretise(scene: Scene, behaviours: Mapping[str, Behaviour] | None = None) 
         problems += start_problems(scene, bodies, conditions, units)
     if problems:
         raise SceneError(problems, "the scene cannot be built")
-    layout = Layout(units)
-    scheme = scheme_of(scene)
-    time = np.linspace(0.0, scene.time.end, scene.time.n_step + 1)
-    classes = model_classes(scene, bodies, conditions, units, layout, scheme)
+    problem = DiscretisedProblem.of(scene, bodies, conditions, units)
+    classes, time = problem.classes, problem.time
     if scene.solver.skip_at_rest == "tolerance" and units:
         arrival = arrival_times(scene, bodies, units, time)
         classes = cut_by_arrival(classes, {name: marched_share(t, time) for name, t in arrival.items()})
     remarks += [
         *redundancy_remarks(scene),
         *locking_remarks(scene, bodies),
-        *(lumping_remarks(bodies) if scheme.explicit else []),
+        *(lumping_remarks(bodies) if problem.scheme.explicit else []),
         *([] if scene.time.quasi_static else sampling_remarks(scene, time)),
     ]
-    return DiscretisedProblem(scene, bodies, conditions, units, layout, classes, scheme, time, tuple(remarks))
-
-
-def scheme_of(scene: Scene) -> TimeScheme:
-    """Time scheme of a scene."""
-    if scene.time.quasi_static:
-        return QuasiStatic()
-    return make_scheme(scene.time.scheme.type, scene.time.scheme.model_dump(exclude={"type"}))
+    return replace(problem, classes=classes, remarks=tuple(remarks))

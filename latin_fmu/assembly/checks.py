@@ -177,7 +177,7 @@ def _mass(body: Body) -> float:
 
 
 def body_lines(bodies: Mapping[str, Body]) -> list[str]:
-    """A line per body: size of its bounding box, mass, nodes and cells."""
+    """One line for each body: size of its bounding box, mass, nodes and cells."""
     lines = []
     for name, body in bodies.items():
         size = " x ".join(f"{length:.4g}" for length in body.mesh.extent())

@@ -1,4 +1,4 @@
-"""When a wave can first reach each substructure, and classes cut into parts by that time.
+"""Substructures at rest: arrival times of waves, and classes cut into parts by them.
 
 A disturbance starts where the scene makes one (loads from their first instant on, initial values, body forces,
 prescribed motions) and travels at most at the pressure wave speed along straight lines between faces of a body,
@@ -76,14 +76,14 @@ def marched_share(arrival: float, time: Array) -> float:
 
 
 def _inside(scene: Scene, name: str) -> float:
-    """When a body is disturbed all over."""
+    """Instant at which the whole body is disturbed, s: 0, or infinite."""
     described = scene.substructure[name]
     moving = (described.initial_velocity, described.initial_spin, described.initial_displacement, described.body_force)
     return 0.0 if any(any(values) for values in moving) else np.inf
 
 
 def _face_sources(scene: Scene, units: Sequence[InterfaceUnit], time: Array) -> dict[Port, float]:
-    """When faces are disturbed by what the scene puts on them."""
+    """Instants at which loads, prescribed motions and moving ground first disturb faces, s."""
     onsets: dict[Port, float] = {}
 
     def source(face: str, onset: float) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -29,26 +29,24 @@ _SLIVER = 0.01  # a common part below this share of both faces is worth a remark
 _LEAST = 1e-3  # a common area below this share of a facet is a touch of edges, no interface
 
 
-@dataclass
-class Messages:
-    """Problems and remarks on interfaces."""
-
-    problems: Problems
-    remarks: list[str]
-
-
 def build_interface(
-    name: str, interface: Interface, bodies: dict[str, Body], conditions: Mapping[str, Conditions], messages: Messages
+    name: str,
+    interface: Interface,
+    bodies: dict[str, Body],
+    conditions: Mapping[str, Conditions],
+    problems: Problems,
+    remarks: list[str],
 ) -> InterfaceUnit | None:
     """The interface with its geometry; None, with its problems reported, where its faces do not fit."""
     sides = [_side(bodies, side) for side in interface.sides if side != GROUND]
     if interface.against_ground:
-        pair = _on_ground(name, interface, sides[0], messages.problems)
+        pair = _on_ground(name, interface, sides[0], problems)
     else:
-        pair = _face_pair(name, interface, (sides[0], sides[1]), conditions, messages)
+        pair = _face_pair(name, interface, (sides[0], sides[1]), conditions, problems)
+        remarks += [] if pair is None else _area_remarks(name, interface, pair)
     if pair is None:
         return None
-    gap = _gap(name, interface, pair, messages.problems)
+    gap = _gap(name, interface, pair, problems)
     if gap is None:
         return None
     behaviour = _behaviour(interface)
@@ -58,7 +56,7 @@ def build_interface(
     frames = local_frames(pair.normals)
     geometry = InterfaceGeometry(pair.points, pair.areas, frames, gap, pair.traces, pair.owner, pair.matching)
     if pressure > 0 and gap.max() > 0:
-        messages.problems.add(
+        problems.add(
             f"interface.{name}.preload",
             "a preloaded interface cannot be open",
             f"gap up to {gap.max():g} m",
@@ -125,7 +123,7 @@ def _on_ground(name: str, interface: Interface, side: Side, problems: Problems) 
 
 
 def _face_pair(
-    name: str, interface: Interface, sides: tuple[Side, Side], conditions: Mapping[str, Conditions], messages: Messages
+    name: str, interface: Interface, sides: tuple[Side, Side], conditions: Mapping[str, Conditions], problems: Problems
 ) -> FacePair | None:
     """Two faces of bodies: nodes that match, else the part they have in common."""
     first, second = sides
@@ -136,13 +134,18 @@ def _face_pair(
     held = [None if body.rigid else conditions[body.name].held for body, _ in sides]
     pair = by_mortar(first, second, interface.points_from, interface.search, (held[0], held[1]))
     if pair is None:
-        messages.problems.append(_apart(name, interface, first, second))
-    elif interface.search is None and max(pair.shares) < _SLIVER:
-        messages.remarks.append(
-            f"interface {name}: the faces have {100 * max(pair.shares):.2g} % of their areas in common "
-            f"({pair.areas.sum():.4g} m2): are they opposite each other?"
-        )
+        problems.append(_apart(name, interface, first, second))
     return pair
+
+
+def _area_remarks(name: str, interface: Interface, pair: FacePair) -> list[str]:
+    """A remark on faces that have little area in common."""
+    if interface.search is not None or max(pair.shares) >= _SLIVER:
+        return []
+    return [
+        f"interface {name}: the faces have {100 * max(pair.shares):.2g} % of their areas in common "
+        f"({pair.areas.sum():.4g} m2): are they opposite each other?"
+    ]
 
 
 def _apart(name: str, interface: Interface, first: Side, second: Side) -> Problem:
@@ -262,7 +265,7 @@ def completed(scene: Scene) -> Scene:
 
 
 def with_found(scene: Scene, bodies: dict[str, Body], problems: Problems) -> Scene:
-    """The same for bodies that have been built; overlaps deeper than a search are added to ``problems``."""
+    """As ``completed``, for bodies that have been built; overlaps deeper than a search are added to ``problems``."""
     if not scene.contact:
         return scene
     by_hand = {frozenset(split_face(side)[0] for side in i.sides) for i in scene.interface.values()}

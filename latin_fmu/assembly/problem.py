@@ -22,17 +22,17 @@ from ..scene.fields import split_face
 from ..scene.laws import InputLaw
 from ..scene.schema import Scene
 from ..scene.solver_settings import WHOLE, Anderson, Uniform
-from ..time_scheme import QuasiStatic, TimeScheme
+from ..time_scheme import QuasiStatic, TimeScheme, make_scheme
 from .body import Body, body_sides
 from .checks import boundaries_of
 from .conditions import Conditions, Motion
-from .models import ModelClass
+from .models import ModelClass, model_classes
 from .propagator_choice import chosen_propagators, unstable_steps
 
 REST = 1e-2
-"""Tractions below this share of tolerance x characteristic traction do not wake a substructure at rest."""
+"""Tractions below this share of tolerance x characteristic traction leave a substructure at rest inactive."""
 ROUND_OFF = 1e-13
-"""The same as a share of the characteristic traction, where rounding errors alone are to be left out."""
+"""The same as a share of the characteristic traction, where rounding errors alone are to be ignored."""
 
 
 class Timeline:
@@ -135,7 +135,7 @@ class SolverReadyProblem:
 
     assembly: Assembly
     settings: Settings
-    wanted: OutputRequest
+    output: OutputRequest
     info: dict[str, SubstructureInfo]
     warnings: tuple[str, ...]
     timeline: Timeline
@@ -155,11 +155,24 @@ class DiscretisedProblem:
     classes: list[ModelClass]
     scheme: TimeScheme
     time: Array
-    remarks: tuple[str, ...]
+    remarks: tuple[str, ...] = ()
+
+    @staticmethod
+    def of(
+        scene: Scene, bodies: dict[str, Body], conditions: dict[str, Conditions], units: list[InterfaceUnit]
+    ) -> DiscretisedProblem:
+        """The problem with the time scheme, instants and classes of identical substructures of the scene."""
+        layout, given = Layout(units), scene.time.scheme
+        scheme = (
+            QuasiStatic() if scene.time.quasi_static else make_scheme(given.type, given.model_dump(exclude={"type"}))
+        )
+        classes = model_classes(scene, bodies, conditions, units, layout, scheme)
+        time = np.linspace(0.0, scene.time.end, scene.time.n_step + 1)
+        return DiscretisedProblem(scene, bodies, conditions, units, layout, classes, scheme, time)
 
     @property
     def dt(self) -> float:
-        """Step, s."""
+        """Length of a time step, s."""
         return float(self.time[1] - self.time[0])
 
     @property
@@ -182,8 +195,8 @@ class DiscretisedProblem:
         output = self.scene.output
         if not output.recovers:
             return {}
-        wanted = output.strain, output.nodal_stress, output.principal_stress
-        return {n: Recovered(b.shape.recovery, *wanted) for n, b in self.bodies.items() if not b.rigid}
+        fields = output.strain, output.nodal_stress, output.principal_stress
+        return {n: Recovered(b.shape.recovery, *fields) for n, b in self.bodies.items() if not b.rigid}
 
     @property
     def timeline(self) -> Timeline:
@@ -192,20 +205,20 @@ class DiscretisedProblem:
 
     @cached_property
     def impedance(self) -> Array:
-        """Impedance of the side of every channel (see ``Assembly``)."""
+        """Impedance, in statics stiffness, of the side of every channel (see ``Assembly``)."""
         side = side_stiffness if isinstance(self.scheme, QuasiStatic) else side_impedance
         return side(self.bodies, self.units, self.layout)
 
     @cached_property
     def characteristic_traction(self) -> float:
-        """Size of the tractions the loads can bring, Pa."""
+        """Largest traction that loads and motions can cause, Pa."""
         size = static_traction if isinstance(self.scheme, QuasiStatic) else characteristic_traction
         return size(self.scene, self.bodies, self.time)
 
     def build(self, start: InitialState | None = None) -> SolverReadyProblem:
-        """Factorise and condense the substructures and tie them together; ``start``: not from the values given."""
+        """Factorise and condense the substructures; ``start`` : initial state in the place of that of the scene."""
         scene, scheme, units = self.scene, self.scheme, self.units
-        layout = self.layout if start is None else Layout(units)  # its gaps are handed over
+        layout = self.layout if start is None else Layout(units)  # ``start`` changes its gaps
         settings, without_factor = chosen_propagators(scene, self.classes)
         classes = self.classes if start is None else start.displaced(self.classes)
         static = isinstance(scheme, QuasiStatic)
@@ -233,12 +246,12 @@ class DiscretisedProblem:
         timeline.begin(assembly, self.time, {}, assembly.ground_start)
         if not static and any(body.rigid for body in self.bodies.values()):
             inertial_impedance(assembly)
-        output = scene.output
-        wanted = OutputRequest(output.keeps_fields, output.stress, output.energy, output.every)
+        keys = scene.output
+        output = OutputRequest(keys.keeps_fields, keys.stress, keys.energy, keys.every)
         warnings = (*self.remarks, *without_factor, *([] if static else unresolved_sides(assembly)))
         warnings += () if start is None else start.remarks
         return SolverReadyProblem(
-            assembly, settings_of(scene), wanted, self.info, warnings, timeline, start, self.recovered
+            assembly, settings_of(scene), output, self.info, warnings, timeline, start, self.recovered
         )
 
 

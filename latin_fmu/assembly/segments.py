@@ -28,7 +28,7 @@ _RUNNING = ("friction_dissipation", "contact_dissipation", "ground_work", "joint
 
 @dataclass(frozen=True)
 class Segment:
-    """What happened in one segment; the first instant of every history is its start.
+    """Histories of one segment; the first instant of each is the start of the segment.
 
     Attributes
     ----------
@@ -83,7 +83,7 @@ class SegmentedRun:
                 settings=replace(settings, tolerance=tolerance, force_tolerance=factor * settings.force_tolerance),
             )
         self._inputs = [n for n, load in scene.load.items() if isinstance(load.law, InputLaw)]
-        self._amplitudes: dict[str, float] | None = None  # that the static start was found for
+        self._amplitudes: dict[str, float] | None = None  # of the static start
         self.timings = Timings()
         self.time = 0.0
         self._running: dict[str, float] = {}  # interface energies so far
@@ -94,12 +94,12 @@ class SegmentedRun:
         self._kind = hashlib.sha256(scene.text().encode()).hexdigest()
 
     def settle(self, amplitudes: Mapping[str, float]) -> None:
-        """Where the scene starts from a static equilibrium, make it that for these amplitudes of loads set from outside
-        (others have their start value); before the first segment.
+        """Solve the static equilibrium that the scene starts from, before the first segment, for these amplitudes of
+        loads set from outside (others have their start value).
 
         Raises
         ------
-        SceneError : there is none; nothing has changed.
+        SceneError : there is no equilibrium; the state is unchanged.
         """
         start = self._at_start(amplitudes)
         if start == self._amplitudes or not starts_static(self.scene):
@@ -107,7 +107,7 @@ class SegmentedRun:
         before = self.problem
         with one_thread():
             problem = self._discretised.build(static_state(self._discretised, start))
-        self.problem = replace(problem, settings=before.settings, wanted=before.wanted)
+        self.problem = replace(problem, settings=before.settings, output=before.output)
         self._amplitudes, self._run = start, None
 
     def _at_start(self, amplitudes: Mapping[str, float]) -> dict[str, float]:
@@ -150,7 +150,7 @@ class SegmentedRun:
         problem, assembly = self.problem, self.problem.assembly
         step = self._known_step(float(time[1] - time[0]))
         problem.timeline.begin(assembly, time, loads, self._ground, step)
-        recorder = Recorder(assembly, problem.wanted, problem.info)
+        recorder = Recorder(assembly, problem.output, problem.info)
         if self._run is None:
             self._run = Run(assembly, problem.settings, recorder, self.timings)
         else:
@@ -178,8 +178,8 @@ class SegmentedRun:
         )
 
     def _known_step(self, dt: float) -> float:
-        """The step met before that equals dt but for round-off, else dt itself: part of the state, so that a run
-        that is rolled back and repeated uses the same operators to the last bit."""
+        """Earlier step that equals dt within round-off, else dt itself: part of the state, so that a run that is
+        rolled back and repeated uses the same operators to the last bit."""
         for known in self._steps:
             if abs(known - dt) <= _SAME_STEP * dt:
                 return known
@@ -200,14 +200,14 @@ class SegmentedRun:
         return propagator.full_velocity(member)
 
     def _place(self, substructure: str) -> tuple[Propagator, int]:
-        """Its propagator and its number there."""
+        """Propagator of a substructure, and its number there."""
         return next(
             (p, p.names.index(substructure)) for p in self.problem.assembly.propagators if substructure in p.names
         )
 
     # -- snapshots ------------------------------------------------------------------------------------------------
     def snapshot(self) -> bytes:
-        """All that determines the next segment, versioned, bit-exact."""
+        """State that determines the next segment to the last bit, with a version number."""
         return encode(None if self._run is None else self._tree(), self._kind)
 
     def restore(self, blob: bytes) -> None:
@@ -215,16 +215,16 @@ class SegmentedRun:
 
         Raises
         ------
-        InputError : bytes that are no such snapshot; nothing has changed then.
+        InputError : bytes that are no such snapshot; the state is unchanged.
         """
         tree = decode(blob, self._kind)
         if tree is None:
             self.reset()
             return
         self.settle(tree["start"] or {})
-        if self._run is None:  # not started yet: a start gives it what a run needs
+        if self._run is None:  # not started yet: histories and a run must exist
             assembly = self.problem.assembly
-            recorder = Recorder(assembly, self.problem.wanted, self.problem.info)
+            recorder = Recorder(assembly, self.problem.output, self.problem.info)
             with one_thread():
                 self.problem.timeline.begin(assembly, assembly.time, {}, self._ground)
                 self._run = Run(assembly, self.problem.settings, recorder, self.timings)

@@ -19,7 +19,7 @@ from ..errors import Problem, Problems, SceneError
 from ..fem.elements import rigid_modes
 from ..fem.mesh import Array
 from ..interface.behaviour import bonds
-from ..latin.assembly import InterfaceUnit, Layout
+from ..latin.assembly import InterfaceUnit
 from ..latin.record import Timings
 from ..latin.recorder import Recorder
 from ..latin.windows import Run
@@ -30,14 +30,12 @@ from ..scene.fields import GROUND, split_face
 from ..scene.laws import InputLaw
 from ..scene.schema import Scene
 from ..scene.settings import StaticStart
-from ..time_scheme import QuasiStatic
 from .body import Body, body_sides
 from .checks import boundaries_of
 from .conditions import Conditions, RigidConditions, conditions_on
-from .models import model_classes
 from .problem import DiscretisedProblem, InitialState, SolverReadyProblem
 
-TIGHT = 1e-11, 1e-9  # tolerances of the static solution; that of the scene where round-off lets neither
+TIGHT = 1e-11, 1e-9  # tolerances of the static solution; that of the scene where round-off prevents both
 _HELD = 1e-10  # a rigid motion with less relative motion at interfaces than this (squared) is free
 _MOST = 500  # iterations of an increment
 _Tables = dict[str, Any]
@@ -51,7 +49,7 @@ def starts_static(scene: Scene) -> bool:
 def start_problems(
     scene: Scene, bodies: dict[str, Body], conditions: dict[str, Conditions], units: list[InterfaceUnit]
 ) -> Iterator[Problem]:
-    """What keeps a scene with ``time.start = "static"`` from having one static equilibrium."""
+    """Reasons for which a scene with ``time.start = "static"`` has no unique static equilibrium."""
     still = resting(scene)
     if not still:
         yield Problem(
@@ -104,7 +102,7 @@ def static_state(whole: DiscretisedProblem, amplitudes: Mapping[str, float]) -> 
         problem = discretised.build()
         problem = replace(problem, settings=replace(problem.settings, tolerance=tolerance, force_tolerance=force))
         run = Run(
-            problem.assembly, problem.settings, Recorder(problem.assembly, problem.wanted, problem.info), Timings()
+            problem.assembly, problem.settings, Recorder(problem.assembly, problem.output, problem.info), Timings()
         )
         run.all()
         converged, sentence = run.status()
@@ -158,21 +156,7 @@ def _static_problem(whole: DiscretisedProblem, scene: Scene) -> DiscretisedProbl
     conditions = {n: conditions_on(b, boundaries_of(scene, n), problems) for n, b in bodies.items()}
     assert not problems, problems  # the same conditions stood before
     units = [unit for unit in whole.units if unit.name in scene.interface]
-    layout, scheme = Layout(units), QuasiStatic()
-    classes = model_classes(scene, bodies, conditions, units, layout, scheme)
-    time = np.linspace(0.0, scene.time.end, scene.time.n_step + 1)
-    return replace(
-        whole,
-        scene=scene,
-        bodies=bodies,
-        conditions=conditions,
-        units=units,
-        layout=layout,
-        classes=classes,
-        scheme=scheme,
-        time=time,
-        remarks=(),
-    )
+    return DiscretisedProblem.of(scene, bodies, conditions, units)
 
 
 def unheld(

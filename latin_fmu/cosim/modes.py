@@ -62,7 +62,7 @@ class Windowed:
         assembly = problem.assembly
         given = {name: np.full(len(assembly.time), value) for name, value in amplitudes.items()}
         problem.timeline.begin(assembly, assembly.time, given, assembly.ground_start)
-        recorder = Recorder(assembly, problem.wanted, problem.info)
+        recorder = Recorder(assembly, problem.output, problem.info)
         with one_thread():
             Run(assembly, problem.settings, recorder, Timings())
         self.interfaces = recorder.interfaces(assembly)
@@ -272,8 +272,8 @@ def _recording(
     """The problem with the fields that sensors need at every instant, and their nodes (None: all, for fields)."""
     if not places:
         return problem, None
-    nodes = None if problem.wanted.fields else nodes_of(places)
-    return replace(problem, wanted=replace(problem.wanted, fields=True, every=1, nodes=nodes)), nodes
+    nodes = None if problem.output.fields else nodes_of(places)
+    return replace(problem, output=replace(problem.output, fields=True, every=1, nodes=nodes)), nodes
 
 
 def _requested(segment: Segment, scene: Scene) -> Segment:

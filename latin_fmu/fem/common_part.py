@@ -39,7 +39,7 @@ class Cells:
 
     @property
     def areas(self) -> Array:
-        """(n_cell,), m2."""
+        """Areas of the triangles, (n_cell,), m2."""
         return areas(self.corners)
 
     def __len__(self) -> int:

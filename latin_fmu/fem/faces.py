@@ -215,7 +215,7 @@ def face(mesh: Mesh, name: str) -> Face:
 
 
 def face_of(places: Array, facets: FacetSet) -> Face:
-    """The same of any facets; ``places`` (n_node, 3) are the nodes of the mesh."""
+    """Nodal integrals of facets; ``places`` (n_node, 3) are the nodes of the mesh."""
     nodes = facets.nodes
     areas = np.zeros(len(nodes))
     vector_areas = np.zeros((len(nodes), 3))
@@ -229,7 +229,7 @@ def face_of(places: Array, facets: FacetSet) -> Face:
 
 
 def _curved_integrals(kind: str, places: Array) -> tuple[Array, Array]:
-    """The same for facets with inner nodes at ``places`` (n_facet, n_node, 3)."""
+    """int psi_a dA and int psi_a n dA, as in ``_facet_integrals``, of curved facets with nodes at ``places``."""
     at, weights = triangle_quadrature(6) if kind == "triangle6" else square_quadrature(4)
     along = np.einsum("gak,fai->gkfi", slopes(kind, at), places)
     normal = np.cross(along[:, 0], along[:, 1])

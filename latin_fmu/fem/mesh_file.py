@@ -87,7 +87,7 @@ def _volume_cells(content: MeshContent, group: str | None, where: str) -> dict[s
 
 
 def _no_group(content: MeshContent) -> str | None:
-    """What to do where a file names no volume."""
+    """Remedy where a file names no volume."""
     if content.volumes:
         return None
     return "leave group out to take the whole file" if content.solids else "the file holds no solid cells"

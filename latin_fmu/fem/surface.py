@@ -36,7 +36,7 @@ class Pieces:
 
     @cached_property
     def vector_areas(self) -> Array:
-        """(n_piece, 3), m2."""
+        """Areas times unit normals, (n_piece, 3), m2."""
         c = self.corners
         second = c[:, 3] - c[:, 1] if c.shape[1] == 4 else c[:, 2] - c[:, 1]
         first = c[:, 2] - c[:, 0] if c.shape[1] == 4 else c[:, 1] - c[:, 0]
@@ -44,7 +44,7 @@ class Pieces:
 
     @cached_property
     def areas(self) -> Array:
-        """(n_piece,), m2."""
+        """Areas of the pieces, (n_piece,), m2."""
         return np.asarray(np.linalg.norm(self.vector_areas, axis=1))
 
     @cached_property
@@ -54,7 +54,7 @@ class Pieces:
 
     @cached_property
     def centres(self) -> Array:
-        """(n_piece, 3), m."""
+        """Means of the corners, (n_piece, 3), m."""
         return np.asarray(self.corners.mean(axis=1))
 
     @cached_property

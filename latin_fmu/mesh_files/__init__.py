@@ -1,1 +1,1 @@
-"""What mesh files hold, whatever their format: nodes, solid cells, named volumes, surfaces and node sets."""
+"""Content of mesh files in one form for all formats: nodes, solid cells, named volumes, surfaces and node sets."""

@@ -64,7 +64,7 @@ MAX_PROBLEMS: Final = 8
 
 @dataclass
 class MeshContent:
-    """What a mesh file holds.
+    """Content of a mesh file.
 
     Attributes
     ----------

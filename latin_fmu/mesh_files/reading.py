@@ -271,7 +271,7 @@ def read_with_meshio(path: Path) -> MeshContent:
 
 
 def _content(mesh: Any) -> MeshContent:
-    """What meshio has read, by solids, volumes, facets and node sets."""
+    """Content of a mesh of meshio: solids, volumes, facets and node sets."""
     points = np.asarray(mesh.points, dtype=float)
     points = np.hstack([points.reshape(len(points), -1), np.zeros((len(points), 3))])[:, :3]
     content = MeshContent(np.ascontiguousarray(points))

@@ -67,7 +67,7 @@ def make(tables: Tables) -> SolverReadyProblem:
 
 def make_run(built: SolverReadyProblem) -> Run:
     """A run at t = 0."""
-    return Run(built.assembly, built.settings, Recorder(built.assembly, built.wanted, built.info), Timings())
+    return Run(built.assembly, built.settings, Recorder(built.assembly, built.output, built.info), Timings())
 
 
 @pytest.fixture

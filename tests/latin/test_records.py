@@ -153,7 +153,7 @@ def made(tables: Tables, change: Callable[[Tables], None]) -> Any:
     tables = {key: dict(value) if isinstance(value, dict) else value for key, value in tables.items()}
     change(tables)
     problem = build(scene_from_dict(tables))
-    return Run(problem.assembly, problem.settings, Recorder(problem.assembly, problem.wanted, problem.info), Timings())
+    return Run(problem.assembly, problem.settings, Recorder(problem.assembly, problem.output, problem.info), Timings())
 
 
 @pytest.mark.parametrize("fields", [CLASS_FIELDS, GROUP_FIELDS, RUN_FIELDS, RUN_NUMBERS])
