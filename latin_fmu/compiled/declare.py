@@ -144,7 +144,7 @@ def share(*kernels: Any) -> None:
 
 
 def _stays_plain(function: Callable[..., Any]) -> bool:
-    return PLAIN and _module(function).startswith("kernels.")
+    return PLAIN and _module(function).startswith(("kernels.", "cholesky.substitution"))
 
 
 def entry(*signatures: str, **names: Any) -> Callable[[Function], Function]:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..cholesky.substitution import TILED
-from ..compiled import kernel
+from ..compiled import entry, kernel
 from .lanes import dense_product, sparse_product
 
 Array = NDArray[np.float64]
@@ -174,3 +174,53 @@ def add_terms(n: int, starts: Any, rows: Any, values: Array, amplitudes: Array, 
         if now != 0.0:
             for e in range(starts[t], starts[t + 1]):
                 out[rows[e]] += now * values[e]
+
+
+# -- from matrices of SciPy and NumPy to the forms above ----------------------------------------------------------
+@entry("f8[:, ::1], i8[::1], f8[::1]")
+def pack_triangle(matrix: Array, picked: Any, out: Array) -> None:
+    """out = lower triangle, row by row, of the picked rows and columns of a symmetric matrix."""
+    at = 0
+    for i in range(len(picked)):
+        line = matrix[picked[i]]
+        for j in range(i + 1):
+            out[at] = line[picked[j]]
+            at += 1
+
+
+@entry("i8[::1], i8[::1] -> i8", "i4[::1], i4[::1] -> i8")
+def lower_count(pointers: Any, columns: Any) -> int:
+    """Number of entries below the diagonal of a matrix in compressed rows."""
+    count = 0
+    for i in range(len(pointers) - 1):
+        for e in range(pointers[i], pointers[i + 1]):
+            if columns[e] < i:
+                count += 1
+    return count
+
+
+@entry("i8[::1], i8[::1], i8[::1], u4[::1]", "i4[::1], i4[::1], i8[::1], u4[::1]")
+def lower_pattern(pointers: Any, columns: Any, starts: Any, lower: Any) -> None:
+    """Pattern below the diagonal of a matrix in compressed rows: ``starts`` (n + 1,) and column indices ``lower``."""
+    filled = 0
+    starts[0] = 0
+    for i in range(len(pointers) - 1):
+        for e in range(pointers[i], pointers[i + 1]):
+            if columns[e] < i:
+                lower[filled] = columns[e]
+                filled += 1
+        starts[i + 1] = filled
+
+
+@entry("i8[::1], i8[::1], f8[::1], f8[::1], f8[::1]", "i4[::1], i4[::1], f8[::1], f8[::1], f8[::1]")
+def lower_values(pointers: Any, columns: Any, values: Array, lower: Array, diagonal: Array) -> None:
+    """Values below the diagonal in the order of ``lower_pattern``, and the diagonal, 0 where it has no entry."""
+    filled = 0
+    for i in range(len(diagonal)):
+        diagonal[i] = 0.0  # the stiffness of a rigid body has no entry there
+        for e in range(pointers[i], pointers[i + 1]):
+            if columns[e] < i:
+                lower[filled] = values[e]
+                filled += 1
+            elif columns[e] == i:
+                diagonal[i] = values[e]

@@ -89,7 +89,7 @@ CLASS_FIELDS: Final[tuple[Field, ...]] = (
     ("rows", "constants, int64: rows below the supernodes"),
     ("n_rows", "their number"),
     ("panel_start", "constants, int64 (n_super + 1,): first number of each panel"),
-    ("panels", "constants: panels [L11^-1; L21]"),
+    ("panels", "address of the panels [L11^-1; L21]"),
     ("n_panels", "their size"),
     ("schur_inverse", "constants (g, g) packed or (g,): S^-1, accelerations of interface dofs per force, kg-1"),
     # interface
@@ -331,6 +331,5 @@ class Pools(NamedTuple):
     fixed: Array  # constants and direction
     fixed_int: NDArray[np.int64]
     fixed_col: NDArray[np.uint32]
-    fixed_single: NDArray[np.float32]
     moving: Array  # histories, state, work, output
     moving_int: NDArray[np.int64]

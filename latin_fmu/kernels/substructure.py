@@ -22,7 +22,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cholesky.substitution import LANES, SPARE, TILED, backward_one, backward_tile, forward_one, forward_tile
+from ..cholesky.substitution import (
+    LANES,
+    SPARE,
+    TILED,
+    backward_one,
+    backward_tile,
+    forward_one,
+    forward_tile,
+    panels_at,
+    single_panels_at,
+)
 from ..compiled import kernel
 from .lanes import tile_width
 from .matrices import (
@@ -108,7 +118,7 @@ def free_load(pools: Any, c: int, instant: int) -> None:
 def forward(pools: Any, c: int) -> None:
     """Half solve of the load: the inside stays in ``sweep`` (in tiles from TILED members on), the interface part goes
     to ``inner``."""
-    row, work, constants, numbers = pools.classes[c], pools.moving, pools.fixed, pools.fixed_int
+    row, work, numbers = pools.classes[c], pools.moving, pools.fixed_int
     n, m, n_interior, n_inner, n_super = row.n, row.m, row.n_interior, row.n_inner, row.n_super
     first, row_start = (
         numbers[row.first : row.first + n_super + 1],
@@ -116,8 +126,7 @@ def forward(pools: Any, c: int) -> None:
     )
     panel_start = numbers[row.panel_start : row.panel_start + n_super + 1]
     rows, order = numbers[row.rows : row.rows + row.n_rows], numbers[row.order : row.order + n]
-    panels = constants[row.panels : row.panels + (0 if row.single == 1 else row.n_panels)]
-    single = pools.fixed_single[row.panels : row.panels + (row.n_panels if row.single == 1 else 0)]
+    panels, single = panels_at(row.panels, row.n_panels), single_panels_at(row.panels, row.n_panels)
     load, inner = work[row.load : row.load + n * m], work[row.inner : row.inner + n_inner * m]
     if m < TILED:
         for j in range(m):
@@ -323,7 +332,7 @@ def interface_load(pools: Any, c: int, flat: Array) -> bool:
 @kernel
 def backward(pools: Any, c: int) -> None:
     """Full solution in ``load`` from ``sweep`` and the interface values in ``inner_answer``."""
-    row, work, constants, numbers = pools.classes[c], pools.moving, pools.fixed, pools.fixed_int
+    row, work, numbers = pools.classes[c], pools.moving, pools.fixed_int
     n, m, n_interior, n_inner, n_super = row.n, row.m, row.n_interior, row.n_inner, row.n_super
     first, row_start = (
         numbers[row.first : row.first + n_super + 1],
@@ -331,8 +340,7 @@ def backward(pools: Any, c: int) -> None:
     )
     panel_start = numbers[row.panel_start : row.panel_start + n_super + 1]
     rows, order = numbers[row.rows : row.rows + row.n_rows], numbers[row.order : row.order + n]
-    panels = constants[row.panels : row.panels + (0 if row.single == 1 else row.n_panels)]
-    single = pools.fixed_single[row.panels : row.panels + (row.n_panels if row.single == 1 else 0)]
+    panels, single = panels_at(row.panels, row.n_panels), single_panels_at(row.panels, row.n_panels)
     out, last = work[row.load : row.load + n * m], work[row.inner_answer : row.inner_answer + n_inner * m]
     if m < TILED:
         for j in range(m):

@@ -104,7 +104,9 @@ class Propagator(ABC):
         }
         self._account: Array | None = None  # of energies, where a state was set before there is an image
         self._opening: Array | None = None  # tractions with which the account of a march alone opens
-        self._alone_since: Any = None  # histories of the image that holds this class only
+        # histories and search direction of the image that holds this class only
+        self._alone_since: Any = None
+        self._bound_alone: Array | None = None
 
     # -- operators ----------------------------------------------------------------------------------------------
     @abstractmethod
@@ -211,7 +213,7 @@ class Propagator(ABC):
         """Forces on all dofs (n_dof, n_member), N, of channel tractions."""
         ops = self.operators
         force = np.zeros((self.n_dof, traction.shape[1]))
-        force[ops.dofs] = ops.trace.T @ (ops.area[:, None] * traction)
+        force[ops.dofs] = ops.spread @ (ops.area[:, None] * traction)
         return force
 
     # -- the class in the image of a run ------------------------------------------------------------------------
@@ -288,11 +290,13 @@ class Propagator(ABC):
             flat = np.arange(self.n_channel * m, dtype=np.int64).reshape(self.n_channel, m)
             run = {"area": np.repeat(self.operators.area, m), "static": int(self.scheme.name == "quasi_static")}
             self._image = Image([self], [flat], np.ones(flat.size, dtype=bool), run=run)
-            self._alone_since = object()
+            self._alone_since, self._bound_alone = object(), None
         image = self._image
         if self._alone_since is None:
             return image
-        image.bind(hash(self.k.tobytes()))
+        if self._bound_alone is not self.k:
+            image.bind(0, afresh=True)
+            self._bound_alone = self.k
         if self._alone_since is not self.forcing.token:
             image.begin(self.forcing.n_time, {})
             self._alone_since = self.forcing.token

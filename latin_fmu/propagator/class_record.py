@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -13,36 +15,13 @@ from ..cholesky.substitution import LANES, SPARE, TILED
 from ..kernels.energy import FIELDS
 from ..kernels.lanes import padded
 from ..kernels.pool import Block
+from ..kernels.products import lower_count, lower_pattern, lower_values, pack_triangle
 from ..kernels.records import DIRECT, EXPLICIT, STATIC
 from .forcing import Sum
 from .model import Array, Index
 
 Row = dict[str, int]
 _NONE = np.zeros(1, dtype=np.int64)
-
-
-class LowerPattern(NamedTuple):
-    """Strict lower triangle of a symmetric pattern in compressed rows; ``places`` of its entries and of the diagonal in
-    the whole matrix (``on_diagonal`` -1 where there is no entry)."""
-
-    starts: Index
-    columns: NDArray[np.uint32]
-    places: Index
-    on_diagonal: Index
-
-
-def lower_pattern(matrix: sp.csr_array) -> LowerPattern:
-    """Lower triangle of the pattern of a symmetric matrix (n, n), no entry twice."""
-    n = matrix.shape[0]
-    rows = np.repeat(np.arange(n), np.diff(matrix.indptr))
-    columns = matrix.indices.astype(np.int64)
-    places = np.flatnonzero(columns < rows)
-    on_diagonal = np.full(n, -1, dtype=np.int64)
-    diagonal = np.flatnonzero(columns == rows)
-    on_diagonal[rows[diagonal]] = diagonal
-    starts = np.zeros(n + 1, dtype=np.int64)
-    np.cumsum(np.bincount(rows[places], minlength=n), out=starts[1:])
-    return LowerPattern(starts, columns[places].astype(np.uint32), places, on_diagonal)
 
 
 def put_matrix(block: Block, row: Row, name: str, matrix: sp.csr_array | None) -> None:
@@ -56,27 +35,33 @@ def put_matrix(block: Block, row: Row, name: str, matrix: sp.csr_array | None) -
 
 
 def put_symmetric(
-    block: Block, row: Row, name: str, matrix: sp.csr_array | None, known: dict[int, tuple[Any, Any]]
+    block: Block, row: Row, name: str, matrix: sp.csr_array | None, halves: dict[int, tuple[int, int, int]]
 ) -> None:
-    """A symmetric matrix (n, n): its diagonal and strict lower triangle, all of it where members are taken eight at a
-    time; ``known`` keeps the halves of patterns."""
+    """A symmetric matrix (n, n), no entry twice: its diagonal and strict lower triangle, all of it where members are
+    taken eight at a time; ``halves`` keeps the places of the triangles of patterns."""
     if matrix is None:
         return
     if row["m"] >= TILED:
         put_matrix(block, row, name, matrix)
         return
-    held = known.get(id(matrix.indices))
-    if held is None:
-        held = known[id(matrix.indices)] = lower_pattern(matrix), matrix.indices
-    lower: LowerPattern = held[0]
-    # the stiffness of a rigid body has no entry on the diagonal
-    diagonal, there = np.zeros(matrix.shape[0]), lower.on_diagonal >= 0
-    diagonal[there] = matrix.data[lower.on_diagonal[there]]
-    row[f"{name}_rows"] = int(matrix.shape[0])
-    row[f"{name}_starts"] = block.put(lower.starts, np.int64)
-    row[f"{name}_columns"] = block.put(lower.columns, np.uint32)
-    row[f"{name}_values"] = block.put(matrix.data[lower.places])
-    row[f"{name}_diagonal"] = block.put(diagonal)
+    n, pattern = matrix.shape[0], (matrix.indptr, matrix.indices)
+    half = halves.get(id(matrix.indices))
+    if half is None:
+        count = lower_count(*pattern)
+        half = halves[id(matrix.indices)] = block.reserve(n + 1), block.reserve(-(-count // 2)), count
+        block.fill_later(partial(_fill_pattern, pattern, n, half))
+    starts, columns, count = half
+    values, diagonal = block.reserve(count), block.reserve(n)
+    block.fill_later(
+        lambda data: lower_values(*pattern, matrix.data, data[values : values + count], data[diagonal : diagonal + n])
+    )
+    row[f"{name}_rows"], row[f"{name}_starts"], row[f"{name}_columns"] = n, starts, 2 * columns
+    row[f"{name}_values"], row[f"{name}_diagonal"] = values, diagonal
+
+
+def _fill_pattern(pattern: tuple[Any, Any], n: int, half: tuple[int, int, int], data: Array) -> None:
+    starts, columns, count = half
+    lower_pattern(*pattern, data[starts : starts + n + 1].view(np.int64), data[columns:].view(np.uint32)[:count])
 
 
 def put_terms(block: Block, row: Row, name: str, sums: Sum) -> None:
@@ -91,20 +76,30 @@ def put_terms(block: Block, row: Row, name: str, sums: Sum) -> None:
 
 
 def is_diagonal(matrix: Array) -> bool:
-    """Whether a matrix has nothing beside its diagonal."""
+    """Whether a square matrix has nothing beside its diagonal."""
+    if np.count_nonzero(matrix[:1, 1:]):
+        return False
     return not np.count_nonzero(matrix) > np.count_nonzero(matrix.diagonal())
 
 
-def symmetric(matrix: Array, picked: Index, m: int, diagonal: bool) -> Array:
-    """Picked rows and columns of a symmetric matrix as ``products.product`` reads them for m members: the diagonal
-    alone, the lower triangle row by row, or whole."""
+def put_dense(block: Block, matrix: Array, parts: Sequence[Index], m: int, diagonal: bool) -> int:
+    """Picked rows and columns of a symmetric matrix, part after part, as ``products.product`` reads them for m members:
+    the diagonal alone, the lower triangle row by row, or whole."""
     if diagonal:
-        return np.ascontiguousarray(np.diagonal(matrix)[picked])
-    chosen = matrix if len(picked) == len(matrix) else matrix[np.ix_(picked, picked)]
+        return block.put(np.concatenate([np.diagonal(matrix)[picked] for picked in parts]))
     if m >= TILED:
-        return np.ascontiguousarray(chosen)
-    lower: Array = chosen[np.tril_indices(len(picked))]
-    return lower
+        return block.put(np.concatenate([matrix[np.ix_(picked, picked)].ravel() for picked in parts]))
+    matrix = np.ascontiguousarray(matrix)
+    sizes = [len(picked) * (len(picked) + 1) // 2 for picked in parts]
+    first = at = block.reserve(sum(sizes))
+    for picked, size in zip(parts, sizes, strict=True):
+        block.fill_later(partial(_fill_triangle, matrix, picked, slice(at, at + size)))
+        at += size
+    return first
+
+
+def _fill_triangle(matrix: Array, picked: Index, part: slice, data: Array) -> None:
+    pack_triangle(matrix, picked, data[part])
 
 
 def constants(block: Block, propagator: Any, flat: Index, probe: sp.csr_array | None, normal: NDArray[np.bool_]) -> Row:
@@ -136,10 +131,10 @@ def constants(block: Block, propagator: Any, flat: Index, probe: sp.csr_array | 
     row["dofs"], row["area"] = block.put(ops.dofs, np.int64), block.put(ops.area)
     row["massless"], row["live"] = block.put(ops.massless, np.int64), block.put(live, np.int64)
     row["channels"] = block.put(np.ascontiguousarray(flat), np.int64)
-    forms = propagator.members[0].operator_pattern.forms if not static else {}
+    halves: dict[int, tuple[int, int, int]] = {}
     for name, matrix in (("mass", None if static else ops.mass), ("stiffness", ops.stiffness)):
-        put_symmetric(block, row, name, matrix, forms)
-    put_symmetric(block, row, "damping", None if static else ops.damping, forms)
+        put_symmetric(block, row, name, matrix, halves)
+    put_symmetric(block, row, "damping", None if static else ops.damping, halves)
     put_matrix(block, row, "probe", probe)
     if propagator.energy:
         _borders(block, row, propagator)
@@ -147,23 +142,23 @@ def constants(block: Block, propagator: Any, flat: Index, probe: sp.csr_array | 
     if not static:
         row["plain_inverse"] = plain = int(inverse.ndim == 1 or is_diagonal(inverse))
         every = np.arange(row["n_inner"])
-        row["schur_inverse"] = block.put(inverse if inverse.ndim == 1 else symmetric(inverse, every, m, bool(plain)))
+        row["schur_inverse"] = (
+            block.put(inverse) if inverse.ndim == 1 else put_dense(block, inverse, [every], m, bool(plain))
+        )
     row["plain_response"] = plain = int(is_diagonal(propagator.condensed) and is_diagonal(ops.compliance))
     is_normal = normal[flat[live]]
     assert (is_normal == is_normal[:, :1]).all(), "identical substructures with unlike interfaces"
     blocks = [live[is_normal[:, 0]], live[~is_normal[:, 0]]] if len(live) else [live, live]
     row["n_normal"] = len(blocks[0])
     row["measured"] = block.put(np.concatenate(blocks), np.int64)
-    row["compliance"] = block.put(
-        np.concatenate([symmetric(ops.compliance, part, m, bool(plain)).ravel() for part in blocks])
-    )
+    row["compliance"] = put_dense(block, ops.compliance, blocks, m, bool(plain))
     if isinstance(ops.trace, np.ndarray):
         row["dense_trace"] = 1
         row["trace_table"], row["spread_table"] = (block.put(ops.trace), block.put(np.ascontiguousarray(ops.trace.T)))
         row["normal_table"] = block.put(ops.trace[blocks[0]])
     else:
         put_matrix(block, row, "trace", ops.trace)
-        put_matrix(block, row, "spread", sp.csr_array(ops.trace.T))
+        put_matrix(block, row, "spread", ops.spread)
         row.setdefault("trace_starts", block.put(np.zeros(row["n_channel"] + 1, dtype=np.int64), np.int64))
         row.setdefault("spread_starts", block.put(np.zeros(row["n_inner"] + 1, dtype=np.int64), np.int64))
     return row
@@ -190,7 +185,7 @@ def _factor(block: Block, row: Row, factor: Any) -> None:
             ("order", shape.order),
         ):
             row[name] = block.put(array, np.int64)
-        row["panels"] = block.put(factor.panels, np.float32 if factor.dtype == np.float32 else np.float64)
+        row["panels"] = factor.panels.ctypes.data  # read where they are, they may be large
         return
     row["factored"] = int(isinstance(factor, DiagonalFactor))
     for name in ("first", "row_start", "rows", "panel_start"):
@@ -217,15 +212,16 @@ def _borders(block: Block, row: Row, propagator: Any) -> None:
         put_matrix(block, row, f"border_{name}", border)
 
 
-def direction(block: Block, row: Row, propagator: Any, constant: Row) -> None:
-    """Search direction and responses of a class, put into the fixed block behind the constants ``constant``."""
-    m = constant["m"]
+def direction(block: Block, propagator: Any, constant: Row) -> Row:
+    """Search direction and responses of a class with the constants ``constant``, put into the fixed block."""
+    m, row = constant["m"], {}
     live = np.flatnonzero(propagator.operators.compliance.diagonal())
     row["k"] = block.put(propagator.k[:, 0].copy())
-    row["response"] = block.put(symmetric(propagator.condensed, live, m, bool(constant["plain_response"])))
+    row["response"] = put_dense(block, propagator.condensed, [live], m, bool(constant["plain_response"]))
     if constant["kind"] == STATIC:
         every = np.arange(constant["n_inner"])
-        row["spring_inverse"] = block.put(symmetric(propagator.spring_inverse, every, m, False))
+        row["spring_inverse"] = put_dense(block, propagator.spring_inverse, [every], m, False)
+    return row
 
 
 def state(block: Block, row: Row) -> None:

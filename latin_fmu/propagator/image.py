@@ -8,6 +8,7 @@ that a new segment changes its end only.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from math import isqrt
 from typing import Any, cast
 
@@ -23,6 +24,7 @@ from . import class_record
 from .model import Array, Index
 
 Fields = dict[str, Any]
+_DIRECTIONS = 2  # further search directions that there is room for from the start
 _OUTPUT = 100_000  # numbers of output kept at a time, about: they stay in the cache
 _ROWS = (16, 512)  # and rows at least and at most
 
@@ -30,26 +32,19 @@ _ROWS = (16, 512)  # and rows at least and at most
 def coefficients(scheme: Any, dt: float) -> Fields:
     """Numbers of ``records.RUN_NUMBERS`` that belong to a time scheme and a step: the factors of its linear recursions,
     which are the values of its own functions for unit arguments."""
-    zero, one = np.zeros(1), np.ones(1)
+    nothing, (first, second, third) = np.zeros(3), np.eye(3)
     # half of an explicit step is made before the forces are known, half after
     late = 0.5 * dt if scheme.explicit else 0.0
-    u_v, _ = scheme.predict(zero, one, zero, dt)
-    u_a, v_a = scheme.predict(zero, zero, one, dt)
-    w = [
-        scheme.interface_velocity(u_old, u, v, dt)
-        for u_old, u, v in ((one, zero, zero), (zero, one, zero), (zero, zero, one))
-    ]
-    layer_v, layer_a = (scheme.layer_jump(zero, *va, dt)[0] for va in ((one, zero), (zero, one)))
-    follow = [
-        scheme.advance_opening(zero, v, a, new, dt)
-        for v, a, new in ((one, zero, zero), (zero, one, zero), (zero, zero, one))
-    ]
+    u, v = scheme.predict(nothing, first, second, dt)
+    w = scheme.interface_velocity(first, second, third, dt)
+    layer, span = scheme.layer_jump(nothing, first, second, dt)
+    opening, rate = scheme.advance_opening(nothing, first, second, third, dt)
     forces, accelerations = scheme.energy_weights()
     numbers = {
         "dt": dt,
-        "u_v": u_v - late,
-        "u_a": u_a,
-        "v_a": v_a,
+        "u_v": u[0] - late,
+        "u_a": u[1],
+        "v_a": v[1],
         "velocity_gain": scheme.velocity_gain(dt),
         "displacement_gain": scheme.displacement_gain(dt),
         "interface_gain": scheme.interface_gain(dt),
@@ -60,15 +55,15 @@ def coefficients(scheme: Any, dt: float) -> Fields:
         "w_v": w[2],
         "u_late": late,
         "gap_lead": scheme.gap_offset(dt),
-        "layer_v": layer_v,
-        "layer_a": layer_a,
-        "layer_rate": 1 / scheme.layer_jump(zero, zero, zero, dt)[1],
-        "opening_v": follow[0][0],
-        "opening_a": follow[1][0],
-        "opening_new": follow[2][0],
-        "rate_v": follow[0][1],
-        "rate_a": follow[1][1],
-        "rate_new": follow[2][1],
+        "layer_v": layer[0],
+        "layer_a": layer[1],
+        "layer_rate": 1 / span,
+        "opening_v": opening[0],
+        "opening_a": opening[1],
+        "opening_new": opening[2],
+        "rate_v": rate[0],
+        "rate_a": rate[1],
+        "rate_new": rate[2],
         "energy_before": forces[0],
         "energy_old": forces[1],
         "energy_new": forces[2],
@@ -76,7 +71,18 @@ def coefficients(scheme: Any, dt: float) -> Fields:
         "energy_a_new": accelerations[1],
         "inertia_dissipation": scheme.inertia_dissipation(dt),
     }
-    return {name: float(np.asarray(value).reshape(-1)[0]) for name, value in numbers.items()}
+    return {name: float(value) for name, value in numbers.items()}
+
+
+@dataclass
+class _Direction:
+    """Places of a search direction: ``start`` and ``end`` in the fixed block, fields of the records."""
+
+    start: int
+    end: int
+    run: Fields
+    rows: list[Fields]
+    groups: list[Fields]
 
 
 class Image:
@@ -108,8 +114,8 @@ class Image:
         self.run = np.zeros(1, dtype=RUN)
         self.classes = np.zeros(len(self.propagators), dtype=CLASS)
         self.groups = np.zeros(len(groups), dtype=GROUP)
-        self._fixed = Block()
-        self._directions: dict[int, tuple[Fields, list[Fields], list[Fields]]] = {}
+        fixed = Block()
+        self._directions: dict[int, _Direction] = {}
         self._run: Fields = {
             "n_flat": self.n_flat,
             "longest_window": window,
@@ -119,14 +125,16 @@ class Image:
             "relaxation": 1.0,
             "longest_step": np.inf,
             **coefficients(first.scheme, first.dt),
-            **self._placed(run or {}, self._fixed),
+            **self._placed(run or {}, fixed),
         }
-        self._groups = [self._placed(group, self._fixed) for group in groups]
+        self._groups = [self._placed(group, fixed) for group in groups]
         self._rows = [
-            class_record.constants(self._fixed, p, flat, None if probes is None else probes[c], normal)
+            class_record.constants(fixed, p, flat, None if probes is None else probes[c], normal)
             for c, (p, flat) in enumerate(zip(self.propagators, channels, strict=True))
         ]
         self.fixed = self.moving = np.zeros(0)  # room is made when their sizes are known
+        self._factors = [p.operators.factor for p in self.propagators]  # kernels read their panels
+        self._n_fixed, self._waiting = fixed.size, [fixed]
         self._current: int | None = None
         self._half: dict[int, Array] = {}
         self._written = False
@@ -223,33 +231,47 @@ class Image:
     ) -> None:
         """Use a search direction: that under ``key``, or, where there is none yet (or ``afresh``), the one bound to the
         propagators with these fields of the records."""
-        if afresh or key not in self._directions:
+        placed = old = self._directions.get(key)
+        if placed is None or afresh:
             self._current = None
-            rows: list[Fields] = []
-            for propagator, constant in zip(self.propagators, self._rows, strict=True):
-                rows.append({})
-                class_record.direction(self._fixed, rows[-1], propagator, constant)
-            self._directions[key] = (
-                self._placed(run or {}, self._fixed),
-                rows,
-                [self._placed(group, self._fixed) for group in groups],
-            )
+            placed, block = self._place(self._n_fixed if old is None else old.start, run or {}, groups)
+            if old is not None and placed.end > old.end < self._n_fixed:  # longer than its place
+                placed, block = self._place(self._n_fixed, run or {}, groups)
+            elif old is not None:
+                placed.end = max(placed.end, old.end)
+            self._directions[key] = placed
+            self._n_fixed = max(self._n_fixed, placed.end)
+            self._waiting.append(block)
         if key != self._current:
             self._current = key
-            own_run, own_rows, own_groups = self._directions[key]
-            self._run |= own_run
-            for into, fields in zip((*self._rows, *self._groups), (*own_rows, *own_groups), strict=False):
+            self._run |= placed.run
+            for into, fields in zip((*self._rows, *self._groups), (*placed.rows, *placed.groups), strict=False):
                 into.update(fields)
         self._written = False
 
+    def _place(
+        self, start: int, run: Mapping[str, Any], groups: Sequence[Mapping[str, Any]]
+    ) -> tuple[_Direction, Block]:
+        """The direction that is bound to the propagators, from ``start`` on in the fixed block."""
+        block = Block(start)
+        own_run = self._placed(run, block)
+        rows = [class_record.direction(block, p, row) for p, row in zip(self.propagators, self._rows, strict=True)]
+        own_groups = [self._placed(group, block) for group in groups]
+        return _Direction(start, block.size, own_run, rows, own_groups), block
+
     def _write_records(self) -> None:
-        self.fixed = grown(self.fixed, self._fixed.size)
-        self._fixed.fill(self.fixed)
-        for record, fields in zip(
-            (*self.run, *self.classes, *self.groups), (self._run, *self._rows, *self._groups), strict=True
-        ):
-            for name, value in fields.items():
-                record[name] = value
+        if self._n_fixed > len(self.fixed):  # with room for further directions
+            longest = max((d.end - d.start for d in self._directions.values()), default=0)
+            larger = np.empty(self._n_fixed + _DIRECTIONS * longest)
+            larger[: len(self.fixed)] = self.fixed
+            self.fixed = larger
+        for block in self._waiting:
+            block.fill(self.fixed)
+        self._waiting.clear()
+        for records, rows in ((self.run, [self._run]), (self.classes, self._rows), (self.groups, self._groups)):
+            names = cast(tuple[str, ...], records.dtype.names)
+            for i, row in enumerate(rows):
+                records[i] = tuple([row.get(name, 0) for name in names])
         kind = np.recarray if PLAIN else np.ndarray  # plain Python reads fields as attributes
         fixed, moving = self.fixed, self.moving
         self.pools = Pools(
@@ -259,7 +281,6 @@ class Image:
             fixed,
             fixed.view(np.int64),
             fixed.view(np.uint32),
-            fixed.view(np.float32),
             moving,
             moving.view(np.int64),
         )

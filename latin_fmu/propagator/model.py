@@ -11,7 +11,7 @@ import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import scipy.sparse as sp
@@ -89,14 +89,12 @@ class OperatorPattern:
 
     Attributes
     ----------
-    analyses : of operators with this pattern. forms : what else is made of the index arrays of the matrices, by the
-        ``id`` of one of them, and that array.
+    analyses : of operators with this pattern.
     """
 
     def __init__(self, matrices: Sequence[sp.csr_array]) -> None:
         self._given = list(matrices)
         self.analyses = Analyses()
-        self.forms: dict[int, tuple[Any, Any]] = {}
 
     @cached_property
     def _found(self) -> tuple[sp.csr_array, list[Index | None]]:

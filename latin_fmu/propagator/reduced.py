@@ -50,6 +50,11 @@ class ReducedOperators:
     massless: Index
 
     @property
+    def spread(self) -> Array:
+        """Transpose of the trace."""
+        return self.trace.T
+
+    @property
     def admittance(self) -> Array:
         """T D T^T diag(area)."""
         return self.compliance * self.area

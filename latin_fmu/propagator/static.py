@@ -44,7 +44,8 @@ class StaticOperators:
     Attributes
     ----------
     stiffness : reduced (n, n), N m-1. factor : of K with springs, interface dofs last. dofs : (n_gamma,) interface
-        dofs. trace : (n_channel, n_gamma) from interface dofs to channels. area : (n_channel,), m2.
+        dofs. trace : (n_channel, n_gamma) from interface dofs to channels. spread : its transpose.
+    area : (n_channel,), m2.
     springs : (n_channel,) k_0, Pa m-1. diagonal : (n_channel,) stiffness per area that each channel sees when the
         others are held, Pa m-1.
     compliance : (n_channel, n_channel) velocities of the channels per unit of nodal force, m s-1 N-1, of the body on
@@ -55,6 +56,7 @@ class StaticOperators:
     factor: InterfaceFactor
     dofs: Index
     trace: sp.csr_array
+    spread: sp.csr_array
     area: Array
     springs: Array
     diagonal: Array
@@ -104,7 +106,15 @@ def build_static_operators(model: SubstructureModel, springs: Array, dt: float) 
     diagonal = np.where(moves, np.maximum(own - springs, springs), 0.0)  # a rigid body has none of its own
     compliance = local @ (local @ factor.schur_inverse).T / dt
     return StaticOperators(
-        stiffness, factor, dofs, local, model.channel_area, springs, diagonal, 0.5 * (compliance + compliance.T)
+        stiffness,
+        factor,
+        dofs,
+        local,
+        sp.csr_array(local.T),
+        model.channel_area,
+        springs,
+        diagonal,
+        0.5 * (compliance + compliance.T),
     )
 
 

@@ -10,7 +10,8 @@ from latin_fmu.cholesky import substitution as sweeps
 from latin_fmu.cholesky.factor import CholeskyFactor
 from latin_fmu.cholesky.substitution import LANES, SPARE, TILED
 from latin_fmu.kernels import lanes, products
-from latin_fmu.propagator.class_record import lower_pattern, symmetric
+from latin_fmu.kernels.pool import Block
+from latin_fmu.propagator.class_record import put_dense, put_symmetric
 
 MEMBERS = [1, 2, 3, 7, 8, 9, 17]
 RNG = np.random.default_rng(7)
@@ -34,18 +35,31 @@ def scratch(n: int) -> np.ndarray:
     return np.full((n + SPARE) * LANES, np.nan)
 
 
+def written(block: Block) -> np.ndarray:
+    """Numbers of a block, NaN where nothing was put."""
+    data = np.full(block.size, np.nan)
+    block.fill(data)
+    return data
+
+
+def packed(matrix: np.ndarray, m: int, diagonal: bool) -> np.ndarray:
+    """A whole symmetric matrix as it lies in the fixed block."""
+    block = Block()
+    at = put_dense(block, matrix, [np.arange(len(matrix))], m, diagonal)
+    return written(block)[at:]
+
+
 @pytest.mark.parametrize("m", MEMBERS)
 def test_symmetric_sparse_product(m: int) -> None:
     """Strict lower triangle and diagonal below TILED members, whole rows from there on."""
     matrix = definite(41)
     x, out = RNG.normal(size=(2, 41, m))
     expected = out - 0.5 * (matrix @ x)
-    lower = lower_pattern(matrix)
-    diagonal = matrix.data[lower.on_diagonal]
-    if m >= TILED:
-        form = matrix.indptr.astype(np.int64), matrix.indices.astype(np.uint32), matrix.data
-    else:
-        form = lower.starts, lower.columns, matrix.data[lower.places]
+    block, row = Block(), {"m": m}
+    put_symmetric(block, row, "a", matrix, {})
+    data = written(block)
+    form = data.view(np.int64)[row["a_starts"] :], data.view(np.uint32)[row["a_columns"] :], data[row["a_values"] :]
+    diagonal = data[row["a_diagonal"] :] if m < TILED else matrix.diagonal()
     products.add_symmetric(41, diagonal, *form, -0.5, m, x.ravel(), out.reshape(-1), scratch(41))
     np.testing.assert_allclose(out, expected, rtol=0, atol=1e-12)
 
@@ -54,17 +68,17 @@ def test_symmetric_sparse_product(m: int) -> None:
 @pytest.mark.parametrize("m", MEMBERS)
 def test_symmetric_dense_product(m: int, n: int) -> None:
     matrix, x = definite(n).toarray() + 1.0, RNG.normal(size=(n, m))
-    kept = symmetric(matrix, np.arange(n), m, False)
-    assert kept.size == products.symmetric_size(n, 0, m)
+    kept = packed(matrix, m, False)
+    assert len(kept) >= products.symmetric_size(n, 0, m)
     out = np.full((n, m), np.nan)
     if m != 1:
-        products.product(n, kept.ravel(), 0, m, x.ravel(), out.reshape(-1), scratch(n))
+        products.product(n, kept, 0, m, x.ravel(), out.reshape(-1), scratch(n))
     else:
         out[:] = 0.0
-        products.product(n, kept.ravel(), 0, m, x.ravel(), out.reshape(-1), scratch(n))
+        products.product(n, kept, 0, m, x.ravel(), out.reshape(-1), scratch(n))
     np.testing.assert_allclose(out, matrix @ x, rtol=0, atol=1e-11)
-    diagonal = symmetric(matrix, np.arange(n), m, True)
-    assert diagonal.size == products.symmetric_size(n, 1, m)
+    diagonal = packed(matrix, m, True)
+    assert len(diagonal) >= products.symmetric_size(n, 1, m)
     products.product(n, diagonal, 1, m, x.ravel(), out.reshape(-1), scratch(n))
     np.testing.assert_allclose(out, np.diag(matrix)[:, None] * x, rtol=1e-14)
 

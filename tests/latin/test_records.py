@@ -423,5 +423,5 @@ def test_segments_keep_what_they_use_and_no_more() -> None:
         run.advance((i + 1) * 1e-6, 5, {"press_top": np.full(6, 1.0 + i)})
         assert run._run is not None
         image = run._run.image
-        sizes.append((len(image.moving), len(image.fixed), len(image._fixed._known)))
+        sizes.append((len(image.moving), len(image.fixed), image._n_fixed))
     assert len(set(sizes[1:])) == 1
