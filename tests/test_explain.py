@@ -130,7 +130,8 @@ def test_sizes_are_those_of_the_built_scene(model: str) -> None:
     unknowns = {e.name: e.unknowns for e in explanation.effects}
     parts = ("unilateral contact", "friction", "perfect bond", "layers and joints")
     assert sum(unknowns[p] for p in parts) == assembly.layout.n_flat
-    held = sum(p.operators.factor.nbytes for p in assembly.propagators)
+    factors = [p.operators.factor for p in assembly.propagators]
+    held = sum(f.panels.nbytes + f.symbolic.rows.nbytes + 2 * f.schur.nbytes for f in factors)
     elastic = next(e for e in explanation.effects if e.name == "elastic bodies")
     assert 0.5 * held < elastic.memory < 2.5 * held
 

@@ -472,11 +472,11 @@ def test_without_a_library_numba_compiles_once_and_says_so(tmp_path):
     """A kernel with a callee: compiled in the first process, read from the folder in the second."""
     code = (
         "import numpy as np\n"
-        "from latin_fmu.propagator.interface_matrices import seen\n"
+        "from latin_fmu.propagator.interface_matrices import project\n"
         "x, out = np.eye(2), np.empty((2, 2))\n"
-        "seen(np.arange(3), np.arange(2), np.ones(2), 2.0, x, out)\n"
+        "project(np.arange(3), np.arange(2), np.ones(2), 2.0, x, out)\n"
         "assert (out == 2.0 * x).all()\n"
-        "print(*seen.dispatcher.stats.cache_misses.values())\n"
+        "print(*project.dispatcher.stats.cache_misses.values())\n"
     )
     store = tmp_path / "store"
     environment = {**os.environ, "LATIN_FMU_LIBRARY": "0", "LATIN_FMU_CACHE": str(store), "PYTHONPATH": str(ROOT)}

@@ -17,7 +17,7 @@ from .numeric import OUTSIDE_PATTERN, factorise, invert, mirror, routines
 from .substitution import LANES, SPARE, TILED, backward_one, backward_tile, forward_one, forward_tile
 from .symbolic import Analyses, Array, Index, Pattern, Symbolic, shared_analysis
 
-# Panels beyond this many bytes do not stay in the cache from one sweep to the next (see ``sweeps``).
+# Panels beyond this many bytes do not stay in the cache from one sweep to the next (see ``substitution``).
 _CACHE = 16_000_000
 # A_II^-1 A_IG is stored (one dense product instead of a second sparse solve) up to this size.
 _STORED_ENTRIES = 8_000_000
@@ -47,7 +47,7 @@ class InterfaceFactor(Protocol):
         ...
 
     def forward(self, b: Array) -> tuple[Array, Array]:
-        """(y, c) for b (n, m): S x_last = c is what the interface sees; y is for ``backward`` only."""
+        """(y, c) for b (n, m): S x_last = c is the system of the interface; y is for ``backward`` only."""
         ...
 
     def backward(self, y: Array, x_last: Array) -> Array:
@@ -56,11 +56,6 @@ class InterfaceFactor(Protocol):
 
     def solve(self, b: Array) -> Array:
         """A^-1 b for b (n, m)."""
-        ...
-
-    @property
-    def nbytes(self) -> int:
-        """Memory held, bytes."""
         ...
 
 
@@ -104,7 +99,8 @@ class CholeskyFactor:
 
     Attributes
     ----------
-    panels : the numbers of L. tallest : most rows below one supernode. grouped : how ``sweeps`` walks the panels.
+    panels : the numbers of L, L11^-1 in place of the diagonal blocks L11. grouped : whether
+    ``substitution`` takes four rows at a time.
 
     Raises
     ------
@@ -134,13 +130,12 @@ class CholeskyFactor:
         self.interior = shape.order[: shape.n_interior]
         self.panels: NDArray[Any] = np.empty(shape.panel_start[-1], dtype=self.dtype)
         self.grouped = self.panels.nbytes <= _CACHE
-        self.tallest = shape.tallest
         pattern = (shape.first, shape.row_start, shape.rows, shape.panel_start)
         self._sweep = (*pattern, self.panels)
         _check_finite(matrix)
         self.schur: Array = np.zeros((len(self.last), len(self.last)))
         failed = factorise(
-            routines(np.dtype(np.float64)),
+            routines(),
             matrix.indptr.astype(np.int64, copy=False),
             matrix.indices.astype(np.int64, copy=False),
             matrix.data,
@@ -159,7 +154,7 @@ class CholeskyFactor:
             raise _not_definite(int(shape.order[failed]))
         mirror(self.schur)
         self.schur_inverse: Array = self.schur.copy()
-        if failed := invert(routines(np.dtype(np.float64)), self.schur_inverse):
+        if failed := invert(routines(), self.schur_inverse):
             raise _not_definite(int(self.last[failed - 1]))
 
     def forward(self, b: Array) -> tuple[Array, Array]:
@@ -198,7 +193,7 @@ class CholeskyFactor:
 
     @staticmethod
     def _check_rows(name: str, given: int, expected: int) -> None:
-        """The compiled sweeps do not look at sizes."""
+        """The compiled substitutions do not check sizes."""
         if given != expected:
             raise ValueError(f"{name} has {given} rows; allowed: {expected}")
 
@@ -206,11 +201,6 @@ class CholeskyFactor:
         """A^-1 b for b (n, m)."""
         y, c = self.forward(b)
         return self.backward(y, self.schur_inverse @ c)
-
-    @property
-    def nbytes(self) -> int:
-        """Memory of the factor and of the dense interface matrices, bytes."""
-        return int(self.panels.nbytes + self.symbolic.rows.nbytes + self.schur.nbytes + self.schur_inverse.nbytes)
 
 
 def _check_finite(matrix: sp.csr_array) -> None:
@@ -304,13 +294,6 @@ class CondensedFactor:
         y, c = self.forward(b)
         return self.backward(y, self.schur_inverse @ c)
 
-    @property
-    def nbytes(self) -> int:
-        """Memory of the factor, bytes (approximate for the sparse part)."""
-        sparse = 12 * (self._lu.L.nnz + self._lu.U.nnz) if self._lu is not None else 0
-        response = 0 if self._response is None else self._response.nbytes
-        return int(sparse + response + self.schur.nbytes + self.schur_inverse.nbytes)
-
 
 class DiagonalFactor:
     """``cholesky.InterfaceFactor`` of a diagonal matrix.
@@ -351,8 +334,3 @@ class DiagonalFactor:
         """A^-1 b for b (n, m)."""
         x: Array = self.inverse[:, None] * b
         return x
-
-    @property
-    def nbytes(self) -> int:
-        """Memory held, bytes."""
-        return self._diagonal.nbytes + self.inverse.nbytes

@@ -1,7 +1,8 @@
 """Multifrontal numeric factorisation, one dense front per supernode.
 
 A supernode with w columns and r rows below them owns a panel [L11; L21], (w + r, w) row by row, and passes
-U = F22 - L21 L21^T, (r, r), to its parent. Row-major lower triangles are what LAPACK sees as upper ones.
+U = F22 - L21 L21^T, (r, r), to its parent. A lower triangle by rows is an upper one by columns,
+as LAPACK takes it.
 
 The routines of BLAS and LAPACK are SciPy's own. Their addresses are arguments of the kernels (an array of integers),
 not constants in them, so that the compiled code can be kept on disk from one process to the next.
@@ -22,20 +23,17 @@ from ..compiled import entry, kernel, lazy_intrinsic
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-LEFT, RIGHT, UPPER = np.uint8(ord("L")), np.uint8(ord("R")), np.uint8(ord("U"))
+LEFT, UPPER = np.uint8(ord("L")), np.uint8(ord("U"))
 PLAIN, TRANSPOSED = np.uint8(ord("N")), np.uint8(ord("T"))
+POTRF, TRSM, SYRK, TRTRI, POTRI = range(5)
 
 
 @cache
-def routines(dtype: np.dtype[Any]) -> NDArray[np.int64]:
-    """Addresses (7,) of potrf, trsm, syrk, trtri, trmm, gemm, potri for float64 or float32."""
-    letter = "s" if dtype == np.float32 else "d"
-    names = ("lapack:potrf", "blas:trsm", "blas:syrk", "lapack:trtri", "blas:trmm", "blas:gemm", "lapack:potri")
-    found = []
-    for name in names:
-        library, routine = name.split(":")
-        found.append(_address(f"scipy.linalg.cython_{library}", letter + routine))
-    return np.array(found, dtype=np.int64)
+def routines() -> Index:
+    """Addresses (5,) of dpotrf, dtrsm, dsyrk, dtrtri and dpotri of BLAS and LAPACK."""
+    names = ("lapack:dpotrf", "blas:dtrsm", "blas:dsyrk", "lapack:dtrtri", "lapack:dpotri")
+    pairs = (name.split(":") for name in names)
+    return np.array([_address(f"scipy.linalg.cython_{library}", routine) for library, routine in pairs], dtype=np.int64)
 
 
 def _address(module: str, name: str) -> int:
@@ -117,10 +115,10 @@ def invert(routines: Index, matrix: Array) -> int:
     if n == 0:
         return 0
     info = np.zeros(1, dtype=np.int32)
-    fortran(routines[0], (UPPER, n, matrix.ctypes.data, n, info.ctypes.data))
+    fortran(routines[POTRF], (UPPER, n, matrix.ctypes.data, n, info.ctypes.data))
     if info[0] != 0:
         return int(info[0])
-    fortran(routines[6], (UPPER, n, matrix.ctypes.data, n, info.ctypes.data))
+    fortran(routines[POTRI], (UPPER, n, matrix.ctypes.data, n, info.ctypes.data))
     mirror(matrix)
     return int(info[0])
 
@@ -155,13 +153,57 @@ def _eliminate(routines: Index, panel: Array, width: int, below: int, update: Ar
     """Panel -> [L11^-1; L21], update -= L21 L21^T; info[0] = 1 + column where a pivot is not positive, or 0."""
     one = 1.0
     top, bottom = panel.ctypes.data, panel[width * width :].ctypes.data
-    fortran(routines[0], (UPPER, width, top, width, info.ctypes.data))
+    fortran(routines[POTRF], (UPPER, width, top, width, info.ctypes.data))
     if info[0] != 0:
         return
     if below > 0:
-        fortran(routines[1], (LEFT, UPPER, TRANSPOSED, PLAIN, width, below, one, top, width, bottom, width))
-        fortran(routines[2], (UPPER, TRANSPOSED, below, width, -one, bottom, width, one, update.ctypes.data, below))
-    fortran(routines[3], (UPPER, PLAIN, width, top, width, info.ctypes.data))
+        fortran(routines[TRSM], (LEFT, UPPER, TRANSPOSED, PLAIN, width, below, one, top, width, bottom, width))
+        fortran(routines[SYRK], (UPPER, TRANSPOSED, below, width, -one, bottom, width, one, update.ctypes.data, below))
+    fortran(routines[TRTRI], (UPPER, PLAIN, width, top, width, info.ctypes.data))
+
+
+@kernel
+def _interface_part(
+    pointers: Index, neighbours: Index, values: Array, order: Index, position: Index, n_interior: int, schur: Array
+) -> None:
+    """Add the entries between interface dofs to the lower triangle of ``schur``."""
+    for j in range(n_interior, len(order)):
+        for place in range(pointers[order[j]], pointers[order[j] + 1]):
+            i = position[neighbours[place]]
+            if n_interior <= i <= j:
+                schur[j - n_interior, i - n_interior] += values[place]
+
+
+@kernel
+def _gather(
+    pointers: Index,
+    neighbours: Index,
+    values: Array,
+    order: Index,
+    position: Index,
+    begin: int,
+    end: int,
+    where: Index,
+    panel: Array,
+) -> bool:
+    """Add the columns ``begin`` to ``end`` of the matrix to their panel; False where an entry has no place in it."""
+    width = end - begin
+    for j in range(begin, end):
+        for place in range(pointers[order[j]], pointers[order[j] + 1]):
+            i = position[neighbours[place]]
+            if i >= j:
+                if where[i] < 0:
+                    return False
+                panel[where[i] * width + j - begin] += values[place]
+    return True
+
+
+@kernel
+def _store(panel: Array, width: int, below: int, stored: Any) -> None:
+    """Copy a panel, zeros above the diagonal."""
+    for i in range(width + below):
+        for j in range(width):
+            stored[i * width + j] = panel[i * width + j] if j <= i else 0.0
 
 
 _PATTERN: Final = ", ".join(["i8[::1]"] * 3 + ["f8[::1]"] + ["i8[::1]"] * 7 + ["b1[::1]"])
@@ -192,11 +234,7 @@ def factorise(
     """
     n_super = len(first) - 1
     n_interior = first[n_super]
-    for j in range(n_interior, len(order)):
-        for place in range(pointers[order[j]], pointers[order[j] + 1]):
-            i = position[neighbours[place]]
-            if n_interior <= i <= j:
-                schur[j - n_interior, i - n_interior] += values[place]
+    _interface_part(pointers, neighbours, values, order, position, n_interior, schur)
     widest = 0
     for s in range(n_super):
         widest = max(widest, (first[s + 1] - first[s]) * (first[s + 1] - first[s] + row_start[s + 1] - row_start[s]))
@@ -214,20 +252,15 @@ def factorise(
         panel = work[: (width + below) * width]
         panel[:] = 0.0
         update = stack[top : top + below * below]
-        for i in range(below):  # its lower triangle is all that is ever looked at
+        for i in range(below):  # only its lower triangle is used
             for j in range(i + 1):
                 update[i * below + j] = 0.0
         for i in range(width):
             where[begin + i] = i
         for i in range(below):
             where[own[i]] = width + i
-        for j in range(begin, end):
-            for place in range(pointers[order[j]], pointers[order[j] + 1]):
-                i = position[neighbours[place]]
-                if i >= j:
-                    if where[i] < 0:
-                        return OUTSIDE_PATTERN
-                    panel[where[i] * width + j - begin] += values[place]
+        if not _gather(pointers, neighbours, values, order, position, begin, end, where, panel):
+            return OUTSIDE_PATTERN
         base = top
         for _ in range(n_children[s]):
             n_waiting -= 1
@@ -238,10 +271,7 @@ def factorise(
         _eliminate(routines, panel, width, below, update, info)
         if info[0] != 0:
             return int(begin + info[0] - 1)
-        stored = panels[panel_start[s] : panel_start[s + 1]]
-        for i in range(width + below):
-            for j in range(width):
-                stored[i * width + j] = panel[i * width + j] if j <= i else 0.0
+        _store(panel, width, below, panels[panel_start[s] : panel_start[s + 1]])
         if is_root[s]:
             for i in range(below):
                 for j in range(i + 1):

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -48,11 +48,6 @@ class Symbolic:
     is_root: NDArray[np.bool_]
     stack_size: int
 
-    @cached_property
-    def tallest(self) -> int:
-        """Most rows below one supernode."""
-        return int(np.diff(self.row_start).max(initial=0))
-
 
 class Pattern:
     """What an analysis depends on; equal patterns share theirs (``shared_analysis``)."""
@@ -68,8 +63,8 @@ class Pattern:
     def analyse(self) -> Symbolic:
         """The analysis; the matrix is let go."""
         assert self._given is not None
-        found, self._given = analyse(*self._given), None
-        return found
+        analysis, self._given = analyse(*self._given), None
+        return analysis
 
     def __hash__(self) -> int:
         return hash(self._digest)

@@ -1,4 +1,4 @@
-"""Substructures in time: how a class of identical substructures answers interface tractions, instant by instant."""
+"""Response in time of a class of identical substructures to loads and interface tractions."""
 
 from .base import Propagator
 from .direct import DirectPropagator

@@ -8,7 +8,7 @@ on the channels of all interfaces of the substructure together; D is constant fo
 instant is in ``kernels.substructure``; a propagator is a handle on its class in the image of a run. Rules:
 
 1. ``predict`` marches to the next instant under its loads; ``respond`` gives W for an incoming q = F + k W, with the k
-   of the last ``bind``; ``commit`` ends the instant with the tractions found.
+   of the last ``bind``; ``commit`` ends the instant with the tractions of the solution.
 2. ``operators`` is the same object as long as the time step is.
 3. Everything is linear in loads, initial values and tractions; members do not depend on each other.
 4. ``snapshot``/``restore`` within a segment, ``get_state``/``set_state`` between segments hold all that the next
@@ -117,15 +117,15 @@ class Propagator(ABC):
         """Operators for the step dt: a few are kept for use again."""
         if hasattr(self, "dt") and self.dt == dt:
             return
-        found = next((operators for known, operators in self._kept if known == dt), None)
-        if found is None:
-            found = self._build(dt)
+        operators = next((kept for step, kept in self._kept if step == dt), None)
+        if operators is None:
+            operators = self._build(dt)
             del self._kept[: -_STEPS_KEPT + 1]
-            self._kept.append((dt, found))
-        self.dt, self.operators = dt, found
+            self._kept.append((dt, operators))
+        self.dt, self.operators = dt, operators
         self._detach()
         self.k: Array = np.zeros((self.n_channel, 1))
-        self.condensed: Array = found.compliance  # for k = 0 until ``bind``
+        self.condensed: Array = operators.compliance  # for k = 0 until ``bind``
         self._response: Array | None = None
 
     def bind(self, k: Array) -> None:
@@ -411,5 +411,5 @@ class Propagator(ABC):
 
 
 def accuracy_remarks(propagators: Sequence[Propagator]) -> list[str]:
-    """Sentences of the propagators that change the answer by more than the tolerance of the iteration."""
+    """Sentences on approximations whose error may exceed the tolerance of the iteration."""
     return [remark for p in propagators for remark in p.remarks()]

@@ -21,6 +21,9 @@ from .forcing import Sum
 from .model import Array, Index
 
 Row = dict[str, int]
+Halves = dict[int, tuple[int, int, int]]
+"""Places of the row starts and columns of lower triangles and their numbers of entries, by the ``id`` of the column
+indices of the whole matrix, which lives as long."""
 _NONE = np.zeros(1, dtype=np.int64)
 
 
@@ -34,11 +37,9 @@ def put_matrix(block: Block, row: Row, name: str, matrix: sp.csr_array | None) -
     row[f"{name}_values"] = block.put(matrix.data)
 
 
-def put_symmetric(
-    block: Block, row: Row, name: str, matrix: sp.csr_array | None, halves: dict[int, tuple[int, int, int]]
-) -> None:
+def put_symmetric(block: Block, row: Row, name: str, matrix: sp.csr_array | None, halves: Halves) -> None:
     """A symmetric matrix (n, n), no entry twice: its diagonal and strict lower triangle, all of it where members are
-    taken eight at a time; ``halves`` keeps the places of the triangles of patterns."""
+    taken eight at a time."""
     if matrix is None:
         return
     if row["m"] >= TILED:
@@ -102,13 +103,16 @@ def _fill_triangle(matrix: Array, picked: Index, part: slice, data: Array) -> No
     pack_triangle(matrix, picked, data[part])
 
 
-def constants(block: Block, propagator: Any, flat: Index, probe: sp.csr_array | None, normal: NDArray[np.bool_]) -> Row:
+def constants(
+    block: Block, propagator: Any, flat: Index, probe: sp.csr_array | None, normal: NDArray[np.bool_], halves: Halves
+) -> Row:
     """Sizes of a class and the arrays that are constant for a time step, put into the fixed block.
 
     Parameters
     ----------
     propagator : of the class. flat : (n_channel, m) places of its channels. probe : (n_probe, n) rows whose velocities
-    are kept, or None. normal : (n_flat,) True where a channel is normal to its interface.
+    are kept, or None. normal : (n_flat,) True where a channel is normal to its interface. halves : patterns that are
+    in the block already.
     """
     ops, m = propagator.operators, flat.shape[1]
     factor = ops.factor
@@ -131,7 +135,6 @@ def constants(block: Block, propagator: Any, flat: Index, probe: sp.csr_array | 
     row["dofs"], row["area"] = block.put(ops.dofs, np.int64), block.put(ops.area)
     row["massless"], row["live"] = block.put(ops.massless, np.int64), block.put(live, np.int64)
     row["channels"] = block.put(np.ascontiguousarray(flat), np.int64)
-    halves: dict[int, tuple[int, int, int]] = {}
     for name, matrix in (("mass", None if static else ops.mass), ("stiffness", ops.stiffness)):
         put_symmetric(block, row, name, matrix, halves)
     put_symmetric(block, row, "damping", None if static else ops.damping, halves)

@@ -58,22 +58,22 @@ class ConjugateGradients:
 
     def _columns(self, b: Array) -> Array:
         x, r = np.zeros_like(b), b.copy()
-        wanted = self.tolerance**2 * np.einsum("nm,nm->m", b, b)
+        limit = self.tolerance**2 * np.einsum("nm,nm->m", b, b)
         z = self._inverse * r
         p = z.copy()
         rz = np.einsum("nm,nm->m", r, z)
         for _ in range(_MOST):
-            going = np.einsum("nm,nm->m", r, r) > wanted
-            if not going.any():
+            active = np.einsum("nm,nm->m", r, r) > limit
+            if not active.any():
                 return x
             ap = self.matrix @ p
             curvature = np.einsum("nm,nm->m", p, ap)
-            alpha = np.divide(rz, curvature, out=np.zeros_like(rz), where=going & (curvature > 0))
+            alpha = np.divide(rz, curvature, out=np.zeros_like(rz), where=active & (curvature > 0))
             x += alpha * p
             r -= alpha * ap
             z = self._inverse * r
             new = np.einsum("nm,nm->m", r, z)
-            p = z + np.divide(new, rz, out=np.zeros_like(rz), where=going & (rz > 0)) * p
+            p = z + np.divide(new, rz, out=np.zeros_like(rz), where=active & (rz > 0)) * p
             rz = new
         raise SolverError(
             f"conjugate gradients: not converged to {self.tolerance:g} in {_MOST} iterations; take smaller steps, or "
@@ -82,7 +82,7 @@ class ConjugateGradients:
 
 
 class IterativeFactor:
-    """What ``CholeskyFactor`` offers, without a factor (module docstring).
+    """``cholesky.factor.InterfaceFactor`` without a factorisation (module docstring).
 
     Parameters
     ----------
@@ -119,10 +119,3 @@ class IterativeFactor:
         """A^-1 b for b (n, m)."""
         y, c = self.forward(b)
         return self.backward(y, self.schur_inverse @ c)
-
-    @property
-    def nbytes(self) -> int:
-        """Memory held, bytes."""
-        inner, coupling = self._inner.matrix, self._coupling
-        sparse = sum(m.data.nbytes + m.indices.nbytes for m in (inner, coupling, self._coupling_t))
-        return int(sparse + self.schur.nbytes + self.schur_inverse.nbytes)

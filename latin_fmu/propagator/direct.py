@@ -17,7 +17,7 @@ from ..cholesky.factor import InterfaceFactor, interface_factor
 from ..time_scheme import TimeScheme
 from .base import MassFactor, Propagator
 from .conjugate_gradients import ConjugateGradients, IterativeFactor
-from .interface_matrices import seen_by_channels, with_dashpots
+from .interface_matrices import projected, with_dashpots
 from .model import Array, Index, SubstructureModel
 
 
@@ -78,7 +78,7 @@ def build_operators(model: SubstructureModel, scheme: TimeScheme, dt: float) -> 
         trace,
         model.spread,
         model.channel_area,
-        seen_by_channels(trace, gain, factor.schur_inverse),
+        projected(trace, gain, factor.schur_inverse),
         model.massless,
         gain,
     )

@@ -18,7 +18,7 @@ from ..cholesky.factor import DiagonalFactor, InterfaceFactor, interface_factor
 from ..errors import SolverError
 from ..time_scheme import TimeScheme
 from .base import MassFactor, Propagator
-from .interface_matrices import seen_by_channels, seen_of_diagonal
+from .interface_matrices import projected, projected_diagonal
 from .model import Array, Histories, Index, SubstructureModel, lumped
 from .stable_step import StableStep
 
@@ -113,11 +113,11 @@ class ExplicitPropagator(Propagator):
         if held.nnz == held.shape[0]:
             factor = DiagonalFactor(held.diagonal())
             trace, spread = model.reduced_trace, model.reduced_spread
-            compliance = seen_of_diagonal(trace, dt, factor.inverse)
+            compliance = projected_diagonal(trace, dt, factor.inverse)
             return ExplicitOperators(*same, factor, factor.last, trace, spread, model.channel_area, compliance, _NONE)
         dofs, trace, _ = model.at_interface
         full = sp.csr_array(spla.inv(sp.csc_matrix(held)))
-        compliance = seen_by_channels(trace, dt, full[dofs][:, dofs].toarray())
+        compliance = projected(trace, dt, full[dofs][:, dofs].toarray())
         return ExplicitOperators(
             *same, interface_factor(held, dofs), dofs, trace, model.spread, model.channel_area, compliance, _NONE
         )

@@ -45,7 +45,7 @@ class Forcing:
         self._motion = [_Motion(m, scheme) if m.imposed_pattern.shape[1] else None for m in members]
         self.moves = any(m is not None for m in self._motion)
         self._zero = np.zeros((self.n_full, len(members)))
-        self.n_time, self.token = 0, object()  # instants of the segment, and what tells it from others
+        self.n_time, self.token = 0, object()  # instants of the segment, and a mark of its own
 
     def begin(self, histories: Sequence[Histories], dt: float) -> None:
         """Set what drives the members over the instants of a run or segment; motions go on where they are."""
@@ -89,12 +89,6 @@ class Forcing:
             if motion is not None:
                 force[:, column] -= motion.reduced_force(instant)
         return force
-
-    def drives(self, instant: int) -> bool:
-        """Whether any force or prescribed motion is there at an instant (a scene with motions always counts)."""
-        if self.moves or self._constant.any():
-            return True
-        return any(history[instant] != 0.0 for _, _, _, history in self._terms)
 
     def inertia(self, instant: int) -> Array | None:
         """M a of the prescribed motions on the free dofs (n, n_member), N; None when there are none."""

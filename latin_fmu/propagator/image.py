@@ -115,6 +115,7 @@ class Image:
         self.classes = np.zeros(len(self.propagators), dtype=CLASS)
         self.groups = np.zeros(len(groups), dtype=GROUP)
         fixed = Block()
+        halves: class_record.Halves = {}
         self._directions: dict[int, _Direction] = {}
         self._run: Fields = {
             "n_flat": self.n_flat,
@@ -129,7 +130,7 @@ class Image:
         }
         self._groups = [self._placed(group, fixed) for group in groups]
         self._rows = [
-            class_record.constants(fixed, p, flat, None if probes is None else probes[c], normal)
+            class_record.constants(fixed, p, flat, None if probes is None else probes[c], normal, halves)
             for c, (p, flat) in enumerate(zip(self.propagators, channels, strict=True))
         ]
         self.fixed = self.moving = np.zeros(0)  # room is made when their sizes are known

@@ -1,4 +1,4 @@
-"""What the channels of the interfaces see of the dense matrices of a substructure, and of dashpots on them.
+"""Matrices of a substructure condensed onto the channels of its interfaces, with and without dashpots on them.
 
 With X = g S^-1 the velocities of the interface dofs per force on them (S from ``condensed``, g the gain of the time
 scheme), T the trace from these dofs to the channels, and dashpots d = a k on the channels (areas a),
@@ -17,7 +17,7 @@ import scipy.linalg.lapack as lapack
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from ..cholesky.numeric import UPPER, fortran, invert, mirror, routines
+from ..cholesky.numeric import POTRF, UPPER, fortran, invert, mirror, routines
 from ..compiled import COMPILES, entry
 from ..errors import SolverError
 
@@ -32,25 +32,25 @@ def _rows(matrix: sp.csr_array) -> tuple[Index, Index]:
     return matrix.indptr.astype(np.int64, copy=False), matrix.indices.astype(np.int64, copy=False)
 
 
-def seen_by_channels(trace: sp.csr_array, gain: float, matrix: Array) -> Array:
+def projected(trace: sp.csr_array, gain: float, matrix: Array) -> Array:
     """``gain`` T X T^T for symmetric X (n, n) and T (n_channel, n); symmetric to the last bit."""
     if COMPILES:
-        found = np.empty((trace.shape[0], trace.shape[0]))
-        seen(*_rows(trace), trace.data, gain, matrix, found)
-        return found
+        out = np.empty((trace.shape[0], trace.shape[0]))
+        project(*_rows(trace), trace.data, gain, matrix, out)
+        return out
     product = gain * (trace @ (trace @ matrix).T)
     symmetric: Array = 0.5 * (product + product.T)
     return symmetric
 
 
-def seen_of_diagonal(trace: sp.csr_array, gain: float, diagonal: Array) -> Array:
-    """The same for X = diag(``diagonal``); diagonal itself where every channel sees a dof of its own."""
+def projected_diagonal(trace: sp.csr_array, gain: float, diagonal: Array) -> Array:
+    """The same for X = diag(``diagonal``); diagonal itself where every channel has a dof of its own."""
     weighted = gain * trace.data * diagonal[trace.indices]
     entries = np.diff(trace.indptr)
     if entries.max(initial=0) <= 1 and np.bincount(trace.indices).max(initial=0) <= 1:
-        seen_there = np.zeros(trace.shape[0])
-        seen_there[entries > 0] = weighted * trace.data
-        return np.diag(seen_there)
+        on_channels = np.zeros(trace.shape[0])
+        on_channels[entries > 0] = weighted * trace.data
+        return np.diag(on_channels)
     product = (sp.csr_array((weighted, trace.indices, trace.indptr), shape=trace.shape) @ trace.T).toarray()
     symmetric: Array = 0.5 * (product + product.T)
     return symmetric
@@ -73,8 +73,8 @@ def condensed(compliance: Array, dashpots: Array) -> Array:
     _, inner, failed = lapack.dposv(system, scaled, lower=1, overwrite_a=1)
     if failed:  # the identity plus a positive semidefinite matrix: only numbers that are no numbers get here
         raise _not_positive()
-    found = compliance - scaled.T @ inner
-    symmetric: Array = 0.5 * (found + found.T)
+    matrix = compliance - scaled.T @ inner
+    symmetric: Array = 0.5 * (matrix + matrix.T)
     return symmetric
 
 
@@ -89,7 +89,7 @@ def with_dashpots(trace: sp.csr_array, gain: float, schur: Array, dashpots: Arra
     if COMPILES:
         inverse = np.empty_like(schur)
         stiffened(*_rows(trace), trace.data, springs, schur, inverse)
-        failed = invert(routines(np.dtype(np.float64)), inverse)
+        failed = invert(routines(), inverse)
     else:
         system = schur + (trace.T @ (springs[:, None] * trace.toarray()))
         root, failed = lapack.dpotrf(system, lower=1)
@@ -97,7 +97,7 @@ def with_dashpots(trace: sp.csr_array, gain: float, schur: Array, dashpots: Arra
         inverse = np.tril(inverse) + np.tril(inverse, -1).T
     if failed or not np.isfinite(np.diagonal(inverse)).all():
         raise _not_positive()
-    return seen_by_channels(trace, gain, inverse)
+    return projected(trace, gain, inverse)
 
 
 def resistance(compliance: Array, rows: Index) -> float:
@@ -107,9 +107,9 @@ def resistance(compliance: Array, rows: Index) -> float:
     if not len(moving):
         return 0.0
     if COMPILES:
-        found = float(face_resistance(routines(np.dtype(np.float64)), compliance, moving))
-        if found >= 0.0:
-            return found
+        force = float(face_resistance(routines(), compliance, moving))
+        if force >= 0.0:
+            return force
     block = compliance[moving[:, None], moving]
     return float(la.lstsq(block, np.ones(len(moving)))[0].sum())
 
@@ -119,7 +119,7 @@ def _not_positive() -> SolverError:
 
 
 @entry("i8[::1], i8[::1], f8[::1], f8, f8[:, ::1], f8[:, ::1]")
-def seen(starts: Index, columns: Index, values: Array, factor: float, matrix: Array, out: Array) -> None:
+def project(starts: Index, columns: Index, values: Array, factor: float, matrix: Array, out: Array) -> None:
     """out = factor T X T^T for symmetric X (n, n) and T (n_channel, n) by rows."""
     n_channel, n = len(starts) - 1, len(matrix)
     row = np.empty(n)
@@ -139,7 +139,7 @@ def seen(starts: Index, columns: Index, values: Array, factor: float, matrix: Ar
 
 @entry("i8[::1], i8[::1], f8[::1], f8[::1], f8[:, ::1], f8[:, ::1]")
 def stiffened(starts: Index, columns: Index, values: Array, springs: Array, matrix: Array, out: Array) -> None:
-    """Lower triangle of out = X + T^T diag(springs) T, arguments as for ``seen``."""
+    """Lower triangle of out = X + T^T diag(springs) T, arguments as for ``project``."""
     n = len(matrix)
     for i in range(n):
         for j in range(i + 1):
@@ -161,7 +161,7 @@ def face_resistance(routines: Index, matrix: Array, picked: Index) -> float:
         line = matrix[picked[i]]
         for j in range(i + 1):
             root[i, j] = line[picked[j]]
-    fortran(routines[0], (UPPER, n, root.ctypes.data, n, info.ctypes.data))
+    fortran(routines[POTRF], (UPPER, n, root.ctypes.data, n, info.ctypes.data))
     if info[0] != 0:
         return -1.0
     solved, total = np.empty(n), 0.0  # |L^-1 1|^2

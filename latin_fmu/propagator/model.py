@@ -120,15 +120,15 @@ class OperatorPattern:
 
 def _picked(numbers: sp.csr_array, pattern: sp.csr_array) -> Index:
     """Where the entries of a pattern are among those of a larger one, which holds 1, 2, 3, ..."""
-    found: Index = numbers.multiply(pattern).tocsr().data.astype(np.int64) - 1
-    return found
+    places: Index = numbers.multiply(pattern).tocsr().data.astype(np.int64) - 1
+    return places
 
 
 def with_data(matrix: sp.csr_array, data: Array) -> sp.csr_array:
     """A matrix of the same pattern, which it shares: nothing is checked or sorted again."""
-    found = copy.copy(matrix)
-    found.data = data
-    return found
+    other = copy.copy(matrix)
+    other.data = data
+    return other
 
 
 @dataclass(frozen=True)
@@ -253,7 +253,7 @@ class SubstructureModel:
 
     @cached_property
     def at_interface(self) -> tuple[NDArray[np.int64], sp.csr_array, Array | None]:
-        """Reduced dofs that the channels see (n_gamma,), the trace from them (n_channel, n_gamma), and the elimination
+        """Reduced dofs on the interfaces (n_gamma,), the trace from them (n_channel, n_gamma), and the elimination
         rank of the reduced dofs (n,) where the ordering is known."""
         trace = sp.csc_array(self.reduced_trace)
         dofs = np.flatnonzero(np.diff(trace.indptr)).astype(np.int64)
@@ -311,7 +311,7 @@ def reduced_rank(expansion: sp.csr_array, rank: Array) -> Array:
 
 
 def share_patterns(models: Sequence[SubstructureModel]) -> None:
-    """Let models whose reduced matrices have equal patterns hold them once (values stay their own)."""
+    """Make models whose reduced matrices have equal patterns share these (values stay their own)."""
     known: dict[tuple[int, ...], list[SubstructureModel]] = {}
     for model in models:
         matrices = _present(model)

@@ -1,12 +1,12 @@
-"""Reduced propagator: a few vibration modes and exact static answers instead of the mesh (``reduction``).
+"""Reduced propagator: a few vibration modes and exact static responses instead of the mesh (``reduction``).
 
 In Ritz coordinates the mass is the unit matrix and the stiffness diagonal, so that one instant is two products with
 the dense trace and a few operations on vectors; the time scheme is that of the scene. Prescribed motions are
 coordinates of their own: the reduced substructure is a ``SubstructureModel`` with the Ritz vectors for ``nodal``
 values, and loads, energies and histories work on it as on any other.
 
-The error stated: the Ritz vectors beyond the modes answer statics exactly and stand, each with a frequency of its own,
-for all modes left out. Their share in the interface velocity (root mean square over the run) is what the mesh would
+Error estimate: the Ritz vectors beyond the modes are exact in statics and represent, each with a frequency of its own,
+all modes left out. Their share in the interface velocity (root mean square over the run) is what the mesh would
 spread over many modes; measured on crushed blocks it is 1.4 to 6 times the error of that velocity, and 9 to 100 times
 that of the contact force.
 """
@@ -164,8 +164,8 @@ def reduced_members(members: Sequence[SubstructureModel], n_mode: int) -> list[S
     m, n_motion = basis.shape[1], model.imposed_pattern.shape[1]
 
     def projected(matrix: sp.csr_array) -> Array:
-        found: Array = shapes.T @ (matrix @ shapes)
-        return 0.5 * (found + found.T)
+        product: Array = shapes.T @ (matrix @ shapes)
+        return 0.5 * (product + product.T)
 
     mass, stiffness = projected(model.inertia), projected(model.stiffness)
     mass[:m, :m] = np.eye(m)  # but for round-off

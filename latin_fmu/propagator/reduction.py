@@ -1,13 +1,13 @@
-"""Component mode synthesis of one substructure: a few vibration modes, and exact static answers at the interfaces.
+"""Component mode synthesis of one substructure: a few vibration modes, and exact static responses at the interfaces.
 
 The basis holds (Rubin 1975, Craig and Bampton 1968 in the free-interface form)
 
     R      the rigid motions the conditions leave, K R = 0
     Phi    the lowest elastic modes of the substructure with free interfaces, K phi = lambda M phi
-    X      the static answer to every traction shape and every load, K x = b - M R R^T b (inertia relief)
+    X      the static response to every traction shape and every load, K x = b - M R R^T b (inertia relief)
 
 and is turned into Ritz vectors: mass-orthonormal, stiffness diagonal. Modes that no shape, no load and no initial
-value can excite are left out: they stay at rest. A constraint mode of an interface dof is a sum of static answers and
+value can excite are left out: they stay at rest. A constraint mode of an interface dof is a sum of static responses and
 rigid motions, so that with one shape per channel the span holds that of Craig and Bampton's constraint modes.
 """
 
@@ -23,16 +23,17 @@ import scipy.sparse.linalg as spla
 from ..cholesky.factor import interface_factor
 from .model import Array, SubstructureModel, reduced_rank
 
-SILENT = 1e-9  # cosine between a mode and what excites it: below, the mode stays at rest
+_EXCITED = 1e-9  # cosine between a mode and a force, below which the mode stays at rest
 _DENSE = 1500  # dofs up to which every mode is computed
 _SHIFT = 1e-7  # of trace(K) / trace(M): far below the first elastic eigenvalue, far above round-off
 _RIGID = 1e-3  # of the shift: eigenvalues below are rigid motions
-_CHOICE = 4  # low modes among which the strongest are looked for, times the wanted number
-_REFINEMENTS, _EXACT = 60, 1e-13  # of static answers: each takes off the shift over the first eigenvalue
+_CHOICE = 4  # low modes among which the strongest are chosen, times their number
+_REFINEMENTS, _EXACT = 60, 1e-13  # of static responses: each takes off the shift over the first eigenvalue
+_DEPENDENT = 1e-9  # squared norm of what a static response adds to the basis, against its own
 
 
 class Vibration:
-    """Stiffness and mass of the free dofs, (n, n), and one factor for modes and static answers: that of K + shift M.
+    """Stiffness and mass of the free dofs, (n, n), and one factor for modes and static responses: that of K + shift M.
 
     rank : (n,) elimination order of the dofs, or None.
     """
@@ -66,21 +67,21 @@ class Vibration:
         return solved
 
     def static(self, rigid: Array, forces: Array) -> Array:
-        """Static answers to forces (n, n_force), orthogonal to the rigid motions in the mass.
+        """Static responses to forces (n, n_force), orthogonal to the rigid motions in the mass.
 
         K x = b - M R R^T b, R^T M x = 0: a free body is accelerated by what is not in balance (inertia relief).
         """
         pulled = self.mass @ rigid
         balanced = forces - pulled @ (rigid.T @ forces)
         largest = np.abs(balanced).max(initial=0.0)
-        found: Array = np.zeros_like(forces)
+        x: Array = np.zeros_like(forces)
         for _ in range(_REFINEMENTS):
-            left = balanced - self.stiffness @ found
+            left = balanced - self.stiffness @ x
             if np.abs(left).max(initial=0.0) <= _EXACT * largest:
                 break
-            found = found + self._factor.solve(left)
-            found = found - rigid @ (pulled.T @ found)
-        return found
+            x = x + self._factor.solve(left)
+            x = x - rigid @ (pulled.T @ x)
+        return x
 
 
 def lowest_modes(body: Vibration, n_mode: int, excited: Array) -> tuple[Array, Array]:
@@ -92,14 +93,14 @@ def lowest_modes(body: Vibration, n_mode: int, excited: Array) -> tuple[Array, A
     while True:
         rigid, _, elastic = body.modes(wanted)
         share = np.abs(elastic.T @ excited) / np.linalg.norm(elastic, axis=0)[:, None]
-        heard = share.max(axis=1, initial=0.0) > SILENT
-        if heard.sum() >= n_mode or rigid.shape[1] + len(heard) == body.n:
-            return rigid, elastic[:, heard][:, :n_mode]
+        excitable = share.max(axis=1, initial=0.0) > _EXCITED
+        if excitable.sum() >= n_mode or rigid.shape[1] + len(excitable) == body.n:
+            return rigid, elastic[:, excitable][:, :n_mode]
         wanted *= 2
 
 
 def strongest_modes(body: Vibration, n_mode: int, forces: Array) -> tuple[Array, Array]:
-    """Rigid motions and the low elastic modes with the largest share in the static answer to any of the forces.
+    """Rigid motions and the low elastic modes with the largest share in the static response to any of the forces.
 
     forces : (n, n_force). The share of mode phi is (phi . b)^2 / lambda, against the sum of these over all low modes.
     """
@@ -108,10 +109,7 @@ def strongest_modes(body: Vibration, n_mode: int, forces: Array) -> tuple[Array,
     total = shares.sum(axis=0)
     strength = (shares[:, total > 0.0] / total[total > 0.0]).max(axis=1, initial=0.0)
     best = np.sort(np.argsort(-strength, kind="stable")[:n_mode])
-    return rigid, elastic[:, best[strength[best] > SILENT**2]]
-
-
-_DEPENDENT = 1e-9  # squared norm of what a static answer adds to the basis, against its own
+    return rigid, elastic[:, best[strength[best] > _EXCITED**2]]
 
 
 @dataclass(frozen=True)
@@ -155,7 +153,7 @@ def reduce_model(
     ----------
     model : every free direction must carry mass.
     n_mode : number of elastic modes; fewer where the mesh has fewer. >= 0.
-    shapes : (n_channel, n_shape) tractions on the channels, Pa, whose static answers are exact; None: one shape per
+    shapes : (n_channel, n_shape) tractions on the channels, Pa, whose static responses are exact; None: one shape per
         channel, all of them.
     exciting : (n_channel, n_shape) tractions, Pa; given, the modes are those of the low ones that these and the loads
         excite most, None: the lowest that can be excited at all. A slender bar hit at its end has many bending modes
@@ -188,7 +186,7 @@ def reduce_model(
     kept = np.column_stack([rigid, modes])
     elastic = np.column_stack([modes, _added(body.static(rigid, forces), kept, mass)])
     eigenvalues, turn = la.eigh(elastic.T @ (stiffness @ elastic))
-    q = np.column_stack([_leaning(rigid, excited), elastic @ turn])
+    q = np.column_stack([_excitable(rigid, excited), elastic @ turn])
     q = q * _signs(q)
     full = e @ q
     return ReducedModel(
@@ -204,12 +202,12 @@ def reduce_model(
 
 
 def _forces(model: SubstructureModel, shapes: Array | None) -> Array:
-    """Forces on the free dofs whose static answers are wanted, (n, n_force)."""
+    """Forces on the free dofs whose static responses the basis holds, (n, n_force)."""
     given = np.eye(model.channel_area.size) if shapes is None else shapes
     columns = model.trace.T @ (model.channel_area[:, None] * given)
     moved = [matrix @ model.imposed_pattern for matrix in (model.stiffness, model.inertia)]
-    found: Array = model.expansion.T @ np.column_stack([columns, *moved, *(t.pattern for t in model.loads)])
-    return _unit(found)
+    forces: Array = model.expansion.T @ np.column_stack([columns, *moved, *(t.pattern for t in model.loads)])
+    return _unit(forces)
 
 
 def _unit(columns: Array) -> Array:
@@ -219,17 +217,17 @@ def _unit(columns: Array) -> Array:
     return kept
 
 
-def _leaning(rigid: Array, excited: Array) -> Array:
+def _excitable(rigid: Array, excited: Array) -> Array:
     """Rigid motions that can be excited: a mass-orthonormal basis of theirs."""
     if not rigid.shape[1] or not excited.shape[1]:
         return rigid[:, :0]
     turned, strength, _ = la.svd(rigid.T @ excited, full_matrices=False)
-    leaning: Array = rigid @ turned[:, strength > SILENT * np.linalg.norm(rigid, axis=0).max()]
-    return leaning
+    excitable: Array = rigid @ turned[:, strength > _EXCITED * np.linalg.norm(rigid, axis=0).max()]
+    return excitable
 
 
 def _added(static: Array, kept: Array, mass: sp.csr_array) -> Array:
-    """Mass-orthonormal vectors that static answers add to a basis, dependent ones dropped."""
+    """Mass-orthonormal vectors that static responses add to a basis, dependent ones dropped."""
     own = np.sqrt(np.einsum("ij,ij->j", static, mass @ static))
     if not own.any():
         return static[:, :0]

@@ -41,7 +41,7 @@ Largest = Callable[[sp.csr_array, Array], float]
 
 
 class StableStep:
-    """What steps are stable, s; nothing is computed before it is asked for.
+    """Which time steps are stable, s; computed at the first use.
 
     Parameters
     ----------

@@ -6,7 +6,7 @@ With W = T (u_{n+1} - u_n) / dt and the linear stage F = q - k W, (12)-(14) with
 
 whose operator is regular for a floating body too. The whole load f_{n+1} is balanced at every increment, so that what
 one increment leaves unbalanced is not carried on. An instant ends with the incoming quantity q: tractions alone do not
-tell where a floating body stands. The steps stand in ``kernels.substructure``.
+do not determine where a floating body is. The steps stand in ``kernels.substructure``.
 
 K alone is singular where a body floats. The factor is that of K with springs k_0 on the interface,
 
@@ -39,15 +39,15 @@ from .model import Array, Index, SubstructureModel, reduced_rank
 
 @dataclass(frozen=True)
 class StaticOperators:
-    """Reduced stiffness, its factor and the compliance seen by the interfaces, for one length of increment.
+    """Reduced stiffness, its factor and the compliance at the interfaces, for one length of increment.
 
     Attributes
     ----------
     stiffness : reduced (n, n), N m-1. factor : of K with springs, interface dofs last. dofs : (n_gamma,) interface
         dofs. trace : (n_channel, n_gamma) from interface dofs to channels. spread : its transpose.
     area : (n_channel,), m2.
-    springs : (n_channel,) k_0, Pa m-1. diagonal : (n_channel,) stiffness per area that each channel sees when the
-        others are held, Pa m-1.
+    springs : (n_channel,) k_0, Pa m-1. diagonal : (n_channel,) stiffness per area at each channel with the
+        others held, Pa m-1.
     compliance : (n_channel, n_channel) velocities of the channels per unit of nodal force, m s-1 N-1, of the body on
         its springs: D of one instant does not exist for a floating body, (D^-1 + k_0)^-1 always does.
     """

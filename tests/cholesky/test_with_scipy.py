@@ -45,7 +45,6 @@ def test_forward_and_backward_make_one_solve(matrix: sp.csr_array, response: boo
     x_last = factor.schur_inverse @ c
     np.testing.assert_allclose(x_last, expected[last], atol=1e-10 * np.abs(expected).max())
     np.testing.assert_allclose(factor.backward(y, x_last), expected, atol=1e-10 * np.abs(expected).max())
-    assert factor.nbytes > 0
 
 
 @pytest.mark.usefixtures("response")

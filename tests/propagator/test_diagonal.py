@@ -7,7 +7,7 @@ import pytest
 import scipy.sparse as sp
 
 from latin_fmu.cholesky.factor import DiagonalFactor
-from latin_fmu.propagator.interface_matrices import condensed, seen_of_diagonal
+from latin_fmu.propagator.interface_matrices import condensed, projected_diagonal
 from latin_fmu.propagator.model import diagonal_matrix, lumped, reduced_diagonal
 
 
@@ -32,7 +32,7 @@ def test_channels_see_a_diagonal(kind: str) -> None:
     if kind == "mixed":
         dense[4, [0, 5]] = [0.6, 0.8]
     diagonal = np.random.default_rng(1).uniform(0.5, 2.0, 8)
-    found = seen_of_diagonal(sp.csr_array(dense), 0.3, diagonal)
+    found = projected_diagonal(sp.csr_array(dense), 0.3, diagonal)
     np.testing.assert_allclose(found, 0.3 * dense @ np.diag(diagonal) @ dense.T, atol=1e-15)
     dashpots = np.array([0.0, 3.0, 1.0, 0.5, 2.0])
     expected = np.linalg.solve(np.eye(5) + found * dashpots, found)

@@ -8,7 +8,7 @@ import scipy.sparse as sp
 
 from latin_fmu.errors import SolverError
 from latin_fmu.propagator import interface_matrices
-from latin_fmu.propagator.interface_matrices import resistance, seen_by_channels, with_dashpots
+from latin_fmu.propagator.interface_matrices import projected, resistance, with_dashpots
 
 Array = np.ndarray
 
@@ -47,7 +47,7 @@ def test_seen_by_channels(kind: str, n_channel: int, n: int) -> None:
     if n_channel < 2:
         kind = "mixed"
     matrix, t = definite(n, 1), trace(n_channel, n, kind)
-    found = seen_by_channels(t, 0.7, matrix)
+    found = projected(t, 0.7, matrix)
     expected = 0.7 * t.toarray() @ matrix @ t.toarray().T
     np.testing.assert_allclose(found, expected, atol=1e-13 * np.abs(expected).max(initial=1.0))
     np.testing.assert_array_equal(found, found.T)
@@ -60,7 +60,7 @@ def test_with_dashpots_is_the_condensed_compliance(kind: str, n_channel: int, n:
     schur, t = definite(n, 2), trace(n_channel, n, kind)
     dashpots = np.random.default_rng(3).uniform(0.0, 5.0, n_channel)
     dashpots[::4] = 0.0
-    compliance = seen_by_channels(t, 0.3, np.linalg.inv(schur))
+    compliance = projected(t, 0.3, np.linalg.inv(schur))
     found = with_dashpots(t, 0.3, schur, dashpots)
     expected = np.linalg.solve(np.eye(n_channel) + compliance * dashpots, compliance)
     np.testing.assert_allclose(found, expected, atol=1e-11 * np.abs(expected).max())
