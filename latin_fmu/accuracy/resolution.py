@@ -128,10 +128,10 @@ def aligned(scene: Scene, factor: float) -> float:
 
 def _jumps(scene: Scene) -> list[float]:
     """Instants inside the interval at which a load jumps, s."""
-    found = set()
+    jumps = set()
     for load in scene.load.values():
         if isinstance(load.law, StepLaw | RectangularPulseLaw):
-            found.add(load.law.start)
+            jumps.add(load.law.start)
         if isinstance(load.law, RectangularPulseLaw):
-            found.add(load.law.start + load.law.duration)
-    return sorted(t for t in found if 0.0 < t < scene.time.end)
+            jumps.add(load.law.start + load.law.duration)
+    return sorted(t for t in jumps if 0.0 < t < scene.time.end)

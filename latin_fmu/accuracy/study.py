@@ -66,20 +66,20 @@ def variants_of(scene: Scene) -> list[Variant]:
     short = in_short_windows(scene)
     own = (scene.time.scheme.type, scene.solver.propagator.type)
     whole = unreduced(scene)
-    found = [] if whole is None else [whole]
-    found += [
+    variants = [] if whole is None else [whole]
+    variants += [
         _changed(short, tag, {"time": {"scheme": tag}, "solver": {"propagator": "automatic"}})
         for tag in _tags(Time, "scheme")
         if tag != own[0] and "static" not in tag
     ]
-    found += [
+    variants += [
         _changed(short, tag, {"solver": {"propagator": tag}})
         for tag in _tags(Solver, "propagator")
         if tag not in ("automatic", "direct", "explicit", own[1])
     ]
     if scene.solver.window == WHOLE:
-        found.append(Variant(AS_WRITTEN, scene))
-    return found
+        variants.append(Variant(AS_WRITTEN, scene))
+    return variants
 
 
 def directions_of(scene: Scene) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import xarray as xr
@@ -12,7 +12,7 @@ from ..results.dataset import provenance
 from ..results.groups import CONVENTIONS
 from ..results.quantities_of_interest import FLOOR, FORCE_HISTORY, QUANTITIES_OF_INTEREST, definition_of
 from ..results.summary import percent
-from .study import TIGHT, TOGETHER, TOLERANCE, Row, Study
+from .study import TIGHT, TOGETHER, TOLERANCE, Study
 from .study_report import sources, useful_tolerances
 
 if TYPE_CHECKING:
@@ -53,67 +53,62 @@ def _runs(study: Study) -> xr.Dataset:
     table["quantity_unit"] = ("quantity", _texts([definition_of(q).unit for q in quantities]))
     for name, text in (("series", "series of the study"), ("variant", "scheme"), ("failure", "reason of a failure")):
         table[name] = ("run", _texts([getattr(r, name) for r in rows]), {"long_name": text})
-    numbers: dict[str, tuple[list[float], str, str]] = {
-        "mesh": ([r.resolution.mesh for r in rows], "1", "elements per length, relative to the scene"),
-        "steps": ([r.resolution.time for r in rows], "1", "steps per time, relative to the scene"),
-        "tolerance": ([r.tolerance for r in rows], "1", "tolerance on sqrt(eta)"),
-        "iterations": ([_of(r, lambda run: run.iterations[0]) for r in rows], "1", "mean iterations of a window"),
-        "passes": ([_of(r, lambda run: run.passes) for r in rows], "1", "substructure-instants solved over all"),
-        "cpu": ([_of(r, lambda run: run.cpu) for r in rows], "s", "CPU time, set-up included, output not"),
-    }
-    for part in ("setup", "march", "other", "output"):
-        seconds = [_of(r, lambda run, part=part: getattr(run.timings, part)) for r in rows]
-        numbers[f"cpu_{part}"] = (seconds, "s", f"CPU time: {part.replace('_', ' ')}")
-    for name, (values, unit, meaning) in numbers.items():
-        table[name] = ("run", np.array(values, dtype=float), {"units": unit, "long_name": meaning})
-    errors = np.array([[study.error(r, q) for q in quantities] for r in rows]).reshape(len(rows), len(quantities))
-    table["error"] = (("run", "quantity"), errors, {"units": "1", "long_name": "relative error"})
-    read = [[_of(r, lambda run, q=q: run.quantities.values.get(q, np.nan)) for q in quantities] for r in rows]
-    table["value"] = (
-        ("run", "quantity"),
-        np.array(read, dtype=float).reshape(errors.shape),
-        {"long_name": "value, in its unit"},
-    )
+    numbers: list[tuple[str, list[float], str, str]] = [
+        ("mesh", [r.resolution.mesh for r in rows], "1", "elements per length, relative to the scene"),
+        ("steps", [r.resolution.time for r in rows], "1", "steps per time, relative to the scene"),
+        ("tolerance", [r.tolerance for r in rows], "1", "tolerance on sqrt(eta)"),
+        ("iterations", [r.run.iterations[0] if r.run else np.nan for r in rows], "1", "mean iterations of a window"),
+        ("passes", [r.run.passes if r.run else np.nan for r in rows], "1", "substructure-instants solved over all"),
+        ("cpu", [r.run.cpu if r.run else np.nan for r in rows], "s", "CPU time, set-up included, output not"),
+    ]
+    for part, _ in _PARTS:
+        seconds = [getattr(r.run.timings, part) if r.run else np.nan for r in rows]
+        numbers.append((f"cpu_{part}", seconds, "s", f"CPU time: {part}"))
+    for name, values, unit, long_name in numbers:
+        _add(table, name, ("run",), values, long_name, unit)
+    dims = ("run", "quantity")
+    _add(table, "error", dims, [study.error(r, q) for r in rows for q in quantities], "relative error")
+    read = [r.run.quantities.values.get(q, np.nan) if r.run else np.nan for r in rows for q in quantities]
+    _add(table, "value", dims, read, "value, in its unit", None)
     return table
 
 
-def _of(row: Row, read: Any) -> float:
-    return float("nan") if row.run is None else float(read(row.run))
+def _add(
+    table: xr.Dataset, name: str, dims: tuple[str, ...], values: list[float], long_name: str, unit: str | None = "1"
+) -> None:
+    """Add a variable whose values (flat, in the order of ``dims``) fill the sizes that the table has."""
+    sizes = [table.sizes.get(dim, -1) for dim in dims]
+    attributes = {"long_name": long_name} | ({} if unit is None else {"units": unit})
+    table[name] = (dims, np.array(values, dtype=float).reshape(sizes), attributes)
 
 
 def _sources(study: Study) -> xr.Dataset:
     split = [sources(study, q) for q in study.quantities]
     table = xr.Dataset(coords={"quantity": _texts(study.quantities)})
     for name in _SOURCES:
-        what = "observed order, " + name[6:] if name.startswith("order") else f"relative error, {name}"
-        attributes = {"units": "1", "long_name": what}
-        table[name] = ("quantity", np.array([getattr(s, name) for s in split], dtype=float), attributes)
+        long_name = "observed order, " + name[6:] if name.startswith("order") else f"relative error, {name}"
+        _add(table, name, ("quantity",), [getattr(s, name) for s in split], long_name)
     return table
 
 
 def _tolerances(study: Study) -> xr.Dataset:
     useful = {q: useful_tolerances(study, q) for q in study.quantities}
-    meshes = sorted({m for table in useful.values() for m in table})
-    values = [[table.get(m, np.nan) for m in meshes] for table in useful.values()]
+    meshes = sorted({m for by_mesh in useful.values() for m in by_mesh})
     table = xr.Dataset(coords={"quantity": _texts(study.quantities), "mesh": np.array(meshes, dtype=float)})
     table["mesh"].attrs.update(units="1", long_name="refinement factor of the mesh")
-    table["useful_tolerance"] = (
-        ("quantity", "mesh"),
-        np.array(values, dtype=float).reshape(len(useful), len(meshes)),
-        {"units": "1", "long_name": "tolerance on sqrt(eta) below which the iteration error is negligible"},
-    )
+    values = [by_mesh.get(m, np.nan) for by_mesh in useful.values() for m in meshes]
+    long_name = "tolerance on sqrt(eta) below which the iteration error is negligible"
+    _add(table, "useful_tolerance", ("quantity", "mesh"), values, long_name)
     return table
 
 
 def _windows(study: Study) -> xr.Dataset:
     lengths = list(dict.fromkeys(length for length, _ in study.windows))
     directions = list(dict.fromkeys(direction for _, direction in study.windows))
-    missing = (np.nan, np.nan)
-    cube = np.array([[study.windows.get((n, d), missing) for d in directions] for n in lengths], dtype=float)
     table = xr.Dataset(coords={"window": _texts(lengths), "search_direction": _texts(directions)})
-    for i, (name, meaning) in enumerate((("iterations", "mean iterations of a window"), ("passes", "passes"))):
-        attributes = {"units": "1", "long_name": meaning}
-        table[name] = (("window", "search_direction"), cube[:, :, i], attributes)
+    counts = [study.windows.get((n, d), (np.nan, np.nan)) for n in lengths for d in directions]
+    for i, (name, long_name) in enumerate((("iterations", "mean iterations of a window"), ("passes", "passes"))):
+        _add(table, name, ("window", "search_direction"), [pair[i] for pair in counts], long_name)
     return table
 
 
@@ -170,11 +165,9 @@ def work_precision(axes: Axes, study: Study, quantity: str) -> None:
     axes.axhline(100 * FLOOR, color="0.6", linewidth=0.8, linestyle=":")
     axes.set_xscale("log")
     axes.set_yscale("log")
-    axes.set_xlabel("CPU time (s)", fontsize=8)
-    axes.set_ylabel("relative error (%)", fontsize=8)
-    axes.set_title(quantity + (" (L2)" if definition_of(quantity) is FORCE_HISTORY else ""), fontsize=9)
+    title = quantity + (" (L2)" if definition_of(quantity) is FORCE_HISTORY else "")
+    _label(axes, "CPU time (s)", "relative error (%)", title)
     axes.grid(color="0.92", which="both")
-    axes.tick_params(labelsize=7)
     axes.legend(fontsize=6)
 
 
@@ -193,22 +186,21 @@ def tolerance_map(axes: Axes, study: Study, quantity: str) -> None:
         image = axes.imshow(np.log10(np.maximum(table, 1e-5)), aspect="auto", cmap="viridis_r", origin="lower")
         axes.figure.colorbar(image, ax=axes, label="log10 relative error").ax.tick_params(labelsize=7)
         for i, j in np.ndindex(*table.shape):
-            axes.text(
-                j,
-                i,
-                percent(float(table[i, j])),
-                ha="center",
-                va="center",
-                fontsize=7,
-                color="white",
-                bbox={"facecolor": "black", "alpha": 0.35, "pad": 1, "linewidth": 0},
-            )
+            box = {"facecolor": "black", "alpha": 0.35, "pad": 1, "linewidth": 0}
+            style = {"ha": "center", "va": "center", "fontsize": 7, "color": "white", "bbox": box}
+            axes.text(j, i, percent(float(table[i, j])), style)
         _line(axes, [useful[m] for m in meshes], tolerances)
-    axes.set_xticks(range(len(tolerances)), [f"{t:g}" for t in tolerances], fontsize=7)
-    axes.set_yticks(range(len(meshes)), [f"x {m:.2g}" for m in meshes], fontsize=7)
-    axes.set_xlabel("tolerance on sqrt(eta)", fontsize=8)
-    axes.set_ylabel("mesh and steps", fontsize=8)
-    axes.set_title(f"{quantity}: right of the line\nthe iteration error is negligible", fontsize=8)
+    axes.set_xticks(range(len(tolerances)), [f"{t:g}" for t in tolerances])
+    axes.set_yticks(range(len(meshes)), [f"x {m:.2g}" for m in meshes])
+    title = f"{quantity}: right of the line\nthe iteration error is negligible"
+    _label(axes, "tolerance on sqrt(eta)", "mesh and steps", title, size=8)
+
+
+def _label(axes: Axes, x: str, y: str, title: str, size: int = 9) -> None:
+    axes.set_xlabel(x, fontsize=8)
+    axes.set_ylabel(y, fontsize=8)
+    axes.set_title(title, fontsize=size)
+    axes.tick_params(labelsize=7)
 
 
 def _line(axes: Axes, useful: Sequence[float], tolerances: Sequence[float]) -> None:
@@ -226,13 +218,10 @@ def iterations(axes: Axes, study: Study) -> None:
     for mark, direction in zip(_MARKS, directions, strict=False):
         passes = [study.windows.get((n, direction), (np.nan, np.nan))[1] for n in lengths]
         axes.plot(range(len(lengths)), passes, marker=mark, markersize=4, linewidth=1.2, label=direction)
-    axes.set_xticks(range(len(lengths)), lengths, fontsize=7)
+    axes.set_xticks(range(len(lengths)), lengths)
     axes.set_ylim(bottom=0)
-    axes.set_xlabel("instants in a window", fontsize=8)
-    axes.set_ylabel("passes", fontsize=8)
-    axes.set_title("iterations, counted as marches of all substructures", fontsize=9)
+    _label(axes, "instants in a window", "passes", "iterations, counted as sweeps over all substructures")
     axes.grid(color="0.92")
-    axes.tick_params(labelsize=7)
     if directions:
         axes.legend(fontsize=6)
 
@@ -248,11 +237,8 @@ def cost_split(axes: Axes, study: Study) -> None:
     for i, (_, name) in enumerate(_PARTS):
         axes.bar(range(len(rows)), shares[:, i], bottom=bottom, label=name, width=0.7)
         bottom += shares[:, i]
-    axes.set_xticks(range(len(rows)), labels, fontsize=7)
-    axes.set_xlabel("mesh and steps", fontsize=8)
-    axes.set_ylabel("share of CPU time (%)", fontsize=8)
-    axes.set_title("where the time goes", fontsize=9)
-    axes.tick_params(labelsize=7)
+    axes.set_xticks(range(len(rows)), labels)
+    _label(axes, "mesh and steps", "share of CPU time (%)", "parts of the CPU time")
     axes.set_ylim(0, 122)
     axes.legend(fontsize=6, loc="upper center", ncols=3)
 

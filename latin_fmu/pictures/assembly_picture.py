@@ -245,10 +245,10 @@ def _arrow(
 def _middle(bodies: Mapping[str, Body], face: str) -> tuple[Array, Array]:
     """Centre of a face, m, and its mean normal."""
     name, face_name = split_face(face)
-    found = bodies[name].face(face_name)
-    weights = np.linalg.norm(found.vector_areas, axis=1)
-    centre = weights @ bodies[name].mesh.nodes[found.nodes] / weights.sum()
-    normal = found.vector_areas.sum(axis=0)
+    facets = bodies[name].face(face_name)
+    weights = np.linalg.norm(facets.vector_areas, axis=1)
+    centre = weights @ bodies[name].mesh.nodes[facets.nodes] / weights.sum()
+    normal = facets.vector_areas.sum(axis=0)
     return centre, normal / max(float(np.linalg.norm(normal)), 1e-300)
 
 
@@ -257,10 +257,10 @@ def _legend(figure: Figure, assembly: _Assembly, tints: Mapping[str, str], stron
 
     parts = [_Item(tints[n], f"{n} ({b.description.material})") for n, b in assembly.bodies.items()]
     joints = [_Item(strong[joint.name], joint.text) for joint in assembly.joints]
-    kinds: dict[str, list[str]] = {}
+    by_type: dict[str, list[str]] = {}
     for name, boundary in assembly.scene.boundary.items():
-        kinds.setdefault(boundary.type, []).append(name)
-    held = [_Item(SUPPORTS[kind], f"{kind}: {_few(names)}") for kind, names in kinds.items()]
+        by_type.setdefault(boundary.type, []).append(name)
+    held = [_Item(SUPPORTS[support], f"{support}: {_few(names)}") for support, names in by_type.items()]
     items = [*_shortened(parts, "parts"), *_shortened(joints, "interfaces"), *held]
     handles = [Patch(facecolor=item.colour, edgecolor="0.3", linewidth=0.5, label=item.text) for item in items]
     columns = 4 if max(len(item.text) for item in items) < 30 else 3

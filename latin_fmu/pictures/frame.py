@@ -62,13 +62,13 @@ def _cut_facets(skin: Skin, view: View, piece: float) -> tuple[Array, Array]:
     corners = skin.points[skin.facets[front]]
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1, initial=0.0)
     cuts = np.clip(np.ceil(longest / piece), 1, _MOST_CUTS).astype(int)
-    found, rows = [np.zeros((0, 4, 3))], [np.zeros(0, dtype=np.int64)]
+    pieces, rows = [np.zeros((0, 4, 3))], [np.zeros(0, dtype=np.int64)]
     for n in np.unique(cuts):
         chosen = cuts == n
         grid = _bilinear(corners[chosen], int(n))
-        found.append(grid.reshape(-1, 4, 3))
+        pieces.append(grid.reshape(-1, 4, 3))
         rows.append(np.repeat(front[chosen], n * n))
-    return np.concatenate(found), np.concatenate(rows)
+    return np.concatenate(pieces), np.concatenate(rows)
 
 
 def _bilinear(corners: Array, n: int) -> Array:
@@ -88,15 +88,15 @@ def _cut_edges(skin: Skin, view: View, piece: float) -> tuple[Array, Array]:
     ends = skin.points[edges]
     longest = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
     cuts = np.clip(np.ceil(longest / piece), 1, _MOST_CUTS).astype(int)
-    found, strengths = [np.zeros((0, 4, 3))], [np.zeros(0)]
+    pieces, strengths = [np.zeros((0, 4, 3))], [np.zeros(0)]
     for n in np.unique(cuts):
         chosen = cuts == n
         t = np.linspace(0.0, 1.0, n + 1)[None, :, None]
         points = (1 - t) * ends[chosen, :1] + t * ends[chosen, 1:]
         a, b = points[:, :-1], points[:, 1:]
-        found.append(np.stack([a, b, b, a], axis=2).reshape(-1, 4, 3))
+        pieces.append(np.stack([a, b, b, a], axis=2).reshape(-1, 4, 3))
         strengths.append(np.repeat(strength[chosen], n))
-    return np.concatenate(found), np.concatenate(strengths)
+    return np.concatenate(pieces), np.concatenate(strengths)
 
 
 _MARGIN: Final = 0.06  # of the largest size, between bodies and axes

@@ -61,14 +61,14 @@ def result_figure(
 def _bodies(tree: xr.DataTree) -> dict[str, xr.Dataset]:
     """Substructures with displacements and meshes."""
     children = tree["substructures"].children if "substructures" in tree.children else {}
-    found = {name: node.to_dataset() for name, node in children.items()}
-    found = {name: d for name, d in found.items() if "displacement" in d and "cell_nodes" in d}
-    if not found:
+    bodies = {name: node.to_dataset() for name, node in children.items()}
+    bodies = {name: d for name, d in bodies.items() if "displacement" in d and "cell_nodes" in d}
+    if not bodies:
         problem = Problem(
             "substructures", "the results hold no displacements of bodies", remedy="run with --set output.fields=true"
         )
         raise ResultsError([problem], "nothing to draw")
-    return found
+    return bodies
 
 
 def _interface(tree: xr.DataTree, name: str | None) -> str | None:

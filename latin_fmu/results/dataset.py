@@ -25,6 +25,7 @@ from __future__ import annotations
 
 import platform
 import re
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -57,18 +58,18 @@ class Recovered:
 
     def columns(self, history: SubstructureHistory) -> Columns:
         """Variables of the dataset of the substructure."""
-        found: Columns = {}
+        columns: Columns = {}
         if self.strain and history.displacement is not None:
             strain = self.recovery.strain(history.displacement)
-            found["strain"] = (("time", "cell", "strain_component"), strain)
+            columns["strain"] = (("time", "cell", "strain_component"), strain)
         if self.principal_stress and history.stress is not None:
-            found["principal_stress"] = (("time", "cell", "principal"), principal(history.stress))
+            columns["principal_stress"] = (("time", "cell", "principal"), principal(history.stress))
         if self.nodal_stress and history.displacement is not None:
             stress = self.recovery.nodal_stress(history.displacement)
-            found["nodal_stress"] = (("time", "node", "stress_component"), stress)
+            columns["nodal_stress"] = (("time", "node", "stress_component"), stress)
             if self.principal_stress:
-                found["nodal_principal_stress"] = (("time", "node", "principal"), principal(stress))
-        return found
+                columns["nodal_principal_stress"] = (("time", "node", "principal"), principal(stress))
+        return columns
 
 
 LABELS: Final[Mapping[str, Any]] = {
@@ -87,9 +88,8 @@ PAPER = (
 
 def package_version() -> str:
     """Version of this package."""
-    from .. import __version__  # not at the top: the package imports this module before it knows its version
-
-    return __version__
+    version: str = sys.modules[__name__.rsplit(".", 2)[0]].__version__  # of the package, loaded before its modules
+    return version
 
 
 def provenance() -> dict[str, str]:

@@ -76,10 +76,10 @@ class Group:
 
     def sizes(self) -> dict[str, int]:
         """Length of every dimension, in the order of the variables."""
-        found: dict[str, int] = {}
+        sizes: dict[str, int] = {}
         for variable in self.variables.values():
-            found.update(zip(variable.dims, variable.values.shape, strict=True))
-        return found
+            sizes.update(zip(variable.dims, variable.values.shape, strict=True))
+        return sizes
 
 
 def _by_depth(paths: Iterable[str]) -> list[str]:
@@ -89,8 +89,8 @@ def _by_depth(paths: Iterable[str]) -> list[str]:
         return len(PurePosixPath(path).parts)
 
     given = sorted(paths, key=depth)
-    found = {str(p): None for path in given for p in (*reversed(PurePosixPath(path).parents), path)}
-    return sorted(found, key=depth)
+    every = {str(p): None for path in given for p in (*reversed(PurePosixPath(path).parents), path)}
+    return sorted(every, key=depth)
 
 
 def with_labels(groups: Mapping[str, Group]) -> Iterator[tuple[str, Group]]:

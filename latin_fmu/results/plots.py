@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import xarray as xr
@@ -27,10 +27,12 @@ if TYPE_CHECKING:
 
 Colour = str | tuple[float, float, float, float]
 
-# Okabe and Ito: told apart by colour-blind readers and in grey print.
+# Okabe and Ito: distinct for colour-blind readers and in grey print.
 DISTINCT = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#999933")
 FEW = 4
 """Up to this many curves a legend fits inside its panel, and as many strips below the forces."""
+
+FORMATS = (".png", ".pdf", ".svg")
 
 STATUS_COLOURS = ("#0072B2", "#E69F00", "#EEEEEE")
 STATUS_LABELS = ("stick", "slip, or closed without friction", "separation")
@@ -45,14 +47,26 @@ def colours(count: int) -> list[Colour]:
     return [colormaps["viridis"](float(share)) for share in np.linspace(0.0, 0.92, count)]
 
 
+@dataclass(frozen=True)
+class TimeAxis:
+    """Horizontal axis of time: seconds of its ``unit``."""
+
+    divisor: float
+    unit: str
+
+    def set(self, axis: Axes, first: float, last: float) -> None:
+        """Label and limits (s) of the horizontal axis."""
+        axis.set_xlabel(f"time ({self.unit})")
+        axis.set_xlim(first / self.divisor, last / self.divisor)
+
+
 def force_panel(
-    axis: Axes, title: str, time: Array, curves: dict[str, Array], scale: tuple[float, str], reference: float
+    axis: Axes, title: str, time: Array, curves: dict[str, Array], scale: TimeAxis, reference: float
 ) -> None:
     """One force over time per interface; ``time`` (n_time,) in s, ``curves`` (n_time,) in N.
 
-    Forces below 1e-9 of the force ``reference`` are round-off and not blown up to the height of the panel.
+    Forces below 1e-9 of the force ``reference`` are round-off and are not enlarged to the height of the panel.
     """
-    divisor, unit = scale
     peak = max((float(np.abs(curve).max(initial=0.0)) for curve in curves.values()), default=0.0)
     if peak < 1e-9 * reference:
         peak = reference
@@ -60,53 +74,37 @@ def force_panel(
     size, label = prefix_for(peak, "N", micro="µ")
     axis.axhline(0.0, color="0.6", linewidth=0.6, zorder=0)
     for (name, curve), colour in zip(curves.items(), colours(len(curves)), strict=True):
-        axis.plot(time / divisor, curve / size, color=colour, label=name, linewidth=1.2)
-    axis.set(title=title, xlabel=f"time ({unit})", ylabel=f"force ({label})")
-    axis.set_xlim(time[0] / divisor, time[-1] / divisor)
+        axis.plot(time / scale.divisor, curve / size, color=colour, label=name, linewidth=1.2)
+    axis.set(title=title, ylabel=f"force ({label})")
+    scale.set(axis, time[0], time[-1])
     if len(curves) <= FEW:
         axis.legend(fontsize="small")
 
 
-def status_panel(axis: Axes, name: str, dataset: xr.Dataset, scale: tuple[float, str], first: bool, last: bool) -> None:
+def status_panel(axis: Axes, name: str, dataset: xr.Dataset, scale: TimeAxis, first: bool, last: bool) -> None:
     """Shares of the area that stick, slip and are open, stacked; ``first`` and ``last`` strip of a column."""
-    divisor, unit = scale
     fields = InterfaceFields.of_dataset(dataset)
-    shares = 100.0 * status_shares(fields)
-    time = fields.time / divisor
-    # Statuses hold over the step that ends at their instant.
-    axis.stackplot(
-        time,
-        shares[:, 1],
-        shares[:, 2],
-        shares[:, 0],
-        colors=STATUS_COLOURS,
-        labels=STATUS_LABELS,
-        step="pre",
-        linewidth=0,
-    )
-    axis.set(ylim=(0, 100), xlim=(time[0], time[-1]), yticks=(0, 100))
+    curves = 100.0 * status_shares(fields)[:, [1, 2, 0]].T
+    # statuses hold over the step that ends at their instant
+    style: dict[str, Any] = {"colors": STATUS_COLOURS, "labels": STATUS_LABELS, "step": "pre", "linewidth": 0}
+    axis.stackplot(fields.time / scale.divisor, *curves, **style)
+    scale.set(axis, fields.time[0], fields.time[-1])
+    axis.set(ylim=(0, 100), yticks=(0, 100))
     axis.set_ylabel(name, rotation=0, ha="right", va="center", labelpad=4)
     axis.tick_params(axis="y", labelsize="x-small")
     axis.tick_params(axis="x", labelbottom=last)
     if first:
         axis.set_title("Contact state, % of the area")
-    if last:
-        axis.set_xlabel(f"time ({unit})")
+    if not last:
+        axis.set_xlabel("")
 
 
 def curve_panel(axis: Axes, convergence: xr.Dataset, tolerance: float | None) -> None:
     """One window: sqrt(eta) and force mismatch over the iterations."""
     count = max(1, int(convergence["iterations"].values[0]))
     steps = convergence["iteration"].values[:count]
-    axis.plot(
-        steps,
-        convergence["error_indicator"].values[0, :count],
-        "o-",
-        color=DISTINCT[0],
-        markersize=3,
-        linewidth=1.2,
-        label=r"$\sqrt{\eta}$",
-    )
+    errors = convergence["error_indicator"].values[0, :count]
+    axis.plot(steps, errors, "o-", color=DISTINCT[0], markersize=3, linewidth=1.2, label=r"$\sqrt{\eta}$")
     mismatch = convergence["force_mismatch"].values[0, :count]
     if np.isfinite(mismatch).any():
         axis.plot(steps, mismatch, "s", color=DISTINCT[1], markersize=3, label="force mismatch")
@@ -116,51 +114,34 @@ def curve_panel(axis: Axes, convergence: xr.Dataset, tolerance: float | None) ->
     axis.legend(fontsize="small")
 
 
-def count_panel(axis: Axes, convergence: xr.Dataset, scale: tuple[float, str]) -> None:
+def count_panel(axis: Axes, convergence: xr.Dataset, scale: TimeAxis) -> None:
     """Many windows: iterations of each, at the time of its end; those not converged are marked."""
-    divisor, unit = scale
-    ends, counts = convergence["end_time"].values / divisor, convergence["iterations"].values
-    axis.plot(ends, counts, ".", color=DISTINCT[0], markersize=4)
+    ends, counts = convergence["end_time"].values, convergence["iterations"].values
+    axis.plot(ends / scale.divisor, counts, ".", color=DISTINCT[0], markersize=4)
     failed = convergence["converged"].values == 0
     if failed.any():
-        axis.plot(ends[failed], counts[failed], "x", color=DISTINCT[1], label="not converged")
+        axis.plot(ends[failed] / scale.divisor, counts[failed], "x", color=DISTINCT[1], label="not converged")
         axis.legend(fontsize="small")
     title = f"Iterations of each of {counts.size} windows"
-    axis.set(title=title, xlabel=f"time ({unit})", ylabel="iterations", ylim=(0, 1.1 * max(1, counts.max()) + 0.5))
-    axis.set_xlim(0.0, ends[-1])
+    axis.set(title=title, ylabel="iterations", ylim=(0, 1.1 * max(1, counts.max()) + 0.5))
+    scale.set(axis, 0.0, ends[-1])
     axis.locator_params(axis="y", integer=True)
 
 
-def final_panel(axis: Axes, convergence: xr.Dataset, tolerance: float | None, scale: tuple[float, str]) -> None:
+def final_panel(axis: Axes, convergence: xr.Dataset, tolerance: float | None, scale: TimeAxis) -> None:
     """Many windows: sqrt(eta) at the last iteration of each, at the time of its end."""
-    divisor, unit = scale
-    errors = _last_errors(convergence)
-    axis.plot(
-        convergence["end_time"].values / divisor, errors, ".", color=DISTINCT[0], markersize=3, label=r"$\sqrt{\eta}$"
-    )
+    ends, counts = convergence["end_time"].values, convergence["iterations"].values.astype(int)
+    last = convergence["error_indicator"].values[np.arange(counts.size), np.maximum(counts - 1, 0)]
+    errors = np.where((counts > 0) & (last > 0.0), last, np.nan)  # a logarithmic axis has no 0
+    axis.plot(ends / scale.divisor, errors, ".", color=DISTINCT[0], markersize=3, label=r"$\sqrt{\eta}$")
     _tolerance_line(axis, tolerance)
-    axis.set(
-        title=r"Final $\sqrt{\eta}$ of each window", xlabel=f"time ({unit})", ylabel=r"$\sqrt{\eta}$", yscale="log"
-    )
-    axis.set_xlim(0.0, convergence["end_time"].values[-1] / divisor)
-    _at_least_two_decades(axis)
-    axis.legend(fontsize="small")
-
-
-def _last_errors(convergence: xr.Dataset) -> Array:
-    """sqrt(eta) at the last iteration; NaN without any, and for 0, which a logarithmic axis cannot show."""
-    counts = convergence["iterations"].values.astype(int)
-    table = convergence["error_indicator"].values
-    last = table[np.arange(counts.size), np.maximum(counts - 1, 0)]
-    return np.where((counts > 0) & (last > 0.0), last, np.nan)
-
-
-def _at_least_two_decades(axis: Axes) -> None:
-    """Widen a logarithmic axis that spans too little to show two powers of ten."""
+    axis.set(title=r"Final $\sqrt{\eta}$ of each window", ylabel=r"$\sqrt{\eta}$", yscale="log")
+    scale.set(axis, 0.0, ends[-1])
     low, high = axis.get_ylim()
-    if high < 100.0 * low:
+    if high < 100.0 * low:  # at least two powers of ten
         middle = (low * high) ** 0.5
         axis.set_ylim(middle / 12.0, middle * 12.0)
+    axis.legend(fontsize="small")
 
 
 def _tolerance_line(axis: Axes, tolerance: float | None) -> None:
@@ -168,28 +149,23 @@ def _tolerance_line(axis: Axes, tolerance: float | None) -> None:
         axis.axhline(tolerance, color="0.3", linestyle="--", linewidth=0.9, label="tolerance")
 
 
-def energy_panel(axis: Axes, energy: xr.Dataset, scale: tuple[float, str]) -> None:
+def energy_panel(axis: Axes, energy: xr.Dataset, scale: TimeAxis) -> None:
     """Energy terms of the assembly over time; terms that stay zero are left out."""
-    divisor, unit = scale
+    time = energy["time"].values
     terms = {str(name): np.asarray(values.values) for name, values in energy.data_vars.items()}
     largest = max((float(np.abs(term).max(initial=0.0)) for term in terms.values()), default=0.0)
     size, label = prefix_for(largest, "J", micro="µ")
-    shown = {name: term for name, term in terms.items() if np.abs(term).max(initial=0.0) > 1e-6 * largest}
+    shown = {name.replace("_", " "): x for name, x in terms.items() if np.abs(x).max(initial=0.0) > 1e-6 * largest}
     for (name, term), colour in zip(shown.items(), colours(len(shown)), strict=True):
-        axis.plot(
-            energy["time"].values / divisor, term / size, color=colour, linewidth=1.2, label=name.replace("_", " ")
-        )
-    axis.set(title="Energy of the assembly", xlabel=f"time ({unit})", ylabel=f"energy ({label})")
-    axis.set_xlim(energy["time"].values[0] / divisor, energy["time"].values[-1] / divisor)
+        axis.plot(time / scale.divisor, term / size, color=colour, linewidth=1.2, label=name)
+    axis.set(title="Energy of the assembly", ylabel=f"energy ({label})")
+    scale.set(axis, time[0], time[-1])
     axis.legend(fontsize="x-small", loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
-
-
-FORMATS = (".png", ".pdf", ".svg")
 
 
 @dataclass(frozen=True)
 class _Panel:
-    """One row of a column: its height in inches and what draws it."""
+    """One row of a column: its height in inches and the function that draws it."""
 
     height: float
     draw: Callable[[Axes], None]
@@ -204,8 +180,10 @@ def summary_figure(tree: xr.DataTree) -> Figure:
     """
     from matplotlib.figure import Figure
 
-    groups = _interfaces(tree)
-    scale = _time_scale(groups)
+    nodes = tree["interfaces"].children if "interfaces" in tree.children else {}
+    groups = {name: node.to_dataset() for name, node in nodes.items()}
+    end = max((float(dataset["time"].values[-1]) for dataset in groups.values()), default=1.0)
+    scale = TimeAxis(*prefix_for(end, "s", micro="µ"))
     forces, strips = _force_panels(groups, scale), _strips(groups, scale)
     rest = _convergence_panels(tree, scale) + _energy_panels(tree, scale)
     columns = [forces + strips, rest] if len(strips) <= FEW else [forces + rest, strips]
@@ -233,28 +211,15 @@ def _draw_column(part: SubFigure, column: list[_Panel]) -> None:
         panel.draw(axis)
 
 
-def _legend(
-    part: SubFigure,
-    axis: Axes,
-    place: Literal["outside upper center", "outside lower center"],
-    title: str | None = None,
-) -> None:
+_Place = Literal["outside upper center", "outside lower center"]
+
+
+def _legend(part: SubFigure, axis: Axes, place: _Place, title: str | None = None) -> None:
     handles, labels = axis.get_legend_handles_labels()
     part.legend(handles, labels, loc=place, ncols=4, fontsize="small", title=title)
 
 
-def _interfaces(tree: xr.DataTree) -> dict[str, xr.Dataset]:
-    if "interfaces" not in tree.children:
-        return {}
-    return {name: node.to_dataset() for name, node in tree["interfaces"].children.items()}
-
-
-def _time_scale(groups: dict[str, xr.Dataset]) -> tuple[float, str]:
-    end = max((float(dataset["time"].values[-1]) for dataset in groups.values()), default=1.0)
-    return prefix_for(end, "s", micro="µ")
-
-
-def _force_panels(groups: dict[str, xr.Dataset], scale: tuple[float, str]) -> list[_Panel]:
+def _force_panels(groups: dict[str, xr.Dataset], scale: TimeAxis) -> list[_Panel]:
     fields = {name: InterfaceFields.of_dataset(dataset) for name, dataset in groups.items()}
     if not fields:
         return []
@@ -270,7 +235,7 @@ def _force_panels(groups: dict[str, xr.Dataset], scale: tuple[float, str]) -> li
     return panels
 
 
-def _strips(groups: dict[str, xr.Dataset], scale: tuple[float, str]) -> list[_Panel]:
+def _strips(groups: dict[str, xr.Dataset], scale: TimeAxis) -> list[_Panel]:
     contacts = {name: dataset for name, dataset in groups.items() if "contact_status" in dataset}
     names = list(contacts)
     strips = []
@@ -280,7 +245,7 @@ def _strips(groups: dict[str, xr.Dataset], scale: tuple[float, str]) -> list[_Pa
     return strips
 
 
-def _convergence_panels(tree: xr.DataTree, scale: tuple[float, str]) -> list[_Panel]:
+def _convergence_panels(tree: xr.DataTree, scale: TimeAxis) -> list[_Panel]:
     if "convergence" not in tree.children or "iterations" not in tree["convergence"]:
         return []
     convergence = tree["convergence"].to_dataset()
@@ -291,14 +256,14 @@ def _convergence_panels(tree: xr.DataTree, scale: tuple[float, str]) -> list[_Pa
 
 
 def _tolerance(tree: xr.DataTree) -> float | None:
-    """Tolerance on sqrt(eta), from the text of the scene the results keep; None if it does not tell."""
+    """Tolerance on sqrt(eta), from the text of the scene in the results; None where it has none."""
     try:
         return float(tomllib.loads(tree.attrs["scene"])["solver"]["tolerance"])
-    except (KeyError, TypeError, ValueError):  # an unreadable text is a ValueError
+    except (KeyError, TypeError, ValueError):  # ValueError: not TOML
         return None
 
 
-def _energy_panels(tree: xr.DataTree, scale: tuple[float, str]) -> list[_Panel]:
+def _energy_panels(tree: xr.DataTree, scale: TimeAxis) -> list[_Panel]:
     if "energy" not in tree.children:
         return []
     return [_Panel(2.6, partial(energy_panel, energy=tree["energy"].to_dataset(), scale=scale))]
@@ -313,13 +278,8 @@ def check_figure_path(path: str | Path) -> None:
     """
     suffix = Path(path).suffix
     if suffix.lower() not in FORMATS:
-        problem = Problem(
-            str(path),
-            "figures cannot be saved in this format",
-            suffix or "no suffix",
-            ", ".join(FORMATS),
-            "change the suffix",
-        )
+        what, value = "figures cannot be saved in this format", suffix or "no suffix"
+        problem = Problem(str(path), what, value, ", ".join(FORMATS), "change the suffix")
         raise ResultsError([problem], "cannot write the figure")
 
 

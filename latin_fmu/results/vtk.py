@@ -140,17 +140,17 @@ def _substructure_piece(instant: xr.Dataset) -> _Piece:
 
 def _fields(instant: xr.Dataset, place: str) -> dict[str, NDArray[Any]]:
     """Fields at the nodes or cells; tensors in the order of VTK, stresses with their von Mises value."""
-    found: dict[str, NDArray[Any]] = {}
+    fields: dict[str, NDArray[Any]] = {}
     for name in (str(n) for n, variable in instant.data_vars.items() if variable.dims[:1] == (place,)):
         values = instant[name]
         for tensor in ("stress_component", "strain_component"):
             if tensor in values.dims:
                 values = values.sel({tensor: _VTK_TENSOR})
         if name != "cell_nodes":
-            found[name] = _plain(values)
+            fields[name] = _plain(values)
         if "stress_component" in values.dims:
-            found[name.replace("stress", "von_mises")] = _von_mises(found[name])
-    return found
+            fields[name.replace("stress", "von_mises")] = _von_mises(fields[name])
+    return fields
 
 
 def _interface_piece(instant: xr.Dataset) -> _Piece:

@@ -164,7 +164,7 @@ Quantity = Annotated[Text, AfterValidator(_check_quantity)]
 class Accuracy(Table):
     """Whether `latin-fmu run` estimates its error, and what `--accuracy` aims at."""
 
-    estimate: Annotated[Flag, about("coarse companion runs tell the error of each quantity (`latin-fmu run`)")] = True
+    estimate: Annotated[Flag, about("coarser runs give the estimated error of each quantity (`latin-fmu run`)")] = True
     quantity: Annotated[
         Quantity, about('what the target is for: "impulse" (of every interface that may open), "crush.impulse", ...')
     ] = "impulse"
