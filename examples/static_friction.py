@@ -17,7 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 import latin_fmu
-from latin_fmu.latin.search_direction import Coarse
+from latin_fmu.latin.search_direction import CoarseProblem
 
 SCENE = MODELS / "gripped_bar" / "scene.toml"
 PULL, LOST, STIFFNESS, LENGTH = 150e3, 500e3, 80e6, 0.5
@@ -82,12 +82,12 @@ def iterations(n: int) -> float:
 @contextmanager
 def without_coarse() -> Iterator[None]:
     """The global stage as it would be without its coarse problem."""
-    size = Coarse.size
-    Coarse.size = property(lambda _: 0)  # type: ignore[method-assign, assignment]
+    size = CoarseProblem.size
+    CoarseProblem.size = property(lambda _: 0)  # type: ignore[method-assign, assignment]
     try:
         yield
     finally:
-        Coarse.size = size  # type: ignore[method-assign]
+        CoarseProblem.size = size  # type: ignore[method-assign]
 
 
 def draw_loop(axis: Axes, bar: latin_fmu.Solution, force: Array) -> None:

@@ -1,16 +1,8 @@
-"""The assembly of a run: the flat vector of interface quantities, propagators and interfaces on it.
+"""The assembly of a run: propagators, interfaces, and the flat vector of interface quantities that joins them.
 
-layout
-------
-Where each interface quantity lives: one flat vector of channels for the whole assembly.
-
-Interfaces of one kind (same behaviour class and number of components) form a group, stored as a block
-(side, point, component) so that their local stage is one vectorised call. Substructures see the same numbers
-through index arrays: gather to (channel, member), scatter back.
-
-assembly
---------
-The assembly as the solver sees it: propagators, interfaces, and the flat vectors between them.
+Interfaces of one class of behaviour and number of components form a group, stored as a block (side, point, component)
+of the flat vector so that their local stage is one vectorised call. Substructures use the same numbers by index arrays:
+gather to (channel, member), scatter back. A channel is one interface degree of freedom in the local frame.
 """
 
 from __future__ import annotations
@@ -140,7 +132,7 @@ _TOUCH = 0.1  # sides that never slide hold each other over gaps that this part 
 
 
 class GroundState(NamedTuple):
-    """Where the ground of an interface stands: displacement (3,), m, and acceleration (3,), m s-2 (None at t = 0)."""
+    """State of the ground of an interface: displacement (3,), m, and acceleration (3,), m s-2 (None at t = 0)."""
 
     displacement: Array
     acceleration: Array | None
@@ -326,6 +318,12 @@ class Assembly:
             self.ground_velocity(ahead, instant)
             u += lead * ahead
         return u
+
+    def velocity(self) -> Array:
+        """Velocity (n_flat,) of every channel in the present state of the propagators, the ground included."""
+        v = self.gather([p.channel_velocity() for p in self.propagators])
+        self.ground_velocity(v, self.instant)
+        return v
 
     def gaps(self) -> list[Array]:
         """Gap (n_point,) of each group in the present state of the substructures, m."""

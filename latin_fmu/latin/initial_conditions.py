@@ -1,21 +1,13 @@
-"""The state at t = 0: tractions of perfect interfaces, of compliant ones, and of rigid bodies in contact.
+"""Initial conditions: tractions and velocities of the interfaces at t = 0, outside the iteration.
 
-start
------
-The instant t = 0: velocity is imposed there, so it stays out of the iteration.
+A perfect interface gets the traction that makes the accelerations of its sides equal (otherwise a body cut in two and
+the whole body would differ), an open contact none, a preloaded one its preload; after a static start each interface has
+the traction of the static solution.
 
-A perfect interface gets the traction that makes the accelerations of its sides equal (else a cut and a merged
-model differ), an open contact none, a preloaded one its preload, one that carries a rigid body what it carries;
-after a static start each has the traction found there.
-
-standing
---------
-Rigid bodies that stand on something at t = 0: the contact forces of that instant.
-
-An elastic body put on the ground under its weight touches it without force and is then pressed on it. A rigid body has
-nothing to yield with: its contact force is there at once, and without it the first steps would stop a fall that never
-was, one after the other. Where a closed contact with a rigid body does not move along N the contact law holds for the
-accelerations,
+A closed contact with a rigid body needs its contact force. An elastic body put on the ground under its weight touches
+it without force and is then pressed on it; a rigid body does not deform: its contact force is there at once, and
+without it the body would start to fall in the first steps. Where a closed contact with a rigid body does not move along
+N the contact law holds for the accelerations,
 
     0 <= P  perp  a' . N - a . N >= 0,   friction as in (22), (23) with the jump of accelerations, or along the sliding,
 
@@ -35,55 +27,47 @@ from ..propagator.base import MassFactor
 from .assembly import Array, Assembly, Group
 from .instant_solve import PointByPoint
 
-_ROUND_OFF = 1e-12
-_BALANCED = 1e-7  # what a static start leaves unbalanced is no reason to accelerate anything
+# Largest force, over the traction of the loads times the area of the interfaces, that counts as balanced:
+_ROUND_OFF = 1e-12  # a preload and its balance cancel to round-off
+_STATIC = 1e-7  # residual of a static start
+_STILL = 1e-9  # relative velocity without motion, over the largest velocity
 
 
 def initial_conditions(assembly: Assembly) -> tuple[Array, Array]:
-    """Start every propagator; tractions and velocities (n_flat,) of the channels at t = 0."""
-    propagators = assembly.propagators
-    if assembly.quasi_static:
-        return _at_rest(assembly)
+    """Give every propagator its initial state; tractions and velocities (n_flat,) of the channels at t = 0."""
+    propagators, channels = assembly.propagators, assembly.channels
     traction = np.zeros(assembly.layout.n_flat)
     _known_tractions(assembly, traction)
-    unbalance = [p.initial_unbalance(traction[c]) for p, c in zip(propagators, assembly.channels, strict=True)]
-    # a preload and its balance cancel to round-off: no reason to factorise the mass
+    if assembly.quasi_static:  # a preload and its balance only: the loads come with the first increment
+        for propagator, own in zip(propagators, channels, strict=True):
+            propagator.start(traction[own], None)
+        return traction, np.zeros(assembly.layout.n_flat)
+    unbalance = [p.initial_unbalance(traction[c]) for p, c in zip(propagators, channels, strict=True)]
     level = (
-        (_BALANCED if assembly.start_tractions else _ROUND_OFF)
+        (_STATIC if assembly.start_tractions else _ROUND_OFF)
         * assembly.characteristic_traction
         * float(assembly.layout.area.sum())
     )
     ground = np.zeros(assembly.layout.n_flat)
     assembly.ground_acceleration(ground, 0)
-    moving = ground.any() or any(np.abs(u).max(initial=0.0) > level for u in unbalance)
-    standing = standing_points(assembly)
-    moving |= bool(standing) and any(p.channel_velocity().any() for p in propagators)  # friction brakes what slides
-    factors = [p.mass_factor() if moving else None for p in propagators]
-    if moving:
+    accelerates = ground.any() or any(np.abs(u).max(initial=0.0) > level for u in unbalance)
+    closed = closed_points(assembly)
+    accelerates |= bool(closed) and any(p.channel_velocity().any() for p in propagators)  # friction brakes sliding
+    factors = [p.mass_factor() if accelerates else None for p in propagators]
+    if accelerates:
         known = [f for f in factors if f is not None]
-        carried = standing_tractions(assembly, standing, traction, unbalance, known)
-        if carried.any():
-            traction += carried
-            unbalance = [p.initial_unbalance(traction[c]) for p, c in zip(propagators, assembly.channels, strict=True)]
-        traction += _bonded_tractions(assembly, unbalance, known)
-    for propagator, channels, factor in zip(propagators, assembly.channels, factors, strict=True):
-        propagator.start(traction[channels], factor)
-    velocity = assembly.gather([p.channel_velocity() for p in propagators])
-    assembly.ground_velocity(velocity, 0)
-    return traction, velocity
-
-
-def _at_rest(assembly: Assembly) -> tuple[Array, Array]:
-    """Without inertia nothing acts at t = 0 but a preload and its balance; the loads come with the first increment."""
-    traction = np.zeros(assembly.layout.n_flat)
-    _known_tractions(assembly, traction)
-    for propagator, channels in zip(assembly.propagators, assembly.channels, strict=True):
-        propagator.start(traction[channels], None)
-    return traction, np.zeros(assembly.layout.n_flat)
+        contact = _contact_tractions(assembly, closed, traction, unbalance, known)
+        if contact.any():
+            traction += contact
+            unbalance = [p.initial_unbalance(traction[c]) for p, c in zip(propagators, channels, strict=True)]
+        traction += _perfect_tractions(assembly, unbalance, known)
+    for propagator, own, factor in zip(propagators, channels, factors, strict=True):
+        propagator.start(traction[own], factor)
+    return traction, assembly.velocity()
 
 
 def _known_tractions(assembly: Assembly, traction: Array) -> None:
-    """Write what is known beforehand: preloads, and the tractions that compliant interfaces have in this state."""
+    """Write preloads, tractions of compliant interfaces in this state, and tractions of a static start."""
     for group in assembly.layout.groups:
         block = group.block(traction)
         block[0, :, 0], block[1, :, 0] = -group.preload, group.preload
@@ -96,43 +80,52 @@ def _known_tractions(assembly: Assembly, traction: Array) -> None:
 
 
 def _compliant_tractions(assembly: Assembly, groups: list[Group], traction: Array) -> None:
-    """Write what compliant interfaces carry in the present state."""
-    u, v = assembly.displacement(), assembly.gather([p.channel_velocity() for p in assembly.propagators])
-    assembly.ground_velocity(v, 0)
+    """Write the tractions of compliant interfaces in the present state."""
+    u, v = assembly.displacement(), assembly.velocity()
     u -= assembly.scheme.gap_offset(assembly.dt) * v
     for group in groups:
-        moved, sliding = (block[1] - block[0] for block in (group.block(u), group.block(v)))
-        moved[:, 0] += group.gap
+        displacement, sliding = (block[1] - block[0] for block in (group.block(u), group.block(v)))
+        displacement[:, 0] += group.gap
         held = np.zeros((group.n_point, 2))
-        jump = np.zeros_like(moved) if group.behaviour.elastic else sliding
+        jump = np.zeros_like(displacement) if group.behaviour.elastic else sliding
         block = group.block(traction)
-        block[0] = group.behaviour.local(jump, held, moved, 1.0, group.parameters)
+        block[0] = group.behaviour.local(jump, held, displacement, 1.0, group.parameters)
         block[1] = -block[0]
 
 
-def _bonded_tractions(assembly: Assembly, unbalance: list[Array], factors: list[MassFactor]) -> Array:
-    """Tractions on perfect interfaces that make accelerations continuous, 0 elsewhere; flat.
-
-    Conjugate gradients on the jump of accelerations: consistent even where bonds are redundant.
-    """
-    bonded = [i for i, unit in enumerate(assembly.interfaces) if bonds(unit.behaviour)]
-    flat = np.zeros(assembly.layout.n_flat)
-    if not bonded:
-        return flat
-    first, second = (np.concatenate([assembly.layout.channels(i, side).ravel() for i in bonded]) for side in (0, 1))
-    area = assembly.layout.area[first]
-    free, diagonal = np.zeros_like(flat), np.zeros_like(flat)
-    assembly.ground_acceleration(free, 0)
-    compliances = []
+def _free_accelerations(
+    assembly: Assembly, unbalance: Sequence[Array], factors: Sequence[MassFactor]
+) -> tuple[Array, list[Array]]:
+    """Accelerations (n_flat,) of the channels under the forces ``unbalance``, and per class the accelerations
+    (n_channel, n_channel) due to unit forces on its channels."""
+    acceleration, compliances = np.zeros(assembly.layout.n_flat), []
+    assembly.ground_acceleration(acceleration, 0)
     for propagator, channels, force, factor in zip(
         assembly.propagators, assembly.channels, unbalance, factors, strict=True
     ):
-        free[channels], compliance = propagator.initial_channels(factor, force)
-        diagonal[channels] = np.diag(compliance)[:, None]
+        acceleration[channels], compliance = propagator.initial_channels(factor, force)
         compliances.append(compliance)
+    return acceleration, compliances
+
+
+def _perfect_tractions(assembly: Assembly, unbalance: list[Array], factors: list[MassFactor]) -> Array:
+    """Tractions (n_flat,) on perfect interfaces that make accelerations continuous, 0 elsewhere.
+
+    Conjugate gradients on the jump of accelerations: the system is consistent even where bonds are redundant.
+    """
+    perfect = [i for i, unit in enumerate(assembly.interfaces) if bonds(unit.behaviour)]
+    flat = np.zeros(assembly.layout.n_flat)
+    if not perfect:
+        return flat
+    first, second = (np.concatenate([assembly.layout.channels(i, side).ravel() for i in perfect]) for side in (0, 1))
+    area = assembly.layout.area[first]
+    free, compliances = _free_accelerations(assembly, unbalance, factors)
+    diagonal = np.zeros_like(flat)
+    for channels, compliance in zip(assembly.channels, compliances, strict=True):
+        diagonal[channels] = np.diag(compliance)[:, None]
 
     def jump(x: Array) -> Array:
-        """Weighted jump of the accelerations that tractions x bring (the weight keeps it symmetric)."""
+        """Jump of the accelerations due to tractions x, weighted by areas, which makes it symmetric."""
         force, acceleration = np.zeros_like(flat), np.zeros_like(flat)
         force[first], force[second] = area * x, -area * x
         for channels, compliance in zip(assembly.channels, compliances, strict=True):
@@ -154,63 +147,51 @@ def _bonded_tractions(assembly: Assembly, unbalance: list[Array], factors: list[
     return flat
 
 
-_STILL = 1e-9  # of the largest velocity, or of the size of the interface
-
-
-def standing_tractions(
-    assembly: Assembly,
-    points: set[tuple[int, int]],
-    traction: Array,
-    unbalance: Sequence[Array],
-    factors: Sequence[MassFactor],
-) -> Array:
-    """What contacts at the standing ``points`` add to the known tractions (n_flat,) at t = 0; zero elsewhere."""
-    added = np.zeros_like(traction)
-    if not points:
-        return added
-    velocity = assembly.gather([p.channel_velocity() for p in assembly.propagators])
-    assembly.ground_velocity(velocity, 0)
-    acceleration = np.zeros_like(traction)
-    assembly.ground_acceleration(acceleration, 0)
-    admittances = []
-    for propagator, channels, force, factor in zip(
-        assembly.propagators, assembly.channels, unbalance, factors, strict=True
-    ):
-        acceleration[channels], compliance = propagator.initial_channels(factor, force)
-        admittances.append(compliance * propagator.operators.area)
-    solver = PointByPoint(assembly, admittances, points)
-    known = np.zeros_like(traction)
-    known[solver.channels] = traction[solver.channels]
-    free = acceleration
-    for admittance, channels in zip(admittances, assembly.channels, strict=True):
-        free[channels] -= admittance @ known[channels]
-    # what slides keeps sliding: its friction follows the velocity, whatever the accelerations are
-    for group in assembly.layout.groups:
-        if group.n_component > 1:
-            sliding = group.block(velocity)[1, :, 1:] - group.block(velocity)[0, :, 1:]
-            group.block(free)[1, :, 1:] += sliding / (_STILL * assembly.dt)
-    closed = [np.zeros((g.n_point, 1)) for g in assembly.layout.groups]
-    found, _ = solver.solve(free, known, closed, (1.0 / assembly.dt, 0.0))
-    added[solver.channels] = found[solver.channels] - known[solver.channels]
-    return added
-
-
-def standing_points(assembly: Assembly) -> set[tuple[int, int]]:
+def closed_points(assembly: Assembly) -> set[tuple[int, int]]:
     """Group and number of the points of closed contacts with a rigid body whose sides do not move along N."""
     rigid = np.zeros(assembly.layout.n_flat, dtype=bool)
     for propagator, channels in zip(assembly.propagators, assembly.channels, strict=True):
         rigid[channels] = propagator.members[0].nodal is not None
     if not rigid.any():
         return set()
-    velocity = assembly.gather([p.channel_velocity() for p in assembly.propagators])
-    assembly.ground_velocity(velocity, 0)
+    velocity = assembly.velocity()
     level = _STILL * float(np.abs(velocity).max(initial=0.0))
-    found = set()
+    points = set()
     for g, (group, gap) in enumerate(zip(assembly.layout.groups, assembly.gaps(), strict=True)):
         if not isinstance(group.behaviour, Contact):
             continue
-        moving = group.block(velocity)[..., 0]
-        closed = (gap <= 0) & (np.abs(moving[1] - moving[0]) <= level)
-        concerned = group.block(rigid)[..., 0].any(axis=0)
-        found |= {(g, int(p)) for p in np.flatnonzero(closed & concerned)}
-    return found
+        normal = group.block(velocity)[..., 0]
+        closed = (gap <= 0) & (np.abs(normal[1] - normal[0]) <= level)
+        of_rigid = group.block(rigid)[..., 0].any(axis=0)
+        points |= {(g, int(p)) for p in np.flatnonzero(closed & of_rigid)}
+    return points
+
+
+def _contact_tractions(
+    assembly: Assembly,
+    points: set[tuple[int, int]],
+    traction: Array,
+    unbalance: Sequence[Array],
+    factors: Sequence[MassFactor],
+) -> Array:
+    """Tractions (n_flat,) of the contacts at the closed ``points`` beyond the known ones; zero elsewhere."""
+    added = np.zeros_like(traction)
+    if not points:
+        return added
+    velocity = assembly.velocity()
+    free, compliances = _free_accelerations(assembly, unbalance, factors)
+    admittances = [c * p.operators.area for c, p in zip(compliances, assembly.propagators, strict=True)]
+    solver = PointByPoint(assembly, admittances, points)
+    known = np.zeros_like(traction)
+    known[solver.channels] = traction[solver.channels]
+    for admittance, channels in zip(admittances, assembly.channels, strict=True):
+        free[channels] -= admittance @ known[channels]
+    # a sliding point continues to slide: its friction follows the velocity, whatever the accelerations are
+    for group in assembly.layout.groups:
+        if group.n_component > 1:
+            sliding = group.block(velocity)[1, :, 1:] - group.block(velocity)[0, :, 1:]
+            group.block(free)[1, :, 1:] += sliding / (_STILL * assembly.dt)
+    no_gaps = [np.zeros((g.n_point, 1)) for g in assembly.layout.groups]
+    solution, _ = solver.solve(free, known, no_gaps, (1.0 / assembly.dt, 0.0))
+    added[solver.channels] = solution[solver.channels] - known[solver.channels]
+    return added

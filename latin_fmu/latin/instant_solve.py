@@ -1,10 +1,7 @@
-"""The interface problem of one instant solved directly: perfect interfaces at once, others point by point.
+"""Direct solution of the interface problem of one instant: perfect interfaces at once, others point by point.
 
-bonded
-------
-Assemblies whose interfaces are all perfect: one linear solve per instant instead of an iteration.
-
-With v = v_free + D lambda on every side, equal velocities and opposite forces of both sides are the linear system
+Perfect interfaces: with v = v_free + D lambda on every side, equal velocities and opposite forces of both sides are the
+linear system
 
     S x = v'_free - v_free,    S = D + D' assembled over all interfaces (symmetric, constant),
 
@@ -12,19 +9,16 @@ x the nodal forces on sides E. S is factorised once. Redundant bonds (an edge wh
 singular but leave it consistent: a shift of 1e-10 of its diagonal and iterative refinement give a solution of the
 original system.
 
-point_by_point
---------------
-Last fall-back of one instant: interface points one after the other (block Gauss-Seidel).
-
-Where the search directions circle (a point held by several rough interfaces, a soft light body under a step far
-longer than its transit, a k far off) the condensed problem of the instant is taken up point by point:
+Point by point, block Gauss-Seidel: for instants in which the iteration does not converge (a point held by several
+interfaces with large friction, a soft light body under a step far longer than its transit, a search direction far from
+the impedances). The condensed problem of the instant,
 
     v = v_free + sum over points of D_p f_p        D the admittance of one instant, all substructures
-    f_p := behaviour(v' - v without the share of f_p), z = D_pp of both sides
+    f_p := behaviour(v' - v without the share of f_p), z = D_pp of both sides,
 
-and v is corrected after each point (the non-smooth contact dynamics iteration of Jean and Moreau, with the local
-stage of the LATIN method as its law). Slower than the iteration it helps out, and as parameter free as it gets:
-the LATIN iteration goes on from its result and has the last word.
+is solved for one point after the other, and v is corrected after each of them: the non-smooth contact dynamics
+iteration of Jean and Moreau, with the local stage of the LATIN method as its law. It is slower than the LATIN iteration
+and has no parameters; the LATIN iteration continues from its result and decides on convergence.
 """
 
 from __future__ import annotations
@@ -39,21 +33,22 @@ from ..cholesky.factor import interface_factor
 from ..interface.behaviour import bonds
 from .assembly import Array, Assembly, Group, Index
 
-_SHIFT, _PRECISE, _REFINEMENTS, _SOLVED = 1e-10, 1e-13, 8, 1e-8
-_DENSE = 1500  # interface unknowns up to which the bonds are one dense operator
-LARGEST = 200_000_000
-"""Entries of S (an upper bound) up to which it is worth factorising."""
+_SHIFT = 1e-10  # of the diagonal of S
+_PRECISE, _REFINEMENTS = 1e-13, 8  # jump left over the largest velocity; steps of the refinement
+_CONSISTENT = 1e-8  # jump left for a unit jump, above which redundant bonds need the refinement
+_DENSE = 1500  # interface unknowns up to which the solution is one dense operator
+_LARGEST = 200_000_000  # entries of S (an upper bound) up to which its factorisation pays
 
 
-def all_bonded(assembly: Assembly) -> bool:
-    """Whether there are interfaces, all of them perfect, and S has at most ``LARGEST`` entries."""
+def all_perfect(assembly: Assembly) -> bool:
+    """Whether there are interfaces, all of them perfect, and S has at most 2e8 entries."""
     if assembly.quasi_static or not assembly.interfaces or not all(bonds(u.behaviour) for u in assembly.interfaces):
         return False
-    return sum(int(c.shape[0]) ** 2 * int(c.shape[1]) for c in assembly.channels) <= LARGEST
+    return sum(int(c.shape[0]) ** 2 * int(c.shape[1]) for c in assembly.channels) <= _LARGEST
 
 
-class Bonds:
-    """The bonds of an assembly as one linear system, for its present time step."""
+class PerfectInterfaceSolve:
+    """The perfect interfaces of an assembly as one linear system, for its present time step."""
 
     def __init__(self, assembly: Assembly) -> None:
         self.assembly = assembly
@@ -83,24 +78,23 @@ class Bonds:
         rows, columns, values = (np.concatenate(part) for part in zip(*parts, strict=True))
         return sp.coo_array((values, (rows, columns)), shape=(n, n)).tocsr()
 
-    def tractions(self, free: Array) -> tuple[Array, float]:
-        """Tractions (n_flat,) that close the jumps of the velocities ``free`` (n_flat,), and the jump left over the
-        largest velocity."""
+    def tractions(self, free: Array) -> Array:
+        """Tractions (n_flat,) that close the jumps of the velocities ``free`` (n_flat,)."""
         jump = free[self._second] - free[self._first]
-        force, left = np.zeros_like(jump), jump
+        force, residual = np.zeros_like(jump), jump
         largest = float(np.abs(free).max(initial=0.0))
         for _ in range(_REFINEMENTS):
-            if np.abs(left).max(initial=0.0) <= _PRECISE * largest:
+            if np.abs(residual).max(initial=0.0) <= _PRECISE * largest:
                 break
-            force = force + self._factor.solve(left[:, None])[:, 0]
-            left = jump - self._matrix @ force
+            force = force + self._factor.solve(residual[:, None])[:, 0]
+            residual = jump - self._matrix @ force
         traction = np.zeros_like(free)
         traction[self._first], traction[self._second] = force / self._area, -force / self._area
-        return traction, float(np.abs(left).max(initial=0.0)) / largest if largest > 0 else 0.0
+        return traction
 
     def incoming(self, k: Array) -> Array | None:
-        """Operator (n_flat, n_flat) from the velocities without traction to q = F + k W of the bonds, for the compiled
-        march; None where it is too large, or where redundant bonds make it inexact."""
+        """Operator (n_flat, n_flat) from the velocities without traction to q = F + k W of the solution, for the
+        compiled driver; None where it is too large, or inexact because of redundant bonds."""
         n_flat = len(k)
         if n_flat > _DENSE:
             return None
@@ -109,7 +103,7 @@ class Bonds:
         jump[np.arange(len(self._first)), self._first] = -1.0
         force = self._factor.solve(jump)
         force += self._factor.solve(jump - self._matrix @ force)
-        if not np.abs(self._matrix @ force - jump).max(initial=0.0) <= _SOLVED:
+        if not np.abs(self._matrix @ force - jump).max(initial=0.0) <= _CONSISTENT:
             return None
         traction = np.zeros((n_flat, n_flat))
         traction[self._first], traction[self._second] = (force / self._area[:, None], -force / self._area[:, None])
@@ -120,8 +114,8 @@ class Bonds:
         return traction + k[:, None] * velocity
 
     def guess(self, free: Array, k: Array) -> Array:
-        """q = F + k W (n_flat,) of the bonds for the velocities ``free`` without tractions."""
-        traction, _ = self.tractions(free)
+        """First guess q = F + k W (n_flat,) from the velocities ``free`` without tractions: the solution itself."""
+        traction = self.tractions(free)
         velocity = free.copy()
         for propagator, channels in zip(self.assembly.propagators, self.assembly.channels, strict=True):
             velocity[channels] += propagator.operators.admittance @ traction[channels]
@@ -130,7 +124,7 @@ class Bonds:
 
 
 _SWEEPS, _WORK = 300, 100_000  # sweeps, and sweeps x points, at most
-_ENOUGH = 1e-7  # relative change of the tractions in one sweep
+_ENOUGH = 1e-7  # relative change of the tractions in a sweep that ends the iteration
 
 
 @dataclass(frozen=True)
@@ -144,7 +138,7 @@ class _Side:
 
 @dataclass(frozen=True)
 class _Point:
-    """One interface point."""
+    """One interface point: its place, its sides and its z."""
 
     group: Group
     group_index: int
@@ -186,6 +180,7 @@ class PointByPoint:
         return np.concatenate([np.zeros(0, dtype=np.int64), *sides])
 
     def _side(self, channels: Index) -> _Side:
+        """One side of a point with these flat channels; without admittance on the ground."""
         if int(channels[0]) not in self._owner:
             return _Side(channels, np.zeros(0, dtype=np.int64), np.zeros((0, len(channels))))
         c, _, member = self._owner[int(channels[0])]
@@ -194,6 +189,7 @@ class PointByPoint:
         return _Side(channels, self.assembly.channels[c][:, member], columns)
 
     def _point(self, g: int, group: Group, p: int) -> _Point:
+        """Point p of a group."""
         numbers = np.arange(group.start, group.stop).reshape(2, group.n_point, group.n_component)
         sides = self._side(numbers[0, p]), self._side(numbers[1, p])
         own = np.zeros(group.n_component)
@@ -202,9 +198,9 @@ class PointByPoint:
                 own[component] += side.columns[side.neighbours == flat, component].sum()
         return _Point(group, g, p, sides, np.array([[own[0], own[1:].max(initial=0.0)]]))
 
-    def solve(self, free: Array, f_hat: Array, reaches: list[Array], rates: tuple[float, float]) -> tuple[Array, Array]:
+    def solve(self, free: Array, f_hat: Array, gaps: list[Array], rates: tuple[float, float]) -> tuple[Array, Array]:
         """Tractions and velocities (n_flat,) from the velocities ``free`` without tractions and a first guess of the
-        tractions; ``reaches`` per group and ``rates`` (of elastic behaviours the second): see
+        tractions; ``gaps`` the normalised gaps per group and ``rates`` (of elastic behaviours the second): see
         ``interface.behaviour``."""
         f, v = f_hat.copy(), free.copy()
         for admittance, channels in zip(self._admittances, self.assembly.channels, strict=True):
@@ -212,25 +208,25 @@ class PointByPoint:
         for _ in range(min(_SWEEPS, _WORK // max(len(self._points), 1) + 1)):
             before = f.copy()
             for point in self._points:
-                self._settle(point, f, v, reaches, rates)
+                self._solve_point(point, f, v, gaps, rates)
             if np.linalg.norm(f - before) <= _ENOUGH * np.linalg.norm(f):
                 break
         return f, v
 
     @staticmethod
-    def _settle(point: _Point, f: Array, v: Array, reaches: list[Array], rates: tuple[float, float]) -> None:
-        """One point, everything else held: f and v are brought up to date."""
+    def _solve_point(point: _Point, f: Array, v: Array, gaps: list[Array], rates: tuple[float, float]) -> None:
+        """Solve one point with the tractions of all others held; updates f and v."""
         first, second = (side.channels for side in point.sides)
         group, old = point.group, f[first]
         z = np.where(np.arange(len(old)) == 0, point.z[0, 0], point.z[0, 1])
-        reach = reaches[point.group_index][point.index : point.index + 1]
+        gap = gaps[point.group_index][point.index : point.index + 1]
         elastic = group.behaviour.elastic
         if not elastic:
-            reach = reach.reshape(-1)
+            gap = gap.reshape(-1)
         new = group.behaviour.local(
             (v[second] - v[first] + z * old)[None],
             point.z,
-            reach,
+            gap,
             rates[int(elastic)],
             group.parameters[point.index : point.index + 1],
         )[0]

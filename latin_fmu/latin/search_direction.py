@@ -1,10 +1,7 @@
-"""Search directions k, what is derived from them, and the coarse problem of the quasi-static mode.
+"""Search directions k, weights derived from them, and the coarse problem of the quasi-static mode.
 
-search_direction
-----------------
-Search directions k of (12), (13), (16), (17): per side, normal and tangential, at every point.
-
-The choice changes the number of iterations, never the converged answer. Candidates:
+Search directions of (12), (13), (16), (17): per side, normal and tangential, at every point. The choice changes the
+number of iterations, not the converged solution. Candidates:
 
 impedance   rho c_p and rho c_s of the side's own material: exact where the step resolves the wave
 uniform     the same numbers everywhere (the paper's k = G T_c / L_c is rho c_s for T_c = L_c / c_s)
@@ -14,28 +11,19 @@ static      without inertia only: 1.5 x the geometric mean of the stiffness of a
 automatic   the static one without inertia; diagonal for windows of one instant; for longer windows the impedance
             where the step resolves the wave on both sides (row k over impedance within 0.3 ... 3), else half the row
 
-coarse
-------
-Coarse problem of the quasi-static mode: the two sides of every interface balance in the mean.
-
-Without inertia an iteration carries the resultant of a load from one substructure to the next only, and the number of
-iterations grows with the length of a stack. So the linear stage takes, on each interface between two substructures,
-one motion W~ common to its sides and affine over it (nine numbers on a plane, three where only the normal is known),
+Coarse problem of the quasi-static mode: the two sides of every interface balance in the mean. Without inertia an
+iteration carries the resultant of a load from one substructure to the next only, and the number of iterations grows
+with the length of a stack. So the linear stage takes, on each interface between two substructures, one motion W~ common
+to its sides and affine over it (nine numbers on a plane, three where only the normal is known),
 
     F = q + k W~ - k W,        with  integral of R^T (F_E + F_E') = 0   for every affine motion R,
 
-which holds for the solution whatever the behaviour of the interface is (action and reaction), so that W~ vanishes
-there and the converged answer is the same. Rigid motions alone would balance resultants and moments; the others (the
-face stretches and shears) halve the iterations of long stacks again. Where one side cannot move (ground, held
-directions) nothing is to be balanced.
-
-The operator, one small dense matrix for the whole assembly, is factorised once per search direction:
+which holds for the solution with every behaviour (action and reaction), so that W~ vanishes there and the converged
+solution is the same. Rigid motions alone would balance resultants and moments; the others (the face stretches and
+shears) halve the iterations of long stacks again. Where one side cannot move (ground, held directions) there is no
+balance. The operator, one small dense matrix for the whole assembly, is factorised once per search direction:
 
     L = sum over substructures of R^T a (k - k Y k) R,    Y the condensed response on k.
-
-direction
----------
-All data of a run that depend on the search direction: k, and the weights made from it.
 """
 
 from __future__ import annotations
@@ -59,7 +47,7 @@ WARNED = (0.2, 5.0)
 
 
 def channel_k(assembly: Assembly, wanted: SearchDirection, window: int) -> tuple[Array, str]:
-    """k of every channel (n_flat,), Pa s m-1 (0 where a side is rigid), and a word on the choice made."""
+    """Search direction k of every channel (n_flat,), Pa s m-1 (0 where a side is rigid), and the choice in a word."""
     kind = wanted.kind
     if kind == "automatic" and assembly.quasi_static:
         kind = "static"
@@ -91,7 +79,7 @@ def inertial_impedance(assembly: Assembly) -> None:
 
 
 def unresolved_sides(assembly: Assembly) -> list[str]:
-    """Sentences on sides whose wave front the mesh and step do not resolve (converged is not accurate there)."""
+    """Sentences on sides where mesh and step do not resolve a wave front: the solution is inaccurate there."""
     row = _row(assembly, normal_only=True)
     remarks = []
     for i, unit in enumerate(assembly.interfaces):
@@ -142,6 +130,7 @@ def _without_round_off(values: Array) -> Array:
 
 
 def _one_tangent(assembly: Assembly, values: Array) -> Array:
+    """The values (n_flat,) with the larger of both tangential ones at every point."""
     for group in assembly.layout.groups:
         if group.n_component > 1:
             block = group.block(values)
@@ -195,7 +184,7 @@ def _resolved(assembly: Assembly) -> tuple[Array, str]:
 
 
 def _inverse(values: Array) -> Array:
-    """1/x where x > 0, else 0."""
+    """Inverse 1/x where x > 0, else 0."""
     return np.divide(1.0, values, out=np.zeros_like(values), where=values > 0)
 
 
@@ -210,7 +199,7 @@ _SAME = 1e-9  # motions that differ by less than this fraction of their size on 
 _SINGULAR = 1e-13
 
 
-class Coarse:
+class CoarseProblem:
     """Coarse problem of an assembly bound to the search direction k (n_flat,), Pa s m-1."""
 
     def __init__(self, assembly: Assembly, k: Array) -> None:
@@ -218,29 +207,29 @@ class Coarse:
         area = assembly.layout.area
         self._balance = sp.csr_array(motions.T @ sp.diags_array(area))
         self._incoming = sp.csr_array(sp.diags_array(k) @ motions)
-        answers = sp.lil_array(motions.shape)
+        responses = sp.lil_array(motions.shape)
         for propagator, channels in zip(assembly.propagators, assembly.channels, strict=True):
             for member in range(channels.shape[1]):
                 own = channels[:, member]
                 load = self._incoming[own]
                 touched = np.unique(load.indices)
-                answers[own[:, None], touched] = propagator.response @ load[:, touched].toarray()
-        self._answer = sp.csr_array(answers)
-        operator = (self._balance @ (self._incoming - sp.diags_array(k) @ self._answer)).toarray()
+                responses[own[:, None], touched] = propagator.response @ load[:, touched].toarray()
+        self._response = sp.csr_array(responses)
+        operator = (self._balance @ (self._incoming - sp.diags_array(k) @ self._response)).toarray()
         self._inverse = _pseudo_inverse(0.5 * (operator + operator.T))
 
     @property
     def size(self) -> int:
-        """Number of unknowns."""
+        """Number of unknowns of the coarse problem."""
         return len(self._inverse)
 
     def fields(self) -> dict[str, Array | sp.csr_array]:
-        """What the kernels bring q and the W of the substructures to balance with."""
+        """Fields with which the kernels balance q and the W of the substructures."""
         return {
             "coarse_inverse": self._inverse,
             "coarse_balance": self._balance,
             "coarse_incoming": self._incoming,
-            "coarse_answer": self._answer,
+            "coarse_answer": self._response,
         }
 
 
@@ -283,7 +272,7 @@ def affine_motions(unit: InterfaceUnit) -> Array:
 
 
 def _pseudo_inverse(matrix: Array) -> Array:
-    """Inverse of a symmetric positive matrix; motions that meet no resistance are left alone."""
+    """Inverse of a symmetric positive matrix, zero on motions without resistance."""
     if not len(matrix):
         return matrix
     values, vectors = la.eigh(matrix)
@@ -300,7 +289,7 @@ class Direction:
 
     Attributes
     ----------
-    k : (n_flat,), Pa s m-1. choice : what it is, in words. z : 1/k, 0 where k is. metric : (n_flat,) squared weights of
+    k : (n_flat,), Pa s m-1. choice : its kind, in words. z : 1/k, 0 where k is 0. metric : (n_flat,) squared weights of
     the norm sum area / k q^2 (a power) in which iterates are compared.
     """
 
@@ -309,11 +298,11 @@ class Direction:
         self.k, self.choice = channel_k(assembly, settings.search_direction, n)
         self.z = np.divide(1.0, self.k, out=np.zeros_like(self.k), where=self.k > 0)
         self.metric = assembly.layout.area * self.z
-        self.coarse: Coarse | None = None  # without inertia, from ``bind``
+        self.coarse: CoarseProblem | None = None  # without inertia, from ``bind``
 
     @cached_property
     def points(self) -> PointByPoint:
-        """Gauss-Seidel over the points, built where it is needed."""
+        """Solution point by point, built when first used."""
         return PointByPoint(self.assembly)
 
     @cached_property
@@ -337,15 +326,15 @@ class Direction:
         for propagator, channels in zip(self.assembly.propagators, self.assembly.channels, strict=True):
             propagator.bind(self.k[channels[:, 0]])
         if self.assembly.quasi_static:
-            self.coarse = Coarse(self.assembly, self.k)
+            self.coarse = CoarseProblem(self.assembly, self.k)
 
     def incoming(self, f_hat: Array, w_hat: Array) -> Array:
-        """q = F_hat + k W_hat."""
+        """Quantity q = F_hat + k W_hat that the linear stage starts from."""
         q: Array = f_hat + self.k * w_hat
         return q
 
     def run_fields(self) -> dict[str, Any]:
-        """Fields of the run's record."""
+        """Fields of the record of the run (``kernels.records``)."""
         fields: dict[str, Any] = {"k": self.k, "z": self.z, "weights": self.weights, "metric": self.metric}
         if self.coarse is not None and self.coarse.size:
             fields |= self.coarse.fields()

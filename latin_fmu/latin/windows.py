@@ -19,7 +19,7 @@ import numpy as np
 from ..kernels import entries
 from .assembly import Array, Assembly
 from .initial_conditions import initial_conditions
-from .instant_solve import Bonds, all_bonded
+from .instant_solve import PerfectInterfaceSolve, all_perfect
 from .record import Timings, WindowRecord
 from .recorder import Recorder
 from .run_image import SlideProbes, Stages, Threads, all_in_kernels, histories, make_image, negligible_scales
@@ -85,7 +85,8 @@ class Run:
         self._operators = [p.operators for p in assembly.propagators]
         self._directions: dict[int, Direction] = {}
         self._direct_bonds = False
-        self._bonds: Bonds | None = None  # where they are too many, or redundant, for one matrix in the kernels
+        # where the perfect interfaces are too many, or redundant, for one matrix in the kernels
+        self._bonds: PerfectInterfaceSolve | None = None
         one = self.direction(1)
         one.bind()
         self._probes = SlideProbes(assembly, self.recorder.sliding)
@@ -178,7 +179,7 @@ class Run:
     # -- windows ------------------------------------------------------------------------------------------------
     def all(self) -> None:
         """Solve every window of the segment; stops after one whose best iterate is far from a solution (HOPELESS)."""
-        if not self._direct_bonds and self.settings.direct_bonds and all_bonded(self.assembly):
+        if not self._direct_bonds and self.settings.direct_bonds and all_perfect(self.assembly):
             self._solve_bonds_directly()
         total = self.assembly.n_instant
         length = self.settings.window or total
@@ -205,7 +206,7 @@ class Run:
 
     def _solve_bonds_directly(self) -> None:
         """Start every instant with the solution of its perfect interfaces, one linear solve; there are no others."""
-        bonds, direction = Bonds(self.assembly), self.direction(1)
+        bonds, direction = PerfectInterfaceSolve(self.assembly), self.direction(1)
         operator = bonds.incoming(direction.k)
         self._direct_bonds = True
         if operator is None:
