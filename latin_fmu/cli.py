@@ -32,13 +32,17 @@ COMMANDS: Final = MappingProxyType(
 )
 """Module of ``commands`` that declares each subcommand."""
 
+# What costs time at the start and serves nothing: threads of BLAS, of which the solver uses one (blas_threads), and
+# the search for plugins of pydantic in all installed packages
+_ENVIRONMENT: Final = MappingProxyType({"OPENBLAS_NUM_THREADS": "1", "PYDANTIC_DISABLE_PLUGINS": "__all__"})
+
 _EXAMPLES = """\
 examples:
   latin-fmu check models/two_specimen_crushing/scene.toml
   latin-fmu explain models/two_specimen_crushing/scene.toml
   latin-fmu cost models/two_specimen_crushing/scene.toml -o study
   latin-fmu run models/beam_in_traction/scene.toml -o beam.nc
-  latin-fmu run models/two_specimen_crushing/scene.toml --set interface.crush.friction_coefficient=0.3
+  latin-fmu run models/two_specimen_crushing/scene.toml --set load.press.pressure=100e6
   latin-fmu plot beam.nc -o beam.png
   latin-fmu plot models/lap_joint/scene.toml -o assembly.png
   latin-fmu fmu models/two_specimen_crushing/scene.toml -o crushing.fmu
@@ -53,8 +57,8 @@ exit codes: 0 converged, 1 not converged (results are written and marked), 2 bad
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line ``argv`` (default: that of the process) and return its exit code."""
-    # the solver uses one thread of BLAS (see blas_threads); the others cost time when NumPy is loaded
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    for variable, value in _ENVIRONMENT.items():
+        os.environ.setdefault(variable, value)
     words = sys.argv[1:] if argv is None else list(argv)
     try:
         arguments = _parser(words).parse_args(words)

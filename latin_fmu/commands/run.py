@@ -27,7 +27,7 @@ examples:
   latin-fmu run scene.toml --json > report.json
   latin-fmu run scene.toml --accuracy 1% --set accuracy.quantity=crush.first_contact
 
-Named items are addressed by name: --set interface.crush.friction_coefficient=0.1
+Named items are addressed by name: --set load.press.pressure=100e6
 """
 
 
@@ -64,8 +64,8 @@ def register(add: AddParser) -> None:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    with _imports_uncollected():
-        from ..accuracy import estimate  # noqa: F401, used further below
+    with _lean_imports():
+        from ..accuracy import estimate  # noqa: F401, loads the solver, too
         from ..results.files import check_target
 
         scene = read_scene(arguments)
@@ -98,14 +98,24 @@ def _run(arguments: argparse.Namespace) -> int:
 
 
 @contextmanager
-def _imports_uncollected() -> Iterator[None]:
-    """Leave the objects made by imports to no garbage collection: they stay, and there are many of them."""
+def _lean_imports() -> Iterator[None]:
+    """Imports that cost less: what they make is not searched for garbage, and SciPy loads no tools of developers.
+
+    SciPy copies all names of ``numpy``, which loads ``numpy.f2py`` and ``numpy.testing`` where they have no value yet.
+    """
+    import numpy
+
+    tools = [name for name in ("f2py", "testing") if name not in vars(numpy)]
+    vars(numpy).update(dict.fromkeys(tools))
     gc.disable()
     try:
         yield
     finally:
         gc.freeze()
         gc.enable()
+        for name in tools:
+            if vars(numpy)[name] is None:
+                delattr(numpy, name)
 
 
 def _target(scene: Scene, arguments: argparse.Namespace) -> float | None:

@@ -1,7 +1,5 @@
 """Table [boundary.NAME]: what holds or moves a face from outside."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Annotated, Any, Literal
 

@@ -20,7 +20,10 @@ FACE_RULE = 'written "substructure.face"'
 
 
 class Table(BaseModel):
-    """A table of the scene file: immutable, and a key it does not know is an error."""
+    """A table of the scene file: immutable, and an unknown key is an error.
+
+    Modules with tables do without ``from __future__ import annotations``: pydantic would evaluate every text again.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, validate_default=True, defer_build=True)
 

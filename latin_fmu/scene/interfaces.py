@@ -1,7 +1,5 @@
 """Tables [interface.NAME] and [contact.NAME]: how substructures and the ground act on each other."""
 
-from __future__ import annotations
-
 import math
 import sys
 from collections.abc import Iterator, Mapping

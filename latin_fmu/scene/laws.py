@@ -12,8 +12,6 @@ The solver uses a(t_i) at its instants and is linear in between, so its impulse 
 samples. `sampled_impulse_error` compares it with the exact integral of the law. With the rule of jumps, a
 pulse that starts and ends on instants has its exact impulse."""
 
-from __future__ import annotations
-
 import math
 import re
 from pathlib import Path

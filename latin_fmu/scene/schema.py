@@ -1,7 +1,5 @@
 """The scene: everything the user describes, checked as a whole."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Tables [time], [output] and [accuracy]: the interval and its scheme, what the results keep, the error estimate."""
 
-from __future__ import annotations
-
 from typing import Annotated, Final, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field

@@ -1,7 +1,5 @@
 """Table [solver]: how the LATIN iteration works, which may not change the converged answer, and the propagators."""
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field, PlainValidator

@@ -1,7 +1,5 @@
 """Tables [material], [substructure], [mesh], [load] and [sensor], each by name: bodies and what acts on them."""
 
-from __future__ import annotations
-
 import math
 import re
 from typing import Annotated
