@@ -11,23 +11,17 @@ import latin_fmu
 from latin_fmu.cosim import Session
 from latin_fmu.cosim.waveform_relaxation import Coupling, Side, WaveformMaster
 from latin_fmu.errors import InputError, SolverError
+from latin_fmu.stability.scenes import Material, bar, column
 
-MATERIAL = {"soft": {"young_modulus": 4.0, "poisson_ratio": 0.0, "density": 1.0}}
 IMPEDANCE, DT = 2.0, 0.05  # rho c; s
 
 
 def part(name: str, start: float, length: float, loads: dict) -> latin_fmu.Scene:
-    box = {"origin": [0.0, 0.0, start], "size": [1.0, 1.0, length], "elements": [1, 1, round(4 * length)]}
-    return latin_fmu.scene_from_dict(
-        {
-            "name": name,
-            "material": MATERIAL,
-            "substructure": {name: {"material": "soft", "box": box}},
-            "load": loads,
-            "sensor": {"cut": {"substructure": name, "point": [0.0, 0.0, 2.0]}},
-            "time": {"end": 1.0, "step": DT},
-        }
-    )
+    body = bar(Material(4.0), length, round(4 * length))
+    sensor = {"cut": {"substructure": name, "point": [0.0, 0.0, 2.0]}}
+    tables = column({name: body}, {}, {"end": 1.0, "step": DT}, name=name, load=loads, sensor=sensor)
+    tables["substructure"][name]["box"]["origin"][2] = start
+    return latin_fmu.scene_from_dict(tables)
 
 
 def halves() -> dict[str, Session]:

@@ -24,6 +24,7 @@ from latin_fmu.kernels.energy import TERMS
 from latin_fmu.kernels.lanes import padded
 from latin_fmu.kernels.records import CLASS_FIELDS, GROUP_FIELDS, LINE, RUN_FIELDS, RUN_NUMBERS
 from latin_fmu.reader import scene_from_dict
+from latin_fmu.stability.scenes import STEEL, Box, column, half_sine
 
 Tables = dict[str, Any]
 POOLS = ("constants", "direction", "histories", "state", "work", "output")
@@ -35,35 +36,28 @@ def blocks(n: int, **solver: Any) -> Tables:
 
     Those that have nothing on top are one class of n - 1 members.
     """
-    size = {"size": [0.01, 0.01, 0.01], "elements": [2, 2, 2]}
     names = [f"b{i}" for i in range(n)]
-    contact = {"friction_coefficient": 0.3}
-    return {
-        "name": "blocks",
-        "material": {"steel": {"young_modulus": 210e9, "poisson_ratio": 0.3, "density": 7800.0}},
-        "substructure": {
-            "top": {"material": "steel", "box": {"origin": [0.0, 0.0, 0.01], **size}},
-            **{
-                name: {"material": "steel", "box": {"origin": [0.02 * i, 0.0, 0.0], **size}}
-                for i, name in enumerate(names)
-            },
-        },
-        "interface": {
-            "meeting": {"sides": ["b0.zmax", "top.zmin"], **contact},
-            **{f"floor_{name}": {"sides": [f"{name}.zmin", "ground"], **contact} for name in names},
-        },
-        "load": {
+    contact, pressed = {"friction_coefficient": 0.3}, [("top", "zmax"), *((name, "xmax") for name in names)]
+    block = Box(STEEL, (0.01,) * 3, (2,) * 3)
+    tables = column(
+        {"b0": block, "top": block},
+        {"meeting": contact},
+        {"end": 2.4e-6, "instants": 12},
+        load={
             f"press_{name}": {
                 "face": f"{name}.{side}",
                 "traction": [2e7 * i, 1e7, -1e8 - 1e7 * i],
-                "law": {"type": "half_sine", "duration": 3e-6},
+                "law": half_sine(3e-6),
             }
-            for i, (name, side) in enumerate([("top", "zmax"), *((name, "xmax") for name in names)])
+            for i, (name, side) in enumerate(pressed)
         },
-        "time": {"end": 2.4e-6, "instants": 12},
-        "solver": solver,
-        "output": {"energy": True},
-    }
+        solver=solver,
+        output={"energy": True},
+    )
+    top = tables["substructure"]["top"]
+    tables["substructure"] = {"top": top, **{n: block.table((0.02 * i, 0.0, 0.0)) for i, n in enumerate(names)}}
+    tables["interface"] |= {f"floor_{name}": {"sides": [f"{name}.zmin", "ground"], **contact} for name in names}
+    return tables
 
 
 def plain(_: Tables) -> None:

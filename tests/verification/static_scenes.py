@@ -6,8 +6,10 @@ import copy
 from typing import Any
 
 import latin_fmu
+from latin_fmu.stability import scenes
+from latin_fmu.stability.scenes import Box, column
 
-STEEL = {"young_modulus": 210e9, "poisson_ratio": 0.3, "density": 7800.0}
+STEEL = scenes.STEEL.table()
 
 
 def ramp(*points: tuple[float, float]) -> dict[str, Any]:
@@ -16,28 +18,17 @@ def ramp(*points: tuple[float, float]) -> dict[str, Any]:
 
 
 def scene(steps: int, end: float = 1.0, **solver: Any) -> dict[str, Any]:
-    """An empty quasi-static scene."""
-    return {
-        "name": "static",
-        "material": {"steel": dict(STEEL)},
-        "substructure": {},
-        "interface": {},
-        "boundary": {},
-        "load": {},
-        "time": {"end": end, "instants": steps, "quasi_static": True},
-        "solver": solver,
-        "output": {"fields": True, "energy": True},
-    }
+    """A quasi-static scene of steel without bodies."""
+    time = {"end": end, "instants": steps, "quasi_static": True}
+    made = column({}, {}, time, name="static", solver=solver, output={"fields": True, "energy": True})
+    return made | {"material": {"steel": dict(STEEL)}}
 
 
 def add_block(
     into: dict[str, Any], name: str, origin: tuple[float, ...], size: tuple[float, ...], elements: tuple[int, ...]
 ) -> None:
     """A steel block."""
-    into["substructure"][name] = {
-        "material": "steel",
-        "box": {"origin": list(origin), "size": list(size), "elements": list(elements)},
-    }
+    into["substructure"][name] = Box(scenes.STEEL, size, elements).table(origin)
 
 
 def plates(
