@@ -22,7 +22,7 @@ from .conditions import conditions_on
 from .inactive_substructures import arrival_times, cut_by_arrival, marched_share
 from .interfaces import build_interface, lonely_remarks, with_behaviours, with_found
 from .problem import DiscretisedProblem, SolverReadyProblem
-from .statics import start_problems, starts_static, static_state, unheld
+from .statics import start_problems, static_state, unheld
 
 
 def build(
@@ -44,7 +44,8 @@ def build(
 
 def solver_ready(discretised: DiscretisedProblem, amplitudes: Mapping[str, float]) -> SolverReadyProblem:
     """Operators, with the initial values given or the equilibrium that the scene starts from (see ``build``)."""
-    return discretised.build(static_state(discretised, amplitudes) if starts_static(discretised.scene) else None)
+    static = discretised.scene.time.start.type == "static"
+    return discretised.build(static_state(discretised, amplitudes) if static else None)
 
 
 def discretise(scene: Scene, behaviours: Mapping[str, Behaviour] | None = None) -> DiscretisedProblem:
@@ -66,7 +67,7 @@ def discretise(scene: Scene, behaviours: Mapping[str, Behaviour] | None = None) 
     initial_problems(scene, units, problems, remarks)
     if scene.time.quasi_static and not problems:
         problems += unheld(bodies, conditions, units, "quasi_static")
-    if starts_static(scene) and not problems:
+    if scene.time.start.type == "static" and not problems:
         problems += start_problems(scene, bodies, conditions, units)
     if problems:
         raise SceneError(problems, "the scene cannot be built")

@@ -14,7 +14,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from ..fem.faces import N_CORNER, Face, face_of, nodal_values
+from ..fem.faces import Face, face_of, nodal_values
 from ..fem.mesh import Array, FacetBlock, FacetSet, Index, nearest
 from ..fem.mortar import Mortar, mortar
 from ..fem.surface import Surface
@@ -264,8 +264,7 @@ def _edges(facets: FacetSet, held: Mask) -> Index:
     """Nodes at the ends (n, 2) of edges whose ends are both ``held`` (n_node,)."""
     held_edges = [np.zeros((0, 2), dtype=np.int64)]
     for block in facets.blocks:
-        corners = block.facets[:, : N_CORNER[block.kind]]
-        ends = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2)
+        ends = np.stack([block.corners, np.roll(block.corners, -1, axis=1)], axis=2).reshape(-1, 2)
         held_edges.append(ends[held[ends].all(axis=1)])
     return np.unique(np.sort(np.concatenate(held_edges), axis=1), axis=0)
 

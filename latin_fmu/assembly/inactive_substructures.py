@@ -44,7 +44,7 @@ def arrival_times(
     for (name, face), onset in _face_sources(scene, units, time).items():
         if onset < np.inf:
             heapq.heappush(queue, (onset, (name, face)))
-    ports = [_ports(unit) for unit in units]
+    ports = [tuple(split_face(side) for side in unit.sides if side != GROUND) for unit in units]
     for name, onset in first.items():
         if onset < np.inf:
             for pair in ports:
@@ -108,10 +108,6 @@ def _onset(law: TimeLaw, time: Array) -> float:
         return 0.0
     acting = np.flatnonzero(law.sample(time))
     return float(time[max(int(acting[0]) - 1, 0)]) if acting.size else np.inf
-
-
-def _ports(unit: InterfaceUnit) -> tuple[Port, ...]:
-    return tuple(split_face(side) for side in unit.sides if side != GROUND)
 
 
 def _transit(body: Body, first: str, second: str) -> float:

@@ -20,7 +20,7 @@ from ..propagator import Propagator
 from ..scene.laws import InputLaw
 from ..scene.schema import Scene
 from .build import discretise
-from .statics import starts_static, static_state
+from .statics import static_state
 
 _SAME_STEP, _STEPS_KEPT = 1e-9, 8
 _RUNNING = ("friction_dissipation", "contact_dissipation", "ground_work", "joint_dissipation")
@@ -102,7 +102,7 @@ class SegmentedRun:
         SceneError : there is no equilibrium; the state is unchanged.
         """
         start = self._at_start(amplitudes)
-        if start == self._amplitudes or not starts_static(self.scene):
+        if start == self._amplitudes or self.scene.time.start.type != "static":
             return
         before = self.problem
         with one_thread():
@@ -130,7 +130,7 @@ class SegmentedRun:
         time = np.linspace(self.time, end, n + 1)
         with one_thread():
             segment = self._solve(time, loads or {})
-        if not segment.converged and (not accept or self._stopped()):
+        if not segment.converged and (not accept or (self._run is not None and self._run.stopped)):
             if before is None:
                 self.reset()
             else:
@@ -185,9 +185,6 @@ class SegmentedRun:
                 return known
         self._steps = [*self._steps[-_STEPS_KEPT + 1 :], dt]
         return dt
-
-    def _stopped(self) -> bool:
-        return self._run is not None and self._run.stopped
 
     def displacement(self, substructure: str) -> Array:
         """Displacements of all nodes of a substructure at the present time, (n_node, 3), m."""

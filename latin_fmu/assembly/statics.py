@@ -41,11 +41,6 @@ _MOST = 500  # iterations of an increment
 _Tables = dict[str, Any]
 
 
-def starts_static(scene: Scene) -> bool:
-    """Whether the motion starts from a static equilibrium."""
-    return isinstance(scene.time.start, StaticStart)
-
-
 def start_problems(
     scene: Scene, bodies: dict[str, Body], conditions: dict[str, Conditions], units: list[InterfaceUnit]
 ) -> Iterator[Problem]:

@@ -25,11 +25,10 @@ import numpy as np
 import scipy.sparse as sp
 
 from .mesh import Array, FacetSet, Index, Mesh
-from .reference_cells import simplex_rule
+from .reference_cells import FACET_CORNERS, simplex_rule
 
 ALPHA: Final = 0.2
 """Share of a middle node's function that goes to each end of its edge."""
-N_CORNER: Final = {"triangle": 3, "triangle6": 3, "quad": 4, "quad8": 4, "quad9": 4}
 DEGREE: Final = {"triangle": 1, "quad": 2, "triangle6": 2, "quad8": 3, "quad9": 4}
 """Total degree of the shape functions in the reference coordinates."""
 _SIGNS = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)], dtype=float)
@@ -43,7 +42,7 @@ _GAUSS = 1 / np.sqrt(3.0)
 
 def edges_of(kind: str) -> tuple[tuple[int, int], ...]:
     """Corners at the ends of each edge; the middle of edge i is node n_corner + i."""
-    n = N_CORNER[kind]
+    n = FACET_CORNERS[kind]
     return tuple((i, (i + 1) % n) for i in range(n))
 
 
@@ -98,7 +97,7 @@ def square_quadrature(n: int) -> tuple[Array, Array]:
 def flat_pieces(kind: str, straight: bool) -> Array:
     """Reference coordinates (n_piece, 3 | 4, 2) of the corners of flat pieces: the facet itself where it is linear or
     ``straight``, else four between its corners, middles and centre."""
-    triangle = N_CORNER[kind] == 3
+    triangle = FACET_CORNERS[kind] == 3
     if straight or not quadratic(kind):
         return (_TRIANGLE if triangle else _SIGNS)[None]
     nodes, pieces = (_TRIANGLE_NODES, _TRIANGLE_PIECES) if triangle else (_QUAD_NODES, _QUAD_PIECES)
@@ -109,7 +108,7 @@ def is_straight(kind: str, places: Array) -> bool:
     """Whether the inner nodes of facets at ``places`` (n_facet, n_node, 3) stand in the middle of their corners."""
     if not quadratic(kind):
         return True
-    n = N_CORNER[kind]
+    n = FACET_CORNERS[kind]
     size = np.linalg.norm(np.ptp(places, axis=1), axis=1).max(initial=0.0)
     middle = places[:, n : 2 * n] - 0.5 * (places[:, :n] + places[:, [*range(1, n), 0]])
     off = np.abs(middle).max(initial=0.0)
@@ -133,7 +132,7 @@ def changes_basis(face: FacetSet) -> bool:
 
 def facet_change(kind: str, changed: bool) -> Array:
     """L (n_node, n_node) of one facet: phi~_b = sum over a of L_ab phi_a; the identity where nothing is changed."""
-    n_node, n = len(shape(kind, np.zeros(2))), N_CORNER[kind]
+    n_node, n = len(shape(kind, np.zeros(2))), FACET_CORNERS[kind]
     change = np.eye(n_node)
     if changed and quadratic(kind):
         for i, ends in enumerate(edges_of(kind)):
@@ -173,7 +172,7 @@ def edge_middles(face: FacetSet) -> tuple[Index, Index]:
     ends, middle = [np.zeros((0, 2), dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
     for block in face.blocks:
         if quadratic(block.kind):
-            n = N_CORNER[block.kind]
+            n = FACET_CORNERS[block.kind]
             ends.append(block.facets[:, np.array(edges_of(block.kind))].reshape(-1, 2))
             middle.append(block.facets[:, n : 2 * n].ravel())
     return np.concatenate(ends), np.concatenate(middle)
@@ -228,12 +227,17 @@ def face_of(places: Array, facets: FacetSet) -> Face:
     return Face(nodes, areas, vector_areas, basis_change(facets, nodes) if changes_basis(facets) else None)
 
 
+def _at_gauss_points(kind: str, places: Array) -> tuple[Array, Array, Array]:
+    """Shape functions (n_gauss, n_node), weights (n_gauss,), normals times area ratios (n_gauss, n_facet, 3)."""
+    at, weights = triangle_quadrature(6) if FACET_CORNERS[kind] == 3 else square_quadrature(4)
+    along = np.einsum("gak,fai->gkfi", slopes(kind, at), places)
+    return shape(kind, at), weights, np.cross(along[:, 0], along[:, 1])
+
+
 def _curved_integrals(kind: str, places: Array) -> tuple[Array, Array]:
     """int psi_a dA and int psi_a n dA, as in ``_facet_integrals``, of curved facets with nodes at ``places``."""
-    at, weights = triangle_quadrature(6) if kind == "triangle6" else square_quadrature(4)
-    along = np.einsum("gak,fai->gkfi", slopes(kind, at), places)
-    normal = np.cross(along[:, 0], along[:, 1])
-    weighted = weights[:, None] * shape(kind, at)
+    values, weights, normal = _at_gauss_points(kind, places)
+    weighted = weights[:, None] * values
     return np.einsum("ga,gf->fa", weighted, np.linalg.norm(normal, axis=2)), np.einsum("ga,gfi->fai", weighted, normal)
 
 
@@ -270,12 +274,9 @@ def consistent_dashpots(nodes: Array, facets: FacetSet, normal: float, tangentia
     the forces of a uniform traction with these only."""
     parts = []
     for block in facets.blocks:
-        at, weights = triangle_quadrature(6) if N_CORNER[block.kind] == 3 else square_quadrature(4)
-        along = np.einsum("gak,fai->gkfi", slopes(block.kind, at), nodes[block.facets])
-        outwards = np.cross(along[:, 0], along[:, 1])
+        values, weights, outwards = _at_gauss_points(block.kind, nodes[block.facets])
         area = np.linalg.norm(outwards, axis=2)
         tensor = _tensor(outwards / area[..., None], normal, tangential)
-        values = shape(block.kind, at)
         share = (weights[:, None] * area)[..., None, None] * tensor
         parts.append((block.facets, np.einsum("ga,gb,gfij->faibj", values, values, share, optimize=True)))
     return _assembled(len(nodes), parts)

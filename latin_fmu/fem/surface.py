@@ -7,8 +7,9 @@ from functools import cached_property
 
 import numpy as np
 
-from .faces import N_CORNER, flat_pieces, is_straight, shape
+from .faces import flat_pieces, is_straight, shape
 from .mesh import Array, FacetSet, Index
+from .reference_cells import FACET_CORNERS
 
 _CREASE = 0.7  # rad; pieces that meet at a larger angle form an edge of the body, not a curved face
 
@@ -80,7 +81,7 @@ class Surface:
         reference = flat_pieces(kind, is_straight(kind, places))
         n_facet, n_piece = len(facets), len(reference)
         if n_piece == 1:
-            corners = places[:, : N_CORNER[kind]]
+            corners = places[:, : FACET_CORNERS[kind]]
         else:
             corners = np.einsum("pca,fai->fpci", shape(kind, reference), places).reshape(-1, reference.shape[1], 3)
         facet = np.repeat(np.arange(n_facet), n_piece)

@@ -129,7 +129,8 @@ class _Deck:
             if name == "GRID":
                 self._grid(line, fields)
             elif name in _SOLIDS:
-                self._solid(line, name, fields)
+                nodes = [int(f) for f in fields[3 : 3 + _SOLIDS[name][1]] if f]
+                self._element(line, name, int(fields[2] or fields[1]), nodes, _SOLIDS[name], solid=True)
             elif name in _SHELLS:
                 nodes = [int(f) for f in fields[3 : 3 + _SHELLS[name]] if f]
                 self._element(line, name, int(fields[2] or fields[1]), nodes, (_SHELLS[name],), solid=False)
@@ -156,11 +157,6 @@ class _Deck:
         if not 0 < label < 2**62:
             raise ValueError("not a label")
         self.nodes[label] = (_number(fields[3]), _number(fields[4]), _number(fields[5]))
-
-    def _solid(self, line: int, name: str, fields: list[str]) -> None:
-        corners, all_nodes = _SOLIDS[name]
-        nodes = [int(f) for f in fields[3 : 3 + all_nodes] if f]
-        self._element(line, name, int(fields[2] or fields[1]), nodes, (corners, all_nodes), solid=True)
 
     def _element(
         self, line: int, name: str, owner: int, nodes: list[int], counts: tuple[int, ...], solid: bool

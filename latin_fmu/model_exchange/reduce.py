@@ -11,7 +11,6 @@ import scipy.sparse as sp
 from ..assembly.build import discretise
 from ..assembly.interfaces import completed
 from ..assembly.problem import DiscretisedProblem, characteristic_traction, side_impedance
-from ..assembly.statics import starts_static
 from ..cholesky.factor import interface_factor
 from ..errors import Problem, SceneError
 from ..fem.mesh import nearest
@@ -105,7 +104,7 @@ def _unknown(scene: Scene, n_mode: int, n_patch: int) -> Iterator[Problem]:
             yield Problem(what, "not a possible number", str(value), f"{least} to {most}")
     if scene.time.quasi_static:
         yield Problem("time.quasi_static", "a reduced model moves", "true", "false", "leave it out")
-    if starts_static(scene):
+    if scene.time.start.type == "static":
         yield Problem("time.start", "a reduced model starts from the values given", "static", "given", "leave it out")
     for name, interface in scene.interface.items():
         if interface.behaviour not in ("contact", "perfect"):
