@@ -1,7 +1,6 @@
 """Co-simulation of a scene: a session advanced by communication steps, and the table of its variables.
 
-Nothing here knows the FMI; the adapters to it are thin. The names below are looked up when first used, so that
-importing this package costs nothing.
+The names below are imported when they are first used.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Choices of a session, fixed before it starts."""
+"""Settings of a session, fixed before it starts, and the report of a communication step."""
 
 from __future__ import annotations
 
@@ -8,6 +8,9 @@ from dataclasses import dataclass
 from ..errors import InputError, Problem
 from ..scene.schema import Scene
 from .variables import HOLD, LINE, PRESCRIBED, RATE, WINDOWED
+
+SHORTEST = 1e-9  # of a time step: shorter communication steps are round-off
+EARLY = 1e-6  # of the step: largest distance of its start from the present time
 
 
 @dataclass(frozen=True)
@@ -31,40 +34,37 @@ class Settings:
     keep: bool = True
 
     def choices(self) -> tuple[object, ...]:
-        """All that has a say in the numbers."""
+        """The settings that change the numbers."""
         return (self.mode, self.interpolation, self.time_step, self.end_time, self.tolerance, self.max_iterations)
 
     def step_of(self, scene: Scene) -> float:
-        """Longest time step, s."""
+        """Longest time step of a scene under these settings, s."""
         return scene.time.time_step if self.time_step is None else self.time_step
 
     def problems(self) -> list[Problem]:
-        """What is out of range."""
-        found = []
-        if self.mode not in (WINDOWED, PRESCRIBED):
-            found.append(Problem("mode", "no such mode", str(self.mode), "0 (windowed) or 1 (prescribed)"))
-        if self.interpolation not in (HOLD, RATE, LINE):
-            found.append(
-                Problem("inputInterpolation", "no such rule", str(self.interpolation), "0 (hold), 1 (rate), 2 (line)")
-            )
-        for name, value in (("timeStep", self.time_step), ("endTime", self.end_time)):
-            if value is not None and not (math.isfinite(value) and value > 0.0):
-                found.append(Problem(name, "must be a time span", repr(value), "a finite number > 0"))
-        if self.tolerance is not None and not 1e-14 <= self.tolerance < 1.0:
-            found.append(Problem("tolerance", "out of range", repr(self.tolerance), "1e-14 <= tolerance < 1"))
-        if self.max_iterations is not None and self.max_iterations < 1:
-            found.append(Problem("maxIterations", "out of range", str(self.max_iterations), "1 or more"))
-        return found
+        """Problems of the settings that are out of range."""
+        modes, rules = "0 (windowed) or 1 (prescribed)", "0 (hold), 1 (rate), 2 (line)"
+        tolerance, n, span = self.tolerance, self.max_iterations, ("must be a time span", "a finite number > 0")
+        in_range = tolerance is None or 1e-14 <= tolerance < 1.0
+        checks = (
+            ("mode", self.mode, self.mode in (WINDOWED, PRESCRIBED), "no such mode", modes),
+            ("inputInterpolation", self.interpolation, self.interpolation in (HOLD, RATE, LINE), "no such rule", rules),
+            ("timeStep", self.time_step, _is_span(self.time_step), *span),
+            ("endTime", self.end_time, _is_span(self.end_time), *span),
+            ("tolerance", tolerance, in_range, "out of range", "1e-14 <= tolerance < 1"),
+            ("maxIterations", n, n is None or n >= 1, "out of range", "1 or more"),
+        )
+        return [Problem(name, what, repr(value), allowed) for name, value, good, what, allowed in checks if not good]
 
     def applied(self, scene: Scene) -> Scene:
-        """The scene with these settings (all but the tolerance, which the run takes by itself).
+        """The scene with these settings, but for the tolerance, which is given to the run.
 
         Raises
         ------
         InputError : a setting out of range; all are listed.
         """
-        if found := self.problems():
-            raise InputError(found, "the settings cannot be used")
+        if problems := self.problems():
+            raise InputError(problems, "the settings cannot be used")
         changes: dict[str, object] = {}
         if self.max_iterations is not None and self.max_iterations != scene.solver.max_iterations:
             changes["solver"] = scene.solver.model_copy(update={"max_iterations": self.max_iterations})
@@ -76,14 +76,13 @@ class Settings:
         return scene.model_copy(update=changes) if changes else scene
 
 
-# -- What became of a communication step.
-SHORTEST = 1e-9  # of a time step: shorter communication steps are round-off
-EARLY = 1e-6  # of the step: how far its start may be from the present time
+def _is_span(value: float | None) -> bool:
+    return value is None or (math.isfinite(value) and value > 0.0)
 
 
 @dataclass(frozen=True)
 class StepReport:
-    """``accepted`` False: the state is as before, ``message`` says why and what to do."""
+    """Result of a communication step; where it is not accepted, ``message`` says why and the state is as before."""
 
     accepted: bool
     message: str = ""
@@ -96,7 +95,7 @@ class StepReport:
 
 
 def refused(message: str) -> StepReport:
-    """A step that was not made."""
+    """Report of a step that was not made."""
     return StepReport(False, message)
 
 

@@ -1,11 +1,11 @@
-"""One exchanged variable."""
+"""One exchanged variable, its unit, and the table of variables as JSON: an FMU opens without reading the scene."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 Kind = Literal["real", "integer", "string", "count"]
 Causality = Literal["independent", "structuralParameter", "parameter", "input", "output"]
@@ -45,51 +45,28 @@ class Variable:
 
     @property
     def is_array(self) -> bool:
-        """Whether it has dimensions."""
+        """Whether the variable has dimensions."""
         return bool(self.dimensions)
 
 
 AXES = ("x", "y", "z")
 
 
-def vector(name: str, unit: str, description: str, *, depends: tuple[str, ...] = ()) -> list[Variable]:
-    """Outputs ``name[1]``, ``name[2]``, ``name[3]`` along the global axes."""
-    return [output(f"{name}[{i}]", unit, f"{description}, {axis}", depends=depends) for i, axis in enumerate(AXES, 1)]
+def vector(name: str, unit: str, description: str, **more: Any) -> list[Variable]:
+    """Outputs ``name[1]``, ``name[2]``, ``name[3]`` along the global axes; ``more`` as for ``Variable``."""
+    return [output(f"{name}[{i}]", unit, f"{description}, {axis}", **more) for i, axis in enumerate(AXES, 1)]
 
 
-def output(
-    name: str,
-    unit: str,
-    description: str,
-    *,
-    minimum: float | None = None,
-    maximum: float | None = None,
-    nominal: float | None = None,
-    depends: tuple[str, ...] = (),
-    dimensions: tuple[int | str, ...] = (),
-) -> Variable:
-    """A real output."""
-    return Variable(
-        name, "output", "continuous", "real", description, unit, None, minimum, maximum, nominal, depends, dimensions
-    )
+def output(name: str, unit: str, description: str, **more: Any) -> Variable:
+    """A real output; ``more`` as for ``Variable``."""
+    return Variable(name, "output", "continuous", "real", description, unit, **more)
 
 
-def parameter(
-    name: str,
-    kind: Kind,
-    start: float | int | str,
-    description: str,
-    *,
-    unit: str | None = None,
-    minimum: float | None = None,
-    maximum: float | None = None,
-    dimensions: tuple[int | str, ...] = (),
-) -> Variable:
-    """A parameter, fixed before initialization ends."""
-    return Variable(name, "parameter", "fixed", kind, description, unit, start, minimum, maximum, dimensions=dimensions)
+def parameter(name: str, kind: Kind, start: float | int | str, description: str, **more: Any) -> Variable:
+    """A parameter, fixed before initialization ends; ``more`` as for ``Variable``."""
+    return Variable(name, "parameter", "fixed", kind, description, start=start, **more)
 
 
-# -- Units of the exchanged variables: UDUNITS strings (netCDF) and their FMI names and SI exponents.
 @dataclass(frozen=True)
 class Unit:
     """An SI unit: ``name`` as FMI writes it, ``exponents`` of kg, m, s."""
@@ -111,29 +88,23 @@ UNITS: Final[Mapping[str, Unit]] = {
     "J": Unit("J", {"kg": 1, "m": 2, "s": -2}),
     "Pa": Unit("Pa", {"kg": 1, "m": -1, "s": -2}),
 }
-"""By UDUNITS string."""
+"""Units by UDUNITS string (netCDF): name in the FMI, exponents of SI base units."""
 
 
-# -- The variable table as JSON, so that a participant can be opened without reading the scene.
 def table_text(table: Sequence[Variable]) -> str:
-    """One variable a line, facts that are not given left out."""
-    plain = Variable("", "output", "fixed", "real", "")
-    lines = []
-    for variable in table:
-        facts = {
-            k: v
-            for k, v in asdict(variable).items()
-            if v != getattr(plain, k) or k in ("causality", "kind", "variability")
-        }
-        lines.append(json.dumps(facts))
+    """The table as JSON, one variable a line, without values that are the default."""
+    default = Variable("", "output", "fixed", "real", "")
+    always = ("causality", "kind", "variability")
+    lines = [
+        json.dumps({k: v for k, v in asdict(variable).items() if k in always or v != getattr(default, k)})
+        for variable in table
+    ]
     return "[\n" + ",\n".join(lines) + "\n]\n"
 
 
 def table_from(text: str) -> tuple[Variable, ...]:
-    """The table of ``table_text``."""
-    rows = []
-    for facts in json.loads(text):
-        for key in ("dimensions", "initial_dependencies"):
-            facts[key] = tuple(facts.get(key, ()))
-        rows.append(Variable(**facts))
-    return tuple(rows)
+    """The table that ``table_text`` wrote."""
+    rows = json.loads(text)
+    for row in rows:
+        row.update({key: tuple(row.get(key, ())) for key in ("dimensions", "initial_dependencies")})
+    return tuple(Variable(**row) for row in rows)

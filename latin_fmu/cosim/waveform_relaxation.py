@@ -1,12 +1,11 @@
-"""Master for waveform relaxation: participants coupled through velocity and force, a step iterated with rollback.
+"""Master for waveform relaxation: instances coupled through velocity and force, a step iterated with rollback.
 
-The iteration is that of the method itself, across participants: the velocities of the two sides of a coupling give
-a new force along a search direction k,
+The velocities of the two sides of a coupling give a new force along a search direction k, as in the LATIN iteration:
 
     F <- F - k (W - W'),      1 / k = 1 / z + 1 / z'
 
-z the impedances of the sides (rho c for a bar), until the velocities agree at the end of the step; Anderson
-acceleration mends what k misses. The force is linear over the step.
+z the impedances of the sides (rho c for a bar), until the velocities agree at the end of the step. Anderson
+acceleration reduces the error of k. The force is linear over the step.
 """
 
 from __future__ import annotations
@@ -24,26 +23,26 @@ from .settings import StepReport
 
 
 class Peer(Protocol):
-    """Instance of a co-simulation that the master needs: a ``Session``, or an FMU (``fmu_build.drive.FmuPeer``)."""
+    """Instance of a co-simulation: a ``Session``, or an FMU (``fmu_build.drive.FmuPeer``)."""
 
     def set_load(self, name: str, value: float, rate: float = 0.0) -> None:
         """Amplitude at the start of the next step and its rate."""
         ...
 
     def step(self, t: float, h: float) -> StepReport:
-        """Go on from t by h, s."""
+        """Advance from t by h, s."""
         ...
 
     def value(self, name: str) -> float:
-        """A scalar output."""
+        """Value of a scalar output."""
         ...
 
     def snapshot(self) -> bytes:
-        """The state."""
+        """Get the state as bytes."""
         ...
 
     def restore(self, blob: bytes) -> None:
-        """Back to a state."""
+        """Set a state that ``snapshot`` returned."""
         ...
 
 
@@ -51,8 +50,7 @@ class Peer(Protocol):
 class Side:
     """One side of a coupling: a load of a peer that takes the force, an output that is its velocity.
 
-    impedance : force amplitude per velocity the side answers with, e.g. rho c (Pa s m-1) for a load of 1 Pa on the
-    end of a bar.
+    impedance : force amplitude per velocity of the side, e.g. rho c (Pa s m-1) for a load of 1 Pa on the end of a bar.
     """
 
     peer: str
@@ -70,27 +68,27 @@ class Coupling:
 
     @property
     def search_direction(self) -> float:
-        """k of the two impedances in series."""
+        """Search direction k of the two impedances in series."""
         a, b = self.first.impedance, self.second.impedance
         return a * b / (a + b)
 
 
 @dataclass(frozen=True)
 class MasterReport:
-    """How a step went: iterations, last relative mismatch, forces at the end of the step (n_coupling,)."""
+    """Iterations of a step, last relative residual of the velocities, forces at its end (n_coupling,)."""
 
     iterations: int
-    mismatch: float
+    residual: float
     force: Array
 
 
 class WaveformMaster:
-    """Steps coupled peers together.
+    """Advances coupled peers together.
 
     Parameters
     ----------
-    peers : initialized participants by name. couplings : see there.
-    tolerance : on k |W - W'| relative to the largest force met. max_iterations : of a step. depth : of Anderson.
+    peers : initialized instances by name. couplings : sides with one velocity. max_iterations : of a step.
+    tolerance : on k |W - W'| over the largest force so far. depth : of the Anderson acceleration.
 
     Raises
     ------
@@ -126,11 +124,11 @@ class WaveformMaster:
         self._scale = 0.0
 
     def step(self, t: float, h: float) -> MasterReport:
-        """Iterate all peers from t to t + h until they agree.
+        """Iterate all peers from t to t + h until the velocities of their sides agree.
 
         Raises
         ------
-        SolverError : a peer refuses the step, or the velocities do not agree; every peer is back at t.
+        SolverError : a peer refuses the step, or the velocities do not agree; the state of every peer is that at t.
         """
         states = {name: peer.snapshot() for name, peer in self._peers.items()}
         accelerator = Anderson(np.ones(len(self._k)), self._depth, 1.0)
@@ -139,15 +137,15 @@ class WaveformMaster:
             if iteration > 1:
                 self._rewind(states)
             self._advance(states, force, t, h)
-            residual = -self._k * self._jump()
+            residual = -self._k * self._velocity_jump()
             self._scale = max(self._scale, float(np.abs(force).max(initial=0.0)))
-            mismatch = float(np.abs(residual).max(initial=0.0)) / (self._scale or 1.0)
-            if mismatch <= self._tolerance:
+            relative = float(np.abs(residual).max(initial=0.0)) / (self._scale or 1.0)
+            if relative <= self._tolerance:
                 self._before, self.force = self.force, force
-                return MasterReport(iteration, mismatch, force)
+                return MasterReport(iteration, relative, force)
             force = accelerator.next(force, residual)
         self._rewind(states)
-        raise SolverError(f"the step at {t:g} s: velocities differ by {mismatch:.3g} after {self._max} iterations")
+        raise SolverError(f"the step at {t:g} s: velocities differ by {relative:.3g} after {self._max} iterations")
 
     def _advance(self, states: Mapping[str, bytes], force: Array, t: float, h: float) -> None:
         rate = (force - self.force) / h
@@ -160,7 +158,7 @@ class WaveformMaster:
                 self._rewind(states)
                 raise SolverError(f"{name} refuses the step of {h:g} s at {t:g} s: {report.message}")
 
-    def _jump(self) -> Array:
+    def _velocity_jump(self) -> Array:
         """W - W' at the end of the step, (n_coupling,)."""
         return np.array(
             [
