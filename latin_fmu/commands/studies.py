@@ -41,7 +41,7 @@ def register(add: AddParser) -> None:
 
 
 def _register_cost(add: AddParser) -> None:
-    text = "measure the CPU time that accuracy costs: work-precision study of a scene"
+    text = "measure the cost of accuracy: work-precision study of a scene"
     parser = declare(add, "cost", text, _cost, _COST_EXAMPLES)
     parser.add_argument("scenes", metavar="SCENE", type=Path, nargs="+", help="scene file (TOML)")
     add_settings(parser, "change one setting of every scene; may be repeated")

@@ -158,7 +158,7 @@ def _cpu(outcome: Outcome) -> str:
     parts = ", ".join(f"{part.replace('_', ' ')} {value:.3g}" for part, value in seconds.items())
     if outcome.timings.predicted:
         march = total - (seconds.get("set_up") or 0.0) - (seconds.get("output") or 0.0)
-        parts += f"; march {march:.2g}, predicted {outcome.timings.predicted:.2g}"
+        parts += f"; march + other {march:.2g}, predicted {outcome.timings.predicted:.2g}"
     return f"{total:.3g} s ({parts}); peak memory {outcome.timings.peak_memory / 1e6:.0f} MB"
 
 
