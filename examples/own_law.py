@@ -41,19 +41,19 @@ class CappedFriction:
         return np.tile([self.friction_coefficient, self.strength], (n_point, 1))
 
     @staticmethod
-    def local(jump: Array, z: Array, reach: Array, rate: float, parameters: Array) -> Array:  # noqa: ARG004
+    def local(jump: Array, z: Array, normalised_gap: Array, rate: float, parameters: Array) -> Array:  # noqa: ARG004
         """Tractions (n_point, 3) on side E.
 
         Parameters
         ----------
         jump : (n_point, 3) velocity of E' relative to E without tractions, m s-1; a traction F changes it by - z F.
-        z : (n_point, 2) normal and tangential, m3 N-1 s-1. reach : (n_point,) gap over the time step, m s-1.
+        z : (n_point, 2) normal and tangential, m3 N-1 s-1. normalised_gap : (n_point,) gap over the time step, m s-1.
         rate : 1 / time step, s-1. parameters : (n_point, 2).
         """
         traction = np.zeros_like(jump)
         free = z[:, 0] > 0  # both sides held: no traction
         pressure = np.zeros(len(jump))
-        pressure[free] = np.maximum(0.0, -(jump[free, 0] + reach[free])) / z[free, 0]
+        pressure[free] = np.maximum(0.0, -(jump[free, 0] + normalised_gap[free])) / z[free, 0]
         traction[:, 0] = -pressure
         limit = np.minimum(parameters[:, 0] * pressure, parameters[:, 1])
         speed = np.linalg.norm(jump[:, 1:], axis=1)

@@ -7,7 +7,7 @@ gather to (channel, member), scatter back. A channel is one interface degree of 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -29,7 +29,7 @@ class InterfaceUnit:
 
     Attributes
     ----------
-    name : name in the scene. sides : faces, the second may be "ground". behaviour, geometry : see there.
+    name : name in the scene. sides : faces, the second may be "ground". behaviour, geometry : see ``interface``.
     preload : contact pressure at the start, Pa.
     """
 
@@ -116,7 +116,7 @@ class Layout:
                 self.interface[self.channels(i, 0)] = self.interface[self.channels(i, 1)] = i
 
     def group(self, interface: int) -> Group:
-        """Group of an interface."""
+        """The group to which an interface belongs."""
         return self._group_of[interface]
 
     def channels(self, interface: int, side: int) -> Index:
@@ -128,7 +128,7 @@ class Layout:
         return picked
 
 
-_TOUCH = 0.1  # sides that never slide hold each other over gaps that this part of the loads closes within an instant
+_TOUCH = 0.1  # gap that counts as closed without slip, over the distance that the loads close within an instant
 
 
 class GroundState(NamedTuple):
@@ -139,13 +139,13 @@ class GroundState(NamedTuple):
 
 
 class Assembly:
-    """Substructure classes and interfaces tied together by index arrays.
+    """Substructure classes and interfaces joined by index arrays.
 
     Parameters
     ----------
     propagators : one per class of identical substructures.
     channels : for each propagator the flat indices (n_channel, n_member).
-    interfaces, layout : see there.
+    interfaces : of the assembly. layout : of their channels.
     impedance : (n_flat,) material impedance of the side, rho c_p or rho c_s, Pa s m-1; 0 for ground;
         of a rigid body the resistance of its face within one step; without inertia the stiffness per area of the
         side, Pa m-1.
@@ -167,7 +167,7 @@ class Assembly:
         self.interfaces, self.layout, self.scheme = list(interfaces), layout, scheme
         self._impedance = impedance
         self.characteristic_traction = characteristic_traction
-        self.rest_traction = 0.0  # substructures at rest stay there up to this traction, Pa; < 0: always marched
+        self.rest_traction = 0.0  # substructures stay inactive up to this traction, Pa; < 0: always marched
         self._ground_frames = {
             i: (layout.channels(i, 1), unit.geometry.frames[:, : unit.behaviour.n_component])
             for i, unit in enumerate(self.interfaces)
@@ -209,8 +209,8 @@ class Assembly:
         yielding = np.divide(dt, impedance, out=np.zeros_like(impedance), where=impedance > 0)
         for group in self.layout.groups:
             if isinstance(group.behaviour, NoSlip):
-                moved = group.block(yielding)[..., 0].sum(axis=0)
-                group.parameters[:, 0] = _TOUCH * self.characteristic_traction * moved
+                compliance = group.block(yielding)[..., 0].sum(axis=0)
+                group.parameters[:, 0] = _TOUCH * self.characteristic_traction * compliance
 
     def _mean(self, velocity: Array) -> Array:
         """Velocity over each step: mean of both ends, without inertia that of the increment."""
@@ -248,31 +248,23 @@ class Assembly:
             flat[channels] = values
         return flat
 
-    def ground_velocity(self, flat: Array, instant: int) -> None:
-        """Write the velocities of the ground into a flat vector."""
+    # -- the ground -----------------------------------------------------------------------------------------------
+    def _write_ground(self, flat: Array, of: Callable[[int], Array]) -> None:
+        """Write vectors of the ground, ``of(interface)`` (3,), into the channels of a flat vector."""
         for i, (channels, frames) in self._ground_frames.items():
-            flat[channels] = frames @ self.ground[i][instant]
+            flat[channels] = frames @ of(i)
 
-    def ground_travel(self, interface: int, instant: int) -> Array:
+    def _ground_travel(self, interface: int, instant: int) -> Array:
         """Displacement (3,) of the ground at an instant, m: trapezoid of its velocity."""
-        moved: Array = self.ground_start[interface].displacement + self._travel[interface][instant]
-        return moved
+        travel: Array = self.ground_start[interface].displacement + self._travel[interface][instant]
+        return travel
 
     def ground_path(self, interface: int) -> Array:
         """Travel of the ground since the first instant, (n_time, 3), m."""
         return self._travel[interface]
 
-    def ground_displacement(self, flat: Array, instant: int) -> None:
-        """Write the displacements of the ground into a flat vector."""
-        for i, (channels, frames) in self._ground_frames.items():
-            flat[channels] = frames @ self.ground_travel(i, instant)
-
-    def ground_acceleration(self, flat: Array, instant: int) -> None:
-        """Write the accelerations of the ground (backward differences) into a flat vector."""
-        for i, (channels, frames) in self._ground_frames.items():
-            flat[channels] = frames @ self._ground_acceleration(i, instant)
-
     def _ground_acceleration(self, interface: int, instant: int) -> Array:
+        """Acceleration (3,) of the ground at an instant, m s-2: backward difference, at t = 0 that of the start."""
         start, velocity = self.ground_start[interface], self.ground[interface]
         if instant == 0 and start.acceleration is not None:
             return start.acceleration
@@ -280,49 +272,50 @@ class Assembly:
         slope: Array = (velocity[i] - velocity[i - 1]) / self.dt
         return slope
 
-    def ground_tables(self) -> tuple[Index, Array, Array]:
-        """Channels of the ground (n,), their velocities and displacements (n_time, n) at all instants."""
+    def initial_ground_acceleration(self) -> Array:
+        """Flat vector with the accelerations of the ground at the first instant, 0 elsewhere."""
+        flat = np.zeros(self.layout.n_flat)
+        self._write_ground(flat, lambda i: self._ground_acceleration(i, 0))
+        return flat
+
+    def ground_tables(self) -> tuple[Index, Array, Array, Array]:
+        """Channels of the ground (n,), their velocities, displacements and accelerations (n_time, n) at all
+        instants."""
         n_time = len(self.time)
         channels = [np.zeros(0, dtype=np.int64)]
-        velocity, displacement = [np.zeros((n_time, 0))], [np.zeros((n_time, 0))]
+        tables = [[np.zeros((n_time, 0))] for _ in range(3)]
         for i, (where, frames) in self._ground_frames.items():
             channels.append(where.ravel())
-            moved = self.ground_start[i].displacement + self._travel[i]
-            velocity.append(np.einsum("pci,ti->tpc", frames, self.ground[i]).reshape(n_time, -1))
-            displacement.append(np.einsum("pci,ti->tpc", frames, moved).reshape(n_time, -1))
-        return (np.concatenate(channels), np.concatenate(velocity, axis=1), np.concatenate(displacement, axis=1))
-
-    def ground_accelerations(self) -> Array:
-        """Accelerations (n_time, n) of the channels of the ground, as ``ground_tables`` orders them, m s-2."""
-        tables = [np.zeros((len(self.time), 0))]
-        for i, (_, frames) in self._ground_frames.items():
-            slopes = np.stack([self._ground_acceleration(i, t) for t in range(len(self.time))])
-            tables.append(np.einsum("pci,ti->tpc", frames, slopes).reshape(len(self.time), -1))
-        return np.concatenate(tables, axis=1)
+            displacement = self.ground_start[i].displacement + self._travel[i]
+            acceleration = np.stack([self._ground_acceleration(i, t) for t in range(n_time)])
+            for table, vectors in zip(tables, (self.ground[i], displacement, acceleration), strict=True):
+                table.append(np.einsum("pci,ti->tpc", frames, vectors).reshape(n_time, -1))
+        velocity, displacement, acceleration = (np.concatenate(table, axis=1) for table in tables)
+        return np.concatenate(channels), velocity, displacement, acceleration
 
     def ground_end(self, instant: int) -> dict[int, GroundState]:
         """State of the ground at an instant, for the next segment."""
         return {
-            i: GroundState(self.ground_travel(i, instant), self._ground_acceleration(i, instant))
+            i: GroundState(self._ground_travel(i, instant), self._ground_acceleration(i, instant))
             for i in self._ground_frames
         }
 
+    # -- the present state ------------------------------------------------------------------------------------------
     def displacement(self) -> Array:
-        """Displacement of every channel in the present state of the propagators, as gaps are read from."""
-        u = self.gather([p.channel_displacement() for p in self.propagators])
-        instant = self.instant
-        self.ground_displacement(u, instant)
-        lead = self.scheme.gap_offset(self.dt)
-        if lead and self._ground_frames:  # the propagators' displacements are that far ahead
-            ahead = np.zeros_like(u)
-            self.ground_velocity(ahead, instant)
-            u += lead * ahead
+        """Displacement (n_flat,) of every channel that the gaps of the present state follow from, m."""
+        u, instant = self.gather([p.channel_displacement() for p in self.propagators]), self.instant
+        self._write_ground(u, lambda i: self._ground_travel(i, instant))
+        offset = self.scheme.gap_offset(self.dt)
+        if offset and self._ground_frames:  # by which the displacements of the propagators are ahead
+            velocity = np.zeros_like(u)
+            self._write_ground(velocity, lambda i: self.ground[i][instant])
+            u += offset * velocity
         return u
 
     def velocity(self) -> Array:
-        """Velocity (n_flat,) of every channel in the present state of the propagators, the ground included."""
-        v = self.gather([p.channel_velocity() for p in self.propagators])
-        self.ground_velocity(v, self.instant)
+        """Velocity (n_flat,) of every channel in the present state, m s-1."""
+        v, instant = self.gather([p.channel_velocity() for p in self.propagators]), self.instant
+        self._write_ground(v, lambda i: self.ground[i][instant])
         return v
 
     def gaps(self) -> list[Array]:

@@ -38,7 +38,7 @@ def reuse_bound(settings: Settings) -> float:
 def make_image(assembly: Assembly, settings: Settings, direction: Direction, probes: SlideProbes) -> Image:
     """Image of an assembly whose propagators have their initial state and are bound to ``direction``."""
     layout, static = assembly.layout, assembly.quasi_static
-    ground, _, _ = assembly.ground_tables()
+    ground = assembly.ground_tables()[0]
     run: dict[str, Any] = {
         "n_interface": len(assembly.interfaces),
         "n_ground": len(ground),
@@ -124,8 +124,7 @@ def all_in_kernels(image: Image) -> bool:
 def histories(assembly: Assembly) -> dict[str, Array]:
     """Motion of the ground at the instants of the segment, and the ``continuation`` of the loads."""
     scheme, dt = assembly.scheme, assembly.dt
-    _, velocity, displacement = assembly.ground_tables()
-    acceleration = assembly.ground_accelerations()
+    _, velocity, displacement, acceleration = assembly.ground_tables()
     displacement = displacement + scheme.gap_offset(dt) * velocity
     one, zero = np.ones(1), np.zeros(1)
     layer_v, layer_a = (float(scheme.layer_jump(zero, *va, dt)[0][0]) for va in ((one, zero), (zero, one)))

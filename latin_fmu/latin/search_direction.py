@@ -46,9 +46,9 @@ RESOLVED = (0.3, 3.0)
 WARNED = (0.2, 5.0)
 
 
-def channel_k(assembly: Assembly, wanted: SearchDirection, window: int) -> tuple[Array, str]:
+def channel_k(assembly: Assembly, search: SearchDirection, window: int) -> tuple[Array, str]:
     """Search direction k of every channel (n_flat,), Pa s m-1 (0 where a side is rigid), and the choice in a word."""
-    kind = wanted.kind
+    kind = search.kind
     if kind == "automatic" and assembly.quasi_static:
         kind = "static"
     if kind == "automatic":
@@ -56,7 +56,7 @@ def channel_k(assembly: Assembly, wanted: SearchDirection, window: int) -> tuple
     if kind == "impedance":
         k, choice = assembly.impedance.copy(), "impedance"
     elif kind == "uniform":
-        k = np.where(assembly.layout.normal, wanted.normal, wanted.tangential)
+        k = np.where(assembly.layout.normal, search.normal, search.tangential)
         choice = "uniform"
     elif kind == "diagonal":
         k, choice = _diagonal(assembly), "diagonal"
@@ -66,7 +66,7 @@ def channel_k(assembly: Assembly, wanted: SearchDirection, window: int) -> tuple
         k, choice = _row(assembly), "row"
     else:
         k, choice = _resolved(assembly)
-    k = wanted.factor * k
+    k = search.factor * k
     k[assembly.rigid] = 0.0
     return k, choice
 
@@ -189,7 +189,7 @@ def _inverse(values: Array) -> Array:
 
 
 def _median(values: Array) -> float:
-    """Median of a few numbers (that of NumPy takes ten times as long)."""
+    """Median of a few numbers (ten times as fast as that of NumPy)."""
     ordered = np.sort(values)
     half = len(ordered) // 2
     return float(0.5 * (ordered[half] + ordered[-half - 1]))
