@@ -44,7 +44,7 @@ def solve(
     ----------
     scene : from ``load_scene`` or built in Python.
     observer : called after every LATIN iteration with an ``Iteration``.
-    progress : told how far the run is.
+    progress : called with the progress of the run.
     behaviours : laws of the caller's own (``interface.behaviour``), by interface, in the place of those that the scene
         names; they are called from Python, point by point in NumPy (``examples/own_law.py``).
 
@@ -121,7 +121,7 @@ def run(
 
 
 def check(scene: Scene) -> list[str]:
-    """Build a scene without solving it; lines that tell its sizes and warnings.
+    """Build a scene without solving it; lines with its sizes and warnings.
 
     Raises
     ------
@@ -145,8 +145,8 @@ def check(scene: Scene) -> list[str]:
     return [*lines, "the scene can be solved" + (", mind the warnings" if warnings else "")]
 
 
-def _interface_line(unit: InterfaceUnit, found: bool) -> str:
-    """Sizes of an interface: points, area, gap, where the points come from; ``found`` : by a search."""
+def _interface_line(unit: InterfaceUnit, by_search: bool) -> str:
+    """Sizes of an interface: points, area, gap, where the points come from; ``by_search``: from a [contact.NAME]."""
     geometry = unit.geometry
     area = geometry.areas.sum()
     line = f"  interface {unit.name}: {unit.behaviour.name}, {geometry.n_point} points, area {area:.6g} m2"
@@ -155,4 +155,4 @@ def _interface_line(unit: InterfaceUnit, found: bool) -> str:
         line += f", gap {' to '.join(gaps)} m"
     if geometry.traces[1] is not None:
         line += ", node against node" if geometry.matching else f", points of {unit.sides[geometry.owner]}"
-    return line + (", found" if found else "")
+    return line + (", found" if by_search else "")

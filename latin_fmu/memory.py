@@ -10,24 +10,24 @@ from pathlib import Path
 
 
 def peak_memory() -> int:
-    """Largest resident size so far, bytes; 0 where the system does not tell (Windows).
+    """Largest resident size so far, bytes; 0 where the system does not give it (Windows).
 
-    On Linux what ``getrusage`` tells includes the process that started this one; the process status does not.
+    On Linux ``getrusage`` includes the process that started this one; the process status does not.
     """
-    told = _told_by_getrusage()
-    if told == 0 or sys.platform == "darwin":
-        return told
-    return told if told > _inherited() else _own_peak(told)
+    peak = _peak_by_getrusage()
+    if peak == 0 or sys.platform == "darwin":
+        return peak
+    return peak if peak > _inherited() else _own_peak(peak)
 
 
 @cache
 def _inherited() -> int:
-    """What ``getrusage`` knows from the process that started this one, bytes; 0 where all it tells is of this one."""
-    told = _told_by_getrusage()
-    return told if told > _own_peak(told) else 0
+    """Peak of the process that started this one as ``getrusage`` includes it, bytes; 0 where it does not."""
+    peak = _peak_by_getrusage()
+    return peak if peak > _own_peak(peak) else 0
 
 
-def _told_by_getrusage() -> int:
+def _peak_by_getrusage() -> int:
     try:
         import resource
     except ImportError:
@@ -39,14 +39,14 @@ def _told_by_getrusage() -> int:
 def _own_peak(otherwise: int) -> int:
     """Peak by the process status, bytes; reading it takes a hundred times as long as ``getrusage``."""
     with suppress(OSError):
-        told = Path("/proc/self/status").read_bytes()
-        if (at := told.find(b"VmHWM:")) >= 0:
-            return 1024 * int(told[at:].split(maxsplit=2)[1])
+        status = Path("/proc/self/status").read_bytes()
+        if (at := status.find(b"VmHWM:")) >= 0:
+            return 1024 * int(status[at:].split(maxsplit=2)[1])
     return otherwise
 
 
 def physical_memory() -> int:
-    """Memory of the machine, bytes; 0 where the system does not tell (Windows)."""
+    """Memory of the machine, bytes; 0 where the system does not give it (Windows)."""
     try:
         return int(os.sysconf("SC_PHYS_PAGES")) * int(os.sysconf("SC_PAGE_SIZE"))
     except (AttributeError, ValueError, OSError):

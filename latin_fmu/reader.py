@@ -25,7 +25,7 @@ def load_scene(path: str | Path, overrides: Sequence[str] = ()) -> Scene:
     """Read and check a scene file.
 
     path : TOML file.
-    overrides : settings such as ``"interface.crush.friction_coefficient=0.1"``, applied in order.
+    overrides : settings such as ``"solver.tolerance=1e-4"``, applied in order.
 
     Raises SceneError with every problem found, whatever the file holds.
     """
@@ -85,8 +85,8 @@ def _unreadable(file: Path, what: str, remedy: str | None = None) -> SceneError:
 def with_parts(raw: Any, base_dir: Path) -> tuple[Any, list[Problem]]:
     """The scene with the parts of its mesh files as substructures and without [mesh.NAME]; what is wrong with them.
 
-    A scene with problems comes back as it was, and so does one with wrong fields in [mesh.NAME], which are told where
-    the fields are checked.
+    A scene with problems comes back as it was, and so does one with wrong fields in [mesh.NAME], which the check of
+    the fields reports.
     """
     written = named_tables(raw, "mesh")
     own = raw.get("substructure", {}) if written else None
@@ -94,7 +94,7 @@ def with_parts(raw: Any, base_dir: Path) -> tuple[Any, list[Problem]]:
         return raw, []
     tables = {name: table for name, item in written.items() if (table := _checked(item)) is not None}
     problems: list[Problem] = []
-    found: dict[str, Any] = {}
+    parts: dict[str, Any] = {}
     owner: dict[str, str] = {}
     for name, table in tables.items():
         for part, group in _parts(name, table, base_dir, problems).items():
@@ -103,17 +103,17 @@ def with_parts(raw: Any, base_dir: Path) -> tuple[Any, list[Problem]]:
                 problems.append(Problem(f"mesh.{name}.parts", what, remedy="list the parts of each file"))
                 continue
             owner[part] = name
-            found[part] = _substructure(part, group, table, own.get(part), problems)
+            parts[part] = _substructure(part, group, table, own.get(part), problems)
     if problems or len(tables) < len(raw["mesh"]):
         return raw, problems
-    rest = {name: table for name, table in own.items() if name not in found}
+    rest = {name: table for name, table in own.items() if name not in parts}
     files = ", ".join(table.file for table in tables.values())
     problems = [
         Problem(
             f"substructure.{name}",
             f"no part of this name in {files}",
             None,
-            listed(found),
+            listed(parts),
             "give it a box or a mesh of its own, or one of these names",
         )
         for name, table in rest.items()
@@ -122,7 +122,7 @@ def with_parts(raw: Any, base_dir: Path) -> tuple[Any, list[Problem]]:
     if problems:
         return raw, problems
     whole = {key: value for key, value in raw.items() if key != "mesh"}
-    return {**whole, "substructure": {**found, **rest}}, []
+    return {**whole, "substructure": {**parts, **rest}}, []
 
 
 def _checked(table: Mapping[str, Any]) -> MeshParts | None:
@@ -154,7 +154,7 @@ def _parts(name: str, table: MeshParts, base_dir: Path, problems: list[Problem])
     for group in groups:
         part = part_name(group)
         if part in parts:
-            what = "two volume groups make the same name of a substructure"
+            what = "two volume groups give substructures of the same name"
             both = f"{parts[part]}, {group}"
             problems.append(Problem(f"mesh.{name}.parts", what, both, remedy="rename one of them, or list one"))
         parts[part] = group
@@ -187,7 +187,7 @@ def _substructure(part: str, group: str | None, table: MeshParts, own: Any, prob
         return own  # the check of the fields says what it must be
     for key in ("box", "mesh"):
         if given(own, key):
-            what = "this part has its mesh from a file with many parts"
+            what = "the mesh of this part comes from a file with several parts"
             remedy = f"leave this key out, or the group {group!r} out of the parts of that file"
             problems.append(Problem(f"substructure.{part}.{key}", what, remedy=remedy))
     return {**default, **own, "mesh": mesh}

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
 def register(add: AddParser) -> None:
     """Declare the four subcommands."""
-    add_scene(declare(add, "check", "read a scene, build its meshes and interfaces, tell sizes and warnings", _check))
-    text = "tell which effects a scene calls for, why, what each costs and what would switch it"
+    add_scene(declare(add, "check", "read a scene, build its meshes and interfaces, print sizes and warnings", _check))
+    text = "print which effects a scene has, why, what each costs and which key switches it"
     add_scene(parser := declare(add, "explain", text, _explain))
     parser.add_argument("--json", action="store_true", help="print JSON instead")
     text = "print every key of a scene file, with units and defaults"
@@ -57,8 +57,8 @@ def _explain(arguments: argparse.Namespace) -> int:
     from ..effects.explanation import explain
 
     scene = read_scene(arguments)
-    told = explain(scene, arguments.scene.read_text(encoding="utf-8-sig"))
-    print(json.dumps(told.report(), indent=2, allow_nan=False) if arguments.json else told.text())
+    explanation = explain(scene, arguments.scene.read_text(encoding="utf-8-sig"))
+    print(json.dumps(explanation.report(), indent=2, allow_nan=False) if arguments.json else explanation.text())
     return CONVERGED
 
 
@@ -108,9 +108,9 @@ def _check_options(arguments: argparse.Namespace) -> None:
     """
     problems: list[Problem] = []
     if arguments.overrides and not _is_scene(arguments.file):
-        problems.append(Problem("--set", "results cannot be changed", allowed="with a scene (.toml)"))
+        problems.append(Problem("--set", "the settings of results cannot be changed", allowed="a scene (.toml)"))
     problems += [
-        Problem(f"--{key}", "only bodies have this", remedy="add --bodies")
+        Problem(f"--{key}", "this option is for the figure of bodies", remedy="add --bodies")
         for key in ("interface", "time", "magnify")
         if getattr(arguments, key) is not None and not arguments.bodies
     ]
@@ -121,7 +121,7 @@ def _check_options(arguments: argparse.Namespace) -> None:
     if arguments.time is not None and not arguments.time >= 0.0:
         problems.append(Problem("--time", "out of range", str(arguments.time), "a number >= 0 [s]"))
     if problems:
-        raise ResultsError(problems, "cannot draw")
+        raise ResultsError(problems, "the figure cannot be drawn")
 
 
 def _reference(arguments: argparse.Namespace) -> int:

@@ -168,7 +168,7 @@ def _simulate(arguments: argparse.Namespace) -> int:
 def _pair(text: str) -> tuple[str, Any]:
     name, equals, value = text.partition("=")
     if not equals:
-        raise InputError([Problem("--start", "not NAME=VALUE", text)])
+        raise InputError([Problem("--start", "not NAME=VALUE", text, "for example load.press.value=0.5")])
     try:
         return name.strip(), float(value)
     except ValueError:

@@ -137,11 +137,11 @@ def _chosen(scene: Scene, wanted: float, arguments: argparse.Namespace) -> Choic
     """The search for the settings; what it does goes to stderr."""
     from ..accuracy.adaptive_resolution import choose
 
-    def tell(text: str) -> None:
+    def log(text: str) -> None:
         if not arguments.quiet:
             print(text, file=sys.stderr, flush=True)
 
-    return choose(scene, wanted, arguments.max_cpu, tell)
+    return choose(scene, wanted, arguments.max_cpu, log)
 
 
 def _solve(scene: Scene, quiet: bool) -> Solution:

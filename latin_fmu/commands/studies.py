@@ -86,13 +86,13 @@ def _cost(arguments: argparse.Namespace) -> int:
     scenes = [load_scene(path, arguments.overrides) for path in arguments.scenes]  # all before the long part
     budget = (_QUICK if arguments.quick else _BUDGET) if arguments.budget is None else arguments.budget
     if not 0.0 < budget < 1e6:
-        raise InputError([Problem("--budget", "not a time", f"{budget:g}", "seconds > 0")], "bad argument")
+        raise InputError([Problem("--budget", "not a length of time", f"{budget:g}", "seconds > 0")], "bad argument")
     if arguments.output is not None:
         _make_folder(arguments.output)
-    tell = (lambda _: None) if arguments.quiet else _tell_text
+    log = (lambda _: None) if arguments.quiet else _log
     studies = []
     for scene in scenes:
-        studies.append(study(scene, budget, tell))
+        studies.append(study(scene, budget, log))
         if not arguments.json:
             print(as_text(studies[-1]), flush=True)
     if arguments.output is not None:
@@ -103,7 +103,7 @@ def _cost(arguments: argparse.Namespace) -> int:
 
 
 def _make_folder(folder: Path) -> None:
-    """The folder, made where only it is missing."""
+    """Make the folder where it is missing; its parent must exist."""
     from ..results.files import check_folder
 
     if not folder.exists():
@@ -112,7 +112,7 @@ def _make_folder(folder: Path) -> None:
     check_folder(folder)
 
 
-def _tell_text(text: str) -> None:
+def _log(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
 
 
@@ -144,14 +144,14 @@ def _stress(arguments: argparse.Namespace) -> int:
     if arguments.output is not None:
         check_target(arguments.output)  # before the long part
         check_target(arguments.output.with_suffix(".png"))
-    rows = run_suite(cases(arguments.quick), _tell_row)
+    rows = run_suite(cases(arguments.quick), _log_row)
     if arguments.output is not None:
         _write_rows(rows, arguments.output, arguments.quick)
     print(as_json(rows) if arguments.json else verdict(rows))
     return CONVERGED if all(row.passed for row in rows) else NOT_CONVERGED
 
 
-def _tell_row(row: Row) -> None:
+def _log_row(row: Row) -> None:
     print(f"{'holds ' if row.passed else 'FAILS '} {row.case}: {row.measured}", file=sys.stderr, flush=True)
 
 

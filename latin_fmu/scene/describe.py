@@ -19,8 +19,7 @@ def tables_in(annotation: Any) -> list[type[BaseModel]]:
         return [annotation]
     if get_origin(annotation) is Literal:
         return []
-    found = [table for part in get_args(annotation) for table in tables_in(part)]
-    return list(dict.fromkeys(found))
+    return list(dict.fromkeys(table for part in get_args(annotation) for table in tables_in(part)))
 
 
 def tag_of(table: type[BaseModel]) -> str | None:
@@ -90,15 +89,15 @@ def range_of(field: FieldInfo) -> str:
 
 
 def _metadata(field: FieldInfo) -> list[Any]:
-    found = list(field.metadata)
+    metadata = list(field.metadata)
     stack = [field.annotation]
     while stack:
         annotation: Any = stack.pop()
         for item in getattr(annotation, "__metadata__", ()):
-            found += item.metadata if isinstance(item, FieldInfo) else [item]
+            metadata += item.metadata if isinstance(item, FieldInfo) else [item]
         if get_origin(annotation) is not Literal:
             stack += [part for part in get_args(annotation) if part is not Ellipsis]
-    return found
+    return metadata
 
 
 def kind_of(field: FieldInfo) -> str:

@@ -42,14 +42,14 @@ _PRESSED: Final = ("preload", "preload_force", "interference")
 
 
 def key_problems(where: str, table: RawTable, behaviour: str) -> Iterator[Problem]:
-    """Keys that mean nothing with this behaviour, and those that are missing."""
+    """Keys without effect with this behaviour, and keys that it needs."""
     kind = "a perfect connection" if behaviour == "perfect" else f'behaviour = "{behaviour}"'
     for key in MEANINGLESS.get(behaviour, ()):
         if given(table, key):
             taking = " or ".join(f'"{name}"' for name, keys in TAKES.items() if key in keys)
             yield Problem(
                 f"{where}.{key}",
-                f"{key!r} means nothing on {kind}",
+                f"{key!r} has no effect with {kind}",
                 shown(table[key]),
                 None,
                 f"remove it, or choose behaviour = {taking}",
@@ -77,7 +77,11 @@ def _value_problems(where: str, table: RawTable, behaviour: str) -> Iterator[Pro
     if number(table, "normal_stiffness") != 0.0:
         return
     if behaviour == "soft_contact" or (behaviour == "elastic_layer" and pressed):
-        what = "no force can be carried" if behaviour == "soft_contact" else "nothing holds the preload"
+        what = (
+            "without stiffness the layer carries no force"
+            if behaviour == "soft_contact"
+            else "without stiffness the layer holds no preload"
+        )
         yield Problem(f"{where}.normal_stiffness", what, "0", "> 0")
 
 
@@ -162,8 +166,8 @@ class Interface(Table):
     gap: Annotated[
         Gap | None,
         about(
-            'initial distance along N (where it may open): "measured" on the meshes (also where left out), "closed" '
-            "(none, whatever they say), or a number that the meshes agree with or that sets touching meshes apart",
+            'initial distance along N (behaviours that open): "measured" on the meshes (also where left out), "closed" '
+            "(zero, whatever the meshes say), or a number, for meshes that agree with it or touch",
             "m",
         ),
     ] = None

@@ -171,7 +171,7 @@ class CsvLaw(Table):
         return _integral(t0, t1, self.times, self.values)
 
 
-JUMP_ROUND_OFF = 1e-9
+_JUMP_ROUND_OFF = 1e-9
 _START = "instant where the law starts"
 
 
@@ -189,7 +189,7 @@ class TimeLaw(Protocol):
 
 def _is_after(times: Array, jump: float) -> NDArray[np.bool_]:
     """True where a time lies after the jump by more than round-off."""
-    return times - jump > JUMP_ROUND_OFF * np.maximum(np.abs(times), abs(jump))
+    return times - jump > _JUMP_ROUND_OFF * np.maximum(np.abs(times), abs(jump))
 
 
 class ConstantLaw(Table):

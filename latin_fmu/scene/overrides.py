@@ -18,7 +18,7 @@ from .fields import NAME_PATTERN
 from .problems import path_text
 from .schema import Scene
 
-_FORM = "name.key=value, e.g. interface.crush.friction_coefficient=0.1"
+_FORM = "name.key=value, e.g. solver.tolerance=1e-4"
 
 
 def apply_overrides(data: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, Any]:
@@ -67,7 +67,7 @@ def _entered(here: Any, key: str, where: str, must_exist: bool) -> tuple[Any] | 
         index = _index(here, key)
         return (here[index],) if index is not None else _no_item(where, here)
     if not isinstance(here, dict):
-        return Problem(where, "there is no table to enter here", shown(here))
+        return Problem(where, "this is not a table", shown(here))
     if key not in here:
         if must_exist:
             return Problem(
@@ -93,7 +93,7 @@ def _store(here: Any, key: str, value: Any, where: str) -> Problem | None:
             return _no_item(where, here)
         here[index] = value
         return None
-    return Problem(where, "there is no table to enter here", shown(here))
+    return Problem(where, "this is not a table", shown(here))
 
 
 def _index(items: list[Any], key: str) -> int | None:
@@ -128,16 +128,16 @@ _KEY = re.compile(r"\s*([A-Za-z0-9_.\"'-]+)\s*=")
 def key_lines(text: str) -> dict[str, int]:
     """Line number, from 1, of every table header and key of a TOML text, by dotted path; keys inside inline tables
     stand on the line of the key that holds them and are not listed."""
-    found: dict[str, int] = {}
+    numbers: dict[str, int] = {}
     table = ""
     for number, line in enumerate(text.splitlines(), 1):
         if header := _HEADER.match(line):
             table = _plain(header.group(1))
-            found.setdefault(table, number)
+            numbers.setdefault(table, number)
         elif key := _KEY.match(line):
             path = _plain(key.group(1))
-            found.setdefault(f"{table}.{path}" if table else path, number)
-    return found
+            numbers.setdefault(f"{table}.{path}" if table else path, number)
+    return numbers
 
 
 def line_of(lines: dict[str, int], path: str) -> int | None:

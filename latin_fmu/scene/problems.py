@@ -28,7 +28,7 @@ _WHAT: Final = {
     "less_than_equal": "out of range",
     "tuple_type": "must be a list",
     "too_long": "has too many values",
-    "too_short": "there must be at least one",
+    "too_short": "is empty: at least one is needed",
     "model_type": "must be a table",
     "model_attributes_type": "must be a table",
     "dict_type": "must be a table",

@@ -18,10 +18,10 @@ A scene is a TOML file. Named tables such as [material.steel] are referred to by
 letters, digits or underscores (no substructure may be called "ground"). A bare string may stand for a table
 that only has a type: law = "constant". A key that is not listed here is an error; all errors of a scene are
 reported at once. Settings on the command line follow the same path:
---set interface.crush.friction_coefficient=0.1 or --set substructure.bar.box.elements.2=100.
+--set solver.tolerance=1e-4 or --set substructure.bar.box.elements.2=100.
 
-Units are SI as stated with each key; a key without one has no dimension. Nothing depends on it: any
-consistent system works (mm, t, s, MPa ...)."""
+Units are SI as stated with each key; a key without one has no dimension. Any other consistent system
+of units works as well (mm, t, s, MPa ...)."""
 
 CONVENTIONS = """\
 Faces          "substructure.face". The faces of a box are xmin xmax ymin ymax zmin zmax; those of a mesh
@@ -37,7 +37,7 @@ Meshes         Nodes of the two faces that stand opposite each other one to one 
                (mortar). Faces may be curved and closed. Points with hardly any common area are merged into
                their neighbours.
 Gap            Distance of the two sides along N at the points, open > 0. Measured on the meshes where left out or
-               "measured"; where a number is given the meshes must agree or touch; "closed" takes none. Flat facets
+               "measured"; where a number is given the meshes must agree or touch; "closed" is no gap. Flat facets
                stand for smooth faces: an overlap below twice their distance from those counts as touching, and
                so does every distance where none is larger.
 Ground         Without a place the ground lies behind the face, which must be plane where it may open; its gap is
@@ -46,8 +46,8 @@ Ground         Without a place the ground lies behind the face, which must be pl
 Contact        A table [contact.NAME] makes an interface of every two boundaries that are nearer than search along
                the normal (less than the parts are thick), named part_part; pairs that have an interface in the
                scene are left as they are. latin-fmu check lists them, and the parts that touch nothing.
-Preload        Contact pressure already there at t = 0, in equilibrium with initial stresses nobody needs to
-               describe: displacements, velocities and stresses are counted from that state.
+Preload        Contact pressure at t = 0, in equilibrium with initial stresses that the scene does not describe:
+               displacements, velocities and stresses are counted from that state.
                preload_force is the same as a force on the whole face (a tightened bolt), interference the same as
                a compression of the layer of a soft_contact.
 Behaviours     perfect: one velocity. contact: unilateral, Coulomb friction. no_slip: unilateral, never slides.
@@ -55,14 +55,14 @@ Behaviours     perfect: one velocity. contact: unilateral, Coulomb friction. no_
                pressure proportional to the compression of a layer, Coulomb friction. viscous_joint: bonded,
                tractions proportional to the jump of velocity. A layer or joint has no thickness and no mass; the
                distance of its faces does not count.
-Rigid          A rigid substructure keeps its mass and its mesh, which says where its faces and their points are.
+Rigid          A rigid substructure keeps its mass and its mesh, which gives its faces and their points.
                Held and prescribed directions are taken out of its six motions; conditions that no rigid
                motion satisfies are refused. Its rotations are small ones.
 Signs          Pressure is positive in compression: traction -p n, n the outward normal. Tractions, body
                forces and prescribed motions are along the global axes x, y, z.
 Laws           A law a(t) has no dimension and multiplies the load or the prescribed motion. Before its
                first and after its last point a table keeps its end values.
-Jumps          The value of a law at a jump is the value before it. A step or a pulse that starts at 0 is 0
+Jumps          At a jump a law has the value before it. A step or a pulse that starts at 0 is 0
                at t = 0; a rectangular pulse is 1 for start < t <= start + duration. An instant closer to
                the jump than 1e-9 of its own value lies on it.
 Sampling       The solver takes a(t) at its instants, linear in between. Pulses that start and end on
@@ -70,13 +70,14 @@ Sampling       The solver takes a(t) at its instants, linear in between. Pulses 
 Instants       t_i = i end / n, i = 0 ... n, n = instants or end / step. Initial conditions hold at t = 0.
 Quasi-static   time.quasi_static = true leaves inertia out: every step is an equilibrium under the loads of
                its end. At t = 0 nothing acts but preloads; loads that do not start from zero come with the
-               first step. Time only orders the increments (a viscous_joint alone feels its pace). What nothing
-               holds is an error; where contact and friction cannot hold the loads, the run stops there.
+               first step. Time only orders the increments (only a viscous_joint depends on its rate). A
+               substructure that nothing holds is an error; where contact and friction cannot hold the loads, the run
+               stops.
 Static start   time.start = "static" solves the equilibrium under what acts at t = 0 first: loads at a(0) (a step
                or pulse that starts at 0 is a shock and not in it), body forces, preloads, displaced faces; faces
                driven by a velocity and the ground stand still. The motion starts from its displacements,
-               tractions, gaps, stick and slip. Substructures with an initial velocity are not in it. What
-               nothing holds, or friction cannot hold, is an error.
+               tractions, gaps, stick and slip. Substructures with an initial velocity are left out. A
+               substructure that nothing holds, or that friction cannot hold, is an error.
 Boundaries     fixed and symmetry block displacement; velocity and displacement prescribe value * a(t) along
                the components. One condition per face and component. Loads on one face add up.
 Absorbing      Half of a traction on an absorbing face goes into its dashpots: a traction 2 t launches a
@@ -164,15 +165,15 @@ def _title(text: str) -> str:
 
 def _inner_tables() -> dict[str, list[type[BaseModel]]]:
     """Tables inside tables, by the key that holds them, in the order met."""
-    found: dict[str, list[type[BaseModel]]] = {}
+    inner: dict[str, list[type[BaseModel]]] = {}
     waiting = [table for field in Scene.model_fields.values() for table in tables_in(field.annotation)]
     while waiting:
         for key, field in waiting.pop(0).model_fields.items():
             tables = tables_in(field.annotation)
-            if tables and key not in found:
-                found[key] = tables
+            if tables and key not in inner:
+                inner[key] = tables
                 waiting += tables
-    return found
+    return inner
 
 
 def _table_text(table: type[BaseModel]) -> str:

@@ -16,7 +16,10 @@ from .interfaces import key_problems
 from .raw_scene import RawTable, face_problems, given, named_tables, number, single_table, text_list, unknown_name
 from .settings import HHT, MAX_INSTANTS
 
-STEP_ROUND_OFF = 1e-6
+CENTRAL = "central_difference"
+_EXPLICIT, _REDUCED, _REDUCIBLE = "explicit", "reduced", ("hht", "newmark")
+_DAMPING = ("rayleigh_mass", "rayleigh_stiffness")
+_STEP_ROUND_OFF = 1e-6
 
 
 def relation_problems(raw: Any, base_dir: Path) -> list[Problem]:
@@ -50,10 +53,10 @@ def _substructure_problems(raw: Any, base_dir: Path) -> Iterator[Problem]:
         material = table.get("material")
         if materials and isinstance(material, str) and material not in materials:
             yield unknown_name(f"{where}.material", "material", material, materials)
-        if table.get("rigid") is True and _scheme_name(raw) == "massless_contact":
+        if table.get("rigid") is True and _kind(single_table(raw, "time"), "scheme") == "massless_contact":
             yield Problem(
                 f"{where}.rigid",
-                "a rigid body has no contact nodes of its own to take the mass from",
+                "massless_contact takes the mass from contact nodes, which a rigid body does not have",
                 'time.scheme = "massless_contact"',
                 "hht or newmark",
                 "choose another scheme, or leave the body elastic",
@@ -64,11 +67,6 @@ def _substructure_problems(raw: Any, base_dir: Path) -> Iterator[Problem]:
             yield Problem(
                 f"{where}.mesh.file", "no such file", shown(file), None, "file names are relative to the scene file"
             )
-
-
-def _scheme_name(raw: Any) -> object:
-    scheme = single_table(raw, "time").get("scheme")
-    return scheme.get("type") if isinstance(scheme, dict) else scheme
 
 
 def _is_file(base_dir: Path, name: str) -> bool:
@@ -134,7 +132,7 @@ def _pair_problems(where: str, table: RawTable, sides: list[str]) -> Iterator[Pr
     if table.get("gap") in ("measured", "closed") and GROUND in sides and not given(table, "ground"):
         yield Problem(
             f"{where}.gap",
-            "nothing to measure: the ground has no place",
+            "the gap cannot be measured: the ground has no place",
             shown(table["gap"]),
             "a number >= 0 [m]",
             "give the distance, or the place: ground = {point = [...], normal = [...]}",
@@ -182,7 +180,7 @@ def _time_problems(time: RawTable) -> Iterator[Problem]:
         yield Problem("time.step", f"more than {MAX_INSTANTS} steps", shown(step), None, "a longer step")
         return
     n_step = max(1, round(ratio))
-    if abs(ratio - n_step) > STEP_ROUND_OFF:
+    if abs(ratio - n_step) > _STEP_ROUND_OFF:
         yield Problem(
             "time.end",
             f"not a whole number of steps ({ratio:.9g} of them)",
@@ -192,14 +190,10 @@ def _time_problems(time: RawTable) -> Iterator[Problem]:
         )
 
 
-EXPLICIT, REDUCED, CENTRAL = "explicit", "reduced", "central_difference"
-REDUCIBLE = ("hht", "newmark")
-
-
 def with_its_scheme(raw: Any) -> Any:
     """The scene with the time scheme of its propagator where none is written."""
     time = single_table(raw, "time")
-    if _kind(single_table(raw, "solver"), "propagator") != EXPLICIT or not time or given(time, "scheme"):
+    if _kind(single_table(raw, "solver"), "propagator") != _EXPLICIT or not time or given(time, "scheme"):
         return raw
     return {**raw, "time": {**time, "scheme": CENTRAL}}
 
@@ -208,35 +202,35 @@ def propagator_problems(raw: Any) -> Iterator[Problem]:
     """Propagators and time schemes that exclude each other."""
     kind = _kind(single_table(raw, "solver"), "propagator")
     scheme = _kind(single_table(raw, "time"), "scheme")
-    if kind == EXPLICIT and scheme not in (None, CENTRAL):
+    if kind == _EXPLICIT and scheme not in (None, CENTRAL):
         yield Problem(
             "solver.propagator",
-            "the explicit propagator has a time scheme of its own",
+            "the explicit propagator has its own time scheme",
             shown(scheme),
             f'time.scheme = "{CENTRAL}", or none',
             "leave out time.scheme, or choose another propagator",
         )
-    if kind == REDUCED and scheme not in (None, CENTRAL, *REDUCIBLE):
+    if kind == _REDUCED and scheme not in (None, CENTRAL, *_REDUCIBLE):
         yield Problem(
             "solver.propagator",
-            "vibration modes need a scheme in which every node has its mass",
+            "the reduced propagator needs a scheme in which every node has mass",
             shown(scheme),
-            " or ".join(f'time.scheme = "{name}"' for name in REDUCIBLE),
+            " or ".join(f'time.scheme = "{name}"' for name in _REDUCIBLE),
             "choose another time scheme or propagator",
         )
     precision = single_table(raw, "solver").get("precision")
-    if precision == "float32" and (scheme == CENTRAL or kind in (EXPLICIT, REDUCED, "cg")):
+    if precision == "float32" and (scheme == CENTRAL or kind in (_EXPLICIT, _REDUCED, "cg")):
         yield Problem(
             "solver.precision",
-            "only the direct propagator has factors",
+            "this is the precision of factors, which only the direct propagator has",
             shown(precision),
             'solver.propagator = "direct" or "automatic"',
             "leave out solver.precision",
         )
-    if scheme == CENTRAL and kind not in (None, "automatic", EXPLICIT):
+    if scheme == CENTRAL and kind not in (None, "automatic", _EXPLICIT):
         yield Problem(
             "time.scheme",
-            "central differences are marched by the explicit propagator only",
+            "central differences need the explicit propagator",
             shown(kind),
             'solver.propagator = "explicit" or "automatic"',
             "choose another time scheme, or that propagator",
@@ -248,9 +242,6 @@ def _kind(table: RawTable, key: str) -> str | None:
     value = table.get(key)
     chosen = value.get("type") if isinstance(value, Mapping) else value
     return chosen if isinstance(chosen, str) else None
-
-
-_DAMPING = ("rayleigh_mass", "rayleigh_stiffness")
 
 
 def static_problems(raw: Any) -> Iterator[Problem]:
@@ -271,7 +262,10 @@ def static_problems(raw: Any) -> Iterator[Problem]:
     for name, table in named_tables(raw, "boundary").items():
         if table.get("type") == "absorbing":
             yield _refused(
-                f"boundary.{name}", "an absorbing end resists waves only", "absorbing", "remove it, or hold the face"
+                f"boundary.{name}",
+                "an absorbing boundary acts on velocities only",
+                "absorbing",
+                "remove it, or hold the face",
             )
     for name, table in named_tables(raw, "material").items():
         for key in _DAMPING:
@@ -285,10 +279,11 @@ def _solver_problems(solver: RawTable) -> Iterator[Problem]:
         yield _refused(
             "solver.window", "increments of load are solved one by one", solver["window"], "leave the window out"
         )
-    propagator = solver.get("propagator")
-    kind = propagator.get("type") if isinstance(propagator, dict) else propagator
-    if isinstance(kind, str) and kind not in ("automatic", "direct"):
-        yield _refused("solver.propagator", "equilibria are not marched", kind, "leave the propagator out")
+    kind = _kind(solver, "propagator")
+    if kind not in (None, "automatic", "direct"):
+        yield _refused(
+            "solver.propagator", "static steps are solved by the direct propagator", kind, "leave the propagator out"
+        )
 
 
 def _moves(value: object) -> bool:

@@ -11,7 +11,7 @@ MAX_INSTANTS = 10_000_000
 
 
 class HHT(Table):
-    """Hilber-Hughes-Taylor: gamma = 1/2 - alpha, beta = (1 - alpha)^2 / 4; damps what no mesh carries."""
+    """Hilber-Hughes-Taylor: gamma = 1/2 - alpha, beta = (1 - alpha)^2 / 4; damps what the mesh does not resolve."""
 
     type: Literal["hht"] = "hht"
     alpha: Annotated[Real, about("0 is undamped, -1/3 damps most", "1", ge=-1 / 3, le=0)] = -0.1
@@ -51,7 +51,7 @@ Scheme = Annotated[
 
 
 class GivenStart(Table):
-    """The initial displacements and velocities of the substructures, which are free of stress but for preloads."""
+    """The initial displacements and velocities of the substructures, with no stress but that of preloads."""
 
     type: Literal["given"] = "given"
 
@@ -59,12 +59,12 @@ class GivenStart(Table):
 class StaticStart(Table):
     """The static equilibrium under all that acts at t = 0: loads at their value there, body forces, preloads,
     prescribed displacements. Displacements, stresses, interface tractions, gaps and the state of friction are taken
-    over, so that loads which stay move nothing. Motions of faces and ground begin at t = 0; substructures with an
+    over, so that constant loads cause no motion. Motions of faces and ground begin at t = 0; substructures with an
     initial velocity take no part and start as given."""
 
     type: Literal["static"] = "static"
     increments: Annotated[
-        Count, about("steps in which the loads are raised (friction depends on the way)", "1", ge=1, le=10_000)
+        Count, about("steps in which the loads are raised (friction depends on the load path)", "1", ge=1, le=10_000)
     ] = 5
 
 
@@ -89,8 +89,8 @@ class Time(Table):
     quasi_static: Annotated[
         Flag,
         about(
-            "no inertia: every step is an equilibrium under the loads of its end. For loads that are slow against the "
-            "waves; the time then only orders the increments of load"
+            "no inertia: every step is an equilibrium under the loads at its end. For loads that change slowly "
+            "compared with the waves; time only orders the increments of load"
         ),
     ] = False
 
@@ -128,7 +128,7 @@ class Output(Table):
 
     @property
     def recovers(self) -> bool:
-        """Whether more is found from what is kept when the results are written."""
+        """Whether stresses or strains are recovered from the kept fields when the results are written."""
         return self.strain or self.nodal_stress or self.principal_stress
 
 
@@ -160,11 +160,14 @@ Quantity = Annotated[Text, AfterValidator(_check_quantity)]
 
 
 class Accuracy(Table):
-    """Whether `latin-fmu run` estimates its error, and what `--accuracy` aims at."""
+    """Whether `latin-fmu run` estimates its error, and the error that `--accuracy` has to reach."""
 
     estimate: Annotated[Flag, about("coarser runs give the estimated error of each quantity (`latin-fmu run`)")] = True
     quantity: Annotated[
-        Quantity, about('what the target is for: "impulse" (of every interface that may open), "crush.impulse", ...')
+        Quantity,
+        about(
+            'quantity that has to reach the target: "impulse" (of every interface that may open), "crush.impulse", ...'
+        ),
     ] = "impulse"
     target: Annotated[
         Real | None, about("relative error wanted; mesh, time step and tolerance are then chosen", "1", gt=0, lt=1)

@@ -1,4 +1,4 @@
-"""Table [solver]: how the LATIN iteration works, which may not change the converged answer, and the propagators."""
+"""Table [solver]: the LATIN iteration, which does not change the converged result, and the propagators."""
 
 from typing import Annotated, Literal
 
@@ -21,25 +21,25 @@ class DirectPropagator(Table):
 
 
 class ExplicitPropagator(Table):
-    """Central differences with a lumped mass: no factor, contact costs next to nothing, the step must be stable
-    (about the smallest element over the wave speed; the message says how long it may be). Its time scheme is
-    "central_difference"; gaps are those half a step after the instants. Less accurate than the direct one on coarse
-    meshes, where the lumped mass is felt."""
+    """Central differences with a lumped mass: no factorisation, cheap contact. The time step must be below the limit of
+    stability (about the smallest element over the wave speed; an error states the limit). Its time scheme is
+    "central_difference"; gaps are those half a step after the instants. Because of the lumped mass it is less accurate
+    than the direct propagator on coarse meshes."""
 
     type: Literal["explicit"] = "explicit"
 
 
 class ReducedPropagator(Table):
-    """A few vibration modes of each substructure and the exact static answers to interface tractions and loads: dense
-    and small. The modes cost more than one linear run, so that they pay for repeated substructures, studies,
-    long runs and FMUs. What the mesh resolves beyond the modes is lost: the run says how much is felt."""
+    """A few vibration modes of each substructure and its exact static response to interface tractions and loads: small
+    dense matrices. The modes cost more than one linear run, so that this propagator suits repeated substructures,
+    parameter studies, long runs and FMUs. The response above the modes is lost; a warning states how much that is."""
 
     type: Literal["reduced"] = "reduced"
     modes: Annotated[Count, about("elastic modes of each substructure", "1", ge=0, le=10_000)] = 50
 
 
 class CgPropagator(Table):
-    """The direct march without a factor: conjugate gradients, for what does not fit in memory. Same answer; slower."""
+    """As direct, by conjugate gradients instead of factors, for models whose factors exceed the memory. Slower."""
 
     type: Literal["cg"] = "cg"
 
@@ -55,7 +55,7 @@ Propagator = Annotated[
 
 
 WHOLE: Literal["whole"] = "whole"
-_FACTOR = "multiplies k; changes the cost, never the answer"
+_FACTOR = "factor on k; it changes the number of iterations, not the converged result"
 
 
 class Automatic(Table):
@@ -146,7 +146,7 @@ class Solver(Table):
 
     tolerance: Annotated[Real, about("on the amplitude of the error indicator, sqrt(eta)", "1", gt=0, lt=1)] = 1e-3
     force_tolerance: Annotated[
-        Real | None, about("on the force mismatch of the sides; 10 * tolerance where left out", "1", gt=0)
+        Real | None, about("on the interface force residual; 10 * tolerance where left out", "1", gt=0)
     ] = None
     max_iterations: Annotated[Count, about("of one window", "1", ge=1)] = 200
     search_direction: Annotated[SearchDirection, about("the parameter k of the method")] = Automatic()
@@ -158,15 +158,15 @@ class Solver(Table):
     skip_at_rest: Annotated[
         Literal["off", "exact", "round_off", "tolerance"],
         about(
-            "substructures that have not moved are not marched while what reaches them is exactly zero, or below "
-            "1e-13 or tolerance / 100 of the tractions the loads can bring"
+            "substructures still at rest are not solved while the tractions on them are exactly zero (exact), or below "
+            "1e-13 (round_off) or tolerance / 100 (tolerance) of the largest tractions that the loads can cause"
         ),
     ] = "round_off"
     skip_unchanged: Annotated[
         bool,
         about(
-            "in an iteration, substructures that see what they have answered before, to a hundredth of tolerance, are "
-            "not solved again"
+            "in an iteration, the previous solve of a substructure is reused where its interface load has changed by "
+            "less than tolerance / 100"
         ),
     ] = True
     bonds: Annotated[
@@ -178,21 +178,21 @@ class Solver(Table):
         about('first guess with window = "whole" (no effect elsewhere): one-step windows, or zero fields'),
     ] = "sequential"
 
-    propagator: Annotated[Propagator, about("how substructures are marched")] = AutomaticPropagator()
+    propagator: Annotated[Propagator, about("how substructures are integrated in time")] = AutomaticPropagator()
     precision: Annotated[
         Literal["float64", "float32"],
         about("of the factors of the direct propagator; float32 halves their memory and moves results by 1e-8 to 1e-6"),
     ] = "float64"
     share_identical: Annotated[
-        bool, about("identical substructures share one factorisation and are marched together: faster, same answer")
+        bool, about("identical substructures share one factorisation and are solved together: faster, same results")
     ] = True
 
     threads: Annotated[
         int,
         Field(ge=1, le=256),
         about(
-            "cores on which substructures are marched side by side (windows of one instant); worth it from some "
-            "thousands of unknowns per substructure; the result is the same to the last bit",
+            "cores that solve substructures in parallel (windows of one instant); of use from some thousands of "
+            "unknowns per substructure; results are the same to the last bit",
             "1",
         ),
     ] = 1

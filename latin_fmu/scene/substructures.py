@@ -77,7 +77,7 @@ class Substructure(Table):
         Flag, about("undeformable: six unknowns (small rotations about the mass centre), no stiffness")
     ] = False
     bending_modes: Annotated[
-        Flag, about("8-node hexahedra bend as they should: incompatible modes, eliminated inside each element")
+        Flag, about("incompatible modes, so that 8-node hexahedra represent bending; eliminated inside each element")
     ] = False
     initial_velocity: Annotated[Vector, about("uniform velocity at t = 0", "m s-1")] = (0.0, 0.0, 0.0)
     initial_spin: Annotated[
@@ -106,14 +106,14 @@ class MeshParts(Table):
     parts: Annotated[
         tuple[Text, ...],
         BeforeValidator(_all_or_listed),
-        about('volume groups that become substructures; "*": all of them that share the cells out'),
+        about('volume groups that become substructures; "*": those that share the cells of the file among them'),
         Field(min_length=1),
     ] = (ALL,)
     material: Annotated[Name | None, about("material of the parts whose [substructure.PART] names none")] = None
 
 
 def part_name(group: str) -> str:
-    """Name of the substructure made of a volume group: what no name may hold becomes an underscore."""
+    """Name of the substructure made of a volume group: characters that no name may hold become underscores."""
     name = re.sub("[^A-Za-z0-9_]", "_", group)
     if not name[:1].isalpha():
         name = f"part_{name}"

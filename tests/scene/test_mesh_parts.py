@@ -97,7 +97,12 @@ def test_listed_parts_and_other_bodies(folder: Path) -> None:
         ({"scale": 0.0}, {}, "mesh.all.scale", ("out of range",)),
         ({"file": "none.inp"}, {}, "mesh.all.file", ("none.inp", "no such mesh file")),
         ({}, {"uper": {}}, "substructure.uper", ("no part of this name", "low_er, upper")),
-        ({}, {"upper": {"box": {"size": [1.0] * 3, "elements": [1] * 3}}}, "substructure.upper.box", ("many parts",)),
+        (
+            {},
+            {"upper": {"box": {"size": [1.0] * 3, "elements": [1] * 3}}},
+            "substructure.upper.box",
+            ("several parts",),
+        ),
         ({"material": "wood"}, {}, "substructure.low_er.material", ("no material",)),
         ({"parts": ["upper", "Eall", "low-er", "low_er"]}, {}, "mesh.all.parts", ("same name", "low-er")),
     ],

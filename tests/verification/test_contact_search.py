@@ -97,7 +97,7 @@ def test_the_scene_completed_is_an_ordinary_one() -> None:
         ({"except": [["plate", "blok"]]}, ["contact.all.except", "blok", "did you mean"]),
         ({"parts": ["lit"]}, ["contact.all.parts", "lit", "did you mean"]),
         ({"search": 0.0}, ["contact.all.search", "> 0"]),
-        ({"behaviour": "perfect"}, ["contact.all.friction_coefficient", "means nothing"]),
+        ({"behaviour": "perfect"}, ["contact.all.friction_coefficient", "has no effect"]),
         ({"gap": "shut"}, ["contact.all.gap", "closed"]),
         ({"serch": 1.0}, ["contact.all.serch", "unknown key", "search"]),
     ],
