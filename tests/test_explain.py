@@ -1,4 +1,4 @@
-"""``explain``: every effect told on or off with its reason, sizes as built, suggestions that hold, stable JSON."""
+"""``explain``: every effect on or off with its reason, sizes as built, suggestions that hold, stable JSON."""
 
 from __future__ import annotations
 

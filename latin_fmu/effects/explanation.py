@@ -81,6 +81,7 @@ class Explanation:
             f"instants; predicted {total:.2g} s of CPU time ({p['cpu_seconds_set_up']:.2g} s set-up; to a factor "
             f"of about 2) and {readable(p['memory_bytes'], 'B', 3)} of memory",
             _WIDTH,
+            break_on_hyphens=False,
         )
 
     def _described(self, effect: Effect) -> list[str]:
