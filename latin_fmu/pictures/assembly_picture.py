@@ -71,7 +71,7 @@ class _Joint:
 
 @dataclass(frozen=True)
 class _Assembly:
-    """What there is to draw."""
+    """Scene, bodies and interfaces of a picture."""
 
     scene: Scene
     bodies: dict[str, Body]
@@ -79,9 +79,9 @@ class _Assembly:
 
 
 def assembly_figure(scene: Scene, warnings: list[str]) -> Figure:
-    """The parts where they stand, and apart with their interfaces coloured; loads and motions as arrows.
+    """The parts in place, and apart with their interfaces coloured; loads and motions as arrows.
 
-    Interfaces that cannot be built are drawn as the faces that the scene names, and ``warnings`` say why.
+    Interfaces that cannot be built are drawn as the whole faces of the scene; ``warnings`` have the reasons.
 
     Raises
     ------
@@ -229,7 +229,7 @@ def _arrows(axis: Axes, scene: Scene, bodies: Mapping[str, Body], view: View) ->
         ):
             direction = np.asarray(vector, dtype=float)
             size = float(np.linalg.norm(direction))
-            # from behind the body, so that neither arrow nor label lies on it
+            # behind the body, so that neither arrow nor label covers it
             behind = 0.5 * (low + high) - 0.5 * (high - low) * np.sign(direction) * (np.abs(direction) > 0.1 * size)
             _arrow(axis, view, behind, direction, length, colour, f"{body.name}\n{readable(size, unit, 3)}")
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _AZIMUTH, _ELEVATION = -60.0, 25.0
-_SEEN: Final = 0.05  # of the size of the assembly: the largest displacement as drawn, where no factor is given
+_SEEN: Final = 0.05  # of the size of the assembly: largest displacement in the picture where no factor is given
 _NEAR: Final = 0.8  # of the spacing of points: nodes this near to a point have its pressure
 _AROUND: Final = 0.35  # of the size of the interface, left around it
 _PLAIN: Final = np.array([0.80, 0.82, 0.85])
@@ -34,7 +34,7 @@ def result_figure(
     Parameters
     ----------
     interface : its name, None for the one with the largest force. time : s, None for the instant of that force.
-    magnify : factor on the displacements, None for one that can be seen.
+    magnify : factor on the displacements, None for a largest displacement of 5 % of the size.
 
     Raises
     ------
@@ -72,7 +72,7 @@ def _bodies(tree: xr.DataTree) -> dict[str, xr.Dataset]:
 
 
 def _interface(tree: xr.DataTree, name: str | None) -> str | None:
-    """The interface asked for, or the one with the largest force."""
+    """The interface of this name, or the one with the largest force where None."""
     children = tree["interfaces"].children if "interfaces" in tree.children else {}
     if name is not None and name not in children:
         problem = Problem("--interface", "no interface of this name", name, ", ".join(children) or "none")
@@ -154,7 +154,7 @@ def _draw_pressure(
 
 
 def _owner(points: Array, sides: list[str], meshes: Mapping[str, Mesh]) -> str | None:
-    """The body to whose nodes the points are nearest: most points are nodes of one of the two bodies."""
+    """The body whose nodes are nearest to the points; most points are nodes of one of the two bodies."""
 
     def distance(side: str) -> float:
         return float(np.mean(nearest(points, meshes[side].nodes)[0]))
@@ -176,7 +176,7 @@ def _on_facets(skin: Skin, points: Array, outward: Array, values: Array, spacing
 
 
 def _towards(normal: Array) -> View:
-    """The view, of four, that looks at a face most directly."""
+    """Of four views the one whose direction is nearest to the normal of a face."""
     views = [View.at(azimuth, elevation) for elevation in (35.0, -35.0) for azimuth in (_AZIMUTH, _AZIMUTH + 180.0)]
     return max(views, key=lambda view: float(view.viewer @ normal))
 

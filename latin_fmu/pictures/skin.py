@@ -1,4 +1,4 @@
-"""The skin of a body, which is what is drawn of it: coloured facets and their edges; the orthographic view."""
+"""The visible surface of a body as coloured facets and their edges; the orthographic view."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ class Skin:
     colours: Array
 
     def moved(self, shift: Array) -> Skin:
-        """The same body elsewhere; ``shift`` is (3,) or (n_point, 3), m."""
+        """The body translated or deformed; ``shift`` is (3,) or (n_point, 3), m."""
         return replace(self, points=self.points + shift)
 
     def painted(self, nodes: Index, colour: Array) -> Skin:
-        """The same with the facets in colour (3,) that have all their corners among ``nodes``."""
+        """The body with facets in ``colour`` (3,) whose corners are all among ``nodes``."""
         chosen = np.zeros(len(self.points), dtype=bool)
         chosen[nodes] = True
         inside = np.all(chosen[self.facets], axis=1, keepdims=True)
@@ -85,7 +85,7 @@ class View:
 
 
 def edges_of(skin: Skin, view: View) -> tuple[Index, Array]:
-    """Edges of the facets that face the viewer, (n_edge, 2), and how strongly each is drawn.
+    """Edges of the facets that face the viewer, (n_edge, 2), and the weight of their lines.
 
     1: sharp edges and outlines of the body; 0.25: edges of the mesh.
     """

@@ -7,18 +7,18 @@
                            velocity (time, side, point, component); gap, contact_status (time, point);
                            friction_power, layer_energy, joint_power (time); x, y, z, area, initial_gap (point);
                            normal (point, component)
-    /substructures/<name>  only what the scene asked for: displacement, velocity (time, node, component);
+    /substructures/<name>  only fields that the scene requests: displacement, velocity (time, node, component);
                            stress (time, cell, stress_component); strain (time, cell, strain_component);
                            nodal_stress (time, node, stress_component); principal_stress (time, cell, principal),
                            nodal_principal_stress (time, node, principal); and with any of them the mesh
-    /substructures/<name>/energy   terms of the substructure (time), when asked for
+    /substructures/<name>/energy   terms of the substructure (time), where requested
     /convergence           error_indicator, force_mismatch (window, iteration), padded with NaN;
                            iterations, converged, first_instant, last_instant, end_time (window); passes
-    /energy                terms of the assembly (time), when asked for
-    /accuracy              estimated relative error, observed and expected order (quantity), when estimated
+    /energy                terms of the assembly (time), where requested
+    /accuracy              estimated relative error, observed and expected order (quantity), where estimated
 
 Every group has its own ``time``: the fields of a substructure may be stored at fewer instants than the run
-has. What a run does not have (the gap of a perfect connection, fields nobody asked for) is absent.
+has. What a run does not have (the gap of a perfect connection, fields not requested) is absent.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Recovered:
-    """What a scene asks for beyond displacement, velocity and mean stress.
+    """Request for fields beyond displacement, velocity and mean stress.
 
     recovery : of the substructure. strain, nodal_stress, principal_stress : as in ``[output]``; principal values are
     those of the mean stress and of the nodal stress, as far as these are kept.
@@ -132,8 +132,8 @@ def result_groups(
 ) -> dict[str, Group]:
     """The results of a run by path of the group (layout: module docstring).
 
-    ``provenance`` goes to the root attributes as it is; ``scene_text`` is kept whole, so that the file tells
-    how to make it again. ``recovered`` finds more fields of the substructures it names.
+    ``provenance`` and the whole ``scene_text`` become root attributes: the run can be repeated from its file.
+    ``recovered``: requests for more fields, by substructure.
     """
     groups = {"/": Group({}, attrs=_root_attributes(outcome, scene_name, scene_text, provenance))}
     for name, interface in outcome.interfaces.items():

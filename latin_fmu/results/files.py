@@ -1,4 +1,4 @@
-"""Result files: written whole or not at all, netCDF-4 opened with a check of what it is."""
+"""Result files: netCDF-4, written whole or not at all, and checked when opened."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def check_folder(folder: Path) -> None:
         what = "this is a file, not a folder" if folder.exists() else "the folder does not exist"
         raise unwritable(folder, what, "create the folder or choose another place")
     try:
-        # Trying is the only sure test: permissions do not tell about read-only or full file systems.
+        # permissions do not show read-only or full file systems
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as error:
@@ -68,7 +68,7 @@ def written_whole(path: str | Path) -> Iterator[Path]:
 
     Raises
     ------
-    ResultsError : the folder cannot be written to, or the block met an ``OSError`` (e.g. a full disk).
+    ResultsError : the folder cannot be written to, or the block raised an ``OSError`` (e.g. a full disk).
     """
     target = Path(path)
     check_target(target)
@@ -154,7 +154,7 @@ def _write_array(place: Any, where: str, name: str, variable: Variable, attrs: M
     if values.dtype.kind in "fiu":
         if values.dtype == np.float64 and where.startswith("/substructures/") and name in _SINGLE_PRECISION:
             kind = np.dtype(np.float32)
-        if values.dtype.kind == "f" and np.isnan(values).any():  # NaN stands for "nothing here"
+        if values.dtype.kind == "f" and np.isnan(values).any():  # NaN: no value
             storage["fill_value"] = np.nan
         if name == "cell_nodes" and (values < 0).any():
             storage["fill_value"] = -1
@@ -167,7 +167,7 @@ def _write_array(place: Any, where: str, name: str, variable: Variable, attrs: M
 
 
 def _write_text(place: Any, name: str, variable: Variable, attrs: Mapping[str, Any]) -> None:
-    """Text as bytes along a dimension of its own, the form that every reader knows."""
+    """Text as bytes along a dimension of its own, which all netCDF readers support."""
     texts = np.char.encode(variable.values, "utf-8")
     width = max(1, texts.dtype.itemsize)
     length = f"string{width}"

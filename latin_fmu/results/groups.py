@@ -55,7 +55,7 @@ class Group:
 
     @classmethod
     def of_dataset(cls, dataset: xr.Dataset) -> Group:
-        """From xarray."""
+        """The group of an xarray dataset."""
         variables = {
             str(name): Variable(tuple(map(str, v.dims)), v.values, dict(v.attrs))
             for name, v in dataset.variables.items()
@@ -63,7 +63,7 @@ class Group:
         return cls(variables, frozenset(map(str, dataset.coords)), dict(dataset.attrs))
 
     def dataset(self) -> xr.Dataset:
-        """For xarray."""
+        """The group as an xarray dataset."""
         import xarray as xr
 
         made = {name: (v.dims, v.values, v.attrs) for name, v in self.variables.items()}
@@ -208,7 +208,7 @@ _FLAGS: Final[Mapping[str, tuple[list[int], str]]] = {
 def annotated(group: Group, meanings: Mapping[str, Meaning]) -> Group:
     """``group`` with units, long names and flags from ``meanings`` and ``COORDINATES``, in place.
 
-    A variable no table explains gets its name as long name: a new energy term is stored all the same.
+    The long name of a variable without an entry is its name.
     """
     for name, variable in group.variables.items():
         meaning = meanings.get(name) or COORDINATES.get(name) or _unexplained(name, meanings)

@@ -1,4 +1,4 @@
-"""The result of a run, as users hold it."""
+"""The result of a run: fields, dataset, file, text and report."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Solution:
-    """A finished run, converged or not: ``status`` says which, and what to change if not.
+    """A finished run, converged or not (``status``).
 
     Attributes
     ----------
-    outcome : arrays and records left by the solver.
-    scene_text : text of the effective scene, kept in results files.
+    outcome : arrays and records of the solver.
+    scene_text : text of the effective scene, stored in results files.
     scene_name : name of the scene.
     provenance : versions and time of creation, root attributes of results files.
-    estimate : estimated error of each quantity; None where it was not asked for.
-    recovered : what finds more fields of the substructures, when the results are written.
+    estimate : estimated error of each quantity; None where it was not computed.
+    recovered : requests for more fields of substructures, computed when the results are written.
     """
 
     outcome: Outcome
@@ -42,12 +42,12 @@ class Solution:
 
     @property
     def status(self) -> str:
-        """One sentence; names a remedy when the run did not converge."""
+        """One sentence, with a remedy where the run did not converge."""
         return self.outcome.status
 
     @property
     def converged(self) -> bool:
-        """Whether every window met the tolerance."""
+        """Whether every window reached the tolerance."""
         return self.outcome.converged
 
     @property
@@ -62,12 +62,12 @@ class Solution:
 
     @property
     def substructures(self) -> dict[str, SubstructureHistory]:
-        """Linear-stage fields by substructure name; those not asked for are None."""
+        """Linear-stage fields by substructure name; those not requested are None."""
         return self.outcome.substructures
 
     @property
     def windows(self) -> Sequence[WindowRecord]:
-        """How the iteration went in each window."""
+        """Record of the iteration of each window."""
         return self.outcome.windows
 
     @property
@@ -82,7 +82,7 @@ class Solution:
 
     @property
     def energy(self) -> dict[str, Array] | None:
-        """Energy terms of the assembly, each (n_time,), J; None unless asked for."""
+        """Energy terms of the assembly, each (n_time,), J; None unless requested."""
         return self.outcome.energy
 
     @property
@@ -117,7 +117,7 @@ class Solution:
         self.timings.output += clock.process_time() - start
 
     def summary(self) -> str:
-        """Text for people: status, cost, a table of the interfaces, estimated errors."""
+        """Text: status, cost, a table of the interfaces, estimated errors."""
         text = summary(self.outcome, self.scene_name)
         return text if self.estimate is None else "\n".join([text, "", *self.estimate.lines()])
 
