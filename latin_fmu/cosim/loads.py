@@ -26,7 +26,7 @@ _HEADING = "the load histories cannot be used"
 
 
 class Loads:
-    """What was set for the next step.
+    """Loads set from outside, for the next step and over a simulation.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class Loads:
         self.reset()
 
     def reset(self) -> None:
-        """Loads at their start values, no histories."""
+        """Set every load to its start value; remove the histories."""
         self.value = dict(self._start)
         self.rate = dict.fromkeys(self._start, 0.0)
         self._reached = dict(self._start)  # at the end of the last step
@@ -47,7 +47,7 @@ class Loads:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Loads set from outside."""
+        """Names of the loads set from outside."""
         return tuple(self._start)
 
     def set(self, name: str, value: float, rate: float) -> None:
@@ -61,7 +61,7 @@ class Loads:
         return self.value[name], self.rate[name]
 
     def set_history(self, name: str, times: Sequence[float] | Array, values: Sequence[float] | Array) -> None:
-        """Set a history; see ``Session.set_history``."""
+        """Set the history of a load; see ``Session.set_history``."""
         self._check(name)
         checked = check_history(f"history of load {name}", np.asarray(times), np.asarray(values))
         self.histories[name] = checked
@@ -72,7 +72,7 @@ class Loads:
             raise InputError([Problem(f"load {name}", "not set from outside", None, allowed)])
 
     def not_finite(self) -> str:
-        """The first number that is none, as text; empty where all are finite."""
+        """The first value or rate that is not finite, as text; empty where all are finite."""
         for name in self._start:
             for what, number in (("value", self.value[name]), ("rate", self.rate[name])):
                 if not math.isfinite(number):
@@ -81,20 +81,20 @@ class Loads:
 
     # -- over a simulation ----------------------------------------------------------------------------------------
     def begin(self) -> None:
-        """The simulation begins with the present values."""
+        """Start a simulation with the present values."""
         self._reached = dict(self.value)
         self._initial = {name: self.get(name) for name in self._start}
 
     def changed(self) -> str:
-        """The first load that was set to something else since ``begin``; empty where none was."""
+        """Name of the first load that was changed since ``begin``; empty where none was."""
         return next((name for name, initial in self._initial.items() if self.get(name) != initial), "")
 
     def initial_values(self) -> dict[str, float]:
-        """Values at ``begin``; the present ones before."""
+        """Values at ``begin``; before it the present values."""
         return {name: pair[0] for name, pair in self._initial.items()} or dict(self.value)
 
     def curves(self, end: float) -> dict[str, Curve]:
-        """The histories, and constants from 0 to ``end``, s, for loads without."""
+        """Histories of the loads; a constant from 0 to ``end``, s, for a load without history."""
         curves: dict[str, Curve] = {name: ((0.0, end), (value, value)) for name, value in self.initial_values().items()}
         for name, (times, values) in self.histories.items():
             curves[name] = (tuple(map(float, times)), tuple(map(float, values)))
@@ -113,8 +113,8 @@ class Loads:
         line: Array = value + self.rate[name] * np.linspace(0.0, h, n + 1)
         return line
 
-    def reach(self, amplitudes: Mapping[str, Array]) -> None:
-        """The step with these amplitudes was made."""
+    def accept(self, amplitudes: Mapping[str, Array]) -> None:
+        """Keep the amplitudes at the end of an accepted step."""
         self._reached = {name: float(a[-1]) for name, a in amplitudes.items()}
 
     # -- state ----------------------------------------------------------------------------------------------------

@@ -92,7 +92,7 @@ class Windowed:
         segment = self._advance(t + h - t0, n, amplitudes)
         if not segment.accepted:
             return refused(f"no convergence in the step of {h:g} s at {t:g} s: {segment.status}")
-        loads.reach(amplitudes)
+        loads.accept(amplitudes)
         self._take_outputs(segment)
         return StepReport(True, "", n, segment.iterations, segment.error_indicator)
 

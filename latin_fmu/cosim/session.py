@@ -59,7 +59,7 @@ class Session:
         self.reset()
 
     def reset(self) -> None:
-        """Back to before ``initialize``; loads at their start values, no histories. Operators are kept."""
+        """Return to before ``initialize``: loads at their start values, no histories. Operators are kept."""
         self.time, self._t0, self.started = 0.0, 0.0, False
         self._loads.reset()
         self.row: Array = np.zeros(len(self.outputs))
@@ -69,7 +69,7 @@ class Session:
 
     @property
     def prescribed(self) -> bool:
-        """Whether the mode is prescribed."""
+        """Whether the mode is prescribed, not windowed."""
         return self.settings.mode == PRESCRIBED
 
     # -- inputs ---------------------------------------------------------------------------------------------------
@@ -79,18 +79,18 @@ class Session:
         return self._loads.names
 
     def set_load(self, name: str, value: float, rate: float = 0.0) -> None:
-        """Amplitude of a load at the start of the next step and its rate (1/s) over it.
+        """Set the amplitude of a load at the start of the next step and its rate (1/s) over the step.
 
         Raises InputError for a load that is not set from outside.
         """
         self._loads.set(name, value, rate)
 
     def load(self, name: str) -> tuple[float, float]:
-        """Value and rate that were set."""
+        """Value and rate of a load that were set."""
         return self._loads.get(name)
 
     def set_history(self, name: str, times: Sequence[float] | Array, values: Sequence[float] | Array) -> None:
-        """History of a load for prescribed mode: linear between its points, held at both ends.
+        """Set the history of a load for prescribed mode: linear between its points, constant beyond them.
 
         Raises InputError for a load that is not set from outside, numbers that are not finite, times that do not
         increase.
@@ -103,7 +103,7 @@ class Session:
 
         Raises
         ------
-        InputError : the scene cannot be built, an input is no number. SolverError : prescribed mode, no convergence.
+        InputError : the scene cannot be built, an input is not finite. SolverError : prescribed mode, no convergence.
         """
         bad = self._loads.not_finite()
         if bad or not math.isfinite(t0):
@@ -121,7 +121,7 @@ class Session:
         return self._mode
 
     def step(self, t: float, h: float) -> StepReport:
-        """Go on from t by h, s, with the loads set before. A step that is refused changes nothing."""
+        """Advance from t by h, s, with the loads set before. A step that is refused changes nothing."""
         mode = self._mode
         if mode is None or not self.started:
             return refused("the session is not initialized")
@@ -146,7 +146,7 @@ class Session:
 
     # -- outputs --------------------------------------------------------------------------------------------------
     def value(self, name: str) -> float:
-        """A scalar output. Raises InputError for a name that is none."""
+        """Value of a scalar output. Raises InputError where there is no output of this name."""
         return float(self.values([name])[0])
 
     def values(self, names: Sequence[str]) -> Array:
@@ -196,7 +196,7 @@ class Session:
 
     # -- state ----------------------------------------------------------------------------------------------------
     def snapshot(self) -> bytes:
-        """Everything that determines the next steps and the outputs, versioned, bit-exact."""
+        """Everything that determines the next steps and the outputs, as bytes, bit for bit."""
         mode = self._mode if self.started else None
         state: dict[str, Any] = {
             "time": self.time,
@@ -210,12 +210,12 @@ class Session:
         return encode(state, self._kind)
 
     def restore(self, blob: bytes) -> None:
-        """Back to a snapshot of this or another session of the same scene and settings.
+        """Restore a snapshot of this or another session of the same scene and settings.
 
         Raises
         ------
-        InputError : no such bytes; nothing has changed. SolverError : in prescribed mode, a session that has not
-        solved these histories solves them, and cannot.
+        InputError : bytes that are no such snapshot; nothing changes. SolverError : in prescribed mode, where these
+        histories are solved anew and do not converge.
         """
         state = decode(blob, self._kind)
         loads = Loads(self.scene)

@@ -1,8 +1,8 @@
 """Model Exchange: a reduced model of a scene as ordinary differential equations, to cross-check the LATIN solution.
 
-A few modes and static answers per body, faces cut into patches, contact and friction regularised. Bodies, patches and
-laws of contact are the reduced model's own; only meshes, matrices and the reading of the scene are shared with the
-solver, so that agreement of the two says something. Impulse of the contact against LATIN, per cent, by modes per body:
+A few modes and static shapes per body, faces cut into patches, contact and friction regularised. Bodies, patches and
+contact laws are those of the reduced model; only meshes, matrices and the reader of scenes are shared with the solver,
+so that the two are independent. Impulse of the contact against LATIN, per cent, by modes per body:
 
 ====================== ===== ===== ===== =====
 model                    4     8    12    24
@@ -13,23 +13,16 @@ two_specimen_crushing    0.7   0.7   0.6   0.7
 bouncing_bar            -2.1  -1.0  -0.2  -0.2
 ====================== ===== ===== ===== =====
 
-What it does not give: fronts of waves, pressures at points, what follows many bounces. Patches that are too coarse for
-how a body bends (``punched_plates``: a punch on the middle of a plate) are found out by a static check and refused.
+It does not resolve wave fronts, pressures at points, nor motion after many bounces. A static check refuses patches that
+are too coarse for the bending of a body (``punched_plates``: a punch on the middle of a plate).
 
-===============  ======================================================================================
-patches          faces cut into patches
-bodies           bonded substructures as one body
-reduced_body     a body in its Ritz coordinates
-contacts, bonds  interfaces seen from the bodies
-reduce           scene -> ``ReducedSystem``
-static_check     whether the patches are fine enough
-system           the numbers of a reduced model, as bytes and back
-amplitudes       loads and ground motions between the jumps of their laws
-contact_law      regularised contact and friction, event indicators
-equations        right-hand side
-readings         outputs
-variables        names, units, value references; ``names`` reads them inside an FMU
-board, guard     inputs, parameters, last outputs; no exception leaves
-exchange_model   all of it behind numbered variables, for an adapter
-===============  ======================================================================================
+============  =====================================================================================
+bodies        bonded substructures as bodies, patches and bonds of interfaces, Ritz coordinates
+reduce        scene -> ``ReducedSystem``, static check of the patches
+system        arrays of a reduced model and names of its variables, as bytes and back
+contact_law   regularised contact and friction, event indicators
+equations     laws over time, right-hand side, outputs
+variables     names, units, value references
+fmi_instance  variables by reference, time, states and events for an adapter; no exception leaves it
+============  =====================================================================================
 """

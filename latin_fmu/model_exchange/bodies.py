@@ -1,4 +1,4 @@
-"""Bonded substructures as one body: perfect interfaces are gone before anything is reduced."""
+"""Bodies of a reduced model: bonded substructures as one body, patches and bonds of interfaces, Ritz coordinates."""
 
 from __future__ import annotations
 
@@ -17,6 +17,8 @@ from ..propagator import SubstructureModel
 from ..propagator.reduction import ReducedModel, reduce_model
 from ..scene.fields import GROUND, split_face
 from .system import Bond
+
+_SAME = 1e-9  # of the extent: coordinates closer than this are equal, whatever the round-off
 
 
 @dataclass(frozen=True)
@@ -77,30 +79,26 @@ def _body(members: list[SubstructureModel], bonds: list[InterfaceUnit], discreti
     return BondedBody("_".join(by_name), merged.model, by_name, merged.where)
 
 
-# -- Faces cut into patches of about equal area.
-_SAME = 1e-9  # of the extent: coordinates closer than this are one, so that round-off never decides
-
-
 def patches(points: Array, areas: Array, n: int) -> list[Index]:
     """Points of each patch: the largest patch is halved across its longest direction until there are n.
 
     points : (n_point, 3), m. areas : (n_point,), m2. n : wanted number, >= 1; no more than points.
     """
-    found = [np.arange(len(points))]
-    while len(found) < n:
-        order = sorted(range(len(found)), key=lambda i: (-areas[found[i]].sum(), i))
-        largest = next((i for i in order if len(found[i]) > 1), None)
+    parts = [np.arange(len(points))]
+    while len(parts) < n:
+        order = sorted(range(len(parts)), key=lambda i: (-areas[parts[i]].sum(), i))
+        largest = next((i for i in order if len(parts[i]) > 1), None)
         if largest is None:
             break
-        found[largest : largest + 1] = _halves(found[largest], points, areas)
-    return found
+        parts[largest : largest + 1] = _halves(parts[largest], points, areas)
+    return parts
 
 
 def _halves(members: Index, points: Array, areas: Array) -> list[Index]:
-    there = points[members]
-    extent = np.ptp(there, axis=0)
+    inside = points[members]
+    extent = np.ptp(inside, axis=0)
     axis = int(np.argmax(extent > (1.0 - _SAME) * extent.max()))
-    along = np.round(there[:, axis] / max(float(extent.max()), np.finfo(float).tiny) / _SAME) * _SAME
+    along = np.round(inside[:, axis] / max(float(extent.max()), np.finfo(float).tiny) / _SAME) * _SAME
     order = np.argsort(along, kind="stable")
     reached = np.cumsum(areas[members[order]])
     cut = int(np.searchsorted(reached, reached[-1] / 2 * (1.0 + _SAME)))
@@ -108,7 +106,6 @@ def _halves(members: Index, points: Array, areas: Array) -> list[Index]:
     return [members[order[:cut]], members[order[cut:]]]
 
 
-# -- Interfaces seen from the full dofs of the bodies: traces of patches, mean velocities of faces.
 @dataclass(frozen=True)
 class Cut:
     """An interface that may open, cut into patches. ``number`` counts the interfaces of the scene."""
@@ -119,12 +116,12 @@ class Cut:
 
     @classmethod
     def of(cls, number: int, unit: InterfaceUnit, n_patch: int) -> Cut:
-        """Cut an interface."""
+        """Cut an interface into patches."""
         return cls(number, unit, patches(unit.geometry.points, unit.geometry.areas, n_patch))
 
     @property
     def areas(self) -> Array:
-        """(n_patch,), m2."""
+        """Areas of the patches, (n_patch,), m2."""
         return np.array([self.unit.geometry.areas[m].sum() for m in self.members])
 
     def mean(self, values: Array) -> Array:
@@ -169,15 +166,15 @@ def body_trace(body: BondedBody, cuts: Sequence[Cut]) -> tuple[sp.csr_array, Arr
 
 def face_means(body: BondedBody, units: Sequence[InterfaceUnit]) -> Array:
     """(n_interface, 2, 3, n_full) mean motion of both sides of every interface in global axes, weighted by area."""
-    found = np.zeros((len(units), 2, 3, body.model.n_full))
+    means = np.zeros((len(units), 2, 3, body.model.n_full))
     for i, unit in enumerate(units):
         share = sp.csr_array(unit.geometry.areas[None, :] / unit.geometry.areas.sum())
         for side, face in enumerate(unit.sides):
             trace = unit.geometry.traces[side]
             if trace is not None and (name := split_face(face)[0]) in body.where:
                 mean = sp.csr_array(sp.kron(share, sp.eye_array(3)) @ trace)
-                found[i, side] = placed(mean, body.where[name], body.model.n_full).toarray()
-    return found
+                means[i, side] = placed(mean, body.where[name], body.model.n_full).toarray()
+    return means
 
 
 def placed(rows: sp.csr_array, where: slice, n: int) -> sp.csr_array:
@@ -186,13 +183,12 @@ def placed(rows: sp.csr_array, where: slice, n: int) -> sp.csr_array:
     return sp.csr_array((wide.data, (wide.coords[0], wide.coords[1] + where.start)), shape=(rows.shape[0], n))
 
 
-# -- Force through a perfect interface, which bonding has made internal to a body.
 Part = tuple[BondedBody, Array, sp.csr_array]
 """A body, its basis (n_full, size), its traces of patches (3 n_patch, n_full)."""
 
 
 def bond_of(interface: int, unit: InterfaceUnit, parts: Sequence[Part], load_names: Sequence[str]) -> Bond:
-    """Rows of ``Bond``: equilibrium of side E, tested with a unit translation of the nodes of the interface.
+    """Force through a perfect interface inside a body: equilibrium of side E under translations of its nodes.
 
     parts : all bodies, in the order of their coordinates.
     """
@@ -237,10 +233,9 @@ def _translations(unit: InterfaceUnit, expansion: sp.csr_array) -> Array:
     return test * free
 
 
-# -- One body in its Ritz coordinates.
 @dataclass(frozen=True)
 class ReducedBody:
-    """A body and its reduced model.
+    """A body in its Ritz coordinates.
 
     Attributes
     ----------
@@ -254,7 +249,7 @@ class ReducedBody:
 
     @classmethod
     def of(cls, body: BondedBody, cuts: Sequence[Cut], n_mode: int) -> ReducedBody:
-        """Reduce a body."""
+        """Reduce a body to its Ritz coordinates."""
         trace, area = body_trace(body, cuts)
         needed = np.flatnonzero(_transmits(cuts) & (np.diff(trace.indptr) > 0))
         here = replace(body.model, trace=sp.csr_array(trace[needed]), channel_area=area[needed])
@@ -263,12 +258,12 @@ class ReducedBody:
 
     @property
     def size(self) -> int:
-        """Number of coordinates."""
+        """Number of Ritz coordinates."""
         return len(self.model.eigenvalues)
 
     @property
     def basis(self) -> Array:
-        """(n_full, size), coordinates of the size of a displacement."""
+        """Ritz vectors (n_full, size), scaled to the size of a displacement."""
         scaled: Array = self.model.basis * np.sqrt(self.mass)
         return scaled
 

@@ -1,4 +1,8 @@
-"""Right-hand side of a reduced model."""
+"""Equations of a reduced model: laws over time, right-hand side, outputs.
+
+A time law is smooth between its knots. The integrator stops at each knot (a time event); inside a segment a law is
+evaluated strictly after its first knot and not beyond its last, so that the right-hand side is continuous.
+"""
 
 from __future__ import annotations
 
@@ -45,7 +49,7 @@ class Equations:
         self.law = ContactLaw(system, Regularisation.of(system))
 
     def use(self, regularisation: Regularisation) -> None:
-        """Set the regularisation."""
+        """Set the regularisation of contact and friction."""
         self.law = ContactLaw(self.system, regularisation)
 
     @property
@@ -54,12 +58,12 @@ class Equations:
         return 2 * self.system.n + 3 * len(self.system.interfaces) + N_WORK * self.energy
 
     def start(self) -> Array:
-        """States at the start."""
+        """Values of the states at the start."""
         rest = np.zeros(self.n_state - 2 * self.system.n)
         return np.concatenate([self.system.displacement, self.system.velocity, rest])
 
     def nominals(self) -> Array:
-        """Expected sizes of the states: an integrator makes its absolute tolerances of them."""
+        """Nominal values of the states: absolute tolerances of an integrator follow from them."""
         s = self.system
         rate = np.sqrt(s.stiffness / s.inertia)
         force = s.traction * max(float(s.contacts.area.sum()), 1e-300) if len(s.contacts.area) else 1.0
@@ -100,13 +104,13 @@ class Equations:
         return self.law.switched(self.motion(t, y, segment)[0], here)
 
     def modes_at(self, t: float, y: Array) -> Modes:
-        """Discrete states that the states alone call for."""
+        """Discrete states that follow from the continuous states alone."""
         segment = self.amplitudes.segment(t)
         return self.law.called_for(self.motion(t, y, segment)[0], segment)
 
     # -- right-hand side --------------------------------------------------------------------------------------------
     def evaluate(self, t: float, y: Array, modes: Modes, given: GivenLoads) -> Evaluation:
-        """Derivative and everything outputs need; ``given`` as in ``Amplitudes.at``."""
+        """Derivative of the states and what the outputs need of it; ``given`` as in ``Amplitudes.at``."""
         s, n = self.system, self.system.n
         x, v, area = y[:n], y[n : 2 * n], s.contacts.area
         motion, ground = self.motion(t, y, modes.segment)
@@ -126,7 +130,7 @@ class Equations:
         return Evaluation(derivative, motion, traction, ground)
 
     def forces(self, x: Array, v: Array, acceleration: Array, amplitudes: Array, pushed: Array, rubbed: Array) -> Array:
-        """(n_interface, 3) resultants on side E."""
+        """Resultant forces on side E, (n_interface, 3), N."""
         on_patch = -pushed[:, None] * self._normal
         if self._slides:
             on_patch = on_patch + np.einsum("cp,cpi->pi", rubbed, self._tangent)
@@ -143,15 +147,13 @@ class Equations:
         return force
 
 
-# -- Amplitudes of loads and motion of the ground between the jumps of their laws. A law is smooth between its knots.
-# The integrator stops at each (a time event); inside a segment the law is read strictly after its first knot and not
-# beyond its last, so that a right-hand side never jumps.
+# -- laws over time ----------------------------------------------------------------------------------------------
 _AFTER = 4e-9  # of the instant: laws count instants closer to a jump than 1e-9 as before it
-_MOST_KNOTS = 100  # of one law: more points are met by the step control of the integrator
+_MOST_KNOTS = 100  # of one law: the step control of the integrator resolves more points
 
 
 class Amplitudes:
-    """Laws of a reduced system; ``values`` and ``rates`` hold the loads set from outside, by name."""
+    """Amplitudes of the loads and motion of the ground from their laws."""
 
     def __init__(self, system: ReducedSystem) -> None:
         read: TypeAdapter[TimeLaw] = TypeAdapter(Law)
@@ -169,7 +171,7 @@ class Amplitudes:
         return bisect_right(self.knots, t * (1.0 + 1e-12))
 
     def next_knot(self, segment: int) -> float | None:
-        """Where a segment ends; None for the last one."""
+        """Time at which a segment ends, s; None for the last one."""
         return self.knots[segment] if segment < len(self.knots) else None
 
     def _inside(self, t: float, segment: int) -> float:
@@ -179,16 +181,16 @@ class Amplitudes:
         return min(t, self.knots[segment]) if segment < len(self.knots) else t
 
     def at(self, t: float, segment: int, given: GivenLoads) -> Array:
-        """(n_load,) amplitudes; ``given``: value, rate and the time it was set at, of the loads set from outside."""
+        """Amplitudes of the loads, (n_load,); ``given`` : the loads set from outside."""
         inside = self._inside(t, segment)
-        found = np.ones(len(self._laws))
+        amplitudes = np.ones(len(self._laws))
         for i, (name, law) in enumerate(zip(self._names, self._laws, strict=True)):
             if name in given:
                 value, rate, since = given[name]
-                found[i] = value + rate * (t - since)
+                amplitudes[i] = value + rate * (t - since)
             elif law is not None:
-                found[i] = law.sample(inside)
-        return found
+                amplitudes[i] = law.sample(inside)
+        return amplitudes
 
     def ground(self, t: float, segment: int) -> tuple[Array, Array]:
         """Displacement and velocity (n_interface, 3) of the ground of every interface."""
@@ -209,9 +211,8 @@ def _knots(law: TimeLaw) -> Iterator[float]:
         yield from law.times[:: -(-len(law.times) // _MOST_KNOTS)]
 
 
-# -- Outputs of a reduced model, in the order of its table.
 class Outputs:
-    """Turns an evaluation into outputs."""
+    """Outputs of a reduced model from an evaluation, in the order of its table."""
 
     def __init__(self, equations: Equations) -> None:
         system = equations.system
@@ -221,7 +222,7 @@ class Outputs:
         self._bonds = {bond.interface: bond.normal for bond in system.bonds}
 
     def row(self, y: Array, modes: Modes, now: Evaluation, events: int) -> Array:
-        """(n_output,) at one instant."""
+        """Outputs at one instant, (n_output,)."""
         s = self._system
         x, v = y[: s.n], y[s.n : 2 * s.n]
         impulses = y[2 * s.n : 2 * s.n + 3 * len(s.interfaces)].reshape(-1, 3)
@@ -252,18 +253,12 @@ class Outputs:
 
     def _energies(self, x: Array, v: Array, works: Array, now: Evaluation) -> list[float]:
         s, equations = self._system, self._equations
-        found = dict(zip(WORKS, works.tolist(), strict=True))
-        found["kinetic"] = 0.5 * float(s.inertia @ v**2)
-        found["elastic"] = 0.5 * float(s.stiffness @ x**2)
+        energies = dict(zip(WORKS, works.tolist(), strict=True))
+        energies["kinetic"] = 0.5 * float(s.inertia @ v**2)
+        energies["elastic"] = 0.5 * float(s.stiffness @ x**2)
         spring = equations.law.stiffness
-        found["contact"] = 0.5 * float(np.sum(s.contacts.area * now.traction.elastic**2 / spring))
+        energies["contact"] = 0.5 * float(np.sum(s.contacts.area * now.traction.elastic**2 / spring))
         start = 0.5 * float(s.inertia @ s.velocity**2 + s.stiffness @ s.displacement**2)
-        found["balance"] = (
-            found["kinetic"]
-            + found["elastic"]
-            - start
-            + found["damping_dissipation"]
-            - found["work_of_loads"]
-            - found["interface_work"]
-        )
-        return [found[name] for name in ENERGY_NAMES]
+        stored = energies["kinetic"] + energies["elastic"] - start + energies["damping_dissipation"]
+        energies["balance"] = stored - energies["work_of_loads"] - energies["interface_work"]
+        return [energies[name] for name in ENERGY_NAMES]

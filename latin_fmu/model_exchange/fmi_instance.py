@@ -127,7 +127,7 @@ class ReducedModelInstance:
 
     # -- variables ------------------------------------------------------------------------------------------------
     def get(self, references: Sequence[int]) -> list[float]:
-        """Numbers; NaN where they cannot be computed (logged)."""
+        """Numbers by value reference; NaN, and an error is logged, where they cannot be computed."""
         return self._get(references) or [nan] * len(references)
 
     @exception_barrier(None)
@@ -150,7 +150,7 @@ class ReducedModelInstance:
 
     @exception_barrier(None)
     def set(self, references: Sequence[int], values: Sequence[float]) -> None:
-        """Set inputs, states, and parameters before initialization ends."""
+        """Set inputs, states, and before initialization parameters."""
         for reference, value in zip(references, values, strict=True):
             if reference in self._state_of:
                 self.y[self._state_of[reference]] = value
@@ -160,18 +160,18 @@ class ReducedModelInstance:
 
     # -- time, states, right-hand side ----------------------------------------------------------------------------
     def set_time(self, time: float) -> None:
-        """Time of the next evaluations, s."""
+        """Set the time of the next evaluations, s."""
         self.variables.time = time
         self._changed()
 
     @exception_barrier(None)
     def set_states(self, values: Sequence[float]) -> None:
-        """Continuous states."""
+        """Set all continuous states."""
         self.y[:] = values
         self._changed()
 
     def derivatives(self) -> list[float]:
-        """Of the states; NaN where they cannot be computed (logged)."""
+        """Time derivatives of the states; NaN, and an error is logged, where they cannot be computed."""
         return self._derivatives() or [nan] * self.n_state
 
     @exception_barrier(None)
@@ -180,7 +180,7 @@ class ReducedModelInstance:
         return values
 
     def indicators(self) -> list[float]:
-        """Event indicators; NaN where they cannot be computed (logged)."""
+        """Event indicators; NaN, and an error is logged, where they cannot be computed."""
         return self._indicators() or [nan] * self.n_indicator
 
     @exception_barrier(None)
@@ -189,21 +189,21 @@ class ReducedModelInstance:
         return values
 
     def nominals(self) -> list[float]:
-        """Expected sizes of the states."""
+        """Nominal values of the states."""
         values: list[float] = self.equations.nominals().tolist()
         return values
 
     # -- life cycle, events -----------------------------------------------------------------------------------------
     @exception_barrier(None)
     def initialize(self) -> None:
-        """Parameters are fixed now, contact states are those the start calls for."""
+        """Fix the parameters; contact states follow from the motion at the start."""
         self.equations.use(self.variables.regularisation())
         self.modes = self.equations.modes_at(self.time, self.y)
         self.variables.fixed = True
         self._changed()
 
     def update(self) -> Update:
-        """Answer to an event: contact states and segment of the time laws."""
+        """Update contact states and the segment of the time laws at an event."""
         return self._update() or Update(terminate=True)
 
     @exception_barrier(None)

@@ -1,4 +1,8 @@
-"""Scene -> reduced model: bodies, their Ritz vectors, and every interface in their coordinates."""
+"""Scene -> reduced model: bodies, their Ritz vectors, interfaces in their coordinates; static check of the patches.
+
+A patch resists the mean motion of its points only. Where a body bends between the points of a patch (a punch on the
+middle of a plate) the reduced contact is too soft: forces come late and are too small, even where impulses agree.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +45,7 @@ _HEADING = "the scene has no reduced model"
 
 
 def reduced_system(scene: Scene, n_mode: int = 12, n_patch: int = 4) -> ReducedSystem:
-    """Reduced model of a scene.
+    """Reduce a scene to a few coordinates per body.
 
     Parameters
     ----------
@@ -49,21 +53,21 @@ def reduced_system(scene: Scene, n_mode: int = 12, n_patch: int = 4) -> ReducedS
 
     Raises
     ------
-    SceneError : the scene cannot be built, holds what this model does not know, or gives too many states.
+    SceneError : the scene cannot be built, has features without a reduced form, or gives too many states.
     """
     scene = completed(scene)
     problems = list(_unknown(scene, n_mode, n_patch))
     if problems:
         raise SceneError(problems, _HEADING)
-    # the mass of the time scheme is not asked for: contact nodes keep theirs
+    # without a time scheme of its own, contact nodes keep their mass
     discretised = discretise(scene.model_copy(update={"time": scene.time.model_copy(update={"scheme": HHT()})}))
     cuts = [Cut.of(i, u, n_patch) for i, u in enumerate(discretised.units) if not is_bond(u)]
     whole = bonded_bodies(discretised)
     problems = [
         Problem(
             f"substructure.{next(iter(body.members))}",
-            "nothing of it is free to move",
-            remedy="leave it out and let the others meet the ground",
+            "no node is free to move",
+            remedy="leave it out and put the others in contact with the ground",
         )
         for body in whole
         if not body.model.expansion.shape[1]
@@ -94,7 +98,7 @@ def _too_coarse(load: str, ratio: float, n_patch: int) -> Problem:
         "with contacts closed, the reduced model does not deflect like the mesh",
         f"{ratio:.2f} times, {n_patch} patches",
         f"within {100 * COARSEST:.0f} %",
-        "take more patches (a body that bends inside a patch meets no resistance), or solve the scene itself",
+        "take more patches (a patch does not resist bending inside it), or solve the scene itself",
     )
 
 
@@ -215,10 +219,6 @@ def _sensors(discretised: DiscretisedProblem, bodies: Sequence[ReducedBody]) -> 
     return np.concatenate(blocks), list(discretised.scene.sensor)
 
 
-# -- Whether the patches are fine enough: deflection under the loads with every contact closed, reduced against mesh.
-# A patch resists the mean motion of its points only. Where a body bends between the points of a patch (a punch on the
-# middle of a plate) the reduced contact is too soft, and forces come late and small; impulses may be right by
-# accident.
 _CLOSED = 1e4  # stiffness of a closed contact over the static stiffness of its bodies, in both models
 _INERTIA = 6.0  # inertia like that of a motion exp(6 t / end): it holds what nothing else holds
 
@@ -267,8 +267,8 @@ def _mesh(
     factor = interface_factor(
         sp.csr_array(expansion.T @ matrix @ expansion), np.zeros(0, dtype=np.int64), _rank(bodies)
     )
-    found: Array = np.einsum("ij,ij->j", loads, factor.solve(loads))
-    return found
+    deflection: Array = np.einsum("ij,ij->j", loads, factor.solve(loads))
+    return deflection
 
 
 def _jump(cut: Cut, bodies: Sequence[BondedBody], sizes: Sequence[int]) -> sp.csr_array:

@@ -1,4 +1,4 @@
-"""The numbers of a reduced model: plain arrays, as bytes and back."""
+"""Data of a reduced model that travel in an FMU: arrays as bytes, variables as JSON."""
 
 from __future__ import annotations
 
@@ -125,7 +125,6 @@ class ReducedSystem:
         return cls(**tree)
 
 
-# -- The variables of a reduced model as a host numbers them, and as JSON; light enough for the inside of an FMU.
 @dataclass(frozen=True)
 class Local:
     """A state, the derivative of one, or an event indicator.

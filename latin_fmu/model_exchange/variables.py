@@ -1,7 +1,6 @@
-"""Names and units of a reduced model: those of co-simulation where both have them, then its states.
+"""Variables of a reduced model: those it shares with co-simulation, then states, their derivatives, event indicators.
 
-The place in the table is the value reference: what co-simulation has too comes first, then locals: states, their
-derivatives, event indicators.
+The place in the table is the value reference.
 """
 
 from __future__ import annotations
@@ -39,39 +38,24 @@ def names_of(scene: Scene, system: ReducedSystem, starts: Sequence[float], nomin
 
 def _table(scene: Scene, default: Regularisation) -> Iterator[Variable]:
     rows = scalar_table(scene)
+    stiffness = (
+        "stiffness of the contact over the static stiffness of the two bodies under uniform pressure: they penetrate "
+        "by 1 / this of their static shortening"
+    )
+    damping = (
+        "damping of the contact: part of the pressure taken off where the bodies leave each other at their "
+        "characteristic velocity"
+    )
+    sliding = "sliding velocity below which a patch sticks: it creeps instead of resting"
     yield rows[0]
-    yield parameter(
-        STIFFNESS,
-        "real",
-        default.stiffness,
-        unit="1",
-        minimum=0.0,
-        description="stiffness of the contact over the static stiffness of the two bodies under uniform pressure: they "
-        "penetrate by 1 / this of their static shortening",
-    )
-    yield parameter(
-        DAMPING,
-        "real",
-        default.damping,
-        unit="1",
-        minimum=0.0,
-        description="damping of the contact: part of the pressure taken off where the bodies leave each other at their "
-        "characteristic velocity",
-    )
-    yield parameter(
-        SLIDING,
-        "real",
-        default.sliding,
-        "sliding velocity below which a patch sticks: it creeps instead of resting",
-        unit="m s-1",
-        minimum=0.0,
-    )
+    yield parameter(STIFFNESS, "real", default.stiffness, stiffness, unit="1", minimum=0.0)
+    yield parameter(DAMPING, "real", default.damping, damping, unit="1", minimum=0.0)
+    yield parameter(SLIDING, "real", default.sliding, sliding, unit="m s-1", minimum=0.0)
     yield from (row for row in rows if row.causality == "input")
     for row in rows:
         if row.causality == "output" and row.name.startswith(("interface.", "sensor.")):
-            shares = row.name.endswith((".closed", ".sticking", ".slipping"))
-            discrete = replace(row, variability="discrete") if shares else row
-            yield replace(discrete, initial_dependencies=())
+            share = row.name.endswith((".closed", ".sticking", ".slipping"))
+            yield replace(row, variability="discrete" if share else row.variability, initial_dependencies=())
     if scene.output.energy:
         yield from (output(f"energy.{name}", "J", text) for name, text in _energies().items())
     yield replace(output(EVENTS, "1", "changes of contact states since the start", minimum=0.0), variability="discrete")
