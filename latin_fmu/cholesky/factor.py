@@ -33,7 +33,7 @@ class InterfaceFactor(Protocol):
 
     @property
     def last(self) -> Index:
-        """Dofs of the interface."""
+        """Sorted dofs of the interface, (n_last,)."""
         ...
 
     @property
@@ -43,7 +43,7 @@ class InterfaceFactor(Protocol):
 
     @property
     def schur_inverse(self) -> Array:
-        """Its inverse."""
+        """Inverse of ``schur``, (n_last, n_last)."""
         ...
 
     def forward(self, b: Array) -> tuple[Array, Array]:
@@ -319,7 +319,7 @@ class DiagonalFactor:
 
     @property
     def schur_inverse(self) -> Array:
-        """Its inverse, (n, n)."""
+        """Inverse of the matrix, (n, n)."""
         return np.diag(self.inverse)
 
     def forward(self, b: Array) -> tuple[Array, Array]:

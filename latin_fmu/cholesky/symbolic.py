@@ -253,7 +253,7 @@ class Analyses:
         return None
 
     def add(self, last: Index, rank: Array | None, analysis: Any) -> None:
-        """Keep an analysis."""
+        """Keep the analysis for these dofs and this order."""
         self._known.append((last, rank, analysis))
 
 

@@ -161,8 +161,8 @@ class Propagator(ABC):
     def begin(self, histories: Sequence[Histories], dt: float) -> None:
         """Set the histories of a run, or of the segment that goes on from the present state; one per member."""
         if self._begun:
-            motions = self.forcing.end(self.instant) if self._resumed is None else self._resumed
-            self.forcing.resume(motions)
+            motions = self.forcing.motion_state(self.instant) if self._resumed is None else self._resumed
+            self.forcing.set_motion_state(motions)
             self._resumed = None
         self._use(dt)
         self.forcing.begin(histories, dt)
@@ -188,7 +188,7 @@ class Propagator(ABC):
 
     @abstractmethod
     def mass_factor(self) -> MassFactor:
-        """Solver with M."""
+        """Solver with the mass matrix, for the accelerations at t = 0."""
 
     def initial_channels(self, factor: Any, unbalance: Array) -> tuple[Array, Array]:
         """Channel accelerations (n_channel, n_member) at t = 0, and T M^-1 T^T (n_channel, n_channel)."""
@@ -377,7 +377,7 @@ class Propagator(ABC):
         return self.instant, [x.copy() for x in self.state[1:]], None if account is None else account.copy()
 
     def restore(self, snapshot: tuple[int, list[Array], Array | None]) -> None:
-        """Back to a snapshot."""
+        """Return to the state and the energies of a ``snapshot``."""
         self.instant, fields, account = snapshot
         self._set(*fields)
         if account is not None:
@@ -389,12 +389,12 @@ class Propagator(ABC):
     def restart(self) -> None:
         """Back to the initial values; ``begin`` must follow."""
         self._begun, self._resumed = False, None
-        self.forcing.resume([None] * len(self.members))
+        self.forcing.set_motion_state([None] * len(self.members))
 
     def get_state(self) -> dict[str, object]:
         """The present state as plain arrays: all that the next segment needs."""
         account, motion = self._opened(), self.state
-        motions = [[u, a] for u, a in self.forcing.end(self.instant)]
+        motions = [[u, a] for u, a in self.forcing.motion_state(self.instant)]
         fields = {name: np.array(x) for name, x in zip(("u", "v", "a", "residual"), motion[1:], strict=True)}
         return {**fields, "motions": motions, "account": None if account is None else account.copy()}
 

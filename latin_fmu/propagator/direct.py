@@ -145,7 +145,7 @@ class CgPropagator(DirectPropagator):
         super().__init__([m.with_factor("cg") for m in members], scheme, dt, energy)
 
     def mass_factor(self) -> ConjugateGradients:
-        """Solver with M."""
+        """Solver with the mass matrix, by conjugate gradients."""
         mass = self.operators.mass
         if self.operators.massless.size:  # they start without acceleration
             heavy = mass.diagonal().max() * 1e30

@@ -48,7 +48,7 @@ class ExplicitOperators:
 
     @property
     def admittance(self) -> Array:
-        """T D T^T diag(area)."""
+        """Velocities of the channels per traction, T D T^T diag(area), m3 N-1 s-1."""
         return self.compliance * self.area
 
 
@@ -135,5 +135,5 @@ class ExplicitPropagator(Propagator):
         return unbalance
 
     def mass_factor(self) -> MassFactor:
-        """Solver with M."""
+        """Solver with the lumped mass."""
         return spla.splu(sp.csc_matrix(self._mass))

@@ -62,12 +62,12 @@ class Forcing:
             if motion is not None:
                 motion.begin(history.imposed_velocity, dt)
 
-    def end(self, instant: int) -> list[tuple[Array, Array]]:
+    def motion_state(self, instant: int) -> list[tuple[Array, Array]]:
         """Displacement and acceleration of the prescribed motions at an instant, for the next segment."""
         return [(np.zeros(0), np.zeros(0)) if m is None else m.at(instant) for m in self._motion]
 
-    def resume(self, motions: Sequence[tuple[Array, Array] | None]) -> None:
-        """Where the prescribed motions go on from (``end`` of the segment before); None: from their start."""
+    def set_motion_state(self, motions: Sequence[tuple[Array, Array] | None]) -> None:
+        """Where the prescribed motions go on from (``motion_state`` of the segment before); None: from their start."""
         for motion, start in zip(self._motion, motions, strict=True):
             if motion is not None:
                 motion.start = start
@@ -152,11 +152,11 @@ class Forcing:
         return self.members[0].trace @ self.imposed_u(instant) if self.moves else None
 
     def channel_velocity(self, instant: int) -> Array | None:
-        """Same for velocities."""
+        """Part of the channel velocities that prescribed motions bring; None when there are none."""
         return self.members[0].trace @ self.imposed_v(instant) if self.moves else None
 
     def channel_acceleration(self, instant: int) -> Array | None:
-        """Same for accelerations."""
+        """Part of the channel accelerations that prescribed motions bring; None when there are none."""
         return self.members[0].trace @ self.imposed_a(instant) if self.moves else None
 
 

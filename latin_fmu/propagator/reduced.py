@@ -56,7 +56,7 @@ class ReducedOperators:
 
     @property
     def admittance(self) -> Array:
-        """T D T^T diag(area)."""
+        """Velocities of the channels per traction, T D T^T diag(area), m3 N-1 s-1."""
         return self.compliance * self.area
 
 
@@ -64,7 +64,7 @@ class _Unit:
     """Solver with the unit matrix."""
 
     def solve(self, b: Array) -> Array:
-        """b."""
+        """The right-hand side b itself."""
         return b
 
 
@@ -118,7 +118,7 @@ class ReducedPropagator(Propagator):
 
     # -- start ------------------------------------------------------------------------------------------------
     def initial_unbalance(self, traction: Array) -> Array:
-        """M a at t = 0."""
+        """M a of the modes at t = 0 under tractions (n_channel, n_member), N kg-1/2."""
         ops, state = self.operators, self.state
         unbalance: Array = self.forcing.at(0) - ops.diagonal[:, None] * state.u
         if traction.any():
@@ -129,7 +129,7 @@ class ReducedPropagator(Propagator):
         return unbalance if inertia is None else unbalance - inertia
 
     def mass_factor(self) -> _Unit:
-        """Solver with M."""
+        """Solver with the mass matrix, the unit matrix here."""
         return _Unit()
 
     def sample(self) -> None:

@@ -154,7 +154,7 @@ class StaticPropagator(Propagator):
         """Equilibrium at t = 0: displacements as they are, no velocity."""
 
     def mass_factor(self) -> NoReturn:
-        """There is no mass."""
+        """Refused: a model without inertia has no mass."""
         raise TypeError("no inertia: a quasi-static substructure has no mass")
 
     def initial_channels(self, factor: object, unbalance: Array) -> NoReturn:  # noqa: ARG002
