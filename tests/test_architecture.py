@@ -29,7 +29,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("latin",),
     ("results",),
     ("assembly",),
-    ("observe", "progress", "pictures", "effects"),
+    ("observe", "pictures", "effects"),
     ("api",),
     ("accuracy",),
     ("cosim", "stability"),

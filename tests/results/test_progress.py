@@ -6,7 +6,7 @@ import io
 
 import pytest
 
-from latin_fmu.progress import Progress
+from latin_fmu.commands.run import Progress
 
 
 class Clock:
