@@ -32,7 +32,7 @@ class Kernels(BuildHookInterface):  # type: ignore[type-arg]
             return
         root = Path(self.root)
         sys.path.insert(0, str(root))
-        from latin_fmu.aot.build import host
+        from latin_fmu.aot import host
         from latin_fmu.compiled.library import file_name
 
         target = os.environ.get("LATIN_FMU_TARGET") or host()

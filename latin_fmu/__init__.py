@@ -13,7 +13,7 @@ equations                                                              module
 (6), (15)  an interface behaviour and its contract                     interface.behaviour
 (7)        perfect connection                                          interface.joints, kernels.laws
 (8)-(14)   linear stage: F - F_hat = -k (W - W_hat), dashpots k        kernels.substructure, kernels.iteration
-           in windows of several instants                              kernels.sweep, kernels.windows
+           in windows of several instants                              kernels.iteration, kernels.instants
 (12)-(17)  search directions k                                         latin.search_direction
 (15)-(17)  local stage: F_hat - F = k (W_hat - W), point by point      kernels.local_stage, kernels.laws
 (18)-(19)  points, normals, gap of an interface                        assembly.interfaces, assembly.face_pairs

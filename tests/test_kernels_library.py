@@ -19,14 +19,12 @@ import pytest
 import scipy.sparse as sp
 
 import latin_fmu
-from latin_fmu.aot import symbols
-from latin_fmu.aot.build import declared
+from latin_fmu.aot import declared, linking
 from latin_fmu.cholesky import substitution as sweeps
 from latin_fmu.cholesky.factor import CholeskyFactor
 from latin_fmu.cholesky.substitution import LANES, SPARE
 from latin_fmu.compiled import COMPILES, declare, fields, library, with_numba
-from latin_fmu.compiled.declare import Entry
-from latin_fmu.compiled.signature import MismatchError, Signature, address
+from latin_fmu.compiled.declare import Entry, MismatchError, Signature, address
 from latin_fmu.interface import BEHAVIOURS
 from latin_fmu.kernels.acceleration import Anderson
 from latin_fmu.propagator import stable_step
@@ -566,36 +564,36 @@ def test_old_cache_folders_go(base):
 def compiled_object(text: str) -> bytes:
     """An ELF object of LLVM's text."""
     llvm = pytest.importorskip("llvmlite.binding")
-    objects = pytest.importorskip("latin_fmu.aot.objects")
-    return bytes(objects.emit(llvm.parse_assembly(text), objects.TARGETS["linux-x86_64"]))
+    lowering = pytest.importorskip("latin_fmu.aot.lowering")
+    return bytes(lowering.emit(llvm.parse_assembly(text), linking.TARGETS["linux-x86_64"]))
 
 
 CALL = "declare void @{0}()\ndefine void @entry() {{ call void @{0}() ret void }}"
 
 
 def test_a_symbol_that_is_not_on_the_list_is_refused_by_name():
-    symbols.check(compiled_object(CALL.format("memset")))
-    with pytest.raises(symbols.ForbiddenSymbolError, match="PyObject_Print"):
-        symbols.check(compiled_object(CALL.format("PyObject_Print")))
+    linking.check(compiled_object(CALL.format("memset")))
+    with pytest.raises(linking.ForbiddenSymbolError, match="PyObject_Print"):
+        linking.check(compiled_object(CALL.format("PyObject_Print")))
     with pytest.raises(ValueError, match="ELF"):
-        symbols.check(b"MZ")
+        linking.check(b"MZ")
 
 
 def test_a_kernel_that_prints_does_not_pass_the_build(tmp_path):
     """The build of a package with such an entry, up to the check."""
     code = (
-        "from latin_fmu.aot import lowering, objects, symbols\n"
+        "from latin_fmu.aot import linking, lowering\n"
         "from latin_fmu.compiled import entry, with_numba\n"
         "with_numba.BUILD.update(no_cpython_wrapper=True, no_cfunc_wrapper=True)\n"
         "@entry('i8')\n"
         "def talk(n):\n"
         "    print(n)\n"
-        "target = objects.TARGETS['linux-x86_64']\n"
-        "whole = objects.joined(*lowering.lower(lowering.start(), [talk]))\n"
-        "objects.optimise(whole, target)\n"
+        "target = linking.TARGETS['linux-x86_64']\n"
+        "whole = lowering.joined(*lowering.lower(lowering.start(), [talk]))\n"
+        "lowering.optimise(whole, target)\n"
         "try:\n"
-        "    symbols.check(objects.emit(whole, target))\n"
-        "except symbols.ForbiddenSymbolError as error:\n"
+        "    linking.check(lowering.emit(whole, target))\n"
+        "except linking.ForbiddenSymbolError as error:\n"
         "    print(error)\n"
     )
     file = tmp_path / "talk.py"
@@ -609,7 +607,7 @@ def test_a_kernel_that_prints_does_not_pass_the_build(tmp_path):
     )
     named = done.stdout.split(";")[0].removeprefix("the kernels need ").strip().split(", ")
     assert "numba_gil_ensure" in named
-    assert not symbols.STUB & set(named)
+    assert not linking.STUB & set(named)
 
 
 @pytest.mark.slow

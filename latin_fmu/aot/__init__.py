@@ -1,7 +1,119 @@
 """Compilation of the kernels ahead of time, when a wheel is built; no part of a run.
 
-numba lowers every entry once (``lowering``), LLVM optimises all of them together and emits an object file for each
-target (``objects``), its undefined symbols are compared to a list (``symbols``), and the compiler of ``ziglang``
-links it with a few lines of C (``linking``). ``python -m latin_fmu.aot`` builds the library into ``build/`` of a
-source tree, where the package finds it: of use after a change of a kernel.
+numba lowers every entry once, LLVM optimises all of them together and emits an object file for each target
+(``lowering``). Its undefined symbols are compared to a list, and the compiler of ``ziglang`` links it with a few lines
+of C (``linking``). ``python -m latin_fmu.aot`` builds the library into ``build/`` of a source tree, where the package
+finds it: of use after a change of a kernel.
 """
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from importlib import import_module
+from pathlib import Path
+
+from ..compiled import library, with_numba
+from ..compiled.declare import Entry, Kernel
+
+_LOG = logging.getLogger(__name__)
+
+
+def build(folder: Path, targets: Sequence[str]) -> list[Path]:
+    """Libraries for the targets in a folder; those that are there already and of these very sources are kept."""
+    package = library.PACKAGE
+    sources = library.sources_of(package)
+    manifest = "\n".join([*(source.as_posix() for source in sources), library.digest_of(package, sources)])
+    key = _key(manifest)
+    wanted = {target: folder / library.file_name(target) for target in targets}
+    missing = {t: path for t, path in wanted.items() if not _is_of(path, key)}
+    if missing:
+        for path in missing.values():
+            _note(path).unlink(missing_ok=True)
+        _make(missing, manifest)
+        for path in missing.values():
+            _note(path).write_text(key)
+    return list(wanted.values())
+
+
+def _is_of(path: Path, key: str) -> bool:
+    """Whether a library is there and what it depends on has not changed."""
+    return path.is_file() and _note(path).is_file() and _note(path).read_text() == key
+
+
+def _note(path: Path) -> Path:
+    return path.with_suffix(".key")
+
+
+def _key(manifest: str) -> str:
+    """What the library depends on: kernels, this folder, and who compiles."""
+    import llvmlite
+    import numba
+
+    here = Path(__file__).parent
+    digest = hashlib.sha256(repr((manifest, sys.version, numba.__version__, llvmlite.__version__)).encode())
+    for path in sorted([*here.glob("*.py"), *here.glob("*.c"), *Path(library.__file__).parent.glob("*.py")]):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+def _make(wanted: dict[str, Path], manifest: str) -> None:
+    """Lower the kernels once, optimise once, then emit and link for each target."""
+    import llvmlite.binding as llvm
+
+    from . import linking, lowering
+
+    with_numba.BUILD.update(no_cpython_wrapper=True, no_cfunc_wrapper=True)
+    context = lowering.start()
+    modules, exported = lowering.lower(context, declared())
+    whole = lowering.joined(modules, exported, shared())
+    plain = whole.as_bitcode()
+    optimised: dict[str, bytes] = {}
+    for target, path in wanted.items():
+        kind = linking.TARGETS[target]
+        if kind.cpu not in optimised:  # one processor: its code serves every operating system
+            fresh = llvm.parse_bitcode(plain)
+            lowering.optimise(fresh, kind)
+            optimised[kind.cpu] = fresh.as_bitcode()
+        content = lowering.emit(llvm.parse_bitcode(optimised[kind.cpu]), kind)
+        if target.startswith("linux"):
+            linking.check(content)
+        linking.link(content, manifest, kind, path)
+        _LOG.info("%s: %d bytes", path, path.stat().st_size)
+
+
+def declared() -> Iterator[Entry]:
+    """Entries of all modules with kernels."""
+    root = library.__name__.removesuffix(".compiled.library")
+    for source in library.kernel_sources(library.PACKAGE):
+        if source.parts[0] == "compiled":
+            continue
+        module = import_module(".".join((root, *source.with_suffix("").parts)))
+        for value in vars(module).values():
+            if isinstance(value, Entry) and value.py_func.__module__ == module.__name__:
+                yield value
+
+
+def shared() -> Iterator[str]:
+    """Beginnings of the names that numba gives the kernels that keep one body of machine code."""
+    root = library.__name__.removesuffix(".compiled.library")
+    for source in library.kernel_sources(library.PACKAGE):
+        if source.parts[0] == "compiled":
+            continue
+        module = import_module(".".join((root, *source.with_suffix("").parts)))
+        for value in vars(module).values():
+            if isinstance(value, Kernel) and value.shared and value.py_func.__module__ == module.__name__:
+                path = (*module.__name__.split("."), value.py_func.__name__)
+                yield "_ZN" + "".join(f"{len(part)}{part}" for part in path) + "B"
+
+
+def host() -> str | None:
+    """Target of this machine; None where there is none for it."""
+    from .linking import TARGETS
+
+    own = library.target()
+    musl = own.startswith("linux") and not os.confstr("CS_GNU_LIBC_VERSION")
+    return own if own in TARGETS and not musl else None

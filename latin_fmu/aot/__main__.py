@@ -6,7 +6,7 @@ import logging
 import sys
 
 from ..compiled import library
-from .build import build, host
+from . import build, host
 
 if __name__ == "__main__":
     logging.basicConfig(level=logging.INFO, format="%(message)s")

@@ -3,13 +3,103 @@
 from __future__ import annotations
 
 import os
+import struct
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Final
 
-from .objects import Target
+
+@dataclass(frozen=True)
+class Target:
+    """An operating system and processor.
+
+    Attributes
+    ----------
+    triple : LLVM's name. cpu, features : the least processor the code runs on. zig : the name by which zig links.
+    """
+
+    triple: str
+    cpu: str
+    zig: str
+
+
+TARGETS: Final[Mapping[str, Target]] = MappingProxyType(
+    {
+        "linux-x86_64": Target("x86_64-unknown-linux-gnu", "x86-64-v3", "x86_64-linux-gnu.2.17"),
+        "linux-aarch64": Target("aarch64-unknown-linux-gnu", "neoverse-n1", "aarch64-linux-gnu.2.17"),
+        "windows-x86_64": Target("x86_64-w64-windows-gnu", "x86-64-v3", "x86_64-windows-gnu"),
+        "darwin-aarch64": Target("arm64-apple-macosx11.0.0", "apple-m1", "aarch64-macos.11.0"),
+    }
+)
+
+
+_SYMBOL_TABLE = 2
+
+# What the C library of every target has.
+C_LIBRARY: Final = frozenset({"memset", "memcpy", "memmove", "malloc", "free", "abort", "hypot", "log10"})
+
+# What stub.c defines: memory of kernels that allocate, and error paths that are never reached.
+STUB: Final = frozenset(
+    [
+        "NRT_Allocate",
+        "NRT_Free",
+        "NRT_MemInfo_alloc",
+        "NRT_MemInfo_alloc_aligned",
+        "NRT_MemInfo_call_dtor",
+        "PyErr_SetString",
+        "PyExc_RuntimeError",
+        "PyObject_Hash",
+        "PyTuple_Pack",
+        "PyUnicode_FromKindAndData",
+    ]
+)
+
+
+class ForbiddenSymbolError(Exception):
+    """A kernel needs something that the library does not have."""
+
+
+def check(content: bytes, allowed: Iterable[str] = C_LIBRARY | STUB) -> None:
+    """Compare the undefined symbols of an ELF object to those allowed.
+
+    Raises
+    ------
+    ForbiddenSymbolError : names them.
+    """
+    wrong = sorted(set(undefined(content)) - set(allowed))
+    if wrong:
+        raise ForbiddenSymbolError(
+            f"the kernels need {', '.join(wrong)}; allowed: {', '.join(sorted(allowed))}; a kernel raises, prints, "
+            "allocates or calls a function of Python or NumPy that has no compiled form in the library"
+        )
+
+
+def undefined(content: bytes) -> Iterator[str]:
+    """Names of the undefined symbols of a 64-bit little-endian ELF object.
+
+    Raises
+    ------
+    ValueError : another kind of file.
+    """
+    if content[:6] != b"\x7fELF\x02\x01":
+        raise ValueError("no 64-bit little-endian ELF object")
+    start, size, count = struct.unpack_from("<Q", content, 40)[0], *struct.unpack_from("<HH", content, 58)
+    sections = [struct.unpack_from("<IIQQQQIIQQ", content, start + i * size) for i in range(count)]
+    for section in sections:
+        if section[1] != _SYMBOL_TABLE:
+            continue
+        offset, length, names = section[4], section[5], sections[section[6]]
+        for at in range(offset, offset + length, 24):
+            name, _, _, index = struct.unpack_from("<IBBH", content, at)
+            if index == 0 and name:
+                first = names[4] + name
+                yield content[first : content.index(b"\0", first)].decode()
+
 
 _STUB: Final = Path(__file__).with_name("stub.c")
 

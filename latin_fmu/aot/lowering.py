@@ -18,9 +18,10 @@ from numba.core.runtime.nrtdynmod import compile_nrt_functions
 from numba.np.arrayobj import make_array, populate_array
 from numba.np.numpy_support import from_dtype
 
-from ..compiled.declare import Entry
-from ..compiled.signature import Argument, Block, Bundle, Scalar, Signature
+from ..compiled.declare import Argument, Block, Bundle, Entry, Scalar, Signature
+from .linking import Target
 
+_ENVIRONMENT: Final = "_ZN08NumbaEnv"
 _NUMBERS: Final = {"i8": types.int64, "f8": types.float64, "b1": types.boolean, "f4": types.float32}
 _WORD, _STATUS = ir.IntType(64), ir.IntType(32)
 
@@ -133,7 +134,7 @@ def _entry_wrapper(context: Any, symbol: str, signature: Signature, result: Any)
 
 
 class _Slots:
-    """Arguments of a kernel from the 8-byte slots of a call (see ``compiled.signature``)."""
+    """Arguments of a kernel from the 8-byte slots of a call (see ``compiled.declare``)."""
 
     def __init__(self, context: Any, builder: Any, slots: Any) -> None:
         self._context, self._builder, self._slots, self._next = context, builder, slots, 0
@@ -171,3 +172,53 @@ class _Slots:
             strides.insert(0, builder.mul(strides[0], length))
         populate_array(array, data, shape, strides, ir.Constant(_WORD, argument.dtype.itemsize), None)
         return array._getvalue()
+
+
+def machine(target: Target) -> Any:
+    """LLVM's machine for a target: position independent, all optimisations."""
+    llvm.initialize_all_targets()
+    llvm.initialize_all_asmprinters()
+    return llvm.Target.from_triple(target.triple).create_target_machine(
+        cpu=target.cpu, opt=3, reloc="pic", codemodel="default"
+    )
+
+
+def joined(modules: Iterable[Any], exported: Iterable[str], shared: Iterable[str] = ()) -> Any:
+    """One module of all, with only the exported functions visible; functions whose names begin as ``shared`` says are
+    not inlined."""
+    names, kept = set(exported), tuple(shared)
+    whole = llvm.parse_assembly("")
+    for module in modules:
+        for function in module.functions:  # several modules hold the same helpers of numba
+            if not function.is_declaration and function.name not in names:
+                function.linkage = "weak_odr"
+        whole.link_in(module, preserve=True)
+    for function in whole.functions:  # counts of references are null tests where arrays come from outside
+        if function.name in ("NRT_incref", "NRT_decref") and not function.is_declaration:
+            function.add_function_attribute("alwaysinline")
+    for item in (*whole.functions, *whole.global_variables):
+        if not item.is_declaration and item.name not in names:
+            # numba's pointers to Python's objects: internal ones would be taken for the null that they are here, and
+            # a kernel that uses Python would become one that fails
+            if kept and item.name.startswith(kept):
+                item.add_function_attribute("noinline")
+            item.linkage = "linkonce_any" if item.name.startswith(_ENVIRONMENT) else "internal"
+    return whole
+
+
+def optimise(module: Any, target: Target) -> None:
+    """LLVM's passes, with loops and straight-line code vectorised for the processor of the target."""
+    tm = machine(target)
+    module.triple, module.data_layout = target.triple, str(tm.target_data)
+    options = llvm.create_pipeline_tuning_options(speed_level=3)
+    options.loop_vectorization, options.slp_vectorization = True, True
+    passes = llvm.create_pass_builder(tm, options)
+    manager = passes.getModulePassManager()
+    manager.run(module, passes)
+
+
+def emit(module: Any, target: Target) -> bytes:
+    """Object file of a module; the module itself is used up."""
+    tm = machine(target)
+    module.triple, module.data_layout = target.triple, str(tm.target_data)
+    return bytes(tm.emit_object(module))

@@ -11,13 +11,22 @@ from typing import Any, Final
 from ..compiled import entry, fields, share
 from .acceleration import next_iterate
 from .indicator import accept, force_residual
-from .instants import after_class, end_class, end_instant, first_guess, free_motion, march_instants, solve_instant
-from .iteration import judge, linear_stage, measure, stage
+from .instants import (
+    after_class,
+    end_class,
+    end_instant,
+    end_window_instant,
+    first_guess,
+    free_motion,
+    march_instants,
+    open_accounts,
+    read_start,
+    solve_instant,
+)
+from .iteration import begin_window, judge, linear_stage, measure, rewind, stage
 from .local_stage import finish, open_window, outgoing, prepare, solve_points
 from .records import CLASS, GROUP, RUN, Pools
 from .substructure import advance, commit, free_load, free_velocity, interface_load, linear_response, predict
-from .sweep import begin_window, rewind
-from .windows import end_window_instant, open_accounts, read_start
 
 (
     MARCH,

@@ -34,7 +34,6 @@ from ..cholesky.substitution import (
     single_panels_at,
 )
 from ..compiled import kernel
-from .lanes import tile_width
 from .matrices import (
     add_damping,
     add_mass,
@@ -47,7 +46,7 @@ from .matrices import (
     springs,
     tile_of,
 )
-from .products import product, symmetric_size
+from .products import product, symmetric_size, tile_width
 from .records import STATIC
 
 Array = NDArray[np.float64]

@@ -13,10 +13,8 @@ from numpy.typing import NDArray
 from ..cholesky.factor import CholeskyFactor, DiagonalFactor
 from ..cholesky.substitution import LANES, SPARE, TILED
 from ..kernels.energy import FIELDS
-from ..kernels.lanes import padded
-from ..kernels.pool import Block
-from ..kernels.products import lower_count, lower_pattern, lower_values, pack_triangle
-from ..kernels.records import DIRECT, EXPLICIT, STATIC
+from ..kernels.products import lower_count, lower_pattern, lower_values, pack_triangle, padded
+from ..kernels.records import DIRECT, EXPLICIT, STATIC, Block
 from .forcing import Sum
 from .model import Array, Index
 

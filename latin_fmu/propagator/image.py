@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 
 from ..compiled import PLAIN
 from ..kernels import entries
-from ..kernels.pool import Block, grown
-from ..kernels.records import CLASS, GROUP, RUN, Pools
+from ..kernels.records import CLASS, GROUP, RUN, Block, Pools, grown
 from . import class_record
 from .model import Array, Index
 
@@ -339,7 +338,7 @@ class Image:
                 self._commit(c, first + i)
 
     def end_window_instant(self, instant: int, i: int) -> None:
-        """``kernels.windows.end_window_instant`` where some class has no factor in the kernels."""
+        """``kernels.instants.end_window_instant`` where some class has no factor in the kernels."""
         n = self.n_flat
         hat = [self.field(name, self.window, n) for name in ("local_f", "local_w")]
         accepted, first = [field[i].copy() for field in hat], [field[0].copy() for field in hat]

@@ -9,8 +9,8 @@ import scipy.sparse as sp
 from latin_fmu.cholesky import substitution as sweeps
 from latin_fmu.cholesky.factor import CholeskyFactor
 from latin_fmu.cholesky.substitution import LANES, SPARE, TILED
-from latin_fmu.kernels import lanes, products
-from latin_fmu.kernels.pool import Block
+from latin_fmu.kernels import products
+from latin_fmu.kernels.records import Block
 from latin_fmu.propagator.class_record import put_dense, put_symmetric
 
 MEMBERS = [1, 2, 3, 7, 8, 9, 17]
@@ -20,7 +20,7 @@ RNG = np.random.default_rng(7)
 @pytest.fixture(autouse=True)
 def in_python(monkeypatch: pytest.MonkeyPatch) -> None:
     """Lets kernels call each other in Python; the entries of the library are compared with theirs elsewhere."""
-    for module in (lanes, products, sweeps):
+    for module in (products, sweeps):
         for name, value in vars(module).items():
             if hasattr(value, "py_func"):
                 monkeypatch.setattr(module, name, value.py_func)
@@ -125,7 +125,7 @@ def test_half_solves(m: int, single: bool) -> None:
     spare, out = np.full(SPARE * LANES, np.nan), np.full((60, m), np.nan)
     for start in range(0, m, LANES):
         tile, count = np.full((60, LANES), np.nan), min(m - start, LANES)
-        lanes.gather(60, m, start, loads[shape.order].ravel(), tile.reshape(-1))
+        products.gather(60, m, start, loads[shape.order].ravel(), tile.reshape(-1))
         assert not tile[:, count:].any()
         sweeps.forward_tile(*pattern, panels, tile.reshape(-1), spare)
         for j in range(count):
@@ -151,6 +151,6 @@ def test_half_solves(m: int, single: bool) -> None:
 
 @pytest.mark.parametrize("m", range(1, 20))
 def test_width_of_tiles(m: int) -> None:
-    padded = lanes.padded(m)
+    padded = products.padded(m)
     assert padded >= m
     assert padded == m or (m >= TILED and padded % LANES == 0 and padded < m + LANES)
