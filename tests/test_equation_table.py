@@ -77,8 +77,8 @@ MUTATIONS = {
     ),
     "sign of K u": (
         "kernels.substructure",
-        "add_stiffness(pools, c, -1.0, u_free, load)",
-        "add_stiffness(pools, c, 1.0, u_free, load)",
+        "add_product(pools, c, STIFFNESS, -1.0, u_free, load)",
+        "add_product(pools, c, STIFFNESS, 1.0, u_free, load)",
     ),
     "(24) times 1e6": (
         "kernels.indicator",

@@ -19,8 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiled import kernel
-from .matrices import add_damping, add_dashpots, add_mass, add_spread, add_stiffness
-from .products import add_terms
+from .matrices import DAMPING, DASHPOTS, LOADS, MASS, STIFFNESS, add_product, add_spread, add_sum
 from .records import EXPLICIT, STATIC
 
 Array = NDArray[np.float64]
@@ -28,7 +27,6 @@ Array = NDArray[np.float64]
 TERMS = ("kinetic", "elastic", "work_of_loads", "interface_work", "damping_dissipation", "scheme_dissipation")
 """Terms of the account, in the order of ``totals``."""
 _KINETIC, _ELASTIC, _LOADS, _INTERFACE, _DAMPING, _SCHEME = range(6)
-_M, _K, _C, _LUMPED_C = range(4)
 FIELDS = 16
 """Fields of ``past``."""
 # their places, displacements first: accelerations, M a and M v of the dofs alone, then the forces (``_forces``, C v) of
@@ -66,13 +64,13 @@ def _add_borders(pools: Any, c: int, which: int, x: Array, out: Array) -> None:
     if count == 0:
         return
     starts_at, columns_at, values_at = row.border_mass_starts, row.border_mass_columns, row.border_mass_values
-    if which == _K:
+    if which == STIFFNESS:
         starts_at, columns_at = row.border_stiffness_starts, row.border_stiffness_columns
         values_at = row.border_stiffness_values
-    elif which == _C:
+    elif which == DAMPING:
         starts_at, columns_at = row.border_damping_starts, row.border_damping_columns
         values_at = row.border_damping_values
-    elif which == _LUMPED_C:
+    elif which == DASHPOTS:
         starts_at, columns_at = row.border_dashpots_starts, row.border_dashpots_columns
         values_at = row.border_dashpots_values
     starts = pools.fixed_int[starts_at : starts_at + count + 1]
@@ -86,14 +84,7 @@ def _product(pools: Any, c: int, which: int, x: Array, out: Array) -> None:
     row = pools.classes[c]
     size = row.n * row.m
     out[:] = 0.0
-    if which == _M:
-        add_mass(pools, c, 1.0, x[:size], out[:size])
-    elif which == _K:
-        add_stiffness(pools, c, 1.0, x[:size], out[:size])
-    elif which == _C:
-        add_damping(pools, c, 1.0, x[:size], out[:size])
-    else:
-        add_dashpots(pools, c, 1.0, x[:size], out[:size])
+    add_product(pools, c, which, 1.0, x[:size], out[:size])
     _add_borders(pools, c, which, x, out)
 
 
@@ -110,26 +101,6 @@ def _field(pools: Any, c: int, place: int, order: int, instant: int, scratch: Ar
     at = row.motions + (order * run.n_time + instant) * count
     _copy(pools.moving[at : at + count], scratch[size:])
     return scratch
-
-
-@kernel
-def _loads(pools: Any, c: int, instant: int, out: Array) -> None:
-    """Loads of the scene on the dofs (n m,)."""
-    row = pools.classes[c]
-    _copy(pools.moving[row.work_loads : row.work_loads + row.n * row.m], out)
-    n = row.work_terms
-    if n > 0:
-        starts = pools.moving_int[row.work_starts : row.work_starts + n + 1]
-        at = row.work_amplitudes + n * instant
-        add_terms(
-            n,
-            starts,
-            pools.moving_int[row.work_rows : row.work_rows + starts[n]],
-            pools.moving[row.work_values : row.work_values + starts[n]],
-            pools.moving[at : at + n],
-            1.0,
-            out,
-        )
 
 
 @kernel
@@ -192,8 +163,10 @@ def _forces(pools: Any, c: int, instant: int, flat: Array, u: Array, out: Array)
     reactions."""
     row = pools.classes[c]
     m, wide = row.m, (row.n + row.n_motion) * row.m
-    _product(pools, c, _K, u, out[:wide])
-    _loads(pools, c, instant, out[2 * wide : 2 * wide + row.n * m])
+    _product(pools, c, STIFFNESS, u, out[:wide])
+    loads = out[2 * wide : 2 * wide + row.n * m]
+    _copy(pools.moving[row.work_loads : row.work_loads + row.n * m], loads)
+    add_sum(pools, c, LOADS, instant, 1.0, loads)
     _tractions(pools, c, flat, out[3 * wide : 3 * wide + row.n_inner * m])
 
 
@@ -210,7 +183,7 @@ def _state_energies(pools: Any, c: int, u: Array, v: Array, mass_v: Array, elast
         _add_dot(m, 0.5, v[:size], mass_v, kinetic)
     if row.kind != STATIC and row.n_motion > 0:
         image[:] = 0.0
-        _add_borders(pools, c, _M, v, image)
+        _add_borders(pools, c, MASS, v, image)
         _add_dot(m, 0.5, v, image, kinetic)
     _add_dot(m, 0.5, u, elastic, totals[_ELASTIC * m : (_ELASTIC + 1) * m])
 
@@ -237,7 +210,7 @@ def open_account(pools: Any, c: int, instant: int, flat: Array) -> None:
     )
     _forces(pools, c, instant, flat, u, now)
     if row.kind != STATIC:
-        add_mass(pools, c, 1.0, v[:size], mass_v)
+        add_product(pools, c, MASS, 1.0, v[:size], mass_v)
     _state_energies(pools, c, u, v, mass_v, now[:wide], image)
     if row.kind == EXPLICIT:
         _open_explicit(pools, c, u, v)
@@ -251,11 +224,11 @@ def open_account(pools: Any, c: int, instant: int, flat: Array) -> None:
             for j in range(m):
                 now[2 * wide + dofs[i] * m + j] -= now[3 * wide + i * m + j]
     else:
-        add_mass(pools, c, 1.0, state[row.a : row.a + size], past[_MASS_A * wide : _MASS_A * wide + size])
+        add_product(pools, c, MASS, 1.0, state[row.a : row.a + size], past[_MASS_A * wide : _MASS_A * wide + size])
         _copy(mass_v, past[_MASS_V * wide : _MASS_V * wide + size])
         _copy(_field(pools, c, row.a, 2, instant, image), past[_A * wide : (_A + 1) * wide])
     if row.damping_rows > 0:
-        _product(pools, c, _C, v, now[wide : 2 * wide])
+        _product(pools, c, DAMPING, v, now[wide : 2 * wide])
     _copy(u, past[:wide])
     _copy(now, past[(_RING + 4) * wide : (_RING + 8) * wide])
     state[row.turn] = 2.0
@@ -300,7 +273,7 @@ def _account_weighted(pools: Any, c: int, instant: int, flat: Array) -> None:
     )
     _forces(pools, c, instant, flat, u, new)
     if row.damping_rows > 0:
-        _product(pools, c, _C, v, new[wide : 2 * wide])
+        _product(pools, c, DAMPING, v, new[wide : 2 * wide])
     totals, inner = state[row.totals : row.totals + 6 * m], work[row.inner : row.inner + inner_size]
     of_loads, of_interface = totals[_LOADS * m : (_LOADS + 1) * m], totals[_INTERFACE * m : (_INTERFACE + 1) * m]
     of_damping, of_scheme = totals[_DAMPING * m : (_DAMPING + 1) * m], totals[_SCHEME * m :]
@@ -361,10 +334,10 @@ def _account_moved_inertia(pools: Any, c: int, instant: int, step: Array, of_loa
     for i in range(wide):
         mean[i], kept[i] = of_old * kept[i] + of_new * a[i], a[i] - kept[i]
     image[:] = 0.0
-    _add_borders(pools, c, _M, kept, image)
+    _add_borders(pools, c, MASS, kept, image)
     _add_dot(m, run.inertia_dissipation, mean, image, of_scheme)
     image[:] = 0.0
-    _add_borders(pools, c, _M, mean, image)
+    _add_borders(pools, c, MASS, mean, image)
     _add_dot(m, 1.0, step[size:], image[size:], of_loads)
     _copy(a, kept)
 
@@ -378,8 +351,8 @@ def _open_explicit(pools: Any, c: int, u: Array, v: Array) -> None:
     _copy(past[(_RING + 2) * wide : (_RING + 3) * wide], past[_LOAD * wide : (_LOAD + 1) * wide])
     _copy(u, past[:wide])
     _copy(v, past[_V * wide : (_V + 1) * wide])
-    _product(pools, c, _K, v, past[_K_V * wide : (_K_V + 1) * wide])
-    _product(pools, c, _M, v, past[_OLD_MASS_V * wide : (_OLD_MASS_V + 1) * wide])
+    _product(pools, c, STIFFNESS, v, past[_K_V * wide : (_K_V + 1) * wide])
+    _product(pools, c, MASS, v, past[_OLD_MASS_V * wide : (_OLD_MASS_V + 1) * wide])
 
 
 @kernel
@@ -402,15 +375,15 @@ def _account_explicit(pools: Any, c: int, instant: int, flat: Array) -> None:
     _forces(pools, c, instant, flat, u, new)
     damping[:] = 0.0
     if row.damping_rows > 0:
-        _product(pools, c, _C, v_old, damping)
+        _product(pools, c, DAMPING, v_old, damping)
     if row.dashpots_rows > 0:
         for i in range(wide):
             k_v[i] = 0.5 * (v[i] - v_old[i])
-        _product(pools, c, _LUMPED_C, k_v, mass_v)
+        _product(pools, c, DASHPOTS, k_v, mass_v)
         for i in range(wide):
             damping[i] += mass_v[i]
-    _product(pools, c, _M, v, mass_v)
-    _product(pools, c, _K, v, k_v)
+    _product(pools, c, MASS, v, mass_v)
+    _product(pools, c, STIFFNESS, v, k_v)
     totals, inner = state[row.totals : row.totals + 6 * m], work[row.inner : row.inner + inner_size]
     of_loads, of_scheme = totals[_LOADS * m : (_LOADS + 1) * m], totals[_SCHEME * m :]
     totals[: 2 * m] = 0.0

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from ..compiled import entry, fields, share
+from ..compiled import entry, fields, kernel, share
 from .acceleration import next_iterate
 from .indicator import accept, force_residual
 from .instants import (
@@ -61,7 +61,7 @@ from .substructure import advance, commit, free_load, free_velocity, interface_l
     FORCES,
     AFTER,
 ) = range(31)
-"""Actions, in the order of ``call``."""
+"""Actions of ``call``."""
 
 _ITEM: Final = "f8[::1], i8[::1]"
 POOLS: Final = fields(
@@ -96,13 +96,11 @@ def call(pools: Any, action: int, a: int, b: int, c: int, d: int) -> int:
     run = pools.run[0]
     if action == MARCH:
         return march_instants(pools, a, b)
-    if action == PREDICT:
-        predict(pools, a, b)
-    elif action == SOLVE:
+    if action == SOLVE:
         return int(solve_instant(pools, a, b))
-    elif action == END_CLASS:
-        end_class(pools, a, b)
-    elif action == END_INSTANT:
+    if action == JUDGE:
+        return judge(pools, a, b, c, d == 1)
+    if action == END_INSTANT:
         end_instant(pools, a)
     elif action == FIRST_GUESS:
         first_guess(pools, a)
@@ -122,8 +120,6 @@ def call(pools: Any, action: int, a: int, b: int, c: int, d: int) -> int:
         finish(pools, a, b, c)
     elif action == MEASURE:
         measure(pools, a)
-    elif action == JUDGE:
-        return judge(pools, a, b, c, d == 1)
     elif action == NEXT:
         next_iterate(pools, a, b)
     elif action == OPEN:
@@ -140,27 +136,36 @@ def call(pools: Any, action: int, a: int, b: int, c: int, d: int) -> int:
         read_start(pools)
     elif action == OPEN_ACCOUNTS:
         open_accounts(pools)
+    elif action == FORCES:
+        force_residual(pools, a)
+    else:
+        return _call_of_class(pools, action, a, b, c, d)
+    return 0
+
+
+@kernel
+def _call_of_class(pools: Any, action: int, a: int, b: int, c: int, d: int) -> int:
+    """Actions on the class ``a``."""
+    run = pools.run[0]
+    n, local = run.n_flat, pools.moving[run.local_f : run.local_f + run.n_flat]
+    if action == PREDICT:
+        predict(pools, a, b)
+    elif action == END_CLASS:
+        end_class(pools, a, b)
     elif action == FREE_LOAD:
         free_load(pools, a, b)
     elif action == FREE_VELOCITY:
         free_velocity(pools, a, b)
     elif action == INTERFACE_LOAD:
-        return int(interface_load(pools, a, pools.moving[run.local_f : run.local_f + run.n_flat]))
+        return int(interface_load(pools, a, local))
     elif action == ADVANCE:
         advance(pools, a, b)
     elif action == COMMIT:
-        return commit(pools, a, b, pools.moving[run.local_f : run.local_f + run.n_flat])
+        return commit(pools, a, b, local)
     elif action == AFTER:
-        at = run.f if d == 1 else run.local_f
-        after_class(pools, a, b, pools.moving[at + c * run.n_flat : at + (c + 1) * run.n_flat], True)
-    elif action == FORCES:
-        force_residual(pools, a)
-    else:
-        n = run.n_flat
-        linear_response(
-            pools,
-            a,
-            pools.moving[run.q + b * n : run.q + (b + 1) * n],
-            pools.moving[run.w + b * n : run.w + (b + 1) * n],
-        )
+        at = (run.f if d == 1 else run.local_f) + c * n
+        after_class(pools, a, b, pools.moving[at : at + n], True)
+    elif action == RESPOND:
+        q, w = run.q + b * n, run.w + b * n
+        linear_response(pools, a, pools.moving[q : q + n], pools.moving[w : w + n])
     return 0

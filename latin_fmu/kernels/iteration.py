@@ -16,7 +16,7 @@ from ..compiled import kernel
 from .acceleration import next_iterate
 from .indicator import error_indicator, force_residual
 from .local_stage import finish, outgoing, prepare, solve_points
-from .products import add_rows
+from .matrices import add_matrix
 from .substructure import commit, linear_response, predict, respond
 
 Array = NDArray[np.float64]
@@ -65,16 +65,8 @@ def _balance(pools: Any) -> None:
         rest[j] = q[j] - k[j] * w[j]
     total, motion = work[run.coarse : run.coarse + size], work[run.coarse + size : run.coarse + 2 * size]
     total[:] = 0.0
-    starts = pools.fixed_int[run.coarse_balance_starts : run.coarse_balance_starts + size + 1]
-    add_rows(
-        size,
-        starts,
-        pools.fixed_col[run.coarse_balance_columns : run.coarse_balance_columns + starts[size]],
-        direction[run.coarse_balance_values : run.coarse_balance_values + starts[size]],
-        1.0,
-        1,
-        rest,
-        total,
+    add_matrix(
+        pools, size, run.coarse_balance_starts, run.coarse_balance_columns, run.coarse_balance_values, 1, rest, total
     )
     for i in range(size):
         line = direction[run.coarse_inverse + i * size : run.coarse_inverse + (i + 1) * size]
@@ -82,28 +74,10 @@ def _balance(pools: Any) -> None:
         for j in range(size):
             now -= line[j] * total[j]
         motion[i] = now
-    starts = pools.fixed_int[run.coarse_incoming_starts : run.coarse_incoming_starts + n + 1]
-    add_rows(
-        n,
-        starts,
-        pools.fixed_col[run.coarse_incoming_columns : run.coarse_incoming_columns + starts[n]],
-        direction[run.coarse_incoming_values : run.coarse_incoming_values + starts[n]],
-        1.0,
-        1,
-        motion,
-        q,
+    add_matrix(
+        pools, n, run.coarse_incoming_starts, run.coarse_incoming_columns, run.coarse_incoming_values, 1, motion, q
     )
-    starts = pools.fixed_int[run.coarse_answer_starts : run.coarse_answer_starts + n + 1]
-    add_rows(
-        n,
-        starts,
-        pools.fixed_col[run.coarse_answer_columns : run.coarse_answer_columns + starts[n]],
-        direction[run.coarse_answer_values : run.coarse_answer_values + starts[n]],
-        1.0,
-        1,
-        motion,
-        w,
-    )
+    add_matrix(pools, n, run.coarse_answer_starts, run.coarse_answer_columns, run.coarse_answer_values, 1, motion, w)
 
 
 @kernel

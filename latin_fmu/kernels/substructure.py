@@ -35,14 +35,16 @@ from ..cholesky.substitution import (
 )
 from ..compiled import kernel
 from .matrices import (
-    add_damping,
-    add_mass,
+    DAMPING,
+    FORCES,
+    INERTIA,
+    MASS,
+    STIFFNESS,
+    VELOCITIES,
+    add_product,
     add_spread,
-    add_stiffness,
+    add_sum,
     add_trace,
-    forces,
-    imposed,
-    inertia,
     springs,
     tile_of,
 )
@@ -93,24 +95,24 @@ def free_load(pools: Any, c: int, instant: int) -> None:
     constant = pools.moving[row.constant : row.constant + size]
     for i in range(size):
         load[i] = constant[i]
-    forces(pools, c, instant, load)
+    add_sum(pools, c, FORCES, instant, 1.0, load)
     if row.kind == STATIC:
         for i in range(size):
             u_free[i] = u[i]
-        add_stiffness(pools, c, -1.0, u, load)
+        add_product(pools, c, STIFFNESS, -1.0, u, load)
         return
     # locals: numbers of a record are loaded anew after every store of a loop
     u_v, u_a, v_a = run.u_v, run.u_a, run.v_a
     for i in range(size):
         u_free[i] = u[i] + u_v * v[i] + u_a * a[i]
         v_free[i] = v[i] + v_a * a[i]
-    add_stiffness(pools, c, -1.0, u_free, load)
-    add_damping(pools, c, -1.0, v_free, load)
+    add_product(pools, c, STIFFNESS, -1.0, u_free, load)
+    add_product(pools, c, DAMPING, -1.0, v_free, load)
     residual = state[row.residual : row.residual + size]
     weight, memory = run.force_weight, run.memory_weight
     for i in range(size):
         load[i] = weight * load[i] - memory * residual[i]
-    inertia(pools, c, instant, -1.0, load)
+    add_sum(pools, c, INERTIA, instant, -1.0, load)
 
 
 @kernel
@@ -181,7 +183,7 @@ def free_velocity(pools: Any, c: int, instant: int) -> None:
         add_trace(pools, c, reached, w_free, False)
         damped = work[row.w_damped : row.w_damped + size]
         damped[:] = 0.0
-        imposed(pools, c, instant, 1, 1.0, damped)
+        add_sum(pools, c, VELOCITIES, instant, 1.0, damped)
         for i in range(size):
             w_free[i] += damped[i]
         return
@@ -195,7 +197,7 @@ def free_velocity(pools: Any, c: int, instant: int) -> None:
             at, own = dofs[i] * m + j, i * m + j
             reached[own] = of_old * u[at] + of_u * u_free[at] + of_v * v_free[at] + gain * free_a[own]
     add_trace(pools, c, reached, w_free, False)
-    imposed(pools, c, instant, 1, 1.0, w_free)
+    add_sum(pools, c, VELOCITIES, instant, 1.0, w_free)
 
 
 @kernel
@@ -408,10 +410,10 @@ def advance(pools: Any, c: int, instant: int) -> None:
         return
     mass_a, residual = work[row.mass_a : row.mass_a + size], state[row.residual : row.residual + size]
     mass_a[:] = 0.0
-    add_mass(pools, c, 1.0, a, mass_a)
+    add_product(pools, c, MASS, 1.0, a, mass_a)
     memory, weight = run.memory_weight, run.force_weight
     for i in range(size):
         residual[i] = memory * residual[i] + mass_a[i]
-    inertia(pools, c, instant, 1.0, residual)
+    add_sum(pools, c, INERTIA, instant, 1.0, residual)
     for i in range(size):
         residual[i] /= weight
