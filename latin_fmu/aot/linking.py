@@ -1,4 +1,7 @@
-"""Object file and C stub to a library, by the compiler of ``ziglang``: no compiler of the machine is needed."""
+"""Targets; object file and C stub to a library, by the compiler of ``ziglang``: no compiler of the machine is needed.
+
+Undefined symbols of an object file are compared to the list of those that the library may need.
+"""
 
 from __future__ import annotations
 

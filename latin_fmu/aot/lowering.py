@@ -1,7 +1,8 @@
 """Kernels to LLVM code that no optimisation has touched: what numba's front end makes of them.
 
 numba optimises and loads a kernel at every level of calls. Here its code generator is replaced, in the process of a
-build only, by one that keeps the code of each kernel as it is; all of them are joined later and optimised once.
+build only, by one that keeps the code of each kernel as it is. All of them are joined, optimised once, and emitted as
+an object file for a target.
 """
 
 from __future__ import annotations

@@ -54,14 +54,14 @@ void NRT_Free(void *memory) { free(memory); }
 
 MemInfo *NRT_MemInfo_alloc_aligned(size_t size, unsigned align)
 {
-    MemInfo *found = malloc(sizeof(MemInfo) + size + 2 * (size_t)align);
-    if (!found)
+    MemInfo *block = malloc(sizeof(MemInfo) + size + 2 * (size_t)align);
+    if (!block)
         return NULL;
-    memset(found, 0, sizeof *found);
-    found->references = 1;
-    found->size = size;
-    found->data = (void *)(((uintptr_t)(found + 1) + align) / align * align);
-    return found;
+    memset(block, 0, sizeof *block);
+    block->references = 1;
+    block->size = size;
+    block->data = (void *)(((uintptr_t)(block + 1) + align) / align * align);
+    return block;
 }
 
 MemInfo *NRT_MemInfo_alloc(size_t size) { return NRT_MemInfo_alloc_aligned(size, 16); }

@@ -58,25 +58,25 @@ Argument = Scalar | Block | Bundle
 
 def fields(cls: type, text: str, **names: Any) -> Bundle:
     """Types of the fields of a named tuple, in the form of a signature without a result."""
-    found = arguments_of(text, names)
-    if len(found) != len(cls._fields):  # type: ignore[attr-defined]
+    types = arguments_of(text, names)
+    if len(types) != len(cls._fields):  # type: ignore[attr-defined]
         raise ValueError(
-            f"{cls.__name__} has {len(cls._fields)} fields; the signature has {len(found)}"  # type: ignore[attr-defined]
+            f"{cls.__name__} has {len(cls._fields)} fields; the signature has {len(types)}"  # type: ignore[attr-defined]
         )
-    return Bundle(cls, found)
+    return Bundle(cls, types)
 
 
 def arguments_of(text: str, names: Mapping[str, Any]) -> tuple[Argument, ...]:
     """Arguments from their text; ``names`` maps words to record types and to what ``fields`` gives."""
-    found: list[Argument] = []
+    arguments: list[Argument] = []
     at, text = 0, text.strip()
     while at < len(text):
         match = _ARGUMENT.match(text, at)
         if match is None or match.end() == at:
             raise ValueError(f"signature {text!r}: cannot be read from {text[at:]!r} on")
-        found.append(_argument(match[1], match[2], names, text))
+        arguments.append(_argument(match[1], match[2], names, text))
         at = match.end()
-    return tuple(found)
+    return tuple(arguments)
 
 
 def _argument(word: str, dimensions: str | None, names: Mapping[str, Any], text: str) -> Argument:
@@ -143,7 +143,7 @@ def _fill(slots: list[Any], arguments: Sequence[Argument], values: Sequence[Any]
         if type(argument) is Block:
             if type(value) is not np.ndarray or value.dtype != argument.dtype or value.ndim != argument.ndim:
                 raise MismatchError(
-                    f"argument {number + 1}: {_told(value)}; declared: {argument.dtype}, {argument.ndim}-D"
+                    f"argument {number + 1}: {_kind_of(value)}; declared: {argument.dtype}, {argument.ndim}-D"
                 )
             slots.append(address(value))
             slots.extend(value.shape)
@@ -152,11 +152,11 @@ def _fill(slots: list[Any], arguments: Sequence[Argument], values: Sequence[Any]
         else:
             assert isinstance(argument, Bundle)
             if type(value) is not argument.cls:
-                raise MismatchError(f"argument {number + 1}: {_told(value)}; declared: {argument.cls.__name__}")
+                raise MismatchError(f"argument {number + 1}: {_kind_of(value)}; declared: {argument.cls.__name__}")
             _fill(slots, argument.fields, cast(Any, value))
 
 
-def _told(value: Any) -> str:
+def _kind_of(value: Any) -> str:
     if isinstance(value, np.ndarray):
         return f"an array of {value.dtype}, {value.ndim}-D"
     return type(value).__name__
@@ -266,7 +266,7 @@ class Later:
 
     @cached_property
     def made(self) -> Any:
-        """The object."""
+        """The object, made at the first use."""
         return self._make()
 
     @property

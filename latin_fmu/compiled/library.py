@@ -38,21 +38,21 @@ def file_name(target: str) -> str:
 
 def kernel_sources(package: Path) -> list[Path]:
     """Source files with kernels, relative to the package."""
-    found = sorted(package.rglob("*.py"))
-    return [path.relative_to(package) for path in found if any(mark in path.read_bytes() for mark in _MARKS)]
+    files = sorted(package.rglob("*.py"))
+    return [path.relative_to(package) for path in files if any(mark in path.read_bytes() for mark in _MARKS)]
 
 
 def sources_of(package: Path) -> list[Path]:
-    """Source files with kernels and all of the package that they import when they are loaded: what they compute hangs
+    """Source files with kernels and all of the package that they import when they are loaded: what they compute depends
     on these."""
-    found: set[Path] = set()
+    sources: set[Path] = set()
     todo = kernel_sources(package)
     while todo:
         source = todo.pop()
-        if source not in found:
-            found.add(source)
+        if source not in sources:
+            sources.add(source)
             todo += _imported(package, source)
-    return sorted(found)
+    return sorted(sources)
 
 
 def _imported(package: Path, source: Path) -> Iterable[Path]:
@@ -80,15 +80,15 @@ def digest_of(package: Path, sources: Iterable[Path], more: str = "") -> str:
 @cache
 def loaded() -> ctypes.CDLL | None:
     """The library, where there is one that fits."""
-    found = _search()
-    return None if isinstance(found, str) else found
+    result = _search()
+    return None if isinstance(result, str) else result
 
 
 @cache
 def reason() -> str:
     """Why there is no library, for a log."""
-    found = _search()
-    return found if isinstance(found, str) else "a kernel outside the compiled library is called"
+    result = _search()
+    return result if isinstance(result, str) else "a kernel outside the compiled library is called"
 
 
 @cache
@@ -96,34 +96,34 @@ def _search() -> ctypes.CDLL | str:
     if os.environ.get("LATIN_FMU_LIBRARY", "1") == "0":
         return "the compiled library is switched off (LATIN_FMU_LIBRARY=0)"
     name = file_name(target())
-    said = f"this installation has no compiled library for {target()}"
+    message = f"this installation has no compiled library for {target()}"
     for folder in (PACKAGE, PACKAGE.parent / "build"):
         if (folder / name).is_file():
-            found = opened(folder / name, PACKAGE)
-            if not isinstance(found, str):
-                return found
-            said = found
-    return said
+            result = opened(folder / name, PACKAGE)
+            if not isinstance(result, str):
+                return result
+            message = result
+    return message
 
 
 def shipped() -> list[Path]:
     """Libraries of any platform that were made from these very sources: what a copy of the package takes along."""
     known = digest_of(PACKAGE, sources_of(PACKAGE)).encode()
-    found = {
+    libraries = {
         path.name: path
         for folder in (PACKAGE.parent / "build", PACKAGE)
         for path in folder.glob("_kernels-*.*")
         if path.suffix in (".so", ".dll") and known in path.read_bytes()
     }
-    return sorted(found.values())
+    return sorted(libraries.values())
 
 
 def opened(path: Path, package: Path) -> ctypes.CDLL | str:
     """A library, or why it is not to be used."""
     try:
-        found = ctypes.CDLL(str(path))
-        sources, known = manifest(found)
-        fits: Any = found.latin_fmu_fits
+        shared = ctypes.CDLL(str(path))
+        sources, known = manifest(shared)
+        fits: Any = shared.latin_fmu_fits
     except (OSError, AttributeError, ValueError) as error:
         return f"the compiled library {path.name} cannot be loaded ({error})"
     if not fits():
@@ -132,17 +132,17 @@ def opened(path: Path, package: Path) -> ctypes.CDLL | str:
         same = digest_of(package, sources) == known
     except OSError:
         same = False
-    return found if same else f"the compiled library {path.name} was made from other sources"
+    return shared if same else f"the compiled library {path.name} was made from other sources"
 
 
-def manifest(found: ctypes.CDLL) -> tuple[list[Path], str]:
+def manifest(shared: ctypes.CDLL) -> tuple[list[Path], str]:
     """Source files that a library was compiled from, and their digest."""
-    text = ctypes.string_at(ctypes.addressof(ctypes.c_char.in_dll(found, "latin_fmu_manifest"))).decode()
+    text = ctypes.string_at(ctypes.addressof(ctypes.c_char.in_dll(shared, "latin_fmu_manifest"))).decode()
     *sources, digest = text.split("\n")
     return [Path(source) for source in sources], digest
 
 
-def call_of(found: ctypes.CDLL, symbol: str) -> Callable[[bytes, Any], int]:
+def call_of(shared: ctypes.CDLL, symbol: str) -> Callable[[bytes, Any], int]:
     """An entry: status from the slots of the arguments and a pointer to the result."""
     shape = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_char_p, ctypes.c_void_p)
-    return shape((symbol, found))
+    return shape((symbol, shared))

@@ -167,7 +167,7 @@ class Anderson:
         self._arrays = [np.zeros(size) for size in (n, n, depth * n, depth * n, depth * depth, (depth + 3) * depth)]
 
     def next(self, q: Array, residual: Array) -> Array:
-        """Next iterate (n,)."""
+        """Next iterate (n,) from q and its residual."""
         out = np.array(q, dtype=float)
         last_q, last_r, dq, dr, gram, least = self._arrays
         anderson(

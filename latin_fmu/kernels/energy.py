@@ -8,7 +8,8 @@ n - 1, n, n + 1 and a_w over n, n + 1 as the time scheme does (``TimeScheme.ener
     STATIC    D V = Du.(mean f + mean lambda) + reactions
 
 x = ``inertia_dissipation``; f loads, lambda tractions of the interfaces; reactions work where the motion is prescribed
-and are counted with the loads. The sums hold up to round-off.
+and are counted with the loads. The sums hold up to round-off. Each step costs one product, K u (EXPLICIT classes: K v
+too): M a comes from the march, and M v follows the recursion that the scheme has for v.
 """
 
 from __future__ import annotations
@@ -237,8 +238,8 @@ def open_account(pools: Any, c: int, instant: int, flat: Array) -> None:
 
 @kernel
 def account(pools: Any, c: int, instant: int, flat: Array, marched: bool) -> None:
-    """Add the step that ends at an instant with tractions flat (N,) to the account of a class; one that rests has
-    nothing to add."""
+    """Add the step that ends at an instant with tractions flat (N,) to the account of a class; a class at
+    rest adds nothing."""
     row = pools.classes[c]
     if row.accounted == 0:
         return

@@ -31,7 +31,7 @@ TANGENTIAL_FLOOR = 1e-2
 
 @kernel
 def error_indicator(pools: Any, window: int) -> float:
-    """Residual r of q and sqrt(eta) over the window; ``measure[2]``: the scale of the fields that it would leave."""
+    """Residual r of q and sqrt(eta) over the window; ``measure[2]``: largest norm of the fields with this iterate."""
     run, work, direction = pools.run[0], pools.moving, pools.fixed
     n = run.n_flat
     weights, k = direction[run.weights : run.weights + 3 * n], direction[run.k : run.k + n]
@@ -57,8 +57,8 @@ def error_indicator(pools: Any, window: int) -> float:
 
 @kernel
 def force_residual(pools: Any, window: int) -> float:
-    """Largest relative force residual over the instants of the window; ``measure[3:5]``: the scales of normal and
-    tangential forces that it would leave."""
+    """Largest relative force residual over the instants of the window; ``measure[3:5]``: largest norms of normal
+    and tangential forces with this iterate."""
     run, work = pools.run[0], pools.moving
     measure, total = work[run.measure : run.measure + 8], work[run.norms : run.norms + 4]
     parts, error_n, error_t = 1 + run.tangential, 0.0, 0.0

@@ -1,4 +1,4 @@
-"""From one instant to the next: first guess, solution, end of the instant; many instants in one call."""
+"""From one instant to the next: first guess, solution, end of the instant; many instants in one call; t = 0."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def solve_instant(pools: Any, instant: int, call: int) -> bool:
     open_window(pools, 1, instant - 1)
     if run.n_flat == 0:
         pools.moving[run.errors + call * run.max_iterations] = 0.0
-        pools.moving[run.mismatches + call * run.max_iterations] = 0.0
+        pools.moving[run.force_residuals + call * run.max_iterations] = 0.0
         pools.moving_int[run.iterations + call] = 1
         return True
     first_guess(pools, instant)

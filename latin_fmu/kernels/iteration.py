@@ -3,6 +3,10 @@
 ``stage`` is one iteration up to its measures, ``judge`` compares these with the tolerances; ``iterate`` repeats both
 until the window has converged or stalled, or the iterations are used up. The Python driver calls the same functions one
 by one.
+
+Over several instants the march of a class is repeated for every iterate (``march_window``). Where q of the class has
+changed negligibly up to some instant (criterion of ``interface_response``), its solution up to there is kept, and the
+march starts from the last kept state before. States are kept every isqrt(window) + 1 instants.
 """
 
 from __future__ import annotations
@@ -17,7 +21,7 @@ from .acceleration import next_iterate
 from .indicator import error_indicator, force_residual
 from .local_stage import finish, outgoing, prepare, solve_points
 from .matrices import add_matrix
-from .substructure import commit, linear_response, predict, respond
+from .substructure import commit, interface_response, linear_response, predict
 
 Array = NDArray[np.float64]
 
@@ -41,9 +45,9 @@ def linear_stage(pools: Any, window: int, first: int, iteration: int) -> None:
     solved = 0
     for c in range(len(pools.classes)):
         if window == 1:
-            solved += respond(pools, c, 0, iteration > 0 and run.reuse >= 0.0)
+            solved += interface_response(pools, c, 0, iteration > 0 and run.reuse >= 0.0)
         elif pools.classes[c].factored == 1:  # the Python driver marches the others
-            work[run.counts] += sweep(pools, c, window, first)
+            work[run.counts] += march_window(pools, c, window, first)
     work[run.counts + 1] += solved
     for i in range(window):
         w = work[run.w + i * run.n_flat : run.w + (i + 1) * run.n_flat]
@@ -56,7 +60,7 @@ def linear_stage(pools: Any, window: int, first: int, iteration: int) -> None:
 
 @kernel
 def _balance(pools: Any) -> None:
-    """Bring q and the W of the substructures to balance in the mean of every interface (``latin.coarse``)."""
+    """Bring q and the W of the substructures to balance in the mean of every interface."""
     run, work, direction = pools.run[0], pools.moving, pools.fixed
     n, size = run.n_flat, run.n_coarse
     q, w, k = work[run.q : run.q + n], work[run.w : run.w + n], direction[run.k : run.k + n]
@@ -138,12 +142,12 @@ def judge(pools: Any, window: int, phase: int, iteration: int, accelerated: bool
             before = min(before, now)
         elif i > iteration - RECENT:
             recent = min(recent, now)
-    found = 0
+    bits = 0
     if best == -1.0:
-        found, numbers[6] = BEST, numbers[2]
+        bits, numbers[6] = BEST, numbers[2]
     if iteration + 1 - phase >= PATIENCE and recent > (STALL_ACCELERATED if accelerated else STALL_PLAIN) * before:
-        found |= STALLED
-    return found
+        bits |= STALLED
+    return bits
 
 
 @kernel
@@ -153,11 +157,11 @@ def iterate(pools: Any, window: int, first: int, call: int) -> int:
     for iteration in range(run.max_iterations):
         stage(pools, window, first, iteration)
         pools.moving[run.errors + call * run.max_iterations + iteration] = pools.moving[run.measure]
-        pools.moving[run.mismatches + call * run.max_iterations + iteration] = pools.moving[run.measure + 1]
-        found = judge(pools, window, 0, iteration, run.depth > 0)
-        if found & CONVERGED:
+        pools.moving[run.force_residuals + call * run.max_iterations + iteration] = pools.moving[run.measure + 1]
+        bits = judge(pools, window, 0, iteration, run.depth > 0)
+        if bits & CONVERGED:
             return iteration + 1
-        if found & (STALLED | BROKEN):
+        if bits & (STALLED | BROKEN):
             return -(iteration + 1)
         next_iterate(pools, window, iteration)
     return -int(run.max_iterations)
@@ -175,7 +179,7 @@ def begin_window(pools: Any) -> None:
 
 @kernel
 def rewind(pools: Any) -> None:
-    """Bring every class back to the start of the window."""
+    """Set the state of every class to that at the start of the window."""
     for c in range(len(pools.classes)):
         row = pools.classes[c]
         for e in range(row.n_state):
@@ -184,7 +188,7 @@ def rewind(pools: Any) -> None:
 
 @kernel
 def stride_of(window: int) -> int:
-    """Instants between kept states."""
+    """Instants between kept states, isqrt(window) + 1."""
     stride = 1
     while stride * stride <= window:
         stride += 1
@@ -202,9 +206,9 @@ def first_changed(pools: Any, c: int, window: int) -> int:
     weights = pools.fixed[run.weights : run.weights + run.n_flat]
     level = run.reuse * max(pools.moving[run.scales], work[run.measure + 6]) * window / len(pools.classes)
     for i in range(window):
-        q, seen = work[run.q + i * run.n_flat : run.q + (i + 1) * run.n_flat], row.seen + i * size
+        q, solved_q = work[run.q + i * run.n_flat : run.q + (i + 1) * run.n_flat], row.solved_q + i * size
         for at in range(size):
-            moved = q[channels[at]] - work[seen + at]
+            moved = q[channels[at]] - work[solved_q + at]
             change += weights[channels[at]] * moved * moved
         if change > level:
             return i
@@ -212,7 +216,7 @@ def first_changed(pools: Any, c: int, window: int) -> int:
 
 
 @kernel
-def sweep(pools: Any, c: int, window: int, first: int) -> int:
+def march_window(pools: Any, c: int, window: int, first: int) -> int:
     """W of the class for the q of the window, from the first instant on whose q has changed; substructure-instants
     marched."""
     row, run, work = pools.classes[c], pools.run[0], pools.moving
@@ -221,7 +225,7 @@ def sweep(pools: Any, c: int, window: int, first: int) -> int:
     changed, marched = first_changed(pools, c, window), 0
     for i in range(changed):
         for at in range(size):
-            work[run.w + i * n + channels[at]] = work[row.answered + i * size + at]
+            work[run.w + i * n + channels[at]] = work[row.solved_w + i * size + at]
     if changed == window:
         return 0
     begin = changed // stride
@@ -241,9 +245,9 @@ def sweep(pools: Any, c: int, window: int, first: int) -> int:
         marched += commit(pools, c, first + i, f)
         for at in range(size):
             if i < changed:
-                w[channels[at]] = work[row.answered + i * size + at]
+                w[channels[at]] = work[row.solved_w + i * size + at]
             else:
-                work[row.seen + i * size + at] = q[channels[at]]
-                work[row.answered + i * size + at] = w[channels[at]]
+                work[row.solved_q + i * size + at] = q[channels[at]]
+                work[row.solved_w + i * size + at] = w[channels[at]]
     work[row.known] = 1.0
     return marched

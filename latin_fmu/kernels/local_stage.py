@@ -1,4 +1,4 @@
-"""Local stage (15)-(17): every interface point on its own, instant after instant.
+"""Local stage (15)-(17): each interface point separately, instant after instant.
 
 With s = W - F / k of both sides the law gives F_hat, and the search direction E+ gives W_hat = s + F_hat / k. The time
 law of contact is end-of-instant: with G the gap at the start of the instant,

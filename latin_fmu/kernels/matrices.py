@@ -1,4 +1,4 @@
-"""Matrices, loads, prescribed motions and readings of a class, where its record says they lie."""
+"""Matrices, loads and prescribed motions of a class at the places in its record; velocities and displacements read."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ FORCES, INERTIA, DISPLACEMENTS, VELOCITIES, ACCELERATIONS, LOADS = range(6)
 
 @kernel
 def tile_of(row: Any, work: Array) -> Array:
-    """Scratch of the products."""
+    """Scratch of the products with tiles."""
     return work[row.tile : row.tile + (max(row.n, row.n_channel) + SPARE) * LANES]
 
 

@@ -1,4 +1,10 @@
-"""Matrix products of a march, vectors flat (rows x members); see ``records`` for the forms of the matrices."""
+"""Matrix products of a march, vectors flat (rows x members); see ``records`` for the forms of the matrices.
+
+From TILED members on eight members are taken at a time, side by side in a tile: rows of eight numbers, zeros for
+missing members. Eight sums are kept in eight local variables, which the compiler puts into one vector register as long
+as it keeps their order; where it may reorder the sum over a row it does not. The results equal those of one member
+after the other up to round-off.
+"""
 
 from __future__ import annotations
 

@@ -13,7 +13,8 @@ moving  output     fields, gaps, probes, energies of the instants               
 
 A block is one allocation, a pool a range of it; a snapshot is a copy of the range of the state. Blocks are viewed as
 float64, int64, uint32 or float32 numbers. A record holds sizes, and for every array the position of its first number in
-its block; kernels slice. A record holds no address: blocks can be copied, saved, mapped and shared.
+its block (``Block`` assigns it); kernels slice. A record holds no address: blocks can be copied, saved, mapped and
+shared.
 
 Dimensions: n dofs of a member, m members of a class, g interface dofs, c channels (interface unknowns) of a member,
 N = n_flat channels of the assembly, p points of a group, h components per point, T instants of the segment, w instants
@@ -128,14 +129,14 @@ CLASS_FIELDS: Final[tuple[Field, ...]] = (
     ("v_free", "work (n, m): velocities likewise, m s-1"),
     ("load", "work (n, m): forces of the instant, N"),
     ("mass_a", "work (n, m): M a, N"),
-    ("sweep", "work (n, m), in tiles from TILED members on: half solution"),
+    ("half_solution", "work (n, m), in tiles from TILED members on: after the forward substitution"),
     ("inner", "work (g, m)"),
     ("inner_answer", "work (g, m)"),
     ("free_a", "work (g, m): accelerations of the interface dofs without interface forces, m s-2"),
     ("w_free", "work (c, m): velocities of the channels without interface forces, m s-1"),
     ("w_damped", "work (c, m): velocities that the dashpots k act on, m s-1 (w_free but for STATIC classes)"),
-    ("seen", "work (w, c, m): q of the last solves, Pa"),
-    ("answered", "work (w, c, m): W of the last solves, m s-1"),
+    ("solved_q", "work (w, c, m): q of the last solves, Pa"),
+    ("solved_w", "work (w, c, m): W of the last solves, m s-1"),
     ("known", "work (1,): 1 where those are of this window"),
     ("kept_states", "work (w // (isqrt(w) + 1) + 1, n_state): states inside a window of several instants"),
     ("channel", "work (c, m)"),
@@ -265,7 +266,7 @@ RUN_FIELDS: Final[tuple[Field, ...]] = (
     ),
     ("measure", "work (8,): error, force residual, scales reached (3), ratio of merits, scale of the best iterate"),
     ("errors", "output (R, max_iterations): sqrt(eta) of the iterations"),
-    ("mismatches", "output (R, max_iterations): force residual likewise"),
+    ("force_residuals", "output (R, max_iterations): force residual of the iterations"),
     ("iterations", "output, int64 (R,)"),
     ("history_f", "output (R, N): accepted tractions, Pa"),
     ("history_w", "output (R, N): accepted velocities, m s-1"),
@@ -338,7 +339,7 @@ class Pools(NamedTuple):
 
 
 class Block:
-    """Places in a block of float64 numbers; equal arrays (the same object) are put in once until ``fill``.
+    """Positions of arrays in a block of float64 numbers; the same array put in twice before ``fill`` takes one place.
 
     Parameters
     ----------

@@ -117,8 +117,8 @@ def free_load(pools: Any, c: int, instant: int) -> None:
 
 @kernel
 def forward(pools: Any, c: int) -> None:
-    """Half solve of the load: the inside stays in ``sweep`` (in tiles from TILED members on), the interface part goes
-    to ``inner``."""
+    """Forward substitution of the load: its interior part stays in ``half_solution`` (in tiles from TILED members on),
+    the interface part goes to ``inner``."""
     row, work, numbers = pools.classes[c], pools.moving, pools.fixed_int
     n, m, n_interior, n_inner, n_super = row.n, row.m, row.n_interior, row.n_inner, row.n_super
     first, row_start = (
@@ -131,7 +131,7 @@ def forward(pools: Any, c: int) -> None:
     load, inner = work[row.load : row.load + n * m], work[row.inner : row.inner + n_inner * m]
     if m < TILED:
         for j in range(m):
-            x = work[row.sweep + n * j : row.sweep + n * (j + 1)]
+            x = work[row.half_solution + n * j : row.half_solution + n * (j + 1)]
             for i in range(n):
                 x[i] = load[order[i] * m + j]
             if row.single == 1:
@@ -143,7 +143,7 @@ def forward(pools: Any, c: int) -> None:
         return
     tail = work[row.tile : row.tile + SPARE * LANES]
     for start in range(0, m, LANES):
-        x = work[row.sweep + n * start : row.sweep + n * (start + LANES)]
+        x = work[row.half_solution + n * start : row.half_solution + n * (start + LANES)]
         lanes = min(m - start, LANES)
         for i in range(n):
             at = order[i] * m + start
@@ -201,7 +201,7 @@ def free_velocity(pools: Any, c: int, instant: int) -> None:
 
 
 @kernel
-def respond(pools: Any, c: int, row_of_window: int, reuse: bool) -> int:
+def interface_response(pools: Any, c: int, row_of_window: int, reuse: bool) -> int:
     """W at the channels of the class for q of one instant of the window: w_free + Y area (q - k w_damped); number of
     substructures solved for.
 
@@ -214,29 +214,29 @@ def respond(pools: Any, c: int, row_of_window: int, reuse: bool) -> int:
     channels = pools.fixed_int[row.channels : row.channels + size]
     q = work[run.q + row_of_window * run.n_flat : run.q + (row_of_window + 1) * run.n_flat]
     w = work[run.w + row_of_window * run.n_flat : run.w + (row_of_window + 1) * run.n_flat]
-    seen = work[row.seen + row_of_window * size : row.seen + (row_of_window + 1) * size]
-    answered = work[row.answered + row_of_window * size : row.answered + (row_of_window + 1) * size]
+    solved_q = work[row.solved_q + row_of_window * size : row.solved_q + (row_of_window + 1) * size]
+    solved_w = work[row.solved_w + row_of_window * size : row.solved_w + (row_of_window + 1) * size]
     if work[row.passed] == 1.0:
         largest = 0.0
         for at in range(size):
             largest = max(largest, abs(q[channels[at]]))
         if largest <= run.rest_traction:
             for at in range(size):
-                seen[at], answered[at] = q[channels[at]], 0.0
+                solved_q[at], solved_w[at] = q[channels[at]], 0.0
                 w[channels[at]] = 0.0
             return 0
     if reuse:
         weights, change = pools.fixed[run.weights : run.weights + run.n_flat], 0.0
         for at in range(size):
-            moved = q[channels[at]] - seen[at]
+            moved = q[channels[at]] - solved_q[at]
             change += weights[channels[at]] * moved * moved
         if change <= run.reuse * pools.moving[run.scales] / len(pools.classes):
             for at in range(size):
-                w[channels[at]] = answered[at]
+                w[channels[at]] = solved_w[at]
             return 0
     linear_response(pools, c, q, w)
     for at in range(size):
-        seen[at], answered[at] = q[channels[at]], w[channels[at]]
+        solved_q[at], solved_w[at] = q[channels[at]], w[channels[at]]
     return int(m)
 
 
@@ -301,7 +301,7 @@ def interface_load(pools: Any, c: int, flat: Array) -> bool:
     if work[row.passed] == 1.0:
         if largest <= run.rest_traction:
             return False
-        work[row.sweep : row.sweep + row.n * tile_width(m)] = 0.0
+        work[row.half_solution : row.half_solution + row.n * tile_width(m)] = 0.0
         work[row.passed] = 0.0
     pools.moving[row.rest] = 0.0
     inner, last = (work[row.inner : row.inner + n_inner * m], work[row.inner_answer : row.inner_answer + n_inner * m])
@@ -332,7 +332,7 @@ def interface_load(pools: Any, c: int, flat: Array) -> bool:
 
 @kernel
 def backward(pools: Any, c: int) -> None:
-    """Full solution in ``load`` from ``sweep`` and the interface values in ``inner_answer``."""
+    """Full solution in ``load`` from ``half_solution`` and the interface values in ``inner_answer``."""
     row, work, numbers = pools.classes[c], pools.moving, pools.fixed_int
     n, m, n_interior, n_inner, n_super = row.n, row.m, row.n_interior, row.n_inner, row.n_super
     first, row_start = (
@@ -345,7 +345,7 @@ def backward(pools: Any, c: int) -> None:
     out, last = work[row.load : row.load + n * m], work[row.inner_answer : row.inner_answer + n_inner * m]
     if m < TILED:
         for j in range(m):
-            x = work[row.sweep + n * j : row.sweep + n * (j + 1)]
+            x = work[row.half_solution + n * j : row.half_solution + n * (j + 1)]
             for i in range(n_inner):
                 x[n_interior + i] = last[i * m + j]
             if row.single == 1:
@@ -357,7 +357,7 @@ def backward(pools: Any, c: int) -> None:
         return
     tail = work[row.tile : row.tile + SPARE * LANES]
     for start in range(0, m, LANES):
-        x = work[row.sweep + n * start : row.sweep + n * (start + LANES)]
+        x = work[row.half_solution + n * start : row.half_solution + n * (start + LANES)]
         lanes = min(m - start, LANES)
         for i in range(n_inner):
             for j in range(lanes):

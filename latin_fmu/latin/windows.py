@@ -230,7 +230,7 @@ class Run:
                 propagator.sample()
             self._record(done)
             most = self.settings.max_iterations
-            errors, residuals = (image.field(name, done, most) for name in ("errors", "mismatches"))
+            errors, residuals = (image.field(name, done, most) for name in ("errors", "force_residuals"))
             self.windows.keep(first, image.counts("iterations", done), errors, residuals)
             self._read_indicator()
         self._refused = done < n

@@ -201,7 +201,7 @@ class Image:
             row["energies"] = block.reserve(self.rows * 6 * row["m"] * row["accounted"])
         for name, size in (
             ("errors", most),
-            ("mismatches", most),
+            ("force_residuals", most),
             ("iterations", 1),
             ("history_f", n),
             ("history_w", n),
