@@ -24,22 +24,22 @@ Saving and restoring the state (serialised or not) is exact to the last bit.</li
 <li><b>Prescribed</b> (<code>mode = 1</code>): load histories are given up front by <code>historyFile</code> (CSV with a
 header <code>time,NAME,...</code>, or netCDF) or, in FMI 3, by the arrays <code>load.NAME.history</code>; the whole
 interval [0, <code>endTime</code>] is solved when initialization ends and played back at any communication step.</li>
-<li>A step that cannot be made (a value that is no number, a step of no length, no convergence, a changed input in
-prescribed mode) is <b>discarded</b>: a message in the log says why, the state is as before.</li>
-<li>What fails during initialization (a missing file, no convergence in prescribed mode) is logged as an error; every
+<li>A step that cannot be made (an input that is not finite, a step of zero length, no convergence, a changed input in
+prescribed mode) is <b>discarded</b>: a message in the log gives the reason, the state is as before.</li>
+<li>A failure during initialization (a missing file, no convergence in prescribed mode) is logged as an error; every
 later step is discarded.</li>
-<li>The stop time is not needed. The tolerance of the importer is a relative accuracy: the iteration leaves a tenth
-of it, a fifth of its value is taken for sqrt(eta). It goes before the parameter <code>tolerance</code>, which is on
-sqrt(eta) itself (FMI 2; the FMI 3 exporter does not hand it on: use the parameter).</li>
-<li>Energies are outputs where the scene says <code>output.energy = true</code>: their terms are followed at every
-instant, which can take longer than the solution itself, so that nobody gets them unasked.</li>
+<li>The stop time is not needed. The tolerance of the importer is a relative accuracy: the error of the iteration is a
+tenth of it, the tolerance on sqrt(eta) a fifth. It replaces the parameter <code>tolerance</code>, which is on sqrt(eta)
+itself (FMI 2; the FMI 3 exporter does not pass it on: use the parameter).</li>
+<li>Energies are outputs where the scene says <code>output.energy = true</code>: their terms are computed at every
+instant, which can take longer than the solution itself.</li>
 <li>With <code>resultsFile</code> a netCDF file is written at termination; it holds accepted steps only. With
-<code>estimateError = 1</code> it also tells, in its group <code>accuracy</code>, the estimated error of each quantity
-(impulse, contact instants, ...): mesh and time step are coarsened and what was exchanged is run again, which takes a
-fifth of the simulation in solids, as long again in bars. Outputs carry no estimate of their own: it needs the whole
+<code>estimateError = 1</code> its group <code>accuracy</code> holds the estimated error of each quantity (impulse,
+contact instants, ...): the exchanged loads are run again with a coarser mesh and time step, which takes a fifth of the
+simulation time for solids, the whole of it for bars. Outputs have no estimate of their own: it needs the whole
 history.</li>
-<li>A load in the scene should have the size expected, so that its amplitude is about 1: tolerances are relative to the
-loads of the scene, and a load of 1 Pa times 10<sup>8</sup> asks for more digits than there are.</li>
+<li>A load in the scene should have the expected size, so that its amplitude is about 1: tolerances are relative to the
+loads of the scene, and a load of 1 Pa times 10<sup>8</sup> needs more digits than double precision has.</li>
 <li>The scene's own time laws count from the start of the simulation.</li>
 <li>FMI 2: extract the FMU to a path in plain ASCII, the exporter's library cannot open another one. Spaces are fine.
 FMI 3: any path.</li>
@@ -58,10 +58,10 @@ _REDUCED_MODEL = """\
 <h2>What it is</h2>
 <p>A <b>reduced</b> model of the scene below, as ordinary differential equations with state and time events. It is
 meant to <b>cross-check</b> the co-simulation FMU of the same scene, which solves the full mesh by the LATIN method:
-the two share meshes and matrices, not the treatment of contact nor the integration in time.</p>
+the two share meshes and matrices, but neither contact laws nor time integration.</p>
 <ul>
-<li>Every body moves in {n_mode} elastic modes, its rigid motions, and its static answers to the loads and to the
-interfaces. Bonded substructures are one body.</li>
+<li>Every body moves in {n_mode} elastic modes, its rigid motions, and its static shapes under the loads and the
+interface forces. Bonded substructures are one body.</li>
 <li>Faces in contact are cut into {n_patch} patches (fewer where a face has fewer nodes) of uniform pressure.</li>
 <li>Contact is a stiff spring with damping: patches penetrate by 1/<code>contactStiffness</code> of the static
 shortening of the two bodies. Friction is Coulomb's, but sticking patches creep at less than
@@ -71,7 +71,7 @@ shortening of the two bodies. Friction is Coulomb's, but sticking patches creep 
 <h2>What to expect of it</h2>
 <p>Impulses, momentum, and the times of contact and separation agree with the full model within a few per cent.
 Fronts of waves, pressures at points, and what happens after many bounces do not: modes above the last one are
-missing. Compare two numbers of modes before trusting a detail. (Patches were fine enough for the loads: with contacts
+missing. Compare two numbers of modes before using a detail. (Patches were fine enough for the loads: with contacts
 closed, the deflection under each is that of the mesh within 10 %.)</p>
 <h2>Use</h2>
 <ul>
