@@ -43,7 +43,7 @@ class Regularisation:
 
     @classmethod
     def of(cls, system: ReducedSystem) -> Regularisation:
-        """What a system starts with."""
+        """Default regularisation of a system."""
         return cls(20.0, 0.5, 1e-3 * system.speed)
 
 
@@ -112,7 +112,7 @@ class ContactLaw:
         return Modes(closed, sticking, modes.segment), int(opens.sum() + turns.sum())
 
     def called_for(self, motion: Motion, segment: int) -> Modes:
-        """Discrete states that the motion alone calls for."""
+        """Discrete states that follow from the motion alone."""
         closed = self._preload - self.stiffness * motion.gap > 0.0
         sticking = ~closed | (np.hypot(*motion.sliding) <= self.regularisation.sliding)
         return Modes(closed, sticking, segment)

@@ -112,12 +112,12 @@ class ReducedSystem:
         return len(self.inertia)
 
     def to_bytes(self) -> bytes:
-        """All of it, bit for bit."""
+        """Write the system as bytes, bit for bit."""
         return encode(asdict(self), _KIND)
 
     @classmethod
     def from_bytes(cls, blob: bytes) -> ReducedSystem:
-        """The system of ``to_bytes``. Raises InputError for other bytes."""
+        """Read the system that ``to_bytes`` wrote. Raises InputError for other bytes."""
         tree = decode(blob, _KIND)
         tree["contacts"] = Contacts(**tree["contacts"])
         tree["bonds"] = [Bond(**bond) for bond in tree["bonds"]]
@@ -155,18 +155,18 @@ class Names:
 
     @property
     def count(self) -> int:
-        """Number of variables."""
+        """Number of all variables."""
         return len(self.table) + len(self.locals)
 
     def to_text(self) -> str:
-        """As JSON."""
+        """Write the names as JSON."""
         rest = [asdict(local) for local in self.locals]
         places = [list(self.states), self.derivatives, self.indicators]
         return "\n".join([json.dumps(places), json.dumps(rest), table_text(self.table)])
 
     @classmethod
     def from_text(cls, text: str) -> Names:
-        """The names of ``to_text``."""
+        """Read the names that ``to_text`` wrote."""
         places, rest, table = text.split("\n", 2)
         states, derivatives, indicators = json.loads(places)
         rows = tuple(Local(**row) for row in json.loads(rest))
