@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -71,6 +73,19 @@ def test_json_is_alone_on_stdout(scene: str, capsys: pytest.CaptureFixture[str])
     assert len(report["iterations"]) == 20
     assert report["interfaces"]["meet"]["impulse"][2] < 0.0
     assert "results: a.nc" in captured.err
+
+
+def test_a_run_loads_what_it_needs(scene: str) -> None:
+    """The libraries that a run leaves out, and NumPy as it was: its tools can be imported afterwards."""
+    code = (
+        "import sys; from latin_fmu.cli import main; "
+        f"assert main(['run', {scene!r}, '--quiet']) == 0; "
+        "unused = {'numba', 'xarray', 'pandas', 'matplotlib', 'meshio', 'numpy.f2py', 'numpy.testing'}; "
+        "assert not unused & set(sys.modules), unused & set(sys.modules); "
+        "import numpy; assert numpy.testing.assert_allclose; assert numpy.f2py.main"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
 
 
 def test_settings_are_changed_by_name(scene: str, capsys: pytest.CaptureFixture[str]) -> None:
