@@ -25,7 +25,8 @@ Rules
 6. A ``compliant`` behaviour has a definite traction also where both sides are held (z = 0): it follows from the jumps
    alone, at the start of a run too. The others give no traction there.
 7. ``local`` may be written in plain NumPy: the Python driver calls it. A behaviour with ``compiled = True`` has its law
-   in ``kernels.laws`` under its name, and ``local`` applies it; the compiled driver needs that.
+   in ``kernels.laws`` under its name, and ``local`` applies it; the compiled driver needs that. ``CompiledLaw`` has
+   defaults for both: a law in NumPy overrides ``local`` and sets ``compiled = False``.
 """
 
 from __future__ import annotations
@@ -85,13 +86,26 @@ class Layer(Behaviour, Protocol):
 
 
 class CompiledLaw:
-    """Base of the behaviours whose law is in ``kernels.laws``; sides that stay together unless a subclass says else."""
+    """Base of the behaviours of the package: frozen dataclasses whose fields are the parameters of the law.
+
+    The law is the one of that name in ``kernels.laws``; the sides stay together unless a subclass says else.
+    """
 
     name: ClassVar[str]
     compiled: ClassVar[bool] = True
     opens: ClassVar[bool] = False
     compliant: ClassVar[bool] = False
     elastic: ClassVar[bool] = False
+    tangential: ClassVar[str] = ""  # parameter without which the points have no tangential unknowns
+
+    @property
+    def n_component(self) -> int:
+        """3; 1 where the parameter named by ``tangential`` is zero."""
+        return 3 if not self.tangential or getattr(self, self.tangential) > 0 else 1
+
+    def point_parameters(self, n_point: int) -> Array:
+        """Fields of the dataclass in their order, (n_point, n_parameter)."""
+        return np.tile(np.array([*vars(self).values()], dtype=float), (n_point, 1))
 
     @classmethod
     def local(cls, jump: Array, z: Array, normalised_gap: Array, rate: float, parameters: Array) -> Array:

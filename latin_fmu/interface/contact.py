@@ -54,15 +54,7 @@ class Contact(CompiledLaw):
     friction_coefficient: float = 0.0
     name: ClassVar[str] = "contact"
     opens: ClassVar[bool] = True
-
-    @property
-    def n_component(self) -> int:
-        """3 with friction, 1 without: frictionless contact has no tangential unknowns."""
-        return 3 if self.friction_coefficient > 0 else 1
-
-    def point_parameters(self, n_point: int) -> Array:
-        """Column 0: friction coefficient."""
-        return np.full((n_point, 1), self.friction_coefficient)
+    tangential: ClassVar[str] = "friction_coefficient"
 
     @staticmethod
     def status(traction: Array, parameters: Array) -> Status:
@@ -84,11 +76,6 @@ class NoSlip(CompiledLaw):
     touch: float = 0.0
     name: ClassVar[str] = "no_slip"
     opens: ClassVar[bool] = True
-    n_component: ClassVar[int] = 3
-
-    def point_parameters(self, n_point: int) -> Array:
-        """Column 0: gap that counts as closed."""
-        return np.full((n_point, 1), self.touch)
 
     @staticmethod
     def status(traction: Array, parameters: Array) -> Status:
@@ -101,26 +88,14 @@ class NoSlip(CompiledLaw):
 class SoftContact(CompiledLaw):
     """Unilateral elastic layer of stiffness per area N m-3, with Coulomb friction."""
 
-    normal_stiffness: float = 1.0
     friction_coefficient: float = 0.0
+    normal_stiffness: float = 1.0
     name: ClassVar[str] = "soft_contact"
     opens: ClassVar[bool] = True
     compliant: ClassVar[bool] = True
     elastic: ClassVar[bool] = True
-
-    @property
-    def n_component(self) -> int:
-        """3 with friction, 1 without."""
-        return 3 if self.friction_coefficient > 0 else 1
-
-    def point_parameters(self, n_point: int) -> Array:
-        """Columns: friction coefficient (where ``contact`` has it), normal stiffness."""
-        return np.tile([self.friction_coefficient, self.normal_stiffness], (n_point, 1))
-
-    @staticmethod
-    def status(traction: Array, parameters: Array) -> Status:
-        """Separation, stick, slip as for ``Contact``."""
-        return Contact.status(traction, parameters)
+    tangential: ClassVar[str] = "friction_coefficient"
+    status = staticmethod(Contact.status)
 
     @staticmethod
     def stored_energy(traction: Array, parameters: Array) -> Array:

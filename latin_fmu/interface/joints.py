@@ -38,11 +38,6 @@ class Perfect(CompiledLaw):
     """Bonded faces: equal velocities, opposite tractions."""
 
     name: ClassVar[str] = "perfect"
-    n_component: ClassVar[int] = 3
-
-    def point_parameters(self, n_point: int) -> Array:
-        """No parameters, shape (n_point, 0)."""
-        return np.zeros((n_point, 0))
 
 
 @dataclass(frozen=True)
@@ -54,15 +49,7 @@ class ElasticLayer(CompiledLaw):
     name: ClassVar[str] = "elastic_layer"
     compliant: ClassVar[bool] = True
     elastic: ClassVar[bool] = True
-
-    @property
-    def n_component(self) -> int:
-        """3; 1 where the layer has no tangential stiffness."""
-        return 3 if self.tangential_stiffness > 0 else 1
-
-    def point_parameters(self, n_point: int) -> Array:
-        """Columns: normal and tangential stiffness."""
-        return np.tile([self.normal_stiffness, self.tangential_stiffness], (n_point, 1))
+    tangential: ClassVar[str] = "tangential_stiffness"
 
     @staticmethod
     def stored_energy(traction: Array, parameters: Array) -> Array:
@@ -81,12 +68,4 @@ class ViscousJoint(CompiledLaw):
     tangential_viscosity: float = 0.0
     name: ClassVar[str] = "viscous_joint"
     compliant: ClassVar[bool] = True
-
-    @property
-    def n_component(self) -> int:
-        """3; 1 where the joint has no tangential viscosity."""
-        return 3 if self.tangential_viscosity > 0 else 1
-
-    def point_parameters(self, n_point: int) -> Array:
-        """Columns: normal and tangential viscosity."""
-        return np.tile([self.normal_viscosity, self.tangential_viscosity], (n_point, 1))
+    tangential: ClassVar[str] = "tangential_viscosity"

@@ -1,4 +1,4 @@
-"""The registry of interface behaviours by name: a new behaviour is one class and one line here."""
+"""The registry of interface behaviours by name: a new behaviour is one class, named here."""
 
 from __future__ import annotations
 
@@ -10,14 +10,7 @@ from .contact import Contact, NoSlip, SoftContact
 from .joints import ElasticLayer, Perfect, ViscousJoint
 
 BEHAVIOURS: Mapping[str, Callable[..., Behaviour]] = MappingProxyType(
-    {
-        "perfect": Perfect,
-        "contact": Contact,
-        "no_slip": NoSlip,
-        "elastic_layer": ElasticLayer,
-        "soft_contact": SoftContact,
-        "viscous_joint": ViscousJoint,
-    }
+    {law.name: law for law in (Perfect, Contact, NoSlip, ElasticLayer, SoftContact, ViscousJoint)}
 )
 
 

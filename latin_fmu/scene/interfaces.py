@@ -12,7 +12,7 @@ from .fields import GROUND, Direction, Name, Real, Side, Table, Text, Vector, _a
 from .laws import ConstantLaw, Law
 from .raw_scene import RawTable, given, number
 
-# Keys of an interface that only some behaviours take.
+# Keys of an interface that only some behaviours take. A parameter without a default value has to be given.
 TAKES: Final[Mapping[str, tuple[str, ...]]] = {
     "perfect": (),
     "contact": ("friction_coefficient", "gap", "preload", "preload_force"),
@@ -22,23 +22,12 @@ TAKES: Final[Mapping[str, tuple[str, ...]]] = {
     "viscous_joint": ("normal_viscosity", "tangential_viscosity"),
 }
 BEHAVIOUR_NAMES: Final = tuple(sorted(TAKES))
-NEEDS: Final[Mapping[str, tuple[str, ...]]] = {
-    "elastic_layer": ("normal_stiffness", "tangential_stiffness"),
-    "soft_contact": ("normal_stiffness",),
-    "viscous_joint": ("normal_viscosity", "tangential_viscosity"),
-}
-PARAMETERS: Final[tuple[str, ...]] = (
-    "friction_coefficient",
-    "normal_stiffness",
-    "tangential_stiffness",
-    "normal_viscosity",
-    "tangential_viscosity",
-)
 _ALL: Final = tuple(dict.fromkeys(key for keys in TAKES.values() for key in keys))
 MEANINGLESS: Final[Mapping[str, tuple[str, ...]]] = {
     name: tuple(key for key in _ALL if key not in keys) for name, keys in TAKES.items()
 }
 _PRESSED: Final = ("preload", "preload_force", "interference")
+PARAMETERS: Final = tuple(key for key in _ALL if key not in ("gap", *_PRESSED))
 
 
 def key_problems(where: str, table: RawTable, behaviour: str) -> Iterator[Problem]:
@@ -54,8 +43,8 @@ def key_problems(where: str, table: RawTable, behaviour: str) -> Iterator[Proble
                 None,
                 f"remove it, or choose behaviour = {taking}",
             )
-    for key in NEEDS.get(behaviour, ()):
-        if not given(table, key):
+    for key in TAKES.get(behaviour, ()):
+        if key in PARAMETERS and Interface.model_fields[key].default is None and not given(table, key):
             yield Problem(f"{where}.{key}", f"missing: {kind} needs it", None, "a number >= 0")
     yield from _value_problems(where, table, behaviour)
 
@@ -223,11 +212,6 @@ class _ContactKeys(Table):
     parts: Annotated[Names | None, about("substructures among which is searched; all of them where left out")] = None
     behaviour: Annotated[Behaviour, about("what happens there, as for an interface")] = "contact"
     gap: Annotated[Gap | None, about("initial distance, as for an interface", "m")] = None
-    friction_coefficient: Annotated[Real, about("Coulomb's coefficient mu", "1", ge=0)] = 0.0
-    normal_stiffness: Annotated[Real | None, about("as for an interface", "N m-3", ge=0)] = None
-    tangential_stiffness: Annotated[Real | None, about("as for an interface", "N m-3", ge=0)] = None
-    normal_viscosity: Annotated[Real | None, about("as for an interface", "N s m-3", ge=0)] = None
-    tangential_viscosity: Annotated[Real | None, about("as for an interface", "N s m-3", ge=0)] = None
 
     @property
     def exceptions(self) -> frozenset[frozenset[str]]:
@@ -247,10 +231,11 @@ if TYPE_CHECKING:
     class ContactSearch(_ContactKeys):
         """Interfaces found between boundaries; a pair with an interface in the scene is left as it is."""
 else:
-    # "except" is a keyword of Python: such a field cannot be written in the body of a class
+    # parameters as in [interface.NAME]; "except" is a keyword of Python and cannot be written in the body of a class
     ContactSearch = create_model(
         "ContactSearch",
         __base__=_ContactKeys,
         __doc__="Interfaces found between boundaries; a pair with an interface in the scene is left as it is.",
+        **{key: (field.annotation, field) for key, field in Interface.model_fields.items() if key in PARAMETERS},
         **{"except": (Annotated[NamePairs, about("pairs of substructures that are left out")], ())},
     )

@@ -1,17 +1,16 @@
 """The laws of the interfaces in NumPy, all points at once, written from the relations alone.
 
+Each has the name of its behaviour and the arguments of ``Behaviour.local``.
+
 With d = (s' - s) - z F the opening velocity of the instant and [u] = (reach + d) / rate its jump of displacement.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-Law = Callable[[Array, Array, Array, float, Array], Array]
 
 
 def wide(z: Array, n_component: int) -> Array:
@@ -73,13 +72,3 @@ def viscous_joint(jump: Array, z: Array, reach: Array, rate: float, parameters: 
     """F = c d."""
     c = wide(parameters, jump.shape[1])
     return c * jump / (1.0 + c * wide(z, jump.shape[1]))
-
-
-LAWS: Mapping[str, Law] = {
-    "perfect": perfect,
-    "contact": contact,
-    "no_slip": no_slip,
-    "elastic_layer": elastic_layer,
-    "soft_contact": soft_contact,
-    "viscous_joint": viscous_joint,
-}

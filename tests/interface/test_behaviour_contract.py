@@ -65,7 +65,7 @@ def test_law_is_that_of_numpy(behaviour: Behaviour, solve: Solve, points: Any, g
     """Branch for branch: the statement in NumPy gives the same tractions to round-off."""
     p = points(behaviour, ground=ground)
     parameters = behaviour.point_parameters(len(p.reach))
-    expected = plain_laws.LAWS[behaviour.name](p.jump, p.z, p.reach, RATE, parameters)
+    expected = getattr(plain_laws, behaviour.name)(p.jump, p.z, p.reach, RATE, parameters)
     assert expected.any()
     np.testing.assert_allclose(solve(p), expected, rtol=1e-13, atol=1e-15)
 

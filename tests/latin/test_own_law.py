@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib.util
 import sys
-from collections.abc import Mapping
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -33,12 +32,12 @@ def module(path: Path) -> ModuleType:
     return found
 
 
-LAWS: Mapping[str, Any] = module(ROOT / "tests" / "interface" / "plain_laws.py").LAWS
+PLAIN_LAWS = module(ROOT / "tests" / "interface" / "plain_laws.py")
 
 
 def in_numpy(behaviour: Any) -> Any:
     """The same behaviour with its law in NumPy."""
-    own = {"compiled": False, "local": staticmethod(LAWS[behaviour.name])}
+    own = {"compiled": False, "local": staticmethod(getattr(PLAIN_LAWS, behaviour.name))}
     kind = type("InNumPy", (type(behaviour),), own)
     found = object.__new__(kind)
     found.__dict__.update(behaviour.__dict__)
