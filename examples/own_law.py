@@ -20,25 +20,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 import latin_fmu
+from latin_fmu.interface import PointLaw
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class CappedFriction:
+class CappedFriction(PointLaw):
     """Unilateral contact with Coulomb's friction up to a strength; see ``latin_fmu.interface.behaviour``."""
 
     friction_coefficient: float
     strength: float  # tau_max, Pa
     name: ClassVar[str] = "capped_friction"
+    compiled: ClassVar[bool] = False
     opens: ClassVar[bool] = True  # it has a gap
-    compliant: ClassVar[bool] = False
-    elastic: ClassVar[bool] = False
-    n_component: ClassVar[int] = 3  # N, t1, t2
-
-    def point_parameters(self, n_point: int) -> Array:
-        """Columns: friction coefficient, strength."""
-        return np.tile([self.friction_coefficient, self.strength], (n_point, 1))
 
     @staticmethod
     def local(jump: Array, z: Array, normalised_gap: Array, rate: float, parameters: Array) -> Array:  # noqa: ARG004

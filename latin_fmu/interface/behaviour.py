@@ -1,4 +1,4 @@
-"""The contract of an interface behaviour, and the base class of the laws that the kernels hold.
+"""The contract of an interface behaviour, and the base class of the laws of the package.
 
 A behaviour relates, at one instant and one point, the traction of an interface to the motion of its two sides. The
 linear stage gives for each side the velocity without traction of the interface,
@@ -25,8 +25,8 @@ Rules
 6. A ``compliant`` behaviour has a definite traction also where both sides are held (z = 0): it follows from the jumps
    alone, at the start of a run too. The others give no traction there.
 7. ``local`` may be written in plain NumPy: the Python driver calls it. A behaviour with ``compiled = True`` has its law
-   in ``kernels.laws`` under its name, and ``local`` applies it; the compiled driver needs that. ``CompiledLaw`` has
-   defaults for both: a law in NumPy overrides ``local`` and sets ``compiled = False``.
+   in ``kernels.laws`` under its name, and ``local`` applies it; the compiled driver needs that. ``PointLaw`` has
+   defaults for both.
 """
 
 from __future__ import annotations
@@ -85,10 +85,11 @@ class Layer(Behaviour, Protocol):
         """Elastic energy per area, J m-2, from F_hat; leading axes free, last one the components."""
 
 
-class CompiledLaw:
-    """Base of the behaviours of the package: frozen dataclasses whose fields are the parameters of the law.
+class PointLaw:
+    """Base of behaviours: frozen dataclasses whose fields are the parameters of the law.
 
-    The law is the one of that name in ``kernels.laws``; the sides stay together unless a subclass says else.
+    The law is the one of that name in ``kernels.laws``; the sides stay together unless a subclass says else. A law in
+    NumPy overrides ``local`` and sets ``compiled = False``.
     """
 
     name: ClassVar[str]

@@ -41,14 +41,14 @@ from typing import ClassVar
 
 import numpy as np
 
-from .behaviour import SEPARATION, SLIP, STICK, Array, CompiledLaw, Status
+from .behaviour import SEPARATION, SLIP, STICK, Array, PointLaw, Status
 
 # A stuck point whose traction is this close to the cone counts as slipping.
 _ON_CONE = 1 - 1e-10
 
 
 @dataclass(frozen=True)
-class Contact(CompiledLaw):
+class Contact(PointLaw):
     """Unilateral contact; ``friction_coefficient`` is Coulomb's (0: frictionless, normal unknowns only)."""
 
     friction_coefficient: float = 0.0
@@ -70,7 +70,7 @@ class Contact(CompiledLaw):
 
 
 @dataclass(frozen=True)
-class NoSlip(CompiledLaw):
+class NoSlip(PointLaw):
     """Contact of surfaces that never slide on each other; ``touch`` : gap that counts as closed, m."""
 
     touch: float = 0.0
@@ -85,7 +85,7 @@ class NoSlip(CompiledLaw):
 
 
 @dataclass(frozen=True)
-class SoftContact(CompiledLaw):
+class SoftContact(PointLaw):
     """Unilateral elastic layer of stiffness per area N m-3, with Coulomb friction."""
 
     friction_coefficient: float = 0.0

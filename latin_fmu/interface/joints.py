@@ -30,18 +30,18 @@ from typing import ClassVar
 
 import numpy as np
 
-from .behaviour import Array, CompiledLaw
+from .behaviour import Array, PointLaw
 
 
 @dataclass(frozen=True)
-class Perfect(CompiledLaw):
+class Perfect(PointLaw):
     """Bonded faces: equal velocities, opposite tractions."""
 
     name: ClassVar[str] = "perfect"
 
 
 @dataclass(frozen=True)
-class ElasticLayer(CompiledLaw):
+class ElasticLayer(PointLaw):
     """Bonded elastic layer; stiffness per area in N m-3 (E / thickness, G / thickness of an adhesive)."""
 
     normal_stiffness: float = 0.0
@@ -61,7 +61,7 @@ class ElasticLayer(CompiledLaw):
 
 
 @dataclass(frozen=True)
-class ViscousJoint(CompiledLaw):
+class ViscousJoint(PointLaw):
     """Dashpots between the sides; viscosity per area in N s m-3."""
 
     normal_viscosity: float = 0.0

@@ -185,17 +185,17 @@ def solve(behaviour: Behaviour) -> Callable[[Points], Array]:
     return local
 
 
-_LENGTHS, _NUMBERS = {"touch"}, {"friction_coefficient"}
+# Powers of c in a parameter where (F, k), and where (W, F, reach), are multiplied by c; stiffness, viscosity: 1, 0.
+POWERS: Mapping[str, tuple[int, int]] = MappingProxyType({"touch": (0, 1), "friction_coefficient": (0, 0)})
 
 
 @pytest.fixture
 def scaled(behaviour: Behaviour) -> Callable[..., Callable[[Points], Array]]:
     """F_hat with stiffness and viscosity, or with lengths, multiplied by a number."""
-    names = {f.name for f in fields(behaviour)} - _NUMBERS
 
     def times(c: float, lengths: bool = False) -> Callable[[Points], Array]:
-        changed = names & _LENGTHS if lengths else names - _LENGTHS
-        other = replace(behaviour, **{name: c * getattr(behaviour, name) for name in changed})
+        powers = {f.name: POWERS.get(f.name, (1, 0))[lengths] for f in fields(behaviour)}
+        other = replace(behaviour, **{name: c**power * getattr(behaviour, name) for name, power in powers.items()})
 
         def local(points: Points) -> Array:
             parameters = other.point_parameters(len(points.reach))
