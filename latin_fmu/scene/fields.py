@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
 from pydantic.fields import FieldInfo
@@ -109,6 +109,14 @@ def tagged_or(default: str) -> Callable[[object], object]:
         return tagged(value)
 
     return complete
+
+
+def by_type(tables: Any, default: str) -> BeforeValidator:
+    """Validator of a union of tables chosen by their `type`: see `tagged_or`. The schema allows the name alone of a
+    table without required keys."""
+    fields = [table.model_fields for table in get_args(tables)]
+    names = tuple(keys["type"].default for keys in fields if not any(key.is_required() for key in keys.values()))
+    return BeforeValidator(tagged_or(default), json_schema_input_type=Literal[names] | tables)
 
 
 def split_face(face: str) -> tuple[str, str]:

@@ -2,10 +2,10 @@
 
 from typing import Annotated, Final, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field
+from pydantic import AfterValidator, Field
 
 from ..errors import did_you_mean
-from .fields import Count, Flag, Real, Table, Text, about, refusal, tagged_or
+from .fields import Count, Flag, Real, Table, Text, about, by_type, refusal
 
 MAX_INSTANTS = 10_000_000
 
@@ -37,17 +37,8 @@ class CentralDifference(Table):
     type: Literal["central_difference"] = "central_difference"
 
 
-Scheme = Annotated[
-    Annotated[HHT | Newmark | MasslessContact | CentralDifference, Field(discriminator="type")],
-    BeforeValidator(
-        tagged_or("hht"),
-        json_schema_input_type=Literal["hht", "newmark", "massless_contact", "central_difference"]
-        | HHT
-        | Newmark
-        | MasslessContact
-        | CentralDifference,
-    ),
-]
+_Scheme = HHT | Newmark | MasslessContact | CentralDifference
+Scheme = Annotated[Annotated[_Scheme, Field(discriminator="type")], by_type(_Scheme, "hht")]
 
 
 class GivenStart(Table):
@@ -68,10 +59,8 @@ class StaticStart(Table):
     ] = 5
 
 
-Start = Annotated[
-    Annotated[GivenStart | StaticStart, Field(discriminator="type")],
-    BeforeValidator(tagged_or("static"), json_schema_input_type=Literal["given", "static"] | GivenStart | StaticStart),
-]
+_Start = GivenStart | StaticStart
+Start = Annotated[Annotated[_Start, Field(discriminator="type")], by_type(_Start, "static")]
 
 
 class Time(Table):

@@ -2,10 +2,10 @@
 
 from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Field, PlainValidator
+from pydantic import Field, PlainValidator
 
 from ..errors import did_you_mean
-from .fields import Count, Real, Table, about, refusal, tagged_or
+from .fields import Count, Real, Table, about, by_type, refusal
 
 
 class AutomaticPropagator(Table):
@@ -44,14 +44,8 @@ class CgPropagator(Table):
     type: Literal["cg"] = "cg"
 
 
-_Choice = AutomaticPropagator | DirectPropagator | ExplicitPropagator | ReducedPropagator | CgPropagator
-Propagator = Annotated[
-    Annotated[_Choice, Field(discriminator="type")],
-    BeforeValidator(
-        tagged_or("automatic"),
-        json_schema_input_type=Literal["automatic", "direct", "explicit", "reduced", "cg"] | _Choice,
-    ),
-]
+_Propagator = AutomaticPropagator | DirectPropagator | ExplicitPropagator | ReducedPropagator | CgPropagator
+Propagator = Annotated[Annotated[_Propagator, Field(discriminator="type")], by_type(_Propagator, "automatic")]
 
 
 WHOLE: Literal["whole"] = "whole"
@@ -117,24 +111,10 @@ def _check_window(value: object) -> object:
     raise refusal("not a window", value=value, allowed=f'a whole number >= 1, or "{WHOLE}"', remedy=remedy)
 
 
-SearchDirection = Annotated[
-    Annotated[Automatic | Impedance | Uniform | Diagonal | Row, Field(discriminator="type")],
-    BeforeValidator(
-        tagged_or("automatic"),
-        json_schema_input_type=Literal["automatic", "impedance", "diagonal", "row"]
-        | Automatic
-        | Impedance
-        | Uniform
-        | Diagonal
-        | Row,
-    ),
-]
-Acceleration = Annotated[
-    Annotated[Anderson | NoAcceleration, Field(discriminator="type")],
-    BeforeValidator(
-        tagged_or("anderson"), json_schema_input_type=Literal["anderson", "none"] | Anderson | NoAcceleration
-    ),
-]
+_Direction = Automatic | Impedance | Uniform | Diagonal | Row
+SearchDirection = Annotated[Annotated[_Direction, Field(discriminator="type")], by_type(_Direction, "automatic")]
+_Acceleration = Anderson | NoAcceleration
+Acceleration = Annotated[Annotated[_Acceleration, Field(discriminator="type")], by_type(_Acceleration, "anderson")]
 Window = Annotated[
     int | Literal["whole"],
     PlainValidator(_check_window, json_schema_input_type=Annotated[int, Field(ge=1)] | Literal["whole"]),
