@@ -9,11 +9,14 @@ import sys
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
+from statistics import median
 
 import pytest
 
 PACKAGE = Path(__file__).parents[1] / "latin_fmu"
 MODULES = tuple(sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py")))
+SOURCES = (*sorted(PACKAGE.rglob("*.py")), *sorted((PACKAGE.parent / "fmu_build").rglob("*.py")))
+LONGEST_FILE, LONGEST_BODY, SMALLEST_MEDIAN = 450, 60, 130  # lines
 
 # Each layer may import those before it, never its own neighbours or those after it.
 LAYERS: tuple[tuple[str, ...], ...] = (
@@ -129,9 +132,10 @@ def test_imports_go_one_way() -> None:
 
 
 def test_modules_do_not_import_each_other_in_circles() -> None:
+    """Imports inside functions and for types count: they are circles for a reader."""
     names = {m.with_suffix("").parts: m for m in MODULES}
     names |= {m.parts[:-1]: m for m in MODULES if m.name == "__init__.py" and len(m.parts) > 1}
-    needs = {m: {names[t] for t in relative_imports(m, loading=True) if t in names} - {m} for m in MODULES}
+    needs = {m: {names[t] for t in relative_imports(m) if t in names} - {m} for m in MODULES}
     done: set[Path] = set()
 
     def visit(module: Path, path: tuple[Path, ...]) -> None:
@@ -300,5 +304,43 @@ def test_no_path_of_a_machine_in_the_sources() -> None:
         for module in MODULES
         for mark in marks
         if mark in (PACKAGE / module).read_text(encoding="utf-8")
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
+def functions() -> Iterator[tuple[Path, ast.FunctionDef | ast.AsyncFunctionDef]]:
+    """Functions and methods of the package and of the builder of FMUs."""
+    for path in SOURCES:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                yield path, node
+
+
+def test_files_and_functions_fit_a_screenful_or_two() -> None:
+    wrong = []
+    for path in SOURCES:
+        count = len(path.read_text(encoding="utf-8").splitlines())
+        if count > LONGEST_FILE:
+            wrong.append(f"{path.name}: {count} lines, at most {LONGEST_FILE}")
+    for path, node in functions():
+        body = node.body[1:] if ast.get_docstring(node) and len(node.body) > 1 else node.body
+        count = (body[-1].end_lineno or 0) - body[0].lineno + 1
+        if count > LONGEST_BODY:
+            wrong.append(f"{path.name}: {node.name} has a body of {count} lines, at most {LONGEST_BODY}")
+    assert not wrong, "\n".join(wrong)
+
+
+def test_files_are_rooms() -> None:
+    """Half of the files hold enough to be worth a name; folders are not nested."""
+    assert median(len(path.read_text(encoding="utf-8").splitlines()) for path in SOURCES) >= SMALLEST_MEDIAN
+    deep = [str(m) for m in MODULES if len(m.parts) > 2]
+    assert not deep, f"depth two: {deep}"
+
+
+def test_public_docstrings_say_something() -> None:
+    wrong = [
+        f"{path.name}:{node.lineno} {node.name}: {text}"
+        for path, node in functions()
+        if not node.name.startswith("_") and (text := ast.get_docstring(node)) and len(text.split()) < 3
     ]
     assert not wrong, "\n".join(wrong)
