@@ -65,7 +65,7 @@ def overhead(peer: FmuPeer, h: float) -> tuple[float, float]:
     """Medians over repeated steps: solver, s, and what the layers add, s."""
     state = peer.snapshot()
     peer.step(0.0, h)  # compiles, where nothing is kept yet
-    watch = Watch(inside("scene.segments").SegmentedRun, "advance")
+    watch = Watch(inside("assembly.segments").SegmentedRun, "advance")
     solver, layers = [], []
     for _ in range(N_REPEAT):
         peer.restore(state)

@@ -2,9 +2,9 @@
 
 import math
 import re
-from typing import Annotated
+from typing import Annotated, Self
 
-from pydantic import AfterValidator, BeforeValidator, Field
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from .fields import (
     GROUND,
@@ -36,6 +36,7 @@ class Material(Table):
 
 BOX_FACES = ("xmin", "xmax", "ymin", "ymax", "zmin", "zmax")
 MAX_ELEMENTS = 20_000_000
+LARGEST_ASPECT = 1e6
 
 
 def _check_amount(elements: tuple[int, int, int]) -> tuple[int, int, int]:
@@ -56,6 +57,18 @@ class Box(Table):
     origin: Annotated[Vector, about("corner with the smallest coordinates", "m")] = (0.0, 0.0, 0.0)
     size: Annotated[Sizes, about("lengths along x, y, z", "m")]
     elements: Annotated[Elements, about("number of elements along x, y, z (20 million in all at most)", "1")]
+
+    @model_validator(mode="after")
+    def _check_shape(self) -> Self:
+        """Refuse flat elements: their matrices are not positive definite in double precision."""
+        edges = [length / count for length, count in zip(self.size, self.elements, strict=True)]
+        if max(edges) > LARGEST_ASPECT * min(edges):
+            raise refusal(
+                "elements are too flat (size over elements, along x, y, z)",
+                value=tuple(float(f"{edge:.3g}") for edge in edges),
+                allowed=f"edges that differ by a factor of at most {LARGEST_ASPECT:g}",
+            )
+        return self
 
 
 class MeshFile(Table):

@@ -48,6 +48,7 @@ CASES: list[tuple[str, Any, str, list[str]]] = [
     ("substructure.left.box.elements", [1, 1, 0], "substructure.left.box.elements[2]", ["out of range", ">= 1"]),
     ("substructure.left.box.elements", [1, 1, 2.5], "substructure.left.box.elements[2]", ["whole number", "2.5"]),
     ("substructure.left.box.elements", [10**4] * 3, "substructure.left.box.elements", ["too many elements"]),
+    ("substructure.left.box.size", [0.1, 0.1, 1e-300], "substructure.left.box", ["elements are too flat", "1e+06"]),
     ("substructure.left.initial_velocity", [0, math.inf, 0], "substructure.left.initial_velocity[1]", ["finite"]),
     ("interface.meet.friction_coefficient", -0.1, "interface.meet.friction_coefficient", ["out of range", ">= 0"]),
     ("interface.meet.gap", -1e-6, "interface.meet.gap", ["out of range", ">= 0", "[m]"]),
