@@ -45,7 +45,7 @@ class Suggestion:
     factor: float | None = None
 
     def report(self) -> dict[str, Any]:
-        """Plain data."""
+        """Suggestion as plain data, for JSON."""
         factor = None if self.factor is None else round(self.factor, 4)
         return {"what": self.what, "settings": list(self.settings), "cost_factor": factor}
 

@@ -69,7 +69,7 @@ class Newmark(TimeScheme):
 
     @property
     def memory_weight(self) -> float:
-        """Weight alpha."""
+        """Weight alpha of the forces of the old instant."""
         return self.alpha
 
     def operator(self, dt: float) -> tuple[float, float, float]:
