@@ -294,7 +294,9 @@ def _account_weighted(pools: Any, c: int, instant: int, flat: Array) -> None:
     if row.damping_rows > 0:
         at, end = wide, 2 * wide
         _add_work(m, (before, old, now), step, earlier[at:end], then[at:end], new[at:end], of_damping)
-    for at in range(size, 2 * wide if row.n_motion > 0 else 0, wide):  # reactions of K u, of C v
+    if row.n_motion == 0:
+        return
+    for at in range(size, 2 * wide, wide):  # reactions of K u, of C v
         end = at + wide - size
         _add_work(m, (before, old, now), step[size:], earlier[at:end], then[at:end], new[at:end], of_loads)
 

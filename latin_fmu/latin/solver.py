@@ -41,7 +41,7 @@ from .search_direction import Direction
 from .settings import Settings
 
 RELAXED, POINT_BY_POINT, NEWTON = "relaxation 1/2", "points one after the other", "Newton-Krylov"
-SOFTENED = "softened start"
+SOFTENED, FROM_REST = "softened start", "start from rest"
 _NEWTON_BUDGET = 3  # iterations of Newton's method, in max_iterations
 _AFTER_POINTS = 20  # iterations after the solution point by point
 

@@ -25,7 +25,7 @@ from .recorder import Recorder
 from .run_image import SlideProbes, Stages, Threads, all_in_kernels, histories, make_image, negligible_scales
 from .search_direction import Direction
 from .settings import Settings
-from .solver import SOFTENED, Observer, WindowSolver, softened_start
+from .solver import FROM_REST, SOFTENED, Observer, WindowSolver, softened_start
 from .status import WindowList, status
 
 # Stop the run if a window ends with sqrt(eta) above this value.
@@ -282,7 +282,8 @@ class Run:
         solver = WindowSolver(self.settings, self._observer, report, self._trial)
         self._begin_window(stages, guess)
         solver.solve(stages, record, number)
-        if self.assembly.quasi_static and not record.converged and self._soften(stages, record):
+        if self.assembly.quasi_static and not record.converged:
+            self._restart(stages, record)
             solver.solve(stages, record, number)
         if not record.converged and n > 1:
             self.image.call(entries.REWIND)
@@ -380,16 +381,13 @@ class Run:
         self.windows.append(record)
 
     # -- first guesses and fall-backs of windows --------------------------------------------------------------------
-    def _soften(self, stages: Stages, record: WindowRecord) -> bool:
-        """Begin the window once more with a softened start, where that makes a difference."""
+    def _restart(self, stages: Stages, record: WindowRecord) -> None:
+        """Begin the window once more: with a softened start, or from rest where the loads close the gaps without it."""
         q = softened_start(self.assembly, self.settings, self.image, stages, self.gaps())
-        if q is None:
-            return False
-        record.fallbacks.append(SOFTENED)
+        record.fallbacks.append(FROM_REST if q is None else SOFTENED)
         self._use(1)
         self._begin_window(stages)
-        stages.field("q")[...] = q
-        return True
+        stages.field("q")[...] = self.f_hat if q is None else q
 
     def _one_by_one(self, record: WindowRecord, n: int, number: int, count: int) -> WindowRecord:
         """Solve the window as windows of one instant."""
