@@ -130,7 +130,7 @@ def _add_interface(quantities: Quantities, time: Array, history: InterfaceHistor
     peak = entries[PEAK_FORCE.key][0]
     if (closing := _closing(time, history, peak)) is not None:
         entries[FIRST_CONTACT.key] = (closing, max(closing, 1e-2 * end))
-    if history.friction_power is not None and history.friction_coefficient:
+    if history.friction_power is not None and history.has_friction:
         work = np.concatenate([[0.0], np.cumsum(history.friction_power[1:]) * float(time[1] - time[0])])
         last = float(_until(time, work, end).value[-1])
         least = 1e-3 * entries[IMPULSE.key][1] * float(np.abs(history.velocity).max(initial=0.0))

@@ -41,10 +41,16 @@ from typing import ClassVar
 
 import numpy as np
 
-from .behaviour import SEPARATION, SLIP, STICK, Array, PointLaw, Status
+from .behaviour import SEPARATION, SLIP, STICK, Array, Behaviour, PointLaw, Status
 
 # A stuck point whose traction is this close to the cone counts as slipping.
 _ON_CONE = 1 - 1e-10
+
+
+def coulomb_coefficient(behaviour: Behaviour) -> float | None:
+    """Coulomb's mu of a behaviour, of the caller's own too; 0 without friction, None where the law has no mu."""
+    coefficient: float | None = getattr(behaviour, "friction_coefficient", None)
+    return coefficient
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ class InterfaceHistory:
     areas : (n_point,) area carried by each point, m2.
     normals : (n_point, 3) unit normal N from E to E'.
     initial_gap : (n_point,) open gap at the start, m.
-    friction_coefficient : Coulomb coefficient, 0 for a frictionless contact, None for a perfect bond.
+    friction_coefficient : Coulomb's mu, 0 for a frictionless contact, None for a law without mu (perfect, no_slip).
     traction : (n_time, n_point, 3) traction the interface exerts on side E, Pa.
     velocity : (n_time, 2, n_point, 3) velocities of sides E and E', m s-1.
     gap : (n_time, n_point) opening along N from the displacements, m (negative = penetration); None for
@@ -53,6 +53,11 @@ class InterfaceHistory:
     friction_power: Array | None
     layer_energy: Array | None = None
     joint_power: Array | None = None
+
+    @property
+    def has_friction(self) -> bool:
+        """Whether Coulomb friction acts (mu > 0)."""
+        return bool(self.friction_coefficient)
 
     def force(self) -> Array:
         """Resultant force on side E, (n_time, 3), N."""

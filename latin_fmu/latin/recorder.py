@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..interface.behaviour import SEPARATION, as_layer
+from ..interface.contact import coulomb_coefficient
 from ..kernels.energy import TERMS
 from ..propagator.image import Image
 from .assembly import Array, Assembly
@@ -243,7 +244,7 @@ def interface_history(
         areas=geometry.areas,
         normals=geometry.frames[:, 0],
         initial_gap=geometry.gap,
-        friction_coefficient=getattr(behaviour, "friction_coefficient", None),
+        friction_coefficient=coulomb_coefficient(behaviour),
         traction=traction,
         velocity=velocity,
         gap=gap,

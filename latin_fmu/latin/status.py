@@ -8,6 +8,7 @@ from typing import overload
 import numpy as np
 
 from ..interface.behaviour import bonds
+from ..interface.contact import coulomb_coefficient
 from .assembly import Array, Assembly, Index
 from .record import WindowRecord
 from .settings import Settings
@@ -109,7 +110,7 @@ def _where(assembly: Assembly, interface_indicator: Array | None) -> str:
     if interface_indicator is None or not assembly.interfaces:
         return ""
     unit = assembly.interfaces[int(np.argmax(interface_indicator))]
-    friction = getattr(unit.behaviour, "friction_coefficient", 0.0)
+    friction = coulomb_coefficient(unit.behaviour)
     return f"; worst interface {unit.name}" + (f" (friction coefficient {friction:g})" if friction else "")
 
 
@@ -140,7 +141,7 @@ def _remedy(assembly: Assembly, settings: Settings, failed: list[WindowRecord]) 
         return "The search direction or the data are out of range: check units, and leave search_direction automatic"
     if any(w.iterations >= settings.max_iterations for w in failed):
         return "Raise solver.max_iterations, shorten solver.window, or use acceleration anderson"
-    if any(getattr(u.behaviour, "friction_coefficient", 0.0) > 10 for u in assembly.interfaces):
+    if any((coulomb_coefficient(u.behaviour) or 0.0) > 10 for u in assembly.interfaces):
         return 'Surfaces that never slide converge with behaviour = "no_slip"; or use a smaller time step'
     if settings.window != 1:
         return "Use solver.window = 1, or a smaller time step"

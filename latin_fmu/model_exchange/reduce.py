@@ -18,6 +18,7 @@ from ..assembly.problem import DiscretisedProblem, characteristic_traction, side
 from ..cholesky.factor import interface_factor
 from ..errors import Problem, SceneError
 from ..fem.mesh import nearest
+from ..interface.contact import coulomb_coefficient
 from ..latin.assembly import Array, InterfaceUnit
 from ..propagator.model import reduced_rank
 from ..scene.boundaries import PrescribedDisplacement, PrescribedVelocity
@@ -189,7 +190,7 @@ def _contacts(cuts: Sequence[Cut], motion: Array, stiffness: Array) -> Contacts:
         owner += [cut.number] * len(rows)
         softness += [compliance] * len(rows)
         at += len(rows)
-    friction = [getattr(c.unit.behaviour, "friction_coefficient", 0.0) for c in cuts for _ in c.members]
+    friction = [coulomb_coefficient(c.unit.behaviour) or 0.0 for c in cuts for _ in c.members]
     sliding = motion[:, 1:].transpose(1, 0, 2) * (np.array(friction).reshape(-1) > 0.0)[None, :, None]
     return Contacts(
         owner=np.array(owner, dtype=float),

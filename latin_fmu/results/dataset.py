@@ -183,6 +183,11 @@ def interface_group(history: InterfaceHistory, time: Array, indicator: float | N
     return annotated(Group.of(columns, {**labels, **positions}, attrs), INTERFACE)
 
 
+def has_friction(group: xr.Dataset) -> bool:
+    """Whether Coulomb friction acts at the interface of a stored group (mu > 0)."""
+    return float(group.attrs.get("friction_coefficient", 0.0)) > 0.0
+
+
 def energy_group(terms: Mapping[str, Array], time: Array) -> Group:
     """Group ``energy``: one variable per term (n_time,), J."""
     columns: Columns = {name: ("time", values) for name, values in terms.items()}

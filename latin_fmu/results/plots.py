@@ -17,6 +17,7 @@ import xarray as xr
 
 from ..errors import Problem, ResultsError
 from ..latin.record import Array
+from .dataset import has_friction
 from .files import written_whole
 from .quantities_of_interest import InterfaceFields, friction_sum, normal_resultant, status_shares
 from .summary import prefix_for
@@ -228,7 +229,7 @@ def _force_panels(groups: dict[str, xr.Dataset], scale: TimeAxis) -> list[_Panel
     reference = max(float(np.abs(curve).max(initial=0.0)) for curve in normal.values())
     draw = partial(force_panel, title="Normal resultant (compression > 0)", reference=reference)
     panels = [_Panel(2.4, partial(draw, time=time, curves=normal, scale=scale))]
-    if any(float(dataset.attrs.get("friction_coefficient", 0.0)) > 0.0 for dataset in groups.values()):
+    if any(map(has_friction, groups.values())):
         friction = {name: friction_sum(item) for name, item in fields.items()}
         draw = partial(force_panel, title="Friction, sum of magnitudes over the points", reference=reference)
         panels.append(_Panel(2.4, partial(draw, time=time, curves=friction, scale=scale)))

@@ -171,7 +171,7 @@ def _table(outcome: Outcome) -> list[str]:
 def _row(outcome: Outcome, history: InterfaceHistory) -> tuple[str, ...]:
     fields = InterfaceFields.of_history(history, outcome.time)
     last = separation_time(fields)
-    slip = largest_slip_share(fields) if history.friction_coefficient else None
+    slip = largest_slip_share(fields) if history.has_friction else None
     indicator = outcome.interface_indicator.get(history.name)
     return (
         history.name,

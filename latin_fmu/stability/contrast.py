@@ -21,7 +21,7 @@ from .case import (
     mean_iterations,
     pressure_force,
 )
-from .scenes import UNIT, Box, Description, Material, bar, column, press, stack, two_boxes
+from .scenes import UNIT, Box, Description, Material, bar, column, press, rubbing, stack, two_boxes
 
 RATIOS = (1.0, 10.0, 1e2, 1e4, 1e6)
 
@@ -195,8 +195,8 @@ def _eight(friction: float, bench: Bench) -> list[Measure]:
         for axis, name in enumerate("xyz"):
             if place[axis] == 0:
                 other = "".join("1" if n == axis else str(c) for n, c in enumerate(place))
-                sides = [f"b{i}{j}{k}.{name}max", f"b{other}.{name}min"]
-                scene["interface"][f"{name}{i}{j}{k}"] = {"sides": sides, "friction_coefficient": friction}
+                faces = f"b{i}{j}{k}.{name}max", f"b{other}.{name}min"
+                scene["interface"][f"{name}{i}{j}{k}"] = rubbing(*faces, friction)
     solution = bench.converged(scene)
     vertical = [pressure_force(solution, n) for n in solution.interfaces if n.startswith("z")]
     return [

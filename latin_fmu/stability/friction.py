@@ -9,7 +9,7 @@ from math import cos, degrees, radians, sin
 import numpy as np
 
 from .case import TIGHT, Bench, Case, Measure, contact_laws, distance, energies, energy_laws, impulse, laws, make_case
-from .scenes import Box, Description, Material, cornered, press, two_boxes
+from .scenes import Box, Material, cornered, press, two_boxes, without_slip
 
 STICK = 1
 
@@ -121,15 +121,8 @@ def _corner(friction: float, bench: Bench) -> list[Measure]:
     return measures
 
 
-def _no_slip(scene: Description) -> Description:
-    for table in scene["interface"].values():
-        table["behaviour"] = "no_slip"
-        table.pop("friction_coefficient", None)
-    return scene
-
-
 def _no_slip_corner(bench: Bench) -> list[Measure]:
-    solution = bench.converged(_no_slip(cornered(THROW, 0.0)))
+    solution = bench.converged(without_slip(cornered(THROW, 0.0)))
     energy = energies(solution)
     taken = float(np.abs(energy["friction_dissipation"]).max() / energy["kinetic"][0])
     return [Measure("work of the tangential tractions", taken, 2e-3), *energy_laws(solution)]
@@ -137,7 +130,7 @@ def _no_slip_corner(bench: Bench) -> list[Measure]:
 
 def _no_slip_crushing(bench: Bench) -> list[Measure]:
     rough = bench.converged(press(1e6, 6, 60), counted=False)
-    solution = bench.converged(_no_slip(press(0.0, 6, 60)))
+    solution = bench.converged(without_slip(press(0.0, 6, 60)))
     forces = (s.interfaces["meet"].force() for s in (solution, rough))
     return [
         Measure("force differs by", distance(*forces), 0.05),  # holds the points that touch without pressure too

@@ -97,6 +97,19 @@ def column(
     }
 
 
+def rubbing(first: str, second: str, friction: float) -> Description:
+    """Table of a contact of two faces with Coulomb friction."""
+    return {"sides": [first, second], "friction_coefficient": friction}
+
+
+def without_slip(scene: Description) -> Description:
+    """The scene itself, changed: surfaces that never slide on each other at all interfaces."""
+    for table in scene["interface"].values():
+        table["behaviour"] = "no_slip"
+        table.pop("friction_coefficient", None)
+    return scene
+
+
 def half_sine(duration: float) -> Description:
     """Law of a load: half a sine wave of so many seconds."""
     return {"type": "half_sine", "duration": duration}
@@ -137,7 +150,7 @@ def cornered(velocity: Triple, friction: float, elements: int = 3, **solver: Any
     block = Box(Material(poisson=0.3), elements=(elements,) * 3, velocity=velocity)
     scene = column({"block": block}, {}, {"end": 8.0, "instants": 60}, solver=solver, output={"energy": True})
     for face in ("xmin", "ymin", "zmin"):
-        scene["interface"][face] = {"sides": [f"block.{face}", "ground"], "friction_coefficient": friction}
+        scene["interface"][face] = rubbing(f"block.{face}", "ground", friction)
     return scene
 
 
