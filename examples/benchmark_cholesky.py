@@ -20,12 +20,12 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 from numpy.typing import NDArray
 
-from latin_fmu.blas_threads import one_thread
 from latin_fmu.cholesky.factor import CholeskyFactor
 from latin_fmu.cholesky.symbolic import analyse
 from latin_fmu.fem.elasticity import mass, stiffness
 from latin_fmu.fem.elements import Elements
 from latin_fmu.fem.mesh import box_mesh, nested_dissection
+from latin_fmu.machine import one_thread
 
 Array = NDArray[np.float64]
 Case = tuple[str, sp.csr_array, "Array | None"]

@@ -9,7 +9,7 @@ from benchmark_floor import Floor
 from benchmark_problems import Case, crushing
 from benchmark_timing import contact_run, prepared
 
-from latin_fmu.memory import peak_memory
+from latin_fmu.machine import peak_memory
 
 
 def peak(case: Case, solver: dict[str, Any] | None) -> int:

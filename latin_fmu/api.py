@@ -9,7 +9,6 @@ from typing import Protocol
 from .assembly.build import discretise, solver_ready
 from .assembly.checks import body_lines, size_remarks
 from .assembly.problem import SolverReadyProblem
-from .blas_threads import one_thread
 from .effects.cost import Prediction
 from .interface import Behaviour
 from .latin.assembly import InterfaceUnit
@@ -18,7 +17,7 @@ from .latin.recorder import Recorder
 from .latin.solver import IterationEvent
 from .latin.status import drift_remarks
 from .latin.windows import Run
-from .memory import peak_memory
+from .machine import one_thread, peak_memory
 from .observe import Iteration, Observer
 from .propagator.base import accuracy_remarks
 from .results.solution import Solution

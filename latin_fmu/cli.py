@@ -32,7 +32,7 @@ COMMANDS: Final = MappingProxyType(
 )
 """Module of ``commands`` that declares each subcommand."""
 
-# What costs time at the start and serves nothing: threads of BLAS, of which the solver uses one (blas_threads), and
+# What costs time at the start and serves nothing: threads of BLAS, of which the solver uses one (machine), and
 # the search for plugins of pydantic in all installed packages
 _ENVIRONMENT: Final = MappingProxyType({"OPENBLAS_NUM_THREADS": "1", "PYDANTIC_DISABLE_PLUGINS": "__all__"})
 

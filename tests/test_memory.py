@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from latin_fmu.memory import peak_memory
+from latin_fmu.machine import peak_memory
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="no process status here")

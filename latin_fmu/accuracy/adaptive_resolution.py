@@ -16,7 +16,7 @@ from .. import api
 from ..errors import LatinError
 from ..fem.elasticity import wave_speeds
 from ..latin.settings import tolerance_for
-from ..memory import physical_memory
+from ..machine import physical_memory
 from ..results.estimates import ErrorEstimate, QuantityEstimate
 from ..results.quantities_of_interest import FLOOR, definition_of
 from ..results.solution import Solution

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..compiled import COMPILES
 from ..errors import Problem
-from ..memory import physical_memory
+from ..machine import physical_memory
 from ..propagator import Propagator
 from ..propagator.explicit import ExplicitPropagator
 from ..propagator.model import SubstructureModel

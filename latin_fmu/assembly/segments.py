@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from ..blas_threads import one_thread
 from ..fem.mesh import Array
 from ..latin.assembly import GroundState
 from ..latin.record import InterfaceHistory, SubstructureHistory, Timings, WindowRecord
 from ..latin.recorder import Recorder
 from ..latin.state_serialization import decode, encode
 from ..latin.windows import Run
+from ..machine import one_thread
 from ..propagator import Propagator
 from ..scene.laws import InputLaw
 from ..scene.schema import Scene

@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 
 from ..assembly.problem import SolverReadyProblem
 from ..assembly.segments import Segment, SegmentedRun
-from ..blas_threads import one_thread
 from ..errors import SolverError
 from ..latin.record import Array, InterfaceHistory, Timings
 from ..latin.recorder import Recorder
 from ..latin.state_serialization import encode
 from ..latin.windows import Run
+from ..machine import one_thread
 from ..scene.schema import Scene
 from .loads import Histories, Loads
 from .outputs import Motion, Places, impulses, motion_now, motion_of, nodes_of, output_rows, places_of, series_of

@@ -17,7 +17,7 @@ from latin_fmu.compiled import COMPILES
 from latin_fmu.effects import cost
 from latin_fmu.effects.cost import Prediction, march_counts, operator_counts, run_size, seconds
 from latin_fmu.effects.explanation import explain
-from latin_fmu.memory import physical_memory
+from latin_fmu.machine import physical_memory
 from latin_fmu.propagator.registry import PropagatorSettings
 from latin_fmu.results.summary import summary
 from latin_fmu.stability.scenes import STEEL, Box, column, half_sine

@@ -1,12 +1,17 @@
-"""Peak memory of the process, and the memory of the machine."""
+"""The machine: peak memory of the process, memory there is, one thread for the dense linear algebra of the solver.
+
+Threads on small dense products cost more than they give, and the sums would depend on their number.
+"""
 
 from __future__ import annotations
 
 import os
 import sys
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from functools import cache
 from pathlib import Path
+
+from threadpoolctl import ThreadpoolController
 
 
 def peak_memory() -> int:
@@ -51,3 +56,17 @@ def physical_memory() -> int:
         return int(os.sysconf("SC_PHYS_PAGES")) * int(os.sysconf("SC_PAGE_SIZE"))
     except (AttributeError, ValueError, OSError):
         return 0
+
+
+def one_thread() -> AbstractContextManager[object]:
+    """Context in which BLAS uses one thread."""
+    limited: AbstractContextManager[object] = _controller().limit(limits=1)
+    return limited
+
+
+@cache
+def _controller() -> ThreadpoolController:
+    """The libraries of this process: looking for them takes longer than a small run, so it is done once."""
+    import scipy.linalg.cython_blas  # noqa: F401, loads the library that the kernels call
+
+    return ThreadpoolController()
