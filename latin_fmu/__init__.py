@@ -41,9 +41,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
     from .accuracy.estimate import estimate_error
-    from .api import check, solve
+    from .api import Iteration, check, solve
     from .errors import InputError, LatinError, MeshError, ResultsError, SceneError, SolverError
-    from .observe import Iteration
     from .reader import load_scene, scene_from_dict
     from .results.files import open_results
     from .results.solution import Solution
@@ -75,7 +74,7 @@ _MODULES: Final = MappingProxyType(
         **dict.fromkeys(
             ("InputError", "LatinError", "MeshError", "ResultsError", "SceneError", "SolverError"), "errors"
         ),
-        "Iteration": "observe",
+        "Iteration": "api",
         "Scene": "scene.schema",
         "Solution": "results.solution",
         "check": "api",

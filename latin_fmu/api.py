@@ -3,25 +3,73 @@
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Protocol
+
+import numpy as np
 
 from .assembly.build import discretise, solver_ready
 from .assembly.checks import body_lines, size_remarks
 from .assembly.problem import SolverReadyProblem
 from .effects.cost import Prediction
 from .interface import Behaviour
-from .latin.assembly import InterfaceUnit
-from .latin.record import Outcome, Timings
-from .latin.recorder import Recorder
+from .latin.assembly import Array, Assembly, InterfaceUnit
+from .latin.record import InterfaceHistory, Outcome, Timings
+from .latin.recorder import Recorder, interface_history
 from .latin.solver import IterationEvent
 from .latin.status import drift_remarks
 from .latin.windows import Run
 from .machine import one_thread, peak_memory
-from .observe import Iteration, Observer
 from .propagator.base import accuracy_remarks
 from .results.solution import Solution
 from .scene.schema import Scene
+
+
+@dataclass(frozen=True)
+class Iteration:
+    """One LATIN iteration, seen from outside; fields are computed when asked for.
+
+    ``window`` counts from 0, ``iteration`` from 1. ``error_indicator`` is sqrt(eta), ``force_mismatch`` NaN where
+    it was not evaluated.
+    """
+
+    window: int
+    iteration: int
+    error_indicator: float
+    force_mismatch: float
+    _event: IterationEvent
+    _assembly: Assembly
+
+    def interface(self, name: str) -> InterfaceHistory:
+        """Local-stage fields of this iterate over the window's instants (gap left out).
+
+        Raises
+        ------
+        KeyError : unknown interface.
+        """
+        names = [u.name for u in self._assembly.interfaces]
+        if name not in names:
+            raise KeyError(f"no interface {name!r}; there are {', '.join(names)}")
+        return interface_history(self._assembly, names.index(name), self._event.f_hat, self._event.w_hat)
+
+    def displacement(self, name: str) -> Array:
+        """Linear-stage displacement of a substructure in this iterate, (n, n_node, 3), m: costs one more march.
+
+        Raises
+        ------
+        KeyError : unknown substructure.
+        """
+        where = {n: (p, m) for p in self._assembly.propagators for m, n in enumerate(p.names)}
+        if name not in where:
+            raise KeyError(f"no substructure {name!r}; there are {', '.join(where)}")
+        propagator, member = where[name]
+        fields: list[Array] = []
+        self._event.trial(lambda _: fields.append(propagator.full_displacement(member)))
+        return np.stack(fields)
+
+
+Observer = Callable[[Iteration], None]
 
 
 class ProgressSink(Protocol):

@@ -32,7 +32,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("latin",),
     ("results",),
     ("assembly",),
-    ("observe", "pictures", "effects"),
+    ("pictures", "effects"),
     ("api",),
     ("accuracy",),
     ("cosim", "stability"),
