@@ -13,7 +13,7 @@ from ..fem.common_part import common_cells
 from ..fem.faces import face_of
 from ..fem.mesh import Array, nearest
 from ..fem.surface import Surface
-from ..interface import Behaviour, InterfaceGeometry, make_behaviour
+from ..interface import BEHAVIOURS, Behaviour, InterfaceGeometry
 from ..interface.geometry import local_frames
 from ..latin.assembly import InterfaceUnit
 from ..scene.fields import ALL_OF_IT, GROUND, split_face
@@ -82,7 +82,7 @@ def _behaviour(interface: Interface) -> Behaviour:
     parameters: dict[str, float] = {
         key: getattr(interface, key) or 0.0 for key in PARAMETERS if key in TAKES[interface.behaviour]
     }
-    return make_behaviour(interface.behaviour, parameters)
+    return BEHAVIOURS[interface.behaviour](**parameters)
 
 
 def _side(bodies: dict[str, Body], side: str) -> Side:

@@ -22,7 +22,7 @@ from ..scene.fields import split_face
 from ..scene.laws import InputLaw
 from ..scene.schema import Scene
 from ..scene.solver_settings import WHOLE, Anderson, Uniform
-from ..time_scheme import QuasiStatic, TimeScheme, make_scheme
+from ..time_scheme import SCHEMES, QuasiStatic, TimeScheme
 from .body import Body, body_sides
 from .checks import boundaries_of
 from .conditions import Conditions, Motion
@@ -163,9 +163,7 @@ class DiscretisedProblem:
     ) -> DiscretisedProblem:
         """The problem with the time scheme, instants and classes of identical substructures of the scene."""
         layout, given = Layout(units), scene.time.scheme
-        scheme = (
-            QuasiStatic() if scene.time.quasi_static else make_scheme(given.type, given.model_dump(exclude={"type"}))
-        )
+        scheme = QuasiStatic() if scene.time.quasi_static else SCHEMES[given.type](**given.model_dump(exclude={"type"}))
         classes = model_classes(scene, bodies, conditions, units, layout, scheme)
         time = np.linspace(0.0, scene.time.end, scene.time.n_step + 1)
         return DiscretisedProblem(scene, bodies, conditions, units, layout, classes, scheme, time)
@@ -262,7 +260,7 @@ def settings_of(scene: Scene) -> Settings:
     uniform = (direction.normal, direction.tangential) if isinstance(direction, Uniform) else (0.0, 0.0)
     return Settings(
         tolerance=solver.tolerance,
-        force_tolerance=solver.force_mismatch_tolerance,
+        force_tolerance=10.0 * solver.tolerance if solver.force_tolerance is None else solver.force_tolerance,
         max_iterations=solver.max_iterations,
         search_direction=SearchDirection(direction.type, direction.factor, *uniform),
         anderson_depth=solver.acceleration.depth if isinstance(solver.acceleration, Anderson) else 0,

@@ -33,7 +33,7 @@ from ..scene.settings import StaticStart
 from .body import Body, body_sides
 from .checks import boundaries_of
 from .conditions import Conditions, RigidConditions, conditions_on
-from .problem import DiscretisedProblem, InitialState, SolverReadyProblem
+from .problem import DiscretisedProblem, InitialState, SolverReadyProblem, settings_of
 
 TIGHT = 1e-11, 1e-9  # tolerances of the static solution; that of the scene where round-off prevents both
 _HELD = 1e-10  # a rigid motion with less relative motion at interfaces than this (squared) is free
@@ -91,9 +91,8 @@ def static_state(whole: DiscretisedProblem, amplitudes: Mapping[str, float]) -> 
     if not something_acts(scene):
         return None
     discretised = _static_problem(whole, scene)
-    solver = whole.scene.solver
-    own = solver.tolerance, solver.force_mismatch_tolerance
-    for tolerance, force in [*((tight, tight) for tight in TIGHT), own]:
+    own = settings_of(whole.scene)
+    for tolerance, force in [*((tight, tight) for tight in TIGHT), (own.tolerance, own.force_tolerance)]:
         problem = discretised.build()
         problem = replace(problem, settings=replace(problem.settings, tolerance=tolerance, force_tolerance=force))
         run = Run(

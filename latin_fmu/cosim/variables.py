@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 
-from ..interface.registry import opens
 from ..scene.laws import InputLaw
 from ..scene.schema import Scene
 from .variable import Kind, Variable, output, parameter, vector
@@ -121,7 +120,7 @@ def _interface(scene: Scene, name: str, depends: tuple[str, ...]) -> Iterator[Va
     yield from vector(f"{where}.velocityEp", "m s-1", f"mean velocity of {second}, weighted by area")
     yield from vector(f"{where}.relativeVelocity", "m s-1", f"mean velocity of {second} relative to {first}")
     yield output(f"{where}.normalForce", "N", "normal resultant, positive in compression", initial_dependencies=depends)
-    if not opens(interface.behaviour):
+    if not interface.behaves_open:
         return
     yield output(f"{where}.gap", "m", "mean gap, weighted by area; negative where the sides penetrate")
     yield output(f"{where}.smallestGap", "m", "smallest gap of all points")
@@ -178,7 +177,7 @@ def _interface_arrays(scene: Scene, name: str, n_point: int) -> Iterator[Variabl
     points, both = f"{where}.points", (2, n_point, 3)
     yield output(f"{points}.traction", "Pa", "traction on the first side at the points", dimensions=(n_point, 3))
     yield output(f"{points}.velocity", "m s-1", "velocity of both sides at the points", dimensions=both)
-    if not opens(scene.interface[name].behaviour):
+    if not scene.interface[name].behaves_open:
         return
     yield output(f"{where}.window.gap", "m", f"mean gap {note}", dimensions=_INSTANTS)
     for key in _SHARES:

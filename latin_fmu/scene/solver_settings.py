@@ -176,8 +176,3 @@ class Solver(Table):
             "1",
         ),
     ] = 1
-
-    @property
-    def force_mismatch_tolerance(self) -> float:
-        """`force_tolerance`, or its default 10 * tolerance."""
-        return 10.0 * self.tolerance if self.force_tolerance is None else self.force_tolerance

@@ -9,18 +9,8 @@ from .central_difference import CentralDifference
 from .implicit import HHT, MasslessContact, Newmark, QuasiStatic
 from .scheme import TimeScheme
 
-__all__ = ["HHT", "SCHEMES", "CentralDifference", "Newmark", "QuasiStatic", "TimeScheme", "make_scheme"]
+__all__ = ["HHT", "SCHEMES", "CentralDifference", "Newmark", "QuasiStatic", "TimeScheme"]
 
 SCHEMES: Mapping[str, Callable[..., TimeScheme]] = MappingProxyType(
     {"hht": HHT, "newmark": Newmark, "massless_contact": MasslessContact, "central_difference": CentralDifference}
 )
-
-
-def make_scheme(name: str, parameters: Mapping[str, float]) -> TimeScheme:
-    """Scheme ``name`` with its parameters (alpha; beta and gamma).
-
-    Raises
-    ------
-    KeyError : unknown name (the scene reader checks names first).
-    """
-    return SCHEMES[name](**parameters)

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from latin_fmu.interface import BEHAVIOURS, Behaviour, make_behaviour
+from latin_fmu.interface import BEHAVIOURS, Behaviour
 
 Array = NDArray[np.float64]
 Residual = Callable[[Behaviour, Array, Array, Array], float]  # behaviour, W' - W, F_hat on E, reach
@@ -165,7 +165,7 @@ def random_points(behaviour: Behaviour | int, seed: int = SEED, ground: bool = F
 def behaviour(request: pytest.FixtureRequest) -> Behaviour:
     """Every behaviour with every parameter set."""
     name, parameters = request.param
-    return make_behaviour(name, parameters)
+    return BEHAVIOURS[name](**parameters)
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from latin_fmu.interface import BEHAVIOURS, Behaviour, make_behaviour
+from latin_fmu.interface import BEHAVIOURS, Behaviour
 
 from . import plain_laws
 from .conftest import RATE
@@ -41,9 +41,9 @@ def test_every_registered_behaviour_is_tested_here(covered: Mapping[str, bool]) 
 def test_registry_makes_what_it_says() -> None:
     assert isinstance(BEHAVIOURS, MappingProxyType)
     for name in BEHAVIOURS:
-        assert make_behaviour(name, {}).name == name
+        assert BEHAVIOURS[name]().name == name
     with pytest.raises(KeyError):
-        make_behaviour("glued", {})
+        BEHAVIOURS["glued"]
 
 
 @pytest.mark.parametrize("ground", [False, True], ids=["two_bodies", "ground"])
@@ -135,7 +135,7 @@ def test_points_are_independent(behaviour: Behaviour, solve: Solve, points: Any)
 
 def test_parameters_travel_per_point(points: Any) -> None:
     """Interfaces of one kind are solved together, each with its own parameters."""
-    low, high = (make_behaviour("contact", {"friction_coefficient": mu}) for mu in (0.1, 0.7))
+    low, high = (BEHAVIOURS["contact"](**{"friction_coefficient": mu}) for mu in (0.1, 0.7))
     p = points(low)
     n = len(p.reach)
     mixed = np.concatenate([low.point_parameters(n // 2), high.point_parameters(n - n // 2)])

@@ -17,17 +17,17 @@ from latin_fmu.fem.faces import face
 from latin_fmu.fem.mesh import Mesh, box_mesh, nested_dissection
 from latin_fmu.interface.geometry import local_frames
 from latin_fmu.propagator import DirectPropagator, Histories, LoadTerm, SubstructureModel
-from latin_fmu.time_scheme import TimeScheme, make_scheme
+from latin_fmu.time_scheme import HHT, Newmark, TimeScheme
 
 Array = NDArray[np.float64]
 
 E, NU, RHO = 5.0, 0.3, 1.2
 DT, N = 0.11, 24
 SCHEMES = {
-    "hht": ("hht", {"alpha": -0.1}),
-    "hht_third": ("hht", {"alpha": -1 / 3}),
-    "average": ("newmark", {}),
-    "damped_newmark": ("newmark", {"beta": 0.3025, "gamma": 0.6}),
+    "hht": HHT(alpha=-0.1),
+    "hht_third": HHT(alpha=-1 / 3),
+    "average": Newmark(),
+    "damped_newmark": Newmark(beta=0.3025, gamma=0.6),
 }
 KINDS = ("free", "held", "damped", "driven", "periodic", "everything")
 
@@ -214,13 +214,13 @@ def _state(propagator: DirectPropagator) -> tuple[Array, Array, Array]:
 @pytest.fixture(params=SCHEMES)
 def scheme(request: pytest.FixtureRequest) -> TimeScheme:
     """Schemes of the dense march (alpha, beta, gamma)."""
-    return make_scheme(*SCHEMES[request.param])
+    return SCHEMES[request.param]
 
 
 @pytest.fixture
 def hht() -> TimeScheme:
     """The default scheme."""
-    return make_scheme("hht", {})
+    return HHT()
 
 
 @pytest.fixture(params=KINDS)

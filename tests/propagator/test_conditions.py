@@ -18,7 +18,7 @@ from latin_fmu.errors import SceneError
 from latin_fmu.latin.record import Outcome
 from latin_fmu.propagator import DirectPropagator, Histories
 from latin_fmu.reader import scene_from_dict
-from latin_fmu.time_scheme import make_scheme
+from latin_fmu.time_scheme import Newmark
 
 # c = 2 along a bar with E = 4, rho = 1, nu = 0; shear waves at sqrt(2)
 MATERIAL = {"young_modulus": 4.0, "poisson_ratio": 0.0, "density": 1.0}
@@ -161,7 +161,7 @@ def test_rayleigh_damping_of_a_mode(model: Callable[..., Any]) -> None:
     w_d = w * math.sqrt(1 - z * z)
     alone = replace(m, loads=[], displacement=phi, velocity=np.zeros_like(phi))
     dt, n = 0.01 / w, 400
-    propagator = DirectPropagator([alone], make_scheme("newmark", {}), dt, energy=False)
+    propagator = DirectPropagator([alone], Newmark(), dt, energy=False)
     propagator.begin([Histories(dt * np.arange(n + 1), [], np.zeros((n + 1, 0)))], dt)
     nothing = np.zeros((propagator.n_channel, 1))
     propagator.start(nothing, propagator.mass_factor())

@@ -22,7 +22,7 @@ from latin_fmu.kernels.energy import TERMS
 from latin_fmu.propagator.explicit import ExplicitPropagator
 from latin_fmu.propagator.reduced import ReducedPropagator
 from latin_fmu.propagator.static import StaticPropagator
-from latin_fmu.time_scheme import make_scheme
+from latin_fmu.time_scheme import CentralDifference
 
 from .conftest import DT
 
@@ -177,9 +177,7 @@ def test_terms_of_the_reduced_march(scheme: Any, kind: str, modes: int, model: M
 def test_terms_of_the_explicit_march(kind: str, model: Make, tractions: Make) -> None:
     """D T + D V - dt^2/8 D[v.K v] + Du.(C v_n + C_d Dv / 2) = Du.mean f + Du.lambda_{n+1} + reactions."""
     members = [model(kind, seed) for seed in range(2)]
-    propagator = ExplicitPropagator(
-        [d.model for d in members], make_scheme("central_difference", {}), STEP, energy=True
-    )
+    propagator = ExplicitPropagator([d.model for d in members], CentralDifference(), STEP, energy=True)
     propagator.begin([d.histories for d in members], STEP)
     given = tractions(propagator.n_channel, 2)
     propagator.start(given[0], propagator.mass_factor())

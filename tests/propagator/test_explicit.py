@@ -15,7 +15,7 @@ from latin_fmu.kernels.energy import TERMS
 from latin_fmu.propagator.explicit import ExplicitPropagator
 from latin_fmu.propagator.model import lumped
 from latin_fmu.propagator.stable_step import StableStep
-from latin_fmu.time_scheme import make_scheme
+from latin_fmu.time_scheme import CentralDifference
 
 Array = np.ndarray
 Make = Callable[..., Any]
@@ -24,7 +24,7 @@ DT = 0.05
 
 def started(members: list[Any], dt: float = DT, traction: Array | None = None) -> ExplicitPropagator:
     """Explicit propagator with energies at t = 0."""
-    scheme = make_scheme("central_difference", {})
+    scheme = CentralDifference()
     propagator = ExplicitPropagator([d.model for d in members], scheme, dt, energy=True)
     propagator.begin([d.histories for d in members], dt)
     zero = np.zeros((propagator.n_channel, len(members)))

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from latin_fmu.assembly.problem import settings_of
 from latin_fmu.errors import SceneError
 from latin_fmu.reader import load_scene, scene_from_dict
 from latin_fmu.scene.boundaries import Absorbing, Fixed
@@ -99,7 +100,7 @@ def test_defaults(small: dict[str, Any]) -> None:
     assert scene.solver.search_direction == Automatic()
     assert scene.solver.acceleration == Anderson(depth=6)
     assert scene.solver.window == 1
-    assert scene.solver.force_mismatch_tolerance == pytest.approx(1e-2)
+    assert settings_of(scene).force_tolerance == pytest.approx(1e-2)
     assert scene.time.scheme == HHT(alpha=-0.1)
     assert scene.interface["meet"].gap is None
     assert scene.boundary["held"] == Fixed(face="right.zmax")

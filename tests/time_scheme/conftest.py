@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from latin_fmu.time_scheme import SCHEMES, TimeScheme, make_scheme
+from latin_fmu.time_scheme import SCHEMES, TimeScheme
 
 Array = NDArray[np.float64]
 Load = Callable[[float], float]
@@ -36,7 +36,7 @@ CASES = [
     (name, parameters)
     for name in SCHEMES
     for parameters in PARAMETERS.get(name, ())
-    if not make_scheme(name, parameters).explicit
+    if not SCHEMES[name](**parameters).explicit
 ]
 
 
@@ -96,7 +96,7 @@ def march(scheme: TimeScheme, system: Oscillator, dt: float, n: int, u: float = 
 def scheme(request: pytest.FixtureRequest) -> TimeScheme:
     """Every scheme with every parameter set."""
     name, parameters = request.param
-    return make_scheme(name, parameters)
+    return SCHEMES[name](**parameters)
 
 
 @pytest.fixture

@@ -9,9 +9,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from latin_fmu.time_scheme import make_scheme
+from latin_fmu.time_scheme import CentralDifference
 
-SCHEME = make_scheme("central_difference", {})
+SCHEME = CentralDifference()
 
 
 def leapfrog(
