@@ -91,5 +91,5 @@ def test_rigid_bodies_stay_as_they_are():
 def test_a_scheme_without_mass_at_contacts_is_refused():
     scene = stack(2, "contact", 0.3, propagator="reduced")
     scene["time"]["scheme"] = "massless_contact"
-    with pytest.raises(SceneError, match="every node has its mass"):
+    with pytest.raises(SceneError, match="a scheme in which every node has mass"):
         latin_fmu.scene_from_dict(scene)
