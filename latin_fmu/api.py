@@ -1,4 +1,4 @@
-"""Scene in, solution out."""
+"""Solve and check a scene: the Python interface, from a scene to its solution."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The two modes of a session.
+"""Windowed mode (solves each communication step) and prescribed mode (solves the whole window at once) of a session.
 
 Windowed: a communication step is one segment of the run, and the state is carried on. Prescribed: the whole interval is
 solved from given histories at initialization, then played back.

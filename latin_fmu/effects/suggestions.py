@@ -1,4 +1,4 @@
-"""Changes of a scene that keep its purpose and cost less. Suggestions only: nothing is changed unasked."""
+"""Suggestions: settings of a scene that would cost less, with their predicted saving. Nothing is changed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the tables say about themselves: fields, units, ranges, choices (for messages and the reference)."""
+"""Fields, units, ranges and choices of the scene tables, read from their declarations, for messages and reference."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tolerant views of a scene as it was written: whatever has the wrong shape is left out, never an error.
+"""Tolerant views of a scene as it was written: whatever has the wrong shape is left out without an error.
 
 The checks between keys and tables look at these, so that a wrong field somewhere hides none of them."""
 

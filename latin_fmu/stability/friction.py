@@ -1,4 +1,4 @@
-"""Friction: from none to no slip, oblique impact, wedges, a coefficient no method can serve."""
+"""Friction: from none to no slip, oblique impact, wedges, a coefficient for which no solution converges."""
 
 from __future__ import annotations
 
