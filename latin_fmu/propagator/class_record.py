@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -14,7 +14,7 @@ from ..cholesky.factor import CholeskyFactor, DiagonalFactor
 from ..cholesky.substitution import LANES, SPARE, TILED
 from ..kernels.energy import FIELDS
 from ..kernels.products import lower_count, lower_pattern, lower_values, pack_triangle, padded
-from ..kernels.records import DIRECT, EXPLICIT, STATIC, Block
+from ..kernels.records import DIRECT, EXPLICIT, LINE, STATIC
 from .forcing import Sum
 from .model import Array, Index
 
@@ -23,6 +23,57 @@ Halves = dict[int, tuple[int, int, int]]
 """Places of the row starts and columns of lower triangles and their numbers of entries, by the ``id`` of the column
 indices of the whole matrix, which lives as long."""
 _NONE = np.zeros(1, dtype=np.int64)
+
+
+class Block:
+    """Positions of arrays in a block of float64 numbers; the same array put in twice before ``fill`` takes one place.
+
+    Parameters
+    ----------
+    start : position of the first number.
+
+    Attributes
+    ----------
+    size : position behind the last number used.
+    """
+
+    def __init__(self, start: int = 0) -> None:
+        self.size = start
+        self._known: dict[int, tuple[int, Any]] = {}  # position by identity; the arrays are kept alive
+        self._waiting: list[Callable[[Array], None]] = []
+
+    def reserve(self, size: int) -> int:
+        """Position of ``size`` numbers, on a line of the cache."""
+        at = self.size
+        self.size = at + -(-size // LINE) * LINE
+        return at
+
+    def put(self, array: NDArray[Any], kind: type[np.generic] = np.float64) -> int:
+        """Position of an array, in numbers of ``kind`` (float64, int64, uint32, float32)."""
+        known = self._known.get(id(array))
+        if known is not None:
+            return known[0]
+        packed = np.ascontiguousarray(array, dtype=kind).reshape(-1)
+        at = self.reserve(-(-packed.nbytes // 8))
+        self.fill_later(partial(_copy, at, packed))
+        position = at * (8 // packed.itemsize)
+        self._known[id(array)] = position, array
+        return position
+
+    def fill_later(self, write: Callable[[Array], None]) -> None:
+        """Let ``fill`` call ``write`` with the block itself, to write to positions that are reserved."""
+        self._waiting.append(write)
+
+    def fill(self, target: Array) -> None:
+        """Write what was put in since the last time into the block itself; the arrays are no longer kept."""
+        for write in self._waiting:
+            write(target)
+        self._waiting.clear()
+        self._known.clear()
+
+
+def _copy(at: int, packed: NDArray[Any], target: Array) -> None:
+    target[at : at + -(-packed.nbytes // 8)].view(packed.dtype)[: packed.size] = packed
 
 
 def put_matrix(block: Block, row: Row, name: str, matrix: sp.csr_array | None) -> None:

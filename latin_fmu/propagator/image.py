@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 
 from ..compiled import PLAIN
 from ..kernels import entries
-from ..kernels.records import CLASS, GROUP, RUN, Block, Pools, grown
+from ..kernels.records import CLASS, GROUP, RUN, Pools
 from . import class_record
+from .class_record import Block
 from .model import Array, Index
 
 Fields = dict[str, Any]
@@ -71,6 +72,15 @@ def coefficients(scheme: Any, dt: float) -> Fields:
         "inertia_dissipation": scheme.inertia_dissipation(dt),
     }
     return {name: float(value) for name, value in numbers.items()}
+
+
+def grown(data: Array, size: int) -> Array:
+    """The block with room for ``size`` numbers: itself where it has it, else a copy that has, zeros behind it."""
+    if size <= len(data):
+        return data
+    larger = np.zeros(size)
+    larger[: len(data)] = data
+    return larger
 
 
 @dataclass

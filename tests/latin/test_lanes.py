@@ -10,8 +10,7 @@ from latin_fmu.cholesky import substitution as sweeps
 from latin_fmu.cholesky.factor import CholeskyFactor
 from latin_fmu.cholesky.substitution import LANES, SPARE, TILED
 from latin_fmu.kernels import products
-from latin_fmu.kernels.records import Block
-from latin_fmu.propagator.class_record import put_dense, put_symmetric
+from latin_fmu.propagator.class_record import Block, put_dense, put_symmetric
 
 MEMBERS = [1, 2, 3, 7, 8, 9, 17]
 RNG = np.random.default_rng(7)
