@@ -126,10 +126,10 @@ def after_class(pools: Any, c: int, instant: int, tractions: Array, marched: boo
     account(pools, c, instant, tractions, marched)
     probe(pools, c, instant)
     displacement = work[run.displacement : run.displacement + run.n_flat]
-    read_channels(pools, c, instant, 1.0, run.gap_lead, 0.0, True, displacement)
+    read_channels(pools, c, instant, 1.0, run.gap_offset, 0.0, True, displacement)
     if run.layers == 1:
         layer = work[run.layer : run.layer + run.n_flat]
-        read_channels(pools, c, instant, 1.0, run.gap_lead + run.layer_v, run.layer_a, False, layer)
+        read_channels(pools, c, instant, 1.0, run.gap_offset + run.layer_v, run.layer_a, False, layer)
 
 
 @kernel
@@ -187,9 +187,9 @@ def read_start(pools: Any) -> None:
     for c in range(len(pools.classes)):
         probe(pools, c, 0)
         displacement, layer = work[run.displacement : run.displacement + n], work[run.layer : run.layer + n]
-        read_channels(pools, c, 0, 1.0, run.gap_lead, 0.0, True, displacement)
+        read_channels(pools, c, 0, 1.0, run.gap_offset, 0.0, True, displacement)
         if run.layers == 1:
-            read_channels(pools, c, 0, 1.0, run.gap_lead + run.layer_v, run.layer_a, False, layer)
+            read_channels(pools, c, 0, 1.0, run.gap_offset + run.layer_v, run.layer_a, False, layer)
         for j in range(6 * pools.classes[c].m * pools.classes[c].accounted):
             output[pools.classes[c].energies + j] = state[pools.classes[c].totals + j]
     for j in range(n):

@@ -157,7 +157,7 @@ def open_window(pools: Any, window: int, instant: int) -> None:
     for kind in range(3):
         of_u, of_v, of_a = 0.0, 0.0, 0.0
         if kind == 0:
-            of_u, of_v = 1.0, run.gap_lead
+            of_u, of_v = 1.0, run.gap_offset
         elif kind == 1:
             of_v = 1.0
         else:

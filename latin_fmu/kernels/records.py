@@ -230,7 +230,7 @@ RUN_FIELDS: Final[tuple[Field, ...]] = (
         )
     ),
     ("ground_velocity", "histories (T, n_ground), m s-1"),
-    ("ground_displacement", "histories (T, n_ground), m, ahead by ``gap_lead``"),
+    ("ground_displacement", "histories (T, n_ground), m, ahead by ``gap_offset``"),
     ("ground_layer", "histories (T, n_ground): what elastic groups start from, m"),
     ("continuation", "histories (T,): how far the loads go on as they did, without inertia; 0 ... 1"),
     ("ground_acceleration", "histories (T, n_ground), m s-2"),
@@ -286,7 +286,7 @@ RUN_NUMBERS: Final[tuple[Field, ...]] = (
     ("w_u", "weight of u_free in W, s-1"),
     ("w_v", "weight of v_free in W"),
     ("u_late", "weight of v_free in the new displacement, s"),
-    ("gap_lead", "how far ahead displacements are that gaps are read from, s"),
+    ("gap_offset", "how far ahead displacements are that gaps are read from, s"),
     ("layer_v", "weight of v in what layers start from, s"),
     ("layer_a", "weight of a in what layers start from, s2"),
     ("layer_rate", "1 / (displacement of layers per velocity of the new instant), s-1"),

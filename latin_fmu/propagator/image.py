@@ -54,7 +54,7 @@ def coefficients(scheme: Any, dt: float) -> Fields:
         "w_u": w[1],
         "w_v": w[2],
         "u_late": late,
-        "gap_lead": scheme.gap_offset(dt),
+        "gap_offset": scheme.gap_offset(dt),
         "layer_v": layer[0],
         "layer_a": layer[1],
         "layer_rate": 1 / span,
