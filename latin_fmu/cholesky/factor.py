@@ -130,8 +130,7 @@ class CholeskyFactor:
         self.interior = shape.order[: shape.n_interior]
         self.panels: NDArray[Any] = np.empty(shape.panel_start[-1], dtype=self.dtype)
         self.grouped = self.panels.nbytes <= _CACHE
-        pattern = (shape.first, shape.row_start, shape.rows, shape.panel_start)
-        self._sweep = (*pattern, self.panels)
+        self._pattern = (shape.first, shape.row_start, shape.rows, shape.panel_start)
         _check_finite(matrix)
         self.schur: Array = np.zeros((len(self.last), len(self.last)))
         failed = factorise(
@@ -141,7 +140,7 @@ class CholeskyFactor:
             matrix.data,
             shape.order,
             shape.position,
-            *pattern,
+            *self._pattern,
             shape.n_children,
             shape.is_root,
             shape.stack_size,
@@ -156,6 +155,12 @@ class CholeskyFactor:
         self.schur_inverse: Array = self.schur.copy()
         if failed := invert(routines(), self.schur_inverse):
             raise _not_definite(int(self.last[failed - 1]))
+
+    def keep_in(self, memory: NDArray[Any]) -> None:
+        """Copy the panels to ``memory``, an array of their size and type, and read them there from now on: the array
+        in which they were is freed."""
+        memory[:] = self.panels
+        self.panels = memory
 
     def forward(self, b: Array) -> tuple[Array, Array]:
         """(y, c) of the class docstring for b (n, m); y is in elimination order and of use to ``backward`` only."""
@@ -180,14 +185,14 @@ class CholeskyFactor:
         if m < TILED:
             columns = np.ascontiguousarray(x.T, dtype=float)
             for column in columns:
-                one(self.grouped, *self._sweep, column)
+                one(self.grouped, *self._pattern, self.panels, column)
             return np.ascontiguousarray(columns.T)
         out, tail = np.empty((n, m)), np.empty(SPARE * LANES)
         for first in range(0, m, LANES):
             lanes = min(m - first, LANES)
             part = np.zeros((n, LANES))
             part[:, :lanes] = x[:, first : first + lanes]
-            tile(*self._sweep, part.reshape(-1), tail)
+            tile(*self._pattern, self.panels, part.reshape(-1), tail)
             out[:, first : first + lanes] = part[:, :lanes]
         return out
 

@@ -7,13 +7,12 @@ faster where the factor is in the cache; one after the other is faster from memo
 
 from __future__ import annotations
 
-import ctypes
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..compiled import entry, lazy_intrinsic, ordered_kernel
+from ..compiled import entry, ordered_kernel
 
 Array = NDArray[np.float64]
 
@@ -22,46 +21,6 @@ TILED: Final = 3
 """Number of members from which on eight at a time cost less than one after the other."""
 SPARE: Final = 4
 """Rows of eight that scratch has beyond those of the dofs."""
-
-
-def _at_address(name: str) -> Any:
-    """Array (size,) of float64 or float32 numbers at an address, for kernels."""
-
-    def define(_typing: Any, address: Any, size: Any) -> Any:
-        from llvmlite import ir
-        from numba import types
-        from numba.core import cgutils
-        from numba.np import arrayobj
-
-        number: Any = getattr(types, name)
-        array = types.Array(number, 1, "C")
-
-        def generate(context: Any, builder: Any, _signature: Any, values: Any) -> Any:
-            tools: Any = cgutils
-            arrays: Any = arrayobj
-            view = arrays.make_array(array)(context, builder)
-            step = context.get_constant(types.intp, np.dtype(name).itemsize)
-            arrays.populate_array(
-                view,
-                data=builder.inttoptr(values[0], context.get_data_type(number).as_pointer()),
-                shape=tools.pack_array(builder, [values[1]]),
-                strides=tools.pack_array(builder, [step]),
-                itemsize=step,
-                meminfo=ir.Constant(context.get_value_type(types.voidptr), None),
-            )
-            return view._getvalue()
-
-        return array(address, size), generate
-
-    def in_python(address: int, size: int) -> NDArray[Any]:
-        numbers: Any = (ctypes.c_byte * (int(size) * np.dtype(name).itemsize)).from_address(int(address))
-        return np.ndarray(int(size), dtype=name, buffer=numbers)
-
-    return lazy_intrinsic(define, in_python)
-
-
-panels_at = _at_address("float64")
-single_panels_at = _at_address("float32")
 
 _SWEEP = "i8[::1], i8[::1], i8[::1], i8[::1]"
 

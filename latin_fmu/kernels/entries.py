@@ -65,7 +65,11 @@ from .substructure import advance, commit, free_load, free_velocity, interface_l
 
 _ITEM: Final = "f8[::1], i8[::1]"
 POOLS: Final = fields(
-    Pools, f"run[::1], classes[::1], groups[::1], {_ITEM}, u4[::1], {_ITEM}", run=RUN, classes=CLASS, groups=GROUP
+    Pools,
+    f"run[::1], classes[::1], groups[::1], {_ITEM}, u4[::1], f4[::1], {_ITEM}",
+    run=RUN,
+    classes=CLASS,
+    groups=GROUP,
 )
 
 

@@ -13,7 +13,7 @@ moving  output     fields, gaps, probes, energies of the instants               
 
 A block is one allocation, a pool a range of it; a snapshot is a copy of the range of the state. Blocks are viewed as
 float64, int64, uint32 or float32 numbers. A record holds sizes, and for every array the position of its first number in
-its block (``Block`` assigns it); kernels slice. A record holds no address: blocks can be copied, saved, mapped and
+its block; kernels slice. A record holds no address: blocks can be copied, saved, mapped and
 shared.
 
 Dimensions: n dofs of a member, m members of a class, g interface dofs, c channels (interface unknowns) of a member,
@@ -90,7 +90,7 @@ CLASS_FIELDS: Final[tuple[Field, ...]] = (
     ("rows", "constants, int64: rows below the supernodes"),
     ("n_rows", "their number"),
     ("panel_start", "constants, int64 (n_super + 1,): first number of each panel"),
-    ("panels", "address of the panels [L11^-1; L21]"),
+    ("panels", "constants: panels [L11^-1; L21]"),
     ("n_panels", "their size"),
     ("schur_inverse", "constants (g, g) packed or (g,): S^-1, accelerations of interface dofs per force, kg-1"),
     # interface
@@ -332,5 +332,6 @@ class Pools(NamedTuple):
     fixed: Array  # constants and direction
     fixed_int: NDArray[np.int64]
     fixed_col: NDArray[np.uint32]
+    fixed_single: NDArray[np.float32]
     moving: Array  # histories, state, work, output
     moving_int: NDArray[np.int64]

@@ -22,17 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cholesky.substitution import (
-    LANES,
-    SPARE,
-    TILED,
-    backward_one,
-    backward_tile,
-    forward_one,
-    forward_tile,
-    panels_at,
-    single_panels_at,
-)
+from ..cholesky.substitution import LANES, SPARE, TILED, backward_one, backward_tile, forward_one, forward_tile
 from ..compiled import kernel
 from .matrices import (
     DAMPING,
@@ -127,7 +117,8 @@ def forward(pools: Any, c: int) -> None:
     )
     panel_start = numbers[row.panel_start : row.panel_start + n_super + 1]
     rows, order = numbers[row.rows : row.rows + row.n_rows], numbers[row.order : row.order + n]
-    panels, single = panels_at(row.panels, row.n_panels), single_panels_at(row.panels, row.n_panels)
+    panels = pools.fixed[row.panels : row.panels + (0 if row.single == 1 else row.n_panels)]
+    single = pools.fixed_single[row.panels : row.panels + (row.n_panels if row.single == 1 else 0)]
     load, inner = work[row.load : row.load + n * m], work[row.inner : row.inner + n_inner * m]
     if m < TILED:
         for j in range(m):
@@ -341,7 +332,8 @@ def backward(pools: Any, c: int) -> None:
     )
     panel_start = numbers[row.panel_start : row.panel_start + n_super + 1]
     rows, order = numbers[row.rows : row.rows + row.n_rows], numbers[row.order : row.order + n]
-    panels, single = panels_at(row.panels, row.n_panels), single_panels_at(row.panels, row.n_panels)
+    panels = pools.fixed[row.panels : row.panels + (0 if row.single == 1 else row.n_panels)]
+    single = pools.fixed_single[row.panels : row.panels + (row.n_panels if row.single == 1 else 0)]
     out, last = work[row.load : row.load + n * m], work[row.inner_answer : row.inner_answer + n_inner * m]
     if m < TILED:
         for j in range(m):

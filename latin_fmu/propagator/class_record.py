@@ -42,10 +42,15 @@ class Block:
         self._known: dict[int, tuple[int, Any]] = {}  # position by identity; the arrays are kept alive
         self._waiting: list[Callable[[Array], None]] = []
 
-    def reserve(self, size: int) -> int:
-        """Position of ``size`` numbers, on a line of the cache."""
+    def reserve(self, size: int, owner: Any = None) -> int:
+        """Position of ``size`` numbers, on a line of the cache; the same one each time for the same ``owner``."""
+        known = self._known.get(id(owner))
+        if known is not None:
+            return known[0]
         at = self.size
         self.size = at + -(-size // LINE) * LINE
+        if owner is not None:
+            self._known[id(owner)] = at, owner
         return at
 
     def put(self, array: NDArray[Any], kind: type[np.generic] = np.float64) -> int:
@@ -237,12 +242,19 @@ def _factor(block: Block, row: Row, factor: Any) -> None:
             ("order", shape.order),
         ):
             row[name] = block.put(array, np.int64)
-        row["panels"] = factor.panels.ctypes.data  # read where they are, they may be large
+        numbers = 8 // factor.dtype.itemsize  # in one of float64
+        row["panels"] = numbers * block.reserve(-(-factor.panels.size // numbers), factor)
         return
     row["factored"] = int(isinstance(factor, DiagonalFactor))
     for name in ("first", "row_start", "rows", "panel_start"):
         row[name] = block.put(_NONE, np.int64)
     row["order"] = block.put(np.arange(row["n"]), np.int64)
+
+
+def move_panels(fixed: Array, row: Row, factor: Any) -> None:
+    """Let a factor keep its panels in their place in the fixed block, ``fixed``, and nowhere else."""
+    if isinstance(factor, CholeskyFactor):
+        factor.keep_in(fixed.view(factor.dtype)[row["panels"] : row["panels"] + row["n_panels"]])
 
 
 def _borders(block: Block, row: Row, propagator: Any) -> None:

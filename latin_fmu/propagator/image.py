@@ -143,7 +143,6 @@ class Image:
             for c, (p, flat) in enumerate(zip(self.propagators, channels, strict=True))
         ]
         self.fixed = self.moving = np.zeros(0)  # room is made when their sizes are known
-        self._factors = [p.operators.factor for p in self.propagators]  # kernels read their panels
         self._n_fixed, self._waiting = fixed.size, [fixed]
         self._current: int | None = None
         self._half: dict[int, Array] = {}
@@ -275,6 +274,8 @@ class Image:
             larger = np.empty(self._n_fixed + _DIRECTIONS * longest)
             larger[: len(self.fixed)] = self.fixed
             self.fixed = larger
+            for row, propagator in zip(self._rows, self.propagators, strict=True):
+                class_record.move_panels(larger, row, propagator.operators.factor)
         for block in self._waiting:
             block.fill(self.fixed)
         self._waiting.clear()
@@ -291,6 +292,7 @@ class Image:
             fixed,
             fixed.view(np.int64),
             fixed.view(np.uint32),
+            fixed.view(np.float32),
             moving,
             moving.view(np.int64),
         )

@@ -48,7 +48,14 @@ class OneNumber:
         kind, fixed, moving = np.recarray if PLAIN else np.ndarray, np.ones(1), self.moving
         rows = (np.zeros(0, dtype=record).view(kind) for record in (CLASS, GROUP))
         self.pools = Pools(
-            run.view(kind), *rows, fixed, fixed.view(np.int64), fixed.view(np.uint32), moving, moving.view(np.int64)
+            run.view(kind),
+            *rows,
+            fixed,
+            fixed.view(np.int64),
+            fixed.view(np.uint32),
+            fixed.view(np.float32),
+            moving,
+            moving.view(np.int64),
         )
 
     def field(self, name: str, *shape: int) -> Any:

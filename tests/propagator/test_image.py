@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from latin_fmu.compiled import COMPILES
 from latin_fmu.kernels import entries
 from latin_fmu.propagator import DirectPropagator
+from latin_fmu.propagator.image import Image
 from latin_fmu.time_scheme import TimeScheme
 
 Array = np.ndarray
 Make = Callable[..., Any]
+has_panels = pytest.mark.skipif(not COMPILES, reason="the factor of SciPy has no panels")
 
 
 @pytest.fixture
@@ -73,3 +78,66 @@ def test_directions_placed_before_are_kept(marched: DirectPropagator) -> None:
     for key, found in enumerate(first, 10):
         image.bind(key)
         np.testing.assert_array_equal(respond(marched), found)
+
+
+def free_velocity(propagator: DirectPropagator) -> Array:
+    """Velocities of the channels without interface forces, computed again by the kernels."""
+    propagator._image.call(entries.PREDICT, propagator._class, 1)
+    return propagator._part("w_free", propagator.n_channel).copy()
+
+
+def test_a_run_continues_on_a_copy_of_its_blocks(marched: DirectPropagator) -> None:
+    """The records hold positions: nothing is read where the blocks were before."""
+    image, first = marched._image, free_velocity(marched)
+    old, image.fixed, image.moving = (image.fixed, image.moving), image.fixed.copy(), image.moving.copy()
+    image._write_records()
+    for block in old:
+        block[:] = np.nan
+    np.testing.assert_array_equal(free_velocity(marched), first)
+
+
+@has_panels
+@pytest.mark.parametrize("precision", ["float64", "float32"])
+def test_panels_lie_in_memory_once(model: Make, begin: Make, hht: TimeScheme, precision: str) -> None:
+    """In the fixed block, also after it has grown; solutions stay the same to the last bit."""
+    held = model("held")
+    propagator = begin([replace(held, model=held.model.with_factor(precision))], hht)
+    factor, load = propagator.operators.factor, np.random.default_rng(5).normal(size=(propagator.n_dof, 4))
+    own, solution = weakref.ref(factor.panels), factor.solve(load)
+    panels, velocity = factor.panels.copy(), propagator.predict().ravel()
+    assert own() is None
+    image, blocks, rng = propagator._image, [], np.random.default_rng(6)
+    for key in range(10, 18):
+        propagator.bind(rng.uniform(0.1, 4.0, propagator.n_channel))
+        image.bind(key)
+        np.testing.assert_array_equal(free_velocity(propagator), velocity)
+        np.testing.assert_array_equal(factor.solve(load), solution)
+        np.testing.assert_array_equal(factor.panels, panels)
+        assert np.shares_memory(factor.panels, image.fixed)
+        if not any(block() is image.fixed for block in blocks):
+            blocks.append(weakref.ref(image.fixed))
+    assert len(blocks) > 1
+    assert [block() is None for block in blocks] == [True] * (len(blocks) - 1) + [False]
+
+
+@has_panels
+def test_classes_with_one_factor_share_its_panels(model: Make, begin: Make, hht: TimeScheme) -> None:
+    """In one image their places are the same; images before and after are not changed by each other."""
+    held = model("held")
+    first = begin([held], hht)
+    second = DirectPropagator([held.model], hht, first.dt, energy=True, twin=first)
+    second.begin([held.histories], first.dt)
+    second.start(np.zeros((second.n_channel, 1)), second.mass_factor())
+    factor = first.operators.factor
+    assert second.operators.factor is factor
+    velocity = first.predict().ravel()
+    before, n = first._image, first.n_channel
+    places = [np.arange(n)[:, None], np.arange(n, 2 * n)[:, None]]
+    both = Image([first, second], places, np.ones(2 * n, dtype=bool), n_time=len(held.histories.time), histories={})
+    for propagator in (first, second):
+        np.testing.assert_array_equal(free_velocity(propagator), velocity)
+    assert len({int(row["panels"]) for row in both.classes}) == 1
+    assert np.shares_memory(factor.panels, both.fixed)
+    both.fixed[:] = np.nan
+    before.call(entries.PREDICT, 0, 1)
+    np.testing.assert_array_equal(before.moving[before.row(0)["w_free"] :][:n], velocity)
