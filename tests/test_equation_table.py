@@ -107,12 +107,17 @@ def test_modules_of_the_table_exist() -> None:
     assert {module for module, _, _ in MUTATIONS.values()} <= named
 
 
-def test_contributing_names_modules_that_exist() -> None:
-    text = (ROOT / "CONTRIBUTING.md").read_text()
-    for name in re.findall(
-        r"`((?:latin_fmu/)?(?:kernels|latin|propagator|interface|scene|time_scheme|assembly)/\w+\.py)`", text
-    ):
-        assert (PACKAGE / name.removeprefix("latin_fmu/")).is_file(), name
+@pytest.mark.parametrize("document", ["CONTRIBUTING.md", "docs/notation.md"])
+def test_documents_name_what_exists(document: str) -> None:
+    """Files, folders and identifiers between backticks, and the tests of commands."""
+    text = (ROOT / document).read_text(encoding="utf-8")
+    files = re.findall(r"`((?:\w+/)+(?:\w+\.\w+)?)`", text) + re.findall(r"(?<=\s)(tests/[\w/]+(?:\.\w+)?)", text)
+    made = {"build/"}  # by a command
+    for name in {name for name in files if "NAME" not in name} - made:
+        assert (ROOT / name).exists() or (PACKAGE / name).exists(), name
+    sources = [path for top in (PACKAGE, ROOT / "tests") for path in top.rglob("*.py")] + [ROOT / "pyproject.toml"]
+    words = {word for path in sources for word in re.findall(r"\w+", path.read_text(encoding="utf-8"))}
+    assert set(re.findall(r"`([A-Za-z_]\w*)`", text)) <= words
 
 
 def test_a_default_run_enters_every_module_of_the_table() -> None:
