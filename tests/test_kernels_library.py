@@ -304,9 +304,9 @@ def test_every_entry_equals_its_python_function(monkeypatch):
     jump = np.random.default_rng(3).normal(size=(6, 3))
     for law in BEHAVIOURS.values():
         behaviour = law()
-        reach = jump[:, : behaviour.n_component] if behaviour.elastic else np.abs(jump[:, 0])
+        normalised_gap = jump[:, : behaviour.n_component] if behaviour.elastic else np.abs(jump[:, 0])
         points = behaviour.point_parameters(6)
-        behaviour.local(jump[:, : behaviour.n_component], np.ones((6, 2)), reach, 2.0, points)
+        behaviour.local(jump[:, : behaviour.n_component], np.ones((6, 2)), normalised_gap, 2.0, points)
     runnable = {item.symbol for item in declared() if isinstance(item, Entry) and in_python(item)} - {ACTIONS}
     assert len(runnable) > 10
     assert runnable <= recorder.checked.keys(), runnable - recorder.checked.keys()

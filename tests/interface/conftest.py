@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from latin_fmu.interface import BEHAVIOURS, Behaviour
 
 Array = NDArray[np.float64]
-Residual = Callable[[Behaviour, Array, Array, Array], float]  # behaviour, W' - W, F_hat on E, reach
+Residual = Callable[[Behaviour, Array, Array, Array], float]  # behaviour, W' - W, F_hat on E, normalised gap
 
 N_POINT = 400
 RATE = 0.8  # of the behaviours that see the jump of displacement
@@ -28,9 +28,9 @@ def perfect_residual(_: Behaviour, slip: Array, *__: Array) -> float:
     return float(np.abs(slip).max())
 
 
-def contact_residual(behaviour: Behaviour, slip: Array, traction: Array, reach: Array) -> float:
-    """Signorini 0 <= reach + d perp P >= 0 and Coulomb's law, each in the unit of its argument (all of order 1)."""
-    pressure, room = -traction[:, 0], reach + slip[:, 0]
+def contact_residual(behaviour: Behaviour, slip: Array, traction: Array, normalised_gap: Array) -> float:
+    """Signorini 0 <= g + d perp P >= 0 and Coulomb's law, each in the unit of its argument (all of order 1)."""
+    pressure, room = -traction[:, 0], normalised_gap + slip[:, 0]
     worst = max(0.0, float(-pressure.min()), float(-room.min()), float(np.abs(pressure * room).max()))
     if behaviour.n_component == 1:
         return worst
@@ -44,23 +44,23 @@ def contact_residual(behaviour: Behaviour, slip: Array, traction: Array, reach: 
     return max(worst, float(outside), float(stuck), float(aligned))
 
 
-def no_slip_residual(behaviour: Behaviour, slip: Array, traction: Array, reach: Array) -> float:
+def no_slip_residual(behaviour: Behaviour, slip: Array, traction: Array, normalised_gap: Array) -> float:
     """Signorini; no sliding where touching at the start of the instant, no shear elsewhere."""
-    pressure, room = -traction[:, 0], reach + slip[:, 0]
+    pressure, room = -traction[:, 0], normalised_gap + slip[:, 0]
     worst = max(0.0, float(-pressure.min()), float(-room.min()), float(np.abs(pressure * room).max()))
-    wrong = np.where((reach <= RATE * behaviour.touch)[:, None], slip[:, 1:], traction[:, 1:])
+    wrong = np.where((normalised_gap <= RATE * behaviour.touch)[:, None], slip[:, 1:], traction[:, 1:])
     return max(worst, float(np.abs(wrong).max()))
 
 
-def layer_residual(behaviour: Behaviour, slip: Array, traction: Array, reach: Array) -> float:
-    """F = k [u] with [u] = (reach + d) / rate."""
+def layer_residual(behaviour: Behaviour, slip: Array, traction: Array, normalised_gap: Array) -> float:
+    """F = k [u] with [u] = (g + d) / rate."""
     stiffness = np.array([behaviour.normal_stiffness, *[behaviour.tangential_stiffness] * 2])[: slip.shape[1]]
-    return float(np.abs(traction - stiffness * (reach + slip) / RATE).max() / max(1.0, stiffness.max()))
+    return float(np.abs(traction - stiffness * (normalised_gap + slip) / RATE).max() / max(1.0, stiffness.max()))
 
 
-def soft_residual(behaviour: Behaviour, slip: Array, traction: Array, reach: Array) -> float:
+def soft_residual(behaviour: Behaviour, slip: Array, traction: Array, normalised_gap: Array) -> float:
     """P = k max(0, -[u].N); friction as for contact."""
-    gap = (reach[:, 0] + slip[:, 0]) / RATE
+    gap = (normalised_gap[:, 0] + slip[:, 0]) / RATE
     pressure = behaviour.normal_stiffness * np.maximum(0.0, -gap)
     normal = float(np.abs(-traction[:, 0] - pressure).max()) / max(1.0, behaviour.normal_stiffness)
     closed = pressure > 0  # friction: the points in touch, seen as contact with no room left
@@ -120,13 +120,13 @@ class Points:
     """Linear-stage fields of both sides at random points, of order 1.
 
     w, f, k : (2, n_point, n_component) velocity, traction and search direction of E and E'.
-    reach : (n_point,), or (n_point, n_component) for elastic behaviours.
+    normalised_gap : (n_point,), or (n_point, n_component) for elastic behaviours.
     """
 
     w: Array
     f: Array
     k: Array
-    reach: Array
+    normalised_gap: Array
 
     @property
     def free(self) -> Array:
@@ -155,10 +155,10 @@ def random_points(behaviour: Behaviour | int, seed: int = SEED, ground: bool = F
     k[..., 1:] = k[..., 1:2]
     if ground:
         k[1] = np.inf
-    reach = np.where(rng.random(N_POINT) < 0.5, 0.0, rng.exponential(1.0, N_POINT))
+    normalised_gap = np.where(rng.random(N_POINT) < 0.5, 0.0, rng.exponential(1.0, N_POINT))
     if not isinstance(behaviour, int) and behaviour.elastic:
-        reach = rng.normal(size=shape[1:])
-    return Points(rng.normal(size=shape), rng.normal(size=shape), k, reach)
+        normalised_gap = rng.normal(size=shape[1:])
+    return Points(rng.normal(size=shape), rng.normal(size=shape), k, normalised_gap)
 
 
 @pytest.fixture(params=CASES, ids=lambda case: "-".join([case[0], *(f"{v:g}" for v in case[1].values())]))
@@ -179,13 +179,13 @@ def solve(behaviour: Behaviour) -> Callable[[Points], Array]:
     """F_hat on side E, (n_point, n_component)."""
 
     def local(points: Points) -> Array:
-        parameters = behaviour.point_parameters(len(points.reach))
-        return behaviour.local(points.jump, points.z, points.reach, RATE, parameters)
+        parameters = behaviour.point_parameters(len(points.normalised_gap))
+        return behaviour.local(points.jump, points.z, points.normalised_gap, RATE, parameters)
 
     return local
 
 
-# Powers of c in a parameter where (F, k), and where (W, F, reach), are multiplied by c; stiffness, viscosity: 1, 0.
+# Powers of c in a parameter where (F, k), and where (W, F, g), are multiplied by c; stiffness, viscosity: 1, 0.
 POWERS: Mapping[str, tuple[int, int]] = MappingProxyType({"touch": (0, 1), "friction_coefficient": (0, 0)})
 
 
@@ -198,8 +198,8 @@ def scaled(behaviour: Behaviour) -> Callable[..., Callable[[Points], Array]]:
         other = replace(behaviour, **{name: c**power * getattr(behaviour, name) for name, power in powers.items()})
 
         def local(points: Points) -> Array:
-            parameters = other.point_parameters(len(points.reach))
-            return other.local(points.jump, points.z, points.reach, RATE, parameters)
+            parameters = other.point_parameters(len(points.normalised_gap))
+            return other.local(points.jump, points.z, points.normalised_gap, RATE, parameters)
 
         return local
 

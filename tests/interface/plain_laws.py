@@ -2,7 +2,7 @@
 
 Each has the name of its behaviour and the arguments of ``Behaviour.local``.
 
-With d = (s' - s) - z F the opening velocity of the instant and [u] = (reach + d) / rate its jump of displacement.
+With d = (s' - s) - z F the opening velocity of the instant and [u] = (g + d) / rate its jump of displacement.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ def divided(a: Array, b: Array) -> Array:
     return np.divide(a, b, out=np.zeros(np.broadcast(a, b).shape), where=b > 0)
 
 
-def perfect(jump: Array, z: Array, reach: Array, rate: float, parameters: Array) -> Array:  # noqa: ARG001
+def perfect(jump: Array, z: Array, normalised_gap: Array, rate: float, parameters: Array) -> Array:  # noqa: ARG001
     """d = 0."""
     return divided(jump, wide(z, jump.shape[1]))
 
@@ -40,35 +40,35 @@ def with_friction(pressure: Array, friction: Array, jump: Array, z: Array) -> Ar
     return np.column_stack([-pressure, shear])
 
 
-def contact(jump: Array, z: Array, reach: Array, rate: float, parameters: Array) -> Array:  # noqa: ARG001
-    """0 <= reach + d_n perp P >= 0."""
-    pressure = divided(np.maximum(0.0, -(jump[:, 0] + reach)), z[:, 0])
+def contact(jump: Array, z: Array, normalised_gap: Array, rate: float, parameters: Array) -> Array:  # noqa: ARG001
+    """0 <= g + d_n perp P >= 0."""
+    pressure = divided(np.maximum(0.0, -(jump[:, 0] + normalised_gap)), z[:, 0])
     return with_friction(pressure, parameters[:, 0], jump, z)
 
 
-def no_slip(jump: Array, z: Array, reach: Array, rate: float, parameters: Array) -> Array:
+def no_slip(jump: Array, z: Array, normalised_gap: Array, rate: float, parameters: Array) -> Array:
     """The same along N; points that touch do not slide."""
-    pressure = divided(np.maximum(0.0, -(jump[:, 0] + reach)), z[:, 0])
+    pressure = divided(np.maximum(0.0, -(jump[:, 0] + normalised_gap)), z[:, 0])
     if jump.shape[1] == 1:
         return -pressure[:, None]
-    touching = reach <= rate * parameters[:, 0]
+    touching = normalised_gap <= rate * parameters[:, 0]
     return np.column_stack([-pressure, np.where(touching[:, None], divided(jump[:, 1:], z[:, 1:]), 0.0)])
 
 
-def elastic_layer(jump: Array, z: Array, reach: Array, rate: float, parameters: Array) -> Array:
+def elastic_layer(jump: Array, z: Array, normalised_gap: Array, rate: float, parameters: Array) -> Array:
     """F = k [u]."""
     k = wide(parameters, jump.shape[1])
-    return k * (jump + reach) / (rate + k * wide(z, jump.shape[1]))
+    return k * (jump + normalised_gap) / (rate + k * wide(z, jump.shape[1]))
 
 
-def soft_contact(jump: Array, z: Array, reach: Array, rate: float, parameters: Array) -> Array:
+def soft_contact(jump: Array, z: Array, normalised_gap: Array, rate: float, parameters: Array) -> Array:
     """P = k max(0, -[u].N)."""
     stiffness = parameters[:, 1]
-    closing = np.maximum(0.0, -(jump[:, 0] + reach.reshape(jump.shape)[:, 0]))
+    closing = np.maximum(0.0, -(jump[:, 0] + normalised_gap.reshape(jump.shape)[:, 0]))
     return with_friction(stiffness * closing / (rate + stiffness * z[:, 0]), parameters[:, 0], jump, z)
 
 
-def viscous_joint(jump: Array, z: Array, reach: Array, rate: float, parameters: Array) -> Array:  # noqa: ARG001
+def viscous_joint(jump: Array, z: Array, normalised_gap: Array, rate: float, parameters: Array) -> Array:  # noqa: ARG001
     """F = c d."""
     c = wide(parameters, jump.shape[1])
     return c * jump / (1.0 + c * wide(z, jump.shape[1]))

@@ -57,15 +57,15 @@ def test_relation_holds_with_the_velocities_of_the_search_direction(
         for side, traction in enumerate((f_hat, -f_hat)):  # E+: F_hat - F = k (W_hat - W)
             close(p.k[side] * (w_hat[side] - p.w[side]), traction - p.f[side], scale=10.0)
     scale = float(np.abs(f_hat).max())
-    assert residual(behaviour, w_hat[1] - w_hat[0], f_hat, p.reach) <= TIGHT * max(1.0, scale**2)
+    assert residual(behaviour, w_hat[1] - w_hat[0], f_hat, p.normalised_gap) <= TIGHT * max(1.0, scale**2)
 
 
 @pytest.mark.parametrize("ground", [False, True], ids=["two_bodies", "ground"])
 def test_law_is_that_of_numpy(behaviour: Behaviour, solve: Solve, points: Any, ground: bool) -> None:
     """Branch for branch: the statement in NumPy gives the same tractions to round-off."""
     p = points(behaviour, ground=ground)
-    parameters = behaviour.point_parameters(len(p.reach))
-    expected = getattr(plain_laws, behaviour.name)(p.jump, p.z, p.reach, RATE, parameters)
+    parameters = behaviour.point_parameters(len(p.normalised_gap))
+    expected = getattr(plain_laws, behaviour.name)(p.jump, p.z, p.normalised_gap, RATE, parameters)
     assert expected.any()
     np.testing.assert_allclose(solve(p), expected, rtol=1e-13, atol=1e-15)
 
@@ -85,8 +85,8 @@ def test_exchange_of_sides(behaviour: Behaviour, solve: Solve, points: Any) -> N
     p = points(behaviour)
     turn = np.ones(behaviour.n_component)
     turn[0] = -1.0
-    reach = -p.reach * turn if behaviour.elastic else p.reach
-    exchanged = replace(p, w=p.w[::-1] * turn, f=p.f[::-1] * turn, k=p.k[::-1], reach=reach)
+    normalised_gap = -p.normalised_gap * turn if behaviour.elastic else p.normalised_gap
+    exchanged = replace(p, w=p.w[::-1] * turn, f=p.f[::-1] * turn, k=p.k[::-1], normalised_gap=normalised_gap)
     close(solve(exchanged), -turn * solve(p))
 
 
@@ -96,8 +96,8 @@ def test_rotation_of_the_tangents(behaviour: Behaviour, solve: Solve, points: An
     turn[1:, 1:] = [[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]]
     turn = turn[: behaviour.n_component, : behaviour.n_component]
     p = points(behaviour)
-    reach = p.reach @ turn.T if behaviour.elastic else p.reach
-    close(solve(replace(p, w=p.w @ turn.T, f=p.f @ turn.T, reach=reach)), solve(p) @ turn.T)
+    normalised_gap = p.normalised_gap @ turn.T if behaviour.elastic else p.normalised_gap
+    close(solve(replace(p, w=p.w @ turn.T, f=p.f @ turn.T, normalised_gap=normalised_gap)), solve(p) @ turn.T)
 
 
 def test_friction_dissipates(behaviour: Behaviour, solve: Solve, points: Any) -> None:
@@ -113,23 +113,23 @@ def test_friction_dissipates(behaviour: Behaviour, solve: Solve, points: Any) ->
 
 @pytest.mark.parametrize("c", [1e-9, 3.0, 1e12])
 def test_scaling(behaviour: Behaviour, solve: Solve, scaled: Any, points: Any, c: float) -> None:
-    """(F, k) -> (c F, c k), stiffness and viscosity with them, and (W, F, reach) -> c (W, F, reach), lengths with them,
+    """(F, k) -> (c F, c k), stiffness and viscosity with them, and (W, F, g) -> c (W, F, g), lengths with them,
     scale the traction by c and nothing else."""
     p = points(behaviour)
     f_hat = solve(p)
     close(scaled(c)(replace(p, f=c * p.f, k=c * p.k)) / c, f_hat)
-    close(scaled(c, lengths=True)(replace(p, w=c * p.w, f=c * p.f, reach=c * p.reach)) / c, f_hat)
+    close(scaled(c, lengths=True)(replace(p, w=c * p.w, f=c * p.f, normalised_gap=c * p.normalised_gap)) / c, f_hat)
 
 
 def test_points_are_independent(behaviour: Behaviour, solve: Solve, points: Any) -> None:
     p = points(behaviour)
     together = solve(p)
-    order = np.random.default_rng(1).permutation(len(p.reach))
-    shuffled = replace(p, w=p.w[:, order], f=p.f[:, order], k=p.k[:, order], reach=p.reach[order])
+    order = np.random.default_rng(1).permutation(len(p.normalised_gap))
+    shuffled = replace(p, w=p.w[:, order], f=p.f[:, order], k=p.k[:, order], normalised_gap=p.normalised_gap[order])
     np.testing.assert_array_equal(solve(shuffled), together[order])
-    one = replace(p, w=p.w[:, 5:6], f=p.f[:, 5:6], k=p.k[:, 5:6], reach=p.reach[5:6])
+    one = replace(p, w=p.w[:, 5:6], f=p.f[:, 5:6], k=p.k[:, 5:6], normalised_gap=p.normalised_gap[5:6])
     np.testing.assert_array_equal(solve(one), together[5:6])
-    none = replace(p, w=p.w[:, :0], f=p.f[:, :0], k=p.k[:, :0], reach=p.reach[:0])
+    none = replace(p, w=p.w[:, :0], f=p.f[:, :0], k=p.k[:, :0], normalised_gap=p.normalised_gap[:0])
     assert solve(none).shape == (0, behaviour.n_component)
 
 
@@ -137,20 +137,20 @@ def test_parameters_travel_per_point(points: Any) -> None:
     """Interfaces of one kind are solved together, each with its own parameters."""
     low, high = (BEHAVIOURS["contact"](**{"friction_coefficient": mu}) for mu in (0.1, 0.7))
     p = points(low)
-    n = len(p.reach)
+    n = len(p.normalised_gap)
     mixed = np.concatenate([low.point_parameters(n // 2), high.point_parameters(n - n // 2)])
-    together = low.local(p.jump, p.z, p.reach, 1.0, mixed)
+    together = low.local(p.jump, p.z, p.normalised_gap, 1.0, mixed)
     for behaviour, part in ((low, slice(0, n // 2)), (high, slice(n // 2, n))):
-        alone = behaviour.local(p.jump, p.z, p.reach, 1.0, behaviour.point_parameters(n))
+        alone = behaviour.local(p.jump, p.z, p.normalised_gap, 1.0, behaviour.point_parameters(n))
         np.testing.assert_array_equal(together[part], alone[part])
 
 
 def test_inputs_are_unchanged(behaviour: Behaviour, points: Any) -> None:
     p = points(behaviour)
-    arguments = (p.jump, p.z, p.reach.copy(), behaviour.point_parameters(len(p.reach)))
+    arguments = (p.jump, p.z, p.normalised_gap.copy(), behaviour.point_parameters(len(p.normalised_gap)))
     before = [a.copy() for a in arguments]
-    jump, z, reach, parameters = arguments
-    f_hat = behaviour.local(jump, z, reach, 1.0, parameters)
+    jump, z, normalised_gap, parameters = arguments
+    f_hat = behaviour.local(jump, z, normalised_gap, 1.0, parameters)
     behaviour.status(f_hat, parameters)
     for now, then in zip(arguments, before, strict=True):
         np.testing.assert_array_equal(now, then)
@@ -175,12 +175,12 @@ def test_rigid_on_both_sides_gives_no_traction(behaviour: Behaviour) -> None:
 def assert_definite(behaviour: Behaviour, jump: Array, parameters: Array) -> None:
     """A compliant behaviour: where both sides are held the jumps alone give the traction, whatever z was."""
     n, c = jump.shape
-    reach = np.zeros((n, c)) if behaviour.elastic else np.zeros(n)
-    f_hat = behaviour.local(jump, np.zeros((n, 2)), reach, 1.0, parameters)
+    normalised_gap = np.zeros((n, c)) if behaviour.elastic else np.zeros(n)
+    f_hat = behaviour.local(jump, np.zeros((n, 2)), normalised_gap, 1.0, parameters)
     assert np.isfinite(f_hat).all()
-    slowly = behaviour.local(jump, np.full((n, 2), 1e-12), reach, 1.0, parameters)
+    slowly = behaviour.local(jump, np.full((n, 2), 1e-12), normalised_gap, 1.0, parameters)
     np.testing.assert_allclose(f_hat[:, 0], slowly[:, 0], rtol=1e-5)
-    if behaviour.elastic:  # displacement and velocity count alike: (reach + d) / rate
+    if behaviour.elastic:  # displacement and velocity count alike: (g + d) / rate
         moved = behaviour.local(0 * jump, np.zeros((n, 2)), jump, 1.0, parameters)
         np.testing.assert_allclose(f_hat[:, 0], moved[:, 0])
 

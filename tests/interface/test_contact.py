@@ -24,8 +24,8 @@ REACH = st.one_of(st.sampled_from([0.0, 1.0]), st.floats(0.0, 3.0))
 FRICTION = st.one_of(st.sampled_from([0.0, 1e-12, 1e6, 1e12]), st.floats(0.0, 2.0))
 
 
-def local(jump: Array, z: Array, reach: Array, friction: Array) -> Array:
-    return Contact.local(jump, z, reach, 1.0, friction[:, None])
+def local(jump: Array, z: Array, normalised_gap: Array, friction: Array) -> Array:
+    return Contact.local(jump, z, normalised_gap, 1.0, friction[:, None])
 
 
 @settings(max_examples=300, deadline=None, derandomize=True, database=None)
@@ -33,11 +33,11 @@ def local(jump: Array, z: Array, reach: Array, friction: Array) -> Array:
 def test_law_is_that_of_numpy(rows: list[tuple[float, ...]]) -> None:
     table = np.array(rows)
     jump, z = np.ascontiguousarray(table[:, :3]), np.ascontiguousarray(table[:, 3:5])
-    reach, parameters = table[:, 5].copy(), np.ascontiguousarray(table[:, 6:])
+    normalised_gap, parameters = table[:, 5].copy(), np.ascontiguousarray(table[:, 6:])
     for n_component in (1, 3):
         part = np.ascontiguousarray(jump[:, :n_component])
-        kernel = Contact.local(part, z, reach, 1.0, parameters)
-        expected = plain_laws.contact(part, z, reach, 1.0, parameters)
+        kernel = Contact.local(part, z, normalised_gap, 1.0, parameters)
+        expected = plain_laws.contact(part, z, normalised_gap, 1.0, parameters)
         assert np.isfinite(kernel).all()
         np.testing.assert_allclose(kernel, expected, rtol=1e-13, atol=1e-298)  # products of 1e-300 and 1e-12 underflow
 
@@ -48,12 +48,12 @@ def test_formulas_with_tractions(points: Any) -> None:
     outgoing = p.f - p.k * p.w
     kappa = p.k[0] * p.k[1] / p.k.sum(axis=0)
     opening = outgoing[0, :, 0] / p.k[0, :, 0] - outgoing[1, :, 0] / p.k[1, :, 0]
-    pressure = kappa[:, 0] * np.maximum(0.0, -(opening + p.reach))
+    pressure = kappa[:, 0] * np.maximum(0.0, -(opening + p.normalised_gap))
     stick = kappa[:, 1:] * (outgoing[0] / p.k[0] - outgoing[1] / p.k[1])[:, 1:]
     size = np.linalg.norm(stick, axis=1)
     sliding = size > mu * pressure
     shear = np.where(sliding[:, None], mu * (pressure / size)[:, None] * stick, stick)
-    f_hat = local(p.jump, p.z, p.reach, np.full(len(p.reach), mu))
+    f_hat = local(p.jump, p.z, p.normalised_gap, np.full(len(p.normalised_gap), mu))
     np.testing.assert_allclose(f_hat, np.column_stack([-pressure, shear]), rtol=0, atol=1e-12)
     assert 0.2 < sliding[pressure > 0].mean() < 0.98  # both branches are exercised
 
@@ -64,9 +64,9 @@ def test_equal_k_and_closed_gap_give_the_contact_indicators(points: Any) -> None
     k = 2.5
     f_hat = local(
         (p.w[1] - p.f[1] / k) - (p.w[0] - p.f[0] / k),
-        np.full((len(p.reach), 2), 2 / k),
-        np.zeros(len(p.reach)),
-        np.full(len(p.reach), 1e9),
+        np.full((len(p.normalised_gap), 2), 2 / k),
+        np.zeros(len(p.normalised_gap)),
+        np.full(len(p.normalised_gap), 1e9),
     )
     indicator = (p.w[1] - p.w[0]) / 2 - (p.f[1] - p.f[0]) / (2 * k)
     closed = indicator[:, 0] < 0
@@ -81,14 +81,16 @@ def test_rigid_ground_is_the_limit_of_a_stiff_side(points: Any) -> None:
     """k' to infinity: kappa = k_E and W_E' = the motion of the ground."""
     stiff, mu = points(3), 0.3
     stiff.k[1] = 1e14
-    friction = np.full(len(stiff.reach), mu)
-    limit = local(stiff.jump, stiff.z, stiff.reach, friction)
-    ground = local(stiff.w[1] - stiff.free[0], np.ascontiguousarray(1 / stiff.k[0][:, :2]), stiff.reach, friction)
+    friction = np.full(len(stiff.normalised_gap), mu)
+    limit = local(stiff.jump, stiff.z, stiff.normalised_gap, friction)
+    ground = local(
+        stiff.w[1] - stiff.free[0], np.ascontiguousarray(1 / stiff.k[0][:, :2]), stiff.normalised_gap, friction
+    )
     np.testing.assert_allclose(limit, ground, rtol=1e-11, atol=1e-11)
 
 
 @pytest.mark.parametrize(
-    ("jump", "reach", "mu", "expected"),
+    ("jump", "normalised_gap", "mu", "expected"),
     [
         ((0.5, 1.0, 0.0), 0.0, 0.3, SEPARATION),  # opening
         ((-0.5, 1.0, 0.0), 0.6, 0.3, SEPARATION),  # closing, too far away
@@ -101,8 +103,10 @@ def test_rigid_ground_is_the_limit_of_a_stiff_side(points: Any) -> None:
         ((-1.0, 5.0, -5.0), 0.0, 1e6, STICK),
     ],
 )
-def test_status_with_friction(jump: tuple[float, float, float], reach: float, mu: float, expected: int) -> None:
-    f_hat = local(np.array([jump]), np.full((1, 2), 0.5), np.array([reach]), np.array([mu]))
+def test_status_with_friction(
+    jump: tuple[float, float, float], normalised_gap: float, mu: float, expected: int
+) -> None:
+    f_hat = local(np.array([jump]), np.full((1, 2), 0.5), np.array([normalised_gap]), np.array([mu]))
     assert Contact.status(f_hat, np.array([[mu]]))[0] == expected
 
 
@@ -110,8 +114,8 @@ def test_every_sliding_point_is_told_so(points: Any) -> None:
     """No rounding of the projection on the cone turns slip into stick."""
     p = points(3)
     for mu in (1e-6, 0.05, 0.3, 1.0):
-        friction = np.full(len(p.reach), mu)
-        f_hat = local(p.jump, p.z, p.reach, friction)
+        friction = np.full(len(p.normalised_gap), mu)
+        f_hat = local(p.jump, p.z, p.normalised_gap, friction)
         slide = np.linalg.norm(p.jump[:, 1:] - p.z[:, 1:] * f_hat[:, 1:], axis=1)
         status = Contact.status(f_hat, friction[:, None])
         pressed = f_hat[:, 0] < 0
@@ -129,8 +133,8 @@ def test_frictionless_contact_has_normal_unknowns_only_and_slips() -> None:
 
 def test_zero_friction_equals_the_normal_unknown_alone(points: Any) -> None:
     p = points(3)
-    zero = np.zeros(len(p.reach))
-    full = local(p.jump, p.z, p.reach, zero)
-    alone = local(np.ascontiguousarray(p.jump[:, :1]), p.z, p.reach, zero)
+    zero = np.zeros(len(p.normalised_gap))
+    full = local(p.jump, p.z, p.normalised_gap, zero)
+    alone = local(np.ascontiguousarray(p.jump[:, :1]), p.z, p.normalised_gap, zero)
     np.testing.assert_array_equal(full[:, :1], alone)
     np.testing.assert_array_equal(full[:, 1:], 0.0)

@@ -15,7 +15,7 @@ JOINT = {"normal_viscosity": 2.0, "tangential_viscosity": 0.7}
 
 
 def solved(behaviour: Behaviour, p: Any, rate: float = 0.8) -> np.ndarray:
-    return behaviour.local(p.jump, p.z, p.reach, rate, behaviour.point_parameters(len(p.reach)))
+    return behaviour.local(p.jump, p.z, p.normalised_gap, rate, behaviour.point_parameters(len(p.normalised_gap)))
 
 
 @pytest.mark.parametrize(("name", "keys"), [("elastic_layer", list(LAYER)), ("viscous_joint", list(JOINT))])
@@ -23,7 +23,7 @@ def test_a_stiff_joint_is_a_perfect_connection(points: Any, name: str, keys: lis
     stiff = BEHAVIOURS[name](**dict.fromkeys(keys, 1e14))
     p = points(stiff)
     if stiff.elastic:
-        p.reach[:] = 0.0
+        p.normalised_gap[:] = 0.0
     perfect = BEHAVIOURS["perfect"]()
     np.testing.assert_allclose(solved(stiff, p), solved(perfect, p), rtol=1e-10)
 
@@ -32,9 +32,9 @@ def test_a_stiff_soft_contact_is_contact(points: Any) -> None:
     stiff = BEHAVIOURS["soft_contact"](**{"normal_stiffness": 1e14, "friction_coefficient": 0.4})
     hard = BEHAVIOURS["contact"](**{"friction_coefficient": 0.4})
     p = points(stiff)
-    p.reach[:, 0] = np.abs(p.reach[:, 0])  # contact knows no compression at the start
-    row = hard.point_parameters(len(p.reach))
-    expected = hard.local(p.jump, p.z, np.ascontiguousarray(p.reach[:, 0]), 0.8, row)
+    p.normalised_gap[:, 0] = np.abs(p.normalised_gap[:, 0])  # contact knows no compression at the start
+    row = hard.point_parameters(len(p.normalised_gap))
+    expected = hard.local(p.jump, p.z, np.ascontiguousarray(p.normalised_gap[:, 0]), 0.8, row)
     np.testing.assert_allclose(solved(stiff, p), expected, rtol=1e-9, atol=1e-10)
 
 
