@@ -141,11 +141,11 @@ PRINTED = """
 
 
 def test_printed_numbers_are_read(modules: dict[str, ModuleType]) -> None:
-    found = modules["calculix_run"].read(PRINTED + re.sub("0.15", "0.30", PRINTED).replace("7.5", "8.5"))
-    assert found.time == pytest.approx([1.5e-7, 3.0e-7])
-    assert found.displacement.shape == (2, 3, 3)
-    assert found.displacement[1, 2].tolist() == [0.0, 3.0, -6.299236e-122]
-    assert found.force["B2_ZMIN", "B1_ZMAX"].tolist() == [[1.0, 0.0, 75.0], [1.0, 0.0, 85.0]]
+    printed = modules["calculix_run"].read(PRINTED + re.sub("0.15", "0.30", PRINTED).replace("7.5", "8.5"))
+    assert printed.time == pytest.approx([1.5e-7, 3.0e-7])
+    assert printed.displacement.shape == (2, 3, 3)
+    assert printed.displacement[1, 2].tolist() == [0.0, 3.0, -6.299236e-122]
+    assert printed.force["B2_ZMIN", "B1_ZMAX"].tolist() == [[1.0, 0.0, 75.0], [1.0, 0.0, 85.0]]
 
 
 def test_bonded_march_is_that_of_calculix(modules: dict[str, ModuleType]) -> None:
@@ -162,13 +162,13 @@ def test_bonded_march_is_that_of_calculix(modules: dict[str, ModuleType]) -> Non
     nothing = np.zeros((0, 1))
     body.start(nothing, None)
     scale = float(np.abs(there.printed.displacement).max())
-    for found in there.printed.displacement:
+    for displacement in there.printed.displacement:
         body.predict()
         body.commit(nothing)
         moved = body.full_displacement(0)
         for name, dofs in where.items():
             here = moved[dofs.start // 3 : dofs.stop // 3]
-            assert np.abs(found[made.node[name] - 1] - here).max() < 1e-6 * scale
+            assert np.abs(displacement[made.node[name] - 1] - here).max() < 1e-6 * scale
 
 
 @pytest.mark.slow

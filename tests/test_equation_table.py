@@ -92,10 +92,10 @@ def modules() -> list[tuple[str, str]]:
     """Equations and module of each row of the table, one module each."""
     assert latin_fmu.__doc__ is not None
     table = latin_fmu.__doc__.split("=" * 69 + "  " + "=" * 42 + "\n")[2]
-    found = []
+    rows = []
     for line in table.splitlines():
-        found += [(line[:69].strip(), name.strip()) for name in line[69:].split(",") if name.strip()]
-    return found
+        rows += [(line[:69].strip(), name.strip()) for name in line[69:].split(",") if name.strip()]
+    return rows
 
 
 def test_modules_of_the_table_exist() -> None:
@@ -165,8 +165,8 @@ def answer(folder: Path, mutation: str | None) -> list[object]:
         env=away | {"LATIN_FMU_CACHE": "0"},
     )
     assert done.returncode == 0, done.stderr
-    found: list[object] = json.loads(done.stdout)
-    return found
+    forces: list[object] = json.loads(done.stdout)
+    return forces
 
 
 @pytest.mark.slow

@@ -102,8 +102,8 @@ def test_one_key_switches_one_effect(path: str, value: Any, effect: str) -> None
     table[key] = value
     explanation = told(scene)
     assert on(explanation) == BASE | {effect}
-    found = next(e for e in explanation.effects if e.name == effect)
-    assert any(path.startswith(why) or why.startswith(path) for why in found.why)
+    shown = next(e for e in explanation.effects if e.name == effect)
+    assert any(path.startswith(why) or why.startswith(path) for why in shown.why)
 
 
 def test_behaviours_are_told_apart() -> None:

@@ -125,13 +125,13 @@ def test_a_signature_that_cannot_be_read_is_refused(text):
 
 @with_library
 def test_the_library_holds_every_entry():
-    found = library.loaded()
-    assert found is not None
+    opened = library.loaded()
+    assert opened is not None
     items = list(declared())
     assert len(items) > 15
     for item in items:
         for number in range(len(item.signatures)):
-            assert hasattr(found, f"{item.symbol}_{number}"), f"{item.symbol}_{number}"
+            assert hasattr(opened, f"{item.symbol}_{number}"), f"{item.symbol}_{number}"
     assert len({item.symbol for item in items}) == len(items)
 
 
@@ -144,14 +144,14 @@ def test_signatures_have_the_arguments_of_their_functions():
 @pytest.fixture
 def misses(monkeypatch) -> list[str]:
     """Kernels that numba is asked for."""
-    found: list[str] = []
+    missed: list[str] = []
 
     def refuse(function: Callable[..., Any]) -> Any:
-        found.append(f"{function.__module__}.{function.__name__}")
-        raise AssertionError(f"{found[-1]} is not in the library")
+        missed.append(f"{function.__module__}.{function.__name__}")
+        raise AssertionError(f"{missed[-1]} is not in the library")
 
     monkeypatch.setattr(with_numba, "dispatcher", refuse)
-    return found
+    return missed
 
 
 @with_library
@@ -221,13 +221,13 @@ class Recorder:
         for array in flat(moved):  # how far round-off in the arguments goes
             if isinstance(array, np.ndarray) and array.dtype.kind == "f":
                 array *= 1.0 + 1e-14 * np.random.default_rng(0).standard_normal(array.shape)
-        found = self._call(kernel, *arguments)
+        actual = self._call(kernel, *arguments)
         self._inside = True
         with np.errstate(all="ignore"):
             expected = kernel.py_func(*copies)
             kernel.py_func(*moved)
         self._inside = False
-        assert found == (expected if expected is None else pytest.approx(expected, rel=1e-12)), kernel.symbol
+        assert actual == (expected if expected is None else pytest.approx(expected, rel=1e-12)), kernel.symbol
         for one, other, beside in zip(flat(arguments), flat(copies), flat(moved), strict=True):
             if isinstance(one, np.ndarray) and one.dtype.fields is None:
                 limit = 0.0
@@ -236,7 +236,7 @@ class Recorder:
                     limit = eps * np.abs(other).max() + 10 * np.abs(other - beside).max()
                 np.testing.assert_allclose(one, other, rtol=0.0, atol=limit, err_msg=kernel.symbol)
         self.checked[kernel.symbol] = seen + 1
-        return found
+        return actual
 
 
 def copied(arguments: Any) -> Any:
@@ -316,13 +316,13 @@ RUN_OF_BLOCKS = """
 import json, sys
 import latin_fmu
 
-found = []
+runs = []
 for tables in json.loads(sys.argv[1]):
     outcome = latin_fmu.solve(latin_fmu.scene_from_dict(tables)).outcome
     fields = [[h.traction.tolist(), h.velocity.tolist()] for h in outcome.interfaces.values()]
     energy = {} if outcome.energy is None else {term: values.tolist() for term, values in outcome.energy.items()}
-    found.append([[w.iterations for w in outcome.windows], fields, energy])
-print(json.dumps(found))
+    runs.append([[w.iterations for w in outcome.windows], fields, energy])
+print(json.dumps(runs))
 """
 
 

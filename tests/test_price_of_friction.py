@@ -42,8 +42,8 @@ def test_json_is_one_list(module: ModuleType, capsys: pytest.CaptureFixture[str]
 @pytest.mark.parametrize("module", ["price_of_friction"], indirect=True)
 def test_quick_cases(module: ModuleType, capsys: pytest.CaptureFixture[str]) -> None:
     rows = _rows(module, ["--quick"], capsys)
-    found = {(r["case"], r["n_blocks"], r["mu"], r["propagator"]) for r in rows}
-    assert found >= {
+    combinations = {(r["case"], r["n_blocks"], r["mu"], r["propagator"]) for r in rows}
+    assert combinations >= {
         ("P1 1x1x50", 2, 0.0, "direct"),
         ("P2 n=4", 2, 0.1, "direct"),
         ("P2 n=4", 2, 10.0, "direct"),

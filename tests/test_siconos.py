@@ -18,20 +18,20 @@ def _examples(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def _library():
     contact = importlib.import_module("siconos_contact")
-    found = contact.library()
-    if found is None:
+    siconos = contact.library()
+    if siconos is None:
         pytest.skip(contact.MISSING)
-    return found
+    return siconos
 
 
 def test_contact_law_of_the_rival() -> None:
     """Signorini and Coulomb at every point, the first components being normal."""
-    found = _library()
+    siconos = _library()
     random = np.random.default_rng(1)
     n, mu = 12, 0.3
     half = random.normal(size=(3 * n, 3 * n))
     w = half @ half.T + np.eye(3 * n)
-    points = importlib.import_module("siconos_contact").Contacts(found, w, np.full(n, mu), 1e-12)
+    points = importlib.import_module("siconos_contact").Contacts(siconos, w, np.full(n, mu), 1e-12)
     points.q[:] = random.normal(size=3 * n)
     points.solve()
     p, u = points.impulse.reshape(-1, 3), (w @ points.impulse + points.q).reshape(-1, 3)
@@ -51,13 +51,13 @@ def test_contact_law_of_the_rival() -> None:
 
 def test_answer_of_the_rival() -> None:
     """Moreau-Jean on the same matrices: the same normal forces within the error of the schemes."""
-    found = _library()
+    siconos = _library()
     problems, timing = (importlib.import_module(n) for n in ("benchmark_problems", "benchmark_timing"))
     march = importlib.import_module("siconos_march")
     ready = timing.prepared(problems.tower(3, 3), {"propagator": "direct", "share_identical": False})
     outcome = timing.contact_run(ready)
     here = np.stack([outcome.interfaces[u.name].normal_resultant() for u in ready.units], axis=1)
-    there = march.MoreauJean(ready, found, 1e-6).run()
+    there = march.MoreauJean(ready, siconos, 1e-6).run()
     assert np.linalg.norm(there - here) < 0.04 * np.linalg.norm(here)
     assert there.sum(axis=0) == pytest.approx(here.sum(axis=0), rel=2e-3)
 

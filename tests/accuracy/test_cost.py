@@ -65,17 +65,17 @@ def linear() -> Study:
 
 
 def test_sources_are_separated(linear: Study) -> None:
-    found = sources(linear, Q)
-    assert found.total == pytest.approx(0.0503)
-    assert found.space == pytest.approx(0.04, rel=0.02)
-    assert found.time == pytest.approx(0.01, rel=0.02)
-    assert found.iteration == pytest.approx(0.3e-3, rel=0.02)
-    assert math.isnan(found.reduction)
+    parts = sources(linear, Q)
+    assert parts.total == pytest.approx(0.0503)
+    assert parts.space == pytest.approx(0.04, rel=0.02)
+    assert parts.time == pytest.approx(0.01, rel=0.02)
+    assert parts.iteration == pytest.approx(0.3e-3, rel=0.02)
+    assert math.isnan(parts.reduction)
     linear.rows.append(replace(made_up(1.0, 1.0, left=-0.02), series=REDUCTION, variant="whole"))
     assert sources(linear, Q).reduction == pytest.approx(0.02)
-    assert found.order_together == pytest.approx(1.0, abs=0.01)
-    assert found.order_space == pytest.approx(1.0, abs=0.01)
-    assert found.order_time == pytest.approx(1.0, abs=0.01)
+    assert parts.order_together == pytest.approx(1.0, abs=0.01)
+    assert parts.order_space == pytest.approx(1.0, abs=0.01)
+    assert parts.order_time == pytest.approx(1.0, abs=0.01)
 
 
 def test_the_price_is_that_of_the_cheapest_run_that_keeps_the_target(linear: Study) -> None:
@@ -84,17 +84,17 @@ def test_the_price_is_that_of_the_cheapest_run_that_keeps_the_target(linear: Stu
     lucky.series = TOGETHER
     linear.rows.append(lucky)
     assert abs(linear.error(lucky, Q)) < 0.03
-    found = price(linear, Q, 0.03)
-    assert found.row is not None
-    assert found.row.run is not None
-    assert found.row.run.cpu == 4.0
+    cheapest = price(linear, Q, 0.03)
+    assert cheapest.row is not None
+    assert cheapest.row.run is not None
+    assert cheapest.row.run.cpu == 4.0
     assert price(linear, Q, 1e-3).row is None
 
 
 def test_where_the_tolerance_stops_to_matter(linear: Study) -> None:
     """Iteration error 0.3 tol against a tenth of 0.05 / f: 1e-2 for f = 1 (3e-3 < 5e-3), 1e-3 for f = 4."""
-    found = useful_tolerances(linear, Q)
-    assert found == {0.5: 1e-2, 1.0: 1e-2, 2.0: 1e-3, 4.0: 1e-3}
+    tolerances = useful_tolerances(linear, Q)
+    assert tolerances == {0.5: 1e-2, 1.0: 1e-2, 2.0: 1e-3, 4.0: 1e-3}
 
 
 def test_a_run_that_fails_is_kept(linear: Study) -> None:
@@ -138,13 +138,15 @@ def test_the_command_writes_page_figure_and_dataset(tmp_path: Path, capsys: pyte
     settings = ["--set", "substructure.bar.box.elements=[1, 1, 32]", "--set", "time.instants=128"]
     assert main([*arguments, *settings]) == 0
     captured = capsys.readouterr()
-    (told,) = json.loads(captured.out, parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))
-    assert told["reference"]["exact"] is True
-    assert told["reference"]["values"]["wall.impulse"] == pytest.approx(200.0)
-    assert {r["series"] for r in told["runs"]} == {"together", "space", "time", "tolerance", "windows"}
-    refused = [r for r in told["runs"] if r["failure"]]
+    (printed,) = json.loads(captured.out, parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))
+    assert printed["reference"]["exact"] is True
+    assert printed["reference"]["values"]["wall.impulse"] == pytest.approx(200.0)
+    assert {r["series"] for r in printed["runs"]} == {"together", "space", "time", "tolerance", "windows"}
+    refused = [r for r in printed["runs"] if r["failure"]]
     assert any(r["scheme"] == "central_difference" for r in refused)  # its step is too long: listed
-    own = [r["errors"]["wall.impulse"] for r in told["runs"] if r["series"] == "together" and r["scheme"] == "hht -0.1"]
+    own = [
+        r["errors"]["wall.impulse"] for r in printed["runs"] if r["series"] == "together" and r["scheme"] == "hht -0.1"
+    ]
     assert own[-1] < own[0] < 0.2
     assert "mesh x" in captured.err  # progress
     page = (tmp_path / "impact_bar_cost.md").read_text(encoding="utf-8")
@@ -158,9 +160,9 @@ def test_the_command_writes_page_figure_and_dataset(tmp_path: Path, capsys: pyte
         assert part in page
     assert (tmp_path / "impact_bar_cost.png").read_bytes().startswith(b"\x89PNG")
     with xr.open_datatree(tmp_path / "impact_bar_cost.nc") as tree:
-        assert tree["runs"].sizes["run"] == len(told["runs"])
+        assert tree["runs"].sizes["run"] == len(printed["runs"])
         errors = tree["runs"]["error"].sel(quantity="wall.impulse").values
-        assert np.isfinite(errors).sum() == sum(r["failure"] is None for r in told["runs"])
+        assert np.isfinite(errors).sum() == sum(r["failure"] is None for r in printed["runs"])
 
 
 @pytest.mark.usefixtures("small")
@@ -171,17 +173,17 @@ def test_what_a_reduction_costs_is_told_apart(monkeypatch: pytest.MonkeyPatch) -
     settings = ["substructure.bar.box.elements=[1, 1, 32]", "time.instants=128", "output.energy=false"]
     file = MODELS / "impact_bar/scene.toml"
     few = ["solver.propagator={type = 'reduced', modes = 2}"]
-    found = study_module.study(load_scene(file, [*settings, *few]), 3.0, lambda _: None)
+    study = study_module.study(load_scene(file, [*settings, *few]), 3.0, lambda _: None)
     reduced, whole = (run_at(load_scene(file, [*settings, *s]), Resolution()) for s in (few, []))
     value, expected = (r.quantities.values["wall.impulse"] for r in (reduced, whole))
-    told = sources(found, "wall.impulse")
-    assert told.reduction == pytest.approx(abs(value - expected) / expected, rel=1e-9)
-    assert told.reduction > 0.02
-    assert f"{100 * told.reduction:.2g} %" in as_text(found)
-    assert found.of(TOGETHER, "hht -0.1")
+    error_parts = sources(study, "wall.impulse")
+    assert error_parts.reduction == pytest.approx(abs(value - expected) / expected, rel=1e-9)
+    assert error_parts.reduction > 0.02
+    assert f"{100 * error_parts.reduction:.2g} %" in as_text(study)
+    assert study.of(TOGETHER, "hht -0.1")
     direct = load_scene(file, settings)
     assert unreduced(direct) is None
-    assert unreduced(found.scene).scene.solver.propagator.type == "direct"
+    assert unreduced(study.scene).scene.solver.propagator.type == "direct"
 
 
 def test_the_target_folder_is_checked_before_the_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -34,17 +34,17 @@ def test_distance_of_a_rectangle_and_a_ramp() -> None:
 def test_quantities_of_a_triangle() -> None:
     """0 at 1, 4 at 2, 0 at 3: impulse 4, level 0.04 met at 1.01 and left at 2.99."""
     triangle = Force(np.array([0.0, 1.0, 2.0, 3.0, 4.0]), np.array([0.0, 0.0, 4.0, 0.0, 0.0]))
-    found = of_force(triangle, 4.0, opens=True)
-    assert found["impulse"] == pytest.approx((4.0, 4.0))
-    assert found["first_contact"][0] == pytest.approx(1.01)
-    assert found["separation"][0] == pytest.approx(2.99)
-    assert found["peak_force"][0] == 4.0
+    entries = of_force(triangle, 4.0, opens=True)
+    assert entries["impulse"] == pytest.approx((4.0, 4.0))
+    assert entries["first_contact"][0] == pytest.approx(1.01)
+    assert entries["separation"][0] == pytest.approx(2.99)
+    assert entries["peak_force"][0] == 4.0
 
 
 def test_a_contact_never_met_is_met_at_the_end() -> None:
     quiet = Force(np.array([0.0, 1.0, 2.0]), np.array([0.0, 1e-20, 0.0]))
-    found = of_force(quiet, 2.0, opens=True, nothing=1e-9)
-    assert found["first_contact"][0] == found["separation"][0] == 2.0
+    entries = of_force(quiet, 2.0, opens=True, nothing=1e-9)
+    assert entries["first_contact"][0] == entries["separation"][0] == 2.0
 
 
 def test_sides_that_fly_meet_between_two_instants() -> None:
@@ -67,8 +67,8 @@ def test_sides_that_fly_meet_between_two_instants() -> None:
         friction_coefficient=0.0,
         normal_resultant=lambda: force,
     )
-    found = measure(time, {"meet": history}, 0.6)  # type: ignore[dict-item]
-    assert found.values["meet.first_contact"] == pytest.approx(0.25)
+    quantities = measure(time, {"meet": history}, 0.6)  # type: ignore[dict-item]
+    assert quantities.values["meet.first_contact"] == pytest.approx(0.25)
 
 
 def test_what_comes_after_the_end_is_cut_off() -> None:

@@ -254,8 +254,8 @@ def test_sensor_tells_the_motion_of_its_node():
         assert session.step(i * H, H)
     node = int(np.linalg.norm(whole.substructures["upper"].nodes - [0.005, 0.005, 0.02], axis=1).argmin())
     expected = whole.substructures["upper"].displacement[-1, node]
-    found = session.values([f"sensor.head.displacement[{i}]" for i in (1, 2, 3)])
-    assert found == pytest.approx(expected, rel=1e-6, abs=1e-12)
+    actual = session.values([f"sensor.head.displacement[{i}]" for i in (1, 2, 3)])
+    assert actual == pytest.approx(expected, rel=1e-6, abs=1e-12)
     played = Session(blocks(), Settings(mode=1))
     played.initialize()
     assert played.step(0.0, 6e-6)

@@ -49,16 +49,16 @@ def test_two_halves_are_the_whole(impedance):
     whole.initialize()
     peers = halves()
     master = WaveformMaster(peers, [coupling(impedance)], tolerance=1e-11)
-    found, expected = [], []
+    velocities, expected = [], []
     for i in range(60):
         report = master.step(i * DT, DT)
         assert report.iterations <= 6
         assert whole.step(i * DT, DT)
-        found.append([s.value("sensor.cut.velocity[3]") for s in peers.values()])
+        velocities.append([s.value("sensor.cut.velocity[3]") for s in peers.values()])
         expected.append(whole.value("sensor.cut.velocity[3]"))
     scale = np.abs(expected).max()
     assert scale > 0.01
-    assert np.abs(np.array(found) - np.array(expected)[:, None]).max() <= 1e-7 * scale
+    assert np.abs(np.array(velocities) - np.array(expected)[:, None]).max() <= 1e-7 * scale
 
 
 def test_what_cannot_agree_is_told_and_taken_back():

@@ -24,19 +24,19 @@ def cut(mesh: Mesh, cell_type: str) -> Mesh:
     """The same box of another type of cells, faces cut with them; "mixed": hexahedra and wedges side by side."""
     (block,) = mesh.blocks
     if cell_type in ("tetra", "tetra10"):
-        found = Mesh.uniform(mesh.nodes, "tetra", block.cells[:, KUHN].reshape(-1, 4))
+        converted = Mesh.uniform(mesh.nodes, "tetra", block.cells[:, KUHN].reshape(-1, 4))
     elif cell_type == "wedge":
-        found = Mesh.uniform(mesh.nodes, "wedge", block.cells[:, WEDGES].reshape(-1, 6))
+        converted = Mesh.uniform(mesh.nodes, "wedge", block.cells[:, WEDGES].reshape(-1, 6))
     elif cell_type == "mixed":
         middle = mesh.nodes[block.cells].mean(axis=1)
         upper = middle[:, 0] > mesh.nodes[:, 0].min() + 0.5 * np.ptp(mesh.nodes[:, 0])
         wedges = CellBlock("wedge", block.cells[upper][:, WEDGES].reshape(-1, 6))
-        found = Mesh(mesh.nodes, (CellBlock("hexahedron", block.cells[~upper]), wedges), {})
+        converted = Mesh(mesh.nodes, (CellBlock("hexahedron", block.cells[~upper]), wedges), {})
     else:
-        found = mesh
+        converted = mesh
     if cell_type in QUADRATIC:
-        found = with_middle_nodes(found, cell_type)
-    return replace(found, faces=box_faces(found))
+        converted = with_middle_nodes(converted, cell_type)
+    return replace(converted, faces=box_faces(converted))
 
 
 def with_middle_nodes(mesh: Mesh, cell_type: str) -> Mesh:

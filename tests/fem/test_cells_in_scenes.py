@@ -141,11 +141,11 @@ def test_rigid_and_periodic_bodies(tmp_path: Path, cell_type: str) -> None:
         "z": {"type": "fixed", "face": "cube.zmax"},
     }
     tables["time"] = {"end": 1.0, "instants": 1, "quasi_static": True}
-    found = api.solve(scene_from_dict(tables)).substructures["cube"]
-    assert found.displacement is not None
+    history = api.solve(scene_from_dict(tables)).substructures["cube"]
+    assert history.displacement is not None
     modulus = 210e9 * 0.7 / (1.3 * 0.4)  # no lateral strain
-    exact = 1e6 / modulus * (SIDE - found.nodes[:, 2])
-    np.testing.assert_allclose(found.displacement[-1, :, 2], exact, atol=1e-9 * exact.max())
+    exact = 1e6 / modulus * (SIDE - history.nodes[:, 2])
+    np.testing.assert_allclose(history.displacement[-1, :, 2], exact, atol=1e-9 * exact.max())
 
 
 def test_pressure_on_a_quadratic_face_is_consistent(tmp_path: Path) -> None:

@@ -59,8 +59,8 @@ def test_patch_test(cell_type: str, bending: bool) -> None:
     assert len(inner_nodes(mesh)) >= 8
     linear = mesh.nodes @ GRADIENT.T
     k = stiffness(Elements(mesh), E, NU, bending)
-    found = solved(k, boundary(mesh).nodes, linear)
-    assert np.abs(found - linear).max() < 1e-10
+    actual = solved(k, boundary(mesh).nodes, linear)
+    assert np.abs(actual - linear).max() < 1e-10
     assert np.abs(linear[inner_nodes(mesh)]).max() > 0.1
 
 
@@ -93,8 +93,8 @@ def test_linear_stress_is_exact_at_the_nodes(cell_type: str) -> None:
     strain = 0.5 * (slope + slope.transpose(1, 0, 2))
     wanted = hooke(np.stack([strain[ij] for ij in ORDER], axis=-1), *lame(E, NU))
     assert zero.shape == wanted.shape[:1]
-    found = Recovery(Elements(mesh), E, NU).nodal_stress(u[None])[0]
-    np.testing.assert_allclose(found, wanted, atol=1e-11)
+    actual = Recovery(Elements(mesh), E, NU).nodal_stress(u[None])[0]
+    np.testing.assert_allclose(actual, wanted, atol=1e-11)
 
 
 def test_bent_element_has_the_stress_of_the_beam() -> None:
@@ -106,9 +106,9 @@ def test_bent_element_has_the_stress_of_the_beam() -> None:
     y, z = y - 0.5, z - 0.5
     curvature = 0.01
     u = np.stack([-curvature * x * z, -NU * -curvature * y * z * 1.0, 0.5 * curvature * (x * x + NU * (z * z - y * y))])
-    found = Recovery(Elements(mesh), E, NU, bending_modes=True).nodal_stress(u.T[None])[0]
-    np.testing.assert_allclose(found[:, 0], -E * curvature * z, rtol=1e-10)
-    assert np.abs(found[:, [1, 3, 4, 5]]).max() < 1e-12
+    actual = Recovery(Elements(mesh), E, NU, bending_modes=True).nodal_stress(u.T[None])[0]
+    np.testing.assert_allclose(actual[:, 0], -E * curvature * z, rtol=1e-10)
+    assert np.abs(actual[:, [1, 3, 4, 5]]).max() < 1e-12
     stiff = Recovery(Elements(mesh), E, NU).nodal_stress(u.T[None])[0]
     assert np.abs(stiff[:, 4]).max() > 0.1 * E * curvature  # parasitic shear
 
@@ -161,13 +161,13 @@ def test_mass_of_curved_cells(cell_type: str) -> None:
 def test_lumped_masses_are_positive_and_keep_the_total(cell_type: str) -> None:
     mesh = distorted(cell_type)
     elements = Elements(mesh)
-    found = lumped_mass(elements, RHO)
+    masses = lumped_mass(elements, RHO)
     if cell_type not in ("tetra10", "hexahedron20"):
-        assert found is None
-        found = mass(elements, RHO).sum(axis=1)[::3]
+        assert masses is None
+        masses = mass(elements, RHO).sum(axis=1)[::3]
     total = mass(elements, RHO)[::3][:, ::3].sum()
-    assert found.min() > 0
-    assert found.sum() == pytest.approx(total, rel=1e-12)
+    assert masses.min() > 0
+    assert masses.sum() == pytest.approx(total, rel=1e-12)
     if cell_type == "tetra10":  # 1/36 and 4/27 of the mass of a straight cell
         alone = reference_cell("tetra10")
         shares = lumped_mass(Elements(alone), 6.0)
@@ -222,12 +222,12 @@ def test_order_of_convergence(cell_type: str, bending: bool, order: float) -> No
             places = (p.values @ mesh.nodes[p.cells]).reshape(-1, 3)
             force = manufactured(places.T)[1].reshape(len(p.cells), -1, 3)
             np.add.at(load, p.cells, np.einsum("cp,pa,cpi->cai", p.volumes, p.values, force))
-        found = solved(stiffness(elements, E, NU, bending), boundary(mesh).nodes, exact, load.ravel())
+        actual = solved(stiffness(elements, E, NU, bending), boundary(mesh).nodes, exact, load.ravel())
         square = 0.0
         for _, p in elements.points(of_products=True):
             places = (p.values @ mesh.nodes[p.cells]).reshape(-1, 3)
             wanted = manufactured(places.T)[0].reshape(len(p.cells), -1, 3)
-            square += float(np.sum(p.volumes[..., None] * (p.values @ found[p.cells] - wanted) ** 2))
+            square += float(np.sum(p.volumes[..., None] * (p.values @ actual[p.cells] - wanted) ** 2))
         errors.append(np.sqrt(square))
     assert np.log2(errors[0] / errors[1]) > order - 0.25
 

@@ -71,9 +71,9 @@ def test_one_table_holds_cells_of_all_types() -> None:
     blocks = hexahedron_beside_wedges().blocks
     table = padded_cells(blocks)
     assert table.shape == (3, 8)
-    found = cell_blocks(table)
-    assert [b.cell_type for b in found] == ["hexahedron", "wedge"]
-    for block, back in zip(blocks, found, strict=True):
+    read_back = cell_blocks(table)
+    assert [b.cell_type for b in read_back] == ["hexahedron", "wedge"]
+    for block, back in zip(blocks, read_back, strict=True):
         np.testing.assert_array_equal(block.cells, back.cells)
     assert padded_cells(blocks[:1]) is blocks[0].cells
 

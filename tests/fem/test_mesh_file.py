@@ -153,12 +153,12 @@ def test_every_type_of_cell_comes_back(cell_type: str, writer: str, tmp_path: Pa
         groups[name] = (facet.kind, facet.facets)
     path = tmp_path / f"part.{writer}"
     {"msh": write_msh, "inp": write_inp}[writer](path, mesh.nodes, groups)
-    found = read_mesh(path, "part")
-    assert found.cell_types == (cell_type,)
-    assert Elements(found).volume.sum() == pytest.approx(float(np.prod(SIZE)), rel=1e-12)
-    np.testing.assert_array_equal(found.blocks[0].cells[1::3], cells[1::3])
+    read_back = read_mesh(path, "part")
+    assert read_back.cell_types == (cell_type,)
+    assert Elements(read_back).volume.sum() == pytest.approx(float(np.prod(SIZE)), rel=1e-12)
+    np.testing.assert_array_equal(read_back.blocks[0].cells[1::3], cells[1::3])
     for name in ("zmax", "xmin"):
-        wanted, has = (sorted(map(sorted, m.faces[name].blocks[0].facets.tolist())) for m in (mesh, found))
+        wanted, has = (sorted(map(sorted, m.faces[name].blocks[0].facets.tolist())) for m in (mesh, read_back))
         assert wanted == has
 
 
@@ -167,11 +167,11 @@ def test_mixed_cells_are_one_body(msh: Write) -> None:
     mesh = typed_box("mixed")
     groups: dict[str, Any] = {b.cell_type: (b.cell_type, b.cells) for b in mesh.blocks}
     groups |= {f"top_{b.kind}": (b.kind, b.facets) for b in mesh.faces["zmax"].blocks}
-    found = read_mesh(msh(mesh.nodes, groups))
-    assert set(found.cell_types) == {"hexahedron", "wedge"}
-    assert Elements(found).volume.sum() == pytest.approx(float(np.prod(SIZE)), rel=1e-12)
-    assert boundary(found).n_facet == boundary(mesh).n_facet
-    assert {f.blocks[0].kind for f in found.faces.values()} == {"quad", "triangle"}
+    read_back = read_mesh(msh(mesh.nodes, groups))
+    assert set(read_back.cell_types) == {"hexahedron", "wedge"}
+    assert Elements(read_back).volume.sum() == pytest.approx(float(np.prod(SIZE)), rel=1e-12)
+    assert boundary(read_back).n_facet == boundary(mesh).n_facet
+    assert {f.blocks[0].kind for f in read_back.faces.values()} == {"quad", "triangle"}
 
 
 def test_a_cell_with_a_middle_node_gone_astray_is_refused(tmp_path: Path) -> None:
@@ -252,10 +252,10 @@ def test_styles_of_abaqus_files(tmp_path: Path, style: str) -> None:
     path = tmp_path / "part.inp"
     path.write_text(text)
     for group in ("part", None):
-        found = read_mesh(path, group)
-        assert found.n_cell == 8
-        assert "top" in found.faces
-        for name, surface in found.faces.items():
+        read_back = read_mesh(path, group)
+        assert read_back.n_cell == 8
+        assert "top" in read_back.faces
+        for name, surface in read_back.faces.items():
             assert name in ("top", "Surface1", "b")
             assert surface.n_facet == 4
 

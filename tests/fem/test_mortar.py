@@ -71,49 +71,49 @@ def integrals(surface: Surface) -> Array:
     return whole
 
 
-def check_contract(found: Mortar, owner: Surface, other: Surface, tolerance: float) -> None:
-    for trace in (found.owner, found.other):
+def check_contract(coupling: Mortar, owner: Surface, other: Surface, tolerance: float) -> None:
+    for trace in (coupling.owner, coupling.other):
         assert np.abs(trace.sum(axis=1) - 1).max() < tolerance
-    assert np.abs(found.owner @ owner.nodes - found.other @ other.nodes).max() < tolerance
-    assert (found.areas > 0).all()
+    assert np.abs(coupling.owner @ owner.nodes - coupling.other @ other.nodes).max() < tolerance
+    assert (coupling.areas > 0).all()
 
 
 @pytest.mark.parametrize("mine", KINDS)
 @pytest.mark.parametrize("theirs", KINDS)
 def test_whole_faces(mine: str, theirs: str) -> None:
     owner, other = sheet(mine, 4, 3), sheet(theirs, 3, 5, up=False)
-    found = mortar(owner, other)
-    assert found is not None
-    check_contract(found, owner, other, 1e-12)
-    assert found.owner.T @ found.areas == pytest.approx(integrals(owner), abs=1e-14)
-    assert found.other.T @ found.areas == pytest.approx(integrals(other), abs=1e-14)
-    assert found.normals == pytest.approx(np.tile([0.0, 0.0, 1.0], (len(found.areas), 1)), abs=1e-14)
-    assert found.shares == pytest.approx(1.0)
-    assert found.covered == pytest.approx(1.0)
+    coupling = mortar(owner, other)
+    assert coupling is not None
+    check_contract(coupling, owner, other, 1e-12)
+    assert coupling.owner.T @ coupling.areas == pytest.approx(integrals(owner), abs=1e-14)
+    assert coupling.other.T @ coupling.areas == pytest.approx(integrals(other), abs=1e-14)
+    assert coupling.normals == pytest.approx(np.tile([0.0, 0.0, 1.0], (len(coupling.areas), 1)), abs=1e-14)
+    assert coupling.shares == pytest.approx(1.0)
+    assert coupling.covered == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_face_on_itself_needs_no_other_nodes(kind: str) -> None:
     """Equal meshes: the traces of both sides are one, the identity where the areas of the nodes are positive."""
     owner, other = sheet(kind, 3, 2), sheet(kind, 3, 2, up=False)
-    found = mortar(owner, other)
-    assert found is not None
-    assert np.abs((found.owner - found.other).toarray()).max() < 1e-12
+    coupling = mortar(owner, other)
+    assert coupling is not None
+    assert np.abs((coupling.owner - coupling.other).toarray()).max() < 1e-12
     if kind in ("triangle", "quad", "quad9"):
-        assert np.abs(found.owner.toarray() - np.eye(len(owner.nodes))).max() < 1e-12
+        assert np.abs(coupling.owner.toarray() - np.eye(len(owner.nodes))).max() < 1e-12
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_partly_covered(kind: str) -> None:
     """Linear fields pass exactly and int phi of the covered part is that of the other face, wholly covered."""
     owner, other = sheet(kind, 5, 4), sheet("quad", 3, 2, (0.43, 0.51), (0.21, 0.18), up=False)
-    found = mortar(owner, other)
-    assert found is not None
-    check_contract(found, owner, other, 1e-10)
-    assert found.other.T @ found.areas == pytest.approx(integrals(other), abs=1e-12)
-    assert found.areas.sum() == pytest.approx(0.43 * 0.51)
-    assert found.shares.min() > 0.05
-    assert found.covered < 0.99
+    coupling = mortar(owner, other)
+    assert coupling is not None
+    check_contract(coupling, owner, other, 1e-10)
+    assert coupling.other.T @ coupling.areas == pytest.approx(integrals(other), abs=1e-12)
+    assert coupling.areas.sum() == pytest.approx(0.43 * 0.51)
+    assert coupling.shares.min() > 0.05
+    assert coupling.covered < 0.99
 
 
 @pytest.mark.parametrize("share", [1e-1, 1e-3, 1e-5])
@@ -121,22 +121,22 @@ def test_slivers_leave_no_point_with_little_area(share: float) -> None:
     owner = sheet("quad", 6, 6)
     edge = (2 + np.sqrt(2 * share)) / 6  # a strip of the next facets, whose far nodes have this share of their area
     other = sheet("quad", 5, 5, (edge, edge), (1 / 6, 1 / 6), up=False)
-    raw, found = mortar(owner, other, least=0.0), mortar(owner, other)
+    raw, coupling = mortar(owner, other, least=0.0), mortar(owner, other)
     assert raw is not None
-    assert found is not None
+    assert coupling is not None
     assert raw.shares.min() < share
-    check_contract(found, owner, other, 1e-10)
-    assert found.areas.min() > 0.2 / 36
-    assert np.abs(found.other.toarray()).max() < 2.0
+    check_contract(coupling, owner, other, 1e-10)
+    assert coupling.areas.min() > 0.2 / 36
+    assert np.abs(coupling.other.toarray()).max() < 2.0
 
 
 def test_distorted_quadrilaterals() -> None:
     """Functions that are no polynomials in the plane: identities to round-off, int phi to the quadrature."""
     owner, other = sheet("quad", 4, 4, skew=0.8), sheet("quad", 3, 3, skew=-0.6, up=False)
-    found = mortar(owner, other)
-    assert found is not None
-    check_contract(found, owner, other, 1e-12)
-    assert found.other.T @ found.areas == pytest.approx(integrals(other), abs=1e-9)
+    coupling = mortar(owner, other)
+    assert coupling is not None
+    check_contract(coupling, owner, other, 1e-12)
+    assert coupling.other.T @ coupling.areas == pytest.approx(integrals(other), abs=1e-9)
 
 
 def arc(radius: float) -> Callable[[Array], Array]:
@@ -147,17 +147,17 @@ def arc(radius: float) -> Callable[[Array], Array]:
 def test_curved_faces_meet_to_the_chord(kind: str) -> None:
     """Two meshes of one cylinder: what lies between them is of the order of the distance of chords, and it is told."""
     owner, other = sheet(kind, 8, 2, shape_of=arc(1.0)), sheet(kind, 6, 3, shape_of=arc(1.0), up=False)
-    found = mortar(owner, other)
-    assert found is not None
-    jump = found.other @ other.nodes - found.owner @ owner.nodes
-    distance = np.abs(np.einsum("pi,pi->p", jump, found.normals))
-    assert (distance < 2 * found.sags).all()
+    coupling = mortar(owner, other)
+    assert coupling is not None
+    jump = coupling.other @ other.nodes - coupling.owner @ owner.nodes
+    distance = np.abs(np.einsum("pi,pi->p", jump, coupling.normals))
+    assert (distance < 2 * coupling.sags).all()
     chord = (1 / 6) ** 2 / 8 + (1 / 8) ** 2 / 8
     quarter = 4.0 if kind in ("triangle6", "quad8", "quad9") else 1.0
-    assert found.sags.max() == pytest.approx(chord / quarter, rel=0.1)
-    radial = found.owner @ owner.nodes * [1, 0, 1]
-    cosine = np.einsum("pi,pi->p", found.normals, radial / np.linalg.norm(radial, axis=1)[:, None])
-    inner = np.abs(found.owner @ owner.nodes)[:, 0] > 0
+    assert coupling.sags.max() == pytest.approx(chord / quarter, rel=0.1)
+    radial = coupling.owner @ owner.nodes * [1, 0, 1]
+    cosine = np.einsum("pi,pi->p", coupling.normals, radial / np.linalg.norm(radial, axis=1)[:, None])
+    inner = np.abs(coupling.owner @ owner.nodes)[:, 0] > 0
     assert cosine[inner].min() > 1 - 5e-3
 
 
@@ -166,12 +166,12 @@ def test_a_closed_face_has_its_own_side_only() -> None:
     full = 2 * np.pi
     shaft = sheet("quad", 24, 2, (full, 1.0), shape_of=arc(1.0))
     bore = sheet("quad", 16, 3, (full, 1.0), shape_of=arc(1.0), up=False)
-    found = mortar(shaft, bore)
-    assert found is not None
+    coupling = mortar(shaft, bore)
+    assert coupling is not None
     area = 2 * 24 * np.sin(full / 48)
-    assert found.areas.sum() == pytest.approx(area, rel=1e-3)
-    assert np.linalg.norm(found.vector_areas.sum(axis=0)) < 1e-12
-    jump = np.linalg.norm(found.other @ bore.nodes - found.owner @ shaft.nodes, axis=1)
+    assert coupling.areas.sum() == pytest.approx(area, rel=1e-3)
+    assert np.linalg.norm(coupling.vector_areas.sum(axis=0)) < 1e-12
+    jump = np.linalg.norm(coupling.other @ bore.nodes - coupling.owner @ shaft.nodes, axis=1)
     assert jump.max() < 0.05
 
 
@@ -208,9 +208,9 @@ def test_areas_after_the_change_of_basis(kind: str, plain: tuple[float, float], 
     whole = weights @ shape(kind, points) / weights.sum()
     changed = facet_change(kind, True).T @ whole
     n = len(whole) // 2
-    for found, expected in ((whole, plain), (changed, positive)):
-        assert found[:n] == pytest.approx(expected[0], abs=1e-14)
-        assert found[n:] == pytest.approx(expected[1])
+    for actual, expected in ((whole, plain), (changed, positive)):
+        assert actual[:n] == pytest.approx(expected[0], abs=1e-14)
+        assert actual[n:] == pytest.approx(expected[1])
 
 
 def test_clipped_polygons() -> None:

@@ -57,8 +57,8 @@ def test_uniform_tension(tmp_path: Path, cell_type: str) -> None:
     np.testing.assert_allclose(np.concatenate(mesh.cell_data["strain"])[:, 0], -0.3 * 2e6 / 210e9, rtol=1e-6)
 
 
-def check_tension(found: xr.Dataset, exactness: float) -> None:
-    last = found.isel(time=-1)
+def check_tension(dataset: xr.Dataset, exactness: float) -> None:
+    last = dataset.isel(time=-1)
     for name in ("stress", "nodal_stress"):
         wanted = np.array([0, 0, 2e6, 0, 0, 0])
         assert float(np.abs(last[name] - wanted).max()) < exactness * 2e6
@@ -66,9 +66,9 @@ def check_tension(found: xr.Dataset, exactness: float) -> None:
         assert float(np.abs(last[name] - np.array([2e6, 0, 0])).max()) < exactness * 2e6
     strain = last["strain"].sel(strain_component="xx")
     np.testing.assert_allclose(strain, -0.3 * 2e6 / 210e9, rtol=exactness)
-    assert found["nodal_stress"].attrs["location"] == "node"
-    assert found["strain"].attrs["location"] == "volume"
-    assert found["nodal_stress"].attrs["units"] == "Pa"
+    assert dataset["nodal_stress"].attrs["location"] == "node"
+    assert dataset["strain"].attrs["location"] == "volume"
+    assert dataset["nodal_stress"].attrs["units"] == "Pa"
 
 
 @pytest.mark.parametrize("body", ["bending modes", "tetra10", "hexahedron20"])
@@ -77,11 +77,11 @@ def test_stress_of_the_bent_beam_at_half_length(tmp_path: Path, body: str) -> No
     made = box((20, 2, 1), bending_modes=True) if body == "bending modes" else meshed(tmp_path, body, (20, 2, 1))
     tables = beam(made)
     tables["output"] = {"nodal_stress": True}
-    found = api.solve(scene_from_dict(tables)).to_datatree()["substructures/beam"].to_dataset()
+    dataset = api.solve(scene_from_dict(tables)).to_datatree()["substructures/beam"].to_dataset()
     top = np.flatnonzero(
-        (np.abs(found["node_x"] - L / 2) < 1e-9) & (np.abs(found["node_z"] - H) < 1e-9)
+        (np.abs(dataset["node_x"] - L / 2) < 1e-9) & (np.abs(dataset["node_z"] - H) < 1e-9)
     )  # the middle of a layer, both its sides averaged
-    stress = found["nodal_stress"].isel(time=-1, node=top).sel(stress_component="xx")
+    stress = dataset["nodal_stress"].isel(time=-1, node=top).sel(stress_component="xx")
     exact = -LOAD * B * H * (L / 2) * (H / 2) / (B * H**3 / 12)
     assert len(top) >= 3
     np.testing.assert_allclose(stress, exact, rtol=0.03)
@@ -90,12 +90,12 @@ def test_stress_of_the_bent_beam_at_half_length(tmp_path: Path, body: str) -> No
 def test_only_what_is_asked_for(tmp_path: Path) -> None:
     tables = pulled(tmp_path, "hexahedron")
     tables["output"] = {"stress": True, "principal_stress": True}
-    found = api.solve(scene_from_dict(tables)).to_datatree()["substructures/cube"].to_dataset()
-    assert {str(n) for n in found.data_vars} == {"stress", "principal_stress", "cell_nodes", "mesh"}
+    dataset = api.solve(scene_from_dict(tables)).to_datatree()["substructures/cube"].to_dataset()
+    assert {str(n) for n in dataset.data_vars} == {"stress", "principal_stress", "cell_nodes", "mesh"}
     tables["output"] = {"strain": True}
     scene = scene_from_dict(tables)
-    found = api.solve(scene).to_datatree()["substructures/cube"].to_dataset()
-    assert {str(n) for n in found.data_vars} == {"displacement", "velocity", "strain", "cell_nodes", "mesh"}
+    dataset = api.solve(scene).to_datatree()["substructures/cube"].to_dataset()
+    assert {str(n) for n in dataset.data_vars} == {"displacement", "velocity", "strain", "cell_nodes", "mesh"}
     (history,) = (e for e in explain(scene).effects if e.name == "interior history")
     assert history.on
     assert history.switch == "output.strain = false"
@@ -108,6 +108,6 @@ def test_a_session_keeps_them_too(tmp_path: Path) -> None:
     session = Session(scene_from_dict(tables))
     session.initialize()
     session.step(0.0, 1e-5)
-    found = session.dataset()["substructures/cube"].to_dataset()
-    assert found["nodal_stress"].shape == (5, 27, 6)
-    assert found["nodal_principal_stress"].shape == (5, 27, 3)
+    dataset = session.dataset()["substructures/cube"].to_dataset()
+    assert dataset["nodal_stress"].shape == (5, 27, 6)
+    assert dataset["nodal_principal_stress"].shape == (5, 27, 3)

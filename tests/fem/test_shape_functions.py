@@ -94,5 +94,5 @@ def test_rules_integrate_what_they_are_for(cell_type: str, products: bool) -> No
         points = np.stack(np.meshgrid(*[fine[0]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
         weights = np.einsum("i,j,k->ijk", *[fine[1]] * 3).ravel()
     exact = functions.values(points).T @ (weights[:, None] * functions.values(points))
-    found = functions.values(rule.points).T @ (rule.weights[:, None] * functions.values(rule.points))
-    np.testing.assert_allclose(found, exact, atol=1e-14)
+    actual = functions.values(rule.points).T @ (rule.weights[:, None] * functions.values(rule.points))
+    np.testing.assert_allclose(actual, exact, atol=1e-14)

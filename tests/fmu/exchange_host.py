@@ -62,14 +62,14 @@ class ExchangeHost:
         return float(self.fmu.getFloat64([self._references[name]])[0])
 
     def states(self) -> np.ndarray:
-        found = (c_double * self.n_state)()
-        self.fmu.getContinuousStates(found, self.n_state)
-        return np.array(found)
+        numbers = (c_double * self.n_state)()
+        self.fmu.getContinuousStates(numbers, self.n_state)
+        return np.array(numbers)
 
     def derivatives(self) -> np.ndarray:
-        found = (c_double * self.n_state)()
-        self.fmu.getContinuousStateDerivatives(found, self.n_state)
-        return np.array(found)
+        numbers = (c_double * self.n_state)()
+        self.fmu.getContinuousStateDerivatives(numbers, self.n_state)
+        return np.array(numbers)
 
     def go(self, t: float, states: np.ndarray) -> None:
         self.fmu.setTime(t)

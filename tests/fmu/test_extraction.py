@@ -54,8 +54,8 @@ def start(fmu: Path, folder: Path, **environment: str) -> subprocess.Popen[str]:
 def result(process: subprocess.Popen[str]) -> dict[str, Any]:
     out, complaints = process.communicate(timeout=1500)
     assert process.returncode == 0, complaints
-    found: dict[str, Any] = json.loads(out.splitlines()[-1])
-    return found
+    printed: dict[str, Any] = json.loads(out.splitlines()[-1])
+    return printed
 
 
 @pytest.mark.skipif(library.loaded() is None, reason="no library for this machine")

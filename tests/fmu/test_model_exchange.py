@@ -74,10 +74,10 @@ def test_impulse_of_the_contact_is_that_of_the_solver(case, tmp_path):
     impulse, force = history.impulse(time)[-1, 2], history.normal_resultant()
     reduced, cpu = integrate(build_model_exchange(scene, tmp_path / "me.fmu"))
     assert reduced[f"interface.{contact}.impulse[3]"][-1] == pytest.approx(impulse, rel=0.02)
-    found = reduced[f"interface.{contact}.normalForce"]
-    assert found.max() == pytest.approx(force.max(), rel=0.35)
-    assert (found >= -1e-3 * found.max()).all()
-    starts = [t[np.argmax(f > 0.05 * f.max())] for t, f in ((time, force), (reduced["time"], found))]
+    reduced_force = reduced[f"interface.{contact}.normalForce"]
+    assert reduced_force.max() == pytest.approx(force.max(), rel=0.35)
+    assert (reduced_force >= -1e-3 * reduced_force.max()).all()
+    starts = [t[np.argmax(f > 0.05 * f.max())] for t, f in ((time, force), (reduced["time"], reduced_force))]
     assert starts[1] == pytest.approx(starts[0], abs=0.03 * scene.time.end)
     assert cpu < 20.0
 
@@ -143,9 +143,9 @@ def test_another_host_with_another_integrator(tmp_path):
     name = "interface.wall.impulse[3]"
     script = str(SCRIPTS / "with_pathsim_exchange.py")
     command = [tool("pathsim", "python"), script, str(fmu), "1.2", name]
-    found, events = json.loads(ran(command, tmp_path).splitlines()[-1])
+    value, events = json.loads(ran(command, tmp_path).splitlines()[-1])
     result, _ = integrate(fmu)
-    assert found == pytest.approx(result[name][-1], rel=1e-3)
+    assert value == pytest.approx(result[name][-1], rel=1e-3)
     assert events == result["model.events"][-1]
 
 
@@ -309,8 +309,10 @@ def test_many_instances_do_not_disturb_each_other(opened):
     hosts = [opened() for _ in range(5)]
     for i, host in enumerate(hosts):
         host.start(**{"load.press.value": float(i)})
-    found = [host.derivatives() for host in hosts]
-    np.testing.assert_allclose(found[4] - found[0], 4 * (found[1] - found[0]), rtol=1e-9, atol=1e-3)
+    derivatives = [host.derivatives() for host in hosts]
+    np.testing.assert_allclose(
+        derivatives[4] - derivatives[0], 4 * (derivatives[1] - derivatives[0]), rtol=1e-9, atol=1e-3
+    )
 
 
 def test_scenes_without_a_reduced_model_are_refused(tmp_path, capsys):

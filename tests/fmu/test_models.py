@@ -90,11 +90,11 @@ def test_equal_to_the_reference(path, fmi, prepared, tmp_path):
     options = dict(line.split(", ") for line in files[f"{scene.name}_ref.opt"].decode().splitlines())
     with closing(Drive(fmu, None, given)) as drive:
         rows = list(drive.run(float(options["StepSize"]), float(options["StopTime"])))
-        found = {name: [row[i] for row in rows] for i, name in enumerate(["time", *drive.outputs])}
+        recorded = {name: [row[i] for row in rows] for i, name in enumerate(["time", *drive.outputs])}
     assert drive.complaint == ""
-    assert {name.split(".")[0] for name in set(found) - set(reference)} <= {"solver", "window"}
+    assert {name.split(".")[0] for name in set(recorded) - set(reference)} <= {"solver", "window"}
     for name, column in reference.items():
-        assert found[name] == column, name
+        assert recorded[name] == column, name
 
 
 @pytest.mark.parametrize("path", SCENES, ids=names)

@@ -35,8 +35,8 @@ def test_found_seeds(seed):
 
 def test_most_converge():
     """Of the first 30 seeds (steps from 1e-1 to 1e5 transits, k off by ten, mu to 10) nine in ten converge."""
-    found = [outcome(seed) for seed in range(30)]
-    assert found.count("converged") >= 27
+    outcomes = [outcome(seed) for seed in range(30)]
+    assert outcomes.count("converged") >= 27
 
 
 @pytest.mark.slow

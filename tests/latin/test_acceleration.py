@@ -105,12 +105,12 @@ def test_step_is_that_of_a_dense_least_squares_problem(shape: tuple[int, int], r
     q, r = rng.normal(size=(8, *shape)), rng.normal(size=(8, *shape))
     root = np.sqrt(np.tile(weight, shape[0]))
     for i in range(8):
-        found = method.next(q[i], r[i]).ravel()
+        actual = method.next(q[i], r[i]).ravel()
         first = max(0, i - 4)
         dq, dr = (np.diff(x[first : i + 1].reshape(i + 1 - first, -1), axis=0).T for x in (q, r))
         gamma = np.linalg.lstsq(root[:, None] * dr, root * r[i].ravel(), rcond=None)[0] if i else np.zeros(0)
         expected = q[i].ravel() + relaxation * r[i].ravel() - (dq + relaxation * dr) @ gamma
-        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+        np.testing.assert_allclose(actual, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
 
 
 def test_a_step_is_no_longer_than_allowed() -> None:

@@ -28,8 +28,8 @@ def test_in_global_axes(kind: str, n_component: int) -> None:
     whole = np.random.default_rng(2).normal(size=(4, 2, 9, n_component))
     axes = frames(kind, 5)[:, :n_component]
     for values in (whole[:, :, 2:7], whole[:, 0, 2:7], whole[:0, 0, 2:7]):
-        found = _in_global_axes(values, axes)
-        np.testing.assert_allclose(found, np.einsum("...pc,pci->...pi", values, axes), atol=1e-15)
+        actual = _in_global_axes(values, axes)
+        np.testing.assert_allclose(actual, np.einsum("...pc,pci->...pi", values, axes), atol=1e-15)
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 8, 25])

@@ -26,10 +26,10 @@ def module(path: Path) -> ModuleType:
     spec = importlib.util.spec_from_file_location(path.stem, path)
     assert spec is not None
     assert spec.loader is not None
-    found = importlib.util.module_from_spec(spec)
-    sys.modules[path.stem] = found
-    spec.loader.exec_module(found)
-    return found
+    loaded = importlib.util.module_from_spec(spec)
+    sys.modules[path.stem] = loaded
+    spec.loader.exec_module(loaded)
+    return loaded
 
 
 PLAIN_LAWS = module(ROOT / "tests" / "interface" / "plain_laws.py")
@@ -39,9 +39,9 @@ def in_numpy(behaviour: Any) -> Any:
     """The same behaviour with its law in NumPy."""
     own = {"compiled": False, "local": staticmethod(getattr(PLAIN_LAWS, behaviour.name))}
     kind = type("InNumPy", (type(behaviour),), own)
-    found = object.__new__(kind)
-    found.__dict__.update(behaviour.__dict__)
-    return found
+    copy = object.__new__(kind)
+    copy.__dict__.update(behaviour.__dict__)
+    return copy
 
 
 def rubbing(behaviour: str, blocks_scene: Any) -> Any:
@@ -78,18 +78,18 @@ def test_a_law_in_numpy_gives_the_answer_of_the_compiled_one(behaviour: str, win
         return plain(*arguments)
 
     type(law).local = staticmethod(local)
-    found = latin_fmu.solve(scene, behaviours=own)
+    solution = latin_fmu.solve(scene, behaviours=own)
     assert len(called) >= 12
     assert compiled.converged
-    assert found.converged
+    assert solution.converged
     for name, history in compiled.outcome.interfaces.items():
         for field in ("traction", "velocity"):
-            expected, its = getattr(history, field), getattr(found.outcome.interfaces[name], field)
+            expected, its = getattr(history, field), getattr(solution.outcome.interfaces[name], field)
             assert np.abs(its - expected).max() <= 1e-9 * np.abs(expected).max(), (name, field)
     terms = compiled.outcome.energy
     for term, values in terms.items():
         scale = max(np.abs(v).max() for v in terms.values())
-        assert np.abs(found.outcome.energy[term] - values).max() <= 1e-9 * scale, term
+        assert np.abs(solution.outcome.energy[term] - values).max() <= 1e-9 * scale, term
 
 
 def test_compiled_laws_are_those_of_the_registry() -> None:
@@ -106,8 +106,8 @@ def test_laws_without_an_interface_are_refused(blocks_scene: Any) -> None:
 
 def test_the_example_runs() -> None:
     """A strength that is never met changes nothing, to the tolerance; one that is met bounds the shear."""
-    found = module(ROOT / "examples" / "own_law.py").main()
-    coulomb, free, capped = found.values()
+    largest = module(ROOT / "examples" / "own_law.py").main()
+    coulomb, free, capped = largest.values()
     assert free == pytest.approx(coulomb, rel=1e-9)
     assert capped == pytest.approx(40e6, rel=1e-12)
     assert coulomb > 60e6

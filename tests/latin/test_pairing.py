@@ -65,9 +65,9 @@ def test_matching_faces(bars_scene: Any, bar_box: Any, made: Any) -> None:
             np.array([0.5, 0.5, 1.0]),
             tuple(tables["substructure"][name]["box"]["elements"]),
         ).nodes
-        found = (trace @ nodes.ravel()).reshape(-1, 3)
-        np.testing.assert_allclose(found[:, :2], geometry.points[:, :2], atol=1e-12)
-        np.testing.assert_allclose(found[:, 2], z, rtol=1e-12)
+        traced = (trace @ nodes.ravel()).reshape(-1, 3)
+        np.testing.assert_allclose(traced[:, :2], geometry.points[:, :2], atol=1e-12)
+        np.testing.assert_allclose(traced[:, 2], z, rtol=1e-12)
 
 
 def test_sides_exchanged_give_the_opposite_normal(bars_scene: Any, made: Any) -> None:

@@ -85,8 +85,8 @@ def test_symmetric_dense_product(m: int, n: int) -> None:
 @pytest.mark.parametrize("n", [1, 2, 7])
 def test_two_norms(n: int) -> None:
     matrix, x = definite(n).toarray() + 0.3, RNG.normal(size=(2, n))
-    found = products.two_norms(n, matrix[np.tril_indices(n)], x.ravel())
-    np.testing.assert_allclose(found, np.einsum("ij,jk,ik->i", x, matrix, x), rtol=1e-13)
+    actual = products.two_norms(n, matrix[np.tril_indices(n)], x.ravel())
+    np.testing.assert_allclose(actual, np.einsum("ij,jk,ik->i", x, matrix, x), rtol=1e-13)
 
 
 @pytest.mark.parametrize("m", [1, 2, 3, 8])

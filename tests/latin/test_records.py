@@ -272,13 +272,13 @@ def test_arrays_lie_in_their_pools_and_do_not_overlap(tables: Tables, change: Ca
     image._write_records()
     owner = np.full(len(image.moving), -1)
     ends: dict[str, list[int]] = {pool: [] for pool in MOVING}
-    found = list(arrays(image))
-    for number, (name, pool, first, size) in enumerate(found):
+    fields = list(arrays(image))
+    for number, (name, pool, first, size) in enumerate(fields):
         assert pool in MOVING, name
         assert first % LINE == 0, name
         assert 0 <= first <= first + size <= len(image.moving), name
         taken = owner[first : first + size]
-        assert (taken == -1).all(), f"{name} lies on {found[int(taken.max(initial=0))][0]}"
+        assert (taken == -1).all(), f"{name} lies on {fields[int(taken.max(initial=0))][0]}"
         taken[:] = number
         if size:
             ends[pool] += [first, first + size]
@@ -379,10 +379,10 @@ def test_a_snapshot_is_a_copy_of_the_state(tables: Tables, change: Callable[[Tab
             run.advance(length, number, 100)
         first, last = begun + 1, run.assembly.instant
         assert last == begun + instants
-        found = {"state": run.image.state.copy(), "f": run.recorder.f_hat[first : last + 1].copy()}
+        state = {"state": run.image.state.copy(), "f": run.recorder.f_hat[first : last + 1].copy()}
         for c, p in enumerate(run.assembly.propagators):
-            found |= {f"{c} {term}": values for term, values in p.totals.items()}
-        return found
+            state |= {f"{c} {term}": values for term, values in p.totals.items()}
+        return state
 
     on()
     kept, begun, seen = run.image.state.copy(), run.assembly.instant, run.recorder.n_kept

@@ -35,8 +35,8 @@ def outcome(**solver: Any) -> Any:
     return solution.outcome
 
 
-def forces(found: Any) -> np.ndarray:
-    return np.concatenate([history.traction.ravel() for history in found.interfaces.values()])
+def forces(result: Any) -> np.ndarray:
+    return np.concatenate([history.traction.ravel() for history in result.interfaces.values()])
 
 
 @pytest.mark.parametrize("compiled", [True, False])
@@ -92,8 +92,8 @@ def test_an_answer_to_what_has_not_changed_is_the_answer(made: Any, begun: Any, 
     for i, (first, block) in enumerate(((0, 0), (n - 1, 1), (n, 0), (n // 2, 2), (n // 3, 0))):
         channels = always.assembly.channels[block].ravel()
         q[first:, channels] += 1e6 * rng.normal(size=(n - first, len(channels)))
-        (expected, every), (found, asked) = linear(always, q, i), linear(once, q, i)
-        np.testing.assert_array_equal(found, expected)
+        (expected, every), (actual, asked) = linear(always, q, i), linear(once, q, i)
+        np.testing.assert_array_equal(actual, expected)
         assert every == 3 * n
         if i == 0:
             assert asked == 3 * n
@@ -116,16 +116,16 @@ def test_what_counts_as_unchanged(made: Any, begun: Any) -> None:
     first, asked = linear(run, q, 0)
     assert asked == 3 * n  # nothing known yet
     q[1, channel] += np.sqrt(0.45 * level / weight)
-    found, asked = linear(run, q, 1)
+    actual, asked = linear(run, q, 1)
     assert asked == 0
-    np.testing.assert_array_equal(found, first)
+    np.testing.assert_array_equal(actual, first)
     q[9, channel] += np.sqrt(0.5 * level / weight)  # 0.95 of what counts
     assert linear(run, q, 1)[1] == 0
     q[9, channel] += np.sqrt(0.2 * level / weight)
-    found, asked = linear(run, q, 1)
+    actual, asked = linear(run, q, 1)
     assert asked == n - 8  # from the state kept before instant 9
-    np.testing.assert_array_equal(found[:9], first[:9])
-    assert (found[9:] != first[9:]).any()
+    np.testing.assert_array_equal(actual[:9], first[:9])
+    assert (actual[9:] != first[9:]).any()
     open_window(run, n, 1e-4)
     assert linear(run, q, 1)[1] == 3 * n
 

@@ -95,7 +95,7 @@ class Scripted(Stages):
         record = WindowRecord(1, 2)
         return WindowSolver(self.settings).solve(self, record, 0), record
 
-    def found(self, accelerated: bool) -> list[int]:
+    def flags(self, accelerated: bool) -> list[int]:
         """What each iterate of the script means."""
         bits = []
         for i in range(len(self.errors)):
@@ -168,7 +168,7 @@ def test_steady_progress_is_no_stall() -> None:
 def test_stall(accelerated: bool, slow: float) -> None:
     def stalls(errors: list[float]) -> list[bool]:
         settings = Settings(tolerance=1e-30, max_iterations=60)
-        return [bool(found & loop.STALLED) for found in Scripted(settings, errors).found(accelerated)]
+        return [bool(flags & loop.STALLED) for flags in Scripted(settings, errors).flags(accelerated)]
 
     assert stalls([1.0] * 12) == [False] * 11 + [True]  # patience
     assert stalls([slow**i for i in range(30)])[-1]
@@ -178,11 +178,11 @@ def test_stall(accelerated: bool, slow: float) -> None:
 
 def test_the_best_iterate_is_marked() -> None:
     settings = Settings(tolerance=1e-3, force_tolerance=1e-2)
-    found = Scripted(settings, [0.5, 0.6, 0.4, float("nan"), 9e-4, 5e-4], [0, 0, 0, 0, 1.0, 1e-3]).found(True)
-    best = [bool(bits & loop.BEST) for bits in found]
+    flags = Scripted(settings, [0.5, 0.6, 0.4, float("nan"), 9e-4, 5e-4], [0, 0, 0, 0, 1.0, 1e-3]).flags(True)
+    best = [bool(bits & loop.BEST) for bits in flags]
     assert best == [True, False, True, False, True, True]
-    assert [bool(bits & loop.BROKEN) for bits in found] == [False, False, False, True, False, False]
-    assert [bool(bits & loop.CONVERGED) for bits in found] == [False] * 5 + [True]
+    assert [bool(bits & loop.BROKEN) for bits in flags] == [False, False, False, True, False, False]
+    assert [bool(bits & loop.CONVERGED) for bits in flags] == [False] * 5 + [True]
 
 
 def test_a_warm_start_within_tolerance_is_not_taken_as_it_is() -> None:
@@ -191,7 +191,7 @@ def test_a_warm_start_within_tolerance_is_not_taken_as_it_is() -> None:
     for error, n, converged in ((9e-4, 1, False), (9e-4, 2, True), (0.9e-5, 1, True)):
         scripted = Scripted(settings, [error])
         scripted.n = n
-        assert bool(scripted.found(True)[0] & loop.CONVERGED) == converged
+        assert bool(scripted.flags(True)[0] & loop.CONVERGED) == converged
 
 
 def test_without_acceleration_the_given_relaxation_is_used() -> None:

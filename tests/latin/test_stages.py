@@ -195,12 +195,12 @@ def test_linear_stage_is_affine_and_repeats(run_: Any) -> None:
     assembly, before = run_.assembly, run_.image.state.copy()
     for n in (1, 3):
         a, b = incoming(run_, n, 1), incoming(run_, n, 2)
-        found = []
+        velocities = []
         for q in (a, b, 0.3 * a + 0.7 * b, a):
-            found.append(linear(run_, q))
+            velocities.append(linear(run_, q))
             run_.image.call(entries.REWIND)
             np.testing.assert_array_equal(run_.image.state, before)
-        w_a, w_b, mixed, again = found
+        w_a, w_b, mixed, again = velocities
         np.testing.assert_allclose(mixed, 0.3 * w_a + 0.7 * w_b, atol=1e-11)
         np.testing.assert_array_equal(again, w_a)
         assert assembly.propagators[0].instant == 0

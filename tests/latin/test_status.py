@@ -13,41 +13,41 @@ from latin_fmu.latin.status import WindowList
 def both() -> tuple[WindowList, list[WindowRecord]]:
     """A list with windows of both kinds, and what it should hold."""
     errors = np.array([[0.5, 1e-4, np.nan], [1e-5, 7.0, 7.0], [0.3, 0.2, 1e-4]])
-    found, counts = WindowList(), np.array([2, 1, 3])
+    windows, counts = WindowList(), np.array([2, 1, 3])
     first = WindowRecord(1, 4, [0.1, 0.01], [np.nan, 0.5], ["relaxation 1/2"], False, 1)
-    found.append(first)
-    found.keep(5, counts, errors, 2.0 * errors)
+    windows.append(first)
+    windows.keep(5, counts, errors, 2.0 * errors)
     last = WindowRecord(8, 8, [0.1], [0.2], [], True, 0)
-    found.append(last)
-    told = [
+    windows.append(last)
+    kept = [
         WindowRecord(5 + i, 5 + i, row[:n].tolist(), (2.0 * row[:n]).tolist(), [], True, int(n) - 1)
         for i, (n, row) in enumerate(zip(counts, errors.copy(), strict=True))
     ]
     errors[:] = -1.0  # the tables of a march are used again
-    return found, [first, *told, last]
+    return windows, [first, *kept, last]
 
 
 def test_reads_like_a_list(both: tuple[WindowList, list[WindowRecord]]) -> None:
-    found, expected = both
-    assert len(found) == 5
-    assert list(found) == expected
-    assert found[-2] == expected[-2]
-    assert found[1:4] == expected[1:4]
-    assert found[2] is found[2]
+    windows, expected = both
+    assert len(windows) == 5
+    assert list(windows) == expected
+    assert windows[-2] == expected[-2]
+    assert windows[1:4] == expected[1:4]
+    assert windows[2] is windows[2]
     with pytest.raises(IndexError):
-        found[5]
+        windows[5]
 
 
 def test_summaries_look_at_nothing(both: tuple[WindowList, list[WindowRecord]]) -> None:
-    found, expected = both
-    assert found.failed() == expected[:1]
-    assert found.with_fallbacks() == 1
-    assert found.most_iterations() == 3
+    windows, expected = both
+    assert windows.failed() == expected[:1]
+    assert windows.with_fallbacks() == 1
+    assert windows.most_iterations() == 3
     assert WindowList().most_iterations() == 0
     assert not WindowList()
 
 
 def test_cut(both: tuple[WindowList, list[WindowRecord]]) -> None:
-    found, expected = both
-    assert found.cut(2) == expected[2:]
-    assert list(found) == expected[:2]
+    windows, expected = both
+    assert windows.cut(2) == expected[2:]
+    assert list(windows) == expected[:2]

@@ -15,14 +15,14 @@ from latin_fmu.latin.record import Outcome
 TIGHT = {"tolerance": 1e-9, "force_tolerance": 1e-8, "max_iterations": 400}
 
 
-def same(found: Outcome, expected: Outcome, tolerance: float) -> None:
-    assert found.converged, found.status
+def same(actual: Outcome, expected: Outcome, tolerance: float) -> None:
+    assert actual.converged, actual.status
     for name, history in expected.interfaces.items():
         scale = np.abs(history.traction).max()
-        np.testing.assert_allclose(found.interfaces[name].traction, history.traction, atol=tolerance * scale)
+        np.testing.assert_allclose(actual.interfaces[name].traction, history.traction, atol=tolerance * scale)
     for name, body in expected.substructures.items():
         scale = np.abs(body.displacement).max()
-        np.testing.assert_allclose(found.substructures[name].displacement, body.displacement, atol=tolerance * scale)
+        np.testing.assert_allclose(actual.substructures[name].displacement, body.displacement, atol=tolerance * scale)
 
 
 @pytest.fixture
@@ -49,9 +49,9 @@ def answer(blocks_scene: Any, made: Any) -> Outcome:
 def test_settings_never_change_the_answer(
     answer: Outcome, blocks_scene: Any, made: Any, settings: dict[str, Any]
 ) -> None:
-    found = run(made(blocks_scene(solver=TIGHT | settings)))
+    outcome = run(made(blocks_scene(solver=TIGHT | settings)))
     # whole windows stop on an indicator over the window: its late instants are a little less exact
-    same(found, answer, 1e-6)
+    same(outcome, answer, 1e-6)
 
 
 def test_windows_cover_the_interval(blocks_scene: Any, made: Any, begun: Any) -> None:
@@ -72,15 +72,15 @@ def test_a_long_window_that_fails_is_done_one_by_one(answer: Outcome, blocks_sce
     solver = TIGHT | {"window": "whole", "start": "zero", "max_iterations": 40, "acceleration": "none"}
     alone = run(made(blocks_scene(solver=TIGHT | {"max_iterations": 40, "acceleration": "none"})))
     few = 2 + max(w.iterations for w in alone.windows)
-    found = run(made(blocks_scene(solver=solver | {"max_iterations": few})))
-    assert len(found.windows) == 1
-    record = found.windows[0]
+    outcome = run(made(blocks_scene(solver=solver | {"max_iterations": few})))
+    assert len(outcome.windows) == 1
+    record = outcome.windows[0]
     assert record.fallbacks[-1] == "windows of one instant"
     assert record.converged
     assert (record.first_instant, record.last_instant) == (1, 12)
     assert record.error_indicator[-1] <= TIGHT["tolerance"]
-    assert "fall-backs used in 1" in found.status
-    same(found, answer, 1e-6)
+    assert "fall-backs used in 1" in outcome.status
+    same(outcome, answer, 1e-6)
 
 
 def test_a_run_that_fails_everywhere_says_where_and_why(blocks_scene: Any, made: Any) -> None:
@@ -129,10 +129,10 @@ def test_an_error_in_the_sequential_pass_puts_recorder_and_state_back(
     call = march.image.call
 
     def broken(action: int, *arguments: int) -> int:
-        found: int = call(action, *arguments)
+        code: int = call(action, *arguments)
         if action == entries.MARCH:
             raise FloatingPointError("made up")
-        return found
+        return code
 
     monkeypatch.setattr(march.image, "call", broken)
     with pytest.raises(FloatingPointError):

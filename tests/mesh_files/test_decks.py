@@ -124,7 +124,7 @@ def test_parts_without_sections_leave_gathering_sets_out(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize(
-    ("name", "found"),
+    ("name", "expected"),
     [
         ("C3D8I", ("hexahedron", 8)),
         ("c3d20r", ("hexahedron20", 20)),
@@ -139,8 +139,8 @@ def test_parts_without_sections_leave_gathering_sets_out(tmp_path: Path) -> None
         ("", None),
     ],
 )
-def test_element_types(name: str, found: tuple[str, int] | None) -> None:
-    assert element_type(name) == found
+def test_element_types(name: str, expected: tuple[str, int] | None) -> None:
+    assert element_type(name) == expected
 
 
 BAD_DECKS = {

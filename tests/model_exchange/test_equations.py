@@ -67,10 +67,10 @@ def test_coulomb(equations):
         sliding = np.zeros((2, n))
         sliding[0] = speed * bound
         motion = Motion(np.full(n, -1e-7), np.zeros(n), sliding)
-        found = law.traction(motion, law.called_for(motion, 0))
-        np.testing.assert_allclose(found.shear[0], mu * found.pressure * (speed if stick else 1.0))
-        np.testing.assert_array_equal(found.shear[1], 0.0)
-        np.testing.assert_allclose(found.pressure, law.stiffness * 1e-7)
+        traction = law.traction(motion, law.called_for(motion, 0))
+        np.testing.assert_allclose(traction.shear[0], mu * traction.pressure * (speed if stick else 1.0))
+        np.testing.assert_array_equal(traction.shear[1], 0.0)
+        np.testing.assert_allclose(traction.pressure, law.stiffness * 1e-7)
 
 
 @pytest.mark.parametrize("seed", range(20))

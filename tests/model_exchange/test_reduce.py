@@ -20,17 +20,17 @@ from .scenes import SIZE, pair, rods, thrown
 def test_patches_share_the_points(n):
     x, y = np.meshgrid(np.linspace(0, 2, 9), np.linspace(0, 1, 5), indexing="ij")
     points = np.stack([x.ravel(), y.ravel(), 0 * x.ravel()], axis=1)
-    found = patches(points, np.ones(45), n)
-    assert len(found) == min(n, 45)
-    np.testing.assert_array_equal(np.sort(np.concatenate(found)), np.arange(45))
+    groups = patches(points, np.ones(45), n)
+    assert len(groups) == min(n, 45)
+    np.testing.assert_array_equal(np.sort(np.concatenate(groups)), np.arange(45))
 
 
 def test_patches_of_a_square_are_its_quarters():
     x, y = np.meshgrid(np.arange(4.0), np.arange(4.0), indexing="ij")
     points = np.stack([x.ravel(), y.ravel(), 0 * x.ravel()], axis=1)
-    found = patches(points, np.ones(16), 4)
-    assert [len(members) for members in found] == [4, 4, 4, 4]
-    for members in found:
+    groups = patches(points, np.ones(16), 4)
+    assert [len(members) for members in groups] == [4, 4, 4, 4]
+    for members in groups:
         np.testing.assert_array_equal(np.ptp(points[members], axis=0), [1.0, 1.0, 0.0])
 
 
@@ -204,6 +204,6 @@ def test_patches_that_are_fine_enough_deflect_like_the_mesh():
     system = reduced_system(scene, 6, 4)
     prepared = discretise(scene)
     cuts = [Cut.of(i, u, 4) for i, u in enumerate(prepared.units)]
-    found = deflections(system, bonded_bodies(prepared), cuts)
-    assert list(found) == ["press"]
-    assert found["press"] == pytest.approx(1.0, abs=0.01)
+    deflection = deflections(system, bonded_bodies(prepared), cuts)
+    assert list(deflection) == ["press"]
+    assert deflection["press"] == pytest.approx(1.0, abs=0.01)

@@ -99,9 +99,9 @@ def tower() -> dict[str, Any]:
 
 
 def texts(figure: Figure) -> str:
-    found = [t.get_text() for axis in figure.axes for t in axis.texts] + [a.get_title() for a in figure.axes]
-    found += [t.get_text() for legend in figure.legends for t in legend.get_texts()]
-    return "\n".join(found)
+    words = [t.get_text() for axis in figure.axes for t in axis.texts] + [a.get_title() for a in figure.axes]
+    words += [t.get_text() for legend in figure.legends for t in legend.get_texts()]
+    return "\n".join(words)
 
 
 def test_assembly_names_what_it_draws() -> None:

@@ -279,7 +279,7 @@ def admittance_columns() -> Callable[..., dict[int, Array]]:
 
     def columns(propagator: Any) -> dict[int, Array]:
         n = propagator.n_channel
-        found = {}
+        velocities = {}
         for j in (-1, 0, 4, n - 1):  # -1: none
             traction = np.zeros((n, 1))
             if j >= 0:
@@ -287,10 +287,10 @@ def admittance_columns() -> Callable[..., dict[int, Array]]:
             snapshot = propagator.snapshot()
             propagator.predict()
             propagator.commit(traction)
-            found[j] = propagator.channel_velocity()[:, 0]
+            velocities[j] = propagator.channel_velocity()[:, 0]
             propagator.restore(snapshot)
-        free = found.pop(-1)
-        return {j: column - free for j, column in found.items()}
+        free = velocities.pop(-1)
+        return {j: column - free for j, column in velocities.items()}
 
     return columns
 

@@ -98,10 +98,10 @@ def test_prescribed_displacement_is_followed() -> None:
     )
     bar = outcome.substructures["bar"]
     wanted = np.interp(outcome.time, law["times"], law["values"])
-    found = bar.displacement[:, bar.nodes[:, 2] == 0.0]
+    displacement = bar.displacement[:, bar.nodes[:, 2] == 0.0]
     for component, value in ((0, 0.2), (2, -0.1)):
         # one step (dt = 0.02) of rounding at the corners of the law, and no drift
-        error = found[..., component] - value * wanted[:, None]
+        error = displacement[..., component] - value * wanted[:, None]
         assert np.abs(error).max() < abs(value) * 0.02
         assert np.abs(error[-1]).max() < abs(value) * 0.006
     assert np.abs(bar.displacement[:40, :, 0] - 0.2).max() < 1e-13  # at rest until the law moves

@@ -19,8 +19,8 @@ def matrix(n: int = 90, seed: int = 0) -> sp.csr_array:
     return sp.csr_array(scale @ (a @ a.T + 0.5 * sp.eye_array(n)) @ scale)
 
 
-def close(found, expected, tolerance: float = 1e-8) -> None:
-    np.testing.assert_allclose(found, expected, rtol=0, atol=tolerance * np.abs(expected).max())
+def close(actual, expected, tolerance: float = 1e-8) -> None:
+    np.testing.assert_allclose(actual, expected, rtol=0, atol=tolerance * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("count", [0, 1, 40])

@@ -32,11 +32,11 @@ def test_channels_see_a_diagonal(kind: str) -> None:
     if kind == "mixed":
         dense[4, [0, 5]] = [0.6, 0.8]
     diagonal = np.random.default_rng(1).uniform(0.5, 2.0, 8)
-    found = projected_diagonal(sp.csr_array(dense), 0.3, diagonal)
-    np.testing.assert_allclose(found, 0.3 * dense @ np.diag(diagonal) @ dense.T, atol=1e-15)
+    actual = projected_diagonal(sp.csr_array(dense), 0.3, diagonal)
+    np.testing.assert_allclose(actual, 0.3 * dense @ np.diag(diagonal) @ dense.T, atol=1e-15)
     dashpots = np.array([0.0, 3.0, 1.0, 0.5, 2.0])
-    expected = np.linalg.solve(np.eye(5) + found * dashpots, found)
-    np.testing.assert_allclose(condensed(found, dashpots), expected, atol=1e-14)
+    expected = np.linalg.solve(np.eye(5) + actual * dashpots, actual)
+    np.testing.assert_allclose(condensed(actual, dashpots), expected, atol=1e-14)
 
 
 def test_lumped_and_reduced_masses(model) -> None:  # type: ignore[no-untyped-def]

@@ -76,13 +76,13 @@ def marched(propagator: Any, tractions: Array, incoming: bool = False) -> tuple[
             acted.append(given)
         propagator.commit(given)
         look()
-    found = []
+    fields = []
     for j in range(m):
         u, v, a, x = (np.array([row[i] for row in rows[j]]) for i in range(4))
         motion = propagator.forcing.motion_table()[0, ..., j] if propagator.forcing.moves else np.zeros((len(u), 0))
         totals = {t: np.array([row[4][t] for row in rows[j]]) for t in TERMS}
-        found.append(Fields(u, v, a, x, motion[: len(u)], totals))
-    return found, np.array(acted)
+        fields.append(Fields(u, v, a, x, motion[: len(u)], totals))
+    return fields, np.array(acted)
 
 
 def loads_of(model: Any, history: Any) -> Array:
@@ -103,24 +103,24 @@ def dot(a: Array, b: Array) -> Array:
     return np.einsum("ni,ni->n", a, b)
 
 
-def check(found: Fields, expected: dict[str, Array]) -> None:
+def check(fields: Fields, expected: dict[str, Array]) -> None:
     """Every term, and what is left of the balance."""
     size = max(np.abs(values).max() for values in expected.values())
     for term in TERMS:
-        np.testing.assert_allclose(found.totals[term], expected[term], rtol=0, atol=1e-10 * size, err_msg=term)
-    stored = found.totals["kinetic"] + found.totals["elastic"]
+        np.testing.assert_allclose(fields.totals[term], expected[term], rtol=0, atol=1e-10 * size, err_msg=term)
+    stored = fields.totals["kinetic"] + fields.totals["elastic"]
     rest = (
         stored
         - stored[0]
-        + found.totals["damping_dissipation"]
-        + found.totals["scheme_dissipation"]
-        - found.totals["work_of_loads"]
-        - found.totals["interface_work"]
+        + fields.totals["damping_dissipation"]
+        + fields.totals["scheme_dissipation"]
+        - fields.totals["work_of_loads"]
+        - fields.totals["interface_work"]
     )
     assert np.abs(rest).max() <= 1e-10 * size
 
 
-def weighted_account(model: Any, found: Fields, loads: Array, forces: Array, scheme: Any) -> dict[str, Array]:
+def weighted_account(model: Any, fields: Fields, loads: Array, forces: Array, scheme: Any) -> dict[str, Array]:
     """Terms of a Newmark or HHT march; loads, forces of interfaces (n, n_full)."""
     al, be, ga = scheme.alpha, scheme.beta, scheme.gamma
     m, k, p = dense(model.mass), dense(model.stiffness), dense(model.expansion)
@@ -132,14 +132,14 @@ def weighted_account(model: Any, found: Fields, loads: Array, forces: Array, sch
         earlier = np.concatenate([x[:1], x[:-2]])
         return before * earlier + old * x[:-1] + new * x[1:]
 
-    du, da, dx, dg = (np.diff(field, axis=0) for field in (found.u, found.a, found.x, found.g))
-    a_g = (1 - ga) * found.a[:-1] + ga * found.a[1:]
-    elastic, damping = found.u @ k, found.v @ c
+    du, da, dx, dg = (np.diff(field, axis=0) for field in (fields.u, fields.a, fields.x, fields.g))
+    a_g = (1 - ga) * fields.a[:-1] + ga * fields.a[1:]
+    elastic, damping = fields.u @ k, fields.v @ c
     reactions = (a_g @ m + weighted(elastic) + weighted(damping)) @ shapes
     scheme_work = dot(du, weighted(elastic) - 0.5 * (elastic[1:] + elastic[:-1]))
     return {
-        "kinetic": 0.5 * dot(found.v, found.v @ m),
-        "elastic": 0.5 * dot(found.u, elastic),
+        "kinetic": 0.5 * dot(fields.v, fields.v @ m),
+        "elastic": 0.5 * dot(fields.u, elastic),
         "work_of_loads": summed(dot(dx, weighted(loads) @ p) + dot(dg, reactions)),
         "interface_work": summed(dot(dx, weighted(forces) @ p)),
         "damping_dissipation": summed(dot(du, weighted(damping))),
@@ -153,11 +153,11 @@ def test_terms_of_the_direct_march(
 ) -> None:
     members = [model(kind, seed) for seed in range(count)]
     given = tractions(len(members[0].model.channel_area), count)
-    found, _ = marched(begin(members, scheme, given[0]), given)
+    fields, _ = marched(begin(members, scheme, given[0]), given)
     for j, member in enumerate(members):
         own = member.model
         forces = (given[..., j] * own.channel_area) @ own.trace.toarray()
-        check(found[j], weighted_account(own, found[j], loads_of(own, member.histories), forces, scheme))
+        check(fields[j], weighted_account(own, fields[j], loads_of(own, member.histories), forces, scheme))
 
 
 @pytest.mark.parametrize("modes", [0, 5])
@@ -168,10 +168,10 @@ def test_terms_of_the_reduced_march(scheme: Any, kind: str, modes: int, model: M
     propagator.begin([d.histories for d in members], DT)
     given = tractions(propagator.n_channel, 2)
     propagator.start(given[0], propagator.mass_factor())
-    found, _ = marched(propagator, given)
+    fields, _ = marched(propagator, given)
     for j, (own, member) in enumerate(zip(propagator.members, members, strict=True)):
         forces = (given[..., j] * own.channel_area) @ dense(own.trace)
-        check(found[j], weighted_account(own, found[j], loads_of(own, member.histories), forces, scheme))
+        check(fields[j], weighted_account(own, fields[j], loads_of(own, member.histories), forces, scheme))
 
 
 def test_terms_of_the_explicit_march(kind: str, model: Make, tractions: Make) -> None:
@@ -181,9 +181,9 @@ def test_terms_of_the_explicit_march(kind: str, model: Make, tractions: Make) ->
     propagator.begin([d.histories for d in members], STEP)
     given = tractions(propagator.n_channel, 2)
     propagator.start(given[0], propagator.mass_factor())
-    found, _ = marched(propagator, given)
+    fields, _ = marched(propagator, given)
     for j, member in enumerate(members):
-        own, f = member.model, found[j]
+        own, f = member.model, fields[j]
         m, k, p = np.diag(dense(own.mass).sum(axis=1)), dense(own.stiffness), dense(own.expansion)
         c = np.zeros_like(m) if own.damping is None else dense(own.damping)
         c_d = la.block_diag(*c.reshape(len(c) // 3, 3, -1, 3).sum(axis=2))
@@ -232,9 +232,9 @@ def test_terms_of_the_static_march(kind: str, model: Make, tractions: Make, chan
     given[0] = 0.0
     propagator.start(given[0], None)
     propagator.bind(k)
-    found, acted = marched(propagator, given, incoming=True)
+    fields, acted = marched(propagator, given, incoming=True)
     for j, member in enumerate(members):
-        own, f = member.model, found[j]
+        own, f = member.model, fields[j]
         stiff, p = dense(own.stiffness), dense(own.expansion)
         forces = (acted[..., j] * own.channel_area) @ own.trace.toarray() @ p
         loads, elastic = loads_of(own, member.histories) @ p, f.u @ stiff

@@ -69,8 +69,8 @@ def test_march_under_given_tractions(kind: str, model: Make, tractions: Make) ->
     for i in range(1, len(given)):
         propagator.predict()
         propagator.commit(given[i])
-        for found, expected in ((propagator.full_displacement(0), u), (propagator.full_velocity(0), v)):
-            np.testing.assert_allclose(found.ravel(), expected[i], rtol=0, atol=1e-11 * np.abs(expected).max())
+        for actual, expected in ((propagator.full_displacement(0), u), (propagator.full_velocity(0), v)):
+            np.testing.assert_allclose(actual.ravel(), expected[i], rtol=0, atol=1e-11 * np.abs(expected).max())
 
 
 def test_energy_identity_of_every_member(kind: str, model: Make, tractions: Make, unbalanced: Make) -> None:

@@ -75,9 +75,9 @@ def test_directions_placed_before_are_kept(marched: DirectPropagator) -> None:
         first.append(respond(marched))
         image.bind(-1, afresh=True)
         np.testing.assert_array_equal(respond(marched), first[-1])
-    for key, found in enumerate(first, 10):
+    for key, response in enumerate(first, 10):
         image.bind(key)
-        np.testing.assert_array_equal(respond(marched), found)
+        np.testing.assert_array_equal(respond(marched), response)
 
 
 def free_velocity(propagator: DirectPropagator) -> Array:

@@ -47,10 +47,10 @@ def test_seen_by_channels(kind: str, n_channel: int, n: int) -> None:
     if n_channel < 2:
         kind = "mixed"
     matrix, t = definite(n, 1), trace(n_channel, n, kind)
-    found = projected(t, 0.7, matrix)
+    actual = projected(t, 0.7, matrix)
     expected = 0.7 * t.toarray() @ matrix @ t.toarray().T
-    np.testing.assert_allclose(found, expected, atol=1e-13 * np.abs(expected).max(initial=1.0))
-    np.testing.assert_array_equal(found, found.T)
+    np.testing.assert_allclose(actual, expected, atol=1e-13 * np.abs(expected).max(initial=1.0))
+    np.testing.assert_array_equal(actual, actual.T)
 
 
 @pytest.mark.parametrize("kind", ["turned", "mixed"])
@@ -61,10 +61,10 @@ def test_with_dashpots_is_the_condensed_compliance(kind: str, n_channel: int, n:
     dashpots = np.random.default_rng(3).uniform(0.0, 5.0, n_channel)
     dashpots[::4] = 0.0
     compliance = projected(t, 0.3, np.linalg.inv(schur))
-    found = with_dashpots(t, 0.3, schur, dashpots)
+    actual = with_dashpots(t, 0.3, schur, dashpots)
     expected = np.linalg.solve(np.eye(n_channel) + compliance * dashpots, compliance)
-    np.testing.assert_allclose(found, expected, atol=1e-11 * np.abs(expected).max())
-    np.testing.assert_array_equal(found, found.T)
+    np.testing.assert_allclose(actual, expected, atol=1e-11 * np.abs(expected).max())
+    np.testing.assert_array_equal(actual, actual.T)
 
 
 def test_numbers_that_are_no_numbers_are_refused() -> None:

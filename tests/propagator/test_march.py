@@ -14,8 +14,8 @@ Array = np.ndarray
 Make = Callable[..., Any]
 
 
-def close(found: Array, expected: Array, tolerance: float = 1e-10) -> None:
-    np.testing.assert_allclose(found, expected, rtol=0, atol=tolerance * np.abs(expected).max())
+def close(actual: Array, expected: Array, tolerance: float = 1e-10) -> None:
+    np.testing.assert_allclose(actual, expected, rtol=0, atol=tolerance * np.abs(expected).max())
 
 
 def test_march_under_given_tractions(
@@ -25,9 +25,9 @@ def test_march_under_given_tractions(
     m = model(kind)
     given = tractions(len(m.model.channel_area))
     expected = reference(m, scheme, given[..., 0], np.zeros(len(m.model.channel_area)))
-    found = advance(begin([m], scheme, given[0]), given)
+    actual = advance(begin([m], scheme, given[0]), given)
     for name in "uva":
-        close(getattr(found, name), getattr(expected, name))
+        close(getattr(actual, name), getattr(expected, name))
 
 
 def test_respond_is_a_march_with_dashpots(
@@ -80,13 +80,13 @@ def test_members_respond_each_for_itself(hht: Any, model: Make, begin: Make, tra
     together.bind(k)
     q = tractions(n, count)[4]
     w_0 = together.predict()
-    found = together.respond(q)
-    close(found, w_0 + together.response @ (q - k[:, None] * w_0), 1e-13)
+    actual = together.respond(q)
+    close(actual, w_0 + together.response @ (q - k[:, None] * w_0), 1e-13)
     for j, member in enumerate(members):
         alone = begin([member], hht)
         alone.bind(k)
         close(alone.predict(), w_0[:, j : j + 1], 1e-12)
-        close(alone.respond(q[:, j : j + 1]), found[:, j : j + 1], 1e-12)
+        close(alone.respond(q[:, j : j + 1]), actual[:, j : j + 1], 1e-12)
 
 
 def test_causality(
@@ -130,10 +130,10 @@ def test_superposition(
             "imposed_velocity": 2 * a.histories.imposed_velocity - 3 * b.histories.imposed_velocity,
         },
     )
-    found = advance(begin([both], hht, 2 * given[0][0] - 3 * given[1][0]), 2 * given[0] - 3 * given[1])
+    actual = advance(begin([both], hht, 2 * given[0][0] - 3 * given[1][0]), 2 * given[0] - 3 * given[1])
     parts = [advance(begin([m], hht, g[0]), g) for m, g in zip((a, b), given, strict=True)]
     for name in "uva":
-        close(getattr(found, name), 2 * getattr(parts[0], name) - 3 * getattr(parts[1], name))
+        close(getattr(actual, name), 2 * getattr(parts[0], name) - 3 * getattr(parts[1], name))
 
 
 def test_restore_repeats_bit_by_bit(
@@ -313,9 +313,9 @@ def test_a_state_can_be_taken_up_by_another_propagator(
     second = begin([m], hht, given[1])  # stands elsewhere before
     second.set_state(tree)
     second.begin([rest], second.dt)
-    found = advance(second, given[9:])
+    actual = advance(second, given[9:])
     for name in "uva":
-        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+        np.testing.assert_array_equal(getattr(actual, name), getattr(expected, name))
     for term in TERMS:
         np.testing.assert_array_equal(second.totals[term], first.totals[term])
 

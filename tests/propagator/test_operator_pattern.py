@@ -41,9 +41,9 @@ def test_places_of_a_part_and_numbers_that_cancel() -> None:
     whole = sp.csr_array(np.array([[2.0, 1.0, 0.0], [1.0, 3.0, 4.0], [0.0, 4.0, 5.0]]))
     part = sp.csr_array(np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 4.0], [0.0, 0.0, 1.0]]))
     pattern = OperatorPattern([part, whole])
-    found = pattern.sum([-1.0, 1.0], [part, whole])
-    assert found.nnz == whole.nnz
-    np.testing.assert_array_equal(found.toarray(), whole.toarray() - part.toarray())
+    actual = pattern.sum([-1.0, 1.0], [part, whole])
+    assert actual.nnz == whole.nnz
+    np.testing.assert_array_equal(actual.toarray(), whole.toarray() - part.toarray())
 
 
 def test_analyses_are_told_apart() -> None:

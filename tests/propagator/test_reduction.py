@@ -60,11 +60,11 @@ def linear_element_eigenvalues(numbers: np.ndarray, n: int) -> np.ndarray:
 def test_frequencies_of_a_bar(held):
     """Free: k L = j pi; one end held: k L = (j - 1/2) pi. Bending and torsion cannot be excited and are left out."""
     n, n_mode = 24, 5
-    found = reduce_model(bar(held, n), n_mode, np.ones((4, 1)))
+    reduced = reduce_model(bar(held, n), n_mode, np.ones((4, 1)))
     j = np.arange(1, n_mode + 1)
     numbers = (j - 0.5 * held) * np.pi / LENGTH
-    elastic = found.eigenvalues[found.n_rigid :]
-    assert found.n_rigid == (0 if held else 1)
+    elastic = reduced.eigenvalues[reduced.n_rigid :]
+    assert reduced.n_rigid == (0 if held else 1)
     np.testing.assert_allclose(elastic[:n_mode], linear_element_eigenvalues(numbers, n), rtol=1e-9)
     np.testing.assert_allclose(np.sqrt(elastic[:2]), SPEED * numbers[:2], rtol=3e-3)
     assert n_mode < len(elastic) <= n_mode + 2  # and what the static answers of two ends add
@@ -73,55 +73,57 @@ def test_frequencies_of_a_bar(held):
 def test_static_answer_of_a_held_bar_is_exact():
     """Uniform traction t on the end: u = t L / E there, whatever the number of modes."""
     for n_mode in (0, 3):
-        found = reduce_model(bar(held=True), n_mode, np.ones((4, 1)))
-        force = found.trace.T @ (found.area * 0.7)
-        moved = found.trace @ (force / found.eigenvalues)
+        reduced = reduce_model(bar(held=True), n_mode, np.ones((4, 1)))
+        force = reduced.trace.T @ (reduced.area * 0.7)
+        moved = reduced.trace @ (force / reduced.eigenvalues)
         np.testing.assert_allclose(moved, 0.7 * LENGTH / YOUNG, rtol=1e-10)
 
 
 def test_static_answer_of_a_free_bar_is_exact():
     """Pulled at both ends by equal forces: the stretch is t L / E."""
-    found = reduce_model(bar(held=False), 2, np.ones((4, 1)))
-    area = found.area.sum()
-    force = found.trace.T @ (found.area * 0.7) - 0.7 * found.loads[:, 0]
+    reduced = reduce_model(bar(held=False), 2, np.ones((4, 1)))
+    area = reduced.area.sum()
+    force = reduced.trace.T @ (reduced.area * 0.7) - 0.7 * reduced.loads[:, 0]
     assert force[0] == pytest.approx(0.0, abs=1e-10 * area)
-    q = force[1:] / found.eigenvalues[1:]
-    ends = found.trace[:, 1:] @ q, found.loads[1:, 0] @ q / area
+    q = force[1:] / reduced.eigenvalues[1:]
+    ends = reduced.trace[:, 1:] @ q, reduced.loads[1:, 0] @ q / area
     np.testing.assert_allclose(ends[0] - ends[1], 0.7 * LENGTH / YOUNG, rtol=1e-9)
 
 
 def test_rigid_start_is_kept():
-    found = reduce_model(bar(held=False), 4, np.ones((4, 1)))
-    np.testing.assert_allclose(found.basis @ found.velocity, bar(held=False).velocity, atol=1e-10)
-    np.testing.assert_allclose(found.velocity[1:], 0.0, atol=1e-10)
-    assert not found.displacement.any()
+    reduced = reduce_model(bar(held=False), 4, np.ones((4, 1)))
+    np.testing.assert_allclose(reduced.basis @ reduced.velocity, bar(held=False).velocity, atol=1e-10)
+    np.testing.assert_allclose(reduced.velocity[1:], 0.0, atol=1e-10)
+    assert not reduced.displacement.any()
 
 
 @pytest.mark.parametrize("kind", ["free", "held", "damped", "driven", "periodic", "everything"])
 def test_ritz_identities(kind):
     """B^T M B = 1, B^T K B = diag(eigenvalues), and every channel's static answer is inside."""
     model = make_model(kind).model
-    found = reduce_model(model, 6)
-    b = found.basis
+    reduced = reduce_model(model, 6)
+    b = reduced.basis
     np.testing.assert_allclose(b.T @ (model.mass @ b), np.eye(b.shape[1]), atol=1e-9)
-    scale = found.eigenvalues.max()
-    np.testing.assert_allclose(b.T @ (model.stiffness @ b) / scale, np.diag(found.eigenvalues) / scale, atol=1e-9)
-    if not found.n_rigid:
+    scale = reduced.eigenvalues.max()
+    np.testing.assert_allclose(b.T @ (model.stiffness @ b) / scale, np.diag(reduced.eigenvalues) / scale, atol=1e-9)
+    if not reduced.n_rigid:
         e = model.expansion
         k = (e.T @ model.stiffness @ e).toarray()
         force = model.trace.T @ (model.channel_area * np.cos(np.arange(model.channel_area.size)))
         full = model.trace @ (e @ np.linalg.solve(k, e.T @ force))
-        np.testing.assert_allclose(found.trace @ (b.T @ force / found.eigenvalues), full, atol=1e-8 * abs(full).max())
+        np.testing.assert_allclose(
+            reduced.trace @ (b.T @ force / reduced.eigenvalues), full, atol=1e-8 * abs(full).max()
+        )
 
 
 def test_all_modes_are_the_whole_substructure():
     """With every mode, eigenvalues are those of the full problem and the initial state is exact."""
     model = make_model("held").model
     e = model.expansion
-    found = reduce_model(model, 10_000)
-    assert found.basis.shape[1] == e.shape[1]
-    np.testing.assert_allclose(found.basis @ found.displacement, e @ (e.T @ model.displacement), atol=1e-9)
-    np.testing.assert_allclose(found.trace @ found.velocity, model.trace @ (e @ (e.T @ model.velocity)), atol=1e-9)
+    reduced = reduce_model(model, 10_000)
+    assert reduced.basis.shape[1] == e.shape[1]
+    np.testing.assert_allclose(reduced.basis @ reduced.displacement, e @ (e.T @ model.displacement), atol=1e-9)
+    np.testing.assert_allclose(reduced.trace @ reduced.velocity, model.trace @ (e @ (e.T @ model.velocity)), atol=1e-9)
 
 
 def test_modes_that_matter_are_taken_before_lower_ones():
@@ -145,14 +147,14 @@ def test_sparse_eigenvalues_are_the_dense_ones(monkeypatch):
 
 def test_damping_and_loads_are_projected():
     model = make_model("damped").model
-    found = reduce_model(model, 5)
-    assert found.damping is not None
+    reduced = reduce_model(model, 5)
+    assert reduced.damping is not None
     np.testing.assert_allclose(
-        found.damping,
-        0.3 * np.eye(len(found.eigenvalues)) + 0.02 * np.diag(found.eigenvalues),
-        atol=1e-8 * found.eigenvalues.max(),
+        reduced.damping,
+        0.3 * np.eye(len(reduced.eigenvalues)) + 0.02 * np.diag(reduced.eigenvalues),
+        atol=1e-8 * reduced.eigenvalues.max(),
     )
-    assert found.loads.shape == (len(found.eigenvalues), 3)
+    assert reduced.loads.shape == (len(reduced.eigenvalues), 3)
 
 
 def test_what_cannot_be_reduced_is_said():

@@ -59,14 +59,14 @@ def findings(file: Path) -> list[str]:
 @pytest.mark.parametrize("kind", ["crushing", "stalled", "estimated"])
 def test_every_group_follows_cf(kind: str, tmp_path: Path, request: pytest.FixtureRequest) -> None:
     tree = request.getfixturevalue(kind).to_datatree()
-    found = {}
+    violations = {}
     for node in tree.subtree:
         dataset = node.to_dataset()
         dataset.attrs = {**tree.attrs, **dataset.attrs}
         file = tmp_path / f"{node.path.strip('/').replace('/', '_') or 'root'}.nc"
         write_netcdf(xr.DataTree(dataset), file)
-        found[node.path] = findings(file)
-    assert found == {path: [] for path in found}
+        violations[node.path] = findings(file)
+    assert violations == {path: [] for path in violations}
 
 
 @NEEDS_CHECKER

@@ -58,26 +58,26 @@ def problems_of(data: Tables, folder: Path) -> list[Problem]:
 
 def test_every_part_is_a_substructure(folder: Path) -> None:
     data = scene() | {"substructure": {"upper": {"material": "alu", "initial_velocity": [0.0, 0.0, -1.0]}}}
-    found = scene_from_dict(data, folder)
-    assert list(found.substructure) == ["low_er", "upper"]
-    lower, upper = found.substructure["low_er"], found.substructure["upper"]
+    effective = scene_from_dict(data, folder)
+    assert list(effective.substructure) == ["low_er", "upper"]
+    lower, upper = effective.substructure["low_er"], effective.substructure["upper"]
     assert (lower.material, upper.material) == ("steel", "alu")
     assert lower.mesh is not None
     assert (lower.mesh.group, lower.mesh.scale) == ("low-er", 1e-3)
     assert upper.initial_velocity == (0.0, 0.0, -1.0)
-    assert found.mesh == {}  # the effective scene is written out
-    assert scene_from_dict(tomllib.loads(found.text()), folder) == found
-    lines = "\n".join(api.check(found))
+    assert effective.mesh == {}  # the effective scene is written out
+    assert scene_from_dict(tomllib.loads(effective.text()), folder) == effective
+    lines = "\n".join(api.check(effective))
     assert "body upper: 0.001 x 0.001 x 0.001 m, 7.8e-06 kg, 27 nodes, 8 hexahedron" in lines
     assert "interface joint: contact, 9 points" in lines
 
 
 def test_settings_reach_parts_without_a_table(folder: Path) -> None:
     data = apply_overrides(scene(), ["substructure.upper.material=alu", "mesh.all.scale=1e-2"])
-    found = scene_from_dict(data, folder)
-    assert found.substructure["upper"].material == "alu"
-    assert found.substructure["low_er"].mesh is not None
-    assert found.substructure["low_er"].mesh.scale == 1e-2
+    effective = scene_from_dict(data, folder)
+    assert effective.substructure["upper"].material == "alu"
+    assert effective.substructure["low_er"].mesh is not None
+    assert effective.substructure["low_er"].mesh.scale == 1e-2
 
 
 def test_listed_parts_and_other_bodies(folder: Path) -> None:
@@ -108,11 +108,11 @@ def test_listed_parts_and_other_bodies(folder: Path) -> None:
     ],
 )
 def test_bad_tables(folder: Path, change: Tables, substructure: Tables, where: str, words: tuple[str, ...]) -> None:
-    found = problems_of(scene(**change) | {"substructure": substructure}, folder)
-    told = "\n".join(map(str, found))
-    assert where in [p.where for p in found], told
-    assert all(word in told for word in words), told
-    assert len(found) <= 2, told
+    problems = problems_of(scene(**change) | {"substructure": substructure}, folder)
+    messages = "\n".join(map(str, problems))
+    assert where in [p.where for p in problems], messages
+    assert all(word in messages for word in words), messages
+    assert len(problems) <= 2, messages
 
 
 def test_an_unreadable_file_hides_no_other_mistake_and_makes_none(folder: Path) -> None:
@@ -142,11 +142,11 @@ def test_one_problem_of_a_file_is_told_once(folder: Path) -> None:
 
 @pytest.mark.parametrize(("scale", "size"), [(50.0, "50 m"), (1e-7, "1e-07 m")])
 def test_absurd_sizes_are_warned_of(folder: Path, scale: float, size: str) -> None:
-    told = [line for line in api.check(scene_from_dict(scene(scale=scale), folder)) if "largest body" in line]
-    assert len(told) == 1
-    assert size in told[0]
-    assert "kg" in told[0]
-    assert "scale" in told[0]
+    remarks = [line for line in api.check(scene_from_dict(scene(scale=scale), folder)) if "largest body" in line]
+    assert len(remarks) == 1
+    assert size in remarks[0]
+    assert "kg" in remarks[0]
+    assert "scale" in remarks[0]
 
 
 def test_names_of_parts() -> None:

@@ -23,9 +23,9 @@ SCENES = sorted(MODELS.glob("*/*.toml"))
 
 
 def box(scene: Scene, name: str) -> Box:
-    found = scene.substructure[name].box
-    assert found is not None
-    return found
+    described = scene.substructure[name].box
+    assert described is not None
+    return described
 
 
 @pytest.mark.parametrize("path", SCENES, ids=lambda path: f"{path.parent.name}-{path.stem}")

@@ -20,11 +20,11 @@ from latin_fmu.time_scheme import SCHEMES
 
 
 def all_tables() -> list[type[BaseModel]]:
-    found: list[type[BaseModel]] = [Scene]
-    for table in found:
+    classes: list[type[BaseModel]] = [Scene]
+    for table in classes:
         for field in table.model_fields.values():
-            found += [inner for inner in tables_in(field.annotation) if inner not in found]
-    return found
+            classes += [inner for inner in tables_in(field.annotation) if inner not in classes]
+    return classes
 
 
 @pytest.mark.parametrize("table", all_tables(), ids=lambda table: table.__name__)

@@ -40,16 +40,16 @@ def units(data: dict[str, Any]) -> dict[str, Any]:
 
 def test_pairs_within_reach() -> None:
     """Area, gap and owner of each pair; the block is wholly covered on both ends."""
-    found = units(tables())
-    assert list(found) == ["plate_block", "block_lid"]
+    interfaces = units(tables())
+    assert list(interfaces) == ["plate_block", "block_lid"]
     for name, gap in (("plate_block", 0.0), ("block_lid", 2e-5)):
-        unit = found[name]
+        unit = interfaces[name]
         assert unit.geometry.areas.sum() == pytest.approx(4e-4)
         assert unit.geometry.gap == pytest.approx(gap, abs=1e-15)
         assert unit.sides[unit.geometry.owner] == "block.*"
         assert unit.geometry.n_point == 16
         assert unit.behaviour.friction_coefficient == 0.15
-    assert found["plate_block"].geometry.frames[:, 0] == pytest.approx(np.tile([0.0, 0.0, 1.0], (16, 1)))
+    assert interfaces["plate_block"].geometry.frames[:, 0] == pytest.approx(np.tile([0.0, 0.0, 1.0], (16, 1)))
 
 
 def test_check_prints_the_pairs_and_parts_that_touch_nothing() -> None:
@@ -75,9 +75,9 @@ def test_searches_in_turn() -> None:
     """The first table that finds a pair has it."""
     data = tables(parts=["plate", "block"])
     data["contact"]["rest"] = {"search": 1e-4, "behaviour": "no_slip", "gap": "closed"}
-    found = units(data)
-    assert {n: u.behaviour.name for n, u in found.items()} == {"plate_block": "contact", "block_lid": "no_slip"}
-    assert found["block_lid"].geometry.gap == pytest.approx(0.0, abs=0.0)
+    interfaces = units(data)
+    assert {n: u.behaviour.name for n, u in interfaces.items()} == {"plate_block": "contact", "block_lid": "no_slip"}
+    assert interfaces["block_lid"].geometry.gap == pytest.approx(0.0, abs=0.0)
 
 
 def test_the_scene_completed_is_an_ordinary_one() -> None:

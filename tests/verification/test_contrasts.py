@@ -64,8 +64,8 @@ def test_contact_forces_at_any_contrast(what, friction, ratio):
     normals = np.tile([0.0, 0.0, 1.0], (len(nodes[0]), 1))
     face = ContactFace((0, 1), nodes, normals, np.zeros(len(nodes[0])), friction)
     expected = march_contact(bodies, [face], tolerance=1e-10).force[0].sum(axis=1)
-    found = solved(scene).interfaces["meet"].force()
-    assert np.abs(found - expected).max() < 1e-2 * np.abs(expected).max()
+    force = solved(scene).interfaces["meet"].force()
+    assert np.abs(force - expected).max() < 1e-2 * np.abs(expected).max()
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.3])

@@ -68,16 +68,16 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
 @pytest.fixture
 def images(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     """Images of the runs of a test, in order; numbers of what layers start from are marked with NaN before a run."""
-    found: list[Any] = []
+    run_images: list[Any] = []
     march = windows.Run.all
 
     def marked(run: windows.Run) -> None:
         run.image.field("layer", run.image.n_flat)[:] = np.nan
-        found.append(run.image)
+        run_images.append(run.image)
         march(run)
 
     monkeypatch.setattr(windows.Run, "all", marked)
-    return found
+    return run_images
 
 
 # -- interfaces ---------------------------------------------------------------------------------------------------

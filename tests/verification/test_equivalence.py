@@ -80,8 +80,8 @@ def tight():
 @pytest.mark.parametrize("window", [1, 4, 13, "whole"])
 def test_windows_do_not_change_the_answer(window, tight):
     """One window or many: within ten times the tolerance on sqrt(eta)."""
-    found = resultants(solve(stack(3, "contact", 0.2, window=window, tolerance=1e-4, max_iterations=400)))
-    assert np.abs(found - tight).max() < 1e-3 * np.abs(tight).max()
+    forces = resultants(solve(stack(3, "contact", 0.2, window=window, tolerance=1e-4, max_iterations=400)))
+    assert np.abs(forces - tight).max() < 1e-3 * np.abs(tight).max()
 
 
 @pytest.mark.parametrize("acceleration", ["anderson", "none"])

@@ -26,7 +26,7 @@ SEEN, UNSEEN = (0.5, 0.72, 1.0, 1.4, 2.0), (0.6, 0.85, 1.2, 1.7)
 
 
 @dataclass(frozen=True)
-class Judged:
+class Compared:
     """One case: true and estimated error, and whether the estimate calls itself a bound."""
 
     case: str
@@ -47,8 +47,8 @@ class Judged:
         return f"{self.case}: true {100 * self.true:.3f} %, {kind} {100 * self.estimated:.3f} %"
 
 
-def cases(scenes: Iterable[Known], resolutions: Sequence[float]) -> list[Judged]:
-    found = []
+def cases(scenes: Iterable[Known], resolutions: Sequence[float]) -> list[Compared]:
+    compared = []
     for problem in scenes:
         for level in resolutions:
             scene = at_resolution(problem.scene, Resolution(level, level))
@@ -58,41 +58,41 @@ def cases(scenes: Iterable[Known], resolutions: Sequence[float]) -> list[Judged]
             measured = measure_solution(problem.scene, solution)
             for quantity in problem.quantities:
                 true = max(measured.error(quantity, problem.exact), FLOOR)
-                told = estimate[quantity]
+                estimated = estimate[quantity]
                 name = f"{problem.name} x {level:g} {quantity}"
-                found.append(Judged(name, true, max(told.error, FLOOR), told.bound_only))
-    return found
+                compared.append(Compared(name, true, max(estimated.error, FLOOR), estimated.bound_only))
+    return compared
 
 
-def told(found: list[Judged]) -> str:
-    regular = [c for c in found if not c.bound_only]
+def counts(compared: list[Compared]) -> str:
+    regular = [c for c in compared if not c.bound_only]
     lines = [
-        f"{len(found)} cases: estimate >= true error in {sum(c.covered for c in found)}",
+        f"{len(compared)} cases: estimate >= true error in {sum(c.covered for c in compared)}",
         f"{len(regular)} of the expected order: covered {sum(c.covered for c in regular)}, "
         f"at most 5 times the true error {sum(c.tight for c in regular)}",
-        *(f"  missed  {c}" for c in found if not c.covered),
+        *(f"  missed  {c}" for c in compared if not c.covered),
         *(f"  loose   {c}" for c in regular if not c.tight),
     ]
     return "\n".join(lines)
 
 
-def check(found: list[Judged]) -> None:
-    sys.stdout.write(told(found) + "\n")  # shown by pytest -rA: the counts behind the promise
-    regular = [c for c in found if not c.bound_only]
-    assert sum(c.covered for c in found) >= 0.95 * len(found), told(found)
-    assert sum(c.covered for c in regular) >= 0.95 * len(regular), told(found)
-    assert all(c.tight for c in regular), told(found)
+def check(compared: list[Compared]) -> None:
+    sys.stdout.write(counts(compared) + "\n")  # shown by pytest -rA: the counts behind the promise
+    regular = [c for c in compared if not c.bound_only]
+    assert sum(c.covered for c in compared) >= 0.95 * len(compared), counts(compared)
+    assert sum(c.covered for c in regular) >= 0.95 * len(regular), counts(compared)
+    assert all(c.tight for c in regular), counts(compared)
 
 
 def test_estimates_of_two_scenes_are_safe():
-    found = cases(named("impact_bar", "smooth_pulse_gap_0"), (0.5,))
-    assert len(found) == 13
-    check(found)
+    compared = cases(named("impact_bar", "smooth_pulse_gap_0"), (0.5,))
+    assert len(compared) == 13
+    check(compared)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("resolutions", [SEEN, UNSEEN], ids=["seen", "unseen"])
 def test_estimates_are_safe_and_not_idle(resolutions):
-    found = cases(known(), resolutions)
-    assert len(found) > 200
-    check(found)
+    compared = cases(known(), resolutions)
+    assert len(compared) > 200
+    check(compared)

@@ -47,12 +47,12 @@ def test_quantities_agree_with_the_refined_runs(run: tuple[Any, Any]) -> None:
     assert not reference.exact
     blow = solution.to_datatree()["interfaces/blow"]
     force = Force(blow["time"].values, -blow["force"].sel(component="z").values)
-    found = {key: value for key, (value, _) in of_force(force, scene.time.end, opens=True).items()}
+    quantities = {key: value for key, (value, _) in of_force(force, scene.time.end, opens=True).items()}
     known = {key.split(".")[1]: value for key, value in reference.quantities.values.items()}
-    assert found["impulse"] == pytest.approx(known["impulse"], rel=0.01)
-    assert found["first_contact"] == pytest.approx(1e-5, rel=0.002)
-    assert found["separation"] == pytest.approx(known["separation"], rel=0.06)
-    assert found["peak_force"] == pytest.approx(known["peak_force"], rel=0.1)
+    assert quantities["impulse"] == pytest.approx(known["impulse"], rel=0.01)
+    assert quantities["first_contact"] == pytest.approx(1e-5, rel=0.002)
+    assert quantities["separation"] == pytest.approx(known["separation"], rel=0.06)
+    assert quantities["peak_force"] == pytest.approx(known["peak_force"], rel=0.1)
     work = float(np.trapezoid(blow["friction_power"].values, blow["time"].values))
     assert work == pytest.approx(known["friction_work"], rel=0.05)
 

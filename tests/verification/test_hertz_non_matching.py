@@ -44,7 +44,7 @@ def test_cylinder(flat: int, round_: int, tmp_path: Path) -> None:
     one = history.points[:, 1] < 1e-9
     order = np.argsort(history.points[one, 0])
     x = np.abs(history.points[one, 0][order])
-    found = []
+    shares = []
     for instant in range(4, 9):
         traction, force = history.traction[instant, one][order], history.force()[instant] / THICKNESS
         p, q = -force[2], abs(force[0])
@@ -57,8 +57,8 @@ def test_cylinder(flat: int, round_: int, tmp_path: Path) -> None:
             c = a * np.sqrt(1 - part)
             _, stick = semicircle(x, FRICTION * -traction[:, 2] - np.abs(traction[:, 0]), c)
             assert stick == pytest.approx(c, rel=0.04)
-            found.append(part)
-    assert min(abs(part - 0.48) for part in found) < 0.03
+            shares.append(part)
+    assert min(abs(part - 0.48) for part in shares) < 0.03
 
 
 @pytest.mark.slow
@@ -79,7 +79,7 @@ def test_sphere(flat: int, round_: int, tmp_path: Path) -> None:
         tables["boundary"][f"{name}_half"] = {"type": "symmetry", "face": f"{name}.ymin"}
     history = solved(tables, tmp_path).interfaces["touch"]
     r = np.hypot(history.points[:, 0], history.points[:, 1])
-    found = []
+    shares = []
     for instant in range(4, 8):
         force = 2 * history.force()[instant]
         p, part = -force[2], abs(force[0]) / (FRICTION * -force[2])
@@ -92,5 +92,5 @@ def test_sphere(flat: int, round_: int, tmp_path: Path) -> None:
             c = a * (1 - part) ** (1 / 3)
             _, stick = semicircle(r, FRICTION * pressure - np.abs(history.traction[instant, :, 0]), c)
             assert stick == pytest.approx(c, rel=0.05)
-            found.append(part)
-    assert min(abs(part - 0.48) for part in found) < 0.1
+            shares.append(part)
+    assert min(abs(part - 0.48) for part in shares) < 0.1

@@ -147,8 +147,8 @@ def test_rounding_errors_do_not_wake_a_body() -> None:
 
 # -- arrival times ------------------------------------------------------------------------------------------------
 def test_arrival_times_are_those_of_the_pressure_wave() -> None:
-    found = arrivals(chain(4))
-    np.testing.assert_allclose(list(found.values()), TRANSIT * np.arange(4), rtol=1e-12)
+    times = arrivals(chain(4))
+    np.testing.assert_allclose(list(times.values()), TRANSIT * np.arange(4), rtol=1e-12)
 
 
 def test_arrival_times_follow_what_the_scene_does() -> None:
@@ -161,9 +161,9 @@ def test_arrival_times_follow_what_the_scene_does() -> None:
     tables["load"]["push"]["law"] = "input"
     assert arrivals(tables)["b1"] == 0.0
     tables["substructure"]["b4"]["initial_velocity"] = [0.0, 1.0, 0.0]
-    found = arrivals(tables)
-    assert found["b4"] == 0.0
-    assert found["b3"] == 0.0  # they touch
+    times = arrivals(tables)
+    assert times["b4"] == 0.0
+    assert times["b3"] == 0.0  # they touch
     tables["load"]["push"]["pressure"] = 1.0
     del tables["load"], tables["interface"]["i3"], tables["substructure"]["b4"]
     assert set(arrivals(tables).values()) == {np.inf}

@@ -35,11 +35,11 @@ def test_both_roads_give_the_same_answer(propagator, friction):
     assert compiled.converged
     assert long.converged
     for name, history in long.interfaces.items():
-        found = compiled.interfaces[name]
+        compiled_history = compiled.interfaces[name]
         for field in ("traction", "velocity", "gap"):
             expected = getattr(history, field)
             size = max(np.abs(expected).max(), 1e-10)  # m; gaps that stay closed are round-off
-            assert np.abs(getattr(found, field) - expected).max() <= 2e-5 * size, (name, field)
+            assert np.abs(getattr(compiled_history, field) - expected).max() <= 2e-5 * size, (name, field)
     for name, history in long.substructures.items():
         field = compiled.substructures[name].displacement
         assert np.abs(field - history.displacement).max() <= 1e-6 * np.abs(history.displacement).max()

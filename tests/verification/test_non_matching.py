@@ -300,7 +300,7 @@ BEHAVIOURS: dict[str, dict[str, Any]] = {
 @pytest.mark.parametrize("behaviour", BEHAVIOURS)
 def test_every_behaviour(behaviour: str, scheme: str) -> None:
     """A finer block in a stack under a pulse: forces near those of the matching stack, energies that close."""
-    found = []
+    impulses = []
     for elements in (3, 4):
         made = stack(3, behaviour)
         made["substructure"]["b2"]["box"]["elements"] = [elements] * 3
@@ -308,10 +308,10 @@ def test_every_behaviour(behaviour: str, scheme: str) -> None:
         for interface in made["interface"].values():
             interface.update(BEHAVIOURS[behaviour])
         solution = solve(made)
-        found.append(np.trapezoid(solution.interfaces["i2"].normal_resultant(), solution.time))
+        impulses.append(np.trapezoid(solution.interfaces["i2"].normal_resultant(), solution.time))
         terms = solution.energy
         assert np.abs(terms["balance"]).max() <= 1e-10 * max(np.abs(t).max() for t in terms.values())
-    assert found[1] == pytest.approx(found[0], rel=0.03)
+    assert impulses[1] == pytest.approx(impulses[0], rel=0.03)
 
 
 # -- sessions and FMUs --------------------------------------------------------------------------------------------

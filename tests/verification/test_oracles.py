@@ -278,8 +278,8 @@ def test_monolithic_march_converges_to_the_exact_wave() -> None:
         time = np.linspace(0.0, 2.0, 2 * n + 1)
         loads = np.zeros((len(time), system.n_dof))
         loads[:, 3 * end + 2] = np.outer(-smooth.sample(time), areas)
-        found = march(system, loads).displacement[-1, 3 * end[0] + 2]
-        errors.append(abs(found - exact.displacement(0, 0.0, 2.0)))
+        computed = march(system, loads).displacement[-1, 3 * end[0] + 2]
+        errors.append(abs(computed - exact.displacement(0, 0.0, 2.0)))
     assert min(observed_orders([1 / 10, 1 / 20, 1 / 40], errors)) > 1.7, errors
 
 

@@ -19,9 +19,9 @@ def reduced(n: int, modes: int, **changes) -> latin_fmu.Solution:
 
 def stated(solution: latin_fmu.Solution) -> float:
     """Largest error that the warnings state."""
-    found = [w for w in solution.warnings if "estimated error of the interface velocities" in w]
-    assert found
-    return max(float(w.split("velocities ")[1].split(" %")[0]) / 100 for w in found)
+    messages = [w for w in solution.warnings if "estimated error of the interface velocities" in w]
+    assert messages
+    return max(float(w.split("velocities ")[1].split(" %")[0]) / 100 for w in messages)
 
 
 def test_error_falls_with_the_modes_and_is_stated():
@@ -32,23 +32,23 @@ def test_error_falls_with_the_modes_and_is_stated():
     for modes in (5, 40, 100):
         solution = reduced(2, modes)
         closes(solution.energy)
-        found = solution.interfaces["i1"]
-        errors.append(np.linalg.norm(found.normal_resultant() - force) / np.linalg.norm(force))
-        velocity = np.linalg.norm(found.velocity - exact.velocity) / np.linalg.norm(exact.velocity)
+        history = solution.interfaces["i1"]
+        errors.append(np.linalg.norm(history.normal_resultant() - force) / np.linalg.norm(force))
+        velocity = np.linalg.norm(history.velocity - exact.velocity) / np.linalg.norm(exact.velocity)
         assert velocity <= stated(solution) <= 20 * velocity, (modes, velocity, stated(solution))
     assert errors[1] <= 0.02
     assert errors[2] < errors[1] < errors[0] < 0.05, errors
 
 
 def test_every_mode_gives_the_answer_of_the_mesh():
-    exact, found = solve(stack(2, "contact", 0.3, tolerance=1e-8)), reduced(2, 1000, tolerance=1e-8)
-    assert stated(found) == 0.0
+    exact, solution = solve(stack(2, "contact", 0.3, tolerance=1e-8)), reduced(2, 1000, tolerance=1e-8)
+    assert stated(solution) == 0.0
     for name, history in exact.interfaces.items():
         scale = np.abs(history.traction).max()
-        assert np.abs(found.interfaces[name].traction - history.traction).max() <= 1e-4 * scale
+        assert np.abs(solution.interfaces[name].traction - history.traction).max() <= 1e-4 * scale
     for name, field in exact.substructures.items():
         scale = np.abs(field.displacement).max()
-        assert np.abs(found.substructures[name].displacement - field.displacement).max() <= 1e-6 * scale
+        assert np.abs(solution.substructures[name].displacement - field.displacement).max() <= 1e-6 * scale
 
 
 def test_identical_members_with_loads_of_their_own():
@@ -59,10 +59,10 @@ def test_identical_members_with_loads_of_their_own():
         del scene["boundary"]["base"]
         scene["substructure"]["b1"]["initial_velocity"] = [0.0, 0.0, 2.0]
         scenes.append(solve(scene))
-    exact, found = scenes
-    closes(found.energy)
+    exact, solution = scenes
+    closes(solution.energy)
     for name, history in exact.interfaces.items():
-        difference = found.interfaces[name].force() - history.force()
+        difference = solution.interfaces[name].force() - history.force()
         assert np.linalg.norm(difference) <= 0.04 * np.linalg.norm(history.force()), name
 
 
@@ -71,8 +71,8 @@ def test_stress_and_sensors_come_from_the_whole_mesh():
     scene["output"] = {"stress": True}
     exact = stack(2, "contact", 0.3)
     exact["output"] = {"stress": True}
-    found, expected = (solve(s).substructures["b1"].stress for s in (scene, exact))
-    assert np.linalg.norm(found - expected) <= 0.05 * np.linalg.norm(expected)
+    stress, expected = (solve(s).substructures["b1"].stress for s in (scene, exact))
+    assert np.linalg.norm(stress - expected) <= 0.05 * np.linalg.norm(expected)
 
 
 def test_segments_and_snapshots_are_exact():
@@ -84,8 +84,8 @@ def test_rigid_bodies_stay_as_they_are():
     scenes = [stack(2, "contact", 0.3, propagator=p) for p in ("direct", {"type": "reduced", "modes": 1000})]
     for scene in scenes:
         scene["substructure"]["b2"]["rigid"] = True
-    exact, found = (solve(s).interfaces["i1"].force() for s in scenes)
-    assert np.linalg.norm(found - exact) <= 1e-2 * np.linalg.norm(exact)
+    exact, force = (solve(s).interfaces["i1"].force() for s in scenes)
+    assert np.linalg.norm(force - exact) <= 1e-2 * np.linalg.norm(exact)
 
 
 def test_a_scheme_without_mass_at_contacts_is_refused():

@@ -26,22 +26,22 @@ def direct() -> latin_fmu.Solution:
 @pytest.mark.parametrize("way", WAYS)
 def test_the_answer_is_that_of_the_direct_march(way, direct):
     settings, difference, balance = WAYS[way]
-    found = solve(stack(3, "contact", 0.3, **settings))
+    solution = solve(stack(3, "contact", 0.3, **settings))
     for name, history in direct.interfaces.items():
-        apart = np.abs(found.interfaces[name].traction - history.traction).max()
+        apart = np.abs(solution.interfaces[name].traction - history.traction).max()
         assert apart <= difference * np.abs(history.traction).max()
-    assert found.windows[0].iterations == direct.windows[0].iterations
-    energy = found.energy
+    assert solution.windows[0].iterations == direct.windows[0].iterations
+    energy = solution.energy
     largest = max(np.abs(term).max() for term in energy.values())
     assert np.abs(energy["balance"]).max() <= balance * largest
 
 
 def test_float32_is_felt():
     """The option does something: results differ in more than the last bits."""
-    exact, found = (
+    exact, traction = (
         solve(stack(2, "contact", 0.3, precision=p)).interfaces["i1"].traction for p in ("float64", "float32")
     )
-    assert np.abs(found - exact).max() > 1e-12 * np.abs(exact).max()
+    assert np.abs(traction - exact).max() > 1e-12 * np.abs(exact).max()
 
 
 @pytest.mark.parametrize("way", WAYS)
@@ -64,9 +64,9 @@ def test_cg_starts_bonded_bodies_as_the_factor_does():
         for name in ("b1", "b2"):
             scene["substructure"][name]["initial_velocity"] = [0.0, 0.0, 3.0]
         scene["load"]["pulse"]["law"] = {"type": "constant"}
-    exact, found = (solve(s).interfaces["i1"].traction for s in scenes)
+    exact, traction = (solve(s).interfaces["i1"].traction for s in scenes)
     assert np.abs(exact[0]).max() > 0
-    np.testing.assert_allclose(found, exact, atol=1e-7 * np.abs(exact).max())
+    np.testing.assert_allclose(traction, exact, atol=1e-7 * np.abs(exact).max())
 
 
 def test_float32_is_refused_where_there_is_no_factor():

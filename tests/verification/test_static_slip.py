@@ -128,6 +128,6 @@ def test_shipped_model():
 
 def test_refining_the_increments_changes_little():
     """Monotone loading: the answer does not depend on the number of increments, nor on the unit of time."""
-    found = [end(solve(gripped((0, 0), (t, 1), steps=n)))[-1] for n, t in ((1, 1.0), (4, 1e-6), (10, 1e6))]
-    for one, other in pairwise(found):
+    ends = [end(solve(gripped((0, 0), (t, 1), steps=n)))[-1] for n, t in ((1, 1.0), (4, 1e-6), (10, 1e6))]
+    for one, other in pairwise(ends):
         assert one == pytest.approx(other, rel=2e-3)
