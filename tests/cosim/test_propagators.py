@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from latin_fmu.cosim import Session
+from latin_fmu.propagator import PROPAGATORS
 
 from .scenes import blocks
 
-EVERY = ("direct", "explicit", {"type": "reduced", "modes": 20}, "cg")
+EVERY = tuple({"type": kind, "modes": 20} if kind == "reduced" else kind for kind in PROPAGATORS)
 
 
 @pytest.mark.parametrize("propagator", EVERY, ids=str)

@@ -18,7 +18,7 @@ from latin_fmu.effects import cost
 from latin_fmu.effects.cost import Prediction, march_counts, operator_counts, run_size, seconds
 from latin_fmu.effects.explanation import explain
 from latin_fmu.machine import physical_memory
-from latin_fmu.propagator.registry import PropagatorSettings
+from latin_fmu.propagator import PROPAGATORS, PropagatorSettings
 from latin_fmu.results.summary import summary
 from latin_fmu.stability.scenes import STEEL, Box, column, half_sine
 
@@ -51,7 +51,7 @@ def test_the_factor_is_as_large_as_predicted() -> None:
 
 def test_what_is_larger_costs_more() -> None:
     runs = [run_size(discretise(scene(n))) for n in (3, 6, 9)]
-    for kind in ("direct", "explicit", "reduced", "cg"):
+    for kind in PROPAGATORS:
         settings = PropagatorSettings(kind)
         own = [replace(r, propagator=settings) for r in runs]
         for values in (
