@@ -327,7 +327,7 @@ print(json.dumps(runs))
 
 
 def small_scenes() -> list[dict[str, Any]]:
-    """Runs of a few instants on one element a body that take every road through the kernels of the iteration."""
+    """Runs of a few instants on one element a body that pass every branch of the kernels of the iteration."""
     rubs = {"friction_coefficient": 0.3}
     block = Box(replace(ALUMINIUM, name="m"), (0.01,) * 3, (1, 1, 1))
     plain = column(

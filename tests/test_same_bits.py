@@ -78,7 +78,7 @@ def bits(outcome: Any) -> Iterator[tuple[str, Any]]:
     yield "work", (outcome.marched, outcome.passes)
     yield "windows", [(w.iterations, w.fallbacks, w.accepted) for w in outcome.windows]
     yield "errors", [list(w.error_indicator) for w in outcome.windows]
-    yield "mismatches", [np.array(w.force_mismatch).tobytes() for w in outcome.windows]
+    yield "force residuals", [np.array(w.force_mismatch).tobytes() for w in outcome.windows]
     yield "indicator", outcome.interface_indicator
     for name, history in outcome.interfaces.items():
         for field in ("traction", "velocity", "gap", "contact_status", "friction_power", "layer_energy"):

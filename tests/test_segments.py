@@ -61,20 +61,20 @@ def test_snapshot_restore_is_bit_identical():
     run = SegmentedRun(described)
     run.advance(1.0, 200)
     run.advance(1.1, 13)  # another step
-    blob = run.snapshot()
+    snapshot = run.snapshot()
     first = run.advance(1.4, 60)
     run.advance(1.9, 50)
-    run.restore(blob)
+    run.restore(snapshot)
     again = run.advance(1.4, 60)
     fresh = SegmentedRun(described)
-    fresh.restore(blob)
+    fresh.restore(snapshot)
     elsewhere = fresh.advance(1.4, 60)
     for other in (again, elsewhere):
         assert np.array_equal(first.interfaces["wall"].traction, other.interfaces["wall"].traction)
         assert np.array_equal(first.energy["balance"], other.energy["balance"])
     assert first.interfaces["wall"].traction.any()
-    run.restore(blob)
-    assert run.snapshot() == blob
+    run.restore(snapshot)
+    assert run.snapshot() == snapshot
 
 
 def test_reset_starts_again():
@@ -89,10 +89,10 @@ def test_reset_starts_again():
 def test_damaged_snapshots_are_refused(damage):
     run = SegmentedRun(scene("impact_bar/scene"))
     run.advance(0.1, 20)
-    blob = run.snapshot()
+    snapshot = run.snapshot()
     with pytest.raises(latin_fmu.InputError, match="state"):
-        run.restore(damage(blob) if callable(damage) else damage)
-    assert run.snapshot() == blob
+        run.restore(damage(snapshot) if callable(damage) else damage)
+    assert run.snapshot() == snapshot
 
 
 def test_snapshots_of_another_scene_are_refused():
@@ -131,22 +131,22 @@ def test_loads_from_outside():
 def test_a_segment_that_does_not_converge_leaves_the_state_alone():
     described = scene("two_specimen_crushing/scene", "solver.max_iterations=1", "output.energy=false")
     run = SegmentedRun(described)
-    blob = run.snapshot()
+    snapshot = run.snapshot()
     segment = run.advance(3e-6, 20)
     assert not segment.converged
     assert not segment.accepted
     assert run.time == 0.0
-    assert run.snapshot() == blob
+    assert run.snapshot() == snapshot
     # a window far from any answer stops the segment, and cannot be accepted
     assert not run.advance(3e-6, 20, accept=True).accepted
-    assert run.snapshot() == blob
+    assert run.snapshot() == snapshot
     described = scene("two_specimen_crushing/scene", "solver.tolerance=1e-9", "solver.max_iterations=11")
     run = SegmentedRun(described)
     assert run.advance(3e-6, 20, accept=True).accepted
     assert run.time == 3e-6
-    blob = run.snapshot()
+    snapshot = run.snapshot()
     assert not run.advance(6e-6, 20).accepted
-    assert run.snapshot() == blob
+    assert run.snapshot() == snapshot
 
 
 def test_driven_bodies_go_on_where_they_are():

@@ -66,9 +66,9 @@ def test_a_state_goes_on_in_a_new_session():
     first = Session(blocks())
     first.initialize()
     assert first.step(0.0, H)
-    blob = first.snapshot()
+    snapshot = first.snapshot()
     second = Session(blocks())
-    second.restore(blob)
+    second.restore(snapshot)
     assert np.array_equal(second.row, first.row)
     for session in (first, second):
         session.set_load("press", 0.5)
@@ -91,13 +91,13 @@ def test_a_prescribed_state_goes_on_in_a_new_session():
 def test_states_of_other_scenes_and_settings_are_refused():
     session = Session(blocks())
     session.initialize()
-    blob = session.snapshot()
+    snapshot = session.snapshot()
     for other in (Session(bar()), Session(blocks(), Settings(tolerance=1e-5))):
         with pytest.raises(InputError, match="state"):
-            other.restore(blob)
+            other.restore(snapshot)
     with pytest.raises(InputError):
-        session.restore(blob[:-9])
-    assert session.snapshot() == blob
+        session.restore(snapshot[:-9])
+    assert session.snapshot() == snapshot
 
 
 def test_steps_rolled_back_are_not_in_the_dataset():

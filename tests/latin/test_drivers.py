@@ -90,7 +90,7 @@ def mixed(tables: Tables) -> None:
 
 def layers(tables: Tables) -> None:
     """One that bonds and one, compressed from the start, that opens and slides, on a ground and under a face that move;
-    one instant takes the long road."""
+    one instant takes the Python driver."""
     moving_ground(tables)
     driven_face(tables)
     tables["interface"]["floor"] |= {"behaviour": "soft_contact", "normal_stiffness": 2e15, "interference": 2e-7}
@@ -352,9 +352,9 @@ def test_segments_and_snapshots_of_layers(change: Callable[[Tables], None], pyth
         whole, n = latin_fmu.solve(scene), scene.time.n_step
         run = SegmentedRun(scene)
         run.advance(scene.time.end / 3, n // 3)
-        blob = run.snapshot()
+        snapshot = run.snapshot()
         first = run.advance(scene.time.end, n - n // 3)
-        run.restore(blob)
+        run.restore(snapshot)
         again = run.advance(scene.time.end, n - n // 3)
         for name, history in whole.interfaces.items():
             cut = first.interfaces[name].traction

@@ -59,7 +59,7 @@ class Indicator:
         np.testing.assert_array_equal(measure[3:5], scales[1:])
         return Measure(float(measure[0]), np.array([measure[2], *scales[1:]]))
 
-    def mismatch(self, residual: Array, f_hat: Array, scales: Array) -> Measure:
+    def force_residual(self, residual: Array, f_hat: Array, scales: Array) -> Measure:
         """Force residual."""
         n = self._put(scales, r=residual, local_f=f_hat)
         measure = self.image.field("measure", 8)
@@ -138,7 +138,7 @@ def test_indicator_is_zero_at_the_fixed_point_and_never_nan(march: Any, assembly
     nothing = np.zeros_like(f)
     assert measured(indicator, nothing, (f, w, f, w), indicator.floor()).value == 0.0
     assert measured(indicator, nothing, (nothing,) * 4, indicator.floor()).value == 0.0  # quiet: no 0 / 0
-    assert indicator.mismatch(nothing, nothing, indicator.floor()).value == 0.0
+    assert indicator.force_residual(nothing, nothing, indicator.floor()).value == 0.0
     assert not indicator.per_interface(nothing, indicator.floor()).any()
 
 
@@ -171,7 +171,7 @@ def test_parts_of_the_interfaces_add_up(march: Any, assembly: Any) -> None:
     assert np.sqrt((parts**2).sum()) == pytest.approx(whole.value, rel=1e-12)
 
 
-def test_mismatch_is_its_definition(march: Any, assembly: Any) -> None:
+def test_force_residual_is_its_definition(march: Any, assembly: Any) -> None:
     """max over instants of sqrt(f . C f), f = area (F - F_hat), normal and tangential parts each to its scale."""
     k = np.where(assembly.impedance > 0, 2.0, 0.0)
     f, _, f_hat, _, residual = fields(assembly, k)
@@ -189,17 +189,17 @@ def test_mismatch_is_its_definition(march: Any, assembly: Any) -> None:
         / max(norm(mask * area * f_hat[i]) for i in range(3))
         for mask in (normal, ~normal)
     )
-    measure = Indicator(march, k).mismatch(residual, f_hat, NOTHING)
+    measure = Indicator(march, k).force_residual(residual, f_hat, NOTHING)
     assert measure.value == pytest.approx(expected, rel=1e-12)
 
 
 def test_shear_error_is_seen_beside_a_large_pressure(march: Any, assembly: Any) -> None:
-    """A tangential mismatch as large as the shear itself is 1, however large the normal forces are."""
+    """A tangential force residual as large as the shear itself is 1, however large the normal forces are."""
     k = np.where(assembly.impedance > 0, 2.0, 0.0)
     tangential = ~assembly.layout.normal
     f_hat = np.where(tangential, 0.05, 1.0)[None] * np.ones((1, assembly.layout.n_flat))
     residual = np.where(tangential & (k > 0), 2 * 0.05, 0.0)[None]
-    value = Indicator(march, k).mismatch(residual, f_hat, NOTHING).value
+    value = Indicator(march, k).force_residual(residual, f_hat, NOTHING).value
     assert 0.5 < value <= 1.0 + 1e-12
 
 

@@ -74,11 +74,11 @@ class Scripted(Stages):
 
     n = 2
 
-    def __init__(self, settings: Settings, errors: list[float], mismatches: list[float] | None = None) -> None:
+    def __init__(self, settings: Settings, errors: list[float], force_residuals: list[float] | None = None) -> None:
         self.image: Any = OneNumber(settings)
         self.direction: Any = SimpleNamespace(metric=np.ones(1))
         self.settings, self.errors = settings, errors
-        self.mismatches = [0.0] * len(errors) if mismatches is None else mismatches
+        self.force_residuals = [0.0] * len(errors) if force_residuals is None else force_residuals
         self.asked: list[float] = []
 
     def evaluate(self, iteration: int) -> None:
@@ -88,7 +88,7 @@ class Scripted(Stages):
         self.asked.append(float(self.field("q")[0, 0]))
         self.field("local_f")[:] = self.field("local_w")[:] = float(i)
         self.field("r")[:] = 1.0
-        self.image.field("measure", 8)[:5] = self.errors[i], self.mismatches[i], 1.0, 1.0, 1.0
+        self.image.field("measure", 8)[:5] = self.errors[i], self.force_residuals[i], 1.0, 1.0, 1.0
 
     def go(self) -> tuple[Iterate, WindowRecord]:
         """Solve from q = 0."""

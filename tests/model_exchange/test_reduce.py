@@ -111,9 +111,9 @@ def test_initial_motion_is_kept():
 def test_bytes_and_back():
     for scene in (pair(), rods(), thrown()):
         system = reduced_system(scene, 3, 2)
-        blob = system.to_bytes()
-        again = ReducedSystem.from_bytes(blob)
-        assert again.to_bytes() == blob == reduced_system(scene, 3, 2).to_bytes()
+        serialized = system.to_bytes()
+        again = ReducedSystem.from_bytes(serialized)
+        assert again.to_bytes() == serialized == reduced_system(scene, 3, 2).to_bytes()
         assert again.bodies == system.bodies
         np.testing.assert_array_equal(again.contacts.opening, system.contacts.opening)
 

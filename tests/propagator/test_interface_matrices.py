@@ -14,8 +14,8 @@ Array = np.ndarray
 
 
 @pytest.fixture(params=[True, False], ids=["compiled", "NumPy"], autouse=True)
-def road(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Both roads, where there is a compiler."""
+def implementation(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Compiled and in NumPy, where there is a compiler."""
     if request.param and not interface_matrices.COMPILES:
         pytest.skip("compilation is off")
     monkeypatch.setattr(interface_matrices, "COMPILES", request.param)

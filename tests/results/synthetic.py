@@ -111,8 +111,8 @@ def windows(n_time: int, length: int, n_iteration: int = 4) -> list[WindowRecord
     for first in range(1, n_time, length):
         count = n_iteration + (first * 7919) % (n_iteration + 1)
         curve = [float(10 ** (-3.2 * (i + 1) / count)) for i in range(count)]
-        mismatch = [float("nan")] * (count - 1) + [1e-3]
-        records.append(WindowRecord(first, min(first + length, n_time) - 1, curve, mismatch, [], True))
+        force_residual = [float("nan")] * (count - 1) + [1e-3]
+        records.append(WindowRecord(first, min(first + length, n_time) - 1, curve, force_residual, [], True))
     return records
 
 

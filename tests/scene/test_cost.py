@@ -78,7 +78,7 @@ def counted(run: cost.RunSize) -> dict[str, float]:
 
 def test_operations_of_an_instant_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     """By hand, for two blocks with friction and factors of their own: both half solves, three sparse products, two
-    products with the Schur inverse, one with the condensed operator per iteration and one for the mismatch."""
+    products with the Schur inverse, one with the condensed operator per iteration and one for the force residual."""
     monkeypatch.setattr(cost, "CACHE", 1e12)
     discretised = discretise(scene(4))
     run = run_size(discretised)

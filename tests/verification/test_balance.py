@@ -9,7 +9,7 @@ from .blocks import solve, stack
 from .scenes import MODELS, solved
 
 SHIPPED = sorted(str(p.relative_to(MODELS).with_suffix("")) for p in MODELS.glob("*/*.toml"))
-# sqrt(eta) is an energy norm over all interfaces; work mismatch is bounded by it times the work exchanged
+# sqrt(eta) is an energy norm over all interfaces; the residual of the work is bounded by it times the work exchanged
 MULTIPLE = 10.0
 INCREMENTS = 3e-3
 
@@ -66,8 +66,8 @@ def test_every_model_closes_its_energy(model):
     assert (np.diff(total["friction_dissipation"]) >= -1e-12 * total["friction_dissipation"][-1]).all()
 
 
-def mismatches(solution):
-    """Momentum and interface-work mismatch, relative.
+def work_residual(solution):
+    """Momentum and interface-work residual, relative.
 
     Momentum: total momentum against the impulse of loads and supports is exact by construction where tractions of
     the two sides are opposite; what can differ is the velocity of the two sides under those tractions. Interface
@@ -149,10 +149,10 @@ def test_ring_down_of_a_bonded_pair_never_gains_energy():
 
 
 @pytest.mark.parametrize("window", [1, "whole"])
-def test_interface_work_mismatch_vanishes_with_the_tolerance(window):
+def test_interface_work_residual_vanishes_with_the_tolerance(window):
     """Below 1e-9 at tolerance 1e-11."""
     scene = stack(2, "contact", 0.2, tolerance=1e-11, window=window, max_iterations=5000)
-    assert mismatches(solve(scene)) < 1e-9
+    assert work_residual(solve(scene)) < 1e-9
 
 
 def test_momentum_of_free_bodies():

@@ -303,12 +303,12 @@ def test_inputs_count_with_the_value_they_are_given_at_the_start() -> None:
     for value in (0.5, 1.0):
         run = SegmentedRun(scene)
         run.advance(end / 2, n // 2, {"press": np.full(n // 2 + 1, value)})
-        blob = run.snapshot()
+        snapshot = run.snapshot()
         segment = run.advance(end, n // 2, {"press": np.full(n // 2 + 1, value)})
         runs[value] = segment.interfaces["i0"].traction
         assert np.abs(run.velocity("b2")).max() < 1e-7
         fresh = SegmentedRun(scene)  # of the other start value
-        fresh.restore(blob)
+        fresh.restore(snapshot)
         again = fresh.advance(end, n // 2, {"press": np.full(n // 2 + 1, value)})
         np.testing.assert_array_equal(again.interfaces["i0"].traction, runs[value])
         run.reset()
