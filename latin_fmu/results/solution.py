@@ -122,6 +122,6 @@ class Solution:
         return text if self.estimate is None else "\n".join([text, "", *self.estimate.lines()])
 
     def report(self) -> dict[str, Any]:
-        """Plain data for programs, fit for strict JSON; its keys are in ``results.report``."""
+        """Plain data for programs, fit for strict JSON; its keys are in ``results.summary.report``."""
         estimate = {} if self.estimate is None else {"error_estimate": self.estimate.report()}
         return report(self.outcome) | estimate
