@@ -111,7 +111,7 @@ class Signature:
         self.result = after.strip() or None
         if self.result not in (None, "i8", "f8", "b1"):
             raise ValueError(f"signature {text!r}: result {self.result!r}; allowed: i8, f8, b1, nothing")
-        self._pack = struct.Struct("=" + "".join(_format(a) for a in self.arguments)).pack
+        self.packed = struct.Struct("=" + "".join(_format(a) for a in self.arguments)).pack
 
     def pack(self, values: Sequence[Any]) -> bytes:
         """The slots of a call.
@@ -123,7 +123,7 @@ class Signature:
         slots: list[Any] = []
         _fill(slots, self.arguments, values)
         try:
-            return self._pack(*slots)
+            return self.packed(*slots)
         except struct.error as error:
             raise MismatchError(str(error)) from error
 
@@ -250,6 +250,31 @@ class Entry(Kernel):
                 raise MemoryError(f"{self.symbol}: no memory for its work arrays (status {status})")
             return None if out is None else out.value
         return self.dispatcher(*arguments)
+
+    def bound(self, first: Any) -> Callable[..., Any]:
+        """The entry with its first argument given, see ``bound``."""
+        known = library.loaded()
+        if known is None or len(self.signatures) != 1:
+            return functools.partial(self, first)
+        signature, prefix = self.signatures[0], list[Any]()
+        _fill(prefix, signature.arguments[:1], (first,))
+        call, result = library.call_of(known, f"{self.symbol}_0"), library.RESULTS[signature.result]
+
+        def call_with(*rest: Any, _kept: Any = first) -> Any:
+            out = None if result is None else result()
+            if status := call(signature.packed(*prefix, *rest), None if out is None else byref(out)):
+                raise MemoryError(f"{self.symbol}: no memory for its work arrays (status {status})")
+            return None if out is None else out.value
+
+        return call_with
+
+
+def bound(function: Callable[..., Any], first: Any) -> Callable[..., Any]:
+    """An entry with its first argument given, for many calls: addresses are read once, the other arguments are numbers.
+
+    The arrays in ``first`` are kept alive and must not be resized.
+    """
+    return function.bound(first) if isinstance(function, Entry) else functools.partial(function, first)
 
 
 class Later:

@@ -9,14 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import isqrt
+from math import isqrt, prod
 from typing import Any, cast
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from ..compiled import PLAIN
+from ..compiled import PLAIN, bound
 from ..kernels import entries
 from ..kernels.records import CLASS, GROUP, RUN, Pools
 from . import class_record
@@ -296,6 +296,7 @@ class Image:
             moving,
             moving.view(np.int64),
         )
+        self._entry = bound(entries.call, self.pools)
         self._written = True
 
     # -- use ----------------------------------------------------------------------------------------------------
@@ -303,7 +304,7 @@ class Image:
         """Do an action of ``kernels.entries``; what it returns."""
         if not self._written:
             self._write_records()
-        return int(entries.call(self.pools, action, a, b, c, d))
+        return int(self._entry(action, a, b, c, d))
 
     # factors that the kernels do not hold are solved with here, between the kernels' halves of an instant
     def predict(self, c: int, instant: int) -> None:
@@ -380,7 +381,7 @@ class Image:
 
     def _of(self, c: int, name: str, *shape: int) -> Array:
         at = self._rows[c][name]
-        return self.moving[at : at + int(np.prod(shape, dtype=np.int64))].reshape(shape)
+        return self.moving[at : at + prod(shape)].reshape(shape)
 
     @property
     def factored(self) -> bool:
@@ -396,7 +397,7 @@ class Image:
     def field(self, name: str, *shape: int) -> Array:
         """An array of the run in the moving block, a view of this shape."""
         at = self._run[name]
-        return self.moving[at : at + int(np.prod(shape, dtype=np.int64))].reshape(shape)
+        return self.moving[at : at + prod(shape)].reshape(shape)
 
     def counts(self, name: str, n: int) -> Index:
         """The same for integers."""
@@ -410,7 +411,7 @@ class Image:
     def group_field(self, g: int, name: str, *shape: int) -> Array:
         """An array of a group in the moving block."""
         at = self._groups[g][name]
-        return self.moving[at : at + int(np.prod(shape, dtype=np.int64))].reshape(shape)
+        return self.moving[at : at + prod(shape)].reshape(shape)
 
     def output(self, c: int, name: str, width: str | int) -> Array:
         """An output (rows, width, m) of a class; ``width`` : a number, or the name of a size."""
