@@ -101,14 +101,14 @@ def status_panel(axis: Axes, name: str, dataset: xr.Dataset, scale: TimeAxis, fi
 
 
 def curve_panel(axis: Axes, convergence: xr.Dataset, tolerance: float | None) -> None:
-    """One window: sqrt(eta) and force mismatch over the iterations."""
+    """One window: sqrt(eta) and interface force residual over the iterations."""
     count = max(1, int(convergence["iterations"].values[0]))
     steps = convergence["iteration"].values[:count]
     errors = convergence["error_indicator"].values[0, :count]
     axis.plot(steps, errors, "o-", color=DISTINCT[0], markersize=3, linewidth=1.2, label=r"$\sqrt{\eta}$")
     mismatch = convergence["force_mismatch"].values[0, :count]
     if np.isfinite(mismatch).any():
-        axis.plot(steps, mismatch, "s", color=DISTINCT[1], markersize=3, label="force mismatch")
+        axis.plot(steps, mismatch, "s", color=DISTINCT[1], markersize=3, label="interface force residual")
     _tolerance_line(axis, tolerance)
     axis.set(title="Convergence", xlabel="iteration", yscale="log", ylabel="relative error")
     axis.locator_params(axis="x", integer=True)
