@@ -241,6 +241,12 @@ class Propagator(ABC):
         at = self._image.row(self._class)[first]
         return self._image.moving[at : at + size]
 
+    def _field(self, name: str) -> Array:
+        """One field (n, m) of the present motion, a view where it stands in an image."""
+        if self._image is None:
+            return self._own[name]
+        return self._part(name, self.n_dof * len(self.members)).reshape(self.n_dof, len(self.members))
+
     def _energy(self) -> Array | None:
         """The account of energies, in the image or kept for one."""
         if not self.energy:
@@ -258,11 +264,7 @@ class Propagator(ABC):
     @property
     def state(self) -> Motion:
         """Present motion (views where it stands in an image)."""
-        if self._image is None:
-            return Motion(self.instant, **self._own)
-        shape = self.n_dof, len(self.members)
-        fields = [self._part(name, shape[0] * shape[1]).reshape(shape) for name in ("u", "v", "a", "residual")]
-        return Motion(self.instant, *fields)
+        return Motion(self.instant, *(self._field(name) for name in ("u", "v", "a", "residual")))
 
     def _set(self, u: Array, v: Array, a: Array | None = None, residual: Array | None = None) -> None:
         zero = np.zeros_like(u)
@@ -353,11 +355,11 @@ class Propagator(ABC):
 
     def full_displacement(self, member: int) -> Array:
         """Displacements of all nodes of a member, (n_node, 3), m."""
-        return self._full(self.state.u, self.forcing.imposed_u(self.instant), member)
+        return self._full(self._field("u"), self.forcing.imposed_u(self.instant), member)
 
     def full_velocity(self, member: int) -> Array:
         """Velocities of all nodes of a member, (n_node, 3), m s-1."""
-        return self._full(self.state.v, self.forcing.imposed_v(self.instant), member)
+        return self._full(self._field("v"), self.forcing.imposed_v(self.instant), member)
 
     def _full(self, field: Array, imposed: Array, member: int) -> Array:
         model = self.members[member]
