@@ -15,7 +15,7 @@ pulse that starts and ends on instants has its exact impulse."""
 import math
 import re
 from pathlib import Path
-from typing import Annotated, Any, Literal, Protocol, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -117,12 +117,12 @@ def _check_points(times: Points, values: Points) -> None:
         )
 
 
-class TableLaw(Table):
-    """Given points, linear in between, held at both ends."""
+class _Points(Table):
+    """Points in time, linear in between, held at both ends."""
 
-    type: Literal["table"] = "table"
-    times: Annotated[Series, about("strictly increasing times, two or more", "s")]
-    values: Annotated[Series, about("a at these times", "1")]
+    if TYPE_CHECKING:  # fields of the laws below, each with a description of its own
+        times: Series
+        values: Series
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -138,7 +138,15 @@ class TableLaw(Table):
         return _integral(t0, t1, self.times, self.values)
 
 
-class CsvLaw(Table):
+class TableLaw(_Points):
+    """Given points, linear in between, held at both ends."""
+
+    type: Literal["table"] = "table"
+    times: Annotated[Series, about("strictly increasing times, two or more", "s")]
+    values: Annotated[Series, about("a at these times", "1")]
+
+
+class CsvLaw(_Points):
     """Points read from a file of two columns, time (s) and value; linear in between, held at both ends.
 
     The points are kept with the scene (`times`, `values`), which no longer needs the file afterwards.
@@ -156,19 +164,6 @@ class CsvLaw(Table):
             times, values = read_law_file(base_dir_of(info.context), data["file"])
             return {**data, "times": times, "values": values}
         return data
-
-    @model_validator(mode="after")
-    def _consistent(self) -> Self:
-        _check_points(self.times, self.values)
-        return self
-
-    def sample(self, times: ArrayLike) -> Array:
-        """a(t) at the times, s."""
-        return _interpolated(times, self.times, self.values)
-
-    def impulse(self, t0: float, t1: float) -> float:
-        """Exact integral of a from t0 to t1 >= t0, s."""
-        return _integral(t0, t1, self.times, self.values)
 
 
 _JUMP_ROUND_OFF = 1e-9
