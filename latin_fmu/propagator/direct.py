@@ -18,42 +18,20 @@ from ..time_scheme import TimeScheme
 from .base import MassFactor, Propagator
 from .conjugate_gradients import ConjugateGradients, IterativeFactor
 from .interface_matrices import projected, with_dashpots
-from .model import Array, Index, SubstructureModel
+from .model import Array, Operators, SubstructureModel
 
 
 @dataclass(frozen=True)
-class Operators:
-    """Reduced matrices, factor and interface admittance of one class at one time step.
+class ImplicitOperators(Operators):
+    """Operators of one class at one time step; ``factor`` : of A.
 
-    Attributes
-    ----------
-    mass, damping, stiffness : reduced matrices (n, n).
-    factor : factor of A, interface dofs last. dofs : (n_gamma,) interface dofs.
-    trace : (n_channel, n_gamma) from interface dofs to channels. spread : its transpose. area : (n_channel,).
-    compliance : (n_channel, n_channel) velocities of the channels at the new instant per unit of nodal force
-        on the channels, m s-1 N-1, symmetric: T D T^T.
-    massless : dofs without mass. gain : velocities of the interface dofs per S^-1 times force, of the time scheme.
+    gain : velocities of the interface dofs per S^-1 times force, of the time scheme.
     """
 
-    mass: sp.csr_array
-    damping: sp.csr_array | None
-    stiffness: sp.csr_array
-    factor: InterfaceFactor
-    dofs: Index
-    trace: sp.csr_array
-    spread: sp.csr_array
-    area: Array
-    compliance: Array
-    massless: Index
     gain: float
 
-    @property
-    def admittance(self) -> Array:
-        """Velocities of the channels per unit of traction, m3 N-1 s-1: T D T^T diag(area)."""
-        return self.compliance * self.area
 
-
-def build_operators(model: SubstructureModel, scheme: TimeScheme, dt: float) -> Operators:
+def build_operators(model: SubstructureModel, scheme: TimeScheme, dt: float) -> ImplicitOperators:
     """Factorise and condense (once per class and time step)."""
     mass, damping, stiffness = model.reduced
     dofs, trace, rank = model.at_interface
@@ -69,7 +47,7 @@ def build_operators(model: SubstructureModel, scheme: TimeScheme, dt: float) -> 
     else:
         factor = interface_factor(matrix, dofs, rank, np.dtype(model.factor), pattern.analyses)
     gain = scheme.interface_gain(dt) * scheme.force_weight
-    return Operators(
+    return ImplicitOperators(
         mass,
         damping,
         stiffness,
@@ -96,7 +74,7 @@ class DirectPropagator(Propagator):
         ``Propagator``.
     """
 
-    operators: Operators
+    operators: ImplicitOperators
 
     def __init__(
         self,
@@ -108,7 +86,7 @@ class DirectPropagator(Propagator):
     ) -> None:
         super().__init__(members, scheme, dt, energy, None if twin is None else twin._kept)
 
-    def _build(self, dt: float) -> Operators:
+    def _build(self, dt: float) -> ImplicitOperators:
         return build_operators(self.members[0], self.scheme, dt)
 
     def initial_unbalance(self, traction: Array) -> Array:

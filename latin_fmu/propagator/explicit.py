@@ -8,48 +8,20 @@ has the equations, ``stable_step`` the longest step).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 
-from ..cholesky.factor import DiagonalFactor, InterfaceFactor, interface_factor
+from ..cholesky.factor import DiagonalFactor, interface_factor
 from ..errors import SolverError
 from ..time_scheme import TimeScheme
 from .base import MassFactor, Propagator
 from .interface_matrices import projected, projected_diagonal
-from .model import Array, Histories, Index, SubstructureModel, lumped
+from .model import Array, Histories, Operators, SubstructureModel, lumped
 from .stable_step import StableStep
 
 _NONE = np.zeros(0, dtype=np.int64)
-
-
-@dataclass(frozen=True)
-class ExplicitOperators:
-    """Operators of one class at one time step; the mass is lumped.
-
-    Attributes
-    ----------
-    factor : of M + dt/2 C_d. dofs : all where that is diagonal, else those of the interface. The others : see
-        ``Operators``.
-    """
-
-    mass: sp.csr_array
-    damping: sp.csr_array | None
-    stiffness: sp.csr_array
-    factor: InterfaceFactor
-    dofs: Index
-    trace: sp.csr_array
-    spread: sp.csr_array
-    area: Array
-    compliance: Array
-    massless: Index
-
-    @property
-    def admittance(self) -> Array:
-        """Velocities of the channels per traction, T D T^T diag(area), m3 N-1 s-1."""
-        return self.compliance * self.area
 
 
 def _lumped_damping(model: SubstructureModel, damping: sp.csr_array) -> sp.csr_array:
@@ -70,7 +42,7 @@ class ExplicitPropagator(Propagator):
     stability : which steps are stable.
     """
 
-    operators: ExplicitOperators
+    operators: Operators
 
     def __init__(self, members: Sequence[SubstructureModel], scheme: TimeScheme, dt: float, energy: bool) -> None:
         rigid = members[0].nodal is not None  # a few unknowns, no stiffness: taken as they are
@@ -103,7 +75,7 @@ class ExplicitPropagator(Propagator):
             )
         super().begin(histories, dt)
 
-    def _build(self, dt: float) -> ExplicitOperators:
+    def _build(self, dt: float) -> Operators:
         model, held = self.members[0], self._mass
         if self.dashpots is not None:
             p = model.expansion
@@ -114,11 +86,11 @@ class ExplicitPropagator(Propagator):
             factor = DiagonalFactor(held.diagonal())
             trace, spread = model.reduced_trace, model.reduced_spread
             compliance = projected_diagonal(trace, dt, factor.inverse)
-            return ExplicitOperators(*same, factor, factor.last, trace, spread, model.channel_area, compliance, _NONE)
+            return Operators(*same, factor, factor.last, trace, spread, model.channel_area, compliance, _NONE)
         dofs, trace, _ = model.at_interface
         full = sp.csr_array(spla.inv(sp.csc_matrix(held)))
         compliance = projected(trace, dt, full[dofs][:, dofs].toarray())
-        return ExplicitOperators(
+        return Operators(
             *same, interface_factor(held, dofs), dofs, trace, model.spread, model.channel_area, compliance, _NONE
         )
 

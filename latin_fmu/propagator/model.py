@@ -17,6 +17,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from ..cholesky.factor import InterfaceFactor
 from ..cholesky.symbolic import Analyses
 
 Array = NDArray[np.float64]
@@ -335,3 +336,34 @@ def _same_patterns(first: Sequence[sp.csr_array], second: Sequence[sp.csr_array]
         np.array_equal(a.indptr, b.indptr) and np.array_equal(a.indices, b.indices)
         for a, b in zip(first, second, strict=True)
     )
+
+
+@dataclass(frozen=True)
+class Operators:
+    """Reduced matrices, factor and interface admittance of one class at one time step.
+
+    Attributes
+    ----------
+    mass, damping, stiffness : reduced matrices (n, n).
+    factor : of the operator of the march, interface dofs last. dofs : (n_gamma,) interface dofs.
+    trace : (n_channel, n_gamma) from interface dofs to channels. spread : its transpose. area : (n_channel,).
+    compliance : (n_channel, n_channel) velocities of the channels at the new instant per unit of nodal force
+        on the channels, m s-1 N-1, symmetric: T D T^T.
+    massless : dofs without mass.
+    """
+
+    mass: sp.csr_array
+    damping: sp.csr_array | None
+    stiffness: sp.csr_array
+    factor: InterfaceFactor
+    dofs: Index
+    trace: sp.csr_array
+    spread: sp.csr_array
+    area: Array
+    compliance: Array
+    massless: Index
+
+    @property
+    def admittance(self) -> Array:
+        """Velocities of the channels per unit of traction, m3 N-1 s-1: T D T^T diag(area)."""
+        return self.compliance * self.area
