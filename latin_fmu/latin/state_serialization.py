@@ -1,15 +1,91 @@
-"""Serialization of states: a tree of plain values and arrays as bytes and back, bit for bit, without pickle."""
+"""Serialization of states: a tree of plain values and arrays as bytes and back, bit for bit, without pickle.
+
+``sealed`` adds a header and a checksum to bytes that leave the process, ``opened`` checks both:
+
+=========  ======================================================================================
+bytes      content
+=========  ======================================================================================
+16         ``LATIN-FMU SEAL`` and the number of the format
+32         BLAKE2b of all that follows
+8 + 8      lengths of header and payload, unsigned, little-endian
+...        header: JSON with kind, version of the package, digest of the scene, machine
+...        payload
+=========  ======================================================================================
+"""
 
 from __future__ import annotations
 
+import hashlib
 import json
-from typing import Any
+import sys
+from typing import Any, Final
 
 import numpy as np
 
-from ..errors import InputError, Problem
+from ..errors import InputError, Problem, SolverError
 
 _MAGIC = b"LATIN-STATE-1\n"
+_SEAL: Final = b"LATIN-FMU SEAL"
+_FORMAT: Final = b"\x00\x01"
+_CHECKED: Final = len(_SEAL) + len(_FORMAT) + 32  # first byte that the checksum covers
+_FACTS: Final = {
+    "kind": ("this is another kind of state", "give a state of this kind"),
+    "version": ("written by another version of latin_fmu", "use the version that wrote it"),
+    "machine": ("written on another kind of machine", "use a machine like the one that wrote it"),
+    "digest": ("a state of another scene or of other settings", "use it with the scene and the settings it is of"),
+}
+
+
+def package_version() -> str:
+    """Version of this package."""
+    version: str = sys.modules[__name__.rsplit(".", 2)[0]].__version__  # of the package, loaded before its modules
+    return version
+
+
+def sealed(payload: bytes, kind: str, digest: str, machine: str = "") -> bytes:
+    """The bytes of a state with header and checksum, for ``opened``.
+
+    Parameters
+    ----------
+    kind : what the state is of, e.g. ``"FMU state"``. digest : of the scene and of the settings that the state needs.
+    machine : what must be equal where it is opened, where states depend on the machine.
+    """
+    facts = {"kind": kind, "version": package_version(), "machine": machine, "digest": digest}
+    header = json.dumps(facts).encode()
+    lengths = b"".join(len(part).to_bytes(8, "little") for part in (header, payload))
+    checksum = hashlib.blake2b(digest_size=32)
+    for part in (lengths, header, payload):
+        checksum.update(part)
+    return b"".join([_SEAL, _FORMAT, checksum.digest(), lengths, header, payload])
+
+
+def opened(state: bytes, kind: str, digest: str, machine: str = "") -> bytes:
+    """Payload of the bytes of ``sealed``.
+
+    Raises
+    ------
+    SolverError : no such state, another format, damaged (cut, longer, changed), of another kind, version, machine or
+        scene; the message names what differs.
+    """
+    if state[: len(_SEAL)] != _SEAL:
+        raise SolverError("the state cannot be used: it does not begin as a state of latin_fmu does")
+    if state[len(_SEAL) : len(_SEAL) + len(_FORMAT)] != _FORMAT:
+        raise SolverError("the state cannot be used: its format is another one; use the version that wrote it")
+    checked = memoryview(state)[_CHECKED:]
+    first, second = (int.from_bytes(checked[at : at + 8], "little") for at in (0, 8))
+    checksum = hashlib.blake2b(checked, digest_size=32).digest()
+    if checksum != state[_CHECKED - 32 : _CHECKED] or 16 + first + second != len(checked):
+        raise SolverError("the state cannot be used: it is damaged (its checksum does not fit); use an intact copy")
+    try:
+        facts = dict(json.loads(bytes(checked[16 : 16 + first])))
+    except (ValueError, TypeError):
+        raise SolverError("the state cannot be used: its header cannot be read; use an intact copy") from None
+    expected = {"kind": kind, "version": package_version(), "machine": machine, "digest": digest}
+    for name, (what, remedy) in _FACTS.items():
+        if facts.get(name) != expected[name]:
+            shown = "" if name == "digest" else f" ({facts.get(name)!r}, here {expected[name]!r})"
+            raise SolverError(f"the state cannot be used: {what}{shown}; {remedy}")
+    return bytes(checked[16 + first :])
 
 
 def encode(tree: Any, kind: str) -> bytes:

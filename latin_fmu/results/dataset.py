@@ -25,7 +25,6 @@ from __future__ import annotations
 
 import platform
 import re
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -37,6 +36,7 @@ import numpy as np
 
 from ..fem.stress import Recovery, principal
 from ..latin.record import Array, InterfaceHistory, Outcome, SubstructureHistory, WindowRecord
+from ..latin.state_serialization import package_version
 from .groups import CONVENTIONS, CONVERGENCE, ENERGY, INTERFACE, SCHEMA_VERSION, SUBSTRUCTURE, Columns, Group, annotated
 
 if TYPE_CHECKING:
@@ -84,12 +84,6 @@ PAPER = (
     "P. Ladeveze, H. Lemoussu, P.A. Boucard, A modular approach to 3-D impact computation with frictional "
     "contact, Computers and Structures 78 (2000) 45-51"
 )
-
-
-def package_version() -> str:
-    """Version of this package."""
-    version: str = sys.modules[__name__.rsplit(".", 2)[0]].__version__  # of the package, loaded before its modules
-    return version
 
 
 def provenance() -> dict[str, str]:
