@@ -28,7 +28,7 @@ from .scene.schema import Scene
 
 @dataclass(frozen=True)
 class Iteration:
-    """One LATIN iteration, seen from outside; fields are computed when asked for.
+    """One LATIN iteration, as an observer receives it; its fields are computed on request.
 
     ``window`` counts from 0, ``iteration`` from 1. ``error_indicator`` is sqrt(eta), ``force_mismatch`` NaN where
     it was not evaluated.
@@ -142,10 +142,10 @@ def run(
         march.all()
     converged, sentence = march.status()
     names = [u.name for u in assembly.interfaces]
-    indicator = march.interface_indicator
+    indicator, histories = march.interface_indicator, recorder.interfaces(assembly)
     outcome = Outcome(
         time=assembly.time[: recorder.n_kept],
-        interfaces=recorder.interfaces(assembly),
+        interfaces=histories,
         substructures=recorder.substructures(),
         windows=march.windows,
         interface_indicator={} if indicator is None else dict(zip(names, map(float, indicator), strict=True)),
@@ -155,7 +155,7 @@ def run(
         marched=march.marched / (assembly.n_substructure * assembly.n_instant),
         energy=recorder.assembly_energy(assembly),
         timings=timings,
-        warnings=(*problem.warnings, *drift_remarks(assembly), *accuracy_remarks(assembly.propagators)),
+        warnings=(*problem.warnings, *drift_remarks(assembly, histories), *accuracy_remarks(assembly.propagators)),
         settings=march.choices() | ({} if problem.start is None else {"start": problem.start.message}),
     )
     # the march is timed with the wall clock, which costs nothing to read, and has its share of the CPU time

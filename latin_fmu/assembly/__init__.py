@@ -1,4 +1,4 @@
-"""From the description to operators: the one place that knows both the scene and the solver.
+"""From the scene to the operators of the solver.
 
 =========================  ============================================================================
 build, problem             `build`: a scene -> a discretised problem -> a solver-ready problem

@@ -1,4 +1,4 @@
-"""From description to operators: the one place that knows both the scene and the solver."""
+"""Builds the solver-ready problem of a scene: meshes, interfaces, checks, operators, static start."""
 
 from __future__ import annotations
 

@@ -130,7 +130,7 @@ class FmiInstance:
 
             check_target(target)
         elif self._estimates_errors():
-            self.log(WARNING, "estimateError has no effect without resultsFile, where the estimate is told")
+            self.log(WARNING, "estimateError has no effect without resultsFile, to which the estimate is written")
         session = self._session_with(self.settings())
         session.reset()
         self._set_loads(session)

@@ -75,8 +75,8 @@ _MEANINGS: Final[Mapping[str, str]] = {
     "per load",
     "resultsFile": "netCDF file written when the simulation is terminated, holding accepted steps only; nothing where "
     "empty",
-    "estimateError": "1: coarser runs, made when the simulation is terminated, tell the error of each quantity in the "
-    "results file",
+    "estimateError": "1: the error of each quantity, from coarser runs made when the simulation is terminated, is "
+    "written to the results file",
 }
 """Descriptions of the parameters."""
 

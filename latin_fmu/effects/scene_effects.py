@@ -270,7 +270,7 @@ def fields(p: Prediction) -> Effect:
     name, output = "interior history", p.scene.output
     keys = [f"output.{key}" for key in ("fields", "strain", "nodal_stress") if getattr(output, key)]
     if not keys:
-        return _off(name, ["output.fields"], "not asked for", "output.fields = true")
+        return _off(name, ["output.fields"], "not requested", "output.fields = true")
     nodes, stored = sum(c.size.members * c.nodes for c in p.run.classes), _stored(p)
     reason = f"displacements and velocities of {nodes} nodes at {stored} instants"
     switch, cost = ", ".join(f"{key} = false" for key in keys), p.saved(replace(p.run, fields=False))
@@ -281,7 +281,7 @@ def fields(p: Prediction) -> Effect:
 def stress(p: Prediction) -> Effect:
     """Mean stress of the elements."""
     if not p.scene.output.stress:
-        return _off("stress", ["output.stress"], "not asked for", "output.stress = true")
+        return _off("stress", ["output.stress"], "not requested", "output.stress = true")
     cells, stored = sum(c.size.members * c.cells for c in p.run.classes if not c.rigid), _stored(p)
     why, reason = ("output.stress", "output.every"), f"{cells} elements at {stored} instants"
     cost, memory = p.saved(replace(p.run, stress=False)), 48 * cells * stored
@@ -292,7 +292,7 @@ def energy(p: Prediction) -> Effect:
     """Energy balance at every instant."""
     name, why = "energy balance", ("output.energy",)
     if not p.scene.output.energy:
-        return _off(name, why, "not asked for", "output.energy = true")
+        return _off(name, why, "not requested", "output.energy = true")
     reason, cost = "every term from the fields of every instant", p.saved(replace(p.run, energy=False))
     memory = 8 * (p.run.n_instant + 1) * 7 * (1 + sum(c.size.members for c in p.run.classes))
     return Effect(name, True, why, reason, "output.energy = false", ("energy meter",), cost, memory=memory)

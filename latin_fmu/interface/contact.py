@@ -23,7 +23,8 @@ it has closed:
 would slide over a gap of the size of a rounding error. It is the limit of Coulomb's law for mu -> infinity that stays
 solvable: the closure of Coulomb's cone is the half space P >= 0, shear without pressure belongs to it. Stick then
 depends on the past only, the problem of the instant is convex and the iteration converges, where a very large friction
-coefficient (stick from the smallest pressure on) may not.
+coefficient (stick from the smallest pressure on) may not. The status follows the traction: stick wherever there is
+any, separation only where there is none.
 
 Contact through an elastic layer: the pressure follows the compression of the layer, which may be there from the start
 (an interference),

@@ -211,7 +211,7 @@ def interface_history(
     slide : (n_time, 2, n_point, 3) velocities of the sides where tangential unknowns are absent, else None.
 
     A pressure below 1e-6 of the traction that the loads can bring (round-off, and the numerical precursor of a wave
-    that has not arrived) does not count as contact.
+    that has not arrived) does not count as contact; nor does a traction, for laws without a friction coefficient.
     """
     unit, group = assembly.interfaces[index], assembly.layout.group(index)
     points = group.members[index]
@@ -235,7 +235,10 @@ def interface_history(
         joint_power = (f_hat * (w_hat[:, 1] - w_hat[:, 0])).sum(axis=-1) @ geometry.areas
     if behaviour.opens:
         status = behaviour.status(f_hat, parameters)
-        status[-f_hat[..., 0] <= _NO_CONTACT * assembly.characteristic_traction] = SEPARATION
+        carried = -f_hat[..., 0]
+        if coulomb_coefficient(behaviour) is None:  # such a law may hold shear without pressure
+            carried = np.maximum(carried, np.abs(f_hat).max(axis=-1))
+        status[carried <= _NO_CONTACT * assembly.characteristic_traction] = SEPARATION
     return InterfaceHistory(
         name=unit.name,
         behaviour=behaviour.name,

@@ -82,8 +82,8 @@ class ReducedPropagator(Propagator):
     def __init__(
         self, members: Sequence[SubstructureModel], scheme: TimeScheme, dt: float, energy: bool, n_mode: int
     ) -> None:
-        self.n_mode = n_mode
-        super().__init__(reduced_members(members, n_mode), scheme, dt, energy)
+        reduced, self.n_mode = reduced_members(members, n_mode)
+        super().__init__(reduced, scheme, dt, energy)
         self._beyond = self._all = 0.0  # squares of interface velocities, summed over instants
 
     def _build(self, dt: float) -> ReducedOperators:
@@ -150,8 +150,9 @@ class ReducedPropagator(Propagator):
         ]
 
 
-def reduced_members(members: Sequence[SubstructureModel], n_mode: int) -> list[SubstructureModel]:
-    """Members of a class in Ritz coordinates (m of them, then one per prescribed motion); one basis for all.
+def reduced_members(members: Sequence[SubstructureModel], n_mode: int) -> tuple[list[SubstructureModel], int]:
+    """Members of a class in Ritz coordinates (m of them, then one per prescribed motion), one basis for all, and the
+    number of its elastic modes.
 
     Raises
     ------
@@ -197,7 +198,7 @@ def reduced_members(members: Sequence[SubstructureModel], n_mode: int) -> list[S
             imposed_start=member.imposed_start,
         )
 
-    return [own(member) for member in members]
+    return [own(member) for member in members], reduction.n_mode
 
 
 def _together(members: Sequence[SubstructureModel]) -> SubstructureModel:

@@ -7,12 +7,14 @@ The basis holds (Rubin 1975, Craig and Bampton 1968 in the free-interface form)
     X      the static response to every traction shape and every load, K x = b - M R R^T b (inertia relief)
 
 and is turned into Ritz vectors: mass-orthonormal, stiffness diagonal. Modes that no shape, no load and no initial
-value can excite are left out: they stay at rest. A constraint mode of an interface dof is a sum of static responses and
-rigid motions, so that with one shape per channel the span holds that of Craig and Bampton's constraint modes.
+value can excite are left out: they stay at rest. Groups of equal eigenvalues are kept whole. A constraint mode of an
+interface dof is a sum of static responses and rigid motions, so that with one shape per channel the span holds that of
+Craig and Bampton's constraint modes.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +26,7 @@ from ..cholesky.factor import interface_factor
 from .model import Array, SubstructureModel, reduced_rank
 
 _EXCITED = 1e-9  # cosine between a mode and a force, below which the mode stays at rest
+_EQUAL = 1e-6  # relative difference of eigenvalues of one group
 _DENSE = 1500  # dofs up to which every mode is computed
 _SHIFT = 1e-7  # of trace(K) / trace(M): far below the first elastic eigenvalue, far above round-off
 _RIGID = 1e-3  # of the shift: eigenvalues below are rigid motions
@@ -49,14 +52,16 @@ class Vibration:
         """Number of dofs."""
         return int(self.stiffness.shape[0])
 
-    def modes(self, wanted: int) -> tuple[Array, Array, Array]:
-        """Rigid motions, eigenvalues and elastic modes: at least ``wanted`` in all, or all there are."""
-        if self.n <= max(_DENSE, 2 * wanted):
+    def modes(self, requested: int) -> tuple[Array, Array, Array]:
+        """Rigid motions, eigenvalues and elastic modes: at least ``requested`` in all, or all there are."""
+        if self.n <= max(_DENSE, 2 * requested):
             values, vectors = la.eigh(self.stiffness.toarray(), self.mass.toarray())
         else:
             inverse = spla.LinearOperator((self.n, self.n), matvec=self._inverse, dtype=np.float64)
             start = np.cos(np.arange(self.n))  # the same modes every time
-            values, vectors = spla.eigsh(self.stiffness, wanted, self.mass, sigma=-self.shift, v0=start, OPinv=inverse)
+            values, vectors = spla.eigsh(
+                self.stiffness, requested, self.mass, sigma=-self.shift, v0=start, OPinv=inverse
+            )
             order = np.argsort(values)
             values, vectors = values[order], vectors[:, order]
         free = values < _RIGID * self.shift
@@ -87,29 +92,57 @@ class Vibration:
 def lowest_modes(body: Vibration, n_mode: int, excited: Array) -> tuple[Array, Array]:
     """Rigid motions and the lowest elastic modes that can be excited, mass-orthonormal.
 
+    A group of equal eigenvalues is taken whole, because its eigenvectors are an arbitrary basis of one subspace: a cut
+    through it would make the result depend on the axes, the units and the rounding. The modes may be a few more than
+    ``n_mode``.
+
     excited : (n, n_force) columns of length 1.
     """
-    wanted = n_mode + 6
+    requested = n_mode + 6
     while True:
-        rigid, _, elastic = body.modes(wanted)
-        share = np.abs(elastic.T @ excited) / np.linalg.norm(elastic, axis=0)[:, None]
-        excitable = share.max(axis=1, initial=0.0) > _EXCITED
-        if excitable.sum() >= n_mode or rigid.shape[1] + len(excitable) == body.n:
-            return rigid, elastic[:, excitable][:, :n_mode]
-        wanted *= 2
+        rigid, values, elastic = body.modes(requested)
+        complete = rigid.shape[1] + len(values) == body.n
+        kept, count = [elastic[:, :0]], 0
+        for group in _equal_values(values, complete):
+            if count >= n_mode:
+                break
+            kept.append(_excitable(elastic[:, group], excited))
+            count += kept[-1].shape[1]
+        if count >= n_mode or complete:
+            return rigid, np.column_stack(kept)
+        requested *= 2
 
 
 def strongest_modes(body: Vibration, n_mode: int, forces: Array) -> tuple[Array, Array]:
     """Rigid motions and the low elastic modes with the largest share in the static response to any of the forces.
 
-    forces : (n, n_force). The share of mode phi is (phi . b)^2 / lambda, against the sum of these over all low modes.
+    forces : (n, n_force). The share of a group of equal eigenvalues lambda is the sum of (phi . b)^2 / lambda over its
+    modes phi, against that over all low modes; groups are taken whole (``lowest_modes``).
     """
     rigid, values, elastic = body.modes(_CHOICE * (n_mode + 6))
     shares = (elastic.T @ forces) ** 2 / values[:, None]
     total = shares.sum(axis=0)
-    strength = (shares[:, total > 0.0] / total[total > 0.0]).max(axis=1, initial=0.0)
-    best = np.sort(np.argsort(-strength, kind="stable")[:n_mode])
-    return rigid, elastic[:, best[strength[best] > _EXCITED**2]]
+    shares = shares[:, total > 0.0] / total[total > 0.0]
+    groups = list(_equal_values(values, rigid.shape[1] + len(values) == body.n))
+    strength = np.array([shares[group].sum(axis=0).max(initial=0.0) for group in groups])
+    chosen, count = list[int](), 0
+    for i in np.argsort(-strength, kind="stable").tolist():
+        if count >= n_mode or strength[i] <= _EXCITED**2:
+            break
+        chosen.append(i)
+        count += _excitable(elastic[:, groups[i]], forces).shape[1]
+    return rigid, np.column_stack(
+        [elastic[:, :0], *(_excitable(elastic[:, groups[i]], forces) for i in sorted(chosen))]
+    )
+
+
+def _equal_values(values: Array, complete: bool) -> Iterator[slice]:
+    """Groups of equal values among ascending ones; the last group may be cut where they are not ``complete``."""
+    ends = np.append(np.flatnonzero(np.diff(values) > _EQUAL * values[1:]) + 1, len(values))
+    first = 0
+    for end in ends if complete else ends[:-1]:
+        yield slice(first, int(end))
+        first = int(end)
 
 
 @dataclass(frozen=True)
@@ -126,6 +159,7 @@ class ReducedModel:
     trace : (n_channel, m) from q' to the velocities of the interface channels.
     area : (n_channel,) of the channels, m2.
     loads : (m, n_load) nodal forces of the load terms for amplitude 1.
+    n_mode : elastic modes; the Ritz vectors after the rigid motions and these are static responses.
     displacement, velocity : (m,) initial values; the nearest ones, in the norm of the mass, where modes are missing.
     """
 
@@ -135,6 +169,7 @@ class ReducedModel:
     trace: Array
     area: Array
     loads: Array
+    n_mode: int
     displacement: Array
     velocity: Array
 
@@ -152,7 +187,8 @@ def reduce_model(
     Parameters
     ----------
     model : every free direction must carry mass.
-    n_mode : number of elastic modes; fewer where the mesh has fewer. >= 0.
+    n_mode : number of elastic modes, >= 0; fewer where the mesh has fewer, a few more where the last of them has the
+        eigenvalue of further ones.
     shapes : (n_channel, n_shape) tractions on the channels, Pa, whose static responses are exact; None: one shape per
         channel, all of them.
     exciting : (n_channel, n_shape) tractions, Pa; given, the modes are those of the low ones that these and the loads
@@ -196,6 +232,7 @@ def reduce_model(
         trace=model.trace @ full,
         area=model.channel_area,
         loads=np.column_stack([np.zeros((q.shape[1], 0)), *(full.T @ load.pattern for load in model.loads)]),
+        n_mode=modes.shape[1],
         displacement=q.T @ (mass @ start[0]),
         velocity=q.T @ (mass @ start[1]),
     )
@@ -217,12 +254,12 @@ def _unit(columns: Array) -> Array:
     return kept
 
 
-def _excitable(rigid: Array, excited: Array) -> Array:
-    """Rigid motions that can be excited: a mass-orthonormal basis of theirs."""
-    if not rigid.shape[1] or not excited.shape[1]:
-        return rigid[:, :0]
-    turned, strength, _ = la.svd(rigid.T @ excited, full_matrices=False)
-    excitable: Array = rigid @ turned[:, strength > _EXCITED * np.linalg.norm(rigid, axis=0).max()]
+def _excitable(modes: Array, excited: Array) -> Array:
+    """Combinations of modes of one eigenvalue that can be excited, mass-orthonormal as these are."""
+    if not modes.shape[1] or not excited.shape[1]:
+        return modes[:, :0]
+    turned, strength, _ = la.svd(modes.T @ excited, full_matrices=False)
+    excitable: Array = modes @ turned[:, strength > _EXCITED * np.linalg.norm(modes, axis=0).max()]
     return excitable
 
 

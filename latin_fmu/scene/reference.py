@@ -50,7 +50,9 @@ Preload        Contact pressure at t = 0, in equilibrium with initial stresses t
                displacements, velocities and stresses are counted from that state.
                preload_force is the same as a force on the whole face (a tightened bolt), interference the same as
                a compression of the layer of a soft_contact.
-Behaviours     perfect: one velocity. contact: unilateral, Coulomb friction. no_slip: unilateral, never slides.
+Behaviours     perfect: one velocity. contact: unilateral, Coulomb friction. no_slip: unilateral, never slides:
+               points that are closed at the start of an instant are held along the face in it, at zero pressure too,
+               and contact_status is stick wherever there is a traction.
                elastic_layer: bonded, tractions proportional to the jump of displacement. soft_contact: unilateral,
                pressure proportional to the compression of a layer, Coulomb friction. viscous_joint: bonded,
                tractions proportional to the jump of velocity. A layer or joint has no thickness and no mass; the

@@ -5,11 +5,15 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from .random_scenes import outcome
+import latin_fmu
+from latin_fmu.interface.behaviour import SEPARATION, STICK
+
+from .random_scenes import outcome, scene
 
 # Seeds that once had a third outcome or still need the last fall-back; kept for good.
 FOUND = {
@@ -37,6 +41,24 @@ def test_most_converge():
     """Of the first 30 seeds (steps from 1e-1 to 1e5 transits, k off by ten, mu to 10) nine in ten converge."""
     outcomes = [outcome(seed) for seed in range(30)]
     assert outcomes.count("converged") >= 27
+
+
+@pytest.mark.parametrize("seed", range(24))
+def test_status_of_no_slip_agrees_with_the_traction(seed: int) -> None:
+    """Stick wherever a point carries a traction, pressed or not; separation only where it carries none."""
+    described = scene(seed)
+    for interface in described["interface"].values():
+        if "friction_coefficient" in interface:
+            del interface["friction_coefficient"]
+            interface["behaviour"] = "no_slip"
+    solution = latin_fmu.solve(latin_fmu.scene_from_dict(described))
+    largest = max(np.abs(h.traction).max() for h in solution.interfaces.values())
+    for history in solution.interfaces.values():
+        if history.contact_status is None:
+            continue
+        size = np.linalg.norm(history.traction, axis=-1)
+        assert (history.contact_status[size > 1e-4 * largest] == STICK).all()
+        assert (size[history.contact_status != SEPARATION] > 0.0).all()
 
 
 @pytest.mark.slow

@@ -146,7 +146,7 @@ def test_too_many_states():
         reduced_system(pair(), 10, 1000)
     blocks = {
         name: {"material": "steel", "box": {"origin": [0.02 * i, 0, 0], "size": [0.01] * 3, "elements": [2, 2, 2]}}
-        for i, name in enumerate("abcdefghijklmnopqr")
+        for i, name in enumerate(f"cube{j}" for j in range(40))
     }
     load = {"traction": [1.0, 2.0, 3.0]}
     many = pair(substructure=blocks, interface={}, load={n: {**load, "face": f"{n}.zmax"} for n in blocks})

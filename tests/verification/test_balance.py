@@ -193,6 +193,32 @@ def test_drift_of_a_bond_is_told():
     assert not solve(scene).warnings
 
 
+def thrown_bond(n: int, scheme: str = "hht") -> list[str]:
+    """Warnings on two bonded blocks of which one has an initial velocity."""
+    scene = stack(2, "perfect", tolerance=1e-8)
+    scene["boundary"], scene["load"] = {}, {}
+    scene["substructure"]["b2"]["initial_velocity"] = [0.5, 0.0, 1.0]
+    scene["time"] = {"end": 1e-5, "instants": n, "scheme": scheme}
+    return [w for w in solve(scene).warnings if "apart by" in w]
+
+
+def test_bond_of_sides_with_different_velocities():
+    """Apart by half a step of the jump at any tolerance: the remedy is the step, and it works."""
+    (warning,) = thrown_bond(20)
+    assert f"apart by {0.5 * 5e-7 * np.hypot(1.0, 0.5):.3g} m" in warning
+    assert "take smaller steps" in warning
+    assert "tolerance" not in warning.split("whatever the tolerance; ")[1]
+    assert not thrown_bond(400)
+
+
+def test_bond_that_nothing_reaches():
+    """Round-off of a few atoms' width is no drift."""
+    scene = stack(2, "perfect", bonds="iterate", skip_at_rest="off")
+    scene["substructure"]["b2"]["box"] |= {"size": [0.01, 0.01, 0.2], "elements": [3, 3, 60]}
+    scene["time"] = {"end": 4e-7, "instants": 2}
+    assert not [w for w in solve(scene).warnings if "apart" in w]
+
+
 def test_work_of_moving_ground():
     """Ground that drives a block at rest: what it gives is what the block holds and loses."""
     scene = stack(1, "contact")

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 import latin_fmu
 from latin_fmu.errors import SceneError
+from latin_fmu.propagator import reduction
 
 from .blocks import segments_and_snapshots, solve, stack
 from .test_explicit import closes
+from .typed_meshes import turned, typed_box, write_mesh
 
 
 def reduced(n: int, modes: int, **changes) -> latin_fmu.Solution:
@@ -93,3 +97,47 @@ def test_a_scheme_without_mass_at_contacts_is_refused():
     scene["time"]["scheme"] = "massless_contact"
     with pytest.raises(SceneError, match="a scheme in which every node has mass"):
         latin_fmu.scene_from_dict(scene)
+
+
+def square_bars(folder: Path, axes: np.ndarray, unit: float) -> tuple[np.ndarray, list[int]]:
+    """Contact force (n_time, 3) of two square bars, in the axes and units of the first frame; modes of each.
+
+    axes : (3, 3) orthogonal, of the second frame in the first. unit : lengths of the second frame over the first.
+    """
+    size, elements = np.array([0.02, 0.02, 0.05]), (3, 3, 6)
+    for name, level in (("a", 0.0), ("b", size[2])):
+        mesh = typed_box("hexahedron", np.array([0.0, 0.0, level]), size, elements)
+        write_mesh(folder / f"{name}.msh", mesh, lambda nodes: unit * (nodes @ axes.T))
+    described = {
+        "name": "square_bars",
+        "material": {"steel": {"young_modulus": 210e9 / unit, "poisson_ratio": 0.3, "density": 7800 / unit**3}},
+        "substructure": {n: {"material": "steel", "mesh": {"file": f"{n}.msh", "group": "body"}} for n in "ab"},
+        "interface": {"meet": {"sides": ["a.zmax", "b.zmin"], "friction_coefficient": 0.3}},
+        "boundary": {"base": {"type": "fixed", "face": "a.zmin"}},
+        "load": {"push": {"face": "b.zmax", "pressure": 1e8 / unit, "law": {"type": "half_sine", "duration": 1e-5}}},
+        "time": {"end": 4e-5, "instants": 80},
+        "solver": {"tolerance": 1e-10, "force_tolerance": 1e-10, "propagator": {"type": "reduced", "modes": 50}},
+    }
+    described["substructure"]["b"]["initial_velocity"] = (unit * axes @ np.array([1.0, 0.5, -2.0])).tolist()
+    solution = latin_fmu.solve(latin_fmu.scene_from_dict(described, folder))
+    assert solution.converged, solution.status
+    counts = [int(w.split("reduced to ")[1].split(" modes")[0]) for w in solution.warnings if "reduced to" in w]
+    return solution.interfaces["meet"].force() @ axes / unit, counts
+
+
+@pytest.mark.parametrize("dense", [True, False])
+def test_the_answer_does_not_depend_on_axes_and_units(tmp_path, monkeypatch, dense):
+    """A square section has pairs of equal frequencies, and mode 50 of a bar is the first of one: 1e-8 wherever the
+    axes are, mirrored, in mm; by dense and by sparse eigenvalues."""
+    if not dense:
+        monkeypatch.setattr(reduction, "_DENSE", 10)
+    force, modes = square_bars(tmp_path, np.eye(3), 1.0)
+    assert 51 in modes
+    for axes, unit in (
+        (np.eye(3), 1e3),
+        (np.diag([-1.0, 1.0, 1.0]), 1.0),
+        (np.eye(3)[[1, 2, 0]], 1.0),
+        (turned([1, 2, 3], 30.0), 1.0),
+    ):
+        other, _ = square_bars(tmp_path, axes, unit)
+        assert np.abs(other - force).max() <= 1e-8 * np.abs(force).max()
