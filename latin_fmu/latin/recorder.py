@@ -16,8 +16,8 @@ from ..interface.contact import coulomb_coefficient
 from ..kernels.energy import TERMS
 from ..propagator.image import Image
 from .assembly import Array, Assembly
+from .probes import SlideProbes
 from .record import InterfaceHistory, SubstructureHistory
-from .run_image import SlideProbes
 
 _NO_CONTACT = 1e-6  # pressure that does not count as contact, over the traction the loads can bring
 _NONE = np.zeros(0, dtype=np.int64)

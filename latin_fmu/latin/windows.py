@@ -20,9 +20,10 @@ from ..kernels import entries
 from .assembly import Array, Assembly
 from .initial_conditions import initial_conditions
 from .instant_solve import PerfectInterfaceSolve, all_perfect
+from .probes import SlideProbes
 from .record import Timings, WindowRecord
 from .recorder import Recorder
-from .run_image import SlideProbes, Stages, Threads, all_in_kernels, histories, make_image, negligible_scales
+from .run_image import Stages, Threads, all_in_kernels, histories, make_image, negligible_scales
 from .search_direction import Direction
 from .settings import Settings
 from .solver import FROM_REST, SOFTENED, Observer, WindowSolver, softened_start
