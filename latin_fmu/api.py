@@ -157,6 +157,7 @@ def run(
         timings=timings,
         warnings=(*problem.warnings, *drift_remarks(assembly, histories), *accuracy_remarks(assembly.propagators)),
         settings=march.choices() | ({} if problem.start is None else {"start": problem.start.message}),
+        sensors=recorder.sensors(assembly),
     )
     # the march is timed with the wall clock, which costs nothing to read, and has its share of the CPU time
     cpu = clock.process_time() - begin

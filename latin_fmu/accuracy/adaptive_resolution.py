@@ -116,7 +116,7 @@ class RefinementSequence:
         LatinError : the scene cannot be built or solved there.
         """
         scene = at_resolution(self.scene, resolution)
-        output = output.model_copy(update={"fields": output.keeps_fields or bool(self.scene.sensor)})
+        output = output.model_copy(update={"fields": output.keeps_fields})
         more_fields = output.fields and (output.every > 1 or not scene.output.fields)
         if output.stress or output.energy or output.recovers or more_fields:
             scene = scene.model_copy(update={"output": output})

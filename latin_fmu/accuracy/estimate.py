@@ -244,7 +244,7 @@ def estimate_error(scene: Scene, solution: Solution, tell: Callable[[str], None]
     """Estimated relative error of every quantity of a finished run of ``scene``.
 
     Costs three coarser runs: mesh and step halved together (1/16 of the cost of the run in 3-D), quartered together
-    (1/256), mesh alone halved (1/8). Sensors need the fields of the run (``output.fields``).
+    (1/256), mesh alone halved (1/8).
 
     Parameters
     ----------
@@ -272,7 +272,7 @@ def estimate_error(scene: Scene, solution: Solution, tell: Callable[[str], None]
             remarks.append(f"a coarser run ({text}) did not converge")
     fine = measure_solution(scene, solution)
     if not fine.values:
-        remarks.append("no quantity to estimate: no interface, and no sensor on a body whose fields are stored")
+        remarks.append("no quantity to estimate: no interface and no sensor")
     if not solution.converged:
         remarks.append("the run did not converge: the estimate does not cover the error this leaves")
     estimates = plan.estimates(scene, fine, coarser)

@@ -12,8 +12,7 @@ import numpy as np
 from .. import api
 from ..assembly.propagator_choice import factor_bytes
 from ..errors import LatinError
-from ..fem.mesh import nearest
-from ..latin.record import Array, Timings
+from ..latin.record import Timings
 from ..results.solution import Solution
 from ..scene.schema import Scene
 from .quantities import Quantities, measure
@@ -71,19 +70,9 @@ def as_run(scene: Scene, solution: Solution, resolution: Resolution, cpu: float)
 
 
 def measure_solution(scene: Scene, solution: Solution) -> Quantities:
-    """Quantities of a solution on the interval of the scene; sensors where the fields were stored."""
-    return measure(solution.time, solution.interfaces, scene.time.end, _sensors(scene, solution))
-
-
-def _sensors(scene: Scene, solution: Solution) -> dict[str, tuple[Array, Array]]:
-    histories = {}
-    for name, sensor in scene.sensor.items():
-        history = solution.substructures.get(sensor.substructure)
-        if history is None or history.displacement is None:
-            continue
-        _, node = nearest(np.asarray([sensor.point]), history.nodes)
-        histories[name] = (history.time, history.displacement[:, int(node[0])])
-    return histories
+    """Quantities of a solution on the interval of the scene."""
+    sensors = {name: (solution.time, sensor.displacement) for name, sensor in solution.sensors.items()}
+    return measure(solution.time, solution.interfaces, scene.time.end, sensors)
 
 
 Tell = Callable[[str], None]

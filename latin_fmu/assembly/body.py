@@ -11,14 +11,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
-from ..errors import MeshError, Problem, Problems
+from ..errors import MeshError, Problem, Problems, shown
 from ..fem.elasticity import BENDING_CELLS, body_load, lumped_mass, mass, stiffness, wave_speeds
 from ..fem.elements import Elements, rigid_body
 from ..fem.faces import Face, face_of
+from ..fem.location import Location, locate, nearest_surface_point
 from ..fem.mesh import Array, FacetSet, Mesh, boundary, box_mesh, nested_dissection
 from ..fem.stress import MeanStress, Recovery
 from ..fem.surface import Surface
 from ..latin.assembly import InterfaceUnit
+from ..latin.probes import SensorPlace
 from ..scene.fields import ALL_OF_IT, GROUND, split_face
 from ..scene.schema import Scene
 from ..scene.substructures import Material, MeshFile, Substructure
@@ -135,6 +137,33 @@ def body_sides(units: Sequence[InterfaceUnit]) -> Iterator[tuple[int, int, str]]
         for side, face in enumerate(unit.sides):
             if face != GROUND:
                 yield i, side, split_face(face)[0]
+
+
+def sensor_places(scene: Scene, bodies: dict[str, Body], problems: Problems) -> dict[str, SensorPlace]:
+    """Places of the sensors of a scene; a point outside its body is added to ``problems``."""
+    places = {}
+    for name, sensor in scene.sensor.items():
+        mesh = bodies[sensor.body].mesh
+        if sensor.face is not None:
+            face = bodies[sensor.body].face(split_face(sensor.face)[1])
+            mean = Location.of(face.nodes, face.areas / face.areas.sum())
+            places[name] = SensorPlace(sensor.body, mean, mean.weights @ mesh.nodes[mean.nodes], sensor.face)
+            continue
+        point = np.asarray(sensor.point, dtype=float)
+        location = locate(mesh, point)
+        if location is not None:
+            places[name] = SensorPlace(sensor.body, location, point)
+            continue
+        distance, near = nearest_surface_point(mesh, point)
+        at = ", ".join(f"{x:.6g}" for x in near)
+        problems.add(
+            f"sensor.{name}.point",
+            f"the point is outside {sensor.body}, {distance:.4g} m from its surface",
+            shown(sensor.point),
+            "a point in or on the body",
+            f"the nearest point of the surface is [{at}]",
+        )
+    return places
 
 
 class _MeshFiles:

@@ -8,7 +8,7 @@ from dataclasses import replace
 from ..errors import Problems, SceneError
 from ..interface import Behaviour
 from ..scene.schema import Scene
-from .body import build_bodies
+from .body import build_bodies, sensor_places
 from .checks import (
     boundaries_of,
     check_faces,
@@ -59,6 +59,7 @@ def discretise(scene: Scene, behaviours: Mapping[str, Behaviour] | None = None) 
     if scene.contact:
         scene = with_found(scene, bodies, problems)
         remarks += lonely_remarks(scene, bodies)
+    sensors = sensor_places(scene, bodies, problems)
     conditions = {name: conditions_on(body, boundaries_of(scene, name), problems) for name, body in bodies.items()}
     made = [build_interface(n, i, bodies, conditions, problems, remarks) for n, i in scene.interface.items()]
     if problems:
@@ -82,4 +83,4 @@ def discretise(scene: Scene, behaviours: Mapping[str, Behaviour] | None = None) 
         *(lumping_remarks(bodies) if problem.scheme.explicit else []),
         *([] if scene.time.quasi_static else sampling_remarks(scene, time)),
     ]
-    return replace(problem, classes=classes, remarks=tuple(remarks))
+    return replace(problem, classes=classes, remarks=tuple(remarks), sensors=sensors)

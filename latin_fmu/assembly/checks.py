@@ -57,6 +57,9 @@ def _faces_named(scene: Scene) -> Iterator[tuple[str, str]]:
             yield f"boundary.{name}.faces[{i}]" if isinstance(boundary, Periodic) else f"boundary.{name}.face", face
     for name, load in scene.load.items():
         yield f"load.{name}.face", load.face
+    for name, sensor in scene.sensor.items():
+        if sensor.face is not None:
+            yield f"sensor.{name}.face", sensor.face
 
 
 def check_faces(scene: Scene, bodies: dict[str, Body], problems: Problems) -> None:

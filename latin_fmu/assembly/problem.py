@@ -12,6 +12,7 @@ from ..errors import SceneError
 from ..fem.elasticity import lame
 from ..fem.mesh import padded_cells
 from ..latin.assembly import Array, Assembly, GroundState, InterfaceUnit, Layout
+from ..latin.probes import SensorPlace
 from ..latin.recorder import OutputRequest, SubstructureInfo
 from ..latin.search_direction import inertial_impedance, unresolved_sides
 from ..latin.settings import SearchDirection, Settings
@@ -156,6 +157,7 @@ class DiscretisedProblem:
     scheme: TimeScheme
     time: Array
     remarks: tuple[str, ...] = ()
+    sensors: Mapping[str, SensorPlace] = field(default_factory=dict)
 
     @staticmethod
     def of(
@@ -245,7 +247,7 @@ class DiscretisedProblem:
         if not static and any(body.rigid for body in self.bodies.values()):
             inertial_impedance(assembly)
         keys = scene.output
-        output = OutputRequest(keys.keeps_fields, keys.stress, keys.energy, keys.every)
+        output = OutputRequest(keys.keeps_fields, keys.stress, keys.energy, keys.every, self.sensors)
         warnings = (*self.remarks, *without_factor, *([] if static else unresolved_sides(assembly)))
         warnings += () if start is None else start.remarks
         return SolverReadyProblem(

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..fem.mesh import Array
 from ..latin.assembly import GroundState
-from ..latin.record import InterfaceHistory, SubstructureHistory, Timings, WindowRecord
+from ..latin.record import InterfaceHistory, SensorHistory, SubstructureHistory, Timings, WindowRecord
 from ..latin.recorder import Recorder
 from ..latin.state_serialization import decode, encode
 from ..latin.windows import Run
@@ -32,7 +32,7 @@ class Segment:
 
     Attributes
     ----------
-    time : (n + 1,), s. interfaces, substructures, windows : as in a whole run.
+    time : (n + 1,), s. interfaces, substructures, sensors, windows : as in a whole run.
     converged, status : whether every window converged, and a sentence. accepted : whether the state moved on.
     energy : terms of the assembly at the instants, accumulated since t = 0; None unless the scene asks for them.
     """
@@ -45,6 +45,7 @@ class Segment:
     accepted: bool
     status: str
     energy: dict[str, Array] | None
+    sensors: dict[str, SensorHistory]
 
     @property
     def iterations(self) -> int:
@@ -175,6 +176,7 @@ class SegmentedRun:
             True,
             sentence,
             energy,
+            recorder.sensors(assembly),
         )
 
     def _known_step(self, dt: float) -> float:

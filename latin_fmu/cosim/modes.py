@@ -8,14 +8,12 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..assembly.problem import SolverReadyProblem
 from ..assembly.segments import Segment, SegmentedRun
 from ..errors import SolverError
 from ..latin.record import Array, InterfaceHistory, Timings
@@ -25,7 +23,7 @@ from ..latin.windows import Run
 from ..machine import one_thread
 from ..scene.schema import Scene
 from .loads import Histories, Loads
-from .outputs import Motion, Places, impulses, motion_now, motion_of, nodes_of, output_rows, places_of, series_of
+from .outputs import impulses, output_rows, series_of
 from .settings import SHORTEST, Settings, StepReport, refused
 from .step_history import INTERFACE_FIELDS
 
@@ -45,7 +43,6 @@ class Windowed:
     def __init__(self, scene: Scene, settings: Settings) -> None:
         self.run = SegmentedRun(scene, settings.tolerance)
         self._rule, self._time_step = settings.interpolation, settings.step_of(scene)
-        self._places = places_of(scene, self.run.problem.info)
         self._impulse = np.zeros((len(scene.interface), 3))
         self.row = np.zeros(0)
         self.time = np.zeros(1)
@@ -68,10 +65,9 @@ class Windowed:
         self.interfaces = recorder.interfaces(assembly)
         self.time, self.segment = np.zeros(1), None
         self._impulse = np.zeros_like(self._impulse)
-        motion = motion_now(self._places, self.run.displacement, self.run.velocity)
-        series = series_of(self.interfaces)
+        series, sensors = series_of(self.interfaces), recorder.sensors(assembly)
         energy = recorder.assembly_energy(assembly)
-        rows = output_rows(series, self._impulse[None], motion, (0.0, 0.0, 1.0, 0.0), energy, 1)
+        rows = output_rows(series, self._impulse[None], sensors, (0.0, 0.0, 1.0, 0.0), energy, 1)
         self.row = rows[0]
         self.run.reset()
 
@@ -111,11 +107,10 @@ class Windowed:
         dt = (segment.time[-1] - segment.time[0]) / n
         series = series_of(segment.interfaces)
         impulse = impulses(series, float(dt), self._impulse)
-        motion = motion_now(self._places, self.run.displacement, self.run.velocity)
         energy = None if segment.energy is None else {k: v[-1:] for k, v in segment.energy.items()}
         solver = (segment.iterations, segment.error_indicator, float(segment.converged), n)
         last = {name: s.last() for name, s in series.items()}
-        self.row = output_rows(last, impulse[-1:], motion, solver, energy, 1)[0]
+        self.row = output_rows(last, impulse[-1:], segment.sensors, solver, energy, 1)[0]
         self._impulse = impulse[-1]
         self.time, self.interfaces, self.segment = segment.time, segment.interfaces, segment
 
@@ -184,8 +179,6 @@ class Prescribed:
         self._solved_for = ""
         try:
             run = SegmentedRun(self._scene, self._tolerance)
-            places = places_of(self._scene, run.problem.info)
-            run.problem, nodes = _recording(run.problem, places)
             end, n = self._scene.time.end, self._scene.time.n_step
             instants = np.linspace(0.0, end, n + 1)
             loads = {name: np.full(n + 1, value) for name, value in values.items()}
@@ -196,9 +189,8 @@ class Prescribed:
             raise SolverError(f"the solver cannot continue: {error}") from error
         if not segment.converged:
             raise SolverError(segment.status)
-        motion = motion_of(places, segment.substructures, nodes)
-        self._table = _rows(segment, motion, n)
-        self.run, self.segment, self._solved_for = run, _requested(segment, self._scene), key
+        self._table = _rows(segment, n)
+        self.run, self.segment, self._solved_for = run, segment, key
 
     def step(self, loads: Loads, t: float, h: float, t0: float) -> StepReport:
         """Play back from t to t + h, s; ``t0`` is the start of the simulation."""
@@ -257,43 +249,10 @@ class Prescribed:
         self.row = state["row"]
 
 
-def _rows(segment: Segment, motion: Sequence[Motion], n: int) -> Array:
+def _rows(segment: Segment, n: int) -> Array:
     """Scalar outputs at every instant, (n + 1, n_output)."""
     series = series_of(segment.interfaces)
     impulse = [history.impulse(segment.time) for history in segment.interfaces.values()]
     running = np.stack(impulse, axis=1) if impulse else impulses(series, 0.0, np.zeros((0, 3)))
     solver = (segment.iterations, segment.error_indicator, float(segment.converged), n)
-    return output_rows(series, running, motion, solver, segment.energy, n + 1)
-
-
-def _recording(
-    problem: SolverReadyProblem, places: Places
-) -> tuple[SolverReadyProblem, dict[str, NDArray[np.int64]] | None]:
-    """The problem with the fields that sensors need at every instant, and their nodes (None: all, for fields)."""
-    if not places:
-        return problem, None
-    nodes = None if problem.output.fields else nodes_of(places)
-    return replace(problem, output=replace(problem.output, fields=True, every=1, nodes=nodes)), nodes
-
-
-def _requested(segment: Segment, scene: Scene) -> Segment:
-    """The segment without the fields, or the instants of fields, that only the sensors needed."""
-    if not scene.sensor:
-        return segment
-    every, fields = scene.output.every, scene.output.keeps_fields
-    kept = {
-        name: replace(
-            history,
-            time=history.time[::every] if fields or history.stress is not None else np.zeros(0),
-            displacement=_thinned(history.displacement, every) if fields else None,
-            velocity=_thinned(history.velocity, every) if fields else None,
-            stress=_thinned(history.stress, every),
-        )
-        for name, history in segment.substructures.items()
-        if fields or history.stress is not None or history.energy is not None
-    }
-    return replace(segment, substructures=kept)
-
-
-def _thinned(field: Array | None, every: int) -> Array | None:
-    return None if field is None else field[::every]
+    return output_rows(series, running, segment.sensors, solver, segment.energy, n + 1)

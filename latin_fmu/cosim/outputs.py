@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..fem.mesh import nearest
 from ..interface.behaviour import SEPARATION, SLIP, STICK
-from ..latin.record import Array, InterfaceHistory, SubstructureHistory
-from ..latin.recorder import SubstructureInfo
-from ..scene.schema import Scene
+from ..latin.record import Array, InterfaceHistory, SensorHistory
 from .variables import ENERGIES
 
 
@@ -102,48 +98,6 @@ def _at_points(history: InterfaceHistory, quantity: str) -> Any:
     return field
 
 
-# -- sensors ------------------------------------------------------------------------------------------------------
-Places = dict[str, tuple[str, int]]
-"""Substructure and node by sensor."""
-
-Motion = tuple[Array, Array]
-"""Displacement and velocity (n, 3) of a sensor."""
-
-
-def places_of(scene: Scene, info: Mapping[str, SubstructureInfo]) -> Places:
-    """Node of the mesh nearest to the point of each sensor."""
-    places = {}
-    for name, sensor in scene.sensor.items():
-        _, node = nearest(np.asarray([sensor.point]), info[sensor.substructure].nodes)
-        places[name] = (sensor.substructure, int(node[0]))
-    return places
-
-
-def motion_now(places: Places, displacement: Callable[[str], Array], velocity: Callable[[str], Array]) -> list[Motion]:
-    """Displacement and velocity (1, 3) of every sensor at the present time."""
-    return [(displacement(body)[None, node], velocity(body)[None, node]) for body, node in places.values()]
-
-
-def nodes_of(places: Places) -> dict[str, NDArray[np.int64]]:
-    """Nodes with a sensor, by substructure."""
-    bodies = {body for body, _ in places.values()}
-    return {body: np.unique([node for b, node in places.values() if b == body]) for body in sorted(bodies)}
-
-
-def motion_of(
-    places: Places, histories: Mapping[str, SubstructureHistory], nodes: Mapping[str, NDArray[np.int64]] | None
-) -> list[Motion]:
-    """Displacement and velocity (n_time, 3) of every sensor from stored fields, those of ``nodes`` or of all."""
-    motions = []
-    for body, node in places.values():
-        displacement, velocity = histories[body].displacement, histories[body].velocity
-        assert displacement is not None
-        assert velocity is not None
-        place = node if nodes is None else int(np.searchsorted(nodes[body], node))
-        motions.append((displacement[:, place], velocity[:, place]))
-    return motions
-
-
 # -- rows of scalar outputs ---------------------------------------------------------------------------------------
 
 
@@ -165,19 +119,20 @@ def impulses(series: Mapping[str, InterfaceSeries], dt: float, start: Array) -> 
 def output_rows(
     series: Mapping[str, InterfaceSeries],
     impulse: Array,
-    sensors: Sequence[Motion],
+    sensors: Mapping[str, SensorHistory],
     solver: Sequence[float],
     energy: Mapping[str, Array] | None,
     n: int,
 ) -> Array:
     """Scalar outputs in the order of the variable table, (n, n_output), one row per instant.
 
-    impulse : (n, n_interface, 3). solver : iterations, indicator, converged, instants of the interval.
+    impulse : (n, n_interface, 3). sensors : histories whose last n instants are taken.
+    solver : iterations, indicator, converged, instants of the interval.
     energy : terms (n,), None where the scene asks for none.
     """
     parts = [s.columns(impulse[:, i]) for i, s in enumerate(series.values())]
-    for displacement, velocity in sensors:
-        parts += [displacement, velocity]
+    for sensor in sensors.values():
+        parts += [sensor.displacement[-n:], sensor.velocity[-n:]]
     parts.append(np.tile(np.asarray(solver, dtype=float), (n, 1)))
     if energy is not None:
         parts.append(np.stack([energy[term] for term in ENERGIES], axis=1))

@@ -15,7 +15,7 @@ from weakref import WeakValueDictionary
 import numpy as np
 
 from ..assembly.segments import Segment
-from ..latin.record import Array, InterfaceHistory, Outcome, SubstructureHistory, Timings, WindowRecord
+from ..latin.record import Array, InterfaceHistory, Outcome, SensorHistory, SubstructureHistory, Timings, WindowRecord
 from .loads import Curve
 from .variables import LINE, RATE
 
@@ -138,6 +138,7 @@ def joined(segments: Sequence[Segment], timings: Timings, warnings: tuple[str, .
         status=f"{len(segments)} accepted segment(s), largest error indicator {indicator:.3g}",
         passes=float("nan"),
         energy=_joined_energies([s.energy for s in segments]),
+        sensors={name: _joined_sensor([s.sensors[name] for s in segments]) for name in first.sensors},
         timings=timings,
         warnings=warnings,
     )
@@ -166,6 +167,10 @@ def _joined_interface(parts: Sequence[InterfaceHistory]) -> InterfaceHistory:
 def _joined_substructure(parts: Sequence[SubstructureHistory]) -> SubstructureHistory:
     fields = _joined_fields(parts, ("time", "displacement", "velocity", "stress"))
     return replace(parts[0], energy=_joined_energies([part.energy for part in parts]), **fields)
+
+
+def _joined_sensor(parts: Sequence[SensorHistory]) -> SensorHistory:
+    return replace(parts[0], **_joined_fields(parts, ("displacement", "velocity", "acceleration")))
 
 
 def _joined_windows(segments: Sequence[Segment]) -> list[WindowRecord]:

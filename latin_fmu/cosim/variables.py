@@ -53,7 +53,8 @@ def scalar_table(scene: Scene) -> tuple[Variable, ...]:
     for name in scene.interface:
         rows += _interface(scene, name, depends)
     for name in scene.sensor:
-        about = f"of the node of {scene.sensor[name].substructure} nearest to sensor {name}"
+        sensor = scene.sensor[name]
+        about = f"of sensor {name}, " + (f"mean of {sensor.face}" if sensor.face else f"a point of {sensor.body}")
         rows += vector(f"sensor.{name}.displacement", "m", f"displacement {about}")
         rows += vector(f"sensor.{name}.velocity", "m s-1", f"velocity {about}")
     rows += _solver()

@@ -161,13 +161,22 @@ def read_channels(
 
 @kernel
 def probe(pools: Any, c: int, instant: int) -> None:
-    """Keep the velocities of the probed rows."""
-    row = pools.classes[c]
-    size = row.n_probe * row.m
-    if size == 0:
+    """Keep the velocities of the probed rows, and the motions at the sensors."""
+    row, state = pools.classes[c], pools.moving
+    at_row, size = instant - pools.run[0].first_row, row.n * row.m
+    if row.n_probe > 0:
+        at = row.probed + row.n_probe * row.m * at_row
+        out = pools.moving[at : at + row.n_probe * row.m]
+        out[:] = 0.0
+        velocities = state[row.v : row.v + size]
+        add_matrix(pools, row.n_probe, row.probe_starts, row.probe_columns, row.probe_values, row.m, velocities, out)
+    if row.n_sensor == 0:
         return
-    at = row.probed + size * (instant - pools.run[0].first_row)
-    out = pools.moving[at : at + size]
-    out[:] = 0.0
-    velocities = pools.moving[row.v : row.v + row.n * row.m]
-    add_matrix(pools, row.n_probe, row.probe_starts, row.probe_columns, row.probe_values, row.m, velocities, out)
+    wide = row.n_sensor * row.m
+    for kind in range(3):
+        first = row.u if kind == 0 else row.v if kind == 1 else row.a
+        at = row.sensed + wide * (3 * at_row + kind)
+        out = pools.moving[at : at + wide]
+        out[:] = 0.0
+        field = state[first : first + size]
+        add_matrix(pools, row.n_sensor, row.sensor_starts, row.sensor_columns, row.sensor_values, row.m, field, out)

@@ -8,7 +8,7 @@ fixed   direction  k, responses Y(k), weights of the error indicator            
 moving  histories  amplitudes of loads and prescribed motions, motion of grounds    with the segment of time
 moving  state      all that the next instant depends on                             every instant
 moving  work       scratch of the iteration                                         every iteration; thrown away
-moving  output     fields, gaps, probes, energies of the instants                   written once per instant
+moving  output     fields, gaps, probes, sensors, energies of the instants          written once per instant
 ======  =========  ===============================================================  ================================
 
 A block is one allocation, a pool a range of it; a snapshot is a copy of the range of the state. Blocks are viewed as
@@ -72,6 +72,7 @@ CLASS_FIELDS: Final[tuple[Field, ...]] = (
     ("n_super", "supernodes of the factor"),
     ("n_massless", "dofs without mass"),
     ("n_probe", "rows of the probe"),
+    ("n_sensor", "rows of the sensors"),
     ("n_motion", "prescribed motions of a member"),
     # kinds
     ("kind", "DIRECT, EXPLICIT or STATIC"),
@@ -149,6 +150,7 @@ CLASS_FIELDS: Final[tuple[Field, ...]] = (
     ("work_loads", "histories (n, m): constant part of the loads that work, N"),
     # output
     ("probed", "output (R, n_probe, m): velocities of the probed rows, m s-1"),
+    ("sensed", "output (R, 3, n_sensor, m): displacements, velocities, accelerations at the sensors; m, m s-1, m s-2"),
     ("energies", "output (R, 6, m): terms of the account, J"),
     *_fields(_HALF, "mass", "M"),
     *_fields(_HALF, "stiffness", "K"),
@@ -163,6 +165,7 @@ CLASS_FIELDS: Final[tuple[Field, ...]] = (
     *_fields(_MATRIX, "trace", "T from interface dofs to channels"),
     *_fields(_MATRIX, "spread", "T^T"),
     *_fields(_MATRIX, "probe", "velocities kept at every instant, from all dofs"),
+    *_fields(_MATRIX, "sensor", "motions kept at every instant, from all dofs"),
     *_fields(_TERM, "force", "the forces on the dofs, prescribed motions included, N"),
     *_fields(_TERM, "inertia", "the inertia of prescribed motions, N"),
     *_fields(_TERM, "velocity", "channel velocities of prescribed motions, m s-1"),

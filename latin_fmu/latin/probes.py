@@ -1,13 +1,119 @@
-"""What a run keeps of its substructures at every instant: velocities under frictionless interfaces."""
+"""What a run keeps of its substructures at every instant: velocities under frictionless interfaces, and sensors.
+
+The rows of both go into the image of the run, so that the march of many instants in one call keeps them too.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
 
+from ..fem.location import Location
+from ..propagator.image import Image
 from .assembly import Array, Assembly
+from .record import SensorHistory
+
+
+@dataclass(frozen=True)
+class SensorPlace:
+    """Where a sensor is.
+
+    Attributes
+    ----------
+    substructure : its body. location : nodes and weights. point : (3,) of a point sensor, the centre of the face for
+        the mean over a face, reference configuration, m. face : the face of a mean over a face, else None.
+    """
+
+    substructure: str
+    location: Location
+    point: Array
+    face: str | None = None
+
+    def matrix(self, n_node: int) -> sp.csr_array:
+        """Motion of the sensor (3,) from those of all nodes, (3, 3 n_node)."""
+        nodes, weights = self.location.nodes, self.location.weights
+        row = sp.coo_array((weights, (np.zeros(len(nodes), dtype=np.int64), nodes)), shape=(1, n_node))
+        return sp.csr_array(sp.kron(row, sp.eye_array(3), format="csr"))
+
+
+class SensorProbes:
+    """Motions of the sensors, read from the substructures.
+
+    Attributes
+    ----------
+    rows : per class (n_row, n_dof) from the dofs of a member to its sensors, x y z of one after the other; None where
+        a class has none. massless : sensors on nodes without mass.
+    """
+
+    def __init__(self, assembly: Assembly, places: Mapping[str, SensorPlace]) -> None:
+        self._places: list[tuple[str, int, int, slice]] = []  # sensor, class, member, rows
+        self.rows: list[sp.csr_array | None] = []
+        self._shapes: list[Array] = []  # per class (n_row, n_motion) of prescribed motions
+        self.massless: set[str] = set()
+        for c, propagator in enumerate(assembly.propagators):
+            model = propagator.members[0]
+            here = {name: place for name, place in places.items() if place.substructure in propagator.names}
+            n_node = (model.n_full if model.nodal is None else len(model.nodal)) // 3
+            blocks = [sp.csr_array((0, 3 * n_node)), *(place.matrix(n_node) for place in here.values())]
+            full = sp.csr_array(sp.vstack(blocks))
+            full = full if model.nodal is None else sp.csr_array(full @ model.nodal)
+            rows = sp.csr_array(full @ model.expansion)
+            without_mass = rows[:, propagator.operators.massless]
+            for i, (name, place) in enumerate(here.items()):
+                part = slice(3 * i, 3 * i + 3)
+                self._places.append((name, c, propagator.names.index(place.substructure), part))
+                if without_mass[part].nnz:
+                    self.massless.add(name)
+            self.rows.append(rows if here else None)
+            self._shapes.append(np.asarray(full @ model.imposed_pattern))
+
+    def read(
+        self, assembly: Assembly, image: Image, instants: slice, rows: slice, motions: Mapping[str, Array]
+    ) -> None:
+        """Write the motions at these instants, ``rows`` of the output of the image, into ``motions``: (n_time, 3, 3)
+        by sensor, displacement, velocity and acceleration."""
+        kept = [
+            None if matrix is None else image.output(c, "sensed", 3 * matrix.shape[0])[rows]
+            for c, matrix in enumerate(self.rows)
+        ]
+        for name, c, member, part in self._places:
+            sensed = kept[c]
+            assert sensed is not None
+            values = sensed.reshape(len(sensed), 3, -1, sensed.shape[-1])[:, :, part, member]
+            imposed = assembly.propagators[c].forcing.motion_histories(member)
+            if imposed is not None:
+                shapes = self._shapes[c][part]
+                values = values + np.stack([field[instants] @ shapes.T for field in imposed], axis=1)
+            motions[name][instants] = values
+
+    def histories(
+        self, assembly: Assembly, places: Mapping[str, SensorPlace], motions: Mapping[str, Array]
+    ) -> dict[str, SensorHistory]:
+        """Histories of the sensors from motions (n, 3, 3)."""
+        histories = {}
+        for name, place in places.items():
+            displacement, velocity, acceleration = motions[name].transpose(1, 0, 2)
+            remark = "mean over the step that ends at the instant" if assembly.scheme.explicit else ""
+            if assembly.quasi_static:
+                acceleration, remark = None, "quasi-static run: no inertia, time only orders the increments of load"
+            elif name in self.massless:
+                remark = "difference quotient of the velocity: nodes in contact have no mass in this time scheme"
+                acceleration = np.concatenate([acceleration[:1], np.diff(velocity, axis=0) / assembly.dt])
+            histories[name] = SensorHistory(
+                name, place.substructure, place.face, place.point, displacement, velocity, acceleration, remark
+            )
+        return histories
+
+
+class Probes:
+    """Both kinds for one run; ``sliding``: numbers of the interfaces without tangential unknowns."""
+
+    def __init__(self, assembly: Assembly, sliding: Sequence[int], places: Mapping[str, SensorPlace]) -> None:
+        self.slide = SlideProbes(assembly, sliding)
+        self.sensors = SensorProbes(assembly, places)
 
 
 class SlideProbes:

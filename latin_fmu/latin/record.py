@@ -109,6 +109,28 @@ class SubstructureHistory:
     energy: dict[str, Array] | None
 
 
+@dataclass(frozen=True)
+class SensorHistory:
+    """Motion of a sensor at every instant of the run, global axes; the linear-stage fields of its body.
+
+    Attributes
+    ----------
+    name, substructure : as in the scene. face : the face of a mean over a face, None for a point.
+    point : (3,) the point, or the centre of the face, reference configuration, m.
+    displacement, velocity : (n_time, 3), m and m s-1. acceleration : (n_time, 3), m s-2; None in quasi-static runs.
+    remark : how the acceleration was found, or why there is none; empty where it is that of the time scheme.
+    """
+
+    name: str
+    substructure: str
+    face: str | None
+    point: Array
+    displacement: Array
+    velocity: Array
+    acceleration: Array | None
+    remark: str = ""
+
+
 @dataclass(slots=True)
 class WindowRecord:
     """Course of the iteration in one window.
@@ -190,6 +212,7 @@ class Outcome:
     warnings: tuple[str, ...] = ()
     settings: dict[str, str] = field(default_factory=dict)
     marched: float = float("nan")
+    sensors: dict[str, SensorHistory] = field(default_factory=dict)
 
     @property
     def error_indicator(self) -> float:

@@ -7,7 +7,7 @@ instants n-1, n, n+1, as the energy balances of the substructures do.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -16,25 +16,22 @@ from ..interface.contact import coulomb_coefficient
 from ..kernels.energy import TERMS
 from ..propagator.image import Image
 from .assembly import Array, Assembly
-from .probes import SlideProbes
-from .record import InterfaceHistory, SubstructureHistory
+from .probes import Probes, SensorPlace
+from .record import InterfaceHistory, SensorHistory, SubstructureHistory
 
 _NO_CONTACT = 1e-6  # pressure that does not count as contact, over the traction the loads can bring
-_NONE = np.zeros(0, dtype=np.int64)
 
 
 @dataclass(frozen=True)
 class OutputRequest:
-    """What to keep: displacement and velocity fields, mean stress, energies; fields every ``every`` instants.
-
-    nodes : displacement and velocity of these nodes only, by substructure; None for all.
-    """
+    """What to keep: displacement and velocity fields, mean stress, energies; fields every ``every`` instants; the
+    motion of sensors at every instant, by their places."""
 
     fields: bool = False
     stress: bool = False
     energy: bool = False
     every: int = 1
-    nodes: Mapping[str, np.ndarray] | None = None
+    sensors: Mapping[str, SensorPlace] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -68,6 +65,7 @@ class Recorder:
         self._fields: dict[str, dict[str, list[Array]]] = {name: {} for name in self._places}
         self._field_times: list[float] = []
         self._energy: list[list[Array]] = [[] for _ in assembly.propagators]  # (n, 6, n_member) each
+        self._motions = {name: np.zeros((n_time, 3, 3)) for name in request.sensors}
         self.n_kept = 0
         """Instants kept so far, t = 0 included."""
 
@@ -76,7 +74,12 @@ class Recorder:
         """Interfaces whose tangential velocities come from the substructures."""
         return sorted(self._slide)
 
-    def keep(self, assembly: Assembly, image: Image, probes: SlideProbes, n: int, row: int = 0) -> None:
+    @property
+    def places(self) -> Mapping[str, SensorPlace]:
+        """Places of the sensors."""
+        return self._request.sensors
+
+    def keep(self, assembly: Assembly, image: Image, probes: Probes, n: int, row: int = 0) -> None:
         """Keep the next n instants, rows of the image's output from ``row`` on; the first ones are t = 0."""
         rows, now = slice(row, row + n), slice(self.n_kept, self.n_kept + n)
         self.f_hat[now] = image.field("history_f", image.rows, image.n_flat)[rows]
@@ -89,7 +92,9 @@ class Recorder:
             at += group.n_point
         if self._slide:
             probed = [image.output(c, "probed", "n_probe")[rows] for c in range(len(self._energy))]
-            probes.read(assembly, now, probed, self._slide)
+            probes.slide.read(assembly, now, probed, self._slide)
+        probes.sensors.read(assembly, image, now, rows, self._motions)
+        self._probes = probes
         if self._request.energy:
             for c, kept in enumerate(self._energy):
                 kept.append(image.output(c, "energies", 6)[rows].copy())
@@ -110,9 +115,8 @@ class Recorder:
             propagator, fields = assembly.propagators[c], self._fields[name]
             u = propagator.full_displacement(member)
             if self._request.fields:
-                nodes = slice(None) if self._request.nodes is None else self._request.nodes.get(name, _NONE)
-                fields.setdefault("displacement", []).append(u[nodes])
-                fields.setdefault("velocity", []).append(propagator.full_velocity(member)[nodes])
+                fields.setdefault("displacement", []).append(u)
+                fields.setdefault("velocity", []).append(propagator.full_velocity(member))
             recover = self._info[name].stress
             if self._request.stress and recover is not None:
                 fields.setdefault("stress", []).append(recover(u))
@@ -134,6 +138,11 @@ class Recorder:
                 self._slide.get(i),
             )
         return histories
+
+    def sensors(self, assembly: Assembly) -> dict[str, SensorHistory]:
+        """Histories of the sensors over the kept instants."""
+        kept = {name: motion[: self.n_kept] for name, motion in self._motions.items()}
+        return self._probes.sensors.histories(assembly, self.places, kept)
 
     def substructures(self) -> dict[str, SubstructureHistory]:
         """Histories of the substructures for which some output is requested."""

@@ -8,7 +8,7 @@ on its thread, so that results are equal to the last bit with any number of thre
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, Final
@@ -19,7 +19,7 @@ from ..kernels import entries
 from ..kernels.laws import LAWS
 from ..propagator.image import Image
 from .assembly import Array, Assembly, Index
-from .probes import SlideProbes
+from .probes import Probes
 from .search_direction import Direction
 from .settings import Settings
 
@@ -35,7 +35,7 @@ def reuse_bound(settings: Settings) -> float:
     return (REUSE * min(settings.tolerance, 0.1 * settings.force_tolerance)) ** 2
 
 
-def make_image(assembly: Assembly, settings: Settings, direction: Direction, probes: SlideProbes) -> Image:
+def make_image(assembly: Assembly, settings: Settings, direction: Direction, probes: Probes) -> Image:
     """Image of an assembly whose propagators have their initial state and are bound to ``direction``."""
     layout, static = assembly.layout, assembly.quasi_static
     ground = assembly.ground_tables()[0]
@@ -77,12 +77,13 @@ def make_image(assembly: Assembly, settings: Settings, direction: Direction, pro
         assembly.propagators,
         assembly.channels,
         layout.normal,
-        probes.rows,
+        probes.slide.rows,
         run,
         groups,
         min(window, assembly.n_instant),
         len(assembly.time),
         histories(assembly),
+        probes.sensors.rows,
     )
 
 

@@ -20,7 +20,7 @@ from ..kernels import entries
 from .assembly import Array, Assembly
 from .initial_conditions import initial_conditions
 from .instant_solve import PerfectInterfaceSolve, all_perfect
-from .probes import SlideProbes
+from .probes import Probes
 from .record import Timings, WindowRecord
 from .recorder import Recorder
 from .run_image import Stages, Threads, all_in_kernels, histories, make_image, negligible_scales
@@ -90,7 +90,7 @@ class Run:
         self._bonds: PerfectInterfaceSolve | None = None
         one = self.direction(1)
         one.bind()
-        self._probes = SlideProbes(assembly, self.recorder.sliding)
+        self._probes = Probes(assembly, self.recorder.sliding, self.recorder.places)
         self.image = make_image(assembly, self.settings, one, self._probes)
         self.f_hat[:], self.w_hat[:] = traction, velocity
         self._use(1)

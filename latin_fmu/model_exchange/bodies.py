@@ -12,6 +12,7 @@ from scipy.sparse.csgraph import connected_components
 from ..assembly.merged_assembly import merge
 from ..assembly.problem import DiscretisedProblem
 from ..errors import Problem, SceneError
+from ..fem.location import Location
 from ..latin.assembly import Array, Index, InterfaceUnit
 from ..propagator import SubstructureModel
 from ..propagator.reduction import ReducedModel, reduce_model
@@ -267,13 +268,12 @@ class ReducedBody:
         scaled: Array = self.model.basis * np.sqrt(self.mass)
         return scaled
 
-    def rows(self, substructure: str, node: int) -> Array:
-        """(3, size) displacement of a node of a substructure from the coordinates."""
+    def rows(self, substructure: str, location: Location) -> Array:
+        """(3, size) displacement at a location in a substructure from the coordinates."""
         if substructure not in self.body.where:
             return np.zeros((3, self.size))
-        first = self.body.where[substructure].start + 3 * node
-        picked: Array = self.basis[first : first + 3]
-        return picked
+        picked = self.basis[self.body.where[substructure]].reshape(-1, 3, self.size)[location.nodes]
+        return np.asarray(np.tensordot(location.weights, picked, axes=1))
 
 
 def _transmits(cuts: Sequence[Cut]) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:

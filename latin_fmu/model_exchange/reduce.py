@@ -17,7 +17,6 @@ from ..assembly.interfaces import completed
 from ..assembly.problem import DiscretisedProblem, characteristic_traction, side_impedance
 from ..cholesky.factor import interface_factor
 from ..errors import Problem, SceneError
-from ..fem.mesh import nearest
 from ..interface.contact import coulomb_coefficient
 from ..latin.assembly import Array, InterfaceUnit
 from ..propagator.model import reduced_rank
@@ -213,11 +212,10 @@ def _ground(scene: Scene, units: Sequence[InterfaceUnit]) -> list[tuple[int, Arr
 def _sensors(discretised: DiscretisedProblem, bodies: Sequence[ReducedBody]) -> tuple[Array, list[str]]:
     """(n_sensor, 3, n) displacement of the sensors from the coordinates, and their names."""
     blocks = [np.zeros((0, 3, sum(b.size for b in bodies)))]
-    for sensor in discretised.scene.sensor.values():
-        _, node = nearest(np.asarray([sensor.point]), discretised.info[sensor.substructure].nodes)
-        row = [b.rows(sensor.substructure, int(node[0])) for b in bodies]
+    for place in discretised.sensors.values():
+        row = [b.rows(place.substructure, place.location) for b in bodies]
         blocks.append(np.hstack(row)[None])
-    return np.concatenate(blocks), list(discretised.scene.sensor)
+    return np.concatenate(blocks), list(discretised.sensors)
 
 
 _CLOSED = 1e4  # stiffness of a closed contact over the static stiffness of its bodies, in both models

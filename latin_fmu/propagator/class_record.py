@@ -158,15 +158,21 @@ def _fill_triangle(matrix: Array, picked: Index, part: slice, data: Array) -> No
 
 
 def constants(
-    block: Block, propagator: Any, flat: Index, probe: sp.csr_array | None, normal: NDArray[np.bool_], halves: Halves
+    block: Block,
+    propagator: Any,
+    flat: Index,
+    probe: sp.csr_array | None,
+    sensor: sp.csr_array | None,
+    normal: NDArray[np.bool_],
+    halves: Halves,
 ) -> Row:
     """Sizes of a class and the arrays that are constant for a time step, put into the fixed block.
 
     Parameters
     ----------
     propagator : of the class. flat : (n_channel, m) places of its channels. probe : (n_probe, n) rows whose velocities
-    are kept, or None. normal : (n_flat,) True where a channel is normal to its interface. halves : patterns that are
-    in the block already.
+    are kept, or None. sensor : (n_sensor, n) rows whose motions are kept, or None. normal : (n_flat,) True where a
+    channel is normal to its interface. halves : patterns that are in the block already.
     """
     ops, m = propagator.operators, flat.shape[1]
     factor = ops.factor
@@ -181,6 +187,7 @@ def constants(
         "n_live": len(live),
         "n_massless": len(ops.massless),
         "n_probe": 0 if probe is None else int(probe.shape[0]),
+        "n_sensor": 0 if sensor is None else int(sensor.shape[0]),
         "n_motion": motions,
         "kind": STATIC if static else EXPLICIT if propagator.scheme.explicit else DIRECT,
         "accounted": int(propagator.energy),
@@ -193,6 +200,7 @@ def constants(
         put_symmetric(block, row, name, matrix, halves)
     put_symmetric(block, row, "damping", None if static else ops.damping, halves)
     put_matrix(block, row, "probe", probe)
+    put_matrix(block, row, "sensor", sensor)
     if propagator.energy:
         _borders(block, row, propagator)
     inverse = factor.inverse if isinstance(factor, DiagonalFactor) else factor.schur_inverse

@@ -129,6 +129,12 @@ class Forcing:
         """Displacements, velocities and accelerations of the prescribed motions, (3, n_time, n_motion, n_member)."""
         return np.stack([np.stack(m.histories) for m in self._motion if m is not None], axis=-1)
 
+    def motion_histories(self, member: int) -> tuple[Array, Array, Array] | None:
+        """Displacements, velocities and accelerations (n_time, n_motion) of the prescribed motions of a member, None
+        where it has none."""
+        motion = self._motion[member]
+        return None if motion is None else motion.histories
+
     def imposed_u(self, instant: int) -> Array:
         """Prescribed displacements, (n_full, n_member), m."""
         return self._imposed(instant, 0)

@@ -101,7 +101,8 @@ class Image:
     ----------
     propagators : one per class, begun. channels : per class the places (n_channel, m) of its channels among ``n_flat``.
     normal : (n_flat,) True where a channel is normal to its interface. probes : per class rows (n_probe, n) whose
-    velocities are kept, or None. run, groups : further fields of the records by name: numbers, arrays and matrices.
+    velocities are kept, or None; sensors : likewise of their displacements, velocities and accelerations.
+    run, groups : further fields of the records by name: numbers, arrays and matrices.
     window : instants of the longest window. n_time, histories : as for ``begin``, where the segment is known.
     """
 
@@ -116,6 +117,7 @@ class Image:
         window: int = 1,
         n_time: int = 0,
         histories: Mapping[str, Array] | None = None,
+        sensors: Sequence[sp.csr_array | None] | None = None,
     ) -> None:
         self.propagators, self.n_flat, self.window = list(propagators), len(normal), window
         self.channels = list(channels)
@@ -138,10 +140,9 @@ class Image:
             **self._placed(run or {}, fixed),
         }
         self._groups = [self._placed(group, fixed) for group in groups]
-        self._rows = [
-            class_record.constants(fixed, p, flat, None if probes is None else probes[c], normal, halves)
-            for c, (p, flat) in enumerate(zip(self.propagators, channels, strict=True))
-        ]
+        none = [None] * len(self.propagators)
+        per_class = zip(self.propagators, channels, probes or none, sensors or none, strict=True)
+        self._rows = [class_record.constants(fixed, *given, normal, halves) for given in per_class]
         self.fixed = self.moving = np.zeros(0)  # room is made when their sizes are known
         self._n_fixed, self._waiting = fixed.size, [fixed]
         self._current: int | None = None
@@ -203,10 +204,11 @@ class Image:
         for name, size in sizes.items():
             run[name] = block.reserve(size)
         per_row = 2 * n + run["n_point"] + 2 * most + 1
-        per_row += sum(row["m"] * (row["n_probe"] + 6 * row["accounted"]) for row in self._rows)
+        per_row += sum(row["m"] * (row["n_probe"] + 3 * row["n_sensor"] + 6 * row["accounted"]) for row in self._rows)
         self.rows = max(min(max(_OUTPUT // max(per_row, 1), _ROWS[0]), _ROWS[1]), self.window)
         for row in self._rows:
             row["probed"] = block.reserve(self.rows * row["n_probe"] * row["m"])
+            row["sensed"] = block.reserve(self.rows * 3 * row["n_sensor"] * row["m"])
             row["energies"] = block.reserve(self.rows * 6 * row["m"] * row["accounted"])
         for name, size in (
             ("errors", most),

@@ -12,6 +12,7 @@
                            nodal_stress (time, node, stress_component); principal_stress (time, cell, principal),
                            nodal_principal_stress (time, node, principal); and with any of them the mesh
     /substructures/<name>/energy   terms of the substructure (time), where requested
+    /sensors/<name>        displacement, velocity, acceleration (time, component); x, y, z of the place
     /convergence           error_indicator, force_mismatch (window, iteration), padded with NaN;
                            iterations, converged, first_instant, last_instant, end_time (window); passes
     /energy                terms of the assembly (time), where requested
@@ -38,6 +39,7 @@ from ..fem.stress import Recovery, principal
 from ..latin.record import Array, InterfaceHistory, Outcome, SubstructureHistory, WindowRecord
 from ..latin.state_serialization import package_version
 from .groups import CONVENTIONS, CONVERGENCE, ENERGY, INTERFACE, SCHEMA_VERSION, SUBSTRUCTURE, Columns, Group, annotated
+from .sensors import sensor_groups
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -139,6 +141,7 @@ def result_groups(
             groups[f"/substructures/{name}"] = substructure_group(substructure, more)
         if substructure.energy is not None:
             groups[f"/substructures/{name}/energy"] = _stored_energy(substructure, outcome.time)
+    groups |= sensor_groups(outcome)
     groups["/convergence"] = convergence_group(outcome.windows, outcome.time, outcome.passes)
     groups["/convergence"].attrs.update(
         {f"setting_{re.sub('[^A-Za-z0-9]+', '_', key)}": value for key, value in outcome.settings.items()}

@@ -105,7 +105,7 @@ def with_labels(groups: Mapping[str, Group]) -> Iterator[tuple[str, Group]]:
 
 
 CONVENTIONS = "CF-1.11 UGRID-1.0"
-SCHEMA_VERSION = "1.1"
+SCHEMA_VERSION = "1.2"
 """Changes its first number when a name or meaning changes, the second when something is added."""
 
 
@@ -170,6 +170,15 @@ SUBSTRUCTURE: Final[Mapping[str, Meaning]] = {
     "nodal_principal_stress": Meaning("Pa", "principal values of the stress at the node"),
     "cell_nodes": Meaning(None, "nodes of each element, in VTK order", "-1: the element has fewer nodes"),
     "mesh": Meaning(None, "topology of the mesh"),
+}
+
+SENSOR: Final[Mapping[str, Meaning]] = {
+    "displacement": Meaning("m", "displacement of the sensor"),
+    "velocity": Meaning("m s-1", "velocity of the sensor"),
+    "acceleration": Meaning("m s-2", "acceleration of the sensor"),
+    "x": Meaning("m", "x of the sensor, reference configuration"),
+    "y": Meaning("m", "y of the sensor, reference configuration"),
+    "z": Meaning("m", "z of the sensor, reference configuration"),
 }
 
 ENERGY: Final[Mapping[str, Meaning]] = {

@@ -8,11 +8,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..latin.record import Array, InterfaceHistory, Outcome, SubstructureHistory, Timings, WindowRecord
+from ..latin.record import Array, InterfaceHistory, Outcome, SensorHistory, SubstructureHistory, Timings, WindowRecord
 from .dataset import Recovered, datatree, provenance, result_groups
 from .estimates import ErrorEstimate
 from .files import write_groups
 from .groups import Group
+from .sensors import sensor_lines, sensor_report
 from .summary import report, summary
 
 if TYPE_CHECKING:
@@ -66,6 +67,11 @@ class Solution:
         return self.outcome.substructures
 
     @property
+    def sensors(self) -> dict[str, SensorHistory]:
+        """Displacement, velocity and acceleration of the sensors by name."""
+        return self.outcome.sensors
+
+    @property
     def windows(self) -> Sequence[WindowRecord]:
         """Record of the iteration of each window."""
         return self.outcome.windows
@@ -117,11 +123,16 @@ class Solution:
         self.timings.output += clock.process_time() - start
 
     def summary(self) -> str:
-        """Text: status, cost, a table of the interfaces, estimated errors."""
-        text = summary(self.outcome, self.scene_name)
+        """Text: status, cost, tables of the interfaces and sensors, estimated errors."""
+        text = "\n".join([summary(self.outcome, self.scene_name), *self._sensor_lines()])
         return text if self.estimate is None else "\n".join([text, "", *self.estimate.lines()])
 
+    def _sensor_lines(self) -> list[str]:
+        return ["", *sensor_lines(self.outcome)] if self.sensors else []
+
     def report(self) -> dict[str, Any]:
-        """Plain data for programs, fit for strict JSON; its keys are in ``results.summary.report``."""
+        """Plain data for programs, fit for strict JSON; its keys are in ``results.summary.report``, those of
+        ``sensors`` in ``results.sensors.sensor_report``."""
         estimate = {} if self.estimate is None else {"error_estimate": self.estimate.report()}
-        return report(self.outcome) | estimate
+        sensors = {"sensors": sensor_report(self.outcome)} if self.sensors else {}
+        return report(self.outcome) | sensors | estimate

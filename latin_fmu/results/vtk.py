@@ -1,9 +1,9 @@
 """Export for ParaView: one ``.vtu`` file per part and stored instant, and one ``.pvd`` that lists them.
 
 Substructures carry their fields, stresses with the von Mises stress; interfaces are clouds of points
-with traction, pressure, velocities, gap and contact status. Interfaces are exported at the instants at which
-the fields of the substructures are stored, so that every instant shows the whole assembly; where no field is
-stored, at all instants of the run.
+with traction, pressure, velocities, gap and contact status; all sensors are one cloud. Both are exported at the
+instants at which the fields of the substructures are stored, so that every instant shows the whole assembly; where no
+field is stored, at all instants of the run.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from ..fem.mesh import cell_blocks
 from ..latin.record import Array
 from .files import check_folder, unwritable
+from .sensors import MOTIONS
 
 _VTK_TENSOR: Final = ["xx", "yy", "zz", "xy", "yz", "xz"]
 """Order in which VTK reads six numbers as a symmetric tensor; ours is xx yy zz yz xz xy."""
@@ -95,7 +96,7 @@ def _write_all(tree: xr.DataTree, folder: Path) -> None:
 
     entries = []
     for part, (name, dataset) in enumerate(_parts(tree).items()):
-        make = _substructure_piece if "mesh" in dataset else _interface_piece
+        make = _substructure_piece if "mesh" in dataset else _sensor_piece if "sensor" in dataset else _interface_piece
         for i, time in enumerate(dataset["time"].values):
             piece = make(dataset.isel(time=i))
             file = f"{name}_{i:05d}.vtu"
@@ -115,6 +116,9 @@ def _parts(tree: xr.DataTree) -> dict[str, xr.Dataset]:
         f"substructure_{name}": dataset for name, dataset in _children(tree, "substructures") if "time" in dataset.dims
     }
     clouds = {f"interface_{name}": dataset for name, dataset in _children(tree, "interfaces")}
+    if sensors := dict(_children(tree, "sensors")):
+        placed = [dataset.reset_coords(["x", "y", "z"]) for dataset in sensors.values()]
+        clouds["sensors"] = xr.concat(placed, "sensor", combine_attrs="drop").assign_coords(sensor=list(sensors))
     if bodies:
         stored = next(iter(bodies.values()))["time"]
         clouds = {name: dataset.sel(time=stored, method="nearest") for name, dataset in clouds.items()}
@@ -167,6 +171,12 @@ def _interface_piece(instant: xr.Dataset) -> _Piece:
     for name in ("gap", "contact_status"):
         if name in instant:
             point_data[name] = instant[name].values
+    return _Piece(points, [("vertex", np.arange(len(points))[:, None])], point_data, {})
+
+
+def _sensor_piece(instant: xr.Dataset) -> _Piece:
+    points = np.stack([instant[axis].values for axis in "xyz"], axis=1)
+    point_data: dict[str, NDArray[Any]] = {name: _plain(instant[name]) for name in MOTIONS if name in instant}
     return _Piece(points, [("vertex", np.arange(len(points))[:, None])], point_data, {})
 
 

@@ -149,9 +149,18 @@ def _load_problems(raw: Any) -> Iterator[Problem]:
 def _sensor_problems(raw: Any) -> Iterator[Problem]:
     substructures = named_tables(raw, "substructure")
     for name, table in named_tables(raw, "sensor").items():
-        body = table.get("substructure")
+        where, body = f"sensor.{name}", table.get("substructure")
+        yield from _exactly_one(table, where, "point", "face")
+        if given(table, "point") and not given(table, "substructure"):
+            yield Problem(
+                f"{where}.substructure", "a point needs its body", None, "name of a [substructure.NAME] table"
+            )
+        if given(table, "face") and given(table, "substructure"):
+            yield Problem(f"{where}.substructure", "the face names the body already", shown(body), None, "remove it")
+        if isinstance(table.get("face"), str):
+            yield from face_problems(raw, f"{where}.face", table["face"])
         if substructures and isinstance(body, str) and body not in substructures:
-            yield unknown_name(f"sensor.{name}.substructure", "substructure", body, substructures)
+            yield unknown_name(f"{where}.substructure", "substructure", body, substructures)
 
 
 def _accuracy_problems(raw: Any) -> Iterator[Problem]:

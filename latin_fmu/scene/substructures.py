@@ -20,6 +20,7 @@ from .fields import (
     _as_list,
     about,
     refusal,
+    split_face,
 )
 from .laws import ConstantLaw, Law
 
@@ -146,7 +147,16 @@ class Load(Table):
 
 
 class Sensor(Table):
-    """Displacement and velocity of the node of a substructure nearest to a point."""
+    """Displacement, velocity and acceleration of a point of a substructure, or their mean over a face.
 
-    substructure: Annotated[Name, about("name of a [substructure.NAME] table")]
-    point: Annotated[Vector, about("where to measure, before any motion", "m")]
+    It has exactly one of `point`, with `substructure`, and `face`.
+    """
+
+    substructure: Annotated[Name | None, about("name of a [substructure.NAME] table, with `point`")] = None
+    point: Annotated[Vector | None, about("where to measure, in or on the body, before any motion", "m")] = None
+    face: Annotated[Face | None, about('face whose mean by area is measured, "substructure.face"')] = None
+
+    @property
+    def body(self) -> str:
+        """Substructure that the sensor is on."""
+        return split_face(self.face)[0] if self.face is not None else str(self.substructure)

@@ -192,6 +192,7 @@ def class_sizes(row: Any, run: Any, rows: int) -> dict[str, int]:
         "extended": 4 * wide * counted,
         "kept_states": (window // (isqrt(window) + 1) + 1) * int(row["n_state"]) if window > 1 else 0,
         "probed": rows * int(row["n_probe"]) * m,
+        "sensed": rows * 3 * int(row["n_sensor"]) * m,
         "energies": rows * 6 * m * counted,
     }
     if row["kind"] == records.STATIC:

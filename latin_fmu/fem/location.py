@@ -1,0 +1,137 @@
+"""Points in and near a mesh: the cell that holds a point, the shape functions there, the nearest point of the surface.
+
+The reference coordinates xi of a point x in a cell solve x = sum_a N_a(xi) x_a, by Newton's method from the centre of
+the cell; in straight tetrahedra the first step is exact.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from .mesh import Array, CellBlock, Index, Mesh, boundary
+from .reference_cells import N_CORNER, cell_functions
+from .surface import Surface
+
+_MARGIN: Final = 0.25  # of the extent of a cell: a curved one may bulge out of the box around its nodes
+_STEPS, _SMALL = 30, 1e-13  # of Newton's method; change of the reference coordinates
+INSIDE: Final = 1e-6
+"""Distance from a reference cell up to which a point counts as inside: round-off of coordinates in files."""
+_ROUND_OFF = 1e-10  # weights below it are zero
+
+
+@dataclass(frozen=True)
+class Location:
+    """A point, or a mean over points, in terms of nodes: its motion is sum of weights times motions of the nodes.
+
+    Attributes
+    ----------
+    nodes : (n,) node numbers. weights : (n,), their sum is 1.
+    """
+
+    nodes: Index
+    weights: Array
+
+    @staticmethod
+    def of(nodes: Index, weights: Array) -> Location:
+        """The location without nodes of negligible weight; a point at a node has that node alone."""
+        kept = np.abs(weights) > _ROUND_OFF
+        weights = weights[kept]
+        return Location(nodes[kept], np.ones(1) if len(weights) == 1 else weights / weights.sum())
+
+
+def locate(mesh: Mesh, point: Array) -> Location | None:
+    """The cell of a mesh that holds a point (3,), m, and the shape functions there; None where no cell does."""
+    best, least = None, INSIDE
+    for block in mesh.blocks:
+        candidates = _around(mesh.nodes, block, point)
+        if not len(candidates):
+            continue
+        at = _reference(mesh.nodes[candidates] - point, block.cell_type)
+        outside = _outside(at, block.cell_type)
+        i = int(np.argmin(outside))
+        if outside[i] <= least:
+            least = outside[i]
+            best = Location.of(candidates[i], cell_functions(block.cell_type).values(at[i : i + 1])[0])
+    return best
+
+
+def _around(nodes: Array, block: CellBlock, point: Array) -> Index:
+    """Cells (n, n_node) of a block near the point: those whose box, somewhat enlarged, holds it."""
+    kept = np.ones(len(block.cells), dtype=bool)
+    for axis in range(3):
+        values = nodes[:, axis][block.cells]
+        low, high = values.min(axis=1), values.max(axis=1)
+        margin = _MARGIN * (high - low) + INSIDE * np.ptp(nodes[:, axis])
+        kept &= (low - margin <= point[axis]) & (point[axis] <= high + margin)
+    near: Index = block.cells[kept]
+    return near
+
+
+def _reference(arms: Array, cell_type: str) -> Array:
+    """Reference coordinates (n, 3) of the origin in cells with nodes at ``arms`` (n, n_node, 3); NaN where Newton's
+    method fails."""
+    functions = cell_functions(cell_type)
+    at = np.tile(functions.nodes[: N_CORNER[cell_type]].mean(axis=0), (len(arms), 1))
+    with np.errstate(all="ignore"):
+        for _ in range(_STEPS):
+            residual = np.einsum("ca,cai->ci", functions.values(at), arms)
+            jacobian = np.einsum("cak,cai->cik", functions.gradients(at), arms)
+            singular = ~(np.abs(np.linalg.det(jacobian)) > 0.0)
+            jacobian[singular], at[singular] = np.eye(3), np.nan
+            step = np.linalg.solve(jacobian, residual[:, :, None])[:, :, 0]
+            at -= np.clip(step, -1.0, 1.0)
+            if np.nanmax(np.abs(step), initial=0.0) < _SMALL:
+                break
+    return at
+
+
+def _outside(at: Array, cell_type: str) -> Array:
+    """How far reference coordinates (n, 3) are outside the reference cell, (n,); <= 0 inside, infinite for NaN."""
+    corners = N_CORNER[cell_type]
+    if corners == 8:
+        far = np.abs(at).max(axis=1) - 1.0
+    elif corners == 4:
+        far = np.maximum(-at.min(axis=1), at.sum(axis=1) - 1.0)
+    else:
+        triangle = np.maximum(-at[:, :2].min(axis=1), at[:, :2].sum(axis=1) - 1.0)
+        far = np.maximum(triangle, np.abs(at[:, 2]) - 1.0)
+    return np.asarray(np.where(np.isnan(far), np.inf, np.maximum(far, 0.0)))
+
+
+def nearest_surface_point(mesh: Mesh, point: Array) -> tuple[float, Array]:
+    """Distance of a point (3,) from the surface of a mesh, m, and the nearest point (3,) of its flat pieces."""
+    triangles = []
+    for pieces in Surface(mesh.nodes, boundary(mesh)).pieces:
+        corners = pieces.corners
+        triangles.append(corners[:, :3])
+        if corners.shape[1] == 4:
+            triangles.append(corners[:, [0, 2, 3]])
+    near = _nearest_in(np.concatenate(triangles), point)
+    distance = np.linalg.norm(near - point, axis=1)
+    i = int(np.argmin(distance))
+    return float(distance[i]), near[i]
+
+
+def _nearest_in(triangles: Array, point: Array) -> Array:
+    """Nearest point (n, 3) of each triangle (n, 3, 3): the foot of the normal, or on an edge where that is outside."""
+    choices = []
+    for i in range(3):
+        start, along = triangles[:, i], triangles[:, (i + 1) % 3] - triangles[:, i]
+        share = np.einsum("ti,ti->t", point - start, along) / np.einsum("ti,ti->t", along, along)
+        choices.append(start + np.clip(share, 0.0, 1.0)[:, None] * along)
+    first, second = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    normal = np.cross(first, second)
+    square = np.einsum("ti,ti->t", normal, normal)
+    arm = point - triangles[:, 0]
+    one = np.einsum("ti,ti->t", np.cross(arm, second), normal) / square
+    two = np.einsum("ti,ti->t", np.cross(first, arm), normal) / square
+    foot = triangles[:, 0] + one[:, None] * first + two[:, None] * second
+    inside = (one >= 0.0) & (two >= 0.0) & (one + two <= 1.0)
+    choices.append(np.where(inside[:, None], foot, np.inf))
+    every = np.stack(choices, axis=1)
+    with np.errstate(invalid="ignore"):
+        closest = np.argmin(np.linalg.norm(every - point, axis=2), axis=1)
+    return np.asarray(every[np.arange(len(every)), closest])
