@@ -12,7 +12,7 @@ from pathlib import Path
 
 import latin_fmu
 from latin_fmu.compiled import library
-from latin_fmu.results.files import written_whole
+from latin_fmu.results.writing import write_whole
 from latin_fmu.scene.schema import Scene
 
 from .adapter import CoSimulationAdapter, ModelExchangeAdapter
@@ -147,11 +147,15 @@ def write_archive(target: str | Path, files: Mapping[str, bytes]) -> Path:
 
     Raises ResultsError where it cannot be written; a file at ``target`` is whole or not there.
     """
-    with written_whole(target) as draft, zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
-        for name in sorted(files, key=lambda name: (name != "modelDescription.xml", name)):
-            entry = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
-            entry.compress_type = zipfile.ZIP_DEFLATED
-            entry.create_system = 3  # the same bytes on every system
-            entry.external_attr = 0o644 << 16
-            archive.writestr(entry, files[name])
+
+    def write(draft: Path) -> None:
+        with zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
+            for name in sorted(files, key=lambda name: (name != "modelDescription.xml", name)):
+                entry = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
+                entry.compress_type = zipfile.ZIP_DEFLATED
+                entry.create_system = 3  # the same bytes on every system
+                entry.external_attr = 0o644 << 16
+                archive.writestr(entry, files[name])
+
+    write_whole(target, write)
     return Path(target)

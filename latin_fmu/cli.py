@@ -6,16 +6,19 @@ Nothing prints but this module and ``commands``.
 from __future__ import annotations
 
 import argparse
+import errno
+import io
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from importlib import import_module
 from types import MappingProxyType
-from typing import Final
+from typing import Final, TextIO
 
 from . import __version__
-from .commands import BAD_INPUT, CONVERGED, INTERRUPTED, SOLVER_FAILED
-from .errors import InputError, LatinError
+from .commands import BAD_INPUT, NO_MEMORY, NOT_WRITTEN, SOLVER_FAILED, Signals
+from .errors import InputError, LatinError, ResultsError
 
 COMMANDS: Final = MappingProxyType(
     {
@@ -51,32 +54,121 @@ examples:
   latin-fmu reference
 
 exit codes: 0 converged, 1 not converged (results are written and marked), 2 bad input,
-            3 the solver cannot continue, 130 interrupted
+            3 the solver cannot continue, 4 an output could not be written where wanted (stderr tells where it is),
+            5 the memory does not suffice, 130 interrupted, 143 terminated
 """
+_LESS = "use a coarser mesh, fewer instants or fewer outputs; `latin-fmu check` tells what a scene needs"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line ``argv`` (default: that of the process) and return its exit code."""
     for variable, value in _ENVIRONMENT.items():
         os.environ.setdefault(variable, value)
-    words = sys.argv[1:] if argv is None else list(argv)
+    signals = Signals()
+    with _streams(), signals.handled():
+        try:
+            return _run(sys.argv[1:] if argv is None else list(argv), signals)
+        except LatinError as error:
+            return _told(str(error), _code(error))
+        except KeyboardInterrupt:
+            return _told("interrupted", signals.exit_code)
+        except Exception as error:
+            if signals.received:  # a library turned the interruption into an error of its own
+                return _told("interrupted", signals.exit_code)
+            if not _lacks_memory(error):
+                raise
+            return _told(f"the memory does not suffice: {error or 'an array could not be created'}; {_LESS}", NO_MEMORY)
+
+
+def _run(words: list[str], signals: Signals) -> int:
+    """Parse and run a command."""
     try:
-        arguments = _parser(words).parse_args(words)
+        with signals.deferred():
+            parser = _parser(words)
+        arguments = parser.parse_args(words, argparse.Namespace(signals=signals))
     except SystemExit as stop:  # argparse has printed the help, the version or what is wrong
         return stop.code if isinstance(stop.code, int) else BAD_INPUT
-    try:
-        code: int = arguments.command(arguments)
-        sys.stdout.flush()
-    except LatinError as error:
-        print(f"latin-fmu: {error}", file=sys.stderr)
-        return BAD_INPUT if isinstance(error, InputError) else SOLVER_FAILED
-    except KeyboardInterrupt:
-        print("latin-fmu: interrupted", file=sys.stderr)
-        return INTERRUPTED
-    except BrokenPipeError:  # the reader of our output has gone, e.g. `latin-fmu reference | head`
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return CONVERGED
+    code: int = arguments.command(arguments)
     return code
+
+
+def _code(error: LatinError) -> int:
+    """Exit code of an error of the package."""
+    if isinstance(error, ResultsError):
+        from .results.writing import UnwrittenError  # loaded where there are results
+
+        return NOT_WRITTEN if isinstance(error, UnwrittenError) else BAD_INPUT
+    return BAD_INPUT if isinstance(error, InputError) else SOLVER_FAILED
+
+
+def _told(text: str, code: int) -> int:
+    """The exit code, after ``text`` has gone to stderr."""
+    print(f"latin-fmu: {text}", file=sys.stderr)
+    return code
+
+
+def _lacks_memory(error: BaseException | None) -> bool:
+    """Whether an error, or one that it follows from, is a lack of memory; libraries report it in different ways."""
+    while error is not None:
+        if isinstance(error, MemoryError) or getattr(error, "errno", None) == errno.ENOMEM:
+            return True
+        if "cannot allocate memory" in str(error).lower():
+            return True
+        error = error.__cause__ or error.__context__
+    return False
+
+
+class _Output(io.TextIOBase):
+    """Text stream that may be closed, full or without a reader: what cannot be written is dropped, and nothing else
+    happens."""
+
+    def __init__(self, stream: TextIO | None) -> None:
+        self._stream = stream
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+
+    def write(self, text: str) -> int:
+        self._attempt(lambda stream: stream.write(text))
+        return len(text)
+
+    def flush(self) -> None:
+        self._attempt(lambda stream: stream.flush())
+
+    def isatty(self) -> bool:
+        return self._stream is not None and not self._stream.closed and self._stream.isatty()
+
+    def fileno(self) -> int:
+        if self._stream is None:
+            raise io.UnsupportedOperation("fileno")
+        return self._stream.fileno()
+
+    def _attempt(self, action: Callable[[TextIO], object]) -> None:
+        if self._stream is None or self._stream.closed:
+            return
+        try:
+            action(self._stream)
+        except OSError:
+            failed, self._stream = self._stream, None
+            with suppress(OSError, ValueError):  # what is left in its buffer must not fail when the process ends
+                os.dup2(os.open(os.devnull, os.O_WRONLY), failed.fileno())
+
+
+@contextmanager
+def _streams() -> Iterator[None]:
+    """Standard streams whose failure changes nothing: a closed descriptor would be given to the next file opened."""
+    for descriptor in (0, 1, 2):
+        try:
+            os.fstat(descriptor)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest free number, which is this one
+    before = sys.stdout, sys.stderr
+    sys.stdout, sys.stderr = _Output(before[0]), _Output(before[1])
+    try:
+        yield
+    finally:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        sys.stdout, sys.stderr = before
 
 
 def _parser(words: Sequence[str]) -> argparse.ArgumentParser:

@@ -166,8 +166,8 @@ def test_a_full_disk_does_not_cost_the_numbers(
     def full_disk(*_: object, **__: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("latin_fmu.results.files.os.replace", full_disk)
-    assert main(["run", scene, "--json"]) == 2
+    monkeypatch.setattr("latin_fmu.results.writing._move", full_disk)
+    assert main(["run", scene, "--json"]) == 4
     captured = capsys.readouterr()
     assert json.loads(captured.out)["converged"] is True
     assert "No space left" in captured.err

@@ -8,20 +8,72 @@ not handle (bad input, an interruption) into an exit code. A subcommand imports 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from ..scene.schema import Scene
 
-CONVERGED, NOT_CONVERGED, BAD_INPUT, SOLVER_FAILED, INTERRUPTED = 0, 1, 2, 3, 130
+CONVERGED, NOT_CONVERGED, BAD_INPUT, SOLVER_FAILED, NOT_WRITTEN, NO_MEMORY = 0, 1, 2, 3, 4, 5
 """Exit codes; CONVERGED also means "done" for a subcommand that solves nothing."""
 
 AddParser = Callable[..., argparse.ArgumentParser]
 """``add_parser`` of the subcommands of a parser."""
 
 Command = Callable[[argparse.Namespace], int]
+
+
+class Signals:
+    """SIGINT and SIGTERM of the process: they interrupt (KeyboardInterrupt), or are noted where this is deferred.
+
+    Attributes
+    ----------
+    received : number of the signal that came first, 0 before.
+    """
+
+    def __init__(self) -> None:
+        self.received, self._deferred = 0, 0
+
+    @property
+    def exit_code(self) -> int:
+        """Exit code of a process that a signal ended: 130 after SIGINT, 143 after SIGTERM."""
+        return 128 + (self.received or signal.SIGINT)
+
+    @contextmanager
+    def handled(self) -> Iterator[None]:
+        """Handle the signals; those of other threads than the main one cannot be."""
+        if threading.current_thread() is not threading.main_thread():
+            yield
+            return
+        before = {number: signal.signal(number, self._handle) for number in (signal.SIGINT, signal.SIGTERM)}
+        try:
+            yield
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+
+    @contextmanager
+    def deferred(self, interrupt: bool = True) -> Iterator[None]:
+        """Note the first signal, a second one interrupts; ``interrupt``: at the end, too, where one was noted.
+
+        Imports and what has to be ended in order are not torn apart.
+        """
+        self._deferred += 1
+        try:
+            yield
+        finally:
+            self._deferred -= 1
+        if interrupt and self.received:
+            raise KeyboardInterrupt
+
+    def _handle(self, number: int, _frame: object) -> None:
+        first, self.received = not self.received, self.received or number
+        if not (first and self._deferred):
+            raise KeyboardInterrupt
 
 
 def declare(

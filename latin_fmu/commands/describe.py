@@ -64,9 +64,11 @@ def _explain(arguments: argparse.Namespace) -> int:
 
 def _plot(arguments: argparse.Namespace) -> int:
     from ..results.plots import check_figure_path, save_figure
+    from ..results.writing import check_target
 
     target = arguments.output or arguments.file.with_suffix(".png")
     check_figure_path(target)
+    check_target(target)
     _check_options(arguments)
     save_figure(_scene_figure(arguments) if _is_scene(arguments.file) else _results_figure(arguments), target)
     print(f"figure: {target}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import csv
+import io
 import sys
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
@@ -86,7 +87,7 @@ def _register_simulate(add: AddParser) -> None:
 def _fmu(arguments: argparse.Namespace) -> int:
     from importlib import import_module
 
-    from ..results.files import check_target, written_whole
+    from ..results.writing import check_target, write_bytes
 
     if problems := list(_contradictions(arguments)):
         raise InputError(problems, "the options contradict each other")
@@ -98,6 +99,8 @@ def _fmu(arguments: argparse.Namespace) -> int:
         check = import_module("fmu_build.checks")
         inputs = check.with_inputs(scene, names)
         files: dict[str, bytes] = check.cross_check_files(inputs) if arguments.cross_check else {}
+        for name in files:
+            check_target(target.with_name(name))
         inside = {f"{check.FOLDER}/{name}": content for name, content in files.items()}
         if arguments.model_exchange:
             sizes = {"n_mode": arguments.modes, "n_patch": arguments.patches}
@@ -113,8 +116,7 @@ def _fmu(arguments: argparse.Namespace) -> int:
         print("\n".join([f"{target} is not valid:", *(f"  {problem}" for problem in problems)]))
         return BAD_INPUT
     for name, content in files.items():
-        with written_whole(target.with_name(name)) as draft:
-            draft.write_bytes(content)
+        write_bytes(target.with_name(name), content)
     print(f"FMU: {target} ({target.stat().st_size / 1e6:.1f} MB), valid{''.join(f', {n}' for n in sorted(files))}")
     return CONVERGED
 
@@ -135,7 +137,7 @@ def _simulate(arguments: argparse.Namespace) -> int:
     except ModuleNotFoundError as error:
         print(f"latin-fmu: {error.msg}; pip install 'latin-fmu[fmu]' gives what FMUs need", file=sys.stderr)
         return BAD_INPUT
-    from ..results.files import check_target, written_whole
+    from ..results.writing import check_target
 
     target = arguments.output or Path("out.csv")
     check_target(target)
@@ -152,10 +154,7 @@ def _simulate(arguments: argparse.Namespace) -> int:
         drive.close()
         if not arguments.quiet:
             print(file=sys.stderr)
-    with written_whole(target) as draft, draft.open("w", newline="", encoding="utf-8") as file:
-        table = csv.writer(file)
-        table.writerow(["time", *drive.outputs])
-        table.writerows([[repr(float(value)) for value in row] for row in rows])
+    write_csv(target, ["time", *drive.outputs], rows)
     if not arguments.quiet:
         print(f"{len(rows)} rows: {target}")
     if drive.complaint:
@@ -163,6 +162,17 @@ def _simulate(arguments: argparse.Namespace) -> int:
         print(f"latin-fmu: stopped at {reached:g} s: {drive.complaint}", file=sys.stderr)
         return SOLVER_FAILED
     return CONVERGED
+
+
+def write_csv(path: Path, names: Sequence[str], rows: Sequence[Sequence[float]]) -> None:
+    """Write a table of numbers, to the last bit."""
+    from ..results.writing import write_bytes
+
+    text = io.StringIO()
+    table = csv.writer(text)
+    table.writerow(names)
+    table.writerows([[repr(float(value)) for value in row] for row in rows])
+    write_bytes(path, text.getvalue().encode())
 
 
 def _pair(text: str) -> tuple[str, Any]:

@@ -67,9 +67,9 @@ def register(add: AddParser) -> None:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    with _lean_imports():
+    with arguments.signals.deferred(), _lean_imports():
         from ..accuracy import estimate  # noqa: F401, loads the solver, too
-        from ..results.files import check_target
+        from ..results.writing import check_target
 
         scene = read_scene(arguments)
     target = arguments.output or Path(f"{scene.name}.nc")
@@ -87,17 +87,34 @@ def _run(arguments: argparse.Namespace) -> int:
     else:
         solution = choice.solution
     written = [] if choice is None else [choice.sentence]
+    lost = _write(solution, target, arguments.vtk, written)
+    _show(solution, arguments, written, choice)  # a full disk must not cost the numbers as well
+    if lost:
+        from ..results.writing import UnwrittenError
+
+        raise UnwrittenError(lost, "cannot write the results")
+    good = solution.converged and (choice is None or choice.reached)
+    return CONVERGED if good else NOT_CONVERGED
+
+
+def _write(solution: Solution, target: Path, vtk: Path | None, written: list[str]) -> list[Problem]:
+    """Write the outputs, and a line on each to ``written``; problems of those that could not be."""
+    from ..results.writing import UnwrittenError
+
+    lost: list[Problem] = []
     try:
         solution.save(target)
         written.append(f"results: {target}")
-        if arguments.vtk is not None:
-            from ..results.vtk import export_vtu
+    except UnwrittenError as error:
+        lost += error.problems
+    if vtk is not None:
+        from ..results.vtk import export_vtu
 
-            written.append(f"for ParaView: {export_vtu(solution, arguments.vtk)}")
-    finally:  # a full disk must not cost the numbers as well
-        _show(solution, arguments, written, choice)
-    good = solution.converged and (choice is None or choice.reached)
-    return CONVERGED if good else NOT_CONVERGED
+        try:
+            written.append(f"for ParaView: {export_vtu(solution, vtk)}")
+        except UnwrittenError as error:
+            lost += error.problems
+    return lost
 
 
 @contextmanager

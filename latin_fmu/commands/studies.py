@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,6 +14,7 @@ from . import CONVERGED, NOT_CONVERGED, AddParser, add_settings, declare
 
 if TYPE_CHECKING:
     from ..accuracy.study import Study
+    from ..scene.schema import Scene
     from ..stability import Row
 
 _COST_EXAMPLES = """\
@@ -88,7 +91,7 @@ def _cost(arguments: argparse.Namespace) -> int:
     if not 0.0 < budget < 1e6:
         raise InputError([Problem("--budget", "not a length of time", f"{budget:g}", "seconds > 0")], "bad argument")
     if arguments.output is not None:
-        _make_folder(arguments.output)
+        _check_studies(scenes, arguments.output)
     log = (lambda _: None) if arguments.quiet else _log
     studies = []
     for scene in scenes:
@@ -102,14 +105,16 @@ def _cost(arguments: argparse.Namespace) -> int:
     return CONVERGED
 
 
-def _make_folder(folder: Path) -> None:
-    """Make the folder where it is missing; its parent must exist."""
-    from ..results.files import check_folder
+def _check_studies(scenes: Sequence[Scene], folder: Path) -> None:
+    """Make the folder where it is missing (its parent must exist), and make sure that the files can be written."""
+    from ..results.writing import check_folder, check_target
 
     if not folder.exists():
         check_folder(folder.parent)
         folder.mkdir()
-    check_folder(folder)
+    for name in (*(f"{scene.name}_cost" for scene in scenes), "work_precision"):
+        for suffix in (".md", ".png", ".nc"):
+            check_target(folder / f"{name}{suffix}")
 
 
 def _log(text: str) -> None:
@@ -120,24 +125,22 @@ def _write_studies(studies: list[Study], folder: Path) -> None:
     """Page, figure and netCDF of each study, each complete or not at all."""
     from ..accuracy.study_files import comparison_figure, cost_figure, datatree
     from ..accuracy.study_report import as_markdown
-    from ..results.files import write_netcdf, written_whole
+    from ..results.files import write_netcdf
+    from ..results.writing import write_bytes, write_whole
 
     for study in studies:
         stem = folder / f"{study.scene.name}_cost"
         picture = stem.with_suffix(".png")
-        with written_whole(picture) as draft:
-            cost_figure(study).savefig(draft, dpi=130)
-        with written_whole(stem.with_suffix(".md")) as draft:
-            draft.write_text(as_markdown(study, picture.name), encoding="utf-8")
+        write_whole(picture, partial(cost_figure(study).savefig, dpi=130))
+        write_bytes(stem.with_suffix(".md"), as_markdown(study, picture.name).encode())
         write_netcdf(datatree(study), stem.with_suffix(".nc"))
         print(f"study: {stem}.md, .png, .nc", file=sys.stderr)
     if len(studies) > 1:
-        with written_whole(folder / "work_precision.png") as draft:
-            comparison_figure(studies).savefig(draft, dpi=110)
+        write_whole(folder / "work_precision.png", partial(comparison_figure(studies).savefig, dpi=110))
 
 
 def _stress(arguments: argparse.Namespace) -> int:
-    from ..results.files import check_target
+    from ..results.writing import check_target
     from ..stability import cases, run_suite
     from ..stability.report import as_json, verdict
 
@@ -157,13 +160,11 @@ def _log_row(row: Row) -> None:
 
 def _write_rows(rows: list[Row], target: Path, quick: bool) -> None:
     """Report and figure, each complete or not at all."""
-    from ..results.files import written_whole
+    from ..results.writing import write_bytes, write_whole
     from ..stability.report import as_markdown, compare_schemes, stability_figure
 
     picture = target.with_suffix(".png")
-    with written_whole(picture) as draft:
-        stability_figure(rows).savefig(draft, dpi=150)
+    write_whole(picture, partial(stability_figure(rows).savefig, dpi=150))
     schemes = compare_schemes(elements=20 if quick else 50, bounces=3 if quick else 20)
-    with written_whole(target) as draft:
-        draft.write_text(as_markdown(rows, schemes, picture.name), encoding="utf-8")
+    write_bytes(target, as_markdown(rows, schemes, picture.name).encode())
     print(f"report: {target}, figure: {picture}", file=sys.stderr)

@@ -126,7 +126,7 @@ class FmiInstance:
     def _initialize(self) -> bool:
         target = self._variables.text("resultsFile")
         if target:
-            from ..results.files import check_target
+            from ..results.writing import check_target
 
             check_target(target)
         elif self._estimates_errors():

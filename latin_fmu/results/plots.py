@@ -18,9 +18,9 @@ import xarray as xr
 from ..errors import Problem, ResultsError
 from ..latin.record import Array
 from .dataset import has_friction
-from .files import written_whole
 from .quantities_of_interest import InterfaceFields, friction_sum, normal_resultant, status_shares
 from .summary import prefix_for
+from .writing import write_whole
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -289,8 +289,7 @@ def save_figure(figure: Figure, path: str | Path) -> None:
 
     Raises
     ------
-    ResultsError : the format is not known or the file cannot be written.
+    ResultsError : the format is not known or the file cannot be written (``UnwrittenError``).
     """
     check_figure_path(path)
-    with written_whole(path) as draft:
-        figure.savefig(draft, dpi=150)
+    write_whole(path, partial(figure.savefig, dpi=150))

@@ -9,8 +9,6 @@ field is stored, at all instants of the run.
 from __future__ import annotations
 
 import os
-import shutil
-import uuid
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,8 +21,8 @@ from numpy.typing import NDArray
 
 from ..fem.mesh import cell_blocks
 from ..latin.record import Array
-from .files import check_folder, unwritable
 from .sensors import MOTIONS
+from .writing import check_folder, unwritable, write_whole
 
 _VTK_TENSOR: Final = ["xx", "yy", "zz", "xy", "yz", "xz"]
 """Order in which VTK reads six numbers as a symmetric tensor; ours is xx yy zz yz xz xy."""
@@ -48,19 +46,21 @@ class _Piece:
     cell_data: dict[str, list[NDArray[Any]]]
 
 
-def check_export_folder(folder: str | Path) -> None:
-    """Make sure an export can be written to ``folder``: new, empty, or holding an earlier export only.
+def check_export_folder(folder: str | Path) -> Path:
+    """Make sure an export can be written to ``folder``: new, empty, or holding an earlier export only; the folder that
+    its links lead to.
 
     Raises
     ------
-    ResultsError : it holds other files, is a file, or its parent cannot be written to.
+    ResultsError : it holds other files, is no folder, or its parent cannot be written to.
     """
-    target = Path(folder)
-    if target.exists() and not target.is_dir():
-        raise unwritable(target, "this is a file, not a folder", "choose another folder")
+    target = Path(os.path.realpath(folder))
+    if os.path.lexists(target) and not target.is_dir():
+        raise unwritable(target, "this is not a folder", "choose another folder")
     if target.is_dir() and any(path.suffix not in (".vtu", ".pvd") for path in target.iterdir()):
         raise unwritable(target, "the folder holds other files, an export would mix with them", "name a new folder")
-    check_folder(target.absolute().parent)
+    check_folder(target.parent)
+    return target
 
 
 def export_vtu(results: xr.DataTree | HasTree, folder: str | Path) -> Path:
@@ -70,30 +70,17 @@ def export_vtu(results: xr.DataTree | HasTree, folder: str | Path) -> Path:
 
     Raises
     ------
-    ResultsError : the folder cannot be used (see ``check_export_folder``) or writing failed.
+    UnwrittenError : the folder cannot be used (see ``check_export_folder``) or writing failed.
     """
     tree = results if isinstance(results, xr.DataTree) else results.to_datatree()
-    target = Path(folder)
-    check_export_folder(target)
-    draft = target.absolute().parent / f".{target.name}-{uuid.uuid4().hex}"
-    try:
-        draft.mkdir()
-        _write_all(tree, draft)
-        if target.is_dir():
-            shutil.rmtree(target)
-        os.replace(draft, target)
-    except OSError as error:
-        raise unwritable(
-            target, f"writing failed: {error.strerror or error}", "check free space and permissions"
-        ) from error
-    finally:
-        shutil.rmtree(draft, ignore_errors=True)
-    return target / "results.pvd"
+    write_whole(folder, lambda draft: _write_all(tree, draft), check_export_folder)
+    return Path(folder) / "results.pvd"
 
 
 def _write_all(tree: xr.DataTree, folder: Path) -> None:
     import meshio
 
+    folder.mkdir()
     entries = []
     for part, (name, dataset) in enumerate(_parts(tree).items()):
         make = _substructure_piece if "mesh" in dataset else _sensor_piece if "sensor" in dataset else _interface_piece

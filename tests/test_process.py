@@ -1,0 +1,133 @@
+"""The process of the command line: closed and full streams, signals, surroundings with little in them."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from latin_fmu import open_results
+
+from .test_cli import SCENE
+
+ROOT = Path(__file__).parents[1]
+MAIN = "import sys; from latin_fmu.cli import main; print('ready', file=sys.stderr, flush=True); sys.exit(main())"
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="needs a POSIX shell")
+
+
+@pytest.fixture
+def place(tmp_path: Path) -> Path:
+    """A folder with a scene."""
+    (tmp_path / "scene.toml").write_text(SCENE)
+    return tmp_path
+
+
+def environment(**more: str) -> dict[str, str]:
+    """Surroundings of a process: those of the tests, and some more."""
+    return {**os.environ, "PYTHONPATH": str(ROOT), **more}
+
+
+def shell(place: Path, line: str, env: dict[str, str] | None = None) -> subprocess.CompletedProcess[str]:
+    """A shell line in which ``latin-fmu`` is the command line."""
+    line = line.replace("latin-fmu", f"{sys.executable} -m latin_fmu")
+    given = environment() if env is None else env
+    return subprocess.run(["sh", "-c", line], cwd=place, env=given, capture_output=True, text=True, check=False)
+
+
+def converged(file: Path) -> bool:
+    """Whether a results file can be read and holds a run that converged."""
+    tree = open_results(file)
+    try:
+        return bool(tree.attrs["converged"])
+    finally:
+        tree.close()
+
+
+@pytest.mark.parametrize("closed", [">&-", "2>&-", ">&- 2>&- <&-", "> /dev/full", "2> /dev/full", "> /dev/full 2>&1"])
+def test_streams_that_are_closed_or_full_change_nothing(place: Path, closed: str) -> None:
+    done = shell(place, f"latin-fmu run scene.toml -o a.nc {closed}")
+    assert done.returncode == 0, done.stderr
+    assert "Traceback" not in done.stderr
+    assert converged(place / "a.nc")
+
+
+def test_closed_streams_keep_the_exit_codes_of_errors(place: Path) -> None:
+    assert shell(place, "latin-fmu run nothing.toml >&- 2>&-").returncode == 2
+    assert shell(place, "latin-fmu run scene.toml --set solver.max_iterations=1 >&- 2> /dev/full").returncode == 1
+
+
+def test_a_reader_that_goes_changes_nothing(place: Path) -> None:
+    done = shell(place, "(latin-fmu reference; echo $? >&2) | head -1")
+    assert done.stderr.strip() == "0"
+
+
+def test_interruptions_at_any_time_leave_no_traceback(place: Path) -> None:
+    """From the first moment of the command line on, imports included."""
+    draw = random.Random(16)
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGINT, signal.SIGINT, signal.SIGTERM, signal.SIGINT):
+        process = subprocess.Popen(
+            [sys.executable, "-c", MAIN, "run", "scene.toml", "--set", "time.end=1", "--set", "time.instants=500000"],
+            cwd=place,
+            env=environment(),
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        assert process.stderr is not None
+        assert process.stderr.readline() == "ready\n"
+        time.sleep(draw.uniform(0.0, 1.0))
+        process.send_signal(number)
+        _, errors = process.communicate(timeout=60)
+        assert process.returncode == 128 + number, errors
+        assert "Traceback" not in errors
+        assert "Exception ignored" not in errors
+
+
+def test_two_processes_on_one_output(place: Path) -> None:
+    command = [sys.executable, "-m", "latin_fmu", "run", "scene.toml", "-o", "a.nc", "--quiet"]
+    both = [subprocess.Popen(command, cwd=place, env=environment()) for _ in range(2)]
+    assert [process.wait(60) for process in both] == [0, 0]
+    assert converged(place / "a.nc")
+    assert sorted(path.name for path in place.iterdir()) == ["a.nc", "scene.toml"]
+
+
+def test_no_home_no_cache_no_terminal_locale_c(place: Path) -> None:
+    """Home and cache that cannot be written to (a file stands in their place), no terminal, locale C."""
+    (place / "file").write_text("")
+    blocked = str(place / "file" / "below")
+    env = environment(HOME=blocked, XDG_CACHE_HOME=blocked, LATIN_FMU_CACHE=blocked, NUMBA_CACHE_DIR=blocked)
+    env |= {"MPLCONFIGDIR": blocked, "LC_ALL": "C", "TERM": "dumb", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    done = shell(place, "latin-fmu run scene.toml -o a.nc && latin-fmu plot a.nc -o a.png", env)
+    assert done.returncode == 0, done.stderr
+    assert converged(place / "a.nc")
+    assert (place / "a.png").stat().st_size > 10_000
+    del env["HOME"]
+    done = shell(place, "latin-fmu run scene.toml -o b.nc; latin-fmu reference", env)
+    assert done.returncode == 0, done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_a_clock_that_jumps_changes_no_number(place: Path) -> None:
+    """The wall clock goes back by a year and the monotonic clocks stand still or leap, from call to call."""
+    jumps = (
+        "import sys, time, itertools; n = itertools.count(); real = time.time; "
+        "time.time = lambda: real() - 3e7 * (next(n) % 2); "
+        "time.perf_counter = lambda: 1e3 * (next(n) // 7); time.process_time = lambda: 1e3 * (next(n) // 5); "
+        "time.monotonic = lambda: float(next(n) // 3); "
+        "from latin_fmu.cli import main; sys.exit(main())"
+    )
+    for name, code in (("a.nc", "import sys; from latin_fmu.cli import main; sys.exit(main())"), ("b.nc", jumps)):
+        command = [sys.executable, "-c", code, "run", "scene.toml", "-o", name, "--quiet"]
+        subprocess.run(command, cwd=place, env=environment(), check=True)
+    first, second = (open_results(place / name) for name in ("a.nc", "b.nc"))
+    for path in (node.path for node in first.subtree):
+        assert first[path].to_dataset(inherit=False).equals(second[path].to_dataset(inherit=False)), path
+    first.close()
+    second.close()
