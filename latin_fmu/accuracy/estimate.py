@@ -20,7 +20,7 @@ from ..results.quantities_of_interest import (
     DISPLACEMENT,
     FIRST_CONTACT,
     FORCE_HISTORY,
-    PEAK_FORCE,
+    PEAK_FORCE_RAW,
     SEPARATION,
     QuantityOfInterest,
     definition_of,
@@ -45,7 +45,7 @@ ORDER_BAND: Final = 0.3
 bound."""
 
 _ORDERS = (-3.0, 8.0)  # range of observed orders
-_STEP_WEIGHT, _RINGING_WEIGHT = 1.2, 2.0  # in the bound
+_STEP_WEIGHT = 1.2  # in the bound
 
 
 @dataclass(frozen=True)
@@ -58,8 +58,7 @@ class Changes:
     quarter : between (r h, r dt) and (r' h, r' dt), r' the second ratio; NaN without a third run.
     steps : between (r h, r dt) and (r h, dt), the change by the time step alone; NaN where not computed.
     same_way : both refinements change the quantity in the same direction.
-    ringing : part of a peak that is numerical oscillation. sampling : relative error of the sampled loads.
-    iteration : relative error left by the iteration.
+    sampling : relative error of the sampled loads. iteration : relative error left by the iteration.
     """
 
     half: float
@@ -67,7 +66,6 @@ class Changes:
     steps: float = math.nan
     same_way: bool = True
     ratios: tuple[float, float] = (2.0, 4.0)
-    ringing: float = 0.0
     sampling: float = 0.0
     iteration: float = 0.0
 
@@ -82,15 +80,17 @@ def estimated_error(definition: QuantityOfInterest, changes: Changes) -> tuple[f
 
     With the expected order p the last refinement by r extrapolates to e = change / (r^p - 1), the one before to e'.
     Regular sequence (three runs, observed order within ``ORDER_BAND`` of p): ``safety`` x e. Otherwise a bound, the
-    largest of ``three_runs`` x (e, e') (``two_runs`` x e without a third run), 1.2 x the change by the time step alone,
-    and 2 x the ringing of a peak. A last change that is small by chance is thus compared with the others. A peak on a
-    front has no order: its error is always a bound. The error is at least that of the sampled loads, and the error
+    largest of ``three_runs`` x (e, e') (``two_runs`` x e without a third run), 1.2 x the change by the time step alone.
+    A last change that is small by chance is thus compared with the others. The raw peak on a front has no order: its
+    error is always a bound. The error is at least that of the sampled loads, and the error
     left by the iteration is added.
     """
     p = definition.order
     ratio = changes.ratios[0]
     last = changes.half / (ratio**p - 1.0)
-    regular = abs(changes.order - p) <= ORDER_BAND and changes.sampling <= changes.half and definition is not PEAK_FORCE
+    regular = (
+        abs(changes.order - p) <= ORDER_BAND and changes.sampling <= changes.half and definition is not PEAK_FORCE_RAW
+    )
     if regular:
         error = definition.safety * last
     elif math.isnan(changes.quarter):
@@ -100,7 +100,7 @@ def estimated_error(definition: QuantityOfInterest, changes: Changes) -> tuple[f
         error = max(definition.three_runs[0] * last, definition.three_runs[1] * before)
     if not regular:
         steps = 0.0 if math.isnan(changes.steps) else changes.steps
-        error = max(error, _STEP_WEIGHT * steps, _RINGING_WEIGHT * changes.ringing)
+        error = max(error, _STEP_WEIGHT * steps)
     return max(error, changes.sampling) + changes.iteration, not regular
 
 
@@ -133,7 +133,7 @@ def relative(quantity: str, scale: Quantities, a: Quantities, b: Quantities) -> 
     if quantity not in a.values or quantity not in b.values:
         return math.nan
     divisor = scale.scales[quantity]
-    return a.distance(quantity, b) / divisor if divisor > 0.0 else 0.0
+    return a.distance(quantity, b, scale) / divisor if divisor > 0.0 else 0.0
 
 
 def same_way(quantity: str, fine: Quantities, half: Quantities, quarter: Quantities) -> bool:
@@ -145,8 +145,8 @@ def same_way(quantity: str, fine: Quantities, half: Quantities, quarter: Quantit
     if definition is DISPLACEMENT:
         last, before = fine.vectors[owner] - half.vectors[owner], half.vectors[owner] - quarter.vectors[owner]
         return float(last @ before) > 0.0
-    last_change = fine.values[quantity] - half.values[quantity]
-    return last_change * (half.values[quantity] - quarter.values[quantity]) > 0.0
+    values = [run.value(quantity, fine) for run in (fine, half, quarter)]
+    return (values[0] - values[1]) * (values[1] - values[2]) > 0.0
 
 
 def quantity_estimate(
@@ -179,7 +179,6 @@ def quantity_estimate(
         steps=math.nan if mesh_alone is None else relative(quantity, fine, half, mesh_alone),
         same_way=one_way,
         ratios=ratios,
-        ringing=fine.ringing[quantity.rpartition(".")[0]] if definition is PEAK_FORCE else 0.0,
         sampling=sampling_error(scene) if sampling is None else sampling,
         iteration=definition.iteration * scene.solver.tolerance,
     )

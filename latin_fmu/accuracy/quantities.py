@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Final, Literal
 
 import numpy as np
 
@@ -17,46 +16,11 @@ from ..results.quantities_of_interest import (
     FRICTION_WORK,
     IMPULSE,
     PEAK_FORCE,
+    PEAK_FORCE_RAW,
     ROUND_OFF,
     SEPARATION,
+    Force,
 )
-
-_SMOOTH: Final = 7
-"""Steps; a front rings at a wavelength of a few elements, and a step is about the wave transit of an element."""
-
-
-@dataclass(frozen=True)
-class Force:
-    """Normal resultant of an interface over time: linear between (time, value); a time met twice is a jump.
-
-    ``time`` (n,), s, never decreasing; ``value`` (n,), N, positive in compression.
-    """
-
-    time: Array
-    value: Array
-
-    def norm(self) -> float:
-        """sqrt(integral of value^2 dt), exact for linear pieces."""
-        a, b = self.value[:-1], self.value[1:]
-        return float(np.sqrt(np.sum(np.diff(self.time) * (a * a + a * b + b * b)) / 3.0))
-
-    def distance(self, other: Force) -> float:
-        """L2 distance to another history over the time both cover."""
-        last = min(self.time[-1], other.time[-1])
-        grid = np.union1d(self.time, other.time)
-        grid = grid[grid <= last]
-        a, b = grid[:-1], grid[1:]
-        first = self._at(a, "right") - other._at(a, "right")
-        second = self._at(b, "left") - other._at(b, "left")
-        return float(np.sqrt(np.sum((b - a) * (first**2 + first * second + second**2)) / 3.0))
-
-    def _at(self, t: Array, side: Literal["left", "right"]) -> Array:
-        """Limits at the instants ``t`` from before (left) or after (right)."""
-        i = np.clip(np.searchsorted(self.time, t, side=side) - 1, 0, len(self.time) - 2)
-        span = self.time[i + 1] - self.time[i]
-        share = np.where(span > 0.0, (t - self.time[i]) / np.where(span > 0.0, span, 1.0), 1.0)
-        result: Array = (1.0 - share) * self.value[i] + share * self.value[i + 1]
-        return result
 
 
 @dataclass(frozen=True)
@@ -67,28 +31,39 @@ class Quantities:
     ----------
     values : by name ``owner.key``; the value of a force history is its L2 norm. scales : what errors are divided by.
     forces : normal resultants by interface. vectors : displacement (3,) of sensors at the end, m.
-    ringing : by interface, relative height of the peak above that of the force averaged over ``_SMOOTH`` steps.
+    durations : of the mean that is the peak force, by interface, s.
     """
 
     values: dict[str, float] = field(default_factory=dict)
     scales: dict[str, float] = field(default_factory=dict)
     forces: dict[str, Force] = field(default_factory=dict)
     vectors: dict[str, Array] = field(default_factory=dict)
-    ringing: dict[str, float] = field(default_factory=dict)
+    durations: dict[str, float] = field(default_factory=dict)
 
     def add(self, owner: str, entries: Mapping[str, tuple[float, float]]) -> None:
         """Add values and scales, by key, of an interface or sensor."""
         for key, (value, scale) in entries.items():
             self.values[f"{owner}.{key}"], self.scales[f"{owner}.{key}"] = value, scale
 
-    def distance(self, quantity: str, other: Quantities) -> float:
-        """Distance of a quantity to that of another run, in its unit."""
+    def value(self, quantity: str, defining: Quantities) -> float:
+        """Value of a quantity; the peak force is the mean over the duration that another run defines."""
         owner, _, key = quantity.rpartition(".")
+        if key == PEAK_FORCE.key and owner in self.forces and owner in defining.durations:
+            return self.forces[owner].largest_mean(defining.durations[owner])
+        return self.values[quantity]
+
+    def distance(self, quantity: str, other: Quantities, defining: Quantities | None = None) -> float:
+        """Distance of a quantity to that of another run, in its unit.
+
+        defining : the run whose contact defines the duration of the mean that is the peak force; this one where None.
+        """
+        owner, _, key = quantity.rpartition(".")
+        defining = self if defining is None else defining
         if key == FORCE_HISTORY.key:
             return self.forces[owner].distance(other.forces[owner])
         if key == DISPLACEMENT.key and owner in self.vectors and owner in other.vectors:
             return float(np.linalg.norm(self.vectors[owner] - other.vectors[owner]))
-        return abs(self.values[quantity] - other.values[quantity])
+        return abs(self.value(quantity, defining) - other.value(quantity, defining))
 
     def error(self, quantity: str, reference: Quantities) -> float:
         """Relative error of a quantity against a reference."""
@@ -125,10 +100,10 @@ def _add_interface(quantities: Quantities, time: Array, history: InterfaceHistor
     """Add impulse, instants, peak, friction work and force history of one interface."""
     force = _until(time, history.normal_resultant(), end)
     quantities.forces[history.name] = force
+    duration = quantities.durations[history.name] = force.peak_duration(history.peak_duration)
     largest = float(np.einsum("p,tp->t", history.areas, np.linalg.norm(history.traction, axis=2)).max(initial=0.0))
-    entries = of_force(force, end, history.contact_status is not None, ROUND_OFF * largest)
-    peak = entries[PEAK_FORCE.key][0]
-    if (closing := _closing(time, history, peak)) is not None:
+    entries = of_force(force, end, history.contact_status is not None, ROUND_OFF * largest, duration)
+    if (closing := _closing(time, history, force.raw_peak())) is not None:
         entries[FIRST_CONTACT.key] = (closing, max(closing, 1e-2 * end))
     if history.friction_power is not None and history.has_friction:
         work = np.concatenate([[0.0], np.cumsum(history.friction_power[1:]) * float(time[1] - time[0])])
@@ -136,8 +111,6 @@ def _add_interface(quantities: Quantities, time: Array, history: InterfaceHistor
         least = 1e-3 * entries[IMPULSE.key][1] * float(np.abs(history.velocity).max(initial=0.0))
         entries[FRICTION_WORK.key] = (last, max(last, least))
     quantities.add(history.name, entries)
-    smooth = np.convolve(force.value, np.full(_SMOOTH, 1.0 / _SMOOTH), mode="same")
-    quantities.ringing[history.name] = 0.0 if peak <= 0.0 else float(np.abs(peak - np.abs(smooth).max())) / peak
 
 
 def _closing(time: Array, history: InterfaceHistory, peak: float) -> float | None:
@@ -162,13 +135,17 @@ def _closing(time: Array, history: InterfaceHistory, peak: float) -> float | Non
     return float(min(time[i - 1] + wait, time[i]))
 
 
-def of_force(force: Force, end: float, opens: bool, nothing: float = 0.0) -> dict[str, tuple[float, float]]:
+def of_force(
+    force: Force, end: float, opens: bool, nothing: float = 0.0, duration: float | None = None
+) -> dict[str, tuple[float, float]]:
     """Value and scale of the quantities that a force history gives, by key.
 
     First contact and separation of a contact whose force never exceeds ``nothing`` (N) are at the ``end``.
+    duration : of the mean that is the peak force, s; a tenth of the longest contact where None.
     """
     size = np.abs(force.value)
-    peak = float(size.max(initial=0.0))
+    peak = force.raw_peak()
+    mean = force.largest_mean(force.peak_duration(duration))
     steps = np.diff(force.time)
     impulse = float(np.sum(steps * 0.5 * (force.value[1:] + force.value[:-1])))
     whole = float(np.sum(steps * 0.5 * (size[1:] + size[:-1])))
@@ -182,7 +159,8 @@ def of_force(force: Force, end: float, opens: bool, nothing: float = 0.0) -> dic
         )
         entries[FIRST_CONTACT.key] = (first, max(first, 1e-2 * end))
         entries[SEPARATION.key] = (last, max(last, 1e-2 * end))
-    entries[PEAK_FORCE.key] = (peak, peak)
+    entries[PEAK_FORCE.key] = (mean, mean)
+    entries[PEAK_FORCE_RAW.key] = (peak, peak)
     entries[FORCE_HISTORY.key] = (force.norm(), force.norm())
     return entries
 

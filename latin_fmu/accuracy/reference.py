@@ -12,8 +12,9 @@ import numpy as np
 
 from ..errors import Problem, SceneError
 from ..results.estimates import ErrorEstimate, QuantityEstimate
+from ..results.quantities_of_interest import Force
 from ..scene.schema import Scene
-from .quantities import Force, Quantities, of_force
+from .quantities import Quantities, of_force
 from .resolution import Resolution
 
 FILE: Final = "reference.json"

@@ -59,7 +59,7 @@ def at_resolution(scene: Scene, resolution: Resolution) -> Scene:
     ------
     SceneError : the mesh or the number of steps leaves the range of a scene.
     """
-    changes: dict[str, object] = {"output": type(scene.output)()}
+    changes: dict[str, object] = {"output": type(scene.output)(peak_duration=scene.output.peak_duration)}
     if resolution.mesh != 1.0:
         changes["substructure"] = {
             name: body

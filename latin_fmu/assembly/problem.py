@@ -247,7 +247,9 @@ class DiscretisedProblem:
         if not static and any(body.rigid for body in self.bodies.values()):
             inertial_impedance(assembly)
         keys = scene.output
-        output = OutputRequest(keys.keeps_fields, keys.stress, keys.energy, keys.every, self.sensors)
+        output = OutputRequest(
+            keys.keeps_fields, keys.stress, keys.energy, keys.every, self.sensors, keys.peak_duration
+        )
         warnings = (*self.remarks, *without_factor, *([] if static else unresolved_sides(assembly)))
         warnings += () if start is None else start.remarks
         return SolverReadyProblem(

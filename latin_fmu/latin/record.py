@@ -36,6 +36,7 @@ class InterfaceHistory:
     friction_power : (n_time,) power dissipated by friction, W (>= 0); None without friction.
     layer_energy : (n_time,) elastic energy of the layer, J; None where there is none.
     joint_power : (n_time,) power dissipated by a viscous joint, W (>= 0); None elsewhere.
+    peak_duration : of the mean whose largest value is the peak force, s; None for a share of the contact.
     """
 
     name: str
@@ -53,6 +54,7 @@ class InterfaceHistory:
     friction_power: Array | None
     layer_energy: Array | None = None
     joint_power: Array | None = None
+    peak_duration: float | None = None
 
     @property
     def has_friction(self) -> bool:

@@ -7,7 +7,7 @@ instants n-1, n, n+1, as the energy balances of the substructures do.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -25,13 +25,17 @@ _NO_CONTACT = 1e-6  # pressure that does not count as contact, over the traction
 @dataclass(frozen=True)
 class OutputRequest:
     """What to keep: displacement and velocity fields, mean stress, energies; fields every ``every`` instants; the
-    motion of sensors at every instant, by their places."""
+    motion of sensors at every instant, by their places.
+
+    peak_duration : of the mean whose largest value is the peak force, s; None for a share of the contact.
+    """
 
     fields: bool = False
     stress: bool = False
     energy: bool = False
     every: int = 1
     sensors: Mapping[str, SensorPlace] = field(default_factory=dict)
+    peak_duration: float | None = None
 
 
 @dataclass(frozen=True)
@@ -129,14 +133,9 @@ class Recorder:
         for i, unit in enumerate(assembly.interfaces):
             group = layout.group(i)
             gap = self._gaps[layout.groups.index(group)]
-            histories[unit.name] = interface_history(
-                assembly,
-                i,
-                self.f_hat[:n],
-                self.w_hat[:n],
-                None if gap is None else gap[:n, group.members[i]],
-                self._slide.get(i),
-            )
+            own_gap = None if gap is None else gap[:n, group.members[i]]
+            history = interface_history(assembly, i, self.f_hat[:n], self.w_hat[:n], own_gap, self._slide.get(i))
+            histories[unit.name] = replace(history, peak_duration=self._request.peak_duration)
         return histories
 
     def sensors(self, assembly: Assembly) -> dict[str, SensorHistory]:

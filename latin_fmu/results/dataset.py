@@ -3,7 +3,8 @@
 ::
 
     /                      provenance and status, as attributes
-    /interfaces/<name>     force, impulse (time, component); traction (time, point, component);
+    /interfaces/<name>     force, impulse (time, component); peak_force (attribute peak_duration, s),
+                           peak_force_raw; traction (time, point, component);
                            velocity (time, side, point, component); gap, contact_status (time, point);
                            friction_power, layer_energy, joint_power (time); x, y, z, area, initial_gap (point);
                            normal (point, component)
@@ -39,6 +40,7 @@ from ..fem.stress import Recovery, principal
 from ..latin.record import Array, InterfaceHistory, Outcome, SubstructureHistory, WindowRecord
 from ..latin.state_serialization import package_version
 from .groups import CONVENTIONS, CONVERGENCE, ENERGY, INTERFACE, SCHEMA_VERSION, SUBSTRUCTURE, Columns, Group, annotated
+from .quantities_of_interest import InterfaceFields
 from .sensors import sensor_groups
 
 if TYPE_CHECKING:
@@ -163,6 +165,8 @@ def interface_group(history: InterfaceHistory, time: Array, indicator: float | N
         "force": (("time", "component"), history.force()),
         "impulse": (("time", "component"), history.impulse(time)),
     }
+    peak, duration, raw = InterfaceFields.of_history(history, time).peaks
+    columns |= {"peak_force": ((), peak), "peak_force_raw": ((), raw)}
     if history.gap is not None:
         columns["gap"] = (("time", "point"), history.gap)
     if history.contact_status is not None:
@@ -177,7 +181,9 @@ def interface_group(history: InterfaceHistory, time: Array, indicator: float | N
     attrs: dict[str, object] = {"behaviour": history.behaviour, "face_E": history.sides[0], "face_Ep": history.sides[1]}
     if history.friction_coefficient is not None:
         attrs["friction_coefficient"] = float(history.friction_coefficient)
-    return annotated(Group.of(columns, {**labels, **positions}, attrs), INTERFACE)
+    group = annotated(Group.of(columns, {**labels, **positions}, attrs), INTERFACE)
+    group.variables["peak_force"].attrs["peak_duration"] = duration
+    return group
 
 
 def has_friction(group: xr.Dataset) -> bool:

@@ -150,6 +150,8 @@ INTERFACE: Final[Mapping[str, Meaning]] = {
     "contact_status": Meaning(None, "contact status", "a closed frictionless point has status slip"),
     "force": Meaning("N", "resultant force exerted by the interface on side E"),
     "impulse": Meaning("N s", "force integrated over time since the start of the run"),
+    "peak_force": Meaning("N", "largest mean of the normal resultant over the time of the attribute peak_duration (s)"),
+    "peak_force_raw": Meaning("N", "largest normal resultant of all instants", "has no limit where bodies land"),
     "friction_power": Meaning("W", "power dissipated by friction"),
     "layer_energy": Meaning("J", "elastic energy of the layer"),
     "joint_power": Meaning("W", "power dissipated by the viscous joint"),

@@ -225,7 +225,8 @@ def _force_panels(groups: dict[str, xr.Dataset], scale: TimeAxis) -> list[_Panel
     if not fields:
         return []
     time = next(iter(fields.values())).time
-    normal = {name: normal_resultant(item) for name, item in fields.items()}
+    few = len(fields) <= FEW
+    normal = {_with_peak(name, item, scale) if few else name: normal_resultant(item) for name, item in fields.items()}
     reference = max(float(np.abs(curve).max(initial=0.0)) for curve in normal.values())
     draw = partial(force_panel, title="Normal resultant (compression > 0)", reference=reference)
     panels = [_Panel(2.4, partial(draw, time=time, curves=normal, scale=scale))]
@@ -234,6 +235,13 @@ def _force_panels(groups: dict[str, xr.Dataset], scale: TimeAxis) -> list[_Panel
         draw = partial(force_panel, title="Friction, sum of magnitudes over the points", reference=reference)
         panels.append(_Panel(2.4, partial(draw, time=time, curves=friction, scale=scale)))
     return panels
+
+
+def _with_peak(name: str, fields: InterfaceFields, scale: TimeAxis) -> str:
+    """Name of an interface with its peak force and the duration of that mean."""
+    (peak, duration, _), micro = fields.peaks, "µ"
+    size, label = prefix_for(peak, "N", micro)
+    return f"{name}: {peak / size:.3g} {label} over {duration / scale.divisor:.2g} {scale.unit}"
 
 
 def _strips(groups: dict[str, xr.Dataset], scale: TimeAxis) -> list[_Panel]:

@@ -7,7 +7,8 @@ fresh solution give the same numbers.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from functools import cached_property
+from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,7 +81,15 @@ SEPARATION: Final = QuantityOfInterest(
     iteration=0.3,
 )
 PEAK_FORCE: Final = QuantityOfInterest(
-    "peak_force", "N", "largest normal force", "itself", two_runs=4.0, three_runs=(4.0, 0.5)
+    "peak_force", "N", "largest mean of the normal force over the peak duration", "itself"
+)
+PEAK_FORCE_RAW: Final = QuantityOfInterest(
+    "peak_force_raw",
+    "N",
+    "largest normal force of all instants; has no limit where bodies land",
+    "itself",
+    two_runs=4.0,
+    three_runs=(4.0, 0.5),
 )
 FRICTION_WORK: Final = QuantityOfInterest(
     "friction_work",
@@ -116,6 +125,7 @@ QUANTITIES_OF_INTEREST: Final = (
     FIRST_CONTACT,
     SEPARATION,
     PEAK_FORCE,
+    PEAK_FORCE_RAW,
     FRICTION_WORK,
     FORCE_HISTORY,
     DISPLACEMENT,
@@ -134,12 +144,113 @@ def definition_of(quantity: str) -> QuantityOfInterest:
 
 
 CONTACT_SHARE = 0.01
-"""Share of its peak the normal resultant must exceed for an interface to count as in contact."""
+"""Share of its largest value the normal resultant must exceed for an interface to count as in contact."""
+
+PEAK_SHARE: Final = 0.1
+"""Duration of the mean that is the peak force over the longest contact, where the scene names none."""
 
 ROUND_OFF = 1e-9
 """A normal resultant below this share of the largest sum of area x |traction| is round-off, not contact."""
 
 _OPEN, _STICK, _SLIP = 0, 1, 2
+
+
+@dataclass(frozen=True)
+class Force:
+    """Normal resultant of an interface over time: linear between (time, value); a time met twice is a jump.
+
+    ``time`` (n,), s, never decreasing; ``value`` (n,), N, positive in compression.
+    """
+
+    time: Array
+    value: Array
+
+    def norm(self) -> float:
+        """sqrt(integral of value^2 dt), exact for linear pieces."""
+        a, b = self.value[:-1], self.value[1:]
+        return float(np.sqrt(np.sum(np.diff(self.time) * (a * a + a * b + b * b)) / 3.0))
+
+    def distance(self, other: Force) -> float:
+        """L2 distance to another history over the time both cover."""
+        last = min(self.time[-1], other.time[-1])
+        grid = np.union1d(self.time, other.time)
+        grid = grid[grid <= last]
+        a, b = grid[:-1], grid[1:]
+        first = self._at(a, "right") - other._at(a, "right")
+        second = self._at(b, "left") - other._at(b, "left")
+        return float(np.sqrt(np.sum((b - a) * (first**2 + first * second + second**2)) / 3.0))
+
+    def _piece(self, t: Array, side: Literal["left", "right"]) -> tuple[NDArray[np.intp], Array]:
+        """Piece that holds the instants ``t``, seen from before (left) or after (right), and the share of it passed."""
+        i = np.clip(np.searchsorted(self.time, t, side=side) - 1, 0, len(self.time) - 2)
+        span = self.time[i + 1] - self.time[i]
+        return i, np.where(span > 0.0, (t - self.time[i]) / np.where(span > 0.0, span, 1.0), 1.0)
+
+    def _at(self, t: Array, side: Literal["left", "right"]) -> Array:
+        """Limits at the instants ``t`` from before (left) or after (right)."""
+        i, share = self._piece(t, side)
+        result: Array = (1.0 - share) * self.value[i] + share * self.value[i + 1]
+        return result
+
+    def _integral(self, t: Array) -> Array:
+        """Integral from the first instant to the instants ``t``, N s, exact for linear pieces."""
+        a, b, step = self.value[:-1], self.value[1:], np.diff(self.time)
+        whole = np.concatenate([[0.0], np.cumsum(0.5 * step * (a + b))])
+        i, share = self._piece(t, "right")
+        result: Array = whole[i] + step[i] * share * (a[i] + 0.5 * share * (b[i] - a[i]))
+        return result
+
+    def raw_peak(self) -> float:
+        """Largest magnitude of all instants, N."""
+        return float(np.abs(self.value).max(initial=0.0))
+
+    def largest_mean(self, duration: float) -> float:
+        """Largest magnitude of the mean over a moving window of ``duration`` (s), N; exact for linear pieces.
+
+        The mean m(t) over [t, t + T] has m' = (F(t + T) - F(t)) / T, which is linear between the instants at which an
+        end of the window meets a knot: m is largest there, or where m' changes its sign in between. A window longer
+        than the history is cut to it; one of no length gives the raw peak.
+        """
+        if len(self.time) < 2 or duration <= 0.0:
+            return self.raw_peak()
+        duration = min(duration, float(self.time[-1] - self.time[0]))
+        last = self.time[-1] - duration
+        starts = np.unique(np.concatenate([self.time, self.time - duration, [last]]))
+        starts = starts[(starts >= self.time[0]) & (starts <= last)]
+        a, b = starts[:-1], starts[1:]
+        first = self._at(a + duration, "right") - self._at(a, "right")
+        second = self._at(b + duration, "left") - self._at(b, "left")
+        turns = first * second < 0.0
+        inside = a[turns] + (b - a)[turns] * first[turns] / (first - second)[turns]
+        starts = np.concatenate([starts, inside])
+        means = (self._integral(starts + duration) - self._integral(starts)) / duration
+        return float(np.abs(means).max())
+
+    def longest_contact(self) -> float:
+        """Longest time for which the force keeps its sign above 1 % of its raw peak, s."""
+        level = CONTACT_SHARE * self.raw_peak()
+        if len(self.time) < 2 or not level > 0.0:
+            return 0.0
+        sign = np.where(np.abs(self.value) > level, np.sign(self.value), 0.0)
+        edges = np.flatnonzero(np.diff(np.concatenate([[0.0], sign, [0.0]])))
+        begin, after = edges[:-1], edges[1:]
+        loaded = sign[begin] != 0.0
+        begin, after = begin[loaded], after[loaded]
+
+        def crossing(inner: NDArray[np.intp], outer: NDArray[np.intp]) -> Array:
+            """Instant of the level between a knot above it and its neighbour; the knot where there is none."""
+            outer = np.clip(outer, 0, len(self.time) - 1)
+            value, beyond = sign[inner] * self.value[inner], sign[inner] * self.value[outer]
+            fall = np.where(outer == inner, 1.0, value - beyond)
+            share = np.where(outer == inner, 0.0, (value - level) / fall)
+            result: Array = self.time[inner] + share * (self.time[outer] - self.time[inner])
+            return result
+
+        return float((crossing(after - 1, after) - crossing(begin, begin - 1)).max())
+
+    def peak_duration(self, given: float | None) -> float:
+        """Duration of the mean that is the peak force, s: as given, else a tenth of the longest contact."""
+        return PEAK_SHARE * self.longest_contact() if given is None else given
 
 
 @dataclass(frozen=True)
@@ -151,6 +262,7 @@ class InterfaceFields:
     time : (n_time,), s. areas : (n_point,), m2. normals : (n_point, 3), unit, from E to E'.
     traction : (n_time, n_point, 3), what the interface exerts on side E, Pa.
     contact_status : (n_time, n_point), separation 0, stick 1, slip 2; None where it cannot open.
+    peak_duration : that the scene names, s; None where it names none.
     """
 
     time: Array
@@ -158,11 +270,13 @@ class InterfaceFields:
     normals: Array
     traction: Array
     contact_status: NDArray[np.int8] | None
+    peak_duration: float | None = None
 
     @classmethod
     def of_history(cls, history: InterfaceHistory, time: Array) -> InterfaceFields:
         """Fields of a solver history over the run's instants ``time`` (n_time,), s."""
-        return cls(time, history.areas, history.normals, history.traction, history.contact_status)
+        status, duration = history.contact_status, history.peak_duration
+        return cls(time, history.areas, history.normals, history.traction, status, duration)
 
     @classmethod
     def of_dataset(cls, dataset: xr.Dataset) -> InterfaceFields:
@@ -170,7 +284,15 @@ class InterfaceFields:
         status = dataset["contact_status"].values if "contact_status" in dataset else None
         columns = (dataset[name].values for name in ("time", "area", "normal", "traction"))
         time, areas, normals, traction = (np.asarray(values, dtype=float) for values in columns)
-        return cls(time, areas, normals, traction, status)
+        duration = dataset["peak_force"].attrs["peak_duration"] if "peak_force" in dataset else None
+        return cls(time, areas, normals, traction, status, duration)
+
+    @cached_property
+    def peaks(self) -> tuple[float, float, float]:
+        """Peak force (N), the duration of its mean (s), and the raw peak (N)."""
+        force = Force(self.time, normal_resultant(self))
+        duration = force.peak_duration(self.peak_duration)
+        return force.largest_mean(duration), duration, force.raw_peak()
 
 
 def normal_resultant(fields: InterfaceFields) -> Array:
@@ -197,11 +319,6 @@ def friction_sum(fields: InterfaceFields) -> Array:
     tangential = fields.traction - along[:, :, None] * fields.normals
     total: Array = np.linalg.norm(tangential, axis=2) @ fields.areas
     return total
-
-
-def peak_force(fields: InterfaceFields) -> float:
-    """Largest magnitude of the normal resultant over time, N."""
-    return float(np.abs(normal_resultant(fields)).max(initial=0.0))
 
 
 def first_contact_time(fields: InterfaceFields) -> float | None:

@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from ..latin.record import InterfaceHistory, Outcome, Timings
-from .quantities_of_interest import InterfaceFields, first_contact_time, largest_slip_share, peak_force, separation_time
+from .quantities_of_interest import InterfaceFields, first_contact_time, largest_slip_share, separation_time
 
 _PREFIXES: Final = {-15: "f", -12: "p", -9: "n", -6: "u", -3: "m", 0: "", 3: "k", 6: "M", 9: "G", 12: "T"}
 
@@ -66,7 +66,8 @@ def report(outcome: Outcome) -> dict[str, Any]:
     Keys: ``status``, ``converged``, ``iterations`` (one count per window), ``passes``, ``error_indicator``
     (the amplitude sqrt(eta), largest over windows), ``cpu_seconds`` by part, ``peak_memory_bytes``,
     ``penetration`` (m), ``warnings``, and ``interfaces``: per name ``impulse`` (vector, N s), ``peak_force``
-    (N, of the normal resultant), ``first_contact_time`` and ``separation_time`` (s; first and last instant at
+    (N, largest mean of the normal resultant over ``peak_duration``, s), ``peak_force_raw`` (N, its largest value, which
+    has no limit where bodies land), ``first_contact_time`` and ``separation_time`` (s; first and last instant at
     which the normal resultant exceeds 1 % of its peak, None if never) and ``error_indicator``. A solution with an
     error estimate adds ``error_estimate``, see ``results.estimates``.
     """
@@ -92,9 +93,12 @@ def cpu_seconds(timings: Timings) -> dict[str, float | None]:
 
 def _interface(outcome: Outcome, history: InterfaceHistory) -> dict[str, Any]:
     fields = InterfaceFields.of_history(history, outcome.time)
+    peak, duration, raw = fields.peaks
     return {
         "impulse": [finite(value) for value in history.impulse(outcome.time)[-1]],
-        "peak_force": finite(peak_force(fields)),
+        "peak_force": finite(peak),
+        "peak_duration": finite(duration),
+        "peak_force_raw": finite(raw),
         "first_contact_time": finite(first_contact_time(fields)),
         "separation_time": finite(separation_time(fields)),
         "error_indicator": finite(outcome.interface_indicator.get(history.name)),
@@ -163,20 +167,22 @@ def _cpu(outcome: Outcome) -> str:
 
 
 def _table(outcome: Outcome) -> list[str]:
-    head = ("interface", "behaviour", "peak force", "impulse on side E (x, y, z)")
+    head = ("interface", "behaviour", "peak force", "mean over", "raw peak", "impulse on side E (x, y, z)")
     more = ("first contact", "last contact", "slipping area", "sqrt(eta)")
     return aligned([(*head, *more), *(_row(outcome, history) for history in outcome.interfaces.values())])
 
 
 def _row(outcome: Outcome, history: InterfaceHistory) -> tuple[str, ...]:
     fields = InterfaceFields.of_history(history, outcome.time)
-    last = separation_time(fields)
+    last, (peak, duration, raw) = separation_time(fields), fields.peaks
     slip = largest_slip_share(fields) if history.has_friction else None
     indicator = outcome.interface_indicator.get(history.name)
     return (
         history.name,
         history.behaviour,
-        readable(peak_force(fields), "N"),
+        readable(peak, "N"),
+        readable(duration, "s", 3),
+        readable(raw, "N"),
         readable_vector([float(value) for value in history.impulse(outcome.time)[-1]], "N s"),
         readable(first_contact_time(fields), "s"),
         "not yet" if last == outcome.time[-1] else readable(last, "s"),

@@ -109,6 +109,15 @@ class Output(Table):
     strain: Annotated[Flag, about("mean strain of the elements; keeps displacements, too")] = False
     energy: Annotated[Flag, about("energy balance of the assembly")] = False
     every: Annotated[Count, about("fields and stress are kept every so many steps", "1", ge=1)] = 1
+    peak_duration: Annotated[
+        Real | None,
+        about(
+            "peak_force is the largest mean of the normal force over this time; a tenth of the longest contact of the "
+            "interface where left out",
+            "s",
+            gt=0,
+        ),
+    ] = None
 
     @property
     def keeps_fields(self) -> bool:
@@ -126,6 +135,7 @@ QUANTITY_KEYS: Final = (
     "first_contact",
     "separation",
     "peak_force",
+    "peak_force_raw",
     "friction_work",
     "force_history",
     "displacement",

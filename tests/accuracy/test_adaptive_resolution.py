@@ -38,7 +38,7 @@ def test_the_true_error_is_below_the_target(quantity: str, target: float) -> Non
 
 @pytest.mark.slow
 def test_a_peak_on_a_front_does_not_converge_and_is_refused() -> None:
-    choice, true = aimed(impact_bar(), "peak_force", 0.01)
+    choice, true = aimed(impact_bar(), "peak_force_raw", 0.01)
     assert not choice.reached
     assert "does not converge" in choice.sentence
     assert true > 0.1

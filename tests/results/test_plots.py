@@ -42,7 +42,7 @@ def test_panels_follow_the_run(crushing: Solution, bars: Solution, stack: Soluti
 
 def test_force_curve_in_readable_units(crushing: Solution) -> None:
     axis = summary_figure(crushing.to_datatree()).subfigs[0].axes[0]
-    curve = next(line for line in axis.lines if line.get_label() == "crush")
+    curve = next(line for line in axis.lines if str(line.get_label()).startswith("crush: "))
     expected = crushing.interfaces["crush"].normal_resultant()
     np.testing.assert_allclose(curve.get_ydata(), expected / 1e3)
     np.testing.assert_allclose(curve.get_xdata(), crushing.time / 1e-6)

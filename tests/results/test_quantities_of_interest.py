@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from latin_fmu.results import quantities_of_interest as measures
 from latin_fmu.results.dataset import interface_group
-from latin_fmu.results.quantities_of_interest import InterfaceFields
+from latin_fmu.results.quantities_of_interest import Force, InterfaceFields
 
 from . import synthetic
 
@@ -25,7 +27,8 @@ def fields(**changes: object) -> InterfaceFields:
 
 def test_triangle_has_its_peak_and_its_ends_at_one_per_cent() -> None:
     item = fields()
-    assert measures.peak_force(item) == pytest.approx(6.0)
+    # above 1 % of 6 N for 3.96 s: mean over 0.396 s around the top
+    assert item.peaks == pytest.approx((6.0 * (1.0 - 0.396 / 8.0), 0.396, 6.0), rel=1e-6)
     # 1 % of the peak is passed 0.02 after the start of the triangle and 0.02 before its end.
     assert measures.first_contact_time(item) == pytest.approx(2.02, abs=0.011)
     assert measures.separation_time(item) == pytest.approx(5.98, abs=0.011)
@@ -45,7 +48,7 @@ def test_never_in_contact() -> None:
     silent = fields(traction=np.zeros((TIME.size, 1, 3)))
     assert measures.first_contact_time(silent) is None
     assert measures.separation_time(silent) is None
-    assert measures.peak_force(silent) == 0.0
+    assert silent.peaks == (0.0, 0.0, 0.0)
 
 
 def test_round_off_under_pure_shear_is_no_contact() -> None:
@@ -58,7 +61,7 @@ def test_round_off_under_pure_shear_is_no_contact() -> None:
 def test_tension_of_a_joint_counts_as_load() -> None:
     pulled = fields()
     pulled = fields(traction=-pulled.traction)
-    assert measures.peak_force(pulled) == pytest.approx(6.0)
+    assert pulled.peaks == pytest.approx(fields().peaks)
     assert measures.first_contact_time(pulled) == measures.first_contact_time(fields())
 
 
@@ -95,6 +98,61 @@ def test_history_and_dataset_give_the_same_numbers() -> None:
     history = synthetic.contact("c", TIME, 2.0, 6.0, 1e6)
     stored = InterfaceFields.of_dataset(interface_group(history, TIME).dataset())
     direct = InterfaceFields.of_history(history, TIME)
-    for measure in (measures.peak_force, measures.first_contact_time, measures.separation_time):
+    for measure in (measures.first_contact_time, measures.separation_time):
         assert measure(stored) == measure(direct)
+    assert stored.peaks == pytest.approx(direct.peaks, rel=1e-12)
     np.testing.assert_array_equal(measures.status_shares(stored), measures.status_shares(direct))
+
+
+@pytest.mark.parametrize("duration", [0.03, 0.1, 0.5])
+def test_the_largest_mean_is_that_of_a_fine_search(duration: float) -> None:
+    """Random histories on uneven instants: windows start anywhere, not at instants only."""
+    rng = np.random.default_rng(3)
+    for _ in range(5):
+        time, value = np.sort(rng.random(40)), rng.normal(size=40)
+        total = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(time) * (value[1:] + value[:-1]))])
+
+        def integral(
+            t: np.ndarray, time: np.ndarray = time, value: np.ndarray = value, total: np.ndarray = total
+        ) -> np.ndarray:
+            i = np.clip(np.searchsorted(time, t, side="right") - 1, 0, len(time) - 2)
+            return np.asarray(total[i] + 0.5 * (t - time[i]) * (value[i] + np.interp(t, time, value)))
+
+        starts = np.linspace(time[0], time[-1] - duration, 200_001)
+        searched = np.abs(integral(starts + duration) - integral(starts)).max() / duration
+        mean = Force(time, value).largest_mean(duration)
+        assert searched <= mean * (1.0 + 1e-12)
+        assert mean == pytest.approx(searched, rel=1e-6)
+
+
+def test_the_mean_peak_does_not_depend_on_the_step() -> None:
+    """A spike of one step carries an impulse: halving the step doubles the raw peak and leaves the mean."""
+    for step in (0.02, 0.01, 0.005):
+        time = np.arange(0.0, 1.0 + step / 2, step)
+        force = np.where((time > 0.2) & (time < 0.8), 1.0, 0.0)
+        force[np.argmin(np.abs(time - 0.5))] += 0.02 / step  # 0.02 N s more
+        history = Force(time, force)
+        assert history.raw_peak() == pytest.approx(1.0 + 0.02 / step)
+        assert history.largest_mean(0.1) == pytest.approx(1.0 + 0.02 / 0.1, rel=1e-9)
+
+
+def test_the_longest_contact_ends_where_the_force_changes_its_sign() -> None:
+    """Triangles of 2 s and, pulled, of 4 s; a jump at the end of a plateau."""
+    swing = Force(np.array([0.0, 1.0, 2.0, 4.0, 6.0]), np.array([0.0, 1.0, 0.0, -1.0, 0.0]))
+    assert swing.longest_contact() == pytest.approx(4.0 * 0.99)
+    plateau = Force(np.array([0.0, 1.0, 1.0, 3.0, 3.0, 4.0]), np.array([0.0, 0.0, 2.0, 2.0, 0.0, 0.0]))
+    assert plateau.longest_contact() == 2.0
+    assert plateau.peak_duration(None) == pytest.approx(0.2)
+    assert plateau.largest_mean(1.0) == pytest.approx(2.0)
+    assert plateau.largest_mean(3.0) == pytest.approx(4.0 / 3.0)
+    assert plateau.largest_mean(9.0) == pytest.approx(1.0)  # cut to the history
+
+
+def test_a_named_duration_goes_with_the_history() -> None:
+    history = replace(synthetic.contact("c", TIME, 2.0, 6.0, 1e6), peak_duration=4.0)
+    peak, duration, raw = InterfaceFields.of_history(history, TIME).peaks
+    assert duration == 4.0
+    assert peak == pytest.approx(raw * 2.0 / np.pi, rel=1e-3)  # mean of half a sine
+    stored = interface_group(history, TIME).dataset()
+    assert stored["peak_force"].attrs["peak_duration"] == 4.0
+    assert float(stored["peak_force_raw"]) == pytest.approx(raw)

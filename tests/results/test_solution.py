@@ -38,6 +38,8 @@ def test_report_has_its_keys(crushing: Solution) -> None:
     assert list(report["interfaces"]["crush"]) == [
         "impulse",
         "peak_force",
+        "peak_duration",
+        "peak_force_raw",
         "first_contact_time",
         "separation_time",
         "error_indicator",
@@ -67,6 +69,7 @@ def test_an_interface_never_touched_has_no_times(crushing: Solution) -> None:
     report = replace(crushing, outcome=replace(crushing.outcome, interfaces={"crush": silent})).report()
     item = report["interfaces"]["crush"]
     assert (item["first_contact_time"], item["separation_time"], item["peak_force"]) == (None, None, 0.0)
+    assert (item["peak_duration"], item["peak_force_raw"]) == (0.0, 0.0)
 
 
 def test_summary_tells_what_matters(crushing: Solution) -> None:

@@ -11,10 +11,11 @@ from pathlib import Path
 import numpy as np
 
 import latin_fmu
-from latin_fmu.accuracy.quantities import Force, Quantities, of_force
+from latin_fmu.accuracy.quantities import Quantities, of_force
 from latin_fmu.accuracy.resolution import in_short_windows
+from latin_fmu.results.quantities_of_interest import Force
 from latin_fmu.scene.schema import Scene
-from latin_fmu.stability.scenes import Box, Material, bar, two_boxes
+from latin_fmu.stability.scenes import Box, Material, bar, column, thrown, two_boxes
 
 from .oracles import cases
 from .oracles.bars import Bar, Waves
@@ -158,6 +159,74 @@ def squeeze() -> Known:
     return Known("squeeze", made, exact_of("meet", solved, 1.0, 8.0, {"head": (2, 0)}))
 
 
+def _landing(
+    name: str, first: Bar, second: Bar, elements: tuple[int, int], courant: float, gap: float, across: int = 1
+) -> Known:
+    """Bars thrown at each other until after they part; ``courant`` : c dt / h of the finer bar."""
+    sizes = [bar.length / n for bar, n in zip((first, second), elements, strict=True)]
+    end = gap / (first.velocity - second.velocity) + 3.0 * max(first.transit, second.transit)
+    step = courant * min(size / bar.speed for size, bar in zip(sizes, (first, second), strict=True))
+    side, boxes = 0.1 * first.length, []
+    for bar_, n in zip((first, second), elements, strict=True):
+        material, shape = Material(bar_.modulus, bar_.density), (side, side, bar_.length)
+        boxes.append(Box(material, shape, (across, across, n), (0.0, 0.0, bar_.velocity)))
+    scene = latin_fmu.scene_from_dict(two_boxes(*boxes, step, int(end / step) + 1, gap=gap))
+    made = _with_sensors(scene, tail=("low", 0.0))
+    solved = cases.colliding_bars(first, second, gap, scene.time.end)
+    return Known(name, made, exact_of("meet", solved, side**2, scene.time.end, {"tail": (0, 1)}))
+
+
+def thrown_bars(courant: float = 0.5, across: int = 2, gap: float = 2e-4) -> Known:
+    """Equal bars of 1.0 x 0.1 x 0.1 mm, 20 elements each, at +-100 m/s: exactly 1 N for 2 us."""
+    first, second = (Bar(1e-3, 1e9, 1000.0, velocity=v) for v in (100.0, -100.0))
+    return _landing(f"thrown_bars_{courant:g}_{gap:g}", first, second, (20, 20), courant, gap, across)
+
+
+def thrown_bars_of_unequal_impedance() -> Known:
+    """Impedance 1:10, the soft bar with twice as many elements."""
+    first, second = Bar(1, 1, 1, velocity=0.1), Bar(1, 10, 10, velocity=-0.1)
+    return _landing("thrown_bars_unlike", first, second, (40, 20), 0.5, 0.0437, 1)
+
+
+def thrown_on_wall(courant: float, gap: float) -> Known:
+    """A bar of 30 elements thrown at a wall."""
+    bar_ = Bar(10.0, 900.0, 1.0, velocity=-10.0)
+    end = gap / 10.0 + 1.0
+    scene = thrown(30, int(end * 90.0 / courant) + 1, end, gap, -10.0, 0.0)
+    free = PrescribedStress(PiecewiseLinear.constant(0.0, 0.0, end))
+    solved = Solved(Waves([bar_], [Contact(gap), free], end), 0, gap)
+    made = _with_sensors(latin_fmu.scene_from_dict(scene), top=("bar", 10.0 + gap))
+    return Known(f"thrown_on_wall_{courant:g}", made, exact_of("wall", solved, 1.0, end, {"top": (1, 0)}))
+
+
+def row_of_three() -> Known:
+    """A bar thrown at two that touch: the last one flies off with the momentum."""
+    bodies = {n: bar(Material(), 1.0, 30, v) for n, v in (("one", 1.0), ("two", 0.0), ("three", 0.0))}
+    scene = column(bodies, {"hit": {"gap": 0.21}, "push": {}}, {"end": 5.0, "instants": 250})
+    scene["substructure"]["one"]["box"]["origin"][2] = -0.21
+    free = PrescribedStress(PiecewiseLinear.constant(0.0, 0.0, 5.0))
+    rows = [free, Contact(0.21), Contact(0.0), free]
+    waves = Waves([Bar(1, 1, 1, velocity=1.0), Bar(1, 1, 1), Bar(1, 1, 1)], rows, 5.0)
+    exact = exact_of("hit", Solved(waves, 1, 0.21), 1.0, 5.0)
+    other = exact_of("push", Solved(waves, 2), 1.0, 5.0)
+    for mine, theirs in ((exact.values, other.values), (exact.scales, other.scales), (exact.forces, other.forces)):
+        mine.update(theirs)
+    # the first bar comes to rest beside the second one: any small force afterwards counts as a later separation
+    return Known("row_of_three", latin_fmu.scene_from_dict(scene), exact, frozenset({"hit.separation"}))
+
+
+def released() -> Known:
+    """A bar pressed on a wall at rest, released at t = 0: the wall carries it until the wave arrives, L/c later."""
+    law = {"type": "rectangular_pulse", "start": -1.0, "duration": 1.0}
+    load = {"push": {"face": "bar.zmax", "pressure": 0.1, "law": law}}
+    scene = column({"bar": bar(Material(), 1.0, 30)}, {}, {"end": 2.0, "instants": 100, "start": "static"}, load=load)
+    scene["interface"]["wall"] = {"sides": ["bar.zmin", "ground"]}
+    scene["boundary"]["guide"] = {"type": "fixed", "face": "bar.zmax", "components": ["x", "y"]}
+    free = PrescribedStress(PiecewiseLinear.constant(0.0, 0.0, 2.0))
+    solved = Solved(Waves([Bar(1, 1, 1, stress=-0.1)], [Contact(0.0), free], 2.0), 0)
+    return Known("released", latin_fmu.scene_from_dict(scene), exact_of("wall", solved, 1.0, 2.0))
+
+
 def _half_sine(duration: float, end: float) -> PiecewiseLinear:
     times = [*np.linspace(0.0, duration, 401), end]
     return PiecewiseLinear.through(times, [-0.1 * np.sin(np.pi * min(t / duration, 1.0)) for t in times])
@@ -174,6 +243,14 @@ MAKERS: tuple[Callable[[], Known], ...] = (
     lambda: smooth_pulse(0.05),
     contrast,
     squeeze,
+    thrown_bars,
+    lambda: thrown_bars(0.2, 1),
+    lambda: thrown_bars(1.0, 1, 0.0),
+    thrown_bars_of_unequal_impedance,
+    lambda: thrown_on_wall(0.2, 2.37),
+    lambda: thrown_on_wall(1.0, 1.13),
+    row_of_three,
+    released,
 )
 
 

@@ -86,7 +86,7 @@ def check(compared: list[Compared]) -> None:
 
 def test_estimates_of_two_scenes_are_safe():
     compared = cases(named("impact_bar", "smooth_pulse_gap_0"), (0.5,))
-    assert len(compared) == 13
+    assert len(compared) == 15
     check(compared)
 
 
