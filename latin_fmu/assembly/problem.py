@@ -20,7 +20,7 @@ from ..propagator import Histories, Propagator, StaticPropagator, SubstructureMo
 from ..results.dataset import Recovered
 from ..scene.boundaries import PrescribedDisplacement, PrescribedVelocity
 from ..scene.fields import split_face
-from ..scene.laws import InputLaw
+from ..scene.laws import InputLaw, sampled
 from ..scene.schema import Scene
 from ..scene.solver_settings import WHOLE, Anderson, Uniform
 from ..time_scheme import SCHEMES, QuasiStatic, TimeScheme
@@ -71,7 +71,7 @@ class Timeline:
     def _amplitude(self, name: str, time: Array, given: Mapping[str, Array]) -> Array:
         if not name:
             return np.ones(len(time))
-        return given[name] if name in given else self._scene.load[name].law.sample(time)
+        return given[name] if name in given else sampled(self._scene.load[name].law, time)
 
     def _ground(self, assembly: Assembly, time: Array) -> dict[int, Array]:
         ground = {}

@@ -3,13 +3,14 @@
 Jumps
 -----
 The value at a jump is the value *before* it: a step or a pulse that starts at t = 0 is 0 at t = 0, and a
-rectangular pulse is 1 for start < t <= start + duration. An instant closer to the jump than 1e-9 of its own
-value counts as lying on it, so that round-off in ``i * dt`` never decides.
+rectangular pulse is 1 for start < t <= start + duration. A load released at t = 0 (one that falls there at once) has
+its value before the release in a static start, and the one after it in the march: see ``sampled``. An instant closer
+to the jump than 1e-9 of its own value counts as lying on it, so that round-off in ``i * dt`` never decides.
 
 Sampling
 --------
-The solver uses a(t_i) at its instants and is linear in between, so its impulse is the trapezoid rule of the
-samples. `sampled_impulse_error` compares it with the exact integral of the law. With the rule of jumps, a
+The solver uses a(t_i) (``sampled``) at its instants and is linear in between, so its impulse is the trapezoid rule of
+the samples. `sampled_impulse_error` compares it with the exact integral of the law. With the rule of jumps, a
 pulse that starts and ends on instants has its exact impulse."""
 
 import math
@@ -288,16 +289,34 @@ Law = Annotated[
 ]
 
 
+_JUST_AFTER = 1e-3  # of the first step; a law that has changed by more than half until then jumps at t = 0
+
+
+def sampled(law: TimeLaw, times: ArrayLike) -> Array:
+    """The law at the instants of a march, (n,); at t = 0 the value after the release of a load that is released there.
+
+    The march is linear between its instants: with the value before the release the load would act for half a step more.
+    """
+    t = np.asarray(times, dtype=np.float64)
+    values = law.sample(t)
+    if len(t) > 1 and t[0] == 0.0:
+        after = float(law.sample(_JUST_AFTER * t[1:2])[0])
+        if abs(after) < abs(values[0]) and abs(after - values[0]) > 0.5 * abs(values[1] - values[0]):
+            values = np.concatenate([[after], values[1:]])
+    return values
+
+
 def sampled_impulse_error(law: TimeLaw, times: ArrayLike) -> float:
     """Relative difference between the impulse the solver applies and that of the law.
 
         |sum of trapezoids of a(t_i) - int a dt| / max(|int a dt|, sum of trapezoids of |a(t_i)|)
 
     times : (n,) increasing instants, s. The second term of the scale keeps a law of zero mean from dividing
-    by nothing. 0 where both impulses vanish.
+    by nothing; so does the first step under a(0), for a load that is released there. 0 where all of them vanish.
     """
     t = np.asarray(times, dtype=np.float64)
-    samples = law.sample(t)
+    samples = sampled(law, t)
     exact = law.impulse(float(t[0]), float(t[-1]))
-    scale = max(abs(exact), float(np.trapezoid(np.abs(samples), t)))
+    first = abs(float(law.sample(t[:1])[0])) * float(t[1] - t[0]) if len(t) > 1 else 0.0
+    scale = max(abs(exact), float(np.trapezoid(np.abs(samples), t)), first)
     return abs(float(np.trapezoid(samples, t)) - exact) / scale if scale > 0.0 else 0.0

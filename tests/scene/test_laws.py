@@ -19,6 +19,7 @@ from latin_fmu.scene.laws import (
     StepLaw,
     TableLaw,
     TimeLaw,
+    sampled,
     sampled_impulse_error,
 )
 
@@ -150,3 +151,28 @@ def test_unreadable_csv_names(tmp_path: Path, name: str) -> None:
 def test_a_bare_word_is_a_law() -> None:
     law: object = TypeAdapter(Law).validate_python("step")
     assert law == StepLaw()
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        RectangularPulseLaw(start=-1.0, duration=1.0),
+        TableLaw(times=(0.0, 1e-9, 2.0), values=(1.0, 0.0, 0.0)),
+        TableLaw(times=(0.0, 1e-9, 2.0), values=(1.0, 0.25, 0.25)),
+    ],
+)
+def test_a_load_released_at_the_start_acts_no_longer(law: RectangularPulseLaw | TableLaw) -> None:
+    """A static start is under the value before the release; the march begins with the value after it."""
+    times = np.linspace(0.0, 1.0, 101)
+    assert law.sample(times)[0] == 1.0
+    np.testing.assert_allclose(sampled(law, times), law.sample(times[1:2])[0], rtol=1e-12)
+    assert sampled_impulse_error(law, times) < 1e-6
+
+
+def test_only_a_release_at_the_start_changes_a_sample() -> None:
+    """Loads that begin at t = 0, fall smoothly from there, or start later keep the value of the law."""
+    times = np.linspace(0.0, 1.0, 101)
+    smooth = TableLaw(times=tuple(times), values=tuple(np.cos(times)))
+    for law in (ConstantLaw(), StepLaw(), RectangularPulseLaw(duration=0.3), smooth, HalfSineLaw(duration=0.5)):
+        np.testing.assert_array_equal(sampled(law, times), law.sample(times))
+        np.testing.assert_array_equal(sampled(law, times + 0.5), law.sample(times + 0.5))
