@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
 
 from ..errors import SceneError
-from ..fem.elasticity import without_contact_mass
+from ..fem.contact_layer import blended_mass, landing_viscosity, longest_edge, without_contact_mass
 from ..latin.assembly import Index, InterfaceUnit, Layout
 from ..propagator import LoadTerm, SubstructureModel
 from ..propagator.model import diagonal_matrix, share_patterns
@@ -18,6 +19,22 @@ from ..scene.schema import Scene
 from ..time_scheme import QuasiStatic, TimeScheme
 from .body import Body, body_sides
 from .conditions import Conditions, RigidConditions, rigid_model, total
+
+
+@dataclass(frozen=True)
+class ContactLayer:
+    """What a time scheme changes at the faces of a body that may open.
+
+    Attributes
+    ----------
+    mass : (n_full, n_full), kg. viscosity : of the landing, N s m-1, or None. load : whether body forces act with
+        this mass. left : number of contact nodes that keep their mass for want of an inner neighbour.
+    """
+
+    mass: sp.csr_array
+    viscosity: sp.csr_array | None = None
+    load: bool = False
+    left: int = 0
 
 
 @dataclass(frozen=True)
@@ -42,11 +59,19 @@ def model_classes(
     units: list[InterfaceUnit],
     layout: Layout,
     scheme: TimeScheme,
+    dt: float,
+    moved: Mapping[str, ContactLayer] | None = None,
 ) -> list[ModelClass]:
-    """Matrices of every substructure, grouped into classes of identical ones (of one each where the scene asks)."""
+    """Matrices of every substructure, grouped into classes of identical ones (of one each where the scene asks).
+
+    moved : contact layers with which body forces act, where it is not those of ``scheme`` (static start).
+    """
     classes: dict[bytes, list[tuple[SubstructureModel, Index]]] = {}
     for name, body in bodies.items():
-        model, channels = _model(scene, name, body, conditions[name], units, layout, scheme)
+        layer = None if body.rigid else contact_layer(name, body, units, scheme, dt)
+        loading = layer if moved is None else moved.get(name)
+        loads = _loads(scene, name, body, loading)
+        model, channels = _model(name, body, conditions[name], units, layout, scheme, layer, loads)
         key = _signature(model, body) if scene.solver.share_identical else name.encode()
         classes.setdefault(key, []).append((model, channels))
     groups = []
@@ -60,13 +85,14 @@ def model_classes(
 
 
 def _model(
-    scene: Scene,
     name: str,
     body: Body,
     held: Conditions,
     units: list[InterfaceUnit],
     layout: Layout,
     scheme: TimeScheme,
+    layer: ContactLayer | None,
+    loads: list[LoadTerm],
 ) -> tuple[SubstructureModel, Index]:
     traces, areas, preloads, channels = [], [], [], []
     for i, side in [(i, side) for i, side, owner in body_sides(units) if owner == name]:
@@ -82,7 +108,6 @@ def _model(
     n_full = body.full_size()
     trace = sp.csr_array(sp.vstack(traces)) if traces else sp.csr_array((0, n_full))
     area = np.concatenate(areas) if areas else np.zeros(0)
-    loads = _loads(scene, name, body)
     if any(p.any() for p in preloads):  # the initial stress is in equilibrium: it holds the preload
         balance = np.asarray(-(trace.T @ (area * np.concatenate(preloads))))
         loads.append(LoadTerm("", balance))
@@ -92,8 +117,8 @@ def _model(
         return (replace(rigid, mass=None) if isinstance(scheme, QuasiStatic) else rigid), flat
     model = SubstructureModel(
         name=name,
-        mass=_mass(name, body, units, scheme),
-        damping=_damping(body, held),
+        mass=None if layer is None else layer.mass,
+        damping=_damping(body, held, layer),
         stiffness=body.shape.stiffness,
         expansion=held.expansion,
         trace=trace,
@@ -106,25 +131,42 @@ def _model(
         ordering=body.shape.rank,
         lumped_mass=body.shape.lumped_mass if scheme.explicit else None,
         lumped_damping=_lumped_damping(body, held) if scheme.explicit else None,
+        landing=None if layer is None else layer.viscosity,
     )
     return model, flat
 
 
-def _mass(name: str, body: Body, units: list[InterfaceUnit], scheme: TimeScheme) -> sp.csr_array | None:
-    """Mass of an elastic body: None in statics, without that of contact nodes where the scheme asks for it."""
+def contact_layer(
+    name: str, body: Body, units: list[InterfaceUnit], scheme: TimeScheme, dt: float
+) -> ContactLayer | None:
+    """Mass of an elastic body, and the viscosity of its contact layer, as the scheme takes them with steps dt (s); None
+    in statics.
+
+    Raises
+    ------
+    SceneError : a contact node of ``massless_contact`` has no inner neighbour.
+    """
     if isinstance(scheme, QuasiStatic):
         return None
+    shape, m = body.shape, body.shape.material
     if not scheme.massless_contact:
-        return body.shape.mass
-    try:
-        return without_contact_mass(body.shape.mass, body.mesh, _contact_nodes(name, units))
-    except ValueError as error:
+        return ContactLayer(shape.mass)
+    speed = float(np.sqrt(m.young_modulus / m.density))
+    share = scheme.consistent_share(speed * dt / longest_edge(body.mesh))
+    mass = blended_mass(shape.mass, shape.lumped_mass, share)
+    nodes, q = _contact_nodes(name, units), scheme.landing_damping
+    blends = scheme.consistent_share(0.0) < 1.0
+    moved, left = without_contact_mass(mass, body.mesh, nodes, several_layers=blends and q == 0.0)
+    if len(left) and not blends:
         raise SceneError.of(
             "the scene cannot be built",
             "time.scheme",
-            f"massless_contact, substructure {name}: {error}",
+            f"massless_contact, substructure {name}: contact nodes without an inner neighbour",
             remedy="give it two elements between its contacts, or choose another scheme",
-        ) from error
+        )
+    constants = m.young_modulus, m.poisson_ratio, m.density
+    viscosity = landing_viscosity(body.mesh, nodes, constants, q, shape.bending_modes)
+    return ContactLayer(moved, viscosity, True, len(left))
 
 
 def _contact_nodes(name: str, units: list[InterfaceUnit]) -> Index:
@@ -135,12 +177,13 @@ def _contact_nodes(name: str, units: list[InterfaceUnit]) -> Index:
     return np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *nodes]))
 
 
-def _damping(body: Body, held: Conditions) -> sp.csr_array | None:
-    material = body.shape.material
+def _damping(body: Body, held: Conditions, layer: ContactLayer | None) -> sp.csr_array | None:
+    material, viscosity = body.shape.material, None if layer is None else layer.viscosity
     if not (material.rayleigh_mass or material.rayleigh_stiffness):
-        return held.dashpots
-    rayleigh = material.rayleigh_mass * body.shape.mass + material.rayleigh_stiffness * body.shape.stiffness
-    return total(sp.csr_array(rayleigh), held.dashpots)
+        return total(held.dashpots, viscosity)
+    mass = body.shape.mass if layer is None else layer.mass
+    rayleigh = material.rayleigh_mass * mass + material.rayleigh_stiffness * body.shape.stiffness
+    return total(sp.csr_array(rayleigh), held.dashpots, viscosity)
 
 
 def _lumped_damping(body: Body, held: Conditions) -> sp.csr_array | None:
@@ -151,10 +194,13 @@ def _lumped_damping(body: Body, held: Conditions) -> sp.csr_array | None:
     return total(diagonal_matrix(body.shape.material.rayleigh_mass * mass), held.lumped_dashpots)
 
 
-def _loads(scene: Scene, name: str, body: Body) -> list[LoadTerm]:
+def _loads(scene: Scene, name: str, body: Body, layer: ContactLayer | None) -> list[LoadTerm]:
     terms = []
-    if any(body.description.body_force):
-        pattern = body.shape.body_load(np.asarray(body.description.body_force))
+    force = np.asarray(body.description.body_force)
+    if any(force):
+        pattern = body.shape.body_load(force)
+        if layer is not None and layer.load:  # where the mass is, so that massless nodes are in balance
+            pattern = layer.mass @ np.tile(force / body.shape.material.density, body.mesh.n_node)
         terms.append(LoadTerm("", pattern))
     for load_name, load in scene.load.items():
         substructure, face_name = split_face(load.face)
@@ -188,6 +234,8 @@ def _signature(model: SubstructureModel, body: Body) -> bytes:
     if model.damping is not None:
         digest.update(repr((model.damping.nnz, float(model.damping.trace()), float(abs(model.damping).sum()))).encode())
         digest.update(model.damping.indices.astype(np.int64).tobytes())
+    if model.mass is not None and model.nodal is None:
+        digest.update(np.flatnonzero(model.mass.diagonal() <= 0.0).tobytes())
     digest.update(model.imposed_pattern.tobytes())
     if model.nodal is not None:
         digest.update((np.round(model.nodal, 9) + 0.0).tobytes())

@@ -27,7 +27,7 @@ from ..time_scheme import SCHEMES, QuasiStatic, TimeScheme
 from .body import Body, body_sides
 from .checks import boundaries_of
 from .conditions import Conditions, Motion
-from .models import ModelClass, model_classes
+from .models import ContactLayer, ModelClass, model_classes
 from .propagator_choice import chosen_propagators, unstable_steps
 
 REST = 1e-2
@@ -161,13 +161,18 @@ class DiscretisedProblem:
 
     @staticmethod
     def of(
-        scene: Scene, bodies: dict[str, Body], conditions: dict[str, Conditions], units: list[InterfaceUnit]
+        scene: Scene,
+        bodies: dict[str, Body],
+        conditions: dict[str, Conditions],
+        units: list[InterfaceUnit],
+        moved: Mapping[str, ContactLayer] | None = None,
     ) -> DiscretisedProblem:
-        """The problem with the time scheme, instants and classes of identical substructures of the scene."""
+        """The problem with the time scheme, instants and classes of identical substructures of the scene; ``moved`` as
+        for ``model_classes``."""
         layout, given = Layout(units), scene.time.scheme
         scheme = QuasiStatic() if scene.time.quasi_static else SCHEMES[given.type](**given.model_dump(exclude={"type"}))
-        classes = model_classes(scene, bodies, conditions, units, layout, scheme)
         time = np.linspace(0.0, scene.time.end, scene.time.n_step + 1)
+        classes = model_classes(scene, bodies, conditions, units, layout, scheme, float(time[1] - time[0]), moved)
         return DiscretisedProblem(scene, bodies, conditions, units, layout, classes, scheme, time)
 
     @property

@@ -33,6 +33,7 @@ from ..scene.settings import StaticStart
 from .body import Body, body_sides
 from .checks import boundaries_of
 from .conditions import Conditions, RigidConditions, conditions_on
+from .models import contact_layer
 from .problem import DiscretisedProblem, InitialState, SolverReadyProblem, settings_of
 
 TIGHT = 1e-11, 1e-9  # tolerances of the static solution; that of the scene where round-off prevents both
@@ -150,7 +151,9 @@ def _static_problem(whole: DiscretisedProblem, scene: Scene) -> DiscretisedProbl
     conditions = {n: conditions_on(b, boundaries_of(scene, n), problems) for n, b in bodies.items()}
     assert not problems, problems  # the same conditions stood before
     units = [unit for unit in whole.units if unit.name in scene.interface]
-    return DiscretisedProblem.of(scene, bodies, conditions, units)
+    layers = {n: contact_layer(n, b, whole.units, whole.scheme, whole.dt) for n, b in bodies.items() if not b.rigid}
+    moved = {n: layer for n, layer in layers.items() if layer is not None}  # the loads of the motion that follows
+    return DiscretisedProblem.of(scene, bodies, conditions, units, moved)
 
 
 def unheld(

@@ -30,6 +30,7 @@ ENERGIES: Final[Mapping[str, str]] = {
     "interface_work": "work of the interface tractions on the substructures since the start",
     "friction_dissipation": "energy dissipated by friction since the start",
     "damping_dissipation": "energy dissipated by material damping since the start",
+    "landing_dissipation": "energy dissipated by the viscosity of contact layers since the start",
     "scheme_dissipation": "energy dissipated by the time scheme since the start",
     "balance": "what the energy balance leaves over",
 }

@@ -11,33 +11,19 @@ element's centre (Taylor, Beresford, Wilson 1976),
     grad_x m = det J_0 / det J  J_0^-T grad_xi m,     hence  int grad_x m dV = 0,
 
 which makes uniform strain exact on distorted elements (patch test). The mass is that of the nodes alone.
-
-Mass moved from contact nodes to their inner neighbours:
-
-    M' = R^T M R,   R: velocity of a contact node := mean of its neighbours that are none
-
-Neighbours along cell edges (half edges of quadratic cells) where there are any, else (edges and corners shared by
-contact faces) across the cell. R keeps translations, hence total mass and momentum; kinetic energy changes by the
-motion of one layer relative to the next (first order in the element).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from itertools import combinations
-from typing import Final
-
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
 from .elements import Elements, Points
-from .mesh import Array, Index, Mesh
-from .reference_cells import CELL_LINKS, N_NODE, Local, cell_rule
+from .mesh import Array
+from .reference_cells import cell_rule
 
 BENDING_CELLS = ("hexahedron",)
 _HRZ = ("tetra10", "hexahedron20")  # row sums of their masses are negative at the corners
-_DIAGONALS: Final = {name: tuple(combinations(range(count), 2)) for name, count in N_NODE.items()}
 
 
 def elastic_products(left: Array, right: Array, volumes: Array, first: float, shear: float) -> Array:
@@ -118,14 +104,16 @@ def stiffness(
     constants = lame(young_modulus, poisson_ratio)
     parts = []
     for block, points in elements.points():
-        with_modes = bending_modes and block.cell_type in BENDING_CELLS
-        matrix = (
-            condensed(points, *constants)
-            if with_modes
-            else elastic_products(points.gradients, points.gradients, points.volumes, *constants)
-        )
+        matrix = element_stiffness(points, *constants, bending_modes and block.cell_type in BENDING_CELLS)
         parts.append(matrix.transpose(0, 1, 3, 2, 4).reshape(-1, 3, 3))
     return elements.matrix(np.concatenate(parts))
+
+
+def element_stiffness(points: Points, first: float, shear: float, bending_modes: bool) -> Array:
+    """Stiffness (n_cell, n, 3, n, 3) of each of some cells, N m-1, from the Lame constants, Pa."""
+    if bending_modes:
+        return condensed(points, first, shear)
+    return elastic_products(points.gradients, points.gradients, points.volumes, first, shear)
 
 
 def mass(elements: Elements, density: float) -> sp.csr_array:
@@ -162,42 +150,3 @@ def body_load(elements: Elements, force: Array) -> Array:
     for block, points in elements.points():
         share += np.bincount(block.cells.ravel(), (points.volumes @ points.values).ravel(), len(share))
     return np.outer(share, np.asarray(force)).ravel()
-
-
-def without_contact_mass(mass: sp.csr_array, mesh: Mesh, nodes: Index) -> sp.csr_array:
-    """Mass matrix (3 n_node, 3 n_node) with the mass of ``nodes`` on their inner neighbours.
-
-    Raises
-    ------
-    ValueError : a node has none (a body one element thick between two contacts).
-    """
-    bare = np.zeros(mesh.n_node, dtype=bool)
-    bare[nodes] = True
-    pairs = _inner_neighbours(mesh, bare, CELL_LINKS)
-    isolated = bare.copy()
-    isolated[pairs[:, 0]] = False
-    across = _inner_neighbours(mesh, isolated, _DIAGONALS, bare)
-    pairs = np.concatenate([pairs, across])
-    count = np.bincount(pairs[:, 0], minlength=mesh.n_node)
-    kept = np.flatnonzero(count == 0)
-    if bare[kept].any():
-        raise ValueError("contact nodes without an inner neighbour")
-    rows = np.concatenate([pairs[:, 0], kept])
-    columns = np.concatenate([pairs[:, 1], kept])
-    weights: Array = np.concatenate([1.0 / count[pairs[:, 0]], np.ones(len(kept))])
-    follow = sp.csr_array((weights, (rows, columns)), shape=(mesh.n_node, mesh.n_node))
-    spread = sp.csr_array(sp.kron(follow, sp.eye_array(3)))
-    moved = sp.csr_array(spread.T @ mass @ spread)
-    moved.eliminate_zeros()
-    return moved
-
-
-def _inner_neighbours(
-    mesh: Mesh, of: NDArray[np.bool_], links: Mapping[str, Local], bare: NDArray[np.bool_] | None = None
-) -> Index:
-    """Pairs (n, 2): a node marked in ``of``, a neighbour over one of the ``links`` of its cell that is not ``bare``."""
-    pairs = np.concatenate([b.cells[:, np.array(links[b.cell_type])].reshape(-1, 2) for b in mesh.blocks])
-    pairs = np.unique(np.concatenate([pairs, pairs[:, ::-1]]), axis=0)
-    inner = ~(of if bare is None else bare)
-    chosen: Index = pairs[of[pairs[:, 0]] & inner[pairs[:, 1]]]
-    return chosen

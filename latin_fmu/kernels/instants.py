@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ..compiled import kernel
 from .energy import account, open_account
+from .energy_parts import N_TERM
 from .indicator import accept
 from .iteration import iterate
 from .local_stage import open_window, read_gaps
@@ -190,7 +191,7 @@ def read_start(pools: Any) -> None:
         read_channels(pools, c, 0, 1.0, run.gap_offset, 0.0, True, displacement)
         if run.layers == 1:
             read_channels(pools, c, 0, 1.0, run.gap_offset + run.layer_v, run.layer_a, False, layer)
-        for j in range(6 * pools.classes[c].m * pools.classes[c].accounted):
+        for j in range(N_TERM * pools.classes[c].m * pools.classes[c].accounted):
             output[pools.classes[c].energies + j] = state[pools.classes[c].totals + j]
     for j in range(n):
         output[run.history_f + j], output[run.history_w + j] = state[run.f_hat + j], state[run.w_hat + j]

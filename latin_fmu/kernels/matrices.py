@@ -13,7 +13,7 @@ from .products import add_dense, add_rows, add_symmetric, add_terms, product, sy
 
 Array = NDArray[np.float64]
 
-MASS, STIFFNESS, DAMPING, DASHPOTS = range(4)
+MASS, STIFFNESS, DAMPING, DASHPOTS, LANDING = range(5)
 """Matrices of ``add_product``."""
 FORCES, INERTIA, DISPLACEMENTS, VELOCITIES, ACCELERATIONS, LOADS = range(6)
 """Sums of ``add_sum``."""
@@ -27,7 +27,7 @@ def tile_of(row: Any, work: Array) -> Array:
 
 @kernel
 def add_product(pools: Any, c: int, which: int, factor: float, x: Array, out: Array) -> None:
-    """out += factor A x for A = M, K, C or the lumped part of C (``MASS`` ...); nothing where the class has none."""
+    """out += factor A x for A = M, K, C or a part of C (``MASS`` ...); nothing where the class has none."""
     row = pools.classes[c]
     rows, starts_at, columns_at = row.mass_rows, row.mass_starts, row.mass_columns
     values_at, diagonal_at = row.mass_values, row.mass_diagonal
@@ -40,6 +40,9 @@ def add_product(pools: Any, c: int, which: int, factor: float, x: Array, out: Ar
     elif which == DASHPOTS:
         rows, starts_at, columns_at = row.dashpots_rows, row.dashpots_starts, row.dashpots_columns
         values_at, diagonal_at = row.dashpots_values, row.dashpots_diagonal
+    elif which == LANDING:
+        rows, starts_at, columns_at = row.landing_rows, row.landing_starts, row.landing_columns
+        values_at, diagonal_at = row.landing_values, row.landing_diagonal
     if rows == 0:
         return
     starts = pools.fixed_int[starts_at : starts_at + rows + 1]

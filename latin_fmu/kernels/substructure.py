@@ -3,9 +3,17 @@
 With the predictors u_free, v_free of the scheme and A the operator of the march, one instant of a DIRECT or EXPLICIT
 class is
 
-    A a = w (f - K u_free - C v_free) - w_memory R_old - M a_imposed + w T^T area F,   w = ``force_weight``
+    A a = w (f - K u_free - C v_free) - w_memory R_old - w_m M a_imposed + w_t T^T area F
     W = w_free + Y area (q - k w_free)                     the linear stage F = q - k W on the dashpots k
     v = v_free + velocity_gain a,  u = u_free + u_late v_free + displacement_gain a
+
+with w, w_memory, w_m, w_t = ``force_weight``, ``memory_weight``, ``mass_weight``, ``traction_weight``. Where
+``force_old`` is not zero, forces and M a of the old instant enter each with a weight of their own,
+
+    A a = f_w - K u_w - C v_w - mass_old (M a)_old - w_m M a_imposed + w_t T^T area F
+    ( )_w = w ( )_new + force_old ( )_old,   u_free and v_free for the new u and v
+
+K u_w being one product; ``residual`` keeps mass_old (M a)_old - force_old f_old.
 
 A STATIC class is supported by the springs k/dt of the search direction,
 
@@ -96,13 +104,24 @@ def free_load(pools: Any, c: int, instant: int) -> None:
     for i in range(size):
         u_free[i] = u[i] + u_v * v[i] + u_a * a[i]
         v_free[i] = v[i] + v_a * a[i]
-    add_product(pools, c, STIFFNESS, -1.0, u_free, load)
-    add_product(pools, c, DAMPING, -1.0, v_free, load)
     residual = state[row.residual : row.residual + size]
-    weight, memory = run.force_weight, run.memory_weight
-    for i in range(size):
-        load[i] = weight * load[i] - memory * residual[i]
-    add_sum(pools, c, INERTIA, instant, -1.0, load)
+    weight, memory, old = run.force_weight, run.memory_weight, run.force_old
+    if old != 0.0:
+        mean = work[row.mass_a : row.mass_a + size]
+        for i in range(size):
+            load[i] = weight * load[i] - residual[i]
+            mean[i] = weight * u_free[i] + old * u[i]
+        add_product(pools, c, STIFFNESS, -1.0, mean, load)
+        if row.damping_rows > 0:
+            for i in range(size):
+                mean[i] = weight * v_free[i] + old * v[i]
+            add_product(pools, c, DAMPING, -1.0, mean, load)
+    else:
+        add_product(pools, c, STIFFNESS, -1.0, u_free, load)
+        add_product(pools, c, DAMPING, -1.0, v_free, load)
+        for i in range(size):
+            load[i] = weight * load[i] - memory * residual[i]
+    add_sum(pools, c, INERTIA, instant, -run.mass_weight, load)
 
 
 @kernel
@@ -310,7 +329,7 @@ def interface_load(pools: Any, c: int, flat: Array) -> bool:
             inner[i] += free_a[i]
         springs(pools, c, inner, last)
         return True
-    weight = run.force_weight
+    weight = run.traction_weight
     for i in range(size):
         nodal[i] *= weight
     add_spread(pools, c, nodal, inner)
@@ -378,6 +397,10 @@ def advance(pools: Any, c: int, instant: int) -> None:
             u[i] = u_free[i] + solved[i]
             v[i] = solved[i] / dt
         return
+    if run.one_step == 1.0 and row.accounted == 1:
+        weighted, old, new = work[row.weighted_v : row.weighted_v + size], run.force_old, run.force_weight
+        for i in range(size):
+            weighted[i] = old * v[i] + new * (v_free[i] + gain_v * solved[i])
     massless = pools.fixed_int[row.massless : row.massless + row.n_massless]
     for e in range(row.n_massless):
         for j in range(m):
@@ -398,12 +421,28 @@ def advance(pools: Any, c: int, instant: int) -> None:
             at = massless[e] * m + j
             v[at] = solved[at]
             a[at] = 0.0
-    if run.memory_weight == 0.0 and row.accounted == 0:
+    if run.memory_weight == 0.0 and run.force_old == 0.0 and row.accounted == 0:
         return
-    mass_a, residual = work[row.mass_a : row.mass_a + size], state[row.residual : row.residual + size]
+    keep_memory(pools, c, instant)
+
+
+@kernel
+def keep_memory(pools: Any, c: int, instant: int) -> None:
+    """``residual`` for the next instant, and M a."""
+    row, run, work, state = pools.classes[c], pools.run[0], pools.moving, pools.moving
+    size = row.n * row.m
+    a, residual = state[row.a : row.a + size], state[row.residual : row.residual + size]
+    mass_a = work[row.mass_a : row.mass_a + size]
     mass_a[:] = 0.0
     add_product(pools, c, MASS, 1.0, a, mass_a)
-    memory, weight = run.memory_weight, run.force_weight
+    memory, weight, old = run.memory_weight, run.force_weight, run.force_old
+    if old != 0.0:
+        constant, mass_old = work[row.constant : row.constant + size], run.mass_old
+        for i in range(size):
+            residual[i] = mass_old * mass_a[i] - old * constant[i]
+        add_sum(pools, c, INERTIA, instant, mass_old, residual)
+        add_sum(pools, c, FORCES, instant, -old, residual)
+        return
     for i in range(size):
         residual[i] = memory * residual[i] + mass_a[i]
     add_sum(pools, c, INERTIA, instant, 1.0, residual)

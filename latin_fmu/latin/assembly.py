@@ -288,7 +288,10 @@ class Assembly:
             channels.append(where.ravel())
             displacement = self.ground_start[i].displacement + self._travel[i]
             acceleration = np.stack([self._ground_acceleration(i, t) for t in range(n_time)])
-            for table, vectors in zip(tables, (self.ground[i], displacement, acceleration), strict=True):
+            v = self.ground[i]
+            w = self.scheme.interface_velocity(displacement[:-1], displacement[1:], v[1:], self.dt)
+            velocity = np.concatenate([v[:1], w])
+            for table, vectors in zip(tables, (velocity, displacement, acceleration), strict=True):
                 table.append(np.einsum("pci,ti->tpc", frames, vectors).reshape(n_time, -1))
         velocity, displacement, acceleration = (np.concatenate(table, axis=1) for table in tables)
         return np.concatenate(channels), velocity, displacement, acceleration

@@ -97,7 +97,7 @@ class SubstructureHistory:
     stress : (n_stored, n_cell, 6) mean stress of each element, Pa, order xx yy zz yz xz xy.
     energy : per instant of the whole run (n_time,), J, keys ``kinetic``, ``elastic``, ``work_of_loads``,
         ``interface_work`` (work of the interface tractions on this substructure), ``damping_dissipation``,
-        ``scheme_dissipation``; work and dissipation accumulate from the start.
+        ``landing_dissipation``, ``scheme_dissipation``; work and dissipation accumulate from the start.
     """
 
     name: str

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..interface.behaviour import SEPARATION, as_layer
 from ..interface.contact import coulomb_coefficient
-from ..kernels.energy import TERMS
+from ..kernels.energy_parts import TERMS
 from ..propagator.image import Image
 from .assembly import Array, Assembly
 from .probes import Probes, SensorPlace
@@ -68,7 +68,7 @@ class Recorder:
         self._places = {name: (c, m) for c, p in enumerate(assembly.propagators) for m, name in enumerate(p.names)}
         self._fields: dict[str, dict[str, list[Array]]] = {name: {} for name in self._places}
         self._field_times: list[float] = []
-        self._energy: list[list[Array]] = [[] for _ in assembly.propagators]  # (n, 6, n_member) each
+        self._energy: list[list[Array]] = [[] for _ in assembly.propagators]  # (n, terms, n_member) each
         self._motions = {name: np.zeros((n_time, 3, 3)) for name in request.sensors}
         self.n_kept = 0
         """Instants kept so far, t = 0 included."""
@@ -101,7 +101,7 @@ class Recorder:
         self._probes = probes
         if self._request.energy:
             for c, kept in enumerate(self._energy):
-                kept.append(image.output(c, "energies", 6)[rows].copy())
+                kept.append(image.output(c, "energies", len(TERMS))[rows].copy())
         self.n_kept += n
         if self._stores and (self.n_kept - 1) % self._request.every == 0:
             self._keep_fields(assembly)
@@ -168,17 +168,17 @@ class Recorder:
         return histories
 
     def _energy_terms(self, name: str) -> Array:
-        """Terms (n_time, 6) of a substructure, J."""
+        """Terms (n_time, terms) of a substructure, J."""
         c, member = self._places[name]
         return np.concatenate([part[:, :, member] for part in self._energy[c]])
 
     def assembly_energy(self, assembly: Assembly) -> dict[str, Array] | None:
         """Sums over the substructures, dissipation of the interfaces, balance; None unless requested.
 
-        balance = change of (kinetic + elastic) + damping + scheme - work of loads - interface work. The interface
-        work is - friction - contact dissipation + ground work - joint dissipation - change of layer energy, but for
-        the iteration tolerance and the different weights of the instants in these terms (friction takes the end of
-        each instant, so that it never decreases).
+        balance = change of (kinetic + elastic) + damping + landing + scheme - work of loads - interface work. The
+        interface work is - friction - contact dissipation + ground work - joint dissipation - change of layer energy,
+        but for the iteration tolerance and the different weights of the instants in these terms (friction takes the
+        end of each instant, so that it never decreases).
         """
         if not self._request.energy:
             return None
@@ -190,7 +190,7 @@ class Recorder:
         for history in histories:
             if history.friction_power is not None:
                 total["friction_dissipation"][1:] += np.cumsum(history.friction_power[1:]) * assembly.dt
-        weights, offset = assembly.scheme.energy_weights()[0], assembly.scheme.gap_offset(assembly.dt)
+        weights, offset = assembly.scheme.traction_weights(), assembly.scheme.gap_offset(assembly.dt)
         total["contact_dissipation"] = sum((impact_losses(h, weights, offset) for h in histories), np.zeros(n))
         total.update(compliant_terms(histories, assembly.dt))
         if any(g.any() for g in assembly.ground.values()):
@@ -201,6 +201,7 @@ class Recorder:
             stored
             - stored[0]
             + total["damping_dissipation"]
+            + total["landing_dissipation"]
             + total["scheme_dissipation"]
             - total["work_of_loads"]
             - total["interface_work"]

@@ -29,7 +29,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..kernels import entries
-from ..kernels.energy import TERMS
+from ..kernels.energy_parts import TERMS
 from ..time_scheme import TimeScheme
 from .forcing import Forcing
 from .image import Image
@@ -206,7 +206,12 @@ class Propagator(ABC):
         inertia = self.forcing.inertia(0)
         residual = unbalance if inertia is None else unbalance + inertia
         u, v = self.state.u, self.state.v
-        self._set(u, v, np.zeros_like(unbalance) if factor is None else factor.solve(unbalance), residual)
+        a = np.zeros_like(unbalance) if factor is None else factor.solve(unbalance)
+        mass_old, force_old = self.scheme.old_weights
+        if force_old:
+            residual = mass_old * (self.operators.mass @ a) - force_old * self.forcing.at(0)
+            residual += 0.0 if inertia is None else mass_old * inertia
+        self._set(u, v, a, residual)
         self._opening = np.array(traction)
 
     def _nodal(self, traction: Array) -> Array:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ..cholesky.factor import CholeskyFactor, DiagonalFactor
 from ..cholesky.substitution import LANES, SPARE, TILED
 from ..kernels.energy import FIELDS
+from ..kernels.energy_parts import N_TERM
 from ..kernels.products import lower_count, lower_pattern, lower_values, pack_triangle, padded
 from ..kernels.records import DIRECT, EXPLICIT, LINE, STATIC
 from .forcing import Sum
@@ -273,9 +274,14 @@ def _borders(block: Block, row: Row, propagator: Any) -> None:
     if dashpots is not None:
         reduced = sp.csr_array(p.T @ dashpots @ p)
         put_symmetric(block, row, "dashpots", reduced, {})
+    landing = model.landing
+    if landing is not None:
+        row["damped"] = int(abs(model.damping - landing).max() > 0)
+        put_symmetric(block, row, "landing", sp.csr_array(p.T @ landing @ p), {})
     if not row["n_motion"]:
         return
     matrices = {"mass": model.mass, "stiffness": model.stiffness, "damping": model.damping, "dashpots": dashpots}
+    matrices["landing"] = landing
     for name, matrix in matrices.items():
         if matrix is None:
             matrix = sp.csr_array((model.n_full, model.n_full))
@@ -303,7 +309,7 @@ def state(block: Block, row: Row) -> None:
     for name in ("u", "v", "a", "residual"):
         row[name] = block.reserve(size)
     row["n_state"] = block.size - row["state"]
-    row["energy"] = row["totals"] = block.reserve(6 * row["m"] * row["accounted"])
+    row["energy"] = row["totals"] = block.reserve(N_TERM * row["m"] * row["accounted"])
     row["past"] = block.reserve(FIELDS * wide * row["accounted"])
     row["turn"] = block.reserve(row["accounted"])
     row["n_energy"] = block.size - row["energy"]
@@ -320,6 +326,7 @@ def work(block: Block, row: Row, window: int, stride: int) -> None:
         "v_free": n * m,
         "load": n * m,
         "mass_a": n * m,
+        "weighted_v": n * m * row["accounted"],
         "half_solution": padded(m) * n,
         "inner": g * m,
         "inner_answer": g * m,

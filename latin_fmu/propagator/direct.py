@@ -46,7 +46,7 @@ def build_operators(model: SubstructureModel, scheme: TimeScheme, dt: float) -> 
         factor = IterativeFactor(matrix, dofs)
     else:
         factor = interface_factor(matrix, dofs, rank, np.dtype(model.factor), pattern.analyses)
-    gain = scheme.interface_gain(dt) * scheme.force_weight
+    gain = scheme.interface_gain(dt) * scheme.traction_weight
     return ImplicitOperators(
         mass,
         damping,

@@ -214,6 +214,7 @@ class _Motion:
         """Add the parts of this motion; ``at_channels`` (n_channel, n_motion) its shapes at the channels, ``lumped``
         (n, n_motion) the lumped damping of an explicit class on them."""
         u, v, a = self.histories
+        w = np.concatenate([v[:1], self._scheme.interface_velocity(u[:-1], u[1:], v[1:], self._dt)])
         before, middle, step = v, u, np.zeros_like(v)
         if self._scheme.explicit:
             before = np.concatenate([v[:1], v[:-1]])
@@ -227,7 +228,7 @@ class _Motion:
                 sums["force"].add(-lumped[:, k], column, members, step[:, k])
             if self._mass is not None and not self._scheme.explicit:
                 sums["inertia"].add(self._mass[:, k], column, members, a[:, k])
-            sums["velocity"].add(at_channels[:, k], column, members, v[:, k])
+            sums["velocity"].add(at_channels[:, k], column, members, w[:, k])
             sums["displacement"].add(at_channels[:, k], column, members, u[:, k])
             sums["acceleration"].add(at_channels[:, k], column, members, a[:, k])
 

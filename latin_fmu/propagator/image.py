@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from ..compiled import PLAIN, bound
 from ..kernels import entries
+from ..kernels.energy_parts import N_TERM
 from ..kernels.records import CLASS, GROUP, RUN, Pools
 from . import class_record
 from .class_record import Block
@@ -40,6 +41,8 @@ def coefficients(scheme: Any, dt: float) -> Fields:
     layer, span = scheme.layer_jump(nothing, first, second, dt)
     opening, rate = scheme.advance_opening(nothing, first, second, third, dt)
     forces, accelerations = scheme.energy_weights()
+    tractions = scheme.traction_weights()
+    mass_old, force_old = scheme.old_weights
     numbers = {
         "dt": dt,
         "u_v": u[0] - late,
@@ -50,6 +53,10 @@ def coefficients(scheme: Any, dt: float) -> Fields:
         "interface_gain": scheme.interface_gain(dt),
         "force_weight": scheme.force_weight,
         "memory_weight": scheme.memory_weight,
+        "mass_weight": scheme.operator(dt)[0],
+        "mass_old": mass_old,
+        "force_old": force_old,
+        "traction_weight": scheme.traction_weight,
         "w_u_old": w[0],
         "w_u": w[1],
         "w_v": w[2],
@@ -67,9 +74,14 @@ def coefficients(scheme: Any, dt: float) -> Fields:
         "energy_before": forces[0],
         "energy_old": forces[1],
         "energy_new": forces[2],
+        "traction_before": tractions[0],
+        "traction_old": tractions[1],
+        "traction_new": tractions[2],
         "energy_a_old": accelerations[0],
         "energy_a_new": accelerations[1],
         "inertia_dissipation": scheme.inertia_dissipation(dt),
+        "inertia_drift": scheme.inertia_drift(dt),
+        "one_step": float(scheme.one_step_energy),
     }
     return {name: float(value) for name, value in numbers.items()}
 
@@ -204,12 +216,13 @@ class Image:
         for name, size in sizes.items():
             run[name] = block.reserve(size)
         per_row = 2 * n + run["n_point"] + 2 * most + 1
-        per_row += sum(row["m"] * (row["n_probe"] + 3 * row["n_sensor"] + 6 * row["accounted"]) for row in self._rows)
+        for row in self._rows:
+            per_row += row["m"] * (row["n_probe"] + 3 * row["n_sensor"] + N_TERM * row["accounted"])
         self.rows = max(min(max(_OUTPUT // max(per_row, 1), _ROWS[0]), _ROWS[1]), self.window)
         for row in self._rows:
             row["probed"] = block.reserve(self.rows * row["n_probe"] * row["m"])
             row["sensed"] = block.reserve(self.rows * 3 * row["n_sensor"] * row["m"])
-            row["energies"] = block.reserve(self.rows * 6 * row["m"] * row["accounted"])
+            row["energies"] = block.reserve(self.rows * N_TERM * row["m"] * row["accounted"])
         for name, size in (
             ("errors", most),
             ("force_residuals", most),

@@ -202,6 +202,8 @@ class SubstructureModel:
     """(n_full,) masses > 0, kg, of explicit schemes where the row sums of ``mass`` are not positive, else None."""
     lumped_damping: sp.csr_array | None = field(default=None)
     """(n_full, n_full) what explicit schemes take of the damping at the new instant, given with ``lumped_mass``."""
+    landing: sp.csr_array | None = field(default=None)
+    """(n_full, n_full) part of ``damping`` that is the viscosity of the contact layer, or None."""
     nodal: Array | None = field(default=None)
     """(3 n_node, n_full) displacements of the nodes per full dof, None where the full dofs are those of the nodes."""
 

@@ -96,7 +96,7 @@ class ReducedPropagator(Propagator):
         inverse: Array = 1.0 / a if damp is None else la.inv(np.diag(a) + c_damping * damp)
         trace: Array = (model.trace @ model.expansion).toarray()
         scaled = inverse[:, None] * trace.T if damp is None else inverse @ trace.T
-        compliance = scheme.interface_gain(dt) * scheme.force_weight * (trace @ scaled)
+        compliance = scheme.interface_gain(dt) * scheme.traction_weight * (trace @ scaled)
         dofs = np.arange(len(diagonal))
         symmetric = 0.5 * (compliance + compliance.T)
         factor: InterfaceFactor = DiagonalFactor(a)

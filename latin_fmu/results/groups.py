@@ -194,6 +194,9 @@ ENERGY: Final[Mapping[str, Meaning]] = {
     "joint_dissipation": Meaning("J", "energy dissipated by viscous joints since the start of the run"),
     "ground_work": Meaning("J", "work of moving ground since the start of the run"),
     "damping_dissipation": Meaning("J", "energy dissipated by material damping since the start of the run"),
+    "landing_dissipation": Meaning(
+        "J", "energy dissipated by the viscosity of contact layers since the start of the run"
+    ),
     "scheme_dissipation": Meaning("J", "energy dissipated by the time scheme since the start of the run"),
     "balance": Meaning("J", "what the energy balance leaves over"),
 }

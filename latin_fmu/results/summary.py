@@ -150,7 +150,7 @@ def _energy(outcome: Outcome) -> str:
     left = float(np.abs(energy["balance"]).max(initial=0.0)) if "balance" in energy else 0.0
     share = f"{left / largest:.1e}" if largest > 0.0 else "0"
     text = f"balance closed to {share} of the largest term ({readable(largest, 'J')})"
-    for key in ("friction_dissipation", "contact_dissipation", "scheme_dissipation"):
+    for key in ("friction_dissipation", "contact_dissipation", "landing_dissipation", "scheme_dissipation"):
         if key in energy and energy[key][-1] != 0.0:
             text += f"; {key.replace('_', ' ')} {readable(float(energy[key][-1]), 'J', 3)}"
     return text

@@ -25,6 +25,26 @@ class Newmark(Table):
     gamma: Annotated[Real, about("weight of the new acceleration in the velocity", "1", ge=0.5, le=1)] = 0.5
 
 
+class GeneralizedAlpha(Table):
+    """For bodies that land: massless contact nodes, and a viscous layer of elements at faces that may open; stable at
+    any step."""
+
+    type: Literal["generalized_alpha"] = "generalized_alpha"
+    rho_inf: Annotated[
+        Real, about("1 is undamped, 0.5 damps most what the step does not resolve", "1", ge=0.5, le=1)
+    ] = 0.8
+    landing_damping: Annotated[
+        Real,
+        about(
+            "viscosity of the layer of elements at faces that may open, per height over wave speed: 0.6 for a clean "
+            "contact force (loses about h/L of the energy per impact), 0 for energy and long runs",
+            "1",
+            ge=0,
+            le=2,
+        ),
+    ] = 0.6
+
+
 class MasslessContact(Table):
     """Undamped, with massless contact nodes: keeps the energy of bouncing bodies; Courant number at most 0.8."""
 
@@ -37,7 +57,7 @@ class CentralDifference(Table):
     type: Literal["central_difference"] = "central_difference"
 
 
-_Scheme = HHT | Newmark | MasslessContact | CentralDifference
+_Scheme = HHT | Newmark | GeneralizedAlpha | MasslessContact | CentralDifference
 Scheme = Annotated[Annotated[_Scheme, Field(discriminator="type")], by_type(_Scheme, "hht")]
 
 

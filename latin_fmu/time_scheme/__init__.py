@@ -6,11 +6,17 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
 from .central_difference import CentralDifference
-from .implicit import HHT, MasslessContact, Newmark, QuasiStatic
+from .implicit import HHT, GeneralizedAlpha, MasslessContact, Newmark, QuasiStatic
 from .scheme import TimeScheme
 
-__all__ = ["HHT", "SCHEMES", "CentralDifference", "Newmark", "QuasiStatic", "TimeScheme"]
+__all__ = ["HHT", "SCHEMES", "CentralDifference", "GeneralizedAlpha", "Newmark", "QuasiStatic", "TimeScheme"]
 
 SCHEMES: Mapping[str, Callable[..., TimeScheme]] = MappingProxyType(
-    {"hht": HHT, "newmark": Newmark, "massless_contact": MasslessContact, "central_difference": CentralDifference}
+    {
+        "generalized_alpha": GeneralizedAlpha,
+        "hht": HHT,
+        "newmark": Newmark,
+        "massless_contact": MasslessContact,
+        "central_difference": CentralDifference,
+    }
 )

@@ -41,6 +41,15 @@ class TimeScheme(Protocol):
         return False
 
     @property
+    def landing_damping(self) -> float:
+        """Viscosity of the layer of elements at faces that may open, in units of (h / c_p) K_e of each element."""
+        return 0.0
+
+    def consistent_share(self, courant: float) -> float:
+        """Share of the consistent mass in the mass, the rest is lumped; ``courant`` : the smallest of a body."""
+        return 1.0
+
+    @property
     def force_weight(self) -> float:
         """Weight of the forces of the new instant in its equation of motion."""
         return 1.0
@@ -49,6 +58,16 @@ class TimeScheme(Protocol):
     def memory_weight(self) -> float:
         """Weight of the residual force of the old instant (0 for Newmark)."""
         return 0.0
+
+    @property
+    def old_weights(self) -> tuple[float, float]:
+        """Weights of M a, and of f - C v - K u, of the old instant where the scheme takes each by its own."""
+        return 0.0, 0.0
+
+    @property
+    def traction_weight(self) -> float:
+        """Weight of the interface tractions of the new instant in its equation of motion."""
+        return self.force_weight
 
     def operator(self, dt: float) -> tuple[float, float, float]:
         """Factors (mass, damping, stiffness) of M, C, K in A; units 1, s, s2."""
@@ -89,6 +108,19 @@ class TimeScheme(Protocol):
     def energy_weights(self) -> tuple[tuple[float, float, float], tuple[float, float]]:
         """Weights of forces at (n-1, n, n+1) and of accelerations at (n, n+1) in the work over one step."""
 
+    def traction_weights(self) -> tuple[float, float, float]:
+        """The same weights for the interface tractions."""
+        return self.energy_weights()[0]
+
+    @property
+    def one_step_energy(self) -> bool:
+        """Whether the energy identity is that of the equation of motion of the new instant alone."""
+        return False
+
     def inertia_dissipation(self, dt: float) -> float:
         """Factor of a_w . M (a_new - a_old) in the energy identity, s2 (a_w the weighted acceleration)."""
+        return 0.0
+
+    def inertia_drift(self, dt: float) -> float:
+        """Factor of (v_old + v_new)/2 . M (a_new - a_old) in the energy identity, s."""
         return 0.0

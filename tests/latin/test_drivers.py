@@ -164,6 +164,21 @@ def massless(tables: Tables) -> None:
     tables["time"]["scheme"] = {"type": "massless_contact"}
 
 
+def landing(tables: Tables) -> None:
+    """Contact nodes without mass, a viscous layer, damping, driven faces and moving ground."""
+    thrown(tables)
+    damped(tables)
+    driven_face(tables)
+    moving_ground(tables)
+    tables["time"]["scheme"] = {"type": "generalized_alpha"}
+    with_everything_kept(tables)
+
+
+def landing_layers(tables: Tables) -> None:
+    layers(tables)
+    tables["time"]["scheme"] = {"type": "generalized_alpha", "landing_damping": 0.0}
+
+
 def with_everything_kept(tables: Tables) -> None:
     tables["output"] = {"fields": True, "energy": True, "every": 4}
 
@@ -184,6 +199,8 @@ CHANGES: list[Callable[[Tables], None]] = [
     free_layers,
     damped_layers,
     massless_layers,
+    landing,
+    landing_layers,
     explicit_layers,
     reduced_layers,
 ]
@@ -339,7 +356,9 @@ def test_longer_windows_without_a_factor(length: Any) -> None:
         assert np.abs(history.traction - other).max() <= 1e-7 * np.abs(other).max(), name
 
 
-@pytest.mark.parametrize("change", [layers, massless_layers, explicit_layers], ids=lambda change: change.__name__)
+@pytest.mark.parametrize(
+    "change", [layers, massless_layers, landing_layers, explicit_layers], ids=lambda change: change.__name__
+)
 def test_segments_and_snapshots_of_layers(change: Callable[[Tables], None], python_driver: Callable[[], None]) -> None:
     """Cut, taken back and gone through again, with both drivers: what layers remember is handed over."""
     ends: dict[tuple[bool, str], Any] = {}
@@ -422,7 +441,7 @@ def test_an_instant_that_needs_a_fall_back_is_solved_from_python(python_driver: 
 
 @pytest.mark.parametrize(
     "change",
-    [frictionless, mixed, apart, free_layers, damped_layers, massless_layers, explicit_layers],
+    [frictionless, mixed, apart, free_layers, damped_layers, massless_layers, landing, landing_layers, explicit_layers],
     ids=lambda change: change.__name__,
 )
 def test_no_interpreter_in_the_loop(change: Callable[[Tables], None], monkeypatch: pytest.MonkeyPatch) -> None:

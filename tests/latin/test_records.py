@@ -20,7 +20,7 @@ from latin_fmu.assembly.segments import SegmentedRun
 from latin_fmu.cholesky.substitution import LANES, SPARE
 from latin_fmu.compiled import PLAIN
 from latin_fmu.kernels import entries, records
-from latin_fmu.kernels.energy import TERMS
+from latin_fmu.kernels.energy_parts import TERMS
 from latin_fmu.kernels.products import padded
 from latin_fmu.kernels.records import CLASS_FIELDS, GROUP_FIELDS, LINE, RUN_FIELDS, RUN_NUMBERS
 from latin_fmu.reader import scene_from_dict
@@ -86,6 +86,12 @@ def massless(tables: Tables) -> None:
     tables["time"]["scheme"] = {"type": "massless_contact"}
 
 
+def landing(tables: Tables) -> None:
+    """Contact nodes without mass, and a viscous layer behind them."""
+    tables["time"]["scheme"] = {"type": "generalized_alpha"}
+    tables["output"] = {"energy": True}
+
+
 def frictionless(tables: Tables) -> None:
     """Normal channels alone, whose sliding is read from the bodies."""
     for interface in tables["interface"].values():
@@ -128,6 +134,7 @@ CASES: list[tuple[Tables, Callable[[Tables], None]]] = [
     (blocks(2, window=4), driven),
     (blocks(4, window="whole"), layers),
     (blocks(3), massless),
+    (blocks(3), landing),
     *((blocks(n), frictionless) for n in (1, 4)),
     (blocks(3), layers),
     (blocks(2), bonded),
@@ -172,13 +179,14 @@ def class_sizes(row: Any, run: Any, rows: int) -> dict[str, int]:
     window, wide, counted = int(run["longest_window"]), (n + int(row["n_motion"])) * m, int(row["accounted"])
     sizes = {
         "state": int(row["n_state"]),
-        "totals": 6 * m * counted,
+        "totals": len(TERMS) * m * counted,
         "past": 16 * wide * counted,
         "turn": counted,
         "marched": 1,
         "passed": 1,
         "known": 1,
         **dict.fromkeys(("u_free", "v_free", "load", "mass_a"), n * m),
+        "weighted_v": n * m * counted,
         "half_solution": n * padded_(m),
         **dict.fromkeys(("inner", "inner_answer", "free_a"), g * m),
         "w_free": c * m,
@@ -193,7 +201,7 @@ def class_sizes(row: Any, run: Any, rows: int) -> dict[str, int]:
         "kept_states": (window // (isqrt(window) + 1) + 1) * int(row["n_state"]) if window > 1 else 0,
         "probed": rows * int(row["n_probe"]) * m,
         "sensed": rows * 3 * int(row["n_sensor"]) * m,
-        "energies": rows * 6 * m * counted,
+        "energies": rows * len(TERMS) * m * counted,
     }
     if row["kind"] == records.STATIC:
         sizes["w_damped"] = c * m

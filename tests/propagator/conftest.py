@@ -311,6 +311,7 @@ def unbalanced() -> Callable[..., float]:
                 + change["elastic"]
                 + change["damping_dissipation"]
                 + change["scheme_dissipation"]
+                + change["landing_dissipation"]
                 - change["work_of_loads"]
                 - change["interface_work"]
             )

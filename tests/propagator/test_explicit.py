@@ -11,7 +11,7 @@ import scipy.linalg as la
 import scipy.sparse as sp
 
 from latin_fmu.errors import SolverError
-from latin_fmu.kernels.energy import TERMS
+from latin_fmu.kernels.energy_parts import TERMS
 from latin_fmu.propagator.explicit import ExplicitPropagator
 from latin_fmu.propagator.model import lumped
 from latin_fmu.propagator.stable_step import StableStep

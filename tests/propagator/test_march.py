@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from latin_fmu.kernels.energy import TERMS
+from latin_fmu.kernels.energy_parts import TERMS
 
 Array = np.ndarray
 Make = Callable[..., Any]
@@ -232,6 +232,7 @@ def test_energy_identity_of_every_member(scheme: Any, kind: str, model: Make, be
             + change["elastic"]
             + change["damping_dissipation"]
             + change["scheme_dissipation"]
+            + change["landing_dissipation"]
             - change["work_of_loads"]
             - change["interface_work"]
         )

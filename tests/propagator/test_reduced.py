@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from latin_fmu.kernels.energy import TERMS
+from latin_fmu.kernels.energy_parts import TERMS
 from latin_fmu.propagator.reduced import ReducedPropagator, reduced_members
 
 from .conftest import DT

@@ -102,6 +102,7 @@ def _energy(time: Array) -> dict[str, Array]:
         "interface_work": -0.01 * work,
         "damping_dissipation": np.zeros_like(work),
         "scheme_dissipation": 0.05 * work,
+        "landing_dissipation": np.zeros_like(work),
     }
 
 

@@ -28,6 +28,7 @@ PARAMETERS: Mapping[str, tuple[Mapping[str, float], ...]] = MappingProxyType(
             MappingProxyType({"beta": 0.5, "gamma": 0.5}),
         ),
         "massless_contact": (MappingProxyType({}),),
+        "generalized_alpha": tuple(MappingProxyType({"rho_inf": rho}) for rho in (0.5, 0.8, 1.0)),
         "central_difference": (MappingProxyType({}),),
     }
 )
@@ -57,7 +58,7 @@ class Oscillator:
 
 @dataclass(frozen=True)
 class Moment:
-    """State that the next instant needs: time, motion, and residual force f - c v - k u."""
+    """State that the next instant needs: time, motion, and the force f - c v - k u left."""
 
     t: float
     u: float
@@ -78,7 +79,9 @@ def advance(scheme: TimeScheme, system: Oscillator, dt: float, old: Moment) -> M
     force = system.f(old.t + dt) - system.c * v[0] - system.k * u[0]
     mass, damping, stiffness = scheme.operator(dt)
     operator = mass * system.m + damping * system.c + stiffness * system.k
-    a = (scheme.force_weight * force - scheme.memory_weight * old.residual) / operator
+    mass_old, force_old = scheme.old_weights
+    memory = scheme.memory_weight * old.residual + mass_old * system.m * old.a - force_old * old.residual
+    a = (scheme.force_weight * force - memory) / operator
     u_new, v_new = u[0] + scheme.displacement_gain(dt) * a, v[0] + scheme.velocity_gain(dt) * a
     residual = system.f(old.t + dt) - system.c * v_new - system.k * u_new
     return Moment(old.t + dt, u_new, v_new, a, residual)

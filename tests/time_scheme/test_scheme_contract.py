@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from latin_fmu.time_scheme import HHT, SCHEMES, Newmark, TimeScheme
+from latin_fmu.time_scheme import HHT, SCHEMES, GeneralizedAlpha, Newmark, TimeScheme
 
 March = Callable[..., list[Any]]
 
@@ -104,6 +104,25 @@ def test_hht_damps_what_no_mesh_carries(amplification: Any, alpha: float) -> Non
     assert 1 - 1e-6 < low <= 1 + 1e-12
 
 
+@pytest.mark.parametrize("rho", [0.5, 0.8, 1.0])
+def test_generalised_alpha_has_its_spectral_radius_at_infinity(amplification: Any, rho: float) -> None:
+    """Chung, Hulbert 1993; and the displacement that contact prescribes decays with the same factor: both roots of
+    beta x^2 + (1/2 - 2 beta + gamma) x + (1/2 + beta - gamma)."""
+    scheme = GeneralizedAlpha(rho_inf=rho)
+    high = np.abs(np.linalg.eigvals(amplification(scheme, 1e5))).max()
+    assert high == pytest.approx(rho, rel=1e-2)
+    be, ga = scheme.beta, scheme.gamma
+    np.testing.assert_allclose(np.abs(np.roots([be, 0.5 - 2 * be + ga, 0.5 + be - ga])), rho, rtol=1e-6)
+
+
+def test_parameters_of_generalised_alpha() -> None:
+    """rho = 0.8: a_m = 1/3, a_f = 4/9, gamma = 11/18, beta = 25/81; tractions unweighted."""
+    scheme = GeneralizedAlpha()
+    assert scheme.old_weights == pytest.approx((1 / 3, 4 / 9))
+    assert (scheme.beta, scheme.gamma) == pytest.approx((25 / 81, 11 / 18))
+    assert (scheme.traction_weight, scheme.landing_damping) == (1.0, 0.6)
+
+
 def test_parameters_of_hht() -> None:
     scheme = HHT(alpha=-0.1)
     assert (scheme.beta, scheme.gamma) == pytest.approx((0.3025, 0.6))
@@ -176,6 +195,7 @@ def test_energy_identity_closes(scheme: TimeScheme, marched: March, oscillator: 
         mean = a_old * old.a + a_new * new.a
         lost = step * (elastic - 0.5 * k * (old.u + new.u))
         lost += scheme.inertia_dissipation(dt) * mean * m * (new.a - old.a)
+        lost += scheme.inertia_drift(dt) * 0.5 * (old.v + new.v) * m * (new.a - old.a)
         size = max(abs(stored), abs(damping), abs(work), abs(lost), 0.5 * m * new.v**2, 0.5 * k * new.u**2)
         assert stored + damping + lost - work == pytest.approx(0.0, abs=1e-12 * size)
         before = old
