@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from .reader import load_scene, scene_from_dict
     from .results.files import open_results
     from .results.solution import Solution
+    from .results.spectra import shock_response_spectrum
     from .scene.schema import Scene
 
 __version__ = "0.1.0"
@@ -65,6 +66,7 @@ __all__ = [
     "load_scene",
     "open_results",
     "scene_from_dict",
+    "shock_response_spectrum",
     "solve",
 ]
 
@@ -82,6 +84,7 @@ _MODULES: Final = MappingProxyType(
         "load_scene": "reader",
         "open_results": "results.files",
         "scene_from_dict": "reader",
+        "shock_response_spectrum": "results.spectra",
         "solve": "api",
     }
 )

@@ -109,7 +109,7 @@ def solve(
     outcome = run(problem, timings, observer, progress, wall)
     if outcome.converged:
         timings.predicted = Prediction(discretised).march
-    return Solution(outcome, scene.text(), scene.name, recovered=problem.recovered)
+    return Solution(outcome, scene.text(), scene.name, recovered=problem.recovered, sensor_tables=scene.sensor)
 
 
 def run(

@@ -31,6 +31,7 @@ COMMANDS: Final = MappingProxyType(
         "stress": "studies",
         "fmu": "fmu",
         "simulate": "fmu",
+        "srs": "analyses",
     }
 )
 """Module of ``commands`` that declares each subcommand."""
@@ -51,6 +52,7 @@ examples:
   latin-fmu fmu models/two_specimen_crushing/scene.toml -o crushing.fmu
   latin-fmu simulate crushing.fmu -o out.csv
   latin-fmu stress --quick -o stability.md
+  latin-fmu srs out.nc --sensor tip
   latin-fmu reference
 
 exit codes: 0 converged, 1 not converged (results are written and marked), 2 bad input,

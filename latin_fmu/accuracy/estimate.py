@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from ..errors import LatinError
+from ..latin.record import Array
 from ..results.estimates import ErrorEstimate, QuantityEstimate
 from ..results.quantities_of_interest import (
     DISPLACEMENT,
@@ -26,7 +27,9 @@ from ..results.quantities_of_interest import (
     definition_of,
 )
 from ..results.solution import Solution
+from ..results.spectra import shock_response_spectrum, spectrum_error
 from ..scene.schema import Scene
+from ..scene.sensors import nyquist
 from .quantities import Quantities
 from .resolution import (
     FEWEST_STEPS,
@@ -38,7 +41,7 @@ from .resolution import (
     reachable,
     sampling_error,
 )
-from .runs import measure_solution, message_of, run_at
+from .runs import Run, measure_solution, message_of, run_at
 
 ORDER_BAND: Final = 0.3
 """A sequence whose observed order lies within this of the expected one is regular: its error is an estimate, else a
@@ -253,7 +256,7 @@ def estimate_error(scene: Scene, solution: Solution, tell: Callable[[str], None]
     plan = coarser_runs_of(scene)
     if plan is None:
         return ErrorEstimate((), ("too few time steps for an estimate",))
-    remarks = list(plan.remarks)
+    remarks, spectra = list(plan.remarks), dict[str, Array]()
     coarser: dict[str, Quantities] = {}
     lean = in_short_windows(scene)
     for name, resolution in plan.by_name().items():
@@ -267,6 +270,8 @@ def estimate_error(scene: Scene, solution: Solution, tell: Callable[[str], None]
             continue
         if run.converged:
             coarser[name] = run.quantities
+            if resolution == plan.half:
+                spectra = spectrum_errors(solution, run)
         else:
             remarks.append(f"a coarser run ({text}) did not converge")
     fine = measure_solution(scene, solution)
@@ -275,4 +280,17 @@ def estimate_error(scene: Scene, solution: Solution, tell: Callable[[str], None]
     if not solution.converged:
         remarks.append("the run did not converge: the estimate does not cover the error this leaves")
     estimates = plan.estimates(scene, fine, coarser)
-    return ErrorEstimate(estimates, tuple(remarks), clock.process_time() - start)
+    return ErrorEstimate(estimates, tuple(remarks), clock.process_time() - start, spectra)
+
+
+def spectrum_errors(solution: Solution, coarse: Run) -> dict[str, Array]:
+    """Relative errors of the spectra of a solution from the coarser run ``half``, by sensor (``spectrum_error``)."""
+    errors, step = {}, float(coarse.time[1] - coarse.time[0])
+    ratio = step * (len(solution.time) - 1) / float(solution.time[-1])
+    for name, fine in solution.spectra.items():
+        acceleration = coarse.sensors[name].acceleration
+        below = fine.frequency[fine.frequency <= nyquist(step)]
+        if acceleration is not None and len(below):
+            same = shock_response_spectrum(acceleration, step, below, fine.quality)
+            errors[name] = spectrum_error(fine, same, ratio)
+    return errors

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 import time as clock
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from .. import api
 from ..assembly.propagator_choice import factor_bytes
 from ..errors import LatinError
-from ..latin.record import Timings
+from ..latin.record import Array, SensorHistory, Timings
 from ..results.solution import Solution
 from ..scene.schema import Scene
 from .quantities import Quantities, measure
@@ -27,7 +27,7 @@ class Run:
     ----------
     resolution : relative to the scene. quantities : of the run. cpu : CPU seconds of the process, set-up included.
     timings : by part. iterations : per window, mean and largest. converged, status : as of the solution.
-    steps : time steps.
+    steps : time steps. time, sensors : instants, s, and motions of the sensors.
     """
 
     resolution: Resolution
@@ -39,6 +39,8 @@ class Run:
     status: str
     steps: int
     passes: float
+    time: Array = field(default_factory=lambda: np.zeros(0))
+    sensors: Mapping[str, SensorHistory] = field(default_factory=dict)
 
 
 def run_at(scene: Scene, resolution: Resolution, progress: api.ProgressSink | None = None) -> Run:
@@ -66,6 +68,8 @@ def as_run(scene: Scene, solution: Solution, resolution: Resolution, cpu: float)
         status=solution.status,
         steps=len(solution.time) - 1,
         passes=solution.passes,
+        time=solution.time,
+        sensors=solution.sensors,
     )
 
 

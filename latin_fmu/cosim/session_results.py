@@ -38,7 +38,7 @@ def result_tree(
     else:
         problem = mode.run.problem
         outcome = joined(segments, mode.run.timings, problem.warnings)
-        groups = result_groups(outcome, scene.name, scene.text(), provenance(), problem.recovered)
+        groups = result_groups(outcome, scene.name, scene.text(), provenance(), problem.recovered, scene.sensor)
         tree = datatree(groups, scene.name)
     tree["/exchange"] = xr.DataTree(exchange_dataset(table, steps))
     return tree

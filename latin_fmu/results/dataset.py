@@ -13,7 +13,10 @@
                            nodal_stress (time, node, stress_component); principal_stress (time, cell, principal),
                            nodal_principal_stress (time, node, principal); and with any of them the mesh
     /substructures/<name>/energy   terms of the substructure (time), where requested
-    /sensors/<name>        displacement, velocity, acceleration (time, component); x, y, z of the place
+    /sensors/<name>        displacement, velocity, acceleration (time, component), with ..._filtered where
+                           requested; x, y, z of the place
+    /sensors/<name>/spectrum   acceleration, pseudo_velocity (response, frequency, component), where requested;
+                           relative_error where estimated
     /convergence           error_indicator, force_mismatch (window, iteration), padded with NaN;
                            iterations, converged, first_instant, last_instant, end_time (window); passes
     /energy                terms of the assembly (time), where requested
@@ -39,6 +42,7 @@ import numpy as np
 from ..fem.stress import Recovery, principal
 from ..latin.record import Array, InterfaceHistory, Outcome, SubstructureHistory, WindowRecord
 from ..latin.state_serialization import package_version
+from ..scene.sensors import Sensor
 from .groups import CONVENTIONS, CONVERGENCE, ENERGY, INTERFACE, SCHEMA_VERSION, SUBSTRUCTURE, Columns, Group, annotated
 from .quantities_of_interest import InterfaceFields
 from .sensors import sensor_groups
@@ -127,11 +131,14 @@ def result_groups(
     scene_text: str,
     provenance: Mapping[str, str],
     recovered: Mapping[str, Recovered] | None = None,
+    sensors: Mapping[str, Sensor] | None = None,
+    spectrum_errors: Mapping[str, Array] | None = None,
 ) -> dict[str, Group]:
     """The results of a run by path of the group (layout: module docstring).
 
     ``provenance`` and the whole ``scene_text`` become root attributes: the run can be repeated from its file.
-    ``recovered``: requests for more fields, by substructure.
+    ``recovered``: requests for more fields, by substructure. ``sensors``: their tables in the scene.
+    ``spectrum_errors``: estimated relative errors of their spectra.
     """
     groups = {"/": Group({}, attrs=_root_attributes(outcome, scene_name, scene_text, provenance))}
     for name, interface in outcome.interfaces.items():
@@ -143,7 +150,7 @@ def result_groups(
             groups[f"/substructures/{name}"] = substructure_group(substructure, more)
         if substructure.energy is not None:
             groups[f"/substructures/{name}/energy"] = _stored_energy(substructure, outcome.time)
-    groups |= sensor_groups(outcome)
+    groups |= sensor_groups(outcome, sensors or {}, spectrum_errors)
     groups["/convergence"] = convergence_group(outcome.windows, outcome.time, outcome.passes)
     groups["/convergence"].attrs.update(
         {f"setting_{re.sub('[^A-Za-z0-9]+', '_', key)}": value for key, value in outcome.settings.items()}

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
 
+from ..latin.record import Array
 from .groups import Group, Variable
 from .quantities_of_interest import FLOOR, definition_of
 from .summary import aligned, finite, percent, readable
@@ -67,12 +69,14 @@ class ErrorEstimate:
     Attributes
     ----------
     quantities : in the order of the interfaces. remarks : limits of the estimate, failed coarser runs.
-    cpu : CPU seconds of the coarser runs.
+    cpu : CPU seconds of the coarser runs. spectra : relative errors of shock response spectra by sensor, see
+        ``spectra.spectrum_error``.
     """
 
     quantities: tuple[QuantityEstimate, ...]
     remarks: tuple[str, ...] = ()
     cpu: float = 0.0
+    spectra: Mapping[str, Array] = field(default_factory=dict)
 
     def __getitem__(self, quantity: str) -> QuantityEstimate:
         """The estimate of one quantity (KeyError where there is none)."""

@@ -178,9 +178,25 @@ SENSOR: Final[Mapping[str, Meaning]] = {
     "displacement": Meaning("m", "displacement of the sensor"),
     "velocity": Meaning("m s-1", "velocity of the sensor"),
     "acceleration": Meaning("m s-2", "acceleration of the sensor"),
+    "displacement_filtered": Meaning("m", "displacement of the sensor, low pass"),
+    "velocity_filtered": Meaning("m s-1", "velocity of the sensor, low pass"),
+    "acceleration_filtered": Meaning("m s-2", "acceleration of the sensor, low pass"),
     "x": Meaning("m", "x of the sensor, reference configuration"),
     "y": Meaning("m", "y of the sensor, reference configuration"),
     "z": Meaning("m", "z of the sensor, reference configuration"),
+}
+
+SPECTRUM: Final[Mapping[str, Meaning]] = {
+    "frequency": Meaning("Hz", "natural frequency of the oscillator"),
+    "response": Meaning(None, "part of the response", "primary: during the record, residual: after it"),
+    "acceleration": Meaning("m s-2", "largest absolute acceleration of the oscillator"),
+    "pseudo_velocity": Meaning("m s-1", "largest relative displacement of the oscillator times its angular frequency"),
+    "relative_error": Meaning(
+        "1",
+        "estimated relative error of the spectrum",
+        "difference from the spectrum of a run on a coarser mesh with a longer step over (ratio of steps - 1), for "
+        "errors of first order; the largest within half an octave",
+    ),
 }
 
 ENERGY: Final[Mapping[str, Meaning]] = {

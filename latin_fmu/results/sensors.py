@@ -1,13 +1,16 @@
-"""Sensors in the results: their group of the file, their lines of the summary, their part of the report."""
+"""Sensors in the results: their group of the file, filters, their lines of the summary, their part of the report."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, Final
 
 import numpy as np
 
 from ..latin.record import Array, Outcome, SensorHistory
+from ..scene.sensors import ChannelClass, LowPass, Sensor, filter_problems
 from .groups import SENSOR, Columns, Group, annotated
+from .spectra import ShockSpectrum, sensor_spectrum, spectrum_group
 from .summary import aligned, finite, readable
 
 MOTIONS: Final = {"displacement": "m", "velocity": "m s-1", "acceleration": "m s-2"}
@@ -20,9 +23,33 @@ def motions_of(history: SensorHistory) -> dict[str, Array]:
     return {name: values for name, values in every.items() if values is not None}
 
 
-def sensor_group(history: SensorHistory, time: Array) -> Group:
-    """Group ``sensors/<name>``: motions (time, component), and the place of the sensor."""
-    columns: Columns = {name: (("time", "component"), values) for name, values in motions_of(history).items()}
+def low_pass(values: Array, chosen: ChannelClass | LowPass, step: float) -> Array:
+    """Values (n_time, ...) behind a filter of a sensor; ``step`` between the instants, s.
+
+    A phaseless filter runs forwards and backwards over the values, which are continued at both ends by their mirror
+    image about the end point, for three periods of the cut-off.
+    """
+    from scipy.signal import butter, sosfilt, sosfiltfilt
+
+    warped, order = np.tan(np.pi * chosen.cutoff * step), 2
+    if isinstance(chosen, LowPass):
+        order = chosen.order
+        if not chosen.phaseless:
+            sections = butter(order, chosen.cutoff, fs=1 / step, output="sos")
+            return np.asarray(sosfilt(sections, values, axis=0))
+        warped /= (np.sqrt(2.0) - 1.0) ** (0.5 / order)  # -3 dB after both passes
+    sections = butter(order, np.arctan(warped) / (np.pi * step), fs=1 / step, output="sos")
+    beyond = min(len(values) - 1, int(np.ceil(3.0 / (chosen.cutoff * step))))
+    return np.asarray(sosfiltfilt(sections, values, axis=0, padlen=beyond))
+
+
+def sensor_group(history: SensorHistory, time: Array, chosen: ChannelClass | LowPass | None = None) -> Group:
+    """Group ``sensors/<name>``: motions (time, component), behind a filter too where one is given, and the place of the
+    sensor."""
+    motions = motions_of(history)
+    if chosen is not None and (step := uniform_step(time)) and not list(filter_problems("", chosen, step, time[-1])):
+        motions |= {f"{name}_filtered": low_pass(values, chosen, step) for name, values in motions.items()}
+    columns: Columns = {name: (("time", "component"), values) for name, values in motions.items()}
     labels: dict[str, object] = {"time": time, "component": ["x", "y", "z"]}
     labels |= {axis: ((), float(history.point[i])) for i, axis in enumerate("xyz")}
     attrs: dict[str, object] = {"substructure": history.substructure}
@@ -32,6 +59,8 @@ def sensor_group(history: SensorHistory, time: Array) -> Group:
         attrs["acceleration"] = f"none: {history.remark}"
     group = annotated(Group.of(columns, labels, attrs), SENSOR)
     for name in columns:
+        if chosen is not None and name.endswith("_filtered"):
+            group.variables[name].attrs["filter"] = chosen.label
         if history.face is not None:
             group.variables[name].attrs["cell_methods"] = "area: mean"
     if history.acceleration is not None and history.remark:
@@ -39,9 +68,36 @@ def sensor_group(history: SensorHistory, time: Array) -> Group:
     return group
 
 
-def sensor_groups(outcome: Outcome) -> dict[str, Group]:
-    """Groups of all sensors of a run by path."""
-    return {f"/sensors/{name}": sensor_group(history, outcome.time) for name, history in outcome.sensors.items()}
+def uniform_step(time: Array) -> float:
+    """Length of the steps of instants, s; 0 where they differ (by more than 1e-6 of it)."""
+    steps = np.diff(time)
+    uniform = len(steps) > 0 and np.ptp(steps) <= 1e-6 * steps.mean()
+    return float(time[-1] - time[0]) / len(steps) if uniform else 0.0
+
+
+def spectra_of(outcome: Outcome, requests: Mapping[str, Sensor]) -> dict[str, ShockSpectrum]:
+    """Shock response spectra of the sensors that request one and have an acceleration, by name."""
+    spectra = {}
+    for name, history in outcome.sensors.items():
+        request = requests[name].spectrum if name in requests else None
+        if request is not None and uniform_step(outcome.time):
+            spectrum = sensor_spectrum(history, outcome.time, request)
+            if spectrum is not None:
+                spectra[name] = spectrum
+    return spectra
+
+
+def sensor_groups(
+    outcome: Outcome, requests: Mapping[str, Sensor], errors: Mapping[str, Array] | None = None
+) -> dict[str, Group]:
+    """Groups of all sensors of a run by path; ``requests``: their tables in the scene; ``errors`` of their spectra."""
+    groups = {}
+    for name, history in outcome.sensors.items():
+        chosen = requests[name].filter if name in requests else None
+        groups[f"/sensors/{name}"] = sensor_group(history, outcome.time, chosen)
+    for name, spectrum in spectra_of(outcome, requests).items():
+        groups[f"/sensors/{name}/spectrum"] = spectrum_group(spectrum, (errors or {}).get(name))
+    return groups
 
 
 def _largest(values: Array | None, time: Array) -> tuple[float, float] | None:
@@ -68,6 +124,17 @@ def sensor_lines(outcome: Outcome) -> list[str]:
         cells = [_shown(pair, unit) for pair, unit in zip(largest, MOTIONS.values(), strict=True)]
         last = next(pair for pair in reversed(largest) if pair is not None)
         rows.append((name, history.face or history.substructure, *cells, readable(last[1], "s")))
+    return aligned(rows) if len(rows) > 1 else []
+
+
+def spectrum_lines(spectra: Mapping[str, ShockSpectrum]) -> list[str]:
+    """Table of the largest values of shock response spectra."""
+    rows: list[tuple[str, ...]] = [("spectrum of", "Q", "frequencies", "largest maximax", "at", "along")]
+    for name, s in spectra.items():
+        i, axis = np.unravel_index(int(np.argmax(s.acceleration[0])), s.acceleration[0].shape)
+        ends = f"{readable(s.frequency[0], 'Hz', 3)} to {readable(s.frequency[-1], 'Hz', 3)}"
+        largest = f"{s.acceleration[0, i, axis]:.4g} m s-2"
+        rows.append((name, f"{s.quality:g}", ends, largest, readable(s.frequency[i], "Hz", 3), "xyz"[axis]))
     return aligned(rows) if len(rows) > 1 else []
 
 

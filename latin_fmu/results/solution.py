@@ -5,15 +5,18 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..latin.record import Array, InterfaceHistory, Outcome, SensorHistory, SubstructureHistory, Timings, WindowRecord
+from ..scene.sensors import Sensor
 from .dataset import Recovered, datatree, provenance, result_groups
 from .estimates import ErrorEstimate
 from .files import write_groups
 from .groups import Group
-from .sensors import sensor_lines, sensor_report
+from .sensors import sensor_lines, sensor_report, spectra_of, spectrum_lines
+from .spectra import ShockSpectrum
 from .summary import report, summary
 
 if TYPE_CHECKING:
@@ -32,6 +35,7 @@ class Solution:
     provenance : versions and time of creation, root attributes of results files.
     estimate : estimated error of each quantity; None where it was not computed.
     recovered : requests for more fields of substructures, computed when the results are written.
+    sensor_tables : tables of the sensors in the scene, with their filters and spectra.
     """
 
     outcome: Outcome
@@ -40,6 +44,7 @@ class Solution:
     provenance: dict[str, str] = field(default_factory=provenance)
     estimate: ErrorEstimate | None = None
     recovered: Mapping[str, Recovered] = field(default_factory=dict)
+    sensor_tables: Mapping[str, Sensor] = field(default_factory=dict)
 
     @property
     def status(self) -> str:
@@ -70,6 +75,11 @@ class Solution:
     def sensors(self) -> dict[str, SensorHistory]:
         """Displacement, velocity and acceleration of the sensors by name."""
         return self.outcome.sensors
+
+    @cached_property
+    def spectra(self) -> dict[str, ShockSpectrum]:
+        """Shock response spectra of the sensors that request one, by name."""
+        return spectra_of(self.outcome, self.sensor_tables)
 
     @property
     def windows(self) -> Sequence[WindowRecord]:
@@ -106,7 +116,9 @@ class Solution:
         return datatree(self._groups(), self.scene_name)
 
     def _groups(self) -> dict[str, Group]:
-        groups = result_groups(self.outcome, self.scene_name, self.scene_text, self.provenance, self.recovered)
+        errors = None if self.estimate is None else self.estimate.spectra
+        given = self.outcome, self.scene_name, self.scene_text, self.provenance, self.recovered, self.sensor_tables
+        groups = result_groups(*given, errors)
         if self.estimate is not None and self.estimate.quantities:
             groups["/accuracy"] = self.estimate.group()
         return groups
@@ -128,7 +140,8 @@ class Solution:
         return text if self.estimate is None else "\n".join([text, "", *self.estimate.lines()])
 
     def _sensor_lines(self) -> list[str]:
-        return ["", *sensor_lines(self.outcome)] if self.sensors else []
+        tables = sensor_lines(self.outcome), spectrum_lines(self.spectra)
+        return [line for table in tables if table for line in ("", *table)]
 
     def report(self) -> dict[str, Any]:
         """Plain data for programs, fit for strict JSON; its keys are in ``results.summary.report``, those of

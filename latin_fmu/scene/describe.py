@@ -116,7 +116,7 @@ def _kind(annotation: Any) -> str:
         tags = tags_of(tables)
         return f"table, type = {' | '.join(tags)}" if tags else "table"
     if get_origin(annotation) is Literal:
-        return " | ".join(f'"{part}"' for part in parts)
+        return " | ".join(f'"{part}"' if isinstance(part, str) else str(part) for part in parts)
     if get_origin(annotation) is tuple:
         item = _kind(parts[0])
         item = item if item.startswith('"') else f"{item}s" if item != "text" else "texts"

@@ -116,7 +116,7 @@ def by_type(tables: Any, default: str) -> BeforeValidator:
     table without required keys."""
     fields = [table.model_fields for table in get_args(tables)]
     names = tuple(keys["type"].default for keys in fields if not any(key.is_required() for key in keys.values()))
-    return BeforeValidator(tagged_or(default), json_schema_input_type=Literal[names] | tables)
+    return BeforeValidator(tagged_or(default), json_schema_input_type=Literal[names] | tables if names else tables)
 
 
 def split_face(face: str) -> tuple[str, str]:

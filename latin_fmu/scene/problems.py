@@ -79,7 +79,7 @@ def _problem(root: type[BaseModel], detail: ErrorDetails, raw: Any) -> Problem:
         tags, tag = tags_of(tables_at(root, location)), _tag(detail["input"])
         return Problem(f"{where}.type", "unknown type", shown(tag), ", ".join(tags), did_you_mean(tag, tags))
     if kind == "literal_error":
-        options = re.findall(r"'([^']*)'", context["expected"])
+        options = re.findall(r"'([^']*)'", context["expected"]) or re.findall(r"\d+", context["expected"])
         return Problem(where, "unknown value", value, ", ".join(options), did_you_mean(detail["input"], options))
     if kind == "missing" and isinstance(location[-1], int):
         return Problem(path_text(path[:-1]), "has too few values", value, allowed_text(field_at(root, location)))

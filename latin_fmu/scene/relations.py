@@ -14,6 +14,7 @@ from .boundaries import boundary_problems
 from .fields import GROUND
 from .interfaces import key_problems
 from .raw_scene import RawTable, face_problems, given, named_tables, number, single_table, text_list, unknown_name
+from .sensors import sensor_problems
 from .settings import HHT, MAX_INSTANTS
 
 CENTRAL = "central_difference"
@@ -30,7 +31,7 @@ def relation_problems(raw: Any, base_dir: Path) -> list[Problem]:
         *_contact_problems(raw),
         *boundary_problems(raw),
         *_load_problems(raw),
-        *_sensor_problems(raw),
+        *sensor_problems(raw),
         *_time_problems(single_table(raw, "time")),
         *propagator_problems(raw),
         *_accuracy_problems(raw),
@@ -144,23 +145,6 @@ def _load_problems(raw: Any) -> Iterator[Problem]:
         yield from _exactly_one(table, f"load.{name}", "pressure", "traction")
         if isinstance(table.get("face"), str):
             yield from face_problems(raw, f"load.{name}.face", table["face"])
-
-
-def _sensor_problems(raw: Any) -> Iterator[Problem]:
-    substructures = named_tables(raw, "substructure")
-    for name, table in named_tables(raw, "sensor").items():
-        where, body = f"sensor.{name}", table.get("substructure")
-        yield from _exactly_one(table, where, "point", "face")
-        if given(table, "point") and not given(table, "substructure"):
-            yield Problem(
-                f"{where}.substructure", "a point needs its body", None, "name of a [substructure.NAME] table"
-            )
-        if given(table, "face") and given(table, "substructure"):
-            yield Problem(f"{where}.substructure", "the face names the body already", shown(body), None, "remove it")
-        if isinstance(table.get("face"), str):
-            yield from face_problems(raw, f"{where}.face", table["face"])
-        if substructures and isinstance(body, str) and body not in substructures:
-            yield unknown_name(f"{where}.substructure", "substructure", body, substructures)
 
 
 def _accuracy_problems(raw: Any) -> Iterator[Problem]:

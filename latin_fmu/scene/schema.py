@@ -15,9 +15,10 @@ from .laws import base_dir_of
 from .problems import field_problems, path_text
 from .raw_scene import endless_numbers, named_tables, plain
 from .relations import relation_problems, with_its_scheme
+from .sensors import Sensor
 from .settings import Accuracy, Output, Time
 from .solver_settings import Solver
-from .substructures import Load, Material, MeshParts, Sensor, Substructure
+from .substructures import Load, Material, MeshParts, Substructure
 
 
 def toml_text(data: Mapping[str, Any]) -> str:

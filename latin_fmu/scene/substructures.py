@@ -1,4 +1,4 @@
-"""Tables [material], [substructure], [mesh], [load] and [sensor], each by name: bodies and what acts on them."""
+"""Tables [material], [substructure], [mesh] and [load], each by name: bodies and what acts on them."""
 
 import math
 import re
@@ -20,7 +20,6 @@ from .fields import (
     _as_list,
     about,
     refusal,
-    split_face,
 )
 from .laws import ConstantLaw, Law
 
@@ -144,19 +143,3 @@ class Load(Table):
     pressure: Annotated[Real | None, about("pressure, positive in compression", "Pa")] = None
     traction: Annotated[Vector | None, about("traction along x, y, z", "Pa")] = None
     law: Annotated[Law, about("time law a(t)")] = ConstantLaw()
-
-
-class Sensor(Table):
-    """Displacement, velocity and acceleration of a point of a substructure, or their mean over a face.
-
-    It has exactly one of `point`, with `substructure`, and `face`.
-    """
-
-    substructure: Annotated[Name | None, about("name of a [substructure.NAME] table, with `point`")] = None
-    point: Annotated[Vector | None, about("where to measure, in or on the body, before any motion", "m")] = None
-    face: Annotated[Face | None, about('face whose mean by area is measured, "substructure.face"')] = None
-
-    @property
-    def body(self) -> str:
-        """Substructure that the sensor is on."""
-        return split_face(self.face)[0] if self.face is not None else str(self.substructure)

@@ -1,0 +1,160 @@
+"""Subcommand ``srs``, which makes shock response spectra of the sensors of a results file."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Mapping
+from contextlib import closing
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..errors import InputError, Problem, ResultsError, did_you_mean, listed
+from . import CONVERGED, AddParser, declare
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from ..latin.record import Array
+    from ..results.spectra import ShockSpectrum
+    from ..scene.sensors import Spectrum
+
+_EXAMPLES = """\
+examples:
+  latin-fmu srs out.nc
+  latin-fmu srs out.nc --sensor tip --quality 25 --lowest 100 --highest 20000 --per-octave 24 -o tip
+
+Writes STEM.csv, STEM.nc and STEM.png. Without options the spectra that the scene requests (sensor.NAME.spectrum) are
+taken, with their estimated error where the run has one.
+"""
+_OPTIONS = ("lowest", "highest", "per_octave", "quality")
+
+
+def register(add: AddParser) -> None:
+    """Declare the subcommand."""
+    text = "make shock response spectra of the sensors of a results file: table, dataset and figure"
+    parser = declare(add, "srs", text, _srs, _EXAMPLES)
+    parser.add_argument("results", metavar="RESULT.nc", type=Path, help="results file written by run")
+    parser.add_argument(
+        "--sensor", metavar="NAME", action="append", default=[], help="sensor, repeatable (default: every one)"
+    )
+    parser.add_argument("--lowest", metavar="HZ", type=float, help="first frequency (default: 1 / duration)")
+    parser.add_argument("--highest", metavar="HZ", type=float, help="last frequency (default: sampling rate / 10)")
+    parser.add_argument("--per-octave", metavar="N", type=int, help="frequencies per octave (default: 12)")
+    parser.add_argument("--quality", metavar="Q", type=float, help="amplification of the oscillators (default: 10)")
+    parser.add_argument("--along", choices=("x", "y", "z"), help="axis in the figure (default: that of the largest)")
+    parser.add_argument("-o", "--output", metavar="STEM", type=Path, help="default: RESULT_srs beside the results")
+
+
+def _srs(arguments: argparse.Namespace) -> int:
+    from ..results.files import open_results, write_netcdf
+    from ..results.plots import save_figure
+    from ..results.sensors import spectrum_lines
+    from ..results.spectra import as_csv, spectra_figure, spectrum_group
+    from ..results.writing import check_target, write_bytes
+
+    stem = arguments.output or arguments.results.with_name(f"{arguments.results.stem}_srs")
+    targets = [stem.with_name(f"{stem.name}.{suffix}") for suffix in ("csv", "nc", "png")]
+    for target in targets:
+        check_target(target)
+    with closing(open_results(arguments.results)) as tree:
+        spectra = dict(_spectra(tree, arguments))
+        made = _tree(tree, {name: spectrum_group(*pair).dataset() for name, pair in spectra.items()})
+    print("\n".join(spectrum_lines({name: spectrum for name, (spectrum, _) in spectra.items()})))
+    write_bytes(targets[0], as_csv([(name, spectrum) for name, (spectrum, _) in spectra.items()]).encode())
+    write_netcdf(made, targets[1])
+    save_figure(spectra_figure(spectra, arguments.along), targets[2])
+    print(f"spectra: {', '.join(map(str, targets))}")
+    return CONVERGED
+
+
+def _tree(results: xr.DataTree, spectra: Mapping[str, xr.Dataset]) -> xr.DataTree:
+    """Spectra by sensor, with the provenance of the results."""
+    import xarray as xr
+
+    tree = xr.DataTree.from_dict({f"/sensors/{name}/spectrum": dataset for name, dataset in spectra.items()})
+    tree.attrs = dict(results.attrs)
+    return tree
+
+
+def _spectra(
+    tree: xr.DataTree, arguments: argparse.Namespace
+) -> Iterator[tuple[str, tuple[ShockSpectrum, Array | None]]]:
+    """Spectra and their estimated errors by sensor."""
+    known = list(tree["sensors"].children) if "sensors" in tree.children else []
+    if not known:
+        what = "the results have no sensors"
+        problem = Problem(str(arguments.results), what, None, None, "add [sensor.NAME] tables to the scene and run it")
+        raise ResultsError([problem], "no shock response spectrum")
+    unknown = [
+        Problem("--sensor", "no sensor of this name", name, listed(known), did_you_mean(name, known))
+        for name in arguments.sensor
+        if name not in known
+    ]
+    if unknown:
+        raise InputError(unknown, "no shock response spectrum")
+    given = {key: value for key in _OPTIONS if (value := getattr(arguments, key)) is not None}
+    stored = [name for name in known if "spectrum" in tree[f"sensors/{name}"].children]
+    request = _request(given)
+    for name in arguments.sensor or (stored if stored and not given else known):
+        node = tree[f"sensors/{name}"]
+        yield (
+            name,
+            _stored(node["spectrum"]) if name in stored and not given else (_computed(name, node, request), None),
+        )
+
+
+def _request(given: Mapping[str, Any]) -> Spectrum:
+    """The options as a spectrum of a scene.
+
+    Raises
+    ------
+    InputError : values out of range.
+    """
+    from pydantic import ValidationError
+
+    from ..scene.problems import field_problems
+    from ..scene.sensors import Spectrum
+
+    try:
+        return Spectrum.model_validate(given)
+    except ValidationError as error:
+        problems = field_problems(Spectrum, error, given)
+        named = [Problem(f"--{p.where.replace('_', '-')}", p.what, p.value, p.allowed, p.remedy) for p in problems]
+        raise InputError(named, "bad argument") from None
+
+
+def _stored(node: Any) -> tuple[ShockSpectrum, Array | None]:
+    """A spectrum of the results file and its estimated error."""
+    from ..results.spectra import ShockSpectrum
+
+    values = [node[name].values for name in ("acceleration", "pseudo_velocity")]
+    error = node["relative_error"].values if "relative_error" in node else None
+    return ShockSpectrum(node["frequency"].values, float(node.attrs["quality"]), values[0], values[1]), error
+
+
+def _computed(name: str, node: Any, request: Spectrum) -> ShockSpectrum:
+    """The spectrum of a stored acceleration.
+
+    Raises
+    ------
+    InputError : no acceleration, steps of unequal length, frequencies beyond Nyquist's.
+    """
+    from ..results.sensors import uniform_step
+    from ..results.spectra import shock_response_spectrum
+    from ..scene.sensors import spectrum_problems
+
+    heading = "no shock response spectrum"
+    if "acceleration" not in node:
+        raise InputError([Problem(f"sensor {name}", f"no acceleration: {node.attrs.get('acceleration')}")], heading)
+    time = node["time"].values
+    step = uniform_step(time)
+    if not step:
+        raise InputError([Problem(f"sensor {name}", "the steps of the run are of unequal length")], heading)
+    asked = [f for f in (request.lowest, request.highest) if f is not None]
+    if problems := list(spectrum_problems("--highest", asked, step)):
+        raise InputError(problems, heading)
+    frequencies = request.frequencies(step, float(time[-1] - time[0]))
+    if not frequencies:
+        what = f"no frequency between {request.lowest or 1 / (time[-1] - time[0]):.4g} Hz and {0.1 / step:.4g} Hz"
+        raise InputError([Problem(f"sensor {name}", what, remedy="give --lowest and --highest")], heading)
+    return shock_response_spectrum(node["acceleration"].values, step, frequencies, request.quality)

@@ -1,0 +1,293 @@
+r"""Shock response spectra: the largest response of oscillators of many frequencies on a moving base.
+
+An oscillator of frequency f and quality Q (damping ratio zeta = 1 / (2 Q), omega = 2 pi f) on a base with acceleration
+a(t) has the relative displacement z and the absolute acceleration y,
+
+    z'' + 2 zeta omega z' + omega^2 z = -a,    y = -(2 zeta omega z' + omega^2 z)
+
+Its pseudo-velocity is omega z. Between two samples a is a straight line: the digital filter is ramp-invariant
+(D.O. Smallwood, An improved recursive formula for calculating shock response spectra, Shock and Vibration Bulletin 51
+(1981) 211-217; ISO 18431-4:2007). With T the step, r(t) the response to a(t) = t, C = exp(-zeta omega T) cos(omega_d T)
+and E = exp(-zeta omega T), the filter with denominator 1 - 2 C z^-1 + E^2 z^-2 has the numerator
+
+    b0 = r(T) / T,    b1 = (r(2T) - 2 r(T)) / T - 2 C b0,    b2 = (r(3T) - 2 r(2T) + r(T)) / T - 2 C y1 + E^2 b0
+
+with y1 the first term of b1. r is summed as a power series where omega T is small: its closed form loses all digits.
+Straight lines are sampled again wherever a period has fewer than ``SAMPLES`` of them, so that maxima are not missed.
+
+Primary: during the record. Residual: after it, with a = 0, from the free motion in closed form. Maximax: the larger.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..errors import InputError, Problem
+from ..latin.record import Array, SensorHistory
+from ..scene.sensors import Spectrum, spectrum_problems
+from .groups import SPECTRUM, Columns, Group, annotated
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+RESPONSES: Final = ("maximax", "primary", "residual")
+SAMPLES: Final = 32
+"""Samples per period of an oscillator: a maximum between two of them is at most 0.5 % larger."""
+_SERIES, _TERMS = 1.0, 40  # omega t up to which the ramp response is a power series, and its terms
+_AT_ONCE = 2**20  # numbers per array of the residual response
+
+
+@dataclass(frozen=True)
+class ShockSpectrum:
+    """Shock response spectrum of one or several components.
+
+    Attributes
+    ----------
+    frequency : (n,), Hz. quality : Q of the oscillators.
+    acceleration : (3, n, ...) largest magnitude of the absolute acceleration, rows ``RESPONSES``, unit of the input.
+    pseudo_velocity : (3, n, ...) largest magnitude of omega z, that unit times s.
+    """
+
+    frequency: Array
+    quality: float
+    acceleration: Array
+    pseudo_velocity: Array
+
+
+def shock_response_spectrum(
+    acceleration: ArrayLike, step: float, frequencies: ArrayLike, quality: float = 10.0
+) -> ShockSpectrum:
+    """Shock response spectrum of a base acceleration (module docstring).
+
+    Parameters
+    ----------
+    acceleration : (n_time,) or (n_time, n_component) samples, m s-2; the base is at rest before the first one.
+    step : between samples, s. frequencies : (n,) of the oscillators, Hz. quality : Q > 1/2, infinite without damping.
+
+    Raises
+    ------
+    InputError : a frequency that is not positive or lies beyond the Nyquist frequency 1 / (2 step), too few or
+        infinite samples, Q <= 1/2.
+    """
+    samples, f = np.asarray(acceleration, dtype=float), np.atleast_1d(np.asarray(frequencies, dtype=float))
+    problems = list(spectrum_problems("frequencies", f, step)) if step > 0 else [Problem("step", "not a positive time")]
+    if not (np.isfinite(f) & (f > 0)).all():
+        problems.append(Problem("frequencies", "not a positive frequency", f"{f.min():g} Hz", "a frequency > 0 [Hz]"))
+    if not quality > 0.5:
+        problems.append(Problem("quality", "an oscillator that does not oscillate", f"{quality:g}", "Q > 0.5"))
+    if samples.ndim not in (1, 2) or len(samples) < 2 or not np.isfinite(samples).all():
+        what = "must be two or more finite samples, (n_time,) or (n_time, n_component)"
+        problems.append(Problem("acceleration", what, f"an array {samples.shape}"))
+    if problems:
+        raise InputError(problems, "no shock response spectrum")
+    columns = samples.reshape(len(samples), -1)
+    damping = 0.0 if math.isinf(quality) else 0.5 / quality
+    primary = np.stack([_primary(columns, step, 2 * math.pi * x, damping) for x in f], axis=1)
+    residual = _residual(columns, step, 2 * math.pi * f, damping)
+    both = np.stack([np.maximum(primary, residual), primary, residual], axis=1)  # kind, response, f, component
+    both = both.reshape(2, 3, len(f), *samples.shape[1:])
+    return ShockSpectrum(f, quality, both[0], both[1])
+
+
+def ramp_filter(angle: float, damping: float) -> tuple[Array, Array, Array]:
+    """Numerators of omega^2 z and of y (3,) each, denominator (3,), for omega T = ``angle``."""
+    decay = math.exp(-damping * angle)
+    cosine = decay * math.cos(angle * math.sqrt(1 - damping * damping))
+    denominator = np.array([1.0, -2 * cosine, decay * decay])
+    numerators = []
+    for response in _ramp_responses(np.array([1.0, 2.0, 3.0]) * angle, damping):
+        one, two, three = response
+        y0, y1, y2 = np.array([one, two - 2 * one, three - 2 * two + one]) / angle
+        numerators.append(np.array([y0, y1 + denominator[1] * y0, y2 + denominator[1] * y1 + denominator[2] * y0]))
+    return numerators[0], numerators[1], denominator
+
+
+def _ramp_responses(t: Array, damping: float) -> tuple[Array, Array]:
+    """omega^2 z and y at omega times ``t`` under a base acceleration a = omega t, for omega = 1."""
+    if t.max() <= _SERIES * 3:
+        c = np.zeros(_TERMS)  # impulse response sum of c_k t^k
+        c[1] = 1.0
+        for k in range(_TERMS - 2):
+            c[k + 2] = -(2 * damping * (k + 1) * c[k + 1] + c[k]) / ((k + 2) * (k + 1))
+        power = np.arange(_TERMS)
+        once = (c / (power + 1)) @ (t ** (power[:, None] + 1))
+        twice = (c / ((power + 1) * (power + 2))) @ (t ** (power[:, None] + 2))
+    else:
+        root = math.sqrt(1 - damping * damping)
+        decay, cosine, sine = np.exp(-damping * t), np.cos(root * t), np.sin(root * t) / root
+        once = 1 - decay * (cosine + damping * sine)
+        twice = t - 2 * damping + decay * (2 * damping * cosine + (2 * damping**2 - 1) * sine)
+    return -twice, 2 * damping * once + twice
+
+
+def _primary(columns: Array, step: float, omega: float, damping: float) -> Array:
+    """Largest magnitudes (2, n_component) of y and omega z during the record."""
+    from scipy.signal import lfilter
+
+    finer = max(1, math.ceil(SAMPLES * omega * step / (2 * math.pi)))
+    if finer > 1:
+        places = np.arange((len(columns) - 1) * finer + 1) / finer
+        columns = np.stack([np.interp(places, np.arange(len(columns)), column) for column in columns.T], axis=1)
+    of_z, of_y, denominator = ramp_filter(omega * step / finer, damping)
+    # before the first sample the base is at rest: the filter would begin with a ramp from 0 to it
+    start = columns[:1]
+    largest = []
+    for numerator in (of_y, of_z):
+        y = lfilter(numerator, denominator, columns - start, axis=0)
+        y += start * _step_responses(omega * step / finer, damping, len(columns), numerator is of_z)[:, None]
+        largest.append(np.abs(y).max(axis=0))
+    return np.stack([largest[0], largest[1] / omega])
+
+
+def _step_responses(angle: float, damping: float, n: int, of_z: bool) -> Array:
+    """omega^2 z or y at n samples under a unit acceleration from the first on."""
+    t, root = angle * np.arange(n), math.sqrt(1 - damping * damping)
+    decay, cosine, sine = np.exp(-damping * t), np.cos(root * t), np.sin(root * t) / root
+    return np.asarray(-(1 - decay * (cosine + damping * sine)) if of_z else 1 - decay * (cosine - damping * sine))
+
+
+def _residual(columns: Array, step: float, omega: Array, damping: float) -> Array:
+    """Largest magnitudes (2, n, n_component) of y and omega z after the record, where the base does not accelerate.
+
+    z at the time s after the end is -Im(G exp(lambda s)) / omega_d, with lambda = -zeta omega + i omega_d and
+    G = int a(t) exp(lambda (t_end - t)) dt, exact for the straight lines.
+    """
+    n, damped = len(columns), omega * math.sqrt(1 - damping * damping)
+    rate = -damping * omega + 1j * damped
+    x = rate * step
+    # int over a step of the share of its end and of its start, times exp(rate (end of the step - t))
+    late = np.where(np.abs(x) < 0.3, _phi(x, 2), (np.exp(x) - 1 - x) / x**2) * step
+    early = np.where(np.abs(x) < 0.3, _phi(x, 1), (np.exp(x) - 1) / x) * step - late
+    g = np.zeros((len(omega), columns.shape[1]), dtype=complex)
+    size = max(1, _AT_ONCE // max(n, 1))
+    back = step * np.arange(n - 2, -1, -1)  # from the end of each step to the end of the record
+    for first in range(0, len(omega), size):
+        part = slice(first, first + size)
+        weights = np.exp(rate[part, None] * back)
+        g[part] = late[part, None] * (weights @ columns[1:]) + early[part, None] * (weights @ columns[:-1])
+    of_z = g * (omega / damped)[:, None]
+    of_y = g * ((2 * damping * omega * rate + omega**2) / damped)[:, None]
+    return np.stack([_largest_decay(amplitude, rate[:, None]) for amplitude in (of_y, of_z)])
+
+
+def _phi(x: Array, order: int) -> Array:
+    """(e^x - 1) / x or (e^x - 1 - x) / x^2 for small x, by their series."""
+    return np.asarray(sum(x**k / math.factorial(k + order) for k in range(16)))
+
+
+def _largest_decay(amplitude: Array, rate: Array) -> Array:
+    """Largest magnitude of Im(amplitude exp(rate s)) over s >= 0: at s = 0 or at the first extreme after it."""
+    slope = amplitude * rate  # the derivative is Im(slope exp(rate s)), zero at a multiple of pi of its phase
+    wait = np.mod(-np.angle(slope), np.pi) / rate.imag
+    return np.asarray(np.maximum(np.abs(amplitude.imag), np.abs((amplitude * np.exp(rate * wait)).imag)))
+
+
+# -- of a sensor ------------------------------------------------------------------------------------------------
+def sensor_spectrum(history: SensorHistory, time: Array, request: Spectrum) -> ShockSpectrum | None:
+    """Spectrum of the acceleration of a sensor along x, y, z at equal steps; None without acceleration, or where the
+    frequencies requested lie beyond Nyquist's."""
+    if history.acceleration is None or len(time) < 2:
+        return None
+    duration = float(time[-1] - time[0])
+    step = duration / (len(time) - 1)
+    frequencies = request.frequencies(step, duration)
+    if not frequencies:
+        return None
+    return shock_response_spectrum(history.acceleration, step, frequencies, request.quality)
+
+
+def spectrum_group(spectrum: ShockSpectrum, error: Array | None = None) -> Group:
+    """Group ``sensors/<name>/spectrum``; ``error`` (3, n, 3): estimated relative error (``spectrum_error``)."""
+    dims = ("response", "frequency", "component")
+    columns: Columns = {
+        "acceleration": (dims, spectrum.acceleration),
+        "pseudo_velocity": (dims, spectrum.pseudo_velocity),
+    }
+    if error is not None:
+        columns["relative_error"] = (dims, error)
+    labels = {"response": list(RESPONSES), "frequency": spectrum.frequency, "component": ["x", "y", "z"]}
+    attrs = {
+        "quality": spectrum.quality,
+        "damping_ratio": 0.5 / spectrum.quality,
+        "references": "Smallwood (1981), ISO 18431-4:2007: ramp-invariant filter",
+    }
+    return annotated(Group.of(columns, labels, attrs), SPECTRUM)
+
+
+def spectrum_error(fine: ShockSpectrum, coarse: ShockSpectrum, ratio: float) -> Array:
+    """Estimated relative error (3, n, 3) of a spectrum from that of a run coarser by ``ratio`` in mesh and step.
+
+    The difference of both over ratio - 1 (the extrapolation of errors of first order), the largest within half an
+    octave, so that curves that cross by chance do not look exact; NaN beyond the frequencies of the coarser spectrum.
+    """
+    n = len(coarse.frequency)
+    scale = np.maximum(fine.acceleration[:, :n], np.finfo(float).tiny)
+    change = np.abs(fine.acceleration[:, :n] - coarse.acceleration) / scale / (ratio - 1.0)
+    octaves = np.log2(fine.frequency[:n])
+    near = np.abs(octaves[:, None] - octaves) <= 0.5 + 1e-9
+    error = np.full(fine.acceleration.shape, np.nan)
+    for i in range(n):
+        error[:, i] = change[:, near[i]].max(axis=1)
+    return error
+
+
+def as_csv(spectra: Sequence[tuple[str, ShockSpectrum]]) -> str:
+    """Spectra of sensors on the same frequencies as comma-separated values, one row a frequency."""
+    axes, kinds = "xyz", {"acceleration": "m s-2", "pseudo_velocity": "m s-1"}
+    head = ["frequency [Hz]"]
+    columns = [spectra[0][1].frequency]
+    for name, spectrum in spectra:
+        for kind, unit in kinds.items():
+            values = getattr(spectrum, kind)
+            for r, response in enumerate(RESPONSES):
+                head += [f"{name} {response} {kind} {axis} [{unit}]" for axis in axes]
+                columns += list(values[r].T)
+    rows = [",".join(f"{value:.9g}" for value in row) for row in np.stack(columns, axis=1)]
+    return "\n".join([",".join(head), *rows]) + "\n"
+
+
+def spectra_figure(spectra: Mapping[str, tuple[ShockSpectrum, Array | None]], along: str | None = None) -> Figure:
+    """Spectra of sensors, one row each: absolute acceleration and pseudo-velocity, with the estimated error as a band.
+
+    Parameters
+    ----------
+    spectra : by sensor, with the relative error (3, n, 3) or None. along : x, y or z; the axis of the largest
+        acceleration where None.
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7.6, 3.3 * len(spectra)), layout="constrained")
+    rows = figure.subplots(len(spectra), 2, squeeze=False)
+    for (name, (spectrum, error)), panels in zip(spectra.items(), rows, strict=True):
+        largest = spectrum.acceleration[0].max(axis=0)
+        axis = int(np.argmax(largest)) if along is None else "xyz".index(along)
+        kinds = (("absolute acceleration (m/s²)", "acceleration"), ("pseudo-velocity (m/s)", "pseudo_velocity"))
+        for panel, (label, kind) in zip(panels, kinds, strict=True):
+            values = getattr(spectrum, kind)[:, :, axis]
+            _draw(panel, spectrum.frequency, values, None if error is None else error[0, :, axis])
+            title = f"{name}, along {'xyz'[axis]}, Q = {spectrum.quality:g}"
+            panel.set(title=title, xlabel="natural frequency (Hz)", ylabel=label)
+        panels[0].legend(fontsize="small")
+    return figure
+
+
+def _draw(panel: Axes, frequency: Array, values: Array, error: Array | None) -> None:
+    """Maximax, primary and residual (3, n) on logarithmic axes, told apart by line and grey as well as by colour."""
+    styles = (("maximax", "#000000", "-", 2.2), ("primary", "#56B4E9", "--", 1.3), ("residual", "#D55E00", ":", 1.8))
+    top = max(float(values[0].max(initial=0.0)), 1e-300)
+    if error is not None:
+        low, high = values[0] / (1 + error), values[0] * (1 + error)
+        panel.fill_between(frequency, low, high, color="0.82", linewidth=0, label="estimated error of maximax")
+    for row, (label, colour, line, width) in zip(values, styles, strict=True):
+        panel.plot(frequency, np.maximum(row, 1e-12 * top), line, color=colour, linewidth=width, label=label)
+    lowest = float(values[0].min(initial=top))
+    panel.set(xscale="log", yscale="log", ylim=(max(0.3 * lowest, 1e-5 * top), 3.0 * top))
+    panel.grid(which="major", color="0.75", linewidth=0.6)
+    panel.grid(which="minor", color="0.9", linewidth=0.4)

@@ -1,0 +1,195 @@
+"""Table [sensor], by name: where motions are kept, filtered, and turned into shock response spectra."""
+
+import math
+from collections.abc import Iterable, Iterator
+from typing import Annotated, Any, Final, Literal, Self
+
+from pydantic import Field, model_validator
+
+from ..errors import Problem, shown
+from .fields import Count, Face, Name, Real, Table, Vector, about, by_type, refusal, split_face
+from .raw_scene import RawTable, face_problems, given, named_tables, number, single_table, unknown_name
+
+CFC_RATE: Final = 10.0
+"""Least sampling rate of SAE J211-1 over the number of the channel frequency class, in Hz."""
+MAX_FREQUENCIES: Final = 10_000
+
+
+class ChannelClass(Table):
+    """Channel frequency class of SAE J211-1 (ISO 6487): Butterworth with two poles, run forwards and backwards, so that
+    the phase stays."""
+
+    type: Literal["cfc"] = "cfc"
+    channel_class: Annotated[Literal[60, 180, 600, 1000], about("number of the class")]
+
+    @property
+    def cutoff(self) -> float:
+        """Cut-off of one pass (-3 dB), Hz: 2.0775 times the class, of which both passes make 1.65 (about)."""
+        return 2.0775 * self.channel_class
+
+    @property
+    def label(self) -> str:
+        """Name for attributes and figures."""
+        return f"SAE J211 CFC {self.channel_class}, phaseless"
+
+
+class LowPass(Table):
+    """Butterworth low pass; forwards and backwards (`phaseless`) its order counts twice, and the cut-off is that of
+    both passes."""
+
+    type: Literal["low_pass"] = "low_pass"
+    cutoff: Annotated[Real, about("frequency at which half of the power is left (-3 dB)", "Hz", gt=0)]
+    order: Annotated[Count, about("poles of one pass", "1", ge=1, le=10)] = 4
+    phaseless: Annotated[bool, Field(strict=True), about("forwards and backwards, so that the phase stays")] = True
+
+    @property
+    def label(self) -> str:
+        """Name for attributes and figures."""
+        return f"Butterworth low pass {self.cutoff:g} Hz, order {self.order}{', phaseless' * self.phaseless}"
+
+
+_Filter = ChannelClass | LowPass
+Filter = Annotated[Annotated[_Filter, Field(discriminator="type")], by_type(_Filter, "cfc")]
+
+
+class Spectrum(Table):
+    """Shock response spectrum of the acceleration of a sensor: largest response of oscillators on it."""
+
+    lowest: Annotated[
+        Real | None, about("first frequency; one over the duration of the run where left out", "Hz", gt=0)
+    ] = None
+    highest: Annotated[
+        Real | None, about("last frequency; a tenth of the sampling rate of the run where left out", "Hz", gt=0)
+    ] = None
+    per_octave: Annotated[Count, about("frequencies per octave", "1", ge=1, le=96)] = 12
+    quality: Annotated[Real, about("amplification Q = 1 / (2 damping ratio) of the oscillators", "1", gt=0.5)] = 10.0
+
+    @model_validator(mode="after")
+    def _check_range(self) -> Self:
+        if self.lowest is not None and self.highest is not None and self.lowest >= self.highest:
+            raise refusal("the last frequency must be above the first", value=[self.lowest, self.highest])
+        return self
+
+    def frequencies(self, step: float, duration: float) -> tuple[float, ...]:
+        """Frequencies of the spectrum of a run, Hz, spaced by equal ratios, up to Nyquist's at most; ``step`` and
+        ``duration`` of the run, s."""
+        first = 1.0 / duration if self.lowest is None else self.lowest
+        last = 0.1 / step if self.highest is None else self.highest
+        last = min(last, nyquist(step))
+        count = math.floor(self.per_octave * math.log2(last / first) * (1 + 1e-9) + 1e-9) if last > first else -1
+        return tuple(first * 2.0 ** (i / self.per_octave) for i in range(min(count + 1, MAX_FREQUENCIES)))
+
+
+class Sensor(Table):
+    """Displacement, velocity and acceleration of a point of a substructure, or their mean over a face.
+
+    It has exactly one of `point`, with `substructure`, and `face`.
+    """
+
+    substructure: Annotated[Name | None, about("name of a [substructure.NAME] table, with `point`")] = None
+    point: Annotated[Vector | None, about("where to measure, in or on the body, before any motion", "m")] = None
+    face: Annotated[Face | None, about('face whose mean by area is measured, "substructure.face"')] = None
+    filter: Annotated[Filter | None, about("low pass; the results keep the unfiltered motion, too")] = None
+    spectrum: Annotated[Spectrum | None, about("shock response spectrum in the results ({}: with its defaults)")] = None
+
+    @property
+    def body(self) -> str:
+        """Substructure that the sensor is on."""
+        return split_face(self.face)[0] if self.face is not None else str(self.substructure)
+
+
+def nyquist(step: float) -> float:
+    """Nyquist frequency of instants ``step`` apart (s), Hz."""
+    return 0.5 / step
+
+
+def beyond_nyquist(where: str, what: str, frequency: float, step: float) -> Problem:
+    """The problem of a frequency, Hz, that instants ``step`` apart (s) cannot hold."""
+    return Problem(
+        where,
+        f"{what} lies beyond the Nyquist frequency of the run, 1 / (2 step) = {nyquist(step):.4g} Hz",
+        f"{frequency:g} Hz",
+        f"at most {nyquist(step):.4g} Hz",
+        f"a time step of at most {0.5 / frequency:.4g} s would do (it is {step:.4g} s)",
+    )
+
+
+def spectrum_problems(where: str, frequencies: Iterable[float], step: float) -> Iterator[Problem]:
+    """What is wrong with frequencies, Hz, of a spectrum of a run with this step, s."""
+    largest = max(frequencies, default=0.0)
+    if largest > nyquist(step) * (1 + 1e-9):
+        yield beyond_nyquist(where, "a frequency of the spectrum", largest, step)
+
+
+def filter_problems(where: str, chosen: ChannelClass | LowPass, step: float, duration: float) -> Iterator[Problem]:
+    """What is wrong with a filter on a run with this step and duration, s."""
+    if chosen.cutoff >= nyquist(step):
+        yield beyond_nyquist(where, f"the cut-off of {chosen.label}", chosen.cutoff, step)
+    elif isinstance(chosen, ChannelClass) and CFC_RATE * chosen.channel_class * step > 1 + 1e-9:
+        least = CFC_RATE * chosen.channel_class
+        yield Problem(
+            where,
+            f"SAE J211 asks for at least {least:g} samples a second for CFC {chosen.channel_class}",
+            f"{1 / step:.4g} samples a second",
+            None,
+            f"a time step of at most {1 / least:.4g} s would do (it is {step:.4g} s)",
+        )
+    elif duration * chosen.cutoff < 1:
+        yield Problem(
+            where,
+            f"the run is shorter than one period of the cut-off of {chosen.label} ({1 / chosen.cutoff:.4g} s)",
+            f"{duration:.4g} s",
+            None,
+            "a higher cut-off or class, or a longer run",
+        )
+
+
+def sensor_problems(raw: Any) -> Iterator[Problem]:
+    """Problems of the sensors of a scene as written, with other tables too."""
+    substructures, time = named_tables(raw, "substructure"), single_table(raw, "time")
+    for name, table in named_tables(raw, "sensor").items():
+        where, body = f"sensor.{name}", table.get("substructure")
+        if given(table, "point") == given(table, "face"):
+            what = (
+                "both 'point' and 'face' are given" if given(table, "face") else "neither 'point' nor 'face' is given"
+            )
+            yield Problem(where, what, None, "exactly one of 'point' and 'face'")
+        if given(table, "point") and not given(table, "substructure"):
+            allowed = "name of a [substructure.NAME] table"
+            yield Problem(f"{where}.substructure", "a point needs its body", None, allowed)
+        if given(table, "face") and given(table, "substructure"):
+            yield Problem(f"{where}.substructure", "the face names the body already", shown(body), None, "remove it")
+        if isinstance(table.get("face"), str):
+            yield from face_problems(raw, f"{where}.face", table["face"])
+        if substructures and isinstance(body, str) and body not in substructures:
+            yield unknown_name(f"{where}.substructure", "substructure", body, substructures)
+        yield from _processing_problems(where, table, time)
+
+
+def _processing_problems(where: str, table: RawTable, time: RawTable) -> Iterator[Problem]:
+    """Problems of the filter and the spectrum with the instants of the run."""
+    if time.get("quasi_static") is True:
+        for key in ("filter", "spectrum"):
+            if given(table, key):
+                what = "a quasi-static run has no acceleration, and its time is no time"
+                yield Problem(f"{where}.{key}", what, None, None, "remove it, or leave quasi_static out")
+        return
+    end, step, instants = number(time, "end"), number(time, "step"), number(time, "instants")
+    step = end / instants if end is not None and step is None and instants is not None and instants > 0 else step
+    if end is None or step is None or not 0 < step <= end:
+        return
+    spectrum = table.get("spectrum")
+    if isinstance(spectrum, dict):
+        asked = [number(spectrum, key) for key in ("lowest", "highest")]
+        yield from spectrum_problems(f"{where}.spectrum", [f for f in asked if f is not None], step)
+    if isinstance(table.get("filter"), dict) and (chosen := _filter(table["filter"])) is not None:
+        yield from filter_problems(f"{where}.filter", chosen, step, end)
+
+
+def _filter(table: RawTable) -> ChannelClass | LowPass | None:
+    """The filter that a table writes; None where it is wrong by itself."""
+    kind = ChannelClass if table.get("type", "cfc") == "cfc" else LowPass
+    try:
+        return kind.model_validate(table)
+    except ValueError:
+        return None
