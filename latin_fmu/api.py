@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Mapping
+from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -22,6 +23,7 @@ from .latin.status import drift_remarks
 from .latin.windows import Run
 from .machine import one_thread, peak_memory
 from .propagator.base import accuracy_remarks
+from .results.checkpoint import Checkpoint, scene_digest
 from .results.solution import Solution
 from .scene.schema import Scene
 
@@ -84,6 +86,7 @@ def solve(
     observer: Observer | None = None,
     progress: ProgressSink | None = None,
     behaviours: Mapping[str, Behaviour] | None = None,
+    checkpoint: Checkpoint | None = None,
 ) -> Solution:
     """Solve a scene.
 
@@ -94,10 +97,12 @@ def solve(
     progress : called with the progress of the run.
     behaviours : laws of the caller's own (``interface.behaviour``), by interface, in the place of those that the scene
         names; they are called from Python, point by point in NumPy (``examples/own_law.py``).
+    checkpoint : writes checkpoints, and continues from one; the run gives the same bits as an uninterrupted one.
 
     Raises
     ------
     SceneError : the scene cannot be built. A run that does not converge is no error: see ``Solution.converged``.
+    SolverError : the checkpoint is damaged, or of another scene, version or machine.
     """
     wall = clock.perf_counter()
     timings = Timings()
@@ -106,7 +111,8 @@ def solve(
         discretised = discretise(scene, behaviours)
         problem = solver_ready(discretised, {})
     timings.setup = clock.process_time() - start
-    outcome = run(problem, timings, observer, progress, wall)
+    digest = "" if checkpoint is None else scene_digest(scene, behaviours or ())
+    outcome = run(problem, timings, observer, progress, wall, checkpoint, digest)
     if outcome.converged:
         timings.predicted = Prediction(discretised).march
     return Solution(outcome, scene.text(), scene.name, recovered=problem.recovered, sensor_tables=scene.sensor)
@@ -118,8 +124,13 @@ def run(
     observer: Observer | None = None,
     progress: ProgressSink | None = None,
     wall_start: float | None = None,
+    checkpoint: Checkpoint | None = None,
+    digest: str = "",
 ) -> Outcome:
-    """Run a solver-ready problem over its whole interval (once: its assembly keeps the final state)."""
+    """Run a solver-ready problem over its whole interval (once: its assembly keeps the final state).
+
+    ``digest`` : of the scene, for the header of the ``checkpoint``.
+    """
     timings = Timings() if timings is None else timings
     wall = clock.perf_counter() if wall_start is None else wall_start
     assembly = problem.assembly
@@ -138,8 +149,10 @@ def run(
             timings,
             None if observer is None else observe,
             None if progress is None else progress.update,
+            checkpoint,
         )
-        march.all()
+        with nullcontext() if checkpoint is None else checkpoint.of(march, digest):
+            march.all()
     converged, sentence = march.status()
     names = [u.name for u in assembly.interfaces]
     indicator, histories = march.interface_indicator, recorder.interfaces(assembly)
@@ -158,6 +171,7 @@ def run(
         warnings=(*problem.warnings, *drift_remarks(assembly, histories), *accuracy_remarks(assembly.propagators)),
         settings=march.choices() | ({} if problem.start is None else {"start": problem.start.message}),
         sensors=recorder.sensors(assembly),
+        complete=assembly.instant == assembly.n_instant,
     )
     # the march is timed with the wall clock, which costs nothing to read, and has its share of the CPU time
     cpu = clock.process_time() - begin

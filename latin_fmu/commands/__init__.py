@@ -32,11 +32,12 @@ class Signals:
 
     Attributes
     ----------
-    received : number of the signal that came first, 0 before.
+    received : number of the signal that came first, 0 before. noted : whether the first signal is only noted; a second
+        one interrupts.
     """
 
     def __init__(self) -> None:
-        self.received, self._deferred = 0, 0
+        self.received, self.noted = 0, False
 
     @property
     def exit_code(self) -> int:
@@ -57,22 +58,19 @@ class Signals:
                 signal.signal(number, handler)
 
     @contextmanager
-    def deferred(self, interrupt: bool = True) -> Iterator[None]:
-        """Note the first signal, a second one interrupts; ``interrupt``: at the end, too, where one was noted.
-
-        Imports and what has to be ended in order are not torn apart.
-        """
-        self._deferred += 1
+    def deferred(self) -> Iterator[None]:
+        """Interrupt at the end only, e.g. of imports, which must not be torn apart."""
+        self.noted = True
         try:
             yield
         finally:
-            self._deferred -= 1
-        if interrupt and self.received:
+            self.noted = False
+        if self.received:
             raise KeyboardInterrupt
 
     def _handle(self, number: int, _frame: object) -> None:
         first, self.received = not self.received, self.received or number
-        if not (first and self._deferred):
+        if not (first and self.noted):
             raise KeyboardInterrupt
 
 

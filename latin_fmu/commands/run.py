@@ -6,19 +6,22 @@ import argparse
 import gc
 import json
 import math
+import re
 import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, Final, TextIO
 
 from ..errors import InputError, Problem, SolverError
-from . import CONVERGED, NOT_CONVERGED, AddParser, add_scene, declare, read_scene
+from . import CONVERGED, NOT_CONVERGED, AddParser, Signals, add_scene, declare, read_scene
 
 if TYPE_CHECKING:
     from ..accuracy.adaptive_resolution import Choice
+    from ..results.checkpoint import Checkpoint
     from ..results.solution import Solution
     from ..scene.schema import Scene
 
@@ -27,10 +30,12 @@ examples:
   latin-fmu run scene.toml
   latin-fmu run scene.toml -o out.nc --set solver.tolerance=1e-4 --set output.fields=true --vtk for_paraview
   latin-fmu run scene.toml --json > report.json
+  latin-fmu run scene.toml -o out.nc --checkpoint 10min --resume
   latin-fmu run scene.toml --accuracy 1% --set accuracy.quantity=crush.first_contact
 
 Named items are addressed by name: --set load.press.pressure=100e6
 """
+_UNITS: Final = MappingProxyType({"s": 1.0, "min": 60.0, "h": 3600.0})
 _EVERY_ON_TERMINAL, _EVERY_IN_LOG = 0.1, 3.0  # seconds between two lines of progress
 
 
@@ -49,6 +54,16 @@ def register(add: AddParser) -> None:
     parser.add_argument("--quiet", action="store_true", help="no progress and no summary")
     parser.add_argument("--vtk", metavar="FOLDER", type=Path, help="also write files for ParaView to this folder")
     parser.add_argument(
+        "--checkpoint",
+        metavar="N",
+        type=interval,
+        help="write a checkpoint every N instants, or every N s, min or h (e.g. 500, 90s, 10min), to OUT.nc.checkpoint "
+        "and OUT.nc.checkpoint.histories; SIGINT and SIGTERM leave one in any case",
+    )
+    parser.add_argument(
+        "--resume", action="store_true", help="continue from the checkpoint, where there is one, to the same bits"
+    )
+    parser.add_argument(
         "--no-estimate", action="store_true", help="no estimate of the error (accuracy.estimate = false)"
     )
     parser.add_argument(
@@ -66,6 +81,22 @@ def register(add: AddParser) -> None:
     )
 
 
+def interval(text: str) -> tuple[int | None, float | None]:
+    """Instants, or seconds, between two checkpoints.
+
+    >>> interval("500"), interval("1.5min")
+    ((500, None), (None, 90.0))
+
+    Raises
+    ------
+    argparse.ArgumentTypeError : neither.
+    """
+    match = re.fullmatch(r"(\d+|\d*\.\d+) ?(|s|min|h)", text.strip())
+    if match is None or float(match[1]) <= 0.0 or (not match[2] and "." in match[1]):
+        raise argparse.ArgumentTypeError(f"{text!r} is no number of instants and no time; for example 500, 90s, 10min")
+    return (None, float(match[1]) * _UNITS[match[2]]) if match[2] else (int(match[1]), None)
+
+
 def _run(arguments: argparse.Namespace) -> int:
     with arguments.signals.deferred(), _lean_imports():
         from ..accuracy import estimate  # noqa: F401, loads the solver, too
@@ -79,20 +110,28 @@ def _run(arguments: argparse.Namespace) -> int:
 
         check_export_folder(arguments.vtk)
     wanted = _target(scene, arguments)
+    checkpoint = _checkpoint(Path(f"{target}.checkpoint"), arguments, wanted is not None)
     choice = None if wanted is None else _chosen(scene, wanted, arguments)
     if choice is None:
-        solution = _estimated(scene, _solve(scene, arguments.quiet), arguments)
+        solution = _estimated(scene, _solve(scene, arguments, checkpoint), arguments)
     elif choice.solution is None:
         raise SolverError(choice.sentence)
     else:
         solution = choice.solution
     written = [] if choice is None else [choice.sentence]
+    arguments.signals.noted = True
     lost = _write(solution, target, arguments.vtk, written)
+    if solution.complete and not lost:
+        checkpoint.remove()
+    elif checkpoint.path.exists():
+        written.append(f"checkpoint: {checkpoint.path} (continue with --resume)")
     _show(solution, arguments, written, choice)  # a full disk must not cost the numbers as well
     if lost:
         from ..results.writing import UnwrittenError
 
         raise UnwrittenError(lost, "cannot write the results")
+    if arguments.signals.received:
+        return int(arguments.signals.exit_code)
     good = solution.converged and (choice is None or choice.reached)
     return CONVERGED if good else NOT_CONVERGED
 
@@ -164,16 +203,40 @@ def _chosen(scene: Scene, wanted: float, arguments: argparse.Namespace) -> Choic
     return choose(scene, wanted, arguments.max_cpu, log)
 
 
-def _solve(scene: Scene, quiet: bool) -> Solution:
+def _checkpoint(path: Path, arguments: argparse.Namespace, searched: bool) -> Checkpoint:
+    """The checkpoint of the run; ``searched``: the settings are, by many runs, of which none can be continued."""
+    from ..results.checkpoint import Checkpoint
+
+    signals: Signals = arguments.signals
+    every, seconds = arguments.checkpoint or (None, None)
+    if searched and (arguments.checkpoint is not None or arguments.resume):
+        what, remedy = "the search for an accuracy has no checkpoints", "run with the settings that it chose"
+        raise InputError([Problem("--checkpoint", what, remedy=remedy)], "the options contradict each other")
+
+    class Interruptible(Checkpoint):
+        """From the start of the march on, signals stop the run between two windows."""
+
+        def begin(self, run: Any, digest: str) -> None:
+            super().begin(run, digest)
+            signals.noted = True
+
+    return Interruptible(path, every, seconds, arguments.resume, lambda: signals.received != 0, _log)
+
+
+def _log(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)
+
+
+def _solve(scene: Scene, arguments: argparse.Namespace, checkpoint: Checkpoint) -> Solution:
     from .. import api
 
-    if quiet:
-        return api.solve(scene)
-    progress = Progress(sys.stderr, scene.solver.tolerance)
+    progress = None if arguments.quiet else Progress(sys.stderr, scene.solver.tolerance)
     try:
-        return api.solve(scene, progress=progress)
+        return api.solve(scene, progress=progress, checkpoint=checkpoint)
     finally:
-        progress.close()
+        arguments.signals.noted = False
+        if progress is not None:
+            progress.close()
 
 
 def _estimated(scene: Scene, solution: Solution, arguments: argparse.Namespace) -> Solution:
@@ -182,7 +245,10 @@ def _estimated(scene: Scene, solution: Solution, arguments: argparse.Namespace) 
         return solution
     from ..accuracy.estimate import estimate_error
 
-    return replace(solution, estimate=estimate_error(scene, solution))
+    try:
+        return replace(solution, estimate=estimate_error(scene, solution))
+    except KeyboardInterrupt:  # the results are written without it
+        return solution
 
 
 def _show(solution: Solution, arguments: argparse.Namespace, written: list[str], choice: Choice | None) -> None:

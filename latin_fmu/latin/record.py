@@ -198,7 +198,8 @@ class Outcome:
     ``energy`` is the assembly's: keys of ``SubstructureHistory.energy`` summed, plus ``friction_dissipation``,
     ``contact_dissipation`` (impacts), ``ground_work`` where the ground moves, ``layer_energy`` and
     ``joint_dissipation`` where there are elastic layers and viscous joints,
-    and ``balance``; None unless requested. ``warnings`` lists remarks on the scene and the run.
+    and ``balance``; None unless requested. ``warnings`` lists remarks on the scene and the run. ``complete`` : whether
+    the run reached the end of its interval; it does not where it stopped or was interrupted.
     """
 
     time: Array
@@ -215,6 +216,7 @@ class Outcome:
     settings: dict[str, str] = field(default_factory=dict)
     marched: float = float("nan")
     sensors: dict[str, SensorHistory] = field(default_factory=dict)
+    complete: bool = True
 
     @property
     def error_indicator(self) -> float:

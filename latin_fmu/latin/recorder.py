@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -58,7 +59,7 @@ class Recorder:
         n_time, layout = len(assembly.time), assembly.layout
         self.f_hat = np.zeros((n_time, layout.n_flat))
         self.w_hat = np.zeros((n_time, layout.n_flat))
-        self._gaps = [np.zeros((n_time, g.n_point)) if g.behaviour.opens else None for g in layout.groups]
+        self._gaps = {g: np.zeros((n_time, x.n_point)) for g, x in enumerate(layout.groups) if x.behaviour.opens}
         # Frictionless interfaces have no tangential unknowns: their tangential velocities come from the substructures.
         self._slide = {
             i: np.zeros((n_time, 2, u.geometry.n_point, 3))
@@ -68,7 +69,7 @@ class Recorder:
         self._places = {name: (c, m) for c, p in enumerate(assembly.propagators) for m, name in enumerate(p.names)}
         self._fields: dict[str, dict[str, list[Array]]] = {name: {} for name in self._places}
         self._field_times: list[float] = []
-        self._energy: list[list[Array]] = [[] for _ in assembly.propagators]  # (n, terms, n_member) each
+        self._energy = [np.zeros((n_time * request.energy, len(TERMS), len(p.members))) for p in assembly.propagators]
         self._motions = {name: np.zeros((n_time, 3, 3)) for name in request.sensors}
         self.n_kept = 0
         """Instants kept so far, t = 0 included."""
@@ -90,9 +91,9 @@ class Recorder:
         self.w_hat[now] = image.field("history_w", image.rows, image.n_flat)[rows]
         gaps = image.field("history_gap", image.rows, int(image.run[0]["n_point"]))[rows]
         at = 0
-        for group, gap in zip(assembly.layout.groups, self._gaps, strict=True):
-            if gap is not None:
-                gap[now] = gaps[:, at : at + group.n_point]
+        for g, group in enumerate(assembly.layout.groups):
+            if g in self._gaps:
+                self._gaps[g][now] = gaps[:, at : at + group.n_point]
             at += group.n_point
         if self._slide:
             probed = [image.output(c, "probed", "n_probe")[rows] for c in range(len(self._energy))]
@@ -101,7 +102,7 @@ class Recorder:
         self._probes = probes
         if self._request.energy:
             for c, kept in enumerate(self._energy):
-                kept.append(image.output(c, "energies", len(TERMS))[rows].copy())
+                kept[now] = image.output(c, "energies", len(TERMS))[rows]
         self.n_kept += n
         if self._stores and (self.n_kept - 1) % self._request.every == 0:
             self._keep_fields(assembly)
@@ -125,6 +126,45 @@ class Recorder:
             if self._request.stress and recover is not None:
                 fields.setdefault("stress", []).append(recover(u))
 
+    # -- parts of the histories -------------------------------------------------------------------------------------
+    def _rows(self) -> dict[str, Array]:
+        """What is kept at every instant, time first, by name."""
+        rows = {"f_hat": self.f_hat, "w_hat": self.w_hat}
+        tables: tuple[tuple[str, Mapping[Any, Array]], ...] = (
+            ("gap", self._gaps),
+            ("slide", self._slide),
+            ("motion", self._motions),
+            ("energy", dict(enumerate(self._energy)) if self._request.energy else {}),
+        )
+        return rows | {f"{name} {key}": values for name, table in tables for key, values in table.items()}
+
+    def part(self, first: int, n_fields: int) -> dict[str, Any]:
+        """What has been kept from the instant ``first`` and the stored fields ``n_fields`` on, as plain arrays."""
+        return {
+            "n_kept": self.n_kept,
+            "rows": {name: values[first : self.n_kept] for name, values in self._rows().items()},
+            "times": np.array(self._field_times[n_fields:]),
+            "fields": {
+                name: {key: np.array(values[n_fields:]) for key, values in fields.items()}
+                for name, fields in self._fields.items()
+            },
+        }
+
+    def append(self, part: Mapping[str, Any], first: int) -> None:
+        """Put a ``part`` from the instant ``first`` on behind what has been kept."""
+        self.n_kept = part["n_kept"]
+        for name, values in self._rows().items():
+            values[first : self.n_kept] = part["rows"][name]
+        self._field_times += part["times"].tolist()
+        for name, fields in part["fields"].items():
+            for key, values in fields.items():
+                self._fields[name].setdefault(key, []).extend(values)
+
+    @property
+    def n_fields(self) -> int:
+        """Instants whose fields have been kept."""
+        return len(self._field_times)
+
     # -- histories --------------------------------------------------------------------------------------------
     def interfaces(self, assembly: Assembly) -> dict[str, InterfaceHistory]:
         """Interface histories over the kept instants."""
@@ -132,7 +172,7 @@ class Recorder:
         histories = {}
         for i, unit in enumerate(assembly.interfaces):
             group = layout.group(i)
-            gap = self._gaps[layout.groups.index(group)]
+            gap = self._gaps.get(layout.groups.index(group))
             own_gap = None if gap is None else gap[:n, group.members[i]]
             history = interface_history(assembly, i, self.f_hat[:n], self.w_hat[:n], own_gap, self._slide.get(i))
             histories[unit.name] = replace(history, peak_duration=self._request.peak_duration)
@@ -170,7 +210,7 @@ class Recorder:
     def _energy_terms(self, name: str) -> Array:
         """Terms (n_time, terms) of a substructure, J."""
         c, member = self._places[name]
-        return np.concatenate([part[:, :, member] for part in self._energy[c]])
+        return self._energy[c][: self.n_kept, :, member]
 
     def assembly_energy(self, assembly: Assembly) -> dict[str, Array] | None:
         """Sums over the substructures, dissipation of the interfaces, balance; None unless requested.

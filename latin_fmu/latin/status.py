@@ -2,82 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import overload
+from collections.abc import Mapping
 
 import numpy as np
 
 from ..interface.behaviour import bonds
 from ..interface.contact import coulomb_coefficient
-from .assembly import Array, Assembly, Index
+from .assembly import Array, Assembly
 from .record import InterfaceHistory, WindowRecord
 from .settings import Settings
+from .window_list import WindowList
 
 _DRIFT = 1e-2  # of the largest displacement, reported from there on
 _ROUND_OFF = 1e-9  # of the displacement that the loads can bring
-
-
-class WindowList(Sequence[WindowRecord]):
-    """Records of windows in order.
-
-    The compiled driver leaves tables of numbers for hundreds of windows (``keep``); their records are made when they
-    are read.
-    """
-
-    def __init__(self) -> None:
-        self._records: list[WindowRecord | tuple[int, int, Array, Array]] = []
-
-    def append(self, record: WindowRecord) -> None:
-        """Add the record of a window."""
-        self._records.append(record)
-
-    def keep(self, first: int, counts: Index, errors: Array, residuals: Array) -> None:
-        """Add converged windows of one instant, from the instant ``first`` on.
-
-        Parameters
-        ----------
-        counts : (n,) iterations. errors, residuals : (n, most) indicators and force residuals after each of them,
-            copied.
-        """
-        most = int(counts.max(initial=0))
-        errors, residuals = errors[:, :most].copy(), residuals[:, :most].copy()
-        self._records += zip(range(first, first + len(counts)), counts.tolist(), errors, residuals, strict=True)
-
-    def cut(self, length: int) -> list[WindowRecord]:
-        """Remove and return the windows beyond the first ``length``."""
-        removed = self[length:]
-        del self._records[length:]
-        return removed
-
-    def failed(self) -> list[WindowRecord]:
-        """Windows that did not converge."""
-        return [r for r in self._records if isinstance(r, WindowRecord) and not r.converged]
-
-    def with_fallbacks(self) -> int:
-        """Number of windows that needed a fall-back."""
-        return sum(isinstance(r, WindowRecord) and bool(r.fallbacks) for r in self._records)
-
-    def most_iterations(self) -> int:
-        """Largest number of iterations of a window."""
-        counts = [r.iterations if isinstance(r, WindowRecord) else r[1] for r in self._records]
-        return max(counts, default=0)
-
-    def __len__(self) -> int:
-        return len(self._records)
-
-    @overload
-    def __getitem__(self, at: int) -> WindowRecord: ...
-    @overload
-    def __getitem__(self, at: slice) -> list[WindowRecord]: ...
-    def __getitem__(self, at: int | slice) -> WindowRecord | list[WindowRecord]:
-        if isinstance(at, slice):
-            return [self[i] for i in range(*at.indices(len(self._records)))]
-        record = self._records[at]
-        if not isinstance(record, WindowRecord):
-            instant, count, errors, residuals = record
-            curves = errors[:count].tolist(), residuals[:count].tolist()
-            record = self._records[at] = WindowRecord(instant, instant, *curves, [], True, count - 1)
-        return record
 
 
 def status(

@@ -12,46 +12,59 @@ run the same functions in the same order on the same numbers.
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
+from typing import Protocol
 
 import numpy as np
 
 from ..kernels import entries
 from .assembly import Array, Assembly
-from .initial_conditions import initial_conditions
 from .instant_solve import PerfectInterfaceSolve, all_perfect
-from .probes import Probes
 from .record import Timings, WindowRecord
 from .recorder import Recorder
-from .run_image import Stages, Threads, all_in_kernels, histories, make_image, negligible_scales
-from .search_direction import Direction
+from .run_image import Stages, all_in_kernels
+from .run_state import ONE, SAMPLED, RunState
 from .settings import Settings
 from .solver import FROM_REST, SOFTENED, Observer, WindowSolver, softened_start
-from .status import WindowList, status
 
 # Stop the run if a window ends with sqrt(eta) above this value.
 HOPELESS = 0.3
 _FIRST = 16  # instants of the first call, whose time sets the number of those of the next calls
 _SECONDS = 0.2  # aimed at per call: progress is shown and interruptions are handled between calls
-_ONE, _LONG = 1, 2  # keys of the search directions in the image: windows of one instant, longer ones
 _RESTORED = ("windows", "interface_indicator", "stopped", "_sequence", "_observer", "_progress")  # after a first guess
 
 Progress = Callable[[int, int, int, float], None]  # windows done, windows, iteration, indicator
 
 
-class Run:
+class Watch(Protocol):
+    """What looks at a run between its windows."""
+
+    def instants(self, run: Run) -> int:
+        """Instants, at least 1, that may be solved until it looks again."""
+
+    def look(self, run: Run) -> bool:
+        """Look at the run between two windows; whether it has to stop."""
+
+    def stops(self) -> bool:
+        """Whether the run has to stop, inside a long window too."""
+
+
+class _StopError(Exception):
+    """Raised inside a long window that is given up."""
+
+
+class Run(RunState):
     """A run of an assembly; ``all`` solves the windows of the present segment, ``advance`` one of them.
 
     Parameters
     ----------
-    assembly, settings : the problem and the rules of its solution. recorder : keeps the accepted fields.
+    assembly, settings, recorder, timings : as for ``RunState``.
     observer : called after each iteration. progress : called after each iteration with window counts.
+    watch : looks at the run between windows.
 
     Attributes
     ----------
-    windows : records of the windows of the segment. interface_indicator : (n_interface,) largest indicator of each.
-    marched, condensed : substructure-instants marched, and solved through the condensed operator, since the start.
-    stopped : whether a window ended so far from a solution that the run cannot continue.
+    interrupted : whether ``watch`` stopped the run.
     """
 
     def __init__(
@@ -62,120 +75,20 @@ class Run:
         timings: Timings,
         observer: Observer | None = None,
         progress: Progress | None = None,
+        watch: Watch | None = None,
     ) -> None:
-        self.assembly, self.settings, self.recorder, self.timings = assembly, settings, recorder, timings
-        self._observer, self._progress = observer, progress
-        self.marched = self.condensed = 0
-        self._clear()
-        traction, velocity = initial_conditions(assembly)
-        self._set_up(traction, velocity, None)
-        self.image.call(entries.OPEN_ACCOUNTS)
-        self._begin_recording()
-
-    def _clear(self) -> None:
-        """Forget the windows of the last segment."""
-        self.windows = WindowList()
-        self.interface_indicator: Array | None = None
-        self.stopped = False
-        self._sequence: list[tuple[Array, Array]] | None = None  # fields of a sequential first guess, not recorded
-
-    # -- the image ----------------------------------------------------------------------------------------------
-    def _set_up(self, traction: Array, velocity: Array, scales: Array | None) -> None:
-        """Image and search directions for the present operators; ``scales``: largest norms met, None at the start."""
-        assembly = self.assembly
-        self._operators = [p.operators for p in assembly.propagators]
-        self._directions: dict[int, Direction] = {}
-        self._direct_bonds = False
-        # where the perfect interfaces are too many, or redundant, for one matrix in the kernels
-        self._bonds: PerfectInterfaceSolve | None = None
-        one = self.direction(1)
-        one.bind()
-        self._probes = Probes(assembly, self.recorder.sliding, self.recorder.places)
-        self.image = make_image(assembly, self.settings, one, self._probes)
-        self.f_hat[:], self.w_hat[:] = traction, velocity
-        self._use(1)
-        self.image.field("scales", 3)[:] = negligible_scales(self.image, one) if scales is None else scales
-        self._threads = Threads([float(r["n_panels"] * r["m"]) for r in self.image.classes], self.settings.threads)
-        self._per_instant, self._refused = 0.0, False
-
-    @property
-    def f_hat(self) -> Array:
-        """Tractions of the last accepted instant (n_flat,), a view, Pa."""
-        return self.image.field("f_hat", self.image.n_flat)
-
-    @property
-    def w_hat(self) -> Array:
-        """Velocities of the last accepted instant (n_flat,), a view, m s-1."""
-        return self.image.field("w_hat", self.image.n_flat)
-
-    def get_state(self) -> dict[str, Array]:
-        """Copies of the fields that the next segment starts from, beside the states of the propagators."""
-        n = self.image.n_flat
-        sizes = {"f_hat": n, "w_hat": n, "scales": 3, "carry": 1}
-        return {name: self.image.field(name, size).copy() for name, size in sizes.items()}
-
-    def set_state(self, fields: Mapping[str, Array]) -> None:
-        """Restore the fields of ``get_state``."""
-        for name, values in fields.items():
-            self.image.field(name, len(values))[:] = values
-
-    def direction(self, n: int) -> Direction:
-        """Search direction for windows of n instants (kept: one for n = 1, one for longer windows)."""
-        key = min(n, _LONG)
-        if key not in self._directions:
-            self._directions[key] = Direction(self.assembly, self.settings, n)
-        return self._directions[key]
-
-    def _use(self, n: int) -> None:
-        """Bind propagators and image to the search direction for windows of n instants."""
-        direction = self.direction(n)
-        direction.bind()
-        self.image.bind(min(n, _LONG), direction.run_fields(), direction.group_fields())
-
-    def begin_segment(self, recorder: Recorder) -> None:
-        """Continue after the assembly has begun a new segment of time."""
-        self.recorder = recorder
-        self._clear()
-        operators = [p.operators for p in self.assembly.propagators]
-        if any(a is not b for a, b in zip(operators, self._operators, strict=True)):
-            f_hat, w_hat = self.f_hat.copy(), self.w_hat.copy()
-            self._set_up(f_hat, w_hat, self.image.field("scales", 3).copy())
-        else:
-            self.image.begin(len(self.assembly.time), histories(self.assembly))
-        self.image.field("worst", len(self.assembly.interfaces))[:] = 0.0
-        self._begin_recording()
-
-    def _begin_recording(self) -> None:
-        """Record the first instant of the segment."""
-        self.image.set({"first_row": 0})
-        self.image.call(entries.READ_START)
-        self.recorder.keep(self.assembly, self.image, self._probes, 1)
-
-    def _record(self, n: int, row: int = 0) -> None:
-        """Record n accepted instants, rows of the image's output from ``row`` on."""
-        if self._sequence is None:
-            self.recorder.keep(self.assembly, self.image, self._probes, n, row)
-        else:
-            f_hat, w_hat = (
-                self.image.field(name, self.image.rows, self.image.n_flat) for name in ("history_f", "history_w")
-            )
-            self._sequence.append((f_hat[row : row + n].copy(), w_hat[row : row + n].copy()))
-
-    def choices(self) -> dict[str, str]:
-        """Automatic choices, in words."""
-        if self._direct_bonds:
-            return {"bonds": "one linear solve per instant"}
-        windows = {_ONE: "windows of one instant", _LONG: "longer windows"}
-        return {f"search direction, {windows[key]}": d.choice for key, d in self._directions.items()}
-
-    def gaps(self) -> list[Array]:
-        """Gaps (n_point,) of each group at the present instant, m."""
-        groups = self.assembly.layout.groups
-        return [self.image.group_field(g, "gap", group.n_point).copy() for g, group in enumerate(groups)]
+        self._observer, self._progress, self._watch = observer, progress, watch
+        self.interrupted = False
+        super().__init__(assembly, settings, recorder, timings)
 
     def status(self) -> tuple[bool, str]:
-        """Whether every window of the segment converged, and a sentence on it."""
-        return status(self.assembly, self.settings, self.windows, self.interface_indicator)
+        """Whether the run is complete and every window converged, and a sentence on it."""
+        converged, sentence = super().status()
+        if not self.interrupted:
+            return converged, sentence
+        instant, end = self.assembly.instant, self.assembly.n_instant
+        time = self.assembly.time[instant]
+        return False, f"interrupted at t = {time:.6g} s (instant {instant} of {end}), until then {sentence}"
 
     # -- windows ------------------------------------------------------------------------------------------------
     def all(self) -> None:
@@ -188,18 +101,30 @@ class Run:
         self._solve(total, length)
 
     def _solve(self, total: int, length: int) -> None:
-        """Solve the next ``total`` instants in windows of ``length``."""
-        count, number = -(-total // length), 0
+        """Solve the instants up to ``total`` in windows of ``length``."""
+        count, number = -(-total // length), len(self.windows)
         compiled = length == 1 and self._observer is None and self._compiles()
-        while number < count and not self.stopped:
+        while number < count and not self.stopped and not self._looked():
             done = self._march(count - number) if compiled else 0
             number += done
             if done and self._progress is not None:
                 last = self.windows[-1]
                 self._progress(number - 1, count, last.iterations, last.final_error)
             if number < count and (not compiled or self._refused):
-                self.advance(min(length, total - number * length), number, count)
+                begun, kept = self.assembly.instant, self.image.state.copy() if length > 1 else None
+                try:
+                    self.advance(min(length, total - number * length), number, count)
+                except _StopError:
+                    self.image.state[:] = kept
+                    self._set_instant(begun)
                 number += 1
+        self._looked()
+
+    def _looked(self) -> bool:
+        """Whether the run has to stop here."""
+        if self._watch is not None and self._sequence is None:
+            self.interrupted = self._watch.look(self)
+        return self.interrupted
 
     def _compiles(self) -> bool:
         """Whether the kernels hold every factor and every law, and the bonds where those are solved directly."""
@@ -214,7 +139,7 @@ class Run:
             self._bonds = bonds
         else:
             fields = {**direction.run_fields(), "direct_bonds": 1, "bonds": operator}
-            self.image.bind(_ONE, fields, direction.group_fields(), afresh=True)
+            self.image.bind(ONE, fields, direction.group_fields(), afresh=True)
 
     # -- the compiled driver --------------------------------------------------------------------------------------
     def _march(self, n: int) -> int:
@@ -222,13 +147,12 @@ class Run:
         fall-back)."""
         image, before, first = self.image, clock.perf_counter(), self.assembly.instant + 1
         longest = max(1, int(_SECONDS / self._per_instant)) if self._per_instant > 0 else _FIRST
-        n = min(n, image.rows, longest, image.rows if self._sequence is not None else self.recorder.until_fields())
+        n = min(n, image.rows, longest, image.rows if self._sequence is not None else self._until(first))
         image.set({"first_row": first})
         done = self._march_together(first, n) if self._threads.several else image.call(entries.MARCH, first, n)
         if done:
-            for propagator in self.assembly.propagators:
-                propagator.instant = first + done - 1
-                propagator.sample()
+            self._set_instant(first + done - 1)
+            self._sample()
             self._record(done)
             most = self.settings.max_iterations
             errors, residuals = (image.field(name, done, most) for name in ("errors", "force_residuals"))
@@ -238,6 +162,11 @@ class Run:
         self._count(before)
         self._per_instant = (clock.perf_counter() - before) / max(done, 1)
         return done
+
+    def _until(self, first: int) -> int:
+        """Instants from ``first`` on that may be solved before something is kept or looked at."""
+        until = min(self.recorder.until_fields(), SAMPLED - (first - 1) % SAMPLED)
+        return until if self._watch is None else min(until, self._watch.instants(self))
 
     def _march_together(self, first: int, n: int) -> int:
         """The same with the substructures on several threads; same functions, same order within a substructure."""
@@ -250,11 +179,6 @@ class Run:
             self._threads.each(lambda c, at=instant: image.call(entries.END_CLASS, c, at))  # type: ignore[misc]
             image.call(entries.END_INSTANT, instant)
         return n
-
-    def _read_indicator(self) -> None:
-        """Copy the largest indicators of the interfaces from the image."""
-        if self.assembly.interfaces:
-            self.interface_indicator = self.image.field("worst", len(self.assembly.interfaces)).copy()
 
     def _count(self, before: float) -> None:
         """Add the work and the time since ``before``."""
@@ -277,6 +201,8 @@ class Run:
         stages = Stages(self.image, self.direction(n), n, first)
 
         def report(iteration: int, error: float) -> None:
+            if n > 1 and self._watch is not None and self._watch.stops():
+                raise _StopError
             if self._progress is not None:
                 self._progress(number, count, iteration, error)
 
@@ -330,8 +256,7 @@ class Run:
             image.call(entries.REWIND)
         image.set({"first_row": first})
         self._march_accepted(stages, lambda i: self._record(1, i))
-        for propagator in self.assembly.propagators:
-            propagator.sample()
+        self._sample()
         self._read_indicator()
 
     def _march_accepted(self, stages: Stages, after: Callable[[int], None]) -> None:
@@ -348,10 +273,6 @@ class Run:
                 image.end_window_instant(first + i, i)
             self._set_instant(first + i)
             after(i)
-
-    def _set_instant(self, instant: int) -> None:
-        for propagator in self.assembly.propagators:
-            propagator.instant = instant
 
     def _trial(self, stages: Stages, after: Callable[[int], None]) -> None:
         """March the linear stage of the last iterate, and restore the state before it."""
@@ -374,9 +295,8 @@ class Run:
                 image.predict(c, instant)
                 image.end(c, instant)
             image.call(entries.END_INSTANT, instant)
-            for propagator in self.assembly.propagators:
-                propagator.instant = instant
-                propagator.sample()
+            self._set_instant(instant)
+            self._sample()
             self._record(1)
         record.error_indicator, record.force_mismatch, record.converged = [0.0], [0.0], True
         self.windows.append(record)

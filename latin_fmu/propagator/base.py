@@ -103,6 +103,7 @@ class Propagator(ABC):
             name: np.zeros((self.n_dof, len(self.members))) for name in ("u", "v", "a", "residual")
         }
         self._account: Array | None = None  # of energies, where a state was set before there is an image
+        self.sampled = np.zeros(2)  # data of ``remarks``
         self._opening: Array | None = None  # tractions with which the account of a march alone opens
         # histories and search direction of the image that holds this class only
         self._alone_since: Any = None
@@ -371,7 +372,7 @@ class Propagator(ABC):
         return model.node_values(model.expansion @ field[:, member] + imposed[:, member])
 
     def sample(self) -> None:  # noqa: B027, most propagators have no remarks
-        """Add the present state to the data of ``remarks``."""
+        """Add the present state to ``sampled``, the data of ``remarks``."""
 
     def remarks(self) -> list[str]:
         """Sentences on the accuracy of the results of this propagator."""

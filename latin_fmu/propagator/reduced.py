@@ -84,7 +84,6 @@ class ReducedPropagator(Propagator):
     ) -> None:
         reduced, self.n_mode = reduced_members(members, n_mode)
         super().__init__(reduced, scheme, dt, energy)
-        self._beyond = self._all = 0.0  # squares of interface velocities, summed over instants
 
     def _build(self, dt: float) -> ReducedOperators:
         model, scheme = self.members[0], self.scheme
@@ -136,14 +135,16 @@ class ReducedPropagator(Propagator):
         """Add the share of what is not a mode in the interface velocity (see the module docstring)."""
         ops, v = self.operators, self.state.v
         first = int((ops.diagonal == 0.0).sum()) + self.n_mode
-        self._beyond += float(np.square(ops.trace[:, first:] @ v[first:]).sum())
-        self._all += float(np.square(ops.trace @ v).sum())
+        # squares of interface velocities, summed over instants: of what is no mode, of all
+        self.sampled[0] += float(np.square(ops.trace[:, first:] @ v[first:]).sum())
+        self.sampled[1] += float(np.square(ops.trace @ v).sum())
 
     def remarks(self) -> list[str]:
         """The error that the reduction brings."""
-        if self._all == 0.0:
+        beyond, every = self.sampled
+        if every == 0.0:
             return []
-        share = float(np.sqrt(self._beyond / self._all))
+        share = float(np.sqrt(beyond / every))
         return [
             f"reduced to {self.n_mode} modes, {', '.join(self.names)}: estimated error of the interface velocities "
             f"{100 * share:.2g} % (root mean square over the run); that of contact forces is smaller"

@@ -294,6 +294,7 @@ def _root_attributes(
         "scene": scene_text,
         "status": outcome.status,
         "converged": np.int8(outcome.converged),
+        "complete": np.int8(outcome.complete),
         "warnings": "\n".join(outcome.warnings),
         "cpu_seconds_set_up": timings.setup,
         "cpu_seconds_march": timings.march,

@@ -57,6 +57,11 @@ class Solution:
         return self.outcome.converged
 
     @property
+    def complete(self) -> bool:
+        """Whether the run reached the end of its interval."""
+        return self.outcome.complete
+
+    @property
     def time(self) -> Array:
         """Instants of the run, (n_time,), s."""
         return self.outcome.time

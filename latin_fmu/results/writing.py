@@ -99,7 +99,9 @@ def check_folder(folder: Path, size: float = 0.0) -> None:
         raise unwritable(folder, what, "free space, choose another folder, or store less (output.every, output.fields)")
 
 
-def write_whole(path: str | Path, write: Write, check: Callable[[str | Path], Path] = check_target) -> Path:
+def write_whole(
+    path: str | Path, write: Write, check: Callable[[str | Path], Path] = check_target, rescue: bool = True
+) -> Path:
     """Write a file, or a folder of files, whole or not at all; the place it was written to, links followed.
 
     ``write`` is called with the path of a draft beside the target, of the same suffix (writers guess formats from it).
@@ -108,6 +110,7 @@ def write_whole(path: str | Path, write: Write, check: Callable[[str | Path], Pa
     Parameters
     ----------
     write : may be called a second time, with a path in the temporary folder. check : of the place.
+    rescue : whether it is; False for what is not worth it.
 
     Raises
     ------
@@ -122,16 +125,16 @@ def write_whole(path: str | Path, write: Write, check: Callable[[str | Path], Pa
         _flush(draft)
         _move(draft, target)
     except (OSError, ResultsError) as error:
-        raise _unwritten(Path(path), error, _rescued(Path(path), write)) from error
+        raise _unwritten(Path(path), error, _rescued(Path(path), write) if rescue else None) from error
     finally:
         if draft is not None:
             _remove(draft)
     return target
 
 
-def write_bytes(path: str | Path, content: bytes) -> Path:
+def write_bytes(path: str | Path, content: bytes, rescue: bool = True) -> Path:
     """Write a file of ``content`` as ``write_whole`` does."""
-    return write_whole(path, lambda draft: draft.write_bytes(content))
+    return write_whole(path, lambda draft: draft.write_bytes(content), rescue=rescue)
 
 
 def _unwritten(target: Path, error: OSError | ResultsError, rescue: Path | None) -> UnwrittenError:
@@ -141,7 +144,7 @@ def _unwritten(target: Path, error: OSError | ResultsError, rescue: Path | None)
     else:
         where, what = str(target), f"writing failed: {error.strerror or error}"
     if rescue is None:
-        remedy = "it could not be written to the temporary folder either; check free space and permissions"
+        remedy = "it was not written to the temporary folder either; check free space and permissions"
     else:
         remedy = f"it was written to {rescue} instead: move it from there"
     return UnwrittenError([Problem(where, what, remedy=remedy)], "cannot write the results")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from latin_fmu.latin.record import WindowRecord
-from latin_fmu.latin.status import WindowList
+from latin_fmu.latin.window_list import WindowList
 
 
 @pytest.fixture
@@ -33,7 +33,7 @@ def test_reads_like_a_list(both: tuple[WindowList, list[WindowRecord]]) -> None:
     assert list(windows) == expected
     assert windows[-2] == expected[-2]
     assert windows[1:4] == expected[1:4]
-    assert windows[2] is windows[2]
+    assert windows[2] == expected[2]
     with pytest.raises(IndexError):
         windows[5]
 
@@ -45,6 +45,17 @@ def test_summaries_look_at_nothing(both: tuple[WindowList, list[WindowRecord]]) 
     assert windows.most_iterations() == 3
     assert WindowList().most_iterations() == 0
     assert not WindowList()
+
+
+def test_parts_come_back(both: tuple[WindowList, list[WindowRecord]]) -> None:
+    windows, expected = both
+    for first in range(6):
+        other = WindowList()
+        for record in expected[:first]:
+            other.append(record)
+        other.extend(windows.part(first))
+        assert repr(list(other)) == repr(expected)  # NaN included
+        assert other.with_fallbacks() == 1
 
 
 def test_cut(both: tuple[WindowList, list[WindowRecord]]) -> None:

@@ -104,7 +104,7 @@ def test_without_a_place_for_the_rescued_file_nothing_is_left(place: Path, tempo
         draft.write_text("half")
         raise OSError(28, "No space left on device")
 
-    with pytest.raises(UnwrittenError, match="not be written to the temporary folder either"):
+    with pytest.raises(UnwrittenError, match="not written to the temporary folder either"):
         write_whole(place / "a.txt", write)
     assert not list(place.iterdir())
     assert not list(temporary.iterdir())

@@ -1,0 +1,184 @@
+"""State of a run between windows: image and search directions, what is recorded, segments of time, snapshots."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from ..kernels import entries
+from .assembly import Array, Assembly
+from .initial_conditions import initial_conditions
+from .instant_solve import PerfectInterfaceSolve
+from .probes import Probes
+from .record import Timings
+from .recorder import Recorder
+from .run_image import Threads, histories, make_image, negligible_scales
+from .search_direction import Direction
+from .settings import Settings
+from .status import status
+from .window_list import WindowList
+
+ONE, LONG = 1, 2  # keys of the search directions in the image: windows of one instant, longer ones
+SAMPLED = 64  # instants between two samples of the states, wherever the calls of the kernels end
+
+
+class RunState:
+    """All that a run holds between two windows.
+
+    Parameters
+    ----------
+    assembly, settings : the problem and the rules of its solution. recorder : keeps the accepted fields.
+
+    Attributes
+    ----------
+    windows : records of the windows of the segment. interface_indicator : (n_interface,) largest indicator of each.
+    marched, condensed : substructure-instants marched, and solved through the condensed operator, since the start.
+    stopped : whether a window ended so far from a solution that the run cannot continue.
+    """
+
+    def __init__(self, assembly: Assembly, settings: Settings, recorder: Recorder, timings: Timings) -> None:
+        self.assembly, self.settings, self.recorder, self.timings = assembly, settings, recorder, timings
+        self.marched = self.condensed = 0
+        self._clear()
+        traction, velocity = initial_conditions(assembly)
+        self._set_up(traction, velocity, None)
+        self.image.call(entries.OPEN_ACCOUNTS)
+        self._begin_recording()
+
+    def _clear(self) -> None:
+        """Forget the windows of the last segment."""
+        self.windows = WindowList()
+        self.interface_indicator: Array | None = None
+        self.stopped = False
+        self._sequence: list[tuple[Array, Array]] | None = None  # fields of a sequential first guess, not recorded
+
+    # -- the image ----------------------------------------------------------------------------------------------
+    def _set_up(self, traction: Array, velocity: Array, scales: Array | None) -> None:
+        """Image and search directions for the present operators; ``scales``: largest norms met, None at the start."""
+        assembly = self.assembly
+        self._operators = [p.operators for p in assembly.propagators]
+        self._directions: dict[int, Direction] = {}
+        self._direct_bonds = False
+        # where the perfect interfaces are too many, or redundant, for one matrix in the kernels
+        self._bonds: PerfectInterfaceSolve | None = None
+        one = self.direction(1)
+        one.bind()
+        self._probes = Probes(assembly, self.recorder.sliding, self.recorder.places)
+        self.image = make_image(assembly, self.settings, one, self._probes)
+        self.f_hat[:], self.w_hat[:] = traction, velocity
+        self._use(1)
+        self.image.field("scales", 3)[:] = negligible_scales(self.image, one) if scales is None else scales
+        self._threads = Threads([float(r["n_panels"] * r["m"]) for r in self.image.classes], self.settings.threads)
+        self._per_instant, self._refused = 0.0, False
+
+    @property
+    def f_hat(self) -> Array:
+        """Tractions of the last accepted instant (n_flat,), a view, Pa."""
+        return self.image.field("f_hat", self.image.n_flat)
+
+    @property
+    def w_hat(self) -> Array:
+        """Velocities of the last accepted instant (n_flat,), a view, m s-1."""
+        return self.image.field("w_hat", self.image.n_flat)
+
+    def get_state(self) -> dict[str, Array]:
+        """Copies of the fields that the next segment starts from, beside the states of the propagators."""
+        n = self.image.n_flat
+        sizes = {"f_hat": n, "w_hat": n, "scales": 3, "carry": 1}
+        return {name: self.image.field(name, size).copy() for name, size in sizes.items()}
+
+    def set_state(self, fields: Mapping[str, Array]) -> None:
+        """Restore the fields of ``get_state``."""
+        for name, values in fields.items():
+            self.image.field(name, len(values))[:] = values
+
+    def snapshot(self) -> dict[str, Any]:
+        """All that the next window of this segment depends on, beside what has been recorded."""
+        own = {"marched": self.marched, "condensed": self.condensed, "stopped": self.stopped}
+        samples = [p.sampled for p in self.assembly.propagators]
+        return own | {"instant": self.assembly.instant, "state": self.image.state, "samples": samples}
+
+    def restore(self, snapshot: Mapping[str, Any]) -> None:
+        """Return to a ``snapshot``; the caller restores windows and recorder."""
+        for name in ("marched", "condensed", "stopped"):
+            setattr(self, name, snapshot[name])
+        self.image.state[:] = snapshot["state"]
+        self._set_instant(snapshot["instant"])
+        for propagator, sampled in zip(self.assembly.propagators, snapshot["samples"], strict=True):
+            propagator.sampled[:] = sampled
+        if self.windows:
+            self._read_indicator()
+
+    def direction(self, n: int) -> Direction:
+        """Search direction for windows of n instants (kept: one for n = 1, one for longer windows)."""
+        key = min(n, LONG)
+        if key not in self._directions:
+            self._directions[key] = Direction(self.assembly, self.settings, n)
+        return self._directions[key]
+
+    def _use(self, n: int) -> None:
+        """Bind propagators and image to the search direction for windows of n instants."""
+        direction = self.direction(n)
+        direction.bind()
+        self.image.bind(min(n, LONG), direction.run_fields(), direction.group_fields())
+
+    def begin_segment(self, recorder: Recorder) -> None:
+        """Continue after the assembly has begun a new segment of time."""
+        self.recorder = recorder
+        self._clear()
+        operators = [p.operators for p in self.assembly.propagators]
+        if any(a is not b for a, b in zip(operators, self._operators, strict=True)):
+            f_hat, w_hat = self.f_hat.copy(), self.w_hat.copy()
+            self._set_up(f_hat, w_hat, self.image.field("scales", 3).copy())
+        else:
+            self.image.begin(len(self.assembly.time), histories(self.assembly))
+        self.image.field("worst", len(self.assembly.interfaces))[:] = 0.0
+        self._begin_recording()
+
+    def _begin_recording(self) -> None:
+        """Record the first instant of the segment."""
+        self.image.set({"first_row": 0})
+        self.image.call(entries.READ_START)
+        self.recorder.keep(self.assembly, self.image, self._probes, 1)
+
+    def _record(self, n: int, row: int = 0) -> None:
+        """Record n accepted instants, rows of the image's output from ``row`` on."""
+        if self._sequence is None:
+            self.recorder.keep(self.assembly, self.image, self._probes, n, row)
+        else:
+            f_hat, w_hat = (
+                self.image.field(name, self.image.rows, self.image.n_flat) for name in ("history_f", "history_w")
+            )
+            self._sequence.append((f_hat[row : row + n].copy(), w_hat[row : row + n].copy()))
+
+    def choices(self) -> dict[str, str]:
+        """Automatic choices, in words."""
+        if self._direct_bonds:
+            return {"bonds": "one linear solve per instant"}
+        windows = {ONE: "windows of one instant", LONG: "longer windows"}
+        return {f"search direction, {windows[key]}": d.choice for key, d in self._directions.items()}
+
+    def gaps(self) -> list[Array]:
+        """Gaps (n_point,) of each group at the present instant, m."""
+        groups = self.assembly.layout.groups
+        return [self.image.group_field(g, "gap", group.n_point).copy() for g, group in enumerate(groups)]
+
+    def status(self) -> tuple[bool, str]:
+        """Whether every window of the segment converged, and a sentence on it."""
+        return status(self.assembly, self.settings, self.windows, self.interface_indicator)
+
+    def _read_indicator(self) -> None:
+        """Copy the largest indicators of the interfaces from the image."""
+        if self.assembly.interfaces:
+            self.interface_indicator = self.image.field("worst", len(self.assembly.interfaces)).copy()
+
+    def _sample(self) -> None:
+        """Sample the states at fixed instants, however many are solved in one call."""
+        instant = self.assembly.instant
+        if instant % SAMPLED == 0 or instant == self.assembly.n_instant:
+            for propagator in self.assembly.propagators:
+                propagator.sample()
+
+    def _set_instant(self, instant: int) -> None:
+        for propagator in self.assembly.propagators:
+            propagator.instant = instant

@@ -1,0 +1,137 @@
+"""List of the windows of a run: records, or tables of numbers from which they are made."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Mapping, Sequence
+from operator import itemgetter
+from typing import Any, Final, overload
+
+import numpy as np
+
+from .assembly import Array, Index
+from .record import WindowRecord
+
+_CURVES: Final = ("error_indicator", "force_mismatch")
+
+
+class WindowList(Sequence[WindowRecord]):
+    """Records of windows in order.
+
+    The compiled driver leaves tables of numbers for hundreds of windows (``keep``); their records are made when they
+    are read, and not kept.
+    """
+
+    def __init__(self) -> None:
+        self._records: dict[int, WindowRecord] = {}
+        # converged windows of one instant: number of the first, its instant, iterations, indicators, residuals
+        self._tables: list[tuple[int, int, Index, Array, Array]] = []
+        self._n = 0
+
+    def append(self, record: WindowRecord) -> None:
+        """Add the record of a window."""
+        self._records[self._n] = record
+        self._n += 1
+
+    def keep(self, first: int, counts: Index, errors: Array, residuals: Array) -> None:
+        """Add converged windows of one instant, from the instant ``first`` on.
+
+        Parameters
+        ----------
+        counts : (n,) iterations. errors, residuals : (n, most) indicators and force residuals after each of them,
+            copied.
+        """
+        most = int(counts.max(initial=0))
+        self._tables.append((self._n, first, counts.copy(), errors[:, :most].copy(), residuals[:, :most].copy()))
+        self._n += len(counts)
+
+    def cut(self, length: int) -> list[WindowRecord]:
+        """Remove and return the windows beyond the first ``length``."""
+        removed = self[length:]
+        self._records = {at: record for at, record in self._records.items() if at < length}
+        self._tables = [
+            (at, first, *(column[: length - at] for column in columns))  # type: ignore[misc]
+            for at, first, *columns in self._tables
+            if at < length
+        ]
+        self._n = min(self._n, length)
+        return removed
+
+    def failed(self) -> list[WindowRecord]:
+        """Windows that did not converge."""
+        return [record for record in self._records.values() if not record.converged]
+
+    def with_fallbacks(self) -> int:
+        """Number of windows that needed a fall-back."""
+        return sum(bool(record.fallbacks) for record in self._records.values())
+
+    def most_iterations(self) -> int:
+        """Largest number of iterations of a window."""
+        counts = [record.iterations for record in self._records.values()]
+        return max(*counts, *(int(table[2].max(initial=0)) for table in self._tables), 0, 0)
+
+    def part(self, first: int) -> dict[str, Any]:
+        """The windows from number ``first`` on as plain arrays, for ``extend``."""
+        records = self[first:]
+        curves = [np.array([x for r in records for x in getattr(r, name)]) for name in _CURVES]
+        return {
+            "numbers": np.array(
+                [(r.first_instant, r.last_instant, r.converged, r.accepted, r.iterations) for r in records],
+                dtype=np.int64,
+            ).reshape(-1, 5),
+            **dict(zip(_CURVES, curves, strict=True)),
+            "fallbacks": {str(i): list(r.fallbacks) for i, r in enumerate(records) if r.fallbacks},
+        }
+
+    def extend(self, part: Mapping[str, Any]) -> None:
+        """Add the windows of a ``part``."""
+        numbers = part["numbers"]
+        ends = np.cumsum(numbers[:, 4])[:-1]
+        curves = [np.split(part[name], ends) if len(numbers) else [] for name in _CURVES]
+        fallbacks, at = part["fallbacks"], 0
+        while at < len(numbers):
+            n = _plain(numbers[at:], fallbacks, at)
+            if n:
+                counts = numbers[at : at + n, 4]
+                self.keep(int(numbers[at, 0]), counts, *(_padded(curve[at : at + n], counts) for curve in curves))
+            else:
+                first, last, done, accepted, _ = numbers[at].tolist()
+                errors, residuals = (curve[at].tolist() for curve in curves)
+                used = list(fallbacks.get(str(at), []))
+                self.append(WindowRecord(first, last, errors, residuals, used, bool(done), accepted))
+            at += max(n, 1)
+
+    def __len__(self) -> int:
+        return self._n
+
+    @overload
+    def __getitem__(self, at: int) -> WindowRecord: ...
+    @overload
+    def __getitem__(self, at: slice) -> list[WindowRecord]: ...
+    def __getitem__(self, at: int | slice) -> WindowRecord | list[WindowRecord]:
+        if isinstance(at, slice):
+            return [self[i] for i in range(*at.indices(self._n))]
+        at = range(self._n)[at]
+        if at in self._records:
+            return self._records[at]
+        start, first, counts, errors, residuals = self._tables[bisect_right(self._tables, at, key=itemgetter(0)) - 1]
+        row, instant, count = at - start, first + at - start, int(counts[at - start])
+        curves = errors[row, :count].tolist(), residuals[row, :count].tolist()
+        return WindowRecord(instant, instant, *curves, [], True, count - 1)
+
+
+def _plain(numbers: Index, fallbacks: Mapping[str, Any], at: int) -> int:
+    """Number of windows at the start of ``numbers`` that are successive instants, converged without fall-back; ``at``:
+    number of the first one among the keys of ``fallbacks``."""
+    first, last, converged, accepted, counts = numbers.T
+    plain = (first == last) & (converged == 1) & (accepted == counts - 1) & (first == first[0] + np.arange(len(first)))
+    plain &= [str(at + i) not in fallbacks for i in range(len(first))]
+    return len(plain) if plain.all() else int(np.argmin(plain))
+
+
+def _padded(curves: Sequence[Array], counts: Index) -> Array:
+    """Curves of different lengths as rows of a table."""
+    table = np.full((len(curves), int(counts.max(initial=0))), np.nan)
+    for row, curve in zip(table, curves, strict=True):
+        row[: len(curve)] = curve
+    return table
