@@ -10,6 +10,11 @@ The indicator alone weights shear and the soft side of a contrast too little. A 
 indicator and the force residual are within tolerance. The force residual is the norm sqrt(f . C f) of the nodal forces
 f of F - F_hat, with the admittance C of one instant: the velocity error that these forces would cause. Normal and
 tangential parts are each relative to their own largest value so far.
+
+A motion that starts from an equilibrium with tractions F_0 (static start, preload) may be small against these. Errors
+that are small against F_0 alone are then not small against the motion: they add up from instant to instant, until a
+body at rest vibrates within the tolerance. So the size of the fields counts as min(||s||, a ||s - s_0||), with the
+fields s_0 = (F_0, 0) and a factor a = ``amplified`` that leaves motions of more than a few per cent as they are.
 """
 
 from __future__ import annotations
@@ -35,7 +40,8 @@ def error_indicator(pools: Any, window: int) -> float:
     run, work, direction = pools.run[0], pools.moving, pools.fixed
     n = run.n_flat
     weights, k = direction[run.weights : run.weights + 3 * n], direction[run.k : run.k + n]
-    difference, size = 0.0, 0.0
+    still = pools.fixed[run.still : run.still + n]
+    difference, size, moved = 0.0, 0.0, 0.0
     for i in range(window):
         at = i * n
         q, r = work[run.q + at : run.q + at + n], work[run.r + at : run.r + at + n]
@@ -47,8 +53,11 @@ def error_indicator(pools: Any, window: int) -> float:
             difference += weights[j] * rest * rest
             size += weights[n + j] * (f[j] * f[j] + f_hat[j] * f_hat[j])
             size += weights[2 * n + j] * (w[j] * w[j] + w_hat[j] * w_hat[j])
+            moved += weights[n + j] * ((f[j] - still[j]) ** 2 + (f_hat[j] - still[j]) ** 2)
+            moved += weights[2 * n + j] * (w[j] * w[j] + w_hat[j] * w_hat[j])
     measure, scales = work[run.measure : run.measure + 8], pools.moving[run.scales : run.scales + 3]
-    measure[2] = max(scales[0], size / window)
+    measure[7] = min(1.0, np.sqrt(run.amplified * moved / size)) if size > 0.0 else 1.0
+    measure[2] = max(scales[0], measure[7] ** 2 * size / window)
     measure[0] = np.sqrt(difference / window / measure[2])
     measure[1] = np.nan
     measure[3], measure[4] = scales[1], scales[2]
@@ -74,7 +83,7 @@ def force_residual(pools: Any, window: int) -> float:
                 start += n
                 at += symmetric_size(n, row.plain_response, row.m)
         for part in range(parts):
-            measure[3 + part] = max(measure[3 + part], np.sqrt(max(total[2 * part], 0.0)))
+            measure[3 + part] = max(measure[3 + part], measure[7] * np.sqrt(max(total[2 * part], 0.0)))
         error_n = max(error_n, np.sqrt(max(total[1], 0.0)))
         if parts == 2:
             error_t = max(error_t, np.sqrt(max(total[3], 0.0)))

@@ -220,6 +220,7 @@ RUN_FIELDS: Final[tuple[Field, ...]] = (
     ("direct_bonds", "1 where q follows from the free velocities at once (``bonds``)"),
     ("n_coarse", "unknowns of the coarse problem, 0 where there is none"),
     ("area", "constants (N,): areas, m2"),
+    ("still", "constants (N,): tractions of the equilibrium that the motion starts from, Pa"),
     ("interface", "constants, int64 (N,): number of the interface"),
     ("ground", "constants, int64 (n_ground,): channels of ground"),
     ("k", "direction (N,): search direction, Pa s m-1"),
@@ -324,6 +325,7 @@ RUN_NUMBERS: Final[tuple[Field, ...]] = (
     ("relaxation", "factor on the residual"),
     ("longest_step", "longest step of the acceleration in lengths of the residual"),
     ("rest_traction", "classes at rest stay there up to this traction, Pa; below 0: none does"),
+    ("amplified", "squared factor on fields of the motion, whose product counts where it is below the whole fields"),
     ("reuse", "squared relative change of q up to which a solve is reused; below 0: never"),
 )
 """The run as a whole: the time scheme for the step, and the rules of the iteration."""

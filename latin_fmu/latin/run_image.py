@@ -20,12 +20,28 @@ from ..kernels.laws import LAWS
 from ..propagator.image import Image
 from .assembly import Array, Assembly, Index
 from .probes import Probes
-from .search_direction import Direction
+from .search_direction import FLOOR, Direction
 from .settings import Settings
 
 _LONGEST_STATIC = 20.0  # step of the acceleration without inertia, in lengths of the residual
+_OF_MOTION = 1e-2  # residual over the largest fields of a motion that is small against the equilibrium it starts from
+_AT_REST = 1e-11  # residual over the tractions of that equilibrium below which nothing moves
 REUSE: Final = 1e-2
 """Change of q up to which the previous solve of a substructure is reused, in tolerances."""
+
+
+def still_tractions(assembly: Assembly) -> Array:
+    """Tractions (n_flat,) of the equilibrium that the motion starts from: preloads and a static start; 0 without
+    inertia, Pa."""
+    still = np.zeros(assembly.layout.n_flat)
+    if assembly.quasi_static:
+        return still
+    for group in assembly.layout.groups:
+        block = group.block(still)
+        block[0, :, 0], block[1, :, 0] = -group.preload, group.preload
+    for i, known in assembly.start_tractions.items():
+        still[assembly.layout.channels(i, 0)], still[assembly.layout.channels(i, 1)] = known, -known
+    return still
 
 
 def reuse_bound(settings: Settings) -> float:
@@ -48,6 +64,7 @@ def make_image(assembly: Assembly, settings: Settings, direction: Direction, pro
         "layers": int(any(g.behaviour.elastic for g in layout.groups)),
         "static": int(static),
         "area": layout.area,
+        "still": still_tractions(assembly),
         "interface": layout.interface,
         "ground": ground,
         # without inertia no energy is added where a penetration within the tolerance is pushed out
@@ -57,6 +74,7 @@ def make_image(assembly: Assembly, settings: Settings, direction: Direction, pro
         "direct_bonds": 0,
         **rules(settings),
         "rest_traction": assembly.rest_traction,
+        "amplified": max(1.0, _OF_MOTION / settings.tolerance) ** 2,
     }
     groups = [
         {
@@ -87,19 +105,24 @@ def make_image(assembly: Assembly, settings: Settings, direction: Direction, pro
     )
 
 
-def negligible_scales(image: Image, direction: Direction) -> Array:
+def negligible_scales(image: Image, direction: Direction, tolerance: float) -> Array:
     """Scales (3,) of negligible fields, relative to the largest load: denominator of eta, normal and tangential
-    forces; ``image`` : of windows of one instant, bound to ``direction``."""
+    forces; ``image`` : of windows of one instant, bound to ``direction``.
+
+    A motion that starts from an equilibrium under forces has the loads of that equilibrium among the largest, which
+    say nothing on the size of the motion: there the residual counts down to ``_AT_REST`` of them.
+    """
     image.field("local_f", image.n_flat)[:], image.field("r", image.n_flat)[:] = direction.level, 0.0
     measures = image.field("measure", 8)
-    measures[:] = 0.0
+    measures[:], measures[7] = 0.0, 1.0
     if image.n_flat:
         image.call(entries.FORCES, 1)
     tiny = np.finfo(float).tiny
     weights = direction.weights[1, direction.assembly.layout.normal]
     fields = float(direction.level.max(initial=0.0)) ** 2 * float(weights.sum())
-    force = max(float(measures[3]), tiny)
-    return np.array([max(fields, tiny), force, force])
+    part = min(1.0, _AT_REST / (FLOOR * tolerance)) if still_tractions(direction.assembly).any() else 1.0
+    force = max(part * float(measures[3]), tiny)
+    return np.array([max(part * part * fields, tiny), force, force])
 
 
 def rules(settings: Settings) -> dict[str, float]:

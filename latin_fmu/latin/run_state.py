@@ -67,7 +67,9 @@ class RunState:
         self.image = make_image(assembly, self.settings, one, self._probes)
         self.f_hat[:], self.w_hat[:] = traction, velocity
         self._use(1)
-        self.image.field("scales", 3)[:] = negligible_scales(self.image, one) if scales is None else scales
+        self.image.field("scales", 3)[:] = (
+            negligible_scales(self.image, one, self.settings.tolerance) if scales is None else scales
+        )
         self._threads = Threads([float(r["n_panels"] * r["m"]) for r in self.image.classes], self.settings.threads)
         self._per_instant, self._refused = 0.0, False
 

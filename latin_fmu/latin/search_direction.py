@@ -281,7 +281,8 @@ def _pseudo_inverse(matrix: Array) -> Array:
     return inverse
 
 
-_FLOOR = 1e-3  # fields below this fraction of the characteristic traction are negligible
+FLOOR = 1e-3
+"""Fields below this fraction of the characteristic traction are negligible."""
 
 
 class Direction:
@@ -318,7 +319,7 @@ class Direction:
     @property
     def level(self) -> Array:
         """Tractions (n_flat,) that are negligible, Pa: a small part of what the loads can bring, along the normals."""
-        level = _FLOOR * self.assembly.characteristic_traction
+        level = FLOOR * self.assembly.characteristic_traction
         return np.where(self.assembly.layout.normal, level, 0.0)
 
     def bind(self) -> None:

@@ -47,6 +47,28 @@ def speed(solution: latin_fmu.Solution) -> float:
     return max(float(np.abs(body.velocity).max()) for body in solution.substructures.values())
 
 
+def rest(n: int, scheme: str | None = None) -> float:
+    """Largest velocity in n instants under dead loads at the default tolerance, over p / (rho c)."""
+    tables = stack()
+    tables["time"] |= {"end": n * 2e-7, "instants": n} | ({} if scheme is None else {"scheme": scheme})
+    tables["output"] = {}
+    del tables["solver"]["tolerance"]
+    velocities = [np.abs(history.velocity).max() for history in solved(tables).interfaces.values()]
+    return float(max(velocities)) * STEEL.density * np.sqrt(STEEL.young / STEEL.density) / PRESSURE
+
+
+@pytest.mark.parametrize("scheme", [None, "hht", "generalized_alpha"])
+def test_dead_loads_leave_a_stack_at_rest(scheme: str | None) -> None:
+    """Errors far below the tolerance of the dead loads do not add up to a motion."""
+    assert rest(5000, scheme) < 1e-10
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scheme", [None, "hht", "generalized_alpha"])
+def test_dead_loads_leave_a_stack_at_rest_for_ever(scheme: str | None) -> None:
+    assert rest(100_000, scheme) < 1e-10
+
+
 # -- nothing moves ------------------------------------------------------------------------------------------------
 def as_it_is(_: Tables) -> None:
     pass
