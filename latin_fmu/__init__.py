@@ -42,6 +42,7 @@ from typing import TYPE_CHECKING, Any, Final
 if TYPE_CHECKING:
     from .accuracy.estimate import estimate_error
     from .api import Iteration, check, solve
+    from .assembly.modes import vibration_modes
     from .errors import InputError, LatinError, MeshError, ResultsError, SceneError, SolverError
     from .reader import load_scene, scene_from_dict
     from .results.files import open_results
@@ -68,6 +69,7 @@ __all__ = [
     "scene_from_dict",
     "shock_response_spectrum",
     "solve",
+    "vibration_modes",
 ]
 
 # Where the names come from: imported when they are first used, so that a command or an FMU loads what it needs.
@@ -86,6 +88,7 @@ _MODULES: Final = MappingProxyType(
         "scene_from_dict": "reader",
         "shock_response_spectrum": "results.spectra",
         "solve": "api",
+        "vibration_modes": "assembly.modes",
     }
 )
 

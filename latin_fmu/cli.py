@@ -32,6 +32,7 @@ COMMANDS: Final = MappingProxyType(
         "fmu": "fmu",
         "simulate": "fmu",
         "srs": "analyses",
+        "modes": "analyses",
     }
 )
 """Module of ``commands`` that declares each subcommand."""
@@ -53,6 +54,7 @@ examples:
   latin-fmu simulate crushing.fmu -o out.csv
   latin-fmu stress --quick -o stability.md
   latin-fmu srs out.nc --sensor tip
+  latin-fmu modes models/lap_joint/scene.toml --joints open
   latin-fmu reference
 
 exit codes: 0 converged, 1 not converged (results are written and marked), 2 bad input,

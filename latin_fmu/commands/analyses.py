@@ -1,4 +1,4 @@
-"""Subcommand ``srs``, which makes shock response spectra of the sensors of a results file."""
+"""Subcommands ``srs``, spectra of the sensors of a results file, and ``modes``, natural frequencies of an assembly."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError, Problem, ResultsError, did_you_mean, listed
-from . import CONVERGED, AddParser, declare
+from . import CONVERGED, AddParser, add_scene, declare, read_scene
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -26,11 +26,22 @@ examples:
 Writes STEM.csv, STEM.nc and STEM.png. Without options the spectra that the scene requests (sensor.NAME.spectrum) are
 taken, with their estimated error where the run has one.
 """
+_MODES_EXAMPLES = """\
+examples:
+  latin-fmu modes scene.toml
+  latin-fmu modes scene.toml --joints open --count 20 -o modes.nc --vtk shapes
+
+Joints of interfaces that may open: sticking joins points that are closed at the start (along the face, too, where
+there is friction), open joins none, bonded joins all. Perfect interfaces are always joined, elastic layers are springs;
+damping, viscous joints, absorbing boundaries and loads are left out, driven faces are held.
+"""
+_MOST_MODES = 1000
 _OPTIONS = ("lowest", "highest", "per_octave", "quality")
 
 
 def register(add: AddParser) -> None:
-    """Declare the subcommand."""
+    """Declare the two subcommands."""
+    _register_modes(add)
     text = "make shock response spectra of the sensors of a results file: table, dataset and figure"
     parser = declare(add, "srs", text, _srs, _EXAMPLES)
     parser.add_argument("results", metavar="RESULT.nc", type=Path, help="results file written by run")
@@ -43,6 +54,39 @@ def register(add: AddParser) -> None:
     parser.add_argument("--quality", metavar="Q", type=float, help="amplification of the oscillators (default: 10)")
     parser.add_argument("--along", choices=("x", "y", "z"), help="axis in the figure (default: that of the largest)")
     parser.add_argument("-o", "--output", metavar="STEM", type=Path, help="default: RESULT_srs beside the results")
+
+
+def _register_modes(add: AddParser) -> None:
+    text = "print natural frequencies of the assembly of a scene, and write its shapes"
+    add_scene(parser := declare(add, "modes", text, _modes, _MODES_EXAMPLES))
+    parser.add_argument(
+        "--joints", choices=("sticking", "open", "bonded"), default="sticking", help="default: sticking"
+    )
+    parser.add_argument("--count", metavar="N", type=int, default=10, help="elastic modes (default: 10)")
+    parser.add_argument("-o", "--output", metavar="MODES.nc", type=Path, help="also write frequencies and shapes")
+    parser.add_argument("--vtk", metavar="FOLDER", type=Path, help="also write files for ParaView to this folder")
+
+
+def _modes(arguments: argparse.Namespace) -> int:
+    from ..assembly.modes import vibration_modes
+    from ..results.vtk import check_export_folder
+    from ..results.writing import check_target
+
+    if not 1 <= arguments.count <= _MOST_MODES:
+        problem = Problem("--count", "out of range", str(arguments.count), f"1 to {_MOST_MODES}")
+        raise InputError([problem], "bad argument")
+    if arguments.output is not None:
+        check_target(arguments.output)
+    if arguments.vtk is not None:
+        check_export_folder(arguments.vtk)
+    modes = vibration_modes(read_scene(arguments), arguments.joints, arguments.count)
+    print("\n".join(modes.lines()))
+    if arguments.output is not None:
+        modes.save(arguments.output)
+        print(f"modes: {arguments.output}")
+    if arguments.vtk is not None:
+        print(f"for ParaView: {modes.export(arguments.vtk)}")
+    return CONVERGED
 
 
 def _srs(arguments: argparse.Namespace) -> int:

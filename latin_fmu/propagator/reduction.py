@@ -27,7 +27,8 @@ from .model import Array, SubstructureModel, reduced_rank
 
 _EXCITED = 1e-9  # cosine between a mode and a force, below which the mode stays at rest
 _EQUAL = 1e-6  # relative difference of eigenvalues of one group
-_DENSE = 1500  # dofs up to which every mode is computed
+DENSE = 1500
+"""Dofs up to which every mode is computed."""
 _SHIFT = 1e-7  # of trace(K) / trace(M): far below the first elastic eigenvalue, far above round-off
 _RIGID = 1e-3  # of the shift: eigenvalues below are rigid motions
 _CHOICE = 4  # low modes among which the strongest are chosen, times their number
@@ -38,12 +39,20 @@ _DEPENDENT = 1e-9  # squared norm of what a static response adds to the basis, a
 class Vibration:
     """Stiffness and mass of the free dofs, (n, n), and one factor for modes and static responses: that of K + shift M.
 
-    rank : (n,) elimination order of the dofs, or None.
+    rank : (n,) elimination order of the dofs, or None. shift : s-2; a share of trace(K) / trace(M) where None.
+    dense : dofs up to which every mode is computed, ``DENSE`` where None.
     """
 
-    def __init__(self, stiffness: sp.csr_array, mass: sp.csr_array, rank: Array | None = None) -> None:
-        self.stiffness, self.mass = stiffness, mass
-        self.shift = _SHIFT * stiffness.trace() / mass.trace()
+    def __init__(
+        self,
+        stiffness: sp.csr_array,
+        mass: sp.csr_array,
+        rank: Array | None = None,
+        shift: float | None = None,
+        dense: int | None = None,
+    ) -> None:
+        self.stiffness, self.mass, self._dense = stiffness, mass, DENSE if dense is None else dense
+        self.shift = _SHIFT * stiffness.trace() / mass.trace() if shift is None else shift
         nothing = np.zeros(0, dtype=np.int64)
         self._factor = interface_factor(sp.csr_array(stiffness + self.shift * mass), nothing, rank)
 
@@ -54,7 +63,7 @@ class Vibration:
 
     def modes(self, requested: int) -> tuple[Array, Array, Array]:
         """Rigid motions, eigenvalues and elastic modes: at least ``requested`` in all, or all there are."""
-        if self.n <= max(_DENSE, 2 * requested):
+        if self.n <= max(self._dense, 2 * requested):
             values, vectors = la.eigh(self.stiffness.toarray(), self.mass.toarray())
         else:
             inverse = spla.LinearOperator((self.n, self.n), matvec=self._inverse, dtype=np.float64)

@@ -234,12 +234,13 @@ def substructure_group(history: SubstructureHistory, recovered: Recovered | None
     columns["cell_nodes"] = (("cell", "cell_node"), history.cells)
     columns["mesh"] = ((), np.int32(0))
     group = annotated(Group.of(columns, {**labels, **positions}), SUBSTRUCTURE)
-    _describe_mesh(group, history.cell_type)
+    describe_mesh(group, history.cell_type)
     return group
 
 
-def _describe_mesh(group: Group, cell_type: str) -> None:
-    """UGRID attributes of a three-dimensional unstructured mesh."""
+def describe_mesh(group: Group, cell_type: str, along: str = "time") -> None:
+    """UGRID attributes of a three-dimensional unstructured mesh, and of the fields on it, which have a dimension
+    ``along``."""
     group.variables["mesh"].attrs.update(
         cf_role="mesh_topology",
         topology_dimension=np.int32(3),
@@ -249,7 +250,7 @@ def _describe_mesh(group: Group, cell_type: str) -> None:
     )
     group.variables["cell_nodes"].attrs.update(cf_role="volume_node_connectivity", start_index=np.int32(0))
     for name, variable in group.variables.items():
-        if "time" in variable.dims and name not in group.labels:
+        if along in variable.dims and name not in group.labels:
             variable.attrs.update(mesh="mesh", location="volume" if "cell" in variable.dims else "node")
 
 

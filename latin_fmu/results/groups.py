@@ -199,6 +199,16 @@ SPECTRUM: Final[Mapping[str, Meaning]] = {
     ),
 }
 
+MODES: Final[Mapping[str, Meaning]] = {
+    "mode": Meaning("1", "number of the mode, rigid motions first"),
+    "frequency": Meaning("Hz", "natural frequency, 0 for rigid motions"),
+    "rigid": Meaning(None, "whether the mode is a rigid motion"),
+    "modal_mass": Meaning("kg", "modal mass", "of the shape whose largest nodal displacement is 1"),
+    "shape": Meaning("1", "displacement in the mode, largest nodal displacement of the assembly 1"),
+    "cell_nodes": Meaning(None, "nodes of each element, in VTK order", "-1: the element has fewer nodes"),
+    "mesh": Meaning(None, "topology of the mesh"),
+}
+
 ENERGY: Final[Mapping[str, Meaning]] = {
     "kinetic": Meaning("J", "kinetic energy"),
     "elastic": Meaning("J", "elastic energy"),
@@ -232,6 +242,7 @@ CONVERGENCE: Final[Mapping[str, Meaning]] = {
 _FLAGS: Final[Mapping[str, tuple[list[int], str]]] = {
     "contact_status": ([0, 1, 2], "separation stick slip"),
     "converged": ([0, 1], "not_converged converged"),
+    "rigid": ([0, 1], "elastic rigid"),
 }
 
 

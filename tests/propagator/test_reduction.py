@@ -139,7 +139,7 @@ def test_modes_that_matter_are_taken_before_lower_ones():
 
 def test_sparse_eigenvalues_are_the_dense_ones(monkeypatch):
     dense = reduce_model(bar(held=False), 4, np.ones((4, 1)))
-    monkeypatch.setattr(reduction, "_DENSE", 10)
+    monkeypatch.setattr(reduction, "DENSE", 10)
     sparse = reduce_model(bar(held=False), 4, np.ones((4, 1)))
     np.testing.assert_allclose(sparse.eigenvalues, dense.eigenvalues, rtol=1e-7)
     np.testing.assert_allclose(np.abs(sparse.loads), np.abs(dense.loads), rtol=1e-6, atol=1e-9)

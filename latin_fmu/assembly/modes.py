@@ -1,0 +1,247 @@
+"""Natural frequencies and shapes of an assembly without damping and loads, its joints open, sticking or bonded.
+
+    K phi = omega^2 M phi    on the motions with C phi = 0
+
+C holds what joints keep together: all components of perfect interfaces; of contacts, at points that are closed at the
+start, the normal component and, with friction, the tangential ones (sticking); all components at all points (bonded).
+Springs of layers add to K. Held and prescribed directions do not move.
+
+Rows of C with one or two entries (nodes against nodes) make dofs one, or hold them: exact. Of other rows (mortar) each
+gives one dof by the others (``merged_assembly.tied``). Rows that depend on each other and are not of the first kind
+become springs ``_STIFF`` times as stiff as the stiffest dof.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.csgraph import connected_components
+
+from ..fem.elasticity import wave_speeds
+from ..interface.contact import coulomb_coefficient
+from ..latin.assembly import Array, InterfaceUnit
+from ..propagator import SubstructureModel
+from ..propagator.reduction import Vibration
+from ..results.modes import VibrationModes
+from ..scene.fields import split_face
+from ..scene.schema import Scene
+from ..scene.settings import HHT, GivenStart
+from .build import discretise
+from .merged_assembly import tied
+from .problem import DiscretisedProblem
+
+Joints = Literal["sticking", "open", "bonded"]
+_STIFF: Final = 1e4
+_NOTHING = 1e-9  # entries of C below it are round-off
+_CLOSED = 1e-6  # gaps below this share of the spacing of the points are closed
+_SLOWEST = 0.01  # shift of the eigenvalues: this share of shear wave speed over size of the assembly, in Hz
+
+
+def vibration_modes(scene: Scene, joints: Joints = "sticking", count: int = 10) -> VibrationModes:
+    """Natural frequencies and shapes of the assembly of a scene (module docstring).
+
+    Parameters
+    ----------
+    joints : of interfaces that may open. count : elastic modes, the lowest ones; rigid motions come in addition.
+
+    Raises
+    ------
+    SceneError : the scene cannot be built.
+    """
+    plain = {"scheme": HHT(), "quasi_static": False, "start": GivenStart()}
+    discretised = discretise(scene.model_copy(update={"time": scene.time.model_copy(update=plain)}))
+    models = {m.name: m for c in discretised.classes for m in c.members}
+    parts = _Parts.of([models[name] for name in discretised.bodies])
+    rows, springs, remarks = [sp.csr_array((0, parts.n))], [], []
+    for unit in discretised.units:
+        kept, stiffness, remark = _joint(unit, joints, parts)
+        rows += [] if kept is None else [kept]
+        springs += [] if stiffness is None else [stiffness]
+        remarks.append(f"{unit.name} ({unit.behaviour.name}): {remark}")
+    stiffness = sum(springs, parts.stiffness)
+    expansion, left = _kept_together(sp.csr_array(sp.vstack(rows)), parts.expansion)
+    k, m = (sp.csr_array(expansion.T @ matrix @ expansion) for matrix in (stiffness, parts.mass))
+    if left.shape[0]:
+        weight = _STIFF * float(k.diagonal().max())
+        k = sp.csr_array(k + weight * (left.T @ left))
+    vibration = Vibration(k, m, shift=_shift(discretised), dense=0 if left.shape[0] else None)
+    values, vectors, n_rigid = _lowest(vibration, k, count)
+    return _named(discretised, parts, joints, values, expansion @ vectors, n_rigid, remarks)
+
+
+@dataclass(frozen=True)
+class _Parts:
+    """Matrices of all substructures side by side, full dofs; ``where``: their slices; ``models`` by name."""
+
+    models: dict[str, SubstructureModel]
+    where: dict[str, slice]
+    stiffness: sp.csr_array
+    mass: sp.csr_array
+    expansion: sp.csr_array
+
+    @staticmethod
+    def of(models: Sequence[SubstructureModel]) -> _Parts:
+        """The parts in the order given."""
+        ends = np.cumsum([m.n_full for m in models])
+        where = {m.name: slice(int(end) - m.n_full, int(end)) for m, end in zip(models, ends, strict=True)}
+        blocks = [
+            sp.csr_array(sp.block_diag(matrices, format="csr"))
+            for matrices in zip(*((m.stiffness, m.inertia, m.expansion) for m in models), strict=True)
+        ]
+        return _Parts({m.name: m for m in models}, where, *blocks)
+
+    @property
+    def n(self) -> int:
+        """Number of full dofs."""
+        return int(self.expansion.shape[0])
+
+    def jump(self, unit: InterfaceUnit, local: bool) -> sp.csr_array:
+        """Displacement of the owner's side less that of the other at the points, (3 n_point, n), global axes or local
+        frames."""
+        total = sp.csr_array((3 * unit.geometry.n_point, self.n))
+        for side in (0, 1):
+            sign = 1.0 if side == unit.geometry.owner else -1.0
+            trace = unit.geometry.local_trace(side, 3) if local else unit.geometry.traces[side]
+            if trace is None:
+                continue
+            name = split_face(unit.sides[side])[0]
+            nodal = self.models[name].nodal
+            own = sp.coo_array(trace if nodal is None else sp.csr_array(trace @ nodal))
+            place = (own.coords[0], own.coords[1] + self.where[name].start)
+            total = total + sp.csr_array(sp.coo_array((sign * own.data, place), shape=total.shape))
+        return sp.csr_array(total)
+
+
+def _joint(unit: InterfaceUnit, joints: Joints, parts: _Parts) -> tuple[sp.csr_array | None, sp.csr_array | None, str]:
+    """Rows that the interface keeps at zero, stiffness of its layer (n, n), and a few words."""
+    kind, geometry = unit.behaviour.name, unit.geometry
+    if kind == "perfect" or (unit.behaviour.opens and joints == "bonded"):
+        return parts.jump(unit, local=False), None, "joined"
+    if unit.behaviour.elastic and not unit.behaviour.opens:
+        stiffness = np.repeat([unit.behaviour.normal_stiffness, unit.behaviour.tangential_stiffness], [1, 2])  # type: ignore[attr-defined]
+        return None, _spring(unit, parts, stiffness, np.ones(geometry.n_point, dtype=bool)), "elastic layer"
+    if not unit.behaviour.opens:
+        return None, None, "open: it has no stiffness"
+    if joints == "open":
+        return None, None, "open"
+    closed = geometry.gap <= _CLOSED * np.sqrt(geometry.areas.mean())
+    sticks = kind == "no_slip" or bool(coulomb_coefficient(unit.behaviour))
+    share = f"{int(closed.sum())} of {geometry.n_point} points closed"
+    words = f"{'sticking' if sticks else 'free to slide'}, {share}"
+    layer = getattr(unit.behaviour, "normal_stiffness", None)
+    if layer is None and sticks and closed.all():
+        return parts.jump(unit, local=False), None, words
+    components = np.array([layer is None, sticks, sticks])
+    rows = parts.jump(unit, local=True)[np.flatnonzero((closed[:, None] & components).ravel())]
+    spring = None if layer is None else _spring(unit, parts, np.array([layer, 0.0, 0.0]), closed)
+    return sp.csr_array(rows), spring, words
+
+
+def _spring(unit: InterfaceUnit, parts: _Parts, stiffness: Array, points: np.ndarray) -> sp.csr_array:
+    """Stiffness (n, n) of springs per area (3,), N m-3, in the local frames of some points."""
+    jump = parts.jump(unit, local=True)
+    weights = (unit.geometry.areas * points)[:, None] * stiffness
+    return sp.csr_array(jump.T @ sp.diags_array(weights.ravel()) @ jump)
+
+
+def _kept_together(rows: sp.csr_array, expansion: sp.csr_array) -> tuple[sp.csr_array, sp.csr_array]:
+    """Expansion (n_full, n) that keeps the rows (n_row, n_full) at zero, and the rows on its dofs that it does not."""
+    expansion, left = _merged(_cleaned(rows @ expansion), expansion)
+    touched = np.unique(left.indices)
+    if not len(touched):
+        return expansion, sp.csr_array((0, expansion.shape[1]))
+    others = np.setdiff1d(np.arange(expansion.shape[1]), touched)
+    try:
+        local = sp.csr_array(sp.eye_array(len(touched)))
+        own, _ = tied(sp.csr_array(left[:, touched]), local, np.zeros((len(touched), 0)))
+    except ValueError:  # they depend on each other
+        return expansion, left
+    both = sp.hstack([expansion[:, others], expansion[:, touched] @ own])
+    return sp.csr_array(both), sp.csr_array((0, both.shape[1]))
+
+
+def _cleaned(rows: sp.csr_array) -> sp.csr_array:
+    """Rows without round-off, and without those that are zero."""
+    rows = sp.csr_array(rows)
+    rows.data[np.abs(rows.data) < _NOTHING] = 0.0
+    rows.eliminate_zeros()
+    return sp.csr_array(rows[np.flatnonzero(np.diff(rows.indptr))])
+
+
+def _merged(rows: sp.csr_array, expansion: sp.csr_array) -> tuple[sp.csr_array, sp.csr_array]:
+    """Expansion in which dofs that two-entry rows tie are one and those of one-entry rows are held, and what is left of
+    the rows on its dofs."""
+    n = rows.shape[1]
+    entries, starts = np.diff(rows.indptr), rows.indptr[:-1]
+    single = np.flatnonzero(entries == 1)
+    pairs = np.flatnonzero(entries == 2)
+    balanced = np.abs(rows.data[starts[pairs]] + rows.data[starts[pairs] + 1]) < _NOTHING
+    pairs = pairs[balanced]
+    held = rows.indices[starts[single]]
+    first = np.concatenate([held, rows.indices[starts[pairs]]])
+    second = np.concatenate([np.full(len(held), n), rows.indices[starts[pairs] + 1]])  # dof n stands for the ground
+    graph = sp.coo_array((np.ones(len(first)), (first, second)), shape=(n + 1, n + 1))
+    _, label = connected_components(graph, directed=False)
+    free = np.flatnonzero(label[:n] != label[n])
+    _, columns = np.unique(label[free], return_inverse=True)
+    shape = (n, int(columns.max(initial=-1)) + 1)
+    selection = sp.csr_array(sp.coo_array((np.ones(len(free)), (free, columns.ravel())), shape=shape))
+    return sp.csr_array(expansion @ selection), _cleaned(rows @ selection)
+
+
+def _shift(discretised: DiscretisedProblem) -> float:
+    """Shift of the eigenvalues, s-2: far below the first elastic one, far above round-off."""
+    bodies = discretised.bodies.values()
+    materials = [body.shape.material for body in bodies]
+    slowest = min(wave_speeds(m.young_modulus, m.poisson_ratio, m.density)[1] for m in materials)
+    places = np.concatenate([body.mesh.nodes for body in bodies])
+    return float((2 * np.pi * _SLOWEST * slowest / np.ptp(places, axis=0).max()) ** 2)
+
+
+def _lowest(vibration: Vibration, stiffness: sp.csr_array, count: int) -> tuple[Array, Array, int]:
+    """Eigenvalues and vectors, rigid motions first, at least ``count`` elastic ones where there are as many; number of
+    rigid motions."""
+    separate = connected_components(stiffness, directed=False)[0]
+    wanted = count + 6 * min(separate, 50)
+    while True:
+        wanted = min(wanted, vibration.n - 1)
+        rigid, values, vectors = vibration.modes(wanted)
+        if len(values) >= count or wanted >= vibration.n - 1:
+            break
+        wanted += count - len(values) + 6
+    values, vectors = values[:count], vectors[:, :count]
+    return np.concatenate([np.zeros(rigid.shape[1]), values]), np.hstack([rigid, vectors]), rigid.shape[1]
+
+
+def _named(
+    discretised: DiscretisedProblem,
+    parts: _Parts,
+    joints: str,
+    values: Array,
+    full: Array,
+    n_rigid: int,
+    remarks: Sequence[str],
+) -> VibrationModes:
+    """The modes by substructure, the largest nodal displacement of each 1."""
+    shapes = {}
+    for name, model in parts.models.items():
+        own = full[parts.where[name]]
+        own = own if model.nodal is None else model.nodal @ own
+        shapes[name] = own.T.reshape(len(values), -1, 3)
+    size = np.max([np.linalg.norm(s, axis=2).max(axis=1) for s in shapes.values()], axis=0)
+    modal = np.einsum("im,im->m", full, parts.mass @ full) / size**2
+    return VibrationModes(
+        scene=discretised.scene.text(),
+        name=discretised.scene.name,
+        joints=joints,
+        frequency=np.sqrt(np.maximum(values, 0.0)) / (2 * np.pi),
+        rigid=np.arange(len(values)) < n_rigid,
+        modal_mass=modal,
+        shapes={name: shape / size[:, None, None] for name, shape in shapes.items()},
+        meshes=discretised.info,
+        remarks=tuple(remarks),
+    )

@@ -1,0 +1,172 @@
+"""Frequencies of assemblies: closed forms of bars, cut bodies against whole ones, joints open, sticking and bonded."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import meshio
+import numpy as np
+import pytest
+
+import latin_fmu
+from latin_fmu.assembly.modes import Joints, vibration_modes
+from latin_fmu.cli import main
+
+E, RHO, L, N = 210e9, 7800.0, 1.0, 20
+C = np.sqrt(E / RHO)
+SIDES = ("xmin", "xmax", "ymin", "ymax")
+MATERIAL = {"steel": {"young_modulus": E, "poisson_ratio": 0.0, "density": RHO}}
+
+
+def bars(
+    *pieces: tuple[int, int], interface: dict[str, Any] | None = None, ground: bool = False, gap: float = 0.0
+) -> latin_fmu.Scene:
+    """A bar along z of pieces end to end, (elements along, elements across), that moves along its axis only.
+
+    ``interface`` between the pieces; ``ground`` below the first one; ``gap`` between the pieces.
+    """
+    total = sum(n for n, _ in pieces)
+    bodies, boundary, level = {}, {}, 0.0
+    for i, (n, across) in enumerate(pieces):
+        size = [0.1, 0.1, L * n / total]
+        box = {"origin": [0.0, 0.0, level], "size": size, "elements": [across, across, n]}
+        bodies[f"b{i}"] = {"material": "steel", "box": box}
+        boundary |= {f"b{i}{s}": {"type": "symmetry", "face": f"b{i}.{s}"} for s in SIDES}
+        level += size[2] + gap
+    names = list(bodies)
+    joints = {
+        f"cut{i}": {"sides": [f"{a}.zmax", f"{b}.zmin"], **(interface or {"behaviour": "perfect"})}
+        for i, (a, b) in enumerate(pairwise(names))
+    }
+    if ground:
+        joints["base"] = {"sides": ["b0.zmin", "ground"], "friction_coefficient": 0.3}
+    data = {"name": "bars", "material": MATERIAL, "substructure": bodies, "boundary": boundary, "interface": joints}
+    return latin_fmu.scene_from_dict(data | {"time": {"end": 1e-3, "instants": 10}})
+
+
+def test_free_free_bar() -> None:
+    """f = k c / (2 L); eight-node elements with consistent mass: (k pi / n)^2 / 24 too high."""
+    modes = vibration_modes(bars((N, 1)), count=2)
+    assert modes.rigid.tolist() == [True, False, False]
+    assert modes.frequency[0] == 0.0
+    assert modes.frequency[1:] == pytest.approx(np.array([1, 2]) * C / (2 * L), rel=5e-3)
+    assert modes.modal_mass[1] == pytest.approx(RHO * 0.01 * L / 2, rel=5e-3)
+    z = modes.meshes["b0"].nodes[:, 2]
+    shape = modes.shapes["b0"][1, :, 2]
+    assert shape == pytest.approx(np.sign(shape[0]) * np.cos(np.pi * z / L), abs=2e-3)
+
+
+@pytest.mark.parametrize("joints", ["sticking", "bonded"])
+def test_a_bar_on_the_ground(joints: Joints) -> None:
+    modes = vibration_modes(bars((N, 1), ground=True), joints, count=2)
+    assert modes.n_rigid == 0
+    assert modes.frequency == pytest.approx(np.array([1, 3]) * C / (4 * L), rel=5e-3)
+
+
+@pytest.mark.parametrize(
+    ("pieces", "tolerance"),
+    [(((8, 2), (12, 2)), 1e-10), (((8, 3), (12, 2)), 1e-9), (((5, 2), (7, 3), (8, 2)), 1e-9)],
+    ids=["matching", "other mesh", "three"],
+)
+def test_a_cut_bar_has_the_frequencies_of_the_whole_one(pieces: tuple[tuple[int, int], ...], tolerance: float) -> None:
+    whole = vibration_modes(bars((N, 2)), count=5).frequency
+    cut = vibration_modes(bars(*pieces), count=5)
+    assert cut.frequency == pytest.approx(whole, rel=tolerance)
+    ends = [cut.meshes["b0"].nodes[:, 2].max(), cut.meshes["b1"].nodes[:, 2].min()]
+    for mode in range(6):  # both sides of the cut move alike
+        low, up = (
+            cut.shapes[n][mode, cut.meshes[n].nodes[:, 2] == z, 2] for n, z in zip(("b0", "b1"), ends, strict=True)
+        )
+        assert low.mean() == pytest.approx(up.mean(), abs=1e-8)
+    touching = bars(*pieces, interface={"friction_coefficient": 0.3})
+    assert vibration_modes(touching, "sticking", 5).frequency == pytest.approx(whole, rel=tolerance)
+    assert vibration_modes(bars(*pieces, interface={"behaviour": "no_slip"})).frequency[1:6] == pytest.approx(whole[1:])
+
+
+def test_an_open_joint_leaves_the_pieces() -> None:
+    touching = bars((10, 1), (10, 1), interface={"friction_coefficient": 0.3})
+    open_joint = vibration_modes(touching, "open", 2)
+    half = vibration_modes(bars((10, 1)), count=1).frequency[1] * 2  # half as long
+    assert open_joint.n_rigid == 2
+    assert open_joint.frequency[2:] == pytest.approx([half, half], rel=1e-9)
+    apart = bars((10, 1), (10, 1), interface={"friction_coefficient": 0.3}, gap=1e-4)
+    assert vibration_modes(apart, "sticking", 2).frequency == pytest.approx(open_joint.frequency, rel=1e-9)
+    assert vibration_modes(apart, "bonded", 2).n_rigid == 1  # whatever the gap
+
+
+def test_an_interface_declared_twice_changes_nothing() -> None:
+    scene = bars((8, 3), (12, 2))
+    data = scene.tables()
+    data["interface"]["again"] = data["interface"]["cut0"]
+    twice = vibration_modes(latin_fmu.scene_from_dict(data), count=3)
+    assert twice.frequency == pytest.approx(vibration_modes(scene, count=3).frequency, rel=1e-4)
+
+
+def blocks(**joint: Any) -> latin_fmu.Scene:
+    """Two free blocks, one on the other, tilted out of the axes by nothing; ``joint``: keys of the interface."""
+    box = {"size": [1.0, 0.8, 0.5], "elements": [2, 2, 2]}
+    above = {**box, "origin": [0.0, 0.0, 0.5]}
+    data = {
+        "name": "blocks",
+        "material": {"steel": {**MATERIAL["steel"], "poisson_ratio": 0.3}},
+        "substructure": {"low": {"material": "steel", "box": box}, "up": {"material": "steel", "box": above}},
+        "interface": {"joint": {"sides": ["low.zmax", "up.zmin"], **joint}},
+        "time": {"end": 1e-3, "instants": 10},
+    }
+    return latin_fmu.scene_from_dict(data)
+
+
+@pytest.mark.parametrize(
+    ("joints", "friction", "rigid"), [("open", 0.3, 12), ("sticking", 0.3, 6), ("sticking", 0.0, 9), ("bonded", 0.0, 6)]
+)
+def test_rigid_motions_of_two_blocks(joints: Joints, friction: float, rigid: int) -> None:
+    """Without friction one block slides on the other in two directions and turns about the normal."""
+    modes = vibration_modes(blocks(friction_coefficient=friction), joints, 3)
+    assert modes.n_rigid == rigid
+    assert modes.frequency[rigid:].min() > 100.0
+
+
+@pytest.mark.parametrize("behaviour", ["elastic_layer", "soft_contact"])
+def test_rigid_blocks_on_a_layer(behaviour: str) -> None:
+    """omega^2 = k A (1/m + 1/m) along the normal."""
+    k = 1e9
+    keys = {"normal_stiffness": k} | ({"tangential_stiffness": 2e9} if behaviour == "elastic_layer" else {})
+    data = blocks(behaviour=behaviour, **keys).tables()
+    for body in data["substructure"].values():
+        body["rigid"] = True
+    modes = vibration_modes(latin_fmu.scene_from_dict(data), count=6)
+    expected = np.sqrt(k * 0.8 * 2 / (RHO * 0.4)) / (2 * np.pi)
+    assert modes.n_rigid == (6 if behaviour == "elastic_layer" else 9)
+    along = [i for i in range(modes.n_rigid, len(modes.frequency)) if np.ptp(modes.shapes["up"][i, :, 2]) < 1e-9]
+    along = [i for i in along if abs(modes.shapes["up"][i, 0, 2]) > 0.5]
+    assert modes.frequency[along] == pytest.approx([expected], rel=1e-9)
+
+
+def test_file_paraview_and_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scene = tmp_path / "scene.toml"
+    scene.write_text(bars((10, 1), (10, 1), interface={"friction_coefficient": 0.3}).text())
+    file, folder = tmp_path / "modes.nc", tmp_path / "shapes"
+    assert main(["modes", str(scene), "--count", "3", "-o", str(file), "--vtk", str(folder)]) == 0
+    printed = capsys.readouterr().out
+    assert "cut0 (contact): sticking, 4 of 4 points closed" in printed
+    assert "rigid" in printed
+    tree = latin_fmu.open_results(file)
+    assert tree["modes/frequency"].attrs["units"] == "Hz"
+    assert tree["modes/rigid"].values.tolist() == [1, 0, 0, 0]
+    shape = tree["substructures/b1/shape"].values
+    assert shape.shape == (4, 44, 3)
+    tree.close()
+    played = meshio.read(folder / "substructure_b1_00002.vtu")
+    assert played.point_data["shape"] == pytest.approx(shape[2], abs=1e-6)
+    assert main(["modes", str(scene), "--count", "0"]) == 2
+    assert "--count: out of range (value: 0); allowed: 1 to 1000" in capsys.readouterr().err
+
+
+def test_a_quasi_static_scene_has_frequencies() -> None:
+    modes = vibration_modes(
+        latin_fmu.load_scene(Path(__file__).parents[2] / "models/pressed_plates/scene.toml"), count=2
+    )
+    assert modes.n_rigid == 0
+    assert (modes.frequency > 0).all()
