@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import MeshError, Problem, listed
-from ..mesh_files.content import MeshContent
+from ..mesh_files.content import CORNERS, MeshContent
 from .elements import jacobians
 from .mesh import Array, CellBlock, FacetSet, Index, Mesh, boundary, unjoined
 from .reference_cells import CELL_FACES, Rule, cell_functions, cell_rule, mirrored
@@ -40,7 +40,10 @@ def mesh_of(content: MeshContent, where: str, group: str | None = None, scale: f
     renumber = np.full(len(content.points), -1, dtype=np.int64)
     renumber[node_ids] = np.arange(len(node_ids))
     bare = Mesh(nodes, tuple(blocks), {})
+    _check_cells(bare, where)
     surface = boundary(bare)
+    if not surface.blocks:
+        raise MeshError.of("unusable mesh", where, "the volume has no surface: every facet belongs to two cells")
     if len(blocks) > 1 and (apart := unjoined(surface)):
         raise MeshError(
             [
@@ -111,6 +114,17 @@ def _right_side_out(nodes: Array, block: CellBlock, where: str) -> CellBlock:
     return CellBlock(block.cell_type, cells)
 
 
+def _check_cells(mesh: Mesh, where: str) -> None:
+    """Refuse cells that are there twice: their stiffness would count twice, their facets would be no surface."""
+    twice = 0
+    for block in mesh.blocks:
+        corners = np.sort(block.cells[:, : CORNERS[block.cell_type]], axis=1)
+        twice += len(corners) - len(np.unique(corners, axis=0))
+    if twice:
+        problem = Problem(where, "cells with the same corners as others", f"{twice} cells", remedy="leave copies out")
+        raise MeshError([problem], "unusable mesh")
+
+
 def _named_faces(content: MeshContent, renumber: Index, surface: FacetSet) -> dict[str, FacetSet]:
     """Named surface groups whose facets are on the boundary of this volume, oriented outwards.
 
@@ -168,9 +182,10 @@ def oriented(nodes: Array, block: CellBlock) -> tuple[Index, NDArray[np.bool_]]:
     size = max(1, 2**20 // (len(points) * block.cells.shape[1]))
     for first in range(0, len(block.cells), size):
         piece = slice(first, first + size)
-        jacobian = jacobians(nodes, CellBlock(block.cell_type, block.cells[piece]), rule)
-        lengths = np.prod(np.linalg.norm(jacobian, axis=2), axis=2)
-        ratio = np.linalg.det(jacobian) / np.where(lengths > 0, lengths, 1.0)
+        with np.errstate(all="ignore"):  # cells of absurd size have no ratio, which is as bad as a small one
+            jacobian = jacobians(nodes, CellBlock(block.cell_type, block.cells[piece]), rule)
+            lengths = np.prod(np.linalg.norm(jacobian, axis=2), axis=2)
+            ratio = np.linalg.det(jacobian) / np.where(lengths > 0, lengths, 1.0)
         low[piece], high[piece] = ratio.min(axis=1), ratio.max(axis=1)
     bad = ~((low > _FLAT) | (high < -_FLAT))
     cells = block.cells.copy()

@@ -126,7 +126,7 @@ def decode(state: bytes, kind: str) -> Any:
         if head["kind"] != kind:
             raise ValueError("a state of another scene or of other settings")
         return _rebuilt(head["tree"], state, start + length)
-    except (ValueError, KeyError, TypeError, IndexError) as error:
+    except (ArithmeticError, AttributeError, LookupError, RecursionError, SyntaxError, TypeError, ValueError) as error:
         remedy = "restore only states of the same scene and settings"
         problem = Problem("state", f"cannot be restored: {error}", remedy=remedy)
         raise InputError([problem], "unusable state") from None

@@ -124,7 +124,7 @@ class _Deck:
                 first, last, step = (*map(int, fields[:3]), 1)[:3] if len(fields) > 1 else (int(fields[0]),) * 2 + (1,)
             except (ValueError, IndexError):
                 first = last = step = 0
-            if step < 1 or not 0 < first < 2**62 or not 0 < last < 2**62:
+            if not all(0 < number < 2**62 for number in (first, last, step)):
                 self.problems.add("not a range of labels", ", ".join(fields), "first, last, step > 0", line=line)
                 continue
             members.append((instance, str(first), last, step))

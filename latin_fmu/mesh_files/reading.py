@@ -261,6 +261,8 @@ def read_with_meshio(path: Path) -> MeshContent:
     ------
     MeshError : with the message of meshio, or the library that meshio needs.
     """
+    if path.suffix.lower() == ".msh":
+        _check_tags(path)
     mesh = _load(path)
     try:
         content = _content(mesh)
@@ -268,6 +270,40 @@ def read_with_meshio(path: Path) -> MeshContent:
         raise MeshError([_unreadable(path, "", error)], "unreadable mesh") from None
     _check_rows(path, content)
     return content
+
+
+def _check_tags(path: Path) -> None:
+    """Refuse node tags below 1 in a .msh file of version 2: meshio would count them back from the last node."""
+    content = path.read_bytes()
+    match = re.match(rb"\$MeshFormat\s+2[.\d]*\s+([01])\s", content)
+    start = content.find(b"$Elements")
+    if match is None or start < 0:
+        return
+    count, rest = [*content[start:].split(b"\n", 2), b"", b""][1:3]
+    with contextlib.suppress(ValueError, IndexError, KeyError):  # damaged in another way, which meshio reports
+        lowest = (_lowest_tag if match[1] == b"0" else _lowest_binary_tag)(int(count), rest)
+        if lowest < 1:
+            raise MeshError.of("unreadable mesh", path.name, "an element names a node tag below 1", str(lowest), ">= 1")
+
+
+def _lowest_tag(count: int, rest: bytes) -> int:
+    """Lowest node tag of the lines "number type n_tag tags nodes" of .msh 2; 1 where it is higher."""
+    rows = [line.split() for line in rest.split(b"\n", count)[:count]]
+    return min(1, *(int(tag) for row in rows for tag in row[3 + int(row[2]) :]))
+
+
+def _lowest_binary_tag(count: int, rest: bytes) -> int:
+    """The same of blocks "type n n_tag" with rows "number tags nodes"."""
+    from meshio._common import num_nodes_per_cell
+    from meshio.gmsh.common import _gmsh_to_meshio_type
+
+    lowest, at = 1, 0
+    while count > 0:
+        kind, rows, tags = np.frombuffer(rest, np.int32, 3, at).tolist()
+        width = 1 + tags + num_nodes_per_cell[_gmsh_to_meshio_type[kind]]
+        table = np.frombuffer(rest, np.int32, rows * width, at + 12).reshape(rows, width)
+        lowest, count, at = min(lowest, int(table[:, 1 + tags :].min())), count - rows, at + 12 + table.nbytes
+    return lowest
 
 
 def _content(mesh: Any) -> MeshContent:

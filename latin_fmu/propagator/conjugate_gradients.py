@@ -100,7 +100,13 @@ class IterativeFactor:
             part = slice(start, start + _BLOCK)
             schur[:, part] -= self._coupling_t @ self._inner.solve(self._coupling[:, part].toarray())
         self.schur: Array = 0.5 * (schur + schur.T)
-        inverse = la.cho_solve(la.cho_factor(self.schur), np.eye(len(last))) if len(last) else schur
+        try:
+            inverse = la.cho_solve(la.cho_factor(self.schur), np.eye(len(last))) if len(last) else schur
+        except la.LinAlgError:
+            raise SolverError(
+                "conjugate gradients: the matrix of a step is singular to rounding errors (its inertia is lost beside "
+                "the stiffness); take smaller steps, or the direct propagator"
+            ) from None
         self.schur_inverse: Array = 0.5 * (inverse + inverse.T)
 
     def forward(self, b: Array) -> tuple[Array, Array]:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import meshio
 import numpy as np
 import pytest
 
@@ -312,6 +313,46 @@ def test_damaged_files_are_mesh_errors(box: Mesh, written: Write) -> None:
                 read_mesh(path, "part")
             except MeshError:
                 continue
+
+
+@pytest.mark.parametrize("binary", [False, True])
+@pytest.mark.parametrize("tag", [-1, 0, -3])
+def test_node_tags_below_one_are_refused(tag: int, binary: bool, box: Mesh, tmp_path: Path) -> None:
+    """Version 2 of .msh; counted from the end, they would be the last nodes."""
+    cells = box.blocks[0].cells.copy()
+    tags = [np.ones(len(cells), dtype=np.int32)]
+    data = {"gmsh:physical": tags, "gmsh:geometrical": tags}
+    whole, path = tmp_path / "whole.msh", tmp_path / "damaged.msh"
+    meshio.write(whole, meshio.Mesh(box.nodes, [("hexahedron", cells)], cell_data=data), "gmsh22", binary=binary)
+    read_mesh(whole)
+    cells[-1, 3] = tag - 1
+    meshio.write(path, meshio.Mesh(box.nodes, [("hexahedron", cells)], cell_data=data), "gmsh22", binary=binary)
+    refused(lambda: read_mesh(path), "node tag below 1", str(tag))
+
+
+@pytest.mark.parametrize("suffix", ["vtk", "vtu"])
+@pytest.mark.parametrize("node", [-1, 8, 10**6])
+def test_nodes_that_are_not_there_are_refused(node: int, suffix: str, tmp_path: Path) -> None:
+    box = box_mesh(np.zeros(3), np.ones(3), (1, 1, 1))
+    cells = box.blocks[0].cells.copy()
+    cells[0, 5] = node
+    path = tmp_path / f"damaged.{suffix}"
+    meshio.write(path, meshio.Mesh(box.nodes, [("hexahedron", cells)]))
+    refused(lambda: read_mesh(path), "nodes that are not there", "8 nodes")
+
+
+@pytest.mark.parametrize("count", [1, 8])
+def test_cells_given_twice_are_refused(count: int, box: Mesh, msh: Write) -> None:
+    cells = box.blocks[0].cells
+    path = msh(box.nodes, {"part": ("hexahedron", np.concatenate([cells, cells[:count]]))})
+    refused(lambda: read_mesh(path), "same corners as others", f"{min(count, len(cells))} cells")
+
+
+@pytest.mark.parametrize("value", [1e155, 3e-110])
+def test_absurd_sizes_are_refused_without_a_warning(value: float, box: Mesh, msh: Write) -> None:
+    """Products of three edges overflow or vanish."""
+    path = msh(box.nodes * value, {"part": ("hexahedron", box.blocks[0].cells)})
+    refused(lambda: read_mesh(path))
 
 
 def test_reading_says_nothing(box: Mesh, written: Write, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

@@ -82,7 +82,7 @@ def bars_scene() -> Callable[..., Tables]:
     return bars
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def blocks_scene() -> Callable[..., Tables]:
     """See ``blocks``."""
     return blocks

@@ -55,3 +55,12 @@ def test_matrices_it_cannot_take_are_refused() -> None:
     crossed = sp.csr_array(np.array([[1.0, 2.0], [2.0, 1.0]]))  # indefinite: no descent along some direction
     with pytest.raises(SolverError, match="not converged"):
         ConjugateGradients(crossed).solve(np.array([[1.0], [-1.0]]))
+
+
+def test_a_singular_matrix_is_named_with_a_remedy() -> None:
+    """Steps so long that the inertia of a free body is lost in rounding errors."""
+    chain = sp.csr_array(
+        sp.diags_array([np.r_[1.0, np.full(8, 2.0), 1.0], -np.ones(9), -np.ones(9)], offsets=[0, 1, -1])
+    )
+    with pytest.raises(SolverError, match=r"singular to rounding errors .* take smaller steps"):
+        IterativeFactor(chain, np.array([0, 9]))

@@ -1,0 +1,204 @@
+"""Small files of every format, how they are changed, and how they are read: as a user's input is, to the end."""
+
+from __future__ import annotations
+
+import io
+import math
+import tomllib
+from collections.abc import Callable, Mapping
+from contextlib import redirect_stderr, redirect_stdout, suppress
+from dataclasses import dataclass
+from functools import cache, partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import meshio
+import numpy as np
+import pytest
+
+import latin_fmu
+from latin_fmu.commands.fmu import read_columns
+from latin_fmu.cosim import Session
+from latin_fmu.errors import LatinError
+from latin_fmu.latin.state_serialization import decode, encode, opened, sealed
+from latin_fmu.scene.laws import sampled_impulse_error
+
+from ..cosim.scenes import blocks
+from ..fem.conftest import write_msh
+from ..mesh_files.decks import cube, instances_deck, nastran_deck, surfaces_deck
+from ..mesh_files.test_formats import exodus
+from . import changes
+from .changes import Rng
+
+Attempt = Callable[[Rng, Path], None]
+"""Uses one damaged input in a folder; what is wrong with it is a ``LatinError``."""
+
+HERE = Path(__file__).parent
+MATERIAL = {"steel": {"young_modulus": 200e9, "poisson_ratio": 0.3, "density": 7800.0}}
+LAW = b"# a law\ntime, value\n0, 0\n1e-4, 1\n2e-4, 0.5\n1e-3, 0\n"
+COLUMNS = b"time,load.press.value\n0,0\n1e-6,1\n1e-3,0.5\n"
+
+
+@dataclass(frozen=True)
+class Files:
+    """Files of one format.
+
+    Attributes
+    ----------
+    samples : whole files by name. change : damages the bytes of one. read : uses a file to the end.
+    """
+
+    samples: Callable[[], Mapping[str, bytes]]
+    change: Callable[[bytes, Rng], bytes]
+    read: Callable[[Path], None]
+
+    def __call__(self, rng: Rng, folder: Path) -> None:
+        """One of the samples, changed, written under its name and read."""
+        whole = kept(self.samples)
+        name = list(whole)[int(rng.integers(len(whole)))]
+        (folder / name).write_bytes(self.change(whole[name], rng))
+        self.read(folder / name)
+
+    def read_whole(self, folder: Path) -> None:
+        """All samples as they are."""
+        for name, content in kept(self.samples).items():
+            (folder / name).write_bytes(content)
+            self.read(folder / name)
+
+
+@cache
+def kept(samples: Callable[[], Mapping[str, bytes]]) -> Mapping[str, bytes]:
+    """What a function returns, made once."""
+    return samples()
+
+
+def solved(tables: dict[str, Any], folder: Path, cells: int = 100, instants: int = 4) -> None:
+    """Check a scene, and solve it where it is small; what converges is finite."""
+    scene = latin_fmu.scene_from_dict(tables, folder)
+    boxes = [body.box.elements for body in scene.substructure.values() if body.box is not None]
+    if sum(map(math.prod, boxes)) > cells or scene.time.n_step > 1000:
+        return
+    latin_fmu.check(scene)
+    if scene.time.n_step <= instants and scene.solver.max_iterations <= 100:
+        outcome = latin_fmu.solve(scene).outcome
+        assert not outcome.converged or all(np.isfinite(h.traction).all() for h in outcome.interfaces.values())
+
+
+def read_mesh(path: Path) -> None:
+    """All parts of a mesh file as substructures of a scene."""
+    time = {"end": 2e-6, "instants": 2}
+    mesh = {"m": {"file": path.name, "material": "steel"}}
+    solved({"name": "parts", "material": MATERIAL, "mesh": mesh, "time": time}, path.parent)
+
+
+def read_law(path: Path) -> None:
+    """A table as inputs of an FMU, and as the law of a load."""
+    with suppress(LatinError):
+        read_columns(path)
+    tables = {
+        "name": "law",
+        "material": MATERIAL,
+        "substructure": {"a": {"material": "steel", "box": {"size": [1.0, 1.0, 1.0], "elements": [1, 1, 1]}}},
+        "load": {"push": {"face": "a.zmax", "pressure": 1e5, "law": {"type": "csv", "file": path.name}}},
+        "time": {"end": 1e-3, "instants": 3},
+    }
+    scene = latin_fmu.scene_from_dict(tables, path.parent)
+    sampled_impulse_error(scene.load["push"].law, np.linspace(0.0, 1e-3, 4))
+    latin_fmu.check(scene)
+
+
+def read_scene(path: Path) -> None:
+    """A scene file, checked and solved; its text is the scene again."""
+    scene = latin_fmu.load_scene(path)
+    text = scene.text()
+    assert latin_fmu.scene_from_dict(tomllib.loads(text), path.parent) == scene
+    with np.errstate(all="ignore"):  # numbers may overflow, as on the command line: what counts is the outcome
+        solved(tomllib.loads(text), path.parent)
+
+
+def written_meshes(suffix: str) -> Mapping[str, bytes]:
+    """The cube of eight cells as meshio writes it, as text and binary, in old and new versions of a format."""
+    box = cube()
+    cells = [("hexahedron", box.blocks[0].cells), ("quad", box.faces["zmax"].blocks[0].facets)]
+    tags = [np.repeat([1, 2], 4), np.full(4, 3)]
+    mesh = meshio.Mesh(box.nodes, cells, cell_data={"gmsh:physical": tags, "gmsh:geometrical": tags})
+    mesh.field_data = {"low": np.array([1, 3]), "up": np.array([2, 3]), "top": np.array([3, 2])}
+    plain = meshio.Mesh(box.nodes, cells, cell_data={"part": tags})
+    versions = {"msh": ("gmsh22",), "vtk": ("vtk42", "vtk"), "vtu": ("vtu",)}[suffix]
+    result = {}
+    noise = io.StringIO()  # "ASCII files are only meant for debugging"
+    with TemporaryDirectory() as folder, redirect_stderr(noise), redirect_stdout(noise):
+        for version in versions:
+            for binary in (False, True):
+                path = Path(folder) / f"{version}{'b' * binary}.{suffix}"
+                meshio.write(path, mesh if suffix == "msh" else plain, version, binary=binary)
+                result[path.name] = path.read_bytes()
+        if suffix == "msh":  # meshio writes no groups into version 4
+            path = Path(folder) / "gmsh41.msh"
+            groups = {"low": cells[0][1][:4], "up": cells[0][1][4:], "top": cells[1][1]}
+            write_msh(path, box.nodes, {n: ("quad" if n == "top" else "hexahedron", c) for n, c in groups.items()})
+            result[path.name] = path.read_bytes()
+    return result
+
+
+def exodus_file() -> Mapping[str, bytes]:
+    """The cube as two blocks with side sets."""
+    with TemporaryDirectory() as folder:
+        return {"cube.e": exodus(Path(folder) / "cube.e").read_bytes()}
+
+
+def scene_texts() -> Mapping[str, bytes]:
+    """Scenes that use most tables, small enough to be solved."""
+    return {path.name: path.read_bytes() for path in sorted(HERE.glob("*.toml"))}
+
+
+def scene_tables(rng: Rng, folder: Path) -> None:
+    """A scene as nested tables of Python, which hold types that no file has."""
+    texts = list(kept(scene_texts).values())
+    tables = tomllib.loads(texts[int(rng.integers(len(texts)))].decode())
+    with np.errstate(all="ignore"):
+        solved(changes.tables(tables, rng), folder)
+
+
+@cache
+def _state() -> bytes:
+    session = Session(blocks())
+    session.initialize()
+    assert session.step(0.0, 0.4e-6)
+    return sealed(session.snapshot(), "state", "digest")
+
+
+def session_state(rng: Rng, folder: Path) -> None:
+    """The state of a session as it leaves the process: any damage is noticed."""
+    del folder
+    damaged = changes.binary(_state(), rng)
+    if damaged != _state():
+        with pytest.raises(LatinError):
+            opened(damaged, "state", "digest")
+
+
+def tree(rng: Rng, folder: Path) -> None:
+    """Bytes of a tree of values and arrays, as reduced models and states have them."""
+    del folder
+    values = {"a": np.arange(6.0).reshape(2, 3), "b": [1.5, None, "text", True], "c": {"d": np.arange(3)}}
+    decode(changes.binary(encode(values, "kind"), rng), "kind")
+
+
+FORMATS: dict[str, Attempt] = {
+    "msh": Files(partial(written_meshes, "msh"), changes.either, read_mesh),
+    "vtk": Files(partial(written_meshes, "vtk"), changes.either, read_mesh),
+    "vtu": Files(partial(written_meshes, "vtu"), changes.either, read_mesh),
+    "inp": Files(
+        lambda: {"surfaces.inp": surfaces_deck().encode(), "instances.inp": instances_deck().encode()},
+        changes.text,
+        read_mesh,
+    ),
+    "bdf": Files(lambda: {"cube.bdf": nastran_deck().encode()}, changes.text, read_mesh),
+    "exodus": Files(exodus_file, changes.binary, read_mesh),
+    "csv": Files(lambda: {"law.csv": LAW, "columns.csv": COLUMNS}, changes.text, read_law),
+    "toml": Files(scene_texts, changes.text, read_scene),
+    "tables": scene_tables,
+    "state": session_state,
+    "tree": tree,
+}

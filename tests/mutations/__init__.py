@@ -1,0 +1,1 @@
+"""Mutants of the numerical sources: whether the tests notice a wrong expression."""
