@@ -1,4 +1,5 @@
-"""Build hook: a wheel carries the kernels compiled for the machine it is built on, or for ``LATIN_FMU_TARGET``.
+"""Build hook: a wheel carries the kernels compiled for the machine it is built on, or for ``LATIN_FMU_TARGET``, and the
+libraries of FMUs for all platforms: an FMU made on one runs on the others.
 
 ``LATIN_FMU_TARGET=windows-x86_64`` cross-builds a wheel for Windows (linked, not tried there); ``none`` builds a wheel
 without a library, whose kernels numba compiles at the first run. Editable installs have no library either; see
@@ -32,6 +33,13 @@ class Kernels(BuildHookInterface):  # type: ignore[type-arg]
             return
         root = Path(self.root)
         sys.path.insert(0, str(root))
+        from fmu_build import bridge
+
+        for platform in bridge.PLATFORMS:
+            library = root / "build" / bridge.file_name(platform)
+            if not library.is_file():
+                bridge.compiled(platform, root / "build", bridge.zig(platform))
+            build_data["force_include"][str(library)] = f"fmu_build/bridge/{library.name}"
         from latin_fmu.aot import host
         from latin_fmu.compiled.library import file_name
 

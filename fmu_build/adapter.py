@@ -1,52 +1,64 @@
-"""Adapters of an FMU (FMI 2 and 3): the functions that the exporter's library calls, as methods.
+"""Adapters of an FMU: the methods that the library of the FMU calls, one per function of the FMI.
 
-They run inside the host and hand every call to an FMI instance of the solver or of a reduced model. None of them may
-raise: the library would free the instance, and the next call of the host would use freed memory. The library runs the
-entry module twice per instance, and hosts instantiate an FMU only to look at it: loading and instantiation do little.
+They run inside the host and hand every call to an FMI instance of the solver or of a reduced model. A method returns a
+status of the FMI, the highest level of the messages of the call, plus ``PENDING`` where messages wait. Hosts
+instantiate an FMU only to look at it: loading and instantiation do little.
 """
 
 from __future__ import annotations
 
-import atexit
-import contextlib
-import ctypes
+import hashlib
 import importlib
+import importlib.metadata
 import importlib.util
+import itertools
+import json
 import os
+import re
+import secrets
 import sys
-from dataclasses import dataclass
+import uuid
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
-CATEGORIES = {0: "logAll", 1: "logStatusWarning", 2: "logStatusDiscard", 3: "logStatusError"}
+OK, WARNING, DISCARD, ERROR = 0, 1, 2, 3
+PENDING = 256  # added to a status where messages wait
+SPACE = uuid.UUID("7d1b3c52-6c0e-5f0a-9a43-2f4b8e1d90aa")  # of the tokens made from contents
+DIGESTS = "digests.json"  # SHA-256 of the files of the folder ``resources``, by path
 
 
 class Adapter:
-    """Base of the adapters, mixed into the class of the exporter before it.
+    """Base of the adapters: messages, numbers, states.
+
+    Parameters
+    ----------
+    resources : folder of the extracted FMU. kind : "2", "3" (versions of the FMI) or "exchange". name : of the
+        instance. token : given by the host, from the model description.
 
     Attributes
     ----------
-    package : root package inside the FMU. needed : packages the host must have. fmi_instance : takes the calls.
-    held : spare references to the namespace of the entry script: the library of pythonfmu 0.7.0 releases one too many
-        per instance, and a second instance would use freed memory.
+    needed : packages the host must have, with their least versions. fmi_instance : takes the calls.
+
+    Raises
+    ------
+    ImportError : a package is missing or too old. ValueError : a file of the FMU, or the token, is another one.
     """
 
-    package = ""
-    needed: ClassVar[tuple[str, ...]] = ()
-    held: ClassVar[list[dict[str, Any]]] = []
+    needed: ClassVar[Mapping[str, str]] = {}
+    states: ClassVar[dict[int, Any]] = {}  # by handle, of all instances
+    handles: ClassVar[Any] = itertools.count(secrets.randbits(40) + 1)  # of another FMU or run: none of these
 
-    def __init__(self, **kwargs: Any) -> None:
-        super().__init__(**kwargs)
-        self.held.append(vars(sys.modules[type(self).__module__]))
-        self.folder = str(self.resources)  # type: ignore[attr-defined]
-        pin_library(self.folder)
+    def __init__(self, resources: str, kind: str, name: str, token: str) -> None:
+        del kind, name
+        self.folder = os.path.normpath(resources)
+        self.package = __name__.partition(".")[0]
+        self._messages: list[tuple[int, str]] = []
+        self._own_states: set[int] = set()
+        check_contents(Path(self.folder), token)
         relocate(self.package, self.folder)
-        missing = [name for name in self.needed if name not in sys.modules and importlib.util.find_spec(name) is None]
-        if missing:
-            raise ImportError(
-                f"this FMU needs the Python packages {', '.join(missing)}, which {sys.executable} does not have: "
-                "see documentation/externalDependencies.txt"
-            )
+        check_packages(self.needed)
+        self._array = importlib.import_module("numpy").frombuffer
         self.fmi_instance = self._open()
 
     def _open(self) -> Any:
@@ -58,191 +70,319 @@ class Adapter:
     def _content(self, name: str) -> bytes:
         return Path(self.folder, name).read_bytes()
 
-    def log_message(self, level: int, message: str) -> None:
-        """Queue a message for the host; the exporter's library takes its text for a printf format."""
-        self.log(message.replace("%", "%%"), level, CATEGORIES[level])  # type: ignore[attr-defined]
+    def _log(self) -> Callable[[int, str], None]:
+        """Keeps messages for the host; it does not hold the adapter, so that no cycle of references arises."""
+        messages = self._messages
+        return lambda level, text: messages.append((level, text))
 
-    def exit_initialization_mode(self) -> None:
-        """End the initialization; a failure is logged."""
+    def messages(self) -> list[tuple[int, str]]:
+        """Levels and texts of the messages that wait; they wait no longer."""
+        waiting = self._messages.copy()
+        self._messages.clear()
+        return waiting
+
+    def _status(self) -> int:
+        """Status of a call: the highest level of its messages; a warning is only told."""
+        if not self._messages:
+            return OK
+        level = max(level for level, _ in self._messages)
+        return PENDING + (OK if level == WARNING else level)
+
+    def _refused(self, text: str) -> int:
+        self._messages.append((ERROR, text))
+        return self._status()
+
+    def close(self) -> int:
+        """Free the instance: its states, and what its parts hold of one another."""
+        for handle in self._own_states:
+            self.states.pop(handle, None)
+        self.fmi_instance.close()
+        return OK
+
+    def reset(self) -> int:
+        """Return to the state after instantiation."""
+        self.fmi_instance.close()
+        self.fmi_instance = self._open()
+        return self._status()
+
+    def setup(self, start_time: float, tolerance: float) -> int:
+        """Start time, s, and tolerance of the host, 0 where it gives none."""
+        self.fmi_instance.setup(start_time, tolerance or None)
+        return self._status()
+
+    def initialize(self) -> int:
+        """End the initialization."""
         self.fmi_instance.initialize()
+        return self._status()
+
+    def terminate(self) -> int:
+        """End the simulation."""
+        return self._status()
 
     # -- variables ------------------------------------------------------------------------------------------------
-    def real_values(self, references: list[int]) -> list[float]:
-        """Values of real variables by value reference; elements of arrays in row-major order."""
-        return list(self.fmi_instance.get(references))
+    def get_numbers(self, references: memoryview, values: memoryview) -> int:
+        """Write numbers by value reference; elements of arrays in row-major order."""
+        read = self.fmi_instance.get(self._array(references, "u4").tolist())
+        if 8 * len(read) != values.nbytes:
+            return self._refused(f"the host reads {values.nbytes // 8} values of variables that have {len(read)}")
+        self._array(values)[:] = read
+        return self._status() if self._messages else OK
 
-    def set_values(self, references: list[int], values: list[Any]) -> None:
+    def set_numbers(self, references: memoryview, values: memoryview) -> int:
         """Set variables by value reference."""
-        self.fmi_instance.set(references, values)
+        self.fmi_instance.set(self._array(references, "u4").tolist(), self._array(values).tolist())
+        return self._status() if self._messages else OK
 
-    # -- states: the exporters call these in FMI 2 and FMI 3 --------------------------------------------------------
-    def _get_fmu_state(self) -> Any:
-        return self.fmi_instance.get_state()
+    def get_texts(self, _references: memoryview, _texts: list[bytes]) -> int:
+        """Append the strings of variables."""
+        return self._refused("this FMU has no strings")
 
-    def _set_fmu_state(self, state: Any) -> None:
-        if state is None:
-            self.log_message(3, "a state that could not be saved cannot be restored")
-        else:
-            self.fmi_instance.set_state(state)
+    def set_texts(self, _references: memoryview, _texts: list[bytes]) -> int:
+        """Set the strings of variables."""
+        return self._refused("this FMU has no strings")
 
-    @staticmethod
-    def _fmu_state_to_bytes(state: Any) -> bytes:
-        return bytes(state or b"")
+    # -- states: the host holds a handle, the bytes are kept here --------------------------------------------------
+    def get_state(self, handle: memoryview) -> int:
+        """Keep the present state under the handle the host gives, where it is known, else under a new one."""
+        saved = self.fmi_instance.get_state()
+        if saved is not None:
+            self._keep(saved, handle)
+        return self._status()
 
-    @classmethod
-    def _fmu_state_from_bytes(cls, block: bytes) -> Any:
-        return bytes(block)
+    def _keep(self, saved: Any, handle: memoryview) -> None:
+        place = self._array(handle, "i8")
+        number = int(place[0]) if int(place[0]) in self._own_states else next(self.handles)
+        self.states[number] = saved
+        self._own_states.add(number)
+        place[0] = number
+
+    def _known(self, handle: int) -> bool:
+        if handle not in self.states:
+            self._refused("the host gives a state that this FMU never gave, or that was freed")
+        return handle in self.states
+
+    def set_state(self, handle: int) -> int:
+        """Restore the state of a handle."""
+        if self._known(handle):
+            self.fmi_instance.set_state(self.states[handle])
+        return self._status()
+
+    def free_state(self, handle: int) -> int:
+        """Forget the state of a handle."""
+        if self._known(handle):
+            del self.states[handle]
+            self._own_states.discard(handle)
+        return self._status()
+
+    def state_size(self, handle: int, size: memoryview) -> int:
+        """Write the number of bytes of a serialized state."""
+        if self._known(handle):
+            self._array(size, "i8")[0] = len(self.fmi_instance.to_bytes(self.states[handle]))
+        return self._status()
+
+    def state_to_bytes(self, handle: int, target: memoryview) -> int:
+        """Write a state as bytes."""
+        if self._known(handle):
+            block = self.fmi_instance.to_bytes(self.states[handle])
+            if len(block) != target.nbytes:
+                return self._refused(f"the host gives {target.nbytes} bytes for a state of {len(block)} bytes")
+            target[:] = block
+        return self._status()
+
+    def state_from_bytes(self, block: bytes, handle: memoryview) -> int:
+        """Keep the state of serialized bytes under a new handle; damaged bytes are refused."""
+        saved = self.fmi_instance.from_bytes(block)
+        if saved is not None:
+            self._keep(saved, handle)
+        return self._status()
 
 
 class CoSimulationAdapter(Adapter):
     """Adapter to a ``FmiInstance`` of ``latin_fmu.cosim``."""
 
-    needed = ("numpy", "scipy", "numba", "meshio", "pydantic", "xarray", "netCDF4", "threadpoolctl")
+    needed: ClassVar[Mapping[str, str]] = {
+        "numpy": "2.0",
+        "scipy": "1.14",
+        "numba": "0.61",
+        "meshio": "5.3",
+        "pydantic": "2.10",
+        "xarray": "2024.10",
+        "netCDF4": "1.7",
+        "threadpoolctl": "3.5",
+    }
 
     def _open(self) -> Any:
         table = self._module("cosim.variable").table_from(self._content("variables.json").decode())
         scene = os.path.join(self.folder, "scene", "scene.toml")
+        reader = f"{self.package}.latin_fmu.reader"  # by name: the function below holds no adapter
         instance = self._module("cosim.fmi_instance")
-        return instance.FmiInstance(table, lambda: self._module("reader").load_scene(scene), self.log_message)
+        digests = {path: digest for path, digest in json.loads(self._content(DIGESTS)).items() if "scene/" in path}
+        digest = hashlib.sha256(repr(digests).encode()).hexdigest()
+        return instance.FmiInstance(
+            table, lambda: importlib.import_module(reader).load_scene(scene), self._log(), digest
+        )
 
-    def do_step(self, current_time: float, step_size: float) -> bool:
-        """Advance by one communication step; False where the step is discarded."""
-        return bool(self.fmi_instance.step(current_time, step_size))
+    def reset(self) -> int:
+        """Return to the state after instantiation; operators are kept."""
+        self.fmi_instance.clear()
+        return self._status()
 
-    def terminate(self) -> None:
+    def step(self, current_time: float, step_size: float) -> int:
+        """Advance by one communication step."""
+        self.fmi_instance.step(current_time, step_size)
+        return self._status() if self._messages else OK
+
+    def terminate(self) -> int:
         """End the simulation; the results file is written where one is named."""
         self.fmi_instance.terminate()
+        return self._status()
 
-    def whole_values(self, references: list[int]) -> list[int]:
-        """Values of integer variables by value reference."""
-        return [int(value) for value in self.fmi_instance.get(references)]
+    def get_texts(self, references: memoryview, texts: list[bytes]) -> int:
+        """Append the strings of variables by value reference."""
+        texts += [text.encode() for text in self.fmi_instance.get_texts(self._array(references, "u4").tolist())]
+        return self._status()
 
-    def get_string(self, references: list[int]) -> list[str]:
-        """Values of string variables by value reference."""
-        return list(self.fmi_instance.get_texts(references))
-
-    def set_string(self, references: list[int], values: list[str]) -> None:
+    def set_texts(self, references: memoryview, texts: list[bytes]) -> int:
         """Set string variables by value reference."""
-        self.fmi_instance.set_texts(references, values)
-
-
-class Fmi2Adapter(CoSimulationAdapter):
-    """Functions of FMI 2.0, mixed into ``Fmi2Slave``."""
-
-    get_real, get_integer = CoSimulationAdapter.real_values, CoSimulationAdapter.whole_values
-    set_real = set_integer = set_boolean = CoSimulationAdapter.set_values
-
-    def setup_experiment(self, start_time: float, _stop_time: float | None, tolerance: float | None) -> None:
-        """Take start time and tolerance; the stop time is not needed."""
-        self.fmi_instance.setup(start_time, tolerance)
-
-    def get_boolean(self, references: list[int]) -> list[bool]:
-        """Values of Boolean variables by value reference."""
-        return [bool(value) for value in self.real_values(references)]
-
-
-class Fmi3Adapter(CoSimulationAdapter):
-    """Functions of FMI 3.0, mixed into ``Fmi3Slave``; it drops start time, stop time and tolerance."""
-
-    get_float64, get_int32 = CoSimulationAdapter.real_values, CoSimulationAdapter.whole_values
-    set_float64 = set_int32 = set_uint64 = CoSimulationAdapter.set_values
-
-    def get_uint64(self, references: list[int]) -> list[Any]:
-        """Values of array sizes by value reference."""
-        return [ctypes.c_uint64(value) for value in self.whole_values(references)]
-
-
-# -- Model Exchange -----------------------------------------------------------------------------------------------
-@dataclass(frozen=True)
-class DiscreteStates:
-    """Answer to an event under the names that the library reads (the exporter's own class has others)."""
-
-    terminateSimulation: bool  # noqa: N815
-    nextEventTimeDefined: bool  # noqa: N815
-    nextEventTime: float  # noqa: N815
-    discreteStatesNeedUpdate: bool = False  # noqa: N815
-    valuesOfContinuousStatesChanged: bool = True  # noqa: N815  unchanged, but some hosts restart only if True
-    nominalContinuousStatesChanged: bool = False  # noqa: N815
+        given = [text.decode(errors="surrogateescape") for text in texts]
+        self.fmi_instance.set_texts(self._array(references, "u4").tolist(), given)
+        return self._status()
 
 
 class ModelExchangeAdapter(Adapter):
-    """Functions of FMI 3.0 Model Exchange, mixed into ``Fmi3SlaveBase``; it drops start time and tolerance.
+    """Adapter to a ``ReducedModelInstance`` of ``latin_fmu.model_exchange``."""
 
-    ``fmi_instance`` is a ``ReducedModelInstance`` of ``latin_fmu.model_exchange``.
-    """
-
-    needed = ("numpy", "pydantic")
-    get_float64, set_float64 = Adapter.real_values, Adapter.set_values
+    needed: ClassVar[Mapping[str, str]] = {"numpy": "2.0", "pydantic": "2.10"}
 
     def _open(self) -> Any:
         system = self._module("model_exchange.system")
         reduced = system.ReducedSystem.from_bytes(self._content("reduced.bin"))
         names = system.Names.from_text(self._content("variables.json").decode())
-        return self._module("model_exchange.fmi_instance").ReducedModelInstance(reduced, names, self.log_message)
+        return self._module("model_exchange.fmi_instance").ReducedModelInstance(reduced, names, self._log())
 
-    def terminate(self) -> None:
-        """End the simulation; no file is written."""
+    def setup(self, _start_time: float, _tolerance: float) -> int:
+        """Start time and tolerance have no effect on the equations."""
+        return OK
 
-    def set_time(self, time: float) -> None:
+    def set_numbers(self, references: memoryview, values: memoryview) -> int:
+        """Set variables by value reference; an input that is not finite is told, and stops the integrator as NaN."""
+        fixed = self.fmi_instance.variables.fixed
+        status = super().set_numbers(references, values)
+        return status & PENDING if fixed else status
+
+    def set_time(self, time: float) -> int:
         """Set the time of the next evaluations, s."""
         self.fmi_instance.set_time(time)
+        return self._status()
 
-    def get_number_of_continuous_states(self) -> int:
-        """Number of continuous states."""
-        return int(self.fmi_instance.n_state)
+    def number_of_states(self, count: memoryview) -> int:
+        """Write the number of continuous states."""
+        return self._write(count, [self.fmi_instance.n_state])
 
-    def set_continuous_states(self, values: list[float]) -> None:
+    def number_of_indicators(self, count: memoryview) -> int:
+        """Write the number of event indicators."""
+        return self._write(count, [self.fmi_instance.n_indicator])
+
+    def set_continuous_states(self, values: memoryview) -> int:
         """Set all continuous states."""
-        self.fmi_instance.set_states(values)
+        self.fmi_instance.set_states(self._array(values))
+        return self._status()
 
-    def get_continuous_states(self) -> list[float]:
-        """Values of the continuous states."""
-        return list(self.fmi_instance.y.tolist())
+    def get_continuous_states(self, values: memoryview) -> int:
+        """Write the continuous states."""
+        return self._write(values, self.fmi_instance.y)
 
-    def get_continuous_state_derivatives(self) -> list[float]:
-        """Time derivatives of the continuous states."""
-        return list(self.fmi_instance.derivatives())
+    def get_derivatives(self, values: memoryview) -> int:
+        """Write the time derivatives of the continuous states."""
+        return self._write(values, self.fmi_instance.derivatives())
 
-    def get_nominals_of_continuous_states(self, _size: int) -> list[float]:
-        """Nominal values of the continuous states."""
-        return list(self.fmi_instance.nominals())
+    def get_nominals(self, values: memoryview) -> int:
+        """Write the nominal values of the continuous states."""
+        return self._write(values, self.fmi_instance.nominals())
 
-    def get_number_of_event_indicators(self) -> int:
-        """Number of event indicators."""
-        return int(self.fmi_instance.n_indicator)
+    def get_event_indicators(self, values: memoryview) -> int:
+        """Write the event indicators."""
+        return self._write(values, self.fmi_instance.indicators())
 
-    def get_event_indicators(self) -> list[float]:
-        """Values of the event indicators."""
-        return list(self.fmi_instance.indicators())
-
-    def update_discrete_states(self) -> DiscreteStates:
-        """Update contact states and time laws at an event."""
+    def update_discrete_states(self, event: memoryview) -> int:
+        """Update contact states and time laws at an event; write whether the simulation ends, whether the time of a
+        next event is known, and this time, s."""
         update = self.fmi_instance.update()
-        next_event = update.next_event
-        return DiscreteStates(update.terminate, next_event is not None, next_event or 0.0)
+        following = update.next_event
+        return self._write(event, [update.terminate, following is not None, following or 0.0])
+
+    def _write(self, target: memoryview, values: Any) -> int:
+        self._array(target)[:] = values
+        return self._status() & PENDING  # NaN stops an integrator; some take no notice of a status in its callbacks
 
 
-# -- the process of the host --------------------------------------------------------------------------------------
-def pin_library(resources: str) -> None:
-    """Keep the exporter's library in memory until the process ends, and finalize it before (Linux).
+# -- checks at instantiation --------------------------------------------------------------------------------------
+def check_packages(needed: Mapping[str, str]) -> None:
+    """Compare the packages of this Python with those needed; a package that is loaded counts as it is.
 
-    Its own thread may still run when the host unloads it. A library kept to the end of the process releases the
-    interpreter twice: as a static object, and in its unload function, which then writes into freed memory ("corrupted
-    double-linked list"). The unload function, called once while the interpreter ends, leaves nothing to release.
+    Raises
+    ------
+    ImportError : names those that are missing or too old, and the Python.
     """
-    if not hasattr(os, "RTLD_NODELETE"):
-        return
-    binaries = Path(resources).parent / "binaries"
-    for library in (*binaries.glob("linux64/*.so"), *binaries.glob("x86_64-linux/*.so")):
-        if str(library) in _pinned:
-            continue
-        with contextlib.suppress(OSError, AttributeError):  # the host moved the binaries
-            pinned = ctypes.CDLL(str(library), mode=os.RTLD_NOW | os.RTLD_NODELETE)
-            _pinned.add(str(library))
-            atexit.register(pinned.finalizePythonInterpreter)
+    wrong = []
+    for name, least in needed.items():
+        version = _version(name)
+        if version is None:
+            wrong.append(f"{name} >= {least} (missing)")
+        elif _parts(version) < _parts(least):
+            wrong.append(f"{name} >= {least} (here {version})")
+    if wrong:
+        python = f"Python {sys.version.split()[0]} in {sys.prefix}"
+        raise ImportError(
+            f"this FMU needs the packages {', '.join(wrong)}; {python} does not have them: "
+            "see documentation/externalDependencies.txt"
+        )
 
 
-_pinned: set[str] = set()  # libraries, by path
+def _version(name: str) -> str | None:
+    """Version of a package, of the loaded module if there is one; None where it is missing."""
+    if name not in sys.modules and importlib.util.find_spec(name) is None:
+        return None
+    loaded = getattr(sys.modules.get(name), "__version__", None)
+    if loaded is not None:
+        return str(loaded)
+    try:
+        return importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError:
+        return str(getattr(importlib.import_module(name), "__version__", "0"))
+
+
+def _parts(version: str) -> tuple[int, ...]:
+    """The leading numbers of a version."""
+    match = re.match(r"\d+(\.\d+)*", version)
+    return tuple(int(part) for part in match[0].split(".")) if match else (0,)
+
+
+def check_contents(resources: Path, token: str) -> None:
+    """Compare the files of an FMU with their digests, and these with the token of the model description.
+
+    Raises
+    ------
+    ValueError : names the first file that is missing or was changed.
+    """
+    try:
+        listed = Path(resources, DIGESTS).read_bytes()
+    except OSError:
+        raise ValueError(f"the FMU is not whole: resources/{DIGESTS} cannot be read; extract it anew") from None
+    if token.strip("{}") != token_of(listed):
+        raise ValueError("the model description and the resources belong to different FMUs: extract the FMU anew")
+    for path, digest in json.loads(listed).items():
+        try:
+            content = Path(resources, path).read_bytes()
+        except OSError:
+            content = b""
+        if hashlib.sha256(content).hexdigest() != digest:
+            raise ValueError(f"resources/{path} is missing or was changed: extract the FMU anew, or make it anew")
+
+
+def token_of(listed: bytes) -> str:
+    """Token of an FMU from the digests of its files."""
+    return str(uuid.uuid5(SPACE, hashlib.sha256(listed).hexdigest()))
 
 
 def relocate(package: str, resources: str) -> None:

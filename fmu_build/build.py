@@ -5,7 +5,6 @@ An FMU is written whole or not at all. Building twice gives the same bytes.
 
 from __future__ import annotations
 
-import uuid
 from pathlib import Path
 from typing import Literal
 
@@ -21,7 +20,16 @@ from latin_fmu.model_exchange.reduce import reduced_system
 from latin_fmu.model_exchange.variables import names_of
 from latin_fmu.scene.schema import Scene
 
-from .contents import Exporter, Files, content_hash, external_dependencies, package_files, scene_files, write_archive
+from .contents import (
+    Files,
+    binaries,
+    content_hash,
+    external_dependencies,
+    package_files,
+    scene_files,
+    with_digests,
+    write_archive,
+)
 from .description import (
     Facts,
     fmi2_description,
@@ -38,19 +46,6 @@ Fmi = Literal["2", "3"]
 MAX_SCALARS = 2000  # more make FMI 2 hosts slow
 TOLERANCE = 1e-5  # of the integrator of a reduced model: with a smaller one the error of the reduction dominates
 STEPS = 200  # suggested output intervals of a reduced model
-_SPACE = uuid.UUID("7d1b3c52-6c0e-5f0a-9a43-2f4b8e1d90aa")  # of the tokens made from contents
-
-_SCRIPT = '''\
-"""Entry point of the FMU; its name is made from its content."""
-
-from {package}.fmu_build.adapter import {adapter}
-from {package}.{exporter}.fmi{fmi}slave import {slave}
-
-
-class {identifier}({adapter}, {slave}):
-    package = "{package}"
-    held = [globals()] * 8
-'''
 
 
 def build_fmu(scene: Scene, target: str | Path, fmi: Fmi = "2", extra: Files | None = None) -> Path:
@@ -63,7 +58,8 @@ def build_fmu(scene: Scene, target: str | Path, fmi: Fmi = "2", extra: Files | N
 
     Raises
     ------
-    InputError : the scene cannot be built, or gives too many variables. ModuleNotFoundError : the exporter is missing.
+    InputError : the scene cannot be built, or gives too many variables. ModuleNotFoundError : the library of the FMU is
+        missing, and a compiler too.
     ResultsError : the file cannot be written.
     """
     return write_archive(target, {**fmu_files(scene, fmi), **(extra or {})})
@@ -79,7 +75,8 @@ def build_model_exchange(scene: Scene, target: str | Path, n_mode: int = 12, n_p
 
     Raises
     ------
-    SceneError : the scene cannot be built or has no reduced model. ModuleNotFoundError : the exporter is missing.
+    SceneError : the scene cannot be built or has no reduced model. ModuleNotFoundError : the library of the FMU is
+        missing, and a compiler too.
     ResultsError : the file cannot be written.
     """
     return write_archive(target, model_exchange_files(scene, n_mode, n_patch))
@@ -87,7 +84,6 @@ def build_model_exchange(scene: Scene, target: str | Path, n_mode: int = 12, n_p
 
 def fmu_files(scene: Scene, fmi: Fmi) -> Files:
     """Every file of the FMU for co-simulation, by path inside the archive."""
-    exporter = Exporter.installed(fmi)
     scene = completed(scene)
     problem = discretise(scene).build()  # raises where the scene cannot be built
     n_point = {unit.name: unit.geometry.n_point for unit in problem.assembly.interfaces}
@@ -100,7 +96,7 @@ def fmu_files(scene: Scene, fmi: Fmi) -> Files:
     inside = {f"scene/{path}": content for path, content in scene_files(scene).items()}
     resources = {"variables.json": table_text(table).encode(), **inside}
     scene_text = inside["scene/scene.toml"].decode()
-    content = _Content(exporter, fmi, resources, scene_text)
+    content = _Content(fmi, "CoSimulationAdapter", resources)
     facts = Facts(
         model=scene.name,
         identifier=identifier_of(scene),
@@ -113,7 +109,7 @@ def fmu_files(scene: Scene, fmi: Fmi) -> Files:
         tolerance=accuracy_of(scene.solver.tolerance),
     )
     return {
-        **content.files(facts, f"Fmi{fmi}Adapter", f"Fmi{fmi}Slave"),
+        **content.files(facts),
         "modelDescription.xml": xml_bytes((fmi2_description if fmi == "2" else fmi3_description)(facts)),
         "documentation/index.html": documentation(facts, scene_text, f"{fmi}.0").encode(),
         "documentation/externalDependencies.txt": external_dependencies(),
@@ -122,13 +118,12 @@ def fmu_files(scene: Scene, fmi: Fmi) -> Files:
 
 def model_exchange_files(scene: Scene, n_mode: int, n_patch: int) -> Files:
     """Every file of the FMU for Model Exchange, by path inside the archive."""
-    exporter = Exporter.installed("3")
     scene = completed(scene)
     system = reduced_system(scene, n_mode, n_patch)
     equations = Equations(system, scene.output.energy)
     names = names_of(scene, system, equations.start().tolist(), equations.nominals().tolist())
     resources: Files = {"reduced.bin": system.to_bytes(), "variables.json": names.to_text().encode()}
-    content = _Content(exporter, "3", resources, scene.text())
+    content = _Content("3", "ModelExchangeAdapter", resources)
     facts = Facts(
         model=f"{scene.name}_reduced",
         identifier=f"{identifier_of(scene)}_reduced",
@@ -141,7 +136,7 @@ def model_exchange_files(scene: Scene, n_mode: int, n_patch: int) -> Files:
         tolerance=TOLERANCE,
     )
     return {
-        **content.files(facts, "ModelExchangeAdapter", "Fmi3SlaveBase"),
+        **content.files(facts),
         "modelDescription.xml": xml_bytes(model_exchange_description(facts, names)),
         "documentation/index.html": model_exchange_page(facts, names, scene.text(), n_mode, n_patch).encode(),
         "documentation/externalDependencies.txt": external_dependencies(reduced=True),
@@ -151,28 +146,25 @@ def model_exchange_files(scene: Scene, n_mode: int, n_patch: int) -> Files:
 class _Content:
     """Program and data of an FMU, and the token made from them.
 
-    resources : files by path inside the folder ``resources``. scene_text : shown in the documentation.
+    adapter : name of the class that takes the calls of the host. resources : files by path inside ``resources``.
     """
 
-    def __init__(self, exporter: Exporter, fmi: Fmi, resources: Files, scene_text: str) -> None:
-        self._exporter, self._fmi, self._resources = exporter, fmi, resources
-        self._package = package_files(exporter)
-        self._name = f"latin_fmu_{content_hash(self._package)[:12]}"
-        self._digest = content_hash(self._package, resources, {"scene": scene_text.encode(), "fmi": fmi.encode()})
-        made = uuid.uuid5(_SPACE, self._digest)
-        self.token = f"{{{made}}}" if fmi == "2" else str(made)
-
-    def files(self, facts: Facts, adapter: str, slave: str) -> Files:
-        """The files that all kinds of FMU share; the entry script joins an adapter to a class of the exporter."""
-        exporter, module, identifier = self._exporter, f"slave_{self._digest[:16]}", facts.identifier
-        script = _SCRIPT.format(
-            package=self._name,
-            adapter=adapter,
-            exporter=exporter.name,
-            fmi=self._fmi,
-            slave=slave,
-            identifier=identifier,
+    def __init__(self, fmi: Fmi, adapter: str, resources: Files) -> None:
+        self._fmi = fmi
+        package = package_files()
+        name = f"latin_fmu_{content_hash(package)[:12]}"
+        self._resources, token = with_digests(
+            {
+                "entry.txt": f"{name} {adapter}\n".encode(),
+                "version.txt": f"FMI {fmi}\n".encode(),  # FMUs of one scene for two versions are two FMUs
+                **resources,
+                **{f"{name}/{path}": content for path, content in package.items()},
+            }
         )
+        self.token = f"{{{token}}}" if fmi == "2" else token
+
+    def files(self, facts: Facts) -> Files:
+        """The files that all kinds of FMU share."""
         here = Path(__file__).parent
         icon = (here / "icon.png").read_bytes()
         icons = {"model.png": icon}
@@ -182,12 +174,8 @@ class _Content:
                 "terminalsAndIcons/terminalsAndIcons.xml": xml_bytes(terminals(facts)),
             }
         return {
-            "resources/slavemodule.txt": module.encode(),
-            f"resources/{module}.py": script.encode(),
             **{f"resources/{path}": content for path, content in self._resources.items()},
-            **{f"resources/{self._name}/{path}": content for path, content in self._package.items()},
-            **exporter.binaries(identifier),
-            **exporter.licences(),
+            **binaries(self._fmi, facts.identifier),
             "documentation/licenses/license.txt": (here / "license.txt").read_bytes(),
             **icons,
         }

@@ -1,13 +1,11 @@
-"""The files of an FMU: solver, adapter, exporter, scene, documentation; the archive. Equal input gives equal bytes."""
+"""The files of an FMU: solver, adapter, libraries, scene, documentation; the archive. Equal input gives equal bytes."""
 
 from __future__ import annotations
 
 import hashlib
-import importlib.metadata
-import importlib.util
+import json
 import zipfile
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
 
 import latin_fmu
@@ -15,65 +13,46 @@ from latin_fmu.compiled import library
 from latin_fmu.results.writing import write_whole
 from latin_fmu.scene.schema import Scene
 
-from .adapter import CoSimulationAdapter, ModelExchangeAdapter
+from . import bridge
+from .adapter import DIGESTS, CoSimulationAdapter, ModelExchangeAdapter, token_of
 from .description import NAME
 
 Files = dict[str, bytes]
 """Contents by path inside the archive."""
 
 _ADAPTERS = ("__init__.py", "adapter.py")
-_EXPORTERS = {"2": "pythonfmu", "3": "pythonfmu3"}
 _LEFT_OUT = ("cli.py", "__main__.py", "commands", "stability", "aot")  # not run by an FMU
+_DEPENDENCIES = """\
+This FMU runs in a CPython of its host, 3.11 or newer, 64 bit, that has these packages, installed e.g. with
+`pip install`:
+
+{}
+
+{}
+
+A host that is itself a Python (a script, or a program that has one inside) uses that Python. For any other host the
+FMU starts one: the Python that the environment variable LATIN_FMU_PYTHON names (path of the executable, also of a
+virtual environment), else `python3` (Windows: `python`) on the path. It must have a shared library, as the Pythons of
+Linux distributions, python.org and conda do. No other variable is needed, neither LD_PRELOAD nor PYTHONHOME.
+"""
 _BARE_INIT = '"""The solver inside an FMU; nothing is imported before it is needed."""\n\n__version__ = "{}"\n'
 
 
-@dataclass(frozen=True)
-class Exporter:
-    """An installed exporter: its Python files and its libraries, by path below its folder."""
+def binaries(fmi: str, identifier: str) -> Files:
+    """Libraries of all platforms there are, under the name of the model.
 
-    name: str
-    modules: Files
-    libraries: Files
-
-    @classmethod
-    def installed(cls, fmi: str) -> Exporter:
-        """Read the exporter for FMI "2" or "3".
-
-        Raises ModuleNotFoundError with the command that installs it.
-        """
-        name = _EXPORTERS[fmi]
-        spec = importlib.util.find_spec(name)
-        if spec is None or spec.origin is None:
-            raise ModuleNotFoundError(f"building FMI {fmi} needs {name}: pip install 'latin-fmu[fmu]'", name=name)
-        folder = Path(spec.origin).parent
-        modules = {path.name: path.read_bytes() for path in sorted(folder.glob("*.py")) if path.name != "__main__.py"}
-        binaries = folder / "resources" / "binaries"
-        built = (p for p in sorted(binaries.rglob("*")) if p.suffix in (".so", ".dll", ".dylib"))
-        libraries = {path.relative_to(binaries).as_posix(): path.read_bytes() for path in built}
-        return cls(name, modules, libraries)
-
-    def binaries(self, identifier: str) -> Files:
-        """Libraries of the exporter under the name of the model."""
-        return {
-            f"binaries/{Path(path).parent.as_posix()}/{identifier}{Path(path).suffix}": content
-            for path, content in self.libraries.items()
-        }
-
-    def licences(self) -> Files:
-        """Licence files of the exporter, as installed."""
-        distribution = importlib.metadata.distribution(self.name)
-        return {
-            f"documentation/licenses/{self.name}/{Path(str(file)).name}": Path(str(file.locate())).read_bytes()
-            for file in sorted(distribution.files or [], key=str)
-            if Path(str(file)).name.upper().startswith(("LICENSE", "LICENCE", "COPYING", "NOTICE"))
-        }
-
-
-def package_files(exporter: Exporter) -> Files:
-    """The root package that travels in the FMU: solver, adapters and exporter side by side."""
-    files: Files = {
-        "__init__.py": b'"""Solver, adapters and exporter of an FMU, under a name made from their content."""\n'
+    Raises ModuleNotFoundError with the command that installs what is missing.
+    """
+    return {
+        f"binaries/{bridge.PLATFORMS[target][fmi]}/{identifier}{path.suffix}": path.read_bytes()
+        for target, path in sorted(bridge.libraries().items())
+        if fmi in bridge.PLATFORMS[target]
     }
+
+
+def package_files() -> Files:
+    """The root package that travels in the FMU: solver and adapters side by side."""
+    files: Files = {"__init__.py": b'"""Solver and adapters of an FMU, under a name made from their content."""\n'}
     solver = Path(latin_fmu.__file__).parent
     for path in sorted(solver.rglob("*.py")):
         inside = path.relative_to(solver)
@@ -82,8 +61,7 @@ def package_files(exporter: Exporter) -> Files:
     files |= {f"latin_fmu/{path.name}": path.read_bytes() for path in library.shipped()}
     files["latin_fmu/__init__.py"] = _BARE_INIT.format(latin_fmu.__version__).encode()
     here = Path(__file__).parent
-    files |= {f"fmu_build/{name}": (here / name).read_bytes() for name in _ADAPTERS if (here / name).is_file()}
-    return files | {f"{exporter.name}/{name}": content for name, content in exporter.modules.items()}
+    return files | {f"fmu_build/{name}": (here / name).read_bytes() for name in _ADAPTERS}
 
 
 def scene_files(scene: Scene) -> Files:
@@ -123,23 +101,15 @@ def external_dependencies(reduced: bool = False) -> bytes:
         inside = (
             f"The reduced model, computed when the FMU was made, and the program that runs it ({program}) are inside."
         )
-    needed = ModelExchangeAdapter.needed if reduced else _requirements()
-    return "\n".join(
-        [
-            "This FMU runs in the Python of its host (CPython 3.11 or newer, 64 bit), which must have these packages,",
-            "installed e.g. with `pip install`:\n",
-            *needed,
-            f"\n{inside}\n",
-        ]
-    ).encode()
+    needed = (ModelExchangeAdapter if reduced else CoSimulationAdapter).needed
+    return _DEPENDENCIES.format("\n".join(f"{name}>={least}" for name, least in needed.items()), inside).encode()
 
 
-def _requirements() -> Sequence[str]:
-    try:
-        required = importlib.metadata.requires("latin-fmu") or []
-    except importlib.metadata.PackageNotFoundError:  # run from a source folder
-        return CoSimulationAdapter.needed
-    return sorted(r for r in required if "extra ==" not in r and not r.startswith("matplotlib"))
+def with_digests(resources: Files) -> tuple[Files, str]:
+    """Files of the folder ``resources`` with a list of their digests, and the token made from the list."""
+    digests = {path: hashlib.sha256(content).hexdigest() for path, content in sorted(resources.items())}
+    listed = json.dumps(digests, indent=0).encode()
+    return {**resources, DIGESTS: listed}, token_of(listed)
 
 
 def write_archive(target: str | Path, files: Mapping[str, bytes]) -> Path:

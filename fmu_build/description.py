@@ -16,12 +16,12 @@ from latin_fmu.scene.schema import Scene
 
 NAME = "latin_fmu"
 AUTHOR = "The latin-fmu developers"
-LICENCE = "MIT; the exporter's library under its own licence, see documentation/licenses"
+LICENCE = "MIT, see documentation/licenses"
 LOG_CATEGORIES = {
     "logAll": "All messages",
     "logStatusWarning": "Settings that were adjusted, inputs that have no effect",
-    "logStatusDiscard": "Steps that were refused: why, and what to do",
-    "logStatusError": "Initialization that failed: every later step is refused",
+    "logStatusDiscard": "Steps that were not made, where a shorter one or another input may help: why, and what to do",
+    "logStatusError": "Initialization that failed, steps that cannot be made, states that cannot be used",
     "logStatusFatal": "Nothing can be done any more",
 }
 

@@ -24,13 +24,18 @@ Saving and restoring the state (serialised or not) is exact to the last bit.</li
 <li><b>Prescribed</b> (<code>mode = 1</code>): load histories are given up front by <code>historyFile</code> (CSV with a
 header <code>time,NAME,...</code>, or netCDF) or, in FMI 3, by the arrays <code>load.NAME.history</code>; the whole
 interval [0, <code>endTime</code>] is solved when initialization ends and played back at any communication step.</li>
-<li>A step that cannot be made (an input that is not finite, a step of zero length, no convergence, a changed input in
-prescribed mode) is <b>discarded</b>: a message in the log gives the reason, the state is as before.</li>
-<li>A failure during initialization (a missing file, no convergence in prescribed mode) is logged as an error; every
-later step is discarded.</li>
+<li>A step that was not made where a shorter one or another input may help (no convergence, an input that is not
+finite, a changed input in prescribed mode) is <b>discarded</b>: the status is Discard, the simulation is not reported
+as terminated, a message in the log gives the reason, the state is as before. A host that goes on as if the step had
+been made gets an <b>error</b> at the next step; one that ends the simulation there, at termination.</li>
+<li>A failure during initialization (a missing file, a parameter out of range, no convergence in prescribed mode) is an
+error of the function that ends the initialization, with a message in the log, whatever the host says of debug
+logging.</li>
+<li>Saved states carry a digest of the scene, a version and a checksum. A state that is damaged, of another scene,
+or was freed is an error; the instance goes on from where it was.</li>
 <li>The stop time is not needed. The tolerance of the importer is a relative accuracy: the error of the iteration is a
 tenth of it, the tolerance on sqrt(eta) a fifth. It replaces the parameter <code>tolerance</code>, which is on sqrt(eta)
-itself (FMI 2; the FMI 3 exporter does not pass it on: use the parameter).</li>
+itself.</li>
 <li>Energies are outputs where the scene says <code>output.energy = true</code>: their terms are computed at every
 instant, which can take longer than the solution itself.</li>
 <li>With <code>resultsFile</code> a netCDF file is written at termination; it holds accepted steps only. With
@@ -41,12 +46,13 @@ history.</li>
 <li>A load in the scene should have the expected size, so that its amplitude is about 1: tolerances are relative to the
 loads of the scene, and a load of 1 Pa times 10<sup>8</sup> needs more digits than double precision has.</li>
 <li>The scene's own time laws count from the start of the simulation.</li>
-<li>FMI 2: extract the FMU to a path in plain ASCII, the exporter's library cannot open another one. Spaces are fine.
-FMI 3: any path.</li>
+<li>The FMU can be extracted to any path, spaces and letters outside ASCII included.</li>
 </ul>
 <h2>What it needs</h2>
 <p>A Python on the importer's side with the packages of <code>externalDependencies.txt</code>; the solver itself is
-inside. Linux and Windows, x86-64.</p>
+inside. An importer that is no Python starts the one that the environment variable <code>LATIN_FMU_PYTHON</code> names,
+else <code>python3</code> on its path. Tried on Linux, x86-64; the libraries for Windows (x86-64), macOS (arm64) and
+Linux (aarch64) are compiled from the same source, where the package that made the FMU holds them.</p>
 <p>The kernels are inside, compiled for the kind of machine on which this FMU was made, if the package there held
 them. On others, and on processors without AVX2 and FMA, numba compiles them at the first step (two to three minutes)
 and keeps them, by content, in the folder <code>latin-fmu</code> of the user's cache (<code>~/.cache</code>): another
@@ -81,7 +87,6 @@ inputs over at every evaluation leaves <code>rate</code> at 0.</li>
 <li>Time counts from 0; the laws of the scene do too.</li>
 <li>An input that is not a finite number is logged as an error, derivatives become NaN and the next event ends the
 simulation. Saving and restoring the state (serialised or not) is exact.</li>
-<li>Extract the FMU to a path in plain ASCII: the exporter's library cannot open another one.</li>
 </ul>
 """
 

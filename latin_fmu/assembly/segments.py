@@ -13,7 +13,7 @@ from ..fem.mesh import Array
 from ..latin.assembly import GroundState
 from ..latin.record import InterfaceHistory, SensorHistory, SubstructureHistory, Timings, WindowRecord
 from ..latin.recorder import Recorder
-from ..latin.state_serialization import decode, encode
+from ..latin.state_serialization import check_like, check_numbers, decode, encode, unlike
 from ..latin.windows import Run
 from ..machine import one_thread
 from ..propagator import Propagator
@@ -23,6 +23,10 @@ from .build import discretise
 from .statics import static_state
 
 _SAME_STEP, _STEPS_KEPT = 1e-9, 8
+_OWN_SIZES = ("start", "running", "steps")  # entries of a snapshot whose size depends on the run
+_MAY_BE_NONE = ("stored", "motions", "ground", "account")
+_DEEPEST = 0.1  # of the size of the assembly: a deeper penetration of a contact without layers is no result of a run
+_SAME_GAP = 1e-9  # of the size of the assembly: difference of gaps by round-off
 _RUNNING = ("friction_dissipation", "contact_dissipation", "ground_work", "joint_dissipation")
 
 
@@ -209,17 +213,21 @@ class SegmentedRun:
         """State that determines the next segment to the last bit, with a version number."""
         return encode(None if self._run is None else self._tree(), self._kind)
 
-    def restore(self, blob: bytes) -> None:
+    def restore(self, blob: bytes, check: bool = False) -> None:
         """Back to a snapshot of the same scene, taken by this or another instance.
+
+        check : compare sizes, kinds and ranges of its numbers with those of this run before it is used.
 
         Raises
         ------
-        InputError : bytes that are no such snapshot; the state is unchanged.
+        InputError : bytes that are no such snapshot; the state is unchanged, but with ``check`` the caller restores.
         """
         tree = decode(blob, self._kind)
         if tree is None:
             self.reset()
             return
+        if check:
+            self._check_opening(tree)
         self.settle(tree["start"] or {})
         if self._run is None:  # not started yet: histories and a run must exist
             assembly = self.problem.assembly
@@ -227,7 +235,47 @@ class SegmentedRun:
             with one_thread():
                 self.problem.timeline.begin(assembly, assembly.time, {}, self._ground)
                 self._run = Run(assembly, self.problem.settings, recorder, self.timings)
+        if check:
+            check_like(tree, self._tree(), "state", _OWN_SIZES, _MAY_BE_NONE)
         self._resume(tree)
+
+    def _check_opening(self, tree: Any) -> None:
+        """Compare the entries of a snapshot whose size changes during a run. Raises InputError."""
+        if not isinstance(tree, dict) or not {"time", *_OWN_SIZES} <= set(tree):
+            raise unlike("state", "other entries than here")
+        for name in ("time", *_OWN_SIZES):
+            if tree[name] is not None:
+                check_numbers(tree[name], f"state.{name}")
+        if not isinstance(tree["time"], float) or tree["time"] < 0.0:
+            raise unlike("state.time", "a time before the start")
+        if not isinstance(tree["steps"], list) or any(not h > 0.0 for h in tree["steps"]):
+            raise unlike("state.steps", "a time step that is not positive")
+        for name, known in (("start", self._inputs), ("running", _RUNNING)):
+            if not isinstance(tree[name] or {}, dict) or not set(tree[name] or {}) <= set(known):
+                raise unlike(f"state.{name}", "other entries than here")
+
+    def check_gaps(self, stated: Mapping[str, Array | None]) -> None:
+        """Compare the gaps of the present state with those stated (n_point,) by interface, and with the size of the
+        assembly. Raises InputError."""
+        assembly = self.problem.assembly
+        if self._run is None:  # at t = 0: the displacements are set when the run starts
+            return
+        nodes = np.concatenate([about.nodes for about in self.problem.info.values()])
+        size = float(np.ptp(nodes, axis=0).max())
+        gaps = assembly.gaps()
+        for g, group in enumerate(assembly.layout.groups):
+            if not group.behaviour.opens:
+                continue
+            if not group.behaviour.elastic and (gaps[g] < -_DEEPEST * size).any():
+                raise unlike("state", f"a gap of {gaps[g].min():g} m, which no contact of this scene can have")
+            for i, members in group.members.items():
+                known = None if i in assembly.ground_start else stated.get(assembly.interfaces[i].name)
+                if known is not None and (np.abs(known - gaps[g][members]) > _SAME_GAP * size).any():
+                    raise unlike("state", "gaps that do not follow from its displacements")
+
+    def close(self) -> None:
+        """Free the operators; the run cannot be used after this."""
+        self._run = None
 
     def reset(self) -> None:
         """Back to t = 0."""

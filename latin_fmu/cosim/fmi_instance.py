@@ -6,13 +6,13 @@ No exception leaves an instance: an error is logged with a level, and the method
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from ..errors import LatinError
+from ..errors import InputError, Problem
 from ..latin.settings import tolerance_for
-from ..latin.state_serialization import decode, encode
+from ..latin.state_serialization import check_like, decode, encode, opened, sealed
 from .variable import Variable
 from .variable_store import DISCARD, ERROR, WARNING, Log, VariableStore, exception_barrier
 
@@ -23,10 +23,17 @@ if TYPE_CHECKING:  # imported at initialization: hosts instantiate an FMU only t
     from .step_history import Link
 
 
+_STATE: Final = "state of an FMU"
+
+
 class SavedState(bytes):
-    """State of an instance; ``last_step`` keeps the accepted steps before it in memory."""
+    """State of an instance; ``last_step`` keeps the accepted steps before it in memory.
+
+    ``foreign``: it came from bytes of the host, and its content is checked before it is used.
+    """
 
     last_step: Link | None = None
+    foreign: bool = False
 
 
 class FmiInstance:
@@ -35,11 +42,11 @@ class FmiInstance:
     Parameters
     ----------
     table : the variables. scene : called once, when the scene is needed. log : takes the level and the text of a
-        message.
+        message. digest : of the scene, in the states that leave the process.
     """
 
-    def __init__(self, table: Sequence[Variable], scene: Callable[[], Scene], log: Log) -> None:
-        self._open_scene, self.log = scene, log
+    def __init__(self, table: Sequence[Variable], scene: Callable[[], Scene], log: Log, digest: str = "") -> None:
+        self._open_scene, self.log, self._digest = scene, log, digest
         self._variables = VariableStore(table, log)
         self._session: Session | None = None
         self.clear()
@@ -58,6 +65,7 @@ class FmiInstance:
         self._variables.clear()
         self._host_tolerance: float | None = None
         self._failure = ""
+        self._discarded = False  # the last step, and not repeated since
         self._start_time = 0.0
         if self._session is not None:
             self._session.reset()
@@ -174,10 +182,13 @@ class FmiInstance:
 
     @exception_barrier(False)
     def step(self, t: float, h: float) -> bool:
-        """Advance from t by h, s; False, and the reason is logged, where the step is discarded."""
+        """Advance from t by h, s; False, and the reason is logged, where the step is not made.
+
+        The level is DISCARD where a shorter step or another input may help, else ERROR. The state is as before.
+        """
         session = self._session
         if not self._variables.fixed or session is None:
-            self.log(DISCARD, self._failure or "a step before initialization")
+            self.log(ERROR, self._failure or "a step before initialization")
             return False
         before = {name: session.load(name) for name in session.loads}
         self._set_loads(session)
@@ -185,46 +196,95 @@ class FmiInstance:
         if not report.accepted:
             for name, (value, rate) in before.items():
                 session.set_load(name, value, rate)
-            self.log(DISCARD, report.message)
+            again = (
+                "; the step before was discarded: repeat it, shorter or with another input" if self._discarded else ""
+            )
+            self.log(DISCARD if report.again else ERROR, report.message + again)
+            self._discarded = True
             return False
+        self._discarded = False
         self._variables.update(session)
         return True
 
     @exception_barrier(False)
     def terminate(self) -> bool:
-        """Write the results file, where one is named."""
+        """Write the results file, where one is named.
+
+        False, and an error is logged, where the last step was discarded and not made again: the values that the host
+        has read since are those before it.
+        """
         target = self._variables.text("resultsFile")
         if target and self._variables.fixed and self._session is not None:
             from ..results.files import write_netcdf
 
             write_netcdf(self._session.dataset(estimate=self._estimates_errors()), target)
-        return True
+        if self._discarded and self._session is not None:
+            self.log(ERROR, f"the simulation ends at {self._session.time:g} s: the step from there was discarded")
+        return not self._discarded
+
+    def close(self) -> None:
+        """Free the session and its operators."""
+        if self._session is not None:
+            self._session.close()
+        self._session = None
 
     # -- states ---------------------------------------------------------------------------------------------------
     @exception_barrier(None)
     def get_state(self) -> SavedState | None:
         """Everything that determines the next steps, bit for bit; None, and an error is logged, on failure."""
         session = self._session if self._variables.fixed else None
-        snapshot = None if session is None else np.frombuffer(session.snapshot(), dtype=np.uint8)
-        saved = SavedState(encode({**self._own_state(), "session": snapshot}, self._kind))
+        saved = SavedState(self._encoded())
         saved.last_step = None if session is None else session.step_history.head
         return saved
+
+    def _encoded(self) -> bytes:
+        session = self._session if self._variables.fixed else None
+        snapshot = None if session is None else np.frombuffer(session.snapshot(), dtype=np.uint8)
+        return encode({**self._own_state(), "session": snapshot}, self._kind)
 
     @exception_barrier(False)
     def set_state(self, saved: bytes) -> bool:
         """Restore a state; where it cannot be used an error is logged and nothing changes."""
-        state = decode(saved, self._kind)
-        before, session = self._own_state(), self._session
+        before, session = self._encoded(), self._session
         try:
-            self._set_own_state(state)
-            if state["session"] is not None:
-                self._session_with(self.settings()).restore(state["session"].tobytes())
-                self._variables.forget_arrays()
-        except LatinError:
-            self._set_own_state(before)
+            self._restore(decode(saved, self._kind), check=getattr(saved, "foreign", True))
+        except Exception:  # of any kind: the present state must not be half of another one
             self._session = session
+            self._restore(decode(before, self._kind), check=False)
             raise
+        self._discarded = False
         return True
+
+    def _restore(self, state: dict[str, Any], check: bool) -> None:
+        if check:
+            self._check(state)
+        self._set_own_state(state)
+        if state["session"] is not None:
+            self._session_with(self.settings()).restore(state["session"].tobytes(), check)
+            self._variables.forget_arrays()
+
+    def _check(self, state: dict[str, Any]) -> None:
+        """Compare a state that came from outside with the variables of this scene. Raises InputError."""
+        check_like(state, {**self._own_state(), "session": None}, "state", free=("session", "tolerance"))
+        self._variables.check_state(state["variables"])
+        if bool(state["variables"]["fixed"]) != (state["session"] is not None):
+            raise InputError([Problem("state", "initialized without a session, or the other way round")])
+
+    def to_bytes(self, saved: SavedState) -> bytes:
+        """A state with header and checksum, for ``from_bytes``; empty, and an error is logged, on failure."""
+        return self._to_bytes(saved) or b""
+
+    @exception_barrier(None)
+    def _to_bytes(self, saved: SavedState) -> bytes:
+        return sealed(bytes(saved), _STATE, self._digest)
+
+    @exception_barrier(None)
+    def from_bytes(self, block: bytes) -> SavedState | None:
+        """The state of ``to_bytes``; None, and an error is logged, for other bytes."""
+        saved = SavedState(opened(block, _STATE, self._digest))
+        saved.foreign = True
+        decode(saved, self._kind)
+        return saved
 
     @property
     def _kind(self) -> str:

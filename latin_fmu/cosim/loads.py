@@ -12,6 +12,7 @@ import numpy as np
 
 from ..errors import InputError, Problem
 from ..latin.record import Array
+from ..latin.state_serialization import check_like, check_numbers, unlike
 from ..scene.laws import InputLaw
 from ..scene.schema import Scene
 from .variables import HOLD, LINE, input_loads
@@ -127,6 +128,20 @@ class Loads:
             "initial": {name: list(pair) for name, pair in self._initial.items()},
             "histories": {name: list(pair) for name, pair in self.histories.items()},
         }
+
+    def check_state(self, state: Any) -> None:
+        """Compare a state that came from outside with these loads. Raises InputError."""
+        own = self.get_state()
+        check_like(state, own, "state.loads", free=("initial", "histories"))
+        for name in ("initial", "histories"):
+            if not isinstance(state[name], dict) or not set(state[name]) <= set(self._start):
+                raise unlike(f"state.loads.{name}", "other loads than here")
+            for load, pair in state[name].items():
+                if not isinstance(pair, list) or len(pair) != 2:
+                    raise unlike(f"state.loads.{name}.{load}", "no pair of numbers")
+                check_numbers(pair, f"state.loads.{name}.{load}")
+        for name, pair in state["histories"].items():
+            check_history(f"state.loads.histories.{name}", *pair)
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Restore what ``get_state`` returned."""

@@ -18,7 +18,7 @@ from ..assembly.segments import Segment, SegmentedRun
 from ..errors import SolverError
 from ..latin.record import Array, InterfaceHistory, Timings
 from ..latin.recorder import Recorder
-from ..latin.state_serialization import encode
+from ..latin.state_serialization import check_like, check_numbers, encode, unlike
 from ..latin.windows import Run
 from ..machine import one_thread
 from ..scene.schema import Scene
@@ -26,6 +26,7 @@ from .loads import Histories, Loads
 from .outputs import impulses, output_rows, series_of
 from .settings import SHORTEST, Settings, StepReport, refused
 from .step_history import INTERFACE_FIELDS
+from .variables import scalar_table
 
 MAX_INSTANTS = 1_000_000  # of one communication step
 ROUND_OFF = 1e-9  # of a time step: times closer than this are one instant
@@ -82,12 +83,13 @@ class Windowed:
         if n > MAX_INSTANTS:
             return refused(
                 f"a step of {h:g} s would take {n} time steps of {self._time_step:g} s; at most {MAX_INSTANTS}: "
-                "make shorter steps, or a longer timeStep"
+                "make shorter steps, or a longer timeStep",
+                again=True,
             )
         amplitudes = loads.amplitudes(h, n, self._rule)
         segment = self._advance(t + h - t0, n, amplitudes)
         if not segment.accepted:
-            return refused(f"no convergence in the step of {h:g} s at {t:g} s: {segment.status}")
+            return refused(f"no convergence in the step of {h:g} s at {t:g} s: {segment.status}", again=True)
         loads.accept(amplitudes)
         self._take_outputs(segment)
         return StepReport(True, "", n, segment.iterations, segment.error_indicator)
@@ -118,6 +120,10 @@ class Windowed:
         """Index in ``time`` of the present instant."""
         return len(self.time) - 1
 
+    def close(self) -> None:
+        """Free the operators."""
+        self.run.close()
+
     def reset(self) -> None:
         """Return to t = 0; operators are kept."""
         self.run.reset()
@@ -129,18 +135,39 @@ class Windowed:
             "impulse": self._impulse,
             "row": self.row,
             "time": self.time,
-            "fields": {n: {f: getattr(h, f) for f in INTERFACE_FIELDS} for n, h in self.interfaces.items()},
+            "fields": self._fields(),
         }
 
-    def set_state(self, state: Mapping[str, Any], _loads: Loads) -> None:
-        """Restore a state. Raises InputError where its run is of another scene."""
+    def set_state(self, state: Mapping[str, Any], _loads: Loads, check: bool = False) -> None:
+        """Restore a state. Raises InputError where its run is of another scene.
+
+        check : compare its numbers with those of this run before.
+        """
         if not self.interfaces:
             self._outputs_now({})  # gives the geometry of the interfaces
-        self.run.restore(state["run"].tobytes())
+        if check:
+            self._check(state)
+        self.run.restore(state["run"].tobytes(), check)
         self._impulse, self.row, self.time = state["impulse"], state["row"], state["time"]
+        if check:
+            self.run.check_gaps({n: None if f["gap"] is None else f["gap"][-1] for n, f in state["fields"].items()})
         known = self.interfaces
         self.interfaces = {name: replace(known[name], **f) for name, f in state["fields"].items()}
         self.segment = None
+
+    def _check(self, state: Mapping[str, Any]) -> None:
+        """Compare a state that came from outside with this run. Raises InputError."""
+        time = state["time"]
+        check_like(state, self.get_state(), "state", free=("run", "time", "fields"))
+        check_numbers(time, "state.time")
+        if not isinstance(time, np.ndarray) or time.ndim != 1 or not len(time) or (np.diff(time) <= 0.0).any():
+            raise unlike("state.time", "times that do not increase")
+        for name, fields in self._fields().items():
+            known = {f: None if v is None else np.zeros((len(time), *v.shape[1:]), v.dtype) for f, v in fields.items()}
+            check_like(state["fields"].get(name), known, f"state.fields.{name}")
+
+    def _fields(self) -> dict[str, dict[str, Any]]:
+        return {n: {f: getattr(h, f) for f in INTERFACE_FIELDS} for n, h in self.interfaces.items()}
 
 
 class Prescribed:
@@ -154,6 +181,7 @@ class Prescribed:
 
     def __init__(self, scene: Scene, settings: Settings) -> None:
         self._scene, self._tolerance = scene, settings.tolerance
+        self._n_output = sum(v.causality == "output" for v in scalar_table(scene))
         self._solved_for = ""
         self.run: SegmentedRun | None = None
         self.segment: Segment | None = None
@@ -197,12 +225,13 @@ class Prescribed:
         if changed := loads.changed():
             return refused(
                 f"load.{changed} was changed after initialization, which has no effect in prescribed mode: give a "
-                "history before initialization, or use mode 0 (windowed)"
+                "history before initialization, or use mode 0 (windowed)",
+                again=True,
             )
         assert self.segment is not None
         end = float(self.time[-1])
         if t + h - t0 > end * (1.0 + ROUND_OFF):
-            return refused(f"the interval solved ends at {t0 + end:g} s: set endTime before initialization")
+            return refused(f"the interval solved ends at {t0 + end:g} s: set endTime before initialization", again=True)
         self.row = self._row_at(t + h - t0)
         return StepReport(True, "", len(self.time) - 1, self.segment.iterations, self.segment.error_indicator)
 
@@ -236,6 +265,11 @@ class Prescribed:
         place = self._place(time)
         return int(np.clip(np.floor(place + ROUND_OFF * max(1.0, abs(place))), 0, len(self._table) - 1))
 
+    def close(self) -> None:
+        """Free the operators."""
+        if self.run is not None:
+            self.run.close()
+
     def reset(self) -> None:
         """Return to before ``start``; the solution is kept."""
 
@@ -243,8 +277,15 @@ class Prescribed:
         """The present outputs; the solution follows from the loads."""
         return {"row": self.row}
 
-    def set_state(self, state: Mapping[str, Any], loads: Loads) -> None:
-        """Restore a state; solves where these loads are not solved yet. Raises SolverError."""
+    def set_state(self, state: Mapping[str, Any], loads: Loads, check: bool = False) -> None:
+        """Restore a state; solves where these loads are not solved yet.
+
+        Raises
+        ------
+        SolverError : no convergence. InputError : with ``check``, outputs that do not fit.
+        """
+        if check:
+            check_numbers(state["row"], "state.row", np.zeros(self._n_output))
         self._solve(loads.initial_values(), loads.histories)
         self.row = state["row"]
 

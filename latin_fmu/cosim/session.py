@@ -20,7 +20,7 @@ import xarray as xr
 from ..assembly.interfaces import completed
 from ..errors import InputError, LatinError, Problem
 from ..latin.record import Array, InterfaceHistory
-from ..latin.state_serialization import decode, encode
+from ..latin.state_serialization import check_like, decode, encode, unlike
 from ..results.estimates import ErrorEstimate
 from ..scene.schema import Scene
 from .loads import Loads
@@ -125,14 +125,14 @@ class Session:
         mode = self._mode
         if mode is None or not self.started:
             return refused("the session is not initialized")
-        bad = self._loads.not_finite()
-        trouble = f"{bad} is not a finite number" if bad else why_not(t, h, self.time, self._time_step)
-        if trouble:
+        if trouble := why_not(t, h, self.time, self._time_step):
             return refused(trouble)
+        if bad := self._loads.not_finite():
+            return refused(f"{bad} is not a finite number", again=True)
         try:
             report = mode.step(self._loads, t, h, self._t0)
         except LatinError as error:
-            return refused(str(error))
+            return refused(str(error), again=True)
         if report.accepted:
             self.time, self.row = t + h, mode.row
             if self.settings.keep:
@@ -194,6 +194,13 @@ class Session:
             tree["/accuracy"] = xr.DataTree(self.estimate_error().group().dataset())
         return tree
 
+    def close(self) -> None:
+        """Free the operators and the history; the session cannot be used after this."""
+        self.step_history.clear()
+        if self._mode is not None:
+            self._mode.close()
+        self._mode = None
+
     # -- state ----------------------------------------------------------------------------------------------------
     def snapshot(self) -> bytes:
         """Everything that determines the next steps and the outputs, as bytes, bit for bit."""
@@ -209,8 +216,11 @@ class Session:
         }
         return encode(state, self._kind)
 
-    def restore(self, blob: bytes) -> None:
+    def restore(self, blob: bytes, check: bool = False) -> None:
         """Restore a snapshot of this or another session of the same scene and settings.
+
+        check : it came from outside: compare sizes, kinds and ranges of its numbers with those here. A check that
+        fails may leave the session changed: save it before, and restore it.
 
         Raises
         ------
@@ -219,9 +229,15 @@ class Session:
         """
         state = decode(blob, self._kind)
         loads = Loads(self.scene)
+        if check:
+            own = {"time": 0.0, "t0": 0.0, "started": 1, "row": self.row, "loads": None, "last": "", "mode": None}
+            check_like(state, own, "state", free=("mode", "loads"))
+            loads.check_state(state["loads"])
+            if state["started"] != (state["mode"] is not None) or state["time"] < state["t0"]:
+                raise unlike("state", "not started, or a time before the start")
         loads.set_state(state["loads"])
         if state["mode"] is not None:
-            self._prepared_mode().set_state(state["mode"], loads)
+            self._prepared_mode().set_state(state["mode"], loads, check)
         self._loads = loads
         self.time, self._t0, self.started = state["time"], state["t0"], bool(state["started"])
         self.row = state["row"]

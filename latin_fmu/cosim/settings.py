@@ -82,21 +82,25 @@ def _is_span(value: float | None) -> bool:
 
 @dataclass(frozen=True)
 class StepReport:
-    """Result of a communication step; where it is not accepted, ``message`` says why and the state is as before."""
+    """Result of a communication step; where it is not accepted, ``message`` says why and the state is as before.
+
+    ``again``: a shorter step, or the same with another input, may be accepted.
+    """
 
     accepted: bool
     message: str = ""
     instants: int = 0
     iterations: int = 0
     error_indicator: float = 0.0
+    again: bool = False
 
     def __bool__(self) -> bool:
         return self.accepted
 
 
-def refused(message: str) -> StepReport:
-    """Report of a step that was not made."""
-    return StepReport(False, message)
+def refused(message: str, again: bool = False) -> StepReport:
+    """Report of a step that was not made; ``again``: a shorter one, or another input, may help."""
+    return StepReport(False, message, again=again)
 
 
 def why_not(t: float, h: float, now: float, time_step: float) -> str:

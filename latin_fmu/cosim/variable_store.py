@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar, cast
 
 import numpy as np
 
-from ..errors import LatinError
+from ..errors import InputError, LatinError, Problem
 from .variable import Variable
 
 if TYPE_CHECKING:  # imported when arrays are read: hosts instantiate an FMU only to look at it
@@ -33,7 +33,7 @@ class HasErrorLog(Protocol):
 def exception_barrier(fallback: object) -> Callable[[Method], Method]:
     """Log what a method raises and return ``fallback``.
 
-    An exception that reached the exporter's library would free an instance that the host still uses.
+    The instance goes on after it, and the host is given a status with the message.
     """
 
     def wrap(method: Method) -> Method:
@@ -126,6 +126,8 @@ class VariableStore:
             self.log(WARNING, f"{variable.name} is calculated and was not set")
         elif self.fixed and variable.causality != "input":
             self.log(WARNING, f"{variable.name} is fixed after initialization and was not set")
+        elif variable.kind in ("integer", "count") and value != np.round(value):  # also NaN
+            self.log(ERROR, f"{variable.name} = {value:g} was not set: give a whole number")
         else:
             self.numbers[reference] = value
 
@@ -195,6 +197,26 @@ class VariableStore:
             "arrays": {str(i): values for i, values in self._array_parameters.items()},
             "fixed": int(self.fixed),
         }
+
+    def check_state(self, state: Mapping[str, Any]) -> None:
+        """Compare a state that came from outside with the table. Raises InputError naming what does not fit."""
+        wrong = ""
+        if state["fixed"] not in (0, 1):
+            wrong = "fixed is neither 0 nor 1"
+        elif set(state["texts"]) != {str(i) for i in self._texts}:
+            wrong = "other strings than those of the table"
+        elif not all(isinstance(text, str) for text in state["texts"].values()):
+            wrong = "a string that is none"
+        elif not {str(i) for i in self._array_references} >= set(state["arrays"]):
+            wrong = "arrays that the table does not have"
+        elif not all(np.isfinite(np.asarray(values, dtype=float)).all() for values in state["arrays"].values()):
+            wrong = "an array with a value that is not finite"
+        else:
+            for variable, number in zip(self.table, state["numbers"], strict=True):
+                if variable.kind in ("integer", "count") and number != round(number):
+                    wrong = f"{variable.name} = {number:g} is no whole number"
+        if wrong:
+            raise InputError([Problem("state", f"cannot be restored: {wrong}")], "unusable state")
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Restore what ``get_state`` returned."""

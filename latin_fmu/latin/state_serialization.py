@@ -18,6 +18,7 @@ from __future__ import annotations
 import hashlib
 import json
 import sys
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -165,3 +166,62 @@ def _rebuilt(tree: Any, state: bytes, start: int) -> Any:
         return [build(item) for item in value] if isinstance(value, list) else value
 
     return build(tree)
+
+
+def check_like(tree: Any, template: Any, where: str, free: Sequence[str] = (), optional: Sequence[str] = ()) -> None:
+    """Compare a tree that came from outside with one of the same owner.
+
+    Kinds, keys, shapes and types of numbers must be equal, and all numbers finite.
+
+    free : names of entries that are not compared. optional : those of entries that may be None in one of the two.
+
+    Raises
+    ------
+    InputError : names the first entry that differs.
+    """
+    name = where.rpartition(".")[2].partition("[")[0]
+    if name in optional and (tree is None or template is None):
+        if tree is not None:
+            check_numbers(tree, where)
+    elif isinstance(template, dict):
+        if not isinstance(tree, dict) or set(tree) != {str(key) for key in template}:
+            raise unlike(where, "other entries than here")
+        for key, part in template.items():
+            if key not in free:
+                check_like(tree[str(key)], part, f"{where}.{key}", free, optional)
+    elif isinstance(template, list | tuple):
+        if not isinstance(tree, list) or len(tree) != len(template):
+            raise unlike(where, "a list of another length")
+        for i, (value, part) in enumerate(zip(tree, template, strict=True)):
+            check_like(value, part, f"{where}[{i}]", free, optional)
+    elif isinstance(template, str):
+        if not isinstance(tree, str):
+            raise unlike(where, "no text")
+    elif tree is not None or template is not None:
+        check_numbers(tree, where, None if template is None else np.asarray(template))
+
+
+def check_numbers(tree: Any, where: str, template: np.ndarray[Any, Any] | None = None) -> None:
+    """Whether an entry, or each entry of a list or dict, holds finite numbers; of one shape and type with a template.
+
+    Raises
+    ------
+    InputError : names the entry.
+    """
+    if template is None and isinstance(tree, dict | list):
+        for key, part in tree.items() if isinstance(tree, dict) else enumerate(tree):
+            check_numbers(part, f"{where}.{key}")
+        return
+    if not isinstance(tree, int | float | np.ndarray):
+        raise unlike(where, "no numbers")
+    values = np.asarray(tree)
+    if template is not None and (values.shape != template.shape or values.dtype.kind != template.dtype.kind):
+        raise unlike(where, f"{values.dtype} numbers of shape {values.shape}, here {template.dtype} {template.shape}")
+    if values.dtype.kind not in "fiub" or not np.isfinite(values).all():
+        raise unlike(where, "a number that is not finite")
+
+
+def unlike(where: str, what: str) -> InputError:
+    """The error of a state that does not fit."""
+    remedy = "restore only states of the same scene and settings"
+    return InputError([Problem(where, f"cannot be restored: {what}", remedy=remedy)], "unusable state")

@@ -6,16 +6,19 @@ integrator of the importer.
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from math import isfinite, nan
 from typing import NamedTuple
 
 from ..cosim.variable import Variable
 from ..cosim.variable_store import ERROR, WARNING, Log, VariableStore, exception_barrier
-from ..latin.state_serialization import decode, encode
+from ..latin.state_serialization import check_like, decode, encode, opened, sealed, unlike
 from .contact_law import Modes, Regularisation
 from .equations import Equations, Evaluation, GivenLoads, Outputs
 from .system import DAMPING, SLIDING, STIFFNESS, Names, ReducedSystem
+
+_STATE = "state of a reduced model"
 
 
 class ReducedVariableStore(VariableStore):
@@ -84,6 +87,7 @@ class ReducedModelInstance:
 
     def __init__(self, system: ReducedSystem, names: Names, log: Log) -> None:
         self.log, self._names = log, names
+        self._digest = hashlib.sha256(system.to_bytes()).hexdigest()
         self._logged: set[str] = set()
         energy = any(v.name.startswith("energy.") for v in names.table)
         self.equations = Equations(system, energy)
@@ -188,6 +192,9 @@ class ReducedModelInstance:
         values: list[float] = self.equations.indicators(self.time, self.y, self.modes).tolist()
         return values
 
+    def close(self) -> None:
+        """Free the instance; its parts hold no cycles."""
+
     def nominals(self) -> list[float]:
         """Nominal values of the states."""
         values: list[float] = self.equations.nominals().tolist()
@@ -224,6 +231,9 @@ class ReducedModelInstance:
     @exception_barrier(None)
     def get_state(self) -> bytes:
         """Everything that determines the next evaluations, bit for bit."""
+        return self._encoded()
+
+    def _encoded(self) -> bytes:
         variables, modes = self.variables, self.modes
         state = {
             "variables": variables.get_state(),
@@ -241,6 +251,11 @@ class ReducedModelInstance:
     def set_state(self, saved: bytes) -> None:
         """Restore a state; where it cannot be used an error is logged and nothing changes."""
         state = decode(saved, self._kind)
+        own = decode(bytes(self._encoded()), self._kind)
+        check_like(state, own, "state", optional=("segment",))
+        self.variables.check_state(state["variables"])
+        if state["closed"].min(initial=0) < 0 or state["events"] < 0:
+            raise unlike("state", "a contact that is neither open nor closed, or a negative count")
         variables = self.variables
         variables.set_state(state["variables"])
         variables.time, variables.since = state["time"], state["since"]
@@ -248,3 +263,12 @@ class ReducedModelInstance:
         self.modes = Modes(state["closed"], state["sticking"], state["segment"])
         self.equations.use(variables.regularisation())
         self._changed()
+
+    def to_bytes(self, saved: bytes) -> bytes:
+        """A state with header and checksum, for ``from_bytes``."""
+        return sealed(saved, _STATE, self._digest)
+
+    @exception_barrier(None)
+    def from_bytes(self, block: bytes) -> bytes:
+        """The state of ``to_bytes``; None, and an error is logged, for other bytes."""
+        return opened(block, _STATE, self._digest)

@@ -8,8 +8,6 @@ from pathlib import Path
 import pytest
 
 pytest.importorskip("fmpy")
-pytest.importorskip("pythonfmu")
-pytest.importorskip("pythonfmu3")
 
 from fmu_build.build import build_fmu
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import fmpy
 import numpy as np
+from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import FMU2Slave, defaultCallbacks, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
 from fmpy.fmi3 import FMU3Slave
 
@@ -76,21 +77,30 @@ class Host:
     def array(self, name: str, size: int) -> np.ndarray:
         return np.array(self.fmu.getFloat64([self.reference(name)], nValues=size))
 
-    def start(self, start_time: float = 0.0, tolerance: float | None = None) -> None:
-        if not self.three:
+    def prepare(self, start_time: float = 0.0, tolerance: float | None = None) -> None:
+        """Enter initialization mode."""
+        if self.three:
+            self.fmu.enterInitializationMode(startTime=start_time, tolerance=tolerance)
+        else:
             self.fmu.setupExperiment(startTime=start_time, tolerance=tolerance)
-        self.fmu.enterInitializationMode()
+            self.fmu.enterInitializationMode()
+
+    def start(self, start_time: float = 0.0, tolerance: float | None = None) -> None:
+        self.prepare(start_time, tolerance)
         self.fmu.exitInitializationMode()
 
-    def step(self, t: float, h: float) -> bool:
-        """False where the step was discarded; any other status is an error of the test."""
+    def status(self, function: Callable[..., Any], *arguments: Any) -> int:
+        """Status of a call: 0 OK, 1 warning, 2 discard, 3 error."""
         try:
-            self.fmu.doStep(t, h)
-        except Exception as error:
-            if "status 2" in str(error):
-                return False
-            raise
-        return True
+            function(*arguments)
+        except FMICallException as error:
+            return int(error.status)
+        return 0
+
+    def step(self, t: float, h: float) -> bool:
+        """Whether the step was made; its status is in ``last``."""
+        self.last = self.status(self.fmu.doStep, t, h)
+        return self.last == 0
 
     def save(self) -> Any:
         return self.fmu.getFMUState() if self.three else self.fmu.getFMUstate()

@@ -21,14 +21,25 @@ from .scenes import bar, blocks
 H = 0.6e-6
 
 
-def discarded(host, t: float, h: float, words: str) -> None:
-    """The step is discarded with these words, and a good step gives what it would have given."""
+def refused(host, t: float, h: float, words: str, status: int = 2) -> None:
+    """The step is not made, with these words and this status, and the state is as before."""
     before = host.to_bytes(host.save())
     assert not host.step(t, h)
-    status, category, message = host.messages[-1]
-    assert (status, category) == (2, "logStatusDiscard")
+    assert host.last == status
+    level, category, message = host.messages[-1]
+    assert (level, category) == (status, {2: "logStatusDiscard", 3: "logStatusError"}[status])
     assert words in message, message
     assert host.to_bytes(host.save()) == before
+
+
+def failed(host, words: str) -> None:
+    """The end of the initialization is an error with these words; so is every step after it."""
+    host.prepare()
+    assert host.status(host.fmu.exitInitializationMode) == 3
+    level, category, message = host.messages[-1]
+    assert (level, category) == (3, "logStatusError")
+    assert words in message, message
+    refused(host, 0.0, H, "initialization failed", 3)
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
@@ -36,36 +47,33 @@ def test_inputs(opened, fmi, bad):
     host = opened(fmi)
     host.start()
     host.set(load__press__value=bad)
-    discarded(host, 0.0, H, "load.press.value")
+    refused(host, 0.0, H, "load.press.value")
     host.set(load__press__value=0.5)
     assert host.step(0.0, H)
 
 
 @pytest.mark.parametrize(
-    ("h", "words"), [(0.0, "too short"), (-1.0, "too short"), (1e9, "at most"), (math.nan, "finite")]
+    ("h", "words", "status"),
+    [(0.0, "too short", 3), (-1.0, "too short", 3), (1e9, "at most", 2), (math.nan, "finite", 3)],
 )
-def test_step_sizes(opened, fmi, h, words):
+def test_step_sizes(opened, fmi, h, words, status):
     host = opened(fmi)
     host.start()
-    discarded(host, 0.0, h, words)
+    refused(host, 0.0, h, words, status)
     assert host.step(0.0, H)
 
 
 def test_a_missing_history_file(opened, fmi):
     host = opened(fmi)
     host.set(mode=1, historyFile="nowhere %s.csv")
-    host.start()
-    assert host.messages[-1][:2] == (3, "logStatusError")
-    assert "nowhere %%s.csv: no such file" in host.messages[-1][2]  # the text is a printf format
-    discarded(host, 0.0, H, "initialization failed")
+    percent = "%%" if fmi == "2" else "%"  # in FMI 2 the text is a format of printf
+    failed(host, f"nowhere {percent}s.csv: no such file")
 
 
 def test_an_unwritable_results_file(opened, fmi, tmp_path):
     host = opened(fmi)
     host.set(resultsFile=str(tmp_path / "no folder" / "x.nc"))
-    host.start()
-    assert host.messages[-1][0] == 3
-    discarded(host, 0.0, H, "initialization failed")
+    failed(host, "no folder")
 
 
 def test_results_file(opened, fmi, tmp_path):
@@ -106,16 +114,14 @@ def test_estimated_errors_in_the_results_file(opened, fmi, tmp_path):
 def test_settings_out_of_range(opened, fmi):
     host = opened(fmi)
     host.set(mode=5, timeStep=-1.0)
-    host.start()
-    assert "2 problems" in host.messages[-1][2]
-    discarded(host, 0.0, H, "initialization failed")
+    failed(host, "2 problems")
 
 
 def test_no_convergence(opened, fmi):
     host = opened(fmi)
     host.set(maxIterations=1, tolerance=1e-10, load__press__value=1.0)
     host.start()
-    discarded(host, 0.0, H, "no convergence")
+    refused(host, 0.0, H, "no convergence")
 
 
 def test_prescribed_mode_refuses_changed_inputs(opened, fmi):
@@ -123,7 +129,7 @@ def test_prescribed_mode_refuses_changed_inputs(opened, fmi):
     host.set(mode=1, endTime=1.2e-6)
     host.start()
     host.set(load__press__value=0.9)
-    discarded(host, 0.0, H, "no effect in prescribed mode")
+    refused(host, 0.0, H, "no effect in prescribed mode")
 
 
 def test_parameters_are_fixed_after_initialization(opened, fmi):
@@ -135,7 +141,9 @@ def test_parameters_are_fixed_after_initialization(opened, fmi):
 
 
 def test_a_step_before_initialization(opened, fmi):
-    assert not opened(fmi).step(0.0, H)
+    host = opened(fmi)
+    assert not host.step(0.0, H)
+    assert host.last == 3
 
 
 def test_nothing_is_printed_and_no_file_appears(fmus, fmi, tmp_path):
@@ -147,7 +155,7 @@ def test_nothing_is_printed_and_no_file_appears(fmus, fmi, tmp_path):
         host = Host(Path({str(fmus[fmi])!r}), Path({str(tmp_path / "extracted")!r}))
         host.start()
         host.step(0.0, {H!r}); host.step(0.0, -1.0)
-        host.fmu.terminate()
+        host.status(host.fmu.terminate)
         host.close()
     """
     work = tmp_path / "work"
@@ -179,8 +187,8 @@ def test_two_scenes_in_one_process(opened, fmi, tmp_path):
 def test_two_versions_of_the_package_in_one_process(opened, fmus, fmi, tmp_path, monkeypatch):
     real = fmu_build.contents.package_files
 
-    def changed(exporter):
-        files = real(exporter)
+    def changed():
+        files = real()
         text = files["latin_fmu/cosim/modes.py"].decode()
         return {**files, "latin_fmu/cosim/modes.py": (text + "\nOTHER = True\n").encode()}
 
@@ -218,9 +226,8 @@ def test_a_folder_that_is_gone(opened, fmi):
     assert second.step(0.0, H), second.messages
 
 
-def test_a_folder_outside_ascii(opened):
-    """FMI 3 only: the library of the FMI 2 exporter does not get that far."""
-    host = opened("3", folder="Grüße é 衝突")
+def test_a_folder_outside_ascii(opened, fmi):
+    host = opened(fmi, folder="Grüße é 衝突 100%25")
     host.start()
     assert host.step(0.0, H)
 

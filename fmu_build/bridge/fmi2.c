@@ -1,0 +1,241 @@
+/* The functions of FMI 2.0 for co-simulation. */
+#include "bridge.h"
+
+#include <ctype.h>
+#include <stdio.h>
+
+typedef void Logger2(void *, const char *, int, const char *, const char *, ...);
+typedef struct {
+    Logger2 *logger;
+    void *(*allocate)(size_t, size_t);
+    void (*release)(void *);
+    void (*finished)(void *, int);
+    void *environment;
+} Callbacks;
+
+/* The logger takes its text for a format of printf. */
+static void tell2(const Instance *c, int status, const char *category, const char *text)
+{
+    Logger2 *logger = (Logger2 *)c->logger;
+    char *format = malloc(2 * strlen(text) + 1), *to = format;
+    if (logger != NULL && format != NULL) {
+        for (; *text; *to++ = *text++)
+            if (*text == '%') *to++ = '%';
+        *to = '\0';
+        logger(c->environment, c->name, status, category, format);
+    }
+    free(format);
+}
+
+static int digit(char c) { return isdigit((unsigned char)c) ? c - '0' : tolower((unsigned char)c) - 'a' + 10; }
+
+static int is_file(const char *folder)
+{
+    size_t size = strlen(folder) + 16;
+    char *path = malloc(size);
+    if (path == NULL) return 0;
+    snprintf(path, size, "%s/entry.txt", folder);
+    FILE *file = fopen(path, "r");
+    free(path);
+    if (file != NULL) fclose(file);
+    return file != NULL;
+}
+
+/* A path from a URI: file:///a%20b, file://localhost/a, file:/a; a path of its own stays as it is. */
+static char *path_of(const char *uri)
+{
+    char *raw = malloc(strlen(uri) + 1), *path = malloc(strlen(uri) + 1), *to = path;
+    if (raw == NULL || path == NULL) return NULL;
+    if (strncmp(uri, "file:", 5) == 0) {
+        uri += 5;
+        if (strncmp(uri, "//", 2) == 0) {
+            uri += 2;
+            if (strncmp(uri, "localhost/", 10) == 0) uri += 9;
+        }
+#ifdef _WIN32
+        if (uri[0] == '/' && isalpha((unsigned char)uri[1]) && uri[2] == ':') uri++;
+#endif
+    }
+    strcpy(raw, uri);
+    for (; *uri; uri++) {
+        if (*uri == '%' && isxdigit((unsigned char)uri[1]) && isxdigit((unsigned char)uri[2])) {
+            *to++ = (char)(16 * digit(uri[1]) + digit(uri[2]));
+            uri += 2;
+        } else
+            *to++ = *uri;
+    }
+    *to = '\0';
+    if (!is_file(path) && is_file(raw)) strcpy(path, raw); /* a host that writes no percent signs for its own */
+    free(raw);
+    return path;
+}
+
+EXPORT const char *fmi2GetTypesPlatform(void) { return "default"; }
+EXPORT const char *fmi2GetVersion(void) { return "2.0"; }
+
+EXPORT void *fmi2Instantiate(const char *name, int type, const char *guid, const char *location,
+                             const Callbacks *callbacks, int visible, int logging)
+{
+    (void)visible, (void)logging; /* errors are told whatever the host says of debugging */
+    Instance given = {.tell = tell2, .name = (char *)name, .environment = callbacks ? callbacks->environment : NULL};
+    given.logger = callbacks ? (void *)callbacks->logger : NULL;
+    if (type != 1) {
+        tell2(&given, ERROR, "logStatusError", "this FMU is for co-simulation only");
+        return NULL;
+    }
+    char *path = location ? path_of(location) : NULL;
+    Instance *c = opened(&given, "2", name, guid, path);
+    free(path);
+    return c;
+}
+
+EXPORT void fmi2FreeInstance(Instance *c) { closed(c); }
+
+EXPORT int fmi2SetDebugLogging(Instance *c, int on, size_t n, const char *const categories[])
+{
+    (void)c, (void)on, (void)n, (void)categories; /* there are no debug messages */
+    return OK;
+}
+
+EXPORT int fmi2SetupExperiment(Instance *c, int tolerance_defined, double tolerance, double start, int stop_defined,
+                               double stop)
+{
+    (void)stop_defined, (void)stop;
+    c->time = start;
+    return call(c, "setup", "(dd)", start, tolerance_defined ? tolerance : 0.0);
+}
+
+EXPORT int fmi2EnterInitializationMode(Instance *c) { (void)c; return OK; }
+EXPORT int fmi2ExitInitializationMode(Instance *c) { return call(c, "initialize", "()"); }
+EXPORT int fmi2Terminate(Instance *c) { return call(c, "terminate", "()"); }
+
+EXPORT int fmi2Reset(Instance *c)
+{
+    c->time = 0.0;
+    c->last = OK;
+    return call(c, "reset", "()");
+}
+
+EXPORT int fmi2GetReal(Instance *c, const uint32_t vr[], size_t n, double v[]) { return get_numbers(c, vr, n, v, n); }
+
+EXPORT int fmi2SetReal(Instance *c, const uint32_t vr[], size_t n, const double v[])
+{
+    return set_numbers(c, vr, n, v, n);
+}
+
+EXPORT int fmi2GetInteger(Instance *c, const uint32_t vr[], size_t n, int v[])
+{
+    double *numbers = calloc(n + 1, sizeof *numbers);
+    if (numbers == NULL) return ERROR;
+    int status = get_numbers(c, vr, n, numbers, n);
+    for (size_t i = 0; i < n; i++) v[i] = (int)numbers[i];
+    free(numbers);
+    return status;
+}
+
+EXPORT int fmi2SetInteger(Instance *c, const uint32_t vr[], size_t n, const int v[])
+{
+    double *numbers = calloc(n + 1, sizeof *numbers);
+    if (numbers == NULL) return ERROR;
+    for (size_t i = 0; i < n; i++) numbers[i] = v[i];
+    int status = set_numbers(c, vr, n, numbers, n);
+    free(numbers);
+    return status;
+}
+
+EXPORT int fmi2GetBoolean(Instance *c, const uint32_t vr[], size_t n, int v[])
+{
+    int status = fmi2GetInteger(c, vr, n, v);
+    for (size_t i = 0; i < n; i++) v[i] = v[i] != 0;
+    return status;
+}
+
+EXPORT int fmi2SetBoolean(Instance *c, const uint32_t vr[], size_t n, const int v[])
+{
+    return fmi2SetInteger(c, vr, n, v);
+}
+
+EXPORT int fmi2GetString(Instance *c, const uint32_t vr[], size_t n, const char *v[])
+{
+    return get_texts(c, vr, n, v, n);
+}
+
+EXPORT int fmi2SetString(Instance *c, const uint32_t vr[], size_t n, const char *const v[])
+{
+    return set_texts(c, vr, n, v, n);
+}
+
+EXPORT int fmi2GetFMUstate(Instance *c, void **state) { return get_state(c, state); }
+EXPORT int fmi2SetFMUstate(Instance *c, void *state) { return set_state(c, state); }
+EXPORT int fmi2FreeFMUstate(Instance *c, void **state) { return free_state(c, state); }
+EXPORT int fmi2SerializedFMUstateSize(Instance *c, void *state, size_t *size) { return state_size(c, state, size); }
+
+EXPORT int fmi2SerializeFMUstate(Instance *c, void *state, char bytes[], size_t size)
+{
+    return state_to_bytes(c, state, bytes, size);
+}
+
+EXPORT int fmi2DeSerializeFMUstate(Instance *c, const char bytes[], size_t size, void **state)
+{
+    return state_from_bytes(c, bytes, size, state);
+}
+
+EXPORT int fmi2GetDirectionalDerivative(Instance *c, const uint32_t unknown[], size_t n_unknown, const uint32_t known[],
+                                        size_t n_known, const double dv[], double dz[])
+{
+    (void)unknown, (void)n_unknown, (void)known, (void)n_known, (void)dv, (void)dz;
+    return unsupported(c, "fmi2GetDirectionalDerivative");
+}
+
+EXPORT int fmi2SetRealInputDerivatives(Instance *c, const uint32_t vr[], size_t n, const int order[], const double v[])
+{
+    (void)vr, (void)n, (void)order, (void)v;
+    return unsupported(c, "fmi2SetRealInputDerivatives");
+}
+
+EXPORT int fmi2GetRealOutputDerivatives(Instance *c, const uint32_t vr[], size_t n, const int order[], double v[])
+{
+    (void)vr, (void)n, (void)order, (void)v;
+    return unsupported(c, "fmi2GetRealOutputDerivatives");
+}
+
+EXPORT int fmi2DoStep(Instance *c, double t, double h, int no_set_state)
+{
+    (void)no_set_state;
+    return step(c, t, h);
+}
+
+EXPORT int fmi2CancelStep(Instance *c) { return unsupported(c, "fmi2CancelStep"); }
+
+EXPORT int fmi2GetStatus(Instance *c, int kind, int *value)
+{
+    if (kind != 0) return unsupported(c, "fmi2GetStatus of another kind than fmi2DoStepStatus");
+    *value = c->last;
+    return OK;
+}
+
+EXPORT int fmi2GetRealStatus(Instance *c, int kind, double *value)
+{
+    if (kind != 2) return unsupported(c, "fmi2GetRealStatus of another kind than fmi2LastSuccessfulTime");
+    *value = c->time;
+    return OK;
+}
+
+EXPORT int fmi2GetIntegerStatus(Instance *c, int kind, int *value)
+{
+    (void)kind, (void)value;
+    return unsupported(c, "fmi2GetIntegerStatus");
+}
+
+EXPORT int fmi2GetBooleanStatus(Instance *c, int kind, int *value)
+{
+    if (kind != 3) return unsupported(c, "fmi2GetBooleanStatus of another kind than fmi2Terminated");
+    *value = 0; /* this FMU never ends a simulation: a discarded step is a step that was not made */
+    return OK;
+}
+
+EXPORT int fmi2GetStringStatus(Instance *c, int kind, const char **value)
+{
+    (void)kind, (void)value;
+    return unsupported(c, "fmi2GetStringStatus");
+}
