@@ -12,6 +12,7 @@ import numpy as np
 
 from .assembly.build import discretise, solver_ready
 from .assembly.checks import body_lines, size_remarks
+from .assembly.limit_load import loss_of_equilibrium
 from .assembly.problem import SolverReadyProblem
 from .effects.cost import Prediction
 from .interface import Behaviour
@@ -110,6 +111,8 @@ def solve(
     with one_thread():
         discretised = discretise(scene, behaviours)
         problem = solver_ready(discretised, {})
+        if scene.time.quasi_static:
+            problem.assembly.lost = loss_of_equilibrium(discretised)
     timings.setup = clock.process_time() - start
     digest = "" if checkpoint is None else scene_digest(scene, behaviours or ())
     outcome = run(problem, timings, observer, progress, wall, checkpoint, digest)

@@ -5,7 +5,8 @@ build, problem             `build`: a scene -> a discretised problem -> a solver
 body, conditions, models   meshes, materials, supports, loads and rigid bodies of the substructures
 interfaces, face_pairs     points, normals, gaps and traces of the interfaces
 checks                     checks of the scene against its meshes
-statics                    static equilibrium, before t = 0 or of every increment
+statics                    static equilibrium before t = 0, bodies that nothing holds
+limit_load                 where contact and friction cannot hold the loads, and what moves then
 inactive_substructures     arrival times of waves, classes cut accordingly
 merged_assembly            the assembly as one body, where interfaces are perfect
 segments                   runs in consecutive pieces of time

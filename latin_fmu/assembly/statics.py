@@ -16,7 +16,6 @@ import numpy as np
 import scipy.linalg as la
 
 from ..errors import Problem, Problems, SceneError
-from ..fem.elements import rigid_modes
 from ..fem.mesh import Array
 from ..interface.behaviour import bonds
 from ..latin.assembly import InterfaceUnit
@@ -32,12 +31,12 @@ from ..scene.schema import Scene
 from ..scene.settings import StaticStart
 from .body import Body, body_sides
 from .checks import boundaries_of
-from .conditions import Conditions, RigidConditions, conditions_on
+from .conditions import Conditions, conditions_on
+from .limit_load import HELD, allowed_motions, loss_of_equilibrium
 from .models import contact_layer
 from .problem import DiscretisedProblem, InitialState, SolverReadyProblem, settings_of
 
 TIGHT = 1e-11, 1e-9  # tolerances of the static solution; that of the scene where round-off prevents both
-_HELD = 1e-10  # a rigid motion with less relative motion at interfaces than this (squared) is free
 _MOST = 500  # iterations of an increment
 _Tables = dict[str, Any]
 
@@ -93,6 +92,8 @@ def static_state(whole: DiscretisedProblem, amplitudes: Mapping[str, float]) -> 
         return None
     discretised = _static_problem(whole, scene)
     own = settings_of(whole.scene)
+    if (lost := loss_of_equilibrium(discretised)) is not None:
+        raise _no_start(f"{lost.what}, and contact and friction cannot hold it")
     for tolerance, force in [*((tight, tight) for tight in TIGHT), (own.tolerance, own.force_tolerance)]:
         problem = discretised.build()
         problem = replace(problem, settings=replace(problem.settings, tolerance=tolerance, force_tolerance=force))
@@ -103,10 +104,14 @@ def static_state(whole: DiscretisedProblem, amplitudes: Mapping[str, float]) -> 
         converged, sentence = run.status()
         if converged:
             return _initial_state(problem, run, amplitudes, tolerance)
-    raise SceneError.of(
+    raise _no_start(sentence)
+
+
+def _no_start(why: str) -> SceneError:
+    return SceneError.of(
         "the scene cannot be built",
         "time.start",
-        f"no static equilibrium under the loads of t = 0 was found: {sentence}",
+        f"no static equilibrium under the loads of t = 0 was found: {why}",
         "static",
         "given",
         "hold what slides or topples, or leave time.start out",
@@ -166,7 +171,7 @@ def unheld(
     (normal ones; tangential ones with friction) vanish: the null space of their sum of squares. ``because`` : the key
     that asks for statics.
     """
-    motions = {name: _allowed(body, conditions[name]) for name, body in bodies.items()}
+    motions = {name: allowed_motions(body, conditions[name]) for name, body in bodies.items()}
     ends = np.cumsum([m.shape[1] for m in motions.values()])
     where = {n: slice(int(e) - m.shape[1], int(e)) for (n, m), e in zip(motions.items(), ends, strict=True)}
     total = int(ends[-1])
@@ -181,20 +186,8 @@ def unheld(
                 relative[:, where[name]] += (1 - 2 * side) * (trace @ motions[name])
         squares += relative.T @ relative / unit.geometry.n_point
     values, vectors = la.eigh(squares)
-    free = vectors[:, values < _HELD * max(float(values[-1]), 1e-300)] if values[-1] > 0 else vectors
+    free = vectors[:, values < HELD * max(float(values[-1]), 1e-300)] if values[-1] > 0 else vectors
     return _unheld_problems(free, where, motions, because)
-
-
-def _allowed(body: Body, held: Conditions) -> Array:
-    """Rigid motions of the nodes that the conditions allow, prescribed ones at rest, (3 n_node, 0 ... 6)."""
-    if isinstance(held, RigidConditions):
-        return held.nodal[:, : held.expansion.shape[1]]
-    nodes, p = body.mesh.nodes, held.expansion
-    full = rigid_modes(nodes, nodes.mean(axis=0), body.mesh.size)
-    reduced = (p.T @ full) / np.maximum(p.sum(axis=0), 1)[:, None]
-    against = full - p @ reduced  # what held and tied nodes do not allow
-    values, vectors = la.eigh(against.T @ against / len(nodes))
-    return np.asarray(full @ vectors[:, values < _HELD])
 
 
 def _unheld_problems(free: Array, where: dict[str, slice], motions: dict[str, Array], because: str) -> Problems:

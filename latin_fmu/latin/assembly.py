@@ -138,6 +138,15 @@ class GroundState(NamedTuple):
     acceleration: Array | None
 
 
+class NoEquilibrium(NamedTuple):
+    """Loads that contact and friction cannot hold: the first instant, the time at which the equilibrium is lost, s, and
+    which body moves then, how, and at which share of the loads."""
+
+    instant: int
+    time: float
+    what: str
+
+
 class Assembly:
     """Substructure classes and interfaces joined by index arrays.
 
@@ -177,6 +186,8 @@ class Assembly:
         self.start_tractions: dict[int, Array] = {}
         """Tractions (n_point, n_component) on side E at t = 0 where they are known, by interface, Pa; in balance with
         the initial displacements and the loads there."""
+        self.lost: NoEquilibrium | None = None
+        """Where the loads of a run without inertia lose their equilibrium, if that is known."""
         self.rigid = self._rigid_channels()
 
     @property

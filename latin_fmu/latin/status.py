@@ -8,7 +8,7 @@ import numpy as np
 
 from ..interface.behaviour import bonds
 from ..interface.contact import coulomb_coefficient
-from .assembly import Array, Assembly
+from .assembly import Array, Assembly, NoEquilibrium
 from .record import InterfaceHistory, WindowRecord
 from .settings import Settings
 from .window_list import WindowList
@@ -22,6 +22,8 @@ def status(
 ) -> tuple[bool, str]:
     """Whether every window converged, and a sentence that says so, or names the worst place and a remedy."""
     failed = windows.failed()
+    if not failed and assembly.lost is not None and assembly.instant < assembly.n_instant:
+        return False, _no_equilibrium(assembly, assembly.lost)
     if not failed:
         return True, _converged(settings, windows)
     first, worst = failed[0], max(failed, key=lambda w: w.final_error)
@@ -34,6 +36,15 @@ def status(
     if last < assembly.n_instant:
         sentence += f"; stopped there, results end at t = {assembly.time[last]:.6g} s"
     return False, sentence + f". {_remedy(assembly, settings, failed)}"
+
+
+def _no_equilibrium(assembly: Assembly, lost: NoEquilibrium) -> str:
+    """The sentence on a run without inertia that ends where contact and friction cannot hold the loads."""
+    return (
+        f"no equilibrium beyond t = {lost.time:.6g} s (instant {lost.instant}): {lost.what}, and contact and friction "
+        f"cannot hold it; results end at t = {assembly.time[assembly.instant]:.6g} s. Hold it by a boundary, raise "
+        "pressure or friction, lower the load, or give the scene inertia (time.quasi_static = false)"
+    )
 
 
 def _excess(settings: Settings, window: WindowRecord) -> str:

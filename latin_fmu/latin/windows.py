@@ -95,7 +95,7 @@ class Run(RunState):
         """Solve every window of the segment; stops after one whose best iterate is far from a solution (HOPELESS)."""
         if not self._direct_bonds and self.settings.direct_bonds and all_perfect(self.assembly):
             self._solve_bonds_directly()
-        total = self.assembly.n_instant
+        total = self.assembly.n_instant if self.assembly.lost is None else self.assembly.lost.instant - 1
         length = self.settings.window or total
         self._use(length)
         self._solve(total, length)

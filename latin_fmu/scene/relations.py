@@ -16,6 +16,7 @@ from .interfaces import key_problems
 from .raw_scene import RawTable, face_problems, given, named_tables, number, single_table, text_list, unknown_name
 from .sensors import sensor_problems
 from .settings import HHT, MAX_INSTANTS
+from .solver_settings import STATIC_TOLERANCE
 
 CENTRAL = "central_difference"
 _EXPLICIT, _REDUCED, _REDUCIBLE = "explicit", "reduced", ("hht", "newmark")
@@ -183,12 +184,21 @@ def _time_problems(time: RawTable) -> Iterator[Problem]:
         )
 
 
-def with_its_scheme(raw: Any) -> Any:
-    """The scene with the time scheme of its propagator where none is written."""
-    time = single_table(raw, "time")
+def with_defaults(raw: Any) -> Any:
+    """The scene with the defaults that depend on other keys: without inertia a tighter tolerance, because set-up takes
+    most of the time there; with the explicit propagator its time scheme."""
+    time, solver = single_table(raw, "time"), single_table(raw, "solver")
+    if _is_static(raw) and not given(solver, "tolerance"):
+        return {**raw, "solver": {**solver, "tolerance": STATIC_TOLERANCE}}
     if _kind(single_table(raw, "solver"), "propagator") != _EXPLICIT or not time or given(time, "scheme"):
         return raw
     return {**raw, "time": {**time, "scheme": CENTRAL}}
+
+
+def _is_static(raw: Any) -> bool:
+    """Whether a readable scene is without inertia."""
+    readable = isinstance(raw, Mapping) and isinstance(raw.get("solver", {}), Mapping)
+    return readable and single_table(raw, "time").get("quasi_static") is True
 
 
 def propagator_problems(raw: Any) -> Iterator[Problem]:

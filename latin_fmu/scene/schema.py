@@ -14,7 +14,7 @@ from .interfaces import MEANINGLESS, ContactSearch, Interface
 from .laws import base_dir_of
 from .problems import field_problems, path_text
 from .raw_scene import endless_numbers, named_tables, plain
-from .relations import relation_problems, with_its_scheme
+from .relations import relation_problems, with_defaults
 from .sensors import Sensor
 from .settings import Accuracy, Output, Time
 from .solver_settings import Solver
@@ -118,7 +118,7 @@ class Scene(Table):
         base_dir = data.base_dir if isinstance(data, Scene) else base_dir_of(info.context)
         written, unreadable = _with_parts(raw, base_dir, info.context)
         try:
-            completed = with_its_scheme(written)
+            completed = with_defaults(written)
             scene = handler(data if completed is raw else completed)
         except ValidationError as error:
             problems = field_problems(cls, error, written)

@@ -48,6 +48,8 @@ _Propagator = AutomaticPropagator | DirectPropagator | ExplicitPropagator | Redu
 Propagator = Annotated[Annotated[_Propagator, Field(discriminator="type")], by_type(_Propagator, "automatic")]
 
 
+STATIC_TOLERANCE = 1e-5
+"""Default tolerance without inertia."""
 WHOLE: Literal["whole"] = "whole"
 _FACTOR = "factor on k; it changes the number of iterations, not the converged result"
 
@@ -124,7 +126,10 @@ Window = Annotated[
 class Solver(Table):
     """Settings of the iteration; the defaults suit most scenes."""
 
-    tolerance: Annotated[Real, about("on the amplitude of the error indicator, sqrt(eta)", "1", gt=0, lt=1)] = 1e-3
+    tolerance: Annotated[
+        Real,
+        about("on the amplitude of the error indicator, sqrt(eta); 1e-5 with quasi_static = true", "1", gt=0, lt=1),
+    ] = 1e-3
     force_tolerance: Annotated[
         Real | None, about("on the interface force residual; 10 * tolerance where left out", "1", gt=0)
     ] = None

@@ -56,7 +56,7 @@ def test_bonded_plates_are_one_body(n: int):
 
 def iterations(n: int) -> tuple[float, int]:
     """Mean and largest number of iterations of an increment."""
-    windows = solve(plates(n, pressure=100e6, shear=20e6, steps=20)).windows
+    windows = solve(plates(n, pressure=100e6, shear=20e6, steps=20, tolerance=1e-3)).windows
     counts = [w.iterations for w in windows]
     return float(np.mean(counts)), max(counts)
 
@@ -130,8 +130,8 @@ def test_shipped_plates():
     for history in solution.interfaces.values():
         assert history.force()[-1] == pytest.approx([19.2e3, 0.0, -80e3], abs=1e-3 * 80e3)
     energy = solution.energy
-    assert energy["work_of_loads"][-1] == pytest.approx(0.620, rel=0.01)
-    assert energy["friction_dissipation"][-1] == pytest.approx(0.093, rel=0.02)
+    assert energy["work_of_loads"][-1] == pytest.approx(0.624, rel=0.002)
+    assert energy["friction_dissipation"][-1] == pytest.approx(0.0966, rel=0.005)
 
 
 def test_penetration_does_not_add_up():
