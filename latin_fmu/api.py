@@ -6,7 +6,7 @@ import time as clock
 from collections.abc import Callable, Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Final, Protocol
 
 import numpy as np
 
@@ -27,6 +27,8 @@ from .propagator.base import accuracy_remarks
 from .results.checkpoint import Checkpoint, scene_digest
 from .results.solution import Solution
 from .scene.schema import Scene
+
+_THINNED: Final = "output.interfaces_every = {}: forces, impulses, contact times and estimates follow from these alone"
 
 
 @dataclass(frozen=True)
@@ -138,7 +140,8 @@ def run(
     wall = clock.perf_counter() if wall_start is None else wall_start
     assembly = problem.assembly
     begin, begin_wall = clock.process_time(), clock.perf_counter()
-    recorder = Recorder(assembly, problem.output, problem.info)
+    every = problem.output.interfaces_every
+    recorder = Recorder(assembly, problem.output, problem.info, every)
 
     def observe(event: IterationEvent) -> None:
         assert observer is not None
@@ -171,9 +174,15 @@ def run(
         marched=march.marched / (assembly.n_substructure * assembly.n_instant),
         energy=recorder.assembly_energy(assembly),
         timings=timings,
-        warnings=(*problem.warnings, *drift_remarks(assembly, histories), *accuracy_remarks(assembly.propagators)),
+        warnings=(
+            *problem.warnings,
+            *([] if every == 1 else [_THINNED.format(every)]),
+            *drift_remarks(assembly, histories),
+            *accuracy_remarks(assembly.propagators),
+        ),
         settings=march.choices() | ({} if problem.start is None else {"start": problem.start.message}),
         sensors=recorder.sensors(assembly),
+        interface_time=recorder.interface_time(assembly),
         complete=assembly.instant == assembly.n_instant,
     )
     # the march is timed with the wall clock, which costs nothing to read, and has its share of the CPU time

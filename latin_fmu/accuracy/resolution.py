@@ -59,7 +59,8 @@ def at_resolution(scene: Scene, resolution: Resolution) -> Scene:
     ------
     SceneError : the mesh or the number of steps leaves the range of a scene.
     """
-    changes: dict[str, object] = {"output": type(scene.output)(peak_duration=scene.output.peak_duration)}
+    output = {name: getattr(scene.output, name) for name in ("peak_duration", "interfaces_every")}
+    changes: dict[str, object] = {"output": type(scene.output)(**output)}
     if resolution.mesh != 1.0:
         changes["substructure"] = {
             name: body

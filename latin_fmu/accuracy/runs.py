@@ -76,7 +76,7 @@ def as_run(scene: Scene, solution: Solution, resolution: Resolution, cpu: float)
 def measure_solution(scene: Scene, solution: Solution) -> Quantities:
     """Quantities of a solution on the interval of the scene."""
     sensors = {name: (solution.time, sensor.displacement) for name, sensor in solution.sensors.items()}
-    return measure(solution.time, solution.interfaces, scene.time.end, sensors)
+    return measure(solution.outcome.interface_time, solution.interfaces, scene.time.end, sensors)
 
 
 Tell = Callable[[str], None]

@@ -253,7 +253,13 @@ class DiscretisedProblem:
             inertial_impedance(assembly)
         keys = scene.output
         output = OutputRequest(
-            keys.keeps_fields, keys.stress, keys.energy, keys.every, self.sensors, keys.peak_duration
+            keys.keeps_fields,
+            keys.stress,
+            keys.energy,
+            keys.every,
+            self.sensors,
+            keys.peak_duration,
+            keys.interfaces_every,
         )
         warnings = (*self.remarks, *without_factor, *([] if static else unresolved_sides(assembly)))
         warnings += () if start is None else start.remarks

@@ -158,16 +158,20 @@ class SlideProbes:
             for full, propagator in zip(self._traces, propagators, strict=True)
         ]
 
-    def read(self, assembly: Assembly, instants: slice, probed: Sequence[Array], slide: Mapping[int, Array]) -> None:
-        """Write the velocities ``probed`` (n, n_probe, n_member) per class at n instants into ``slide``, (n_time, 2,
-        n_point, 3) per interface."""
+    def read(
+        self, assembly: Assembly, instants: slice, into: slice, probed: Sequence[Array], slide: Mapping[int, Array]
+    ) -> None:
+        """Write the velocities ``probed`` (n, n_probe, n_member) per class at n instants into rows of ``slide``,
+        (n_row, 2, n_point, 3) per interface."""
         for c, member, rows, i, side in self._places:
             values = probed[c][:, rows, member]
             forcing, trace = self._propagators[c].forcing, self._traces[c]
             if forcing.moves and trace is not None:
                 part = sp.csr_array(trace[rows])
-                imposed = [part @ forcing.imposed_v(t)[:, member] for t in range(instants.start, instants.stop)]
-                values = values + np.stack(imposed)
-            slide[i][instants, side] = values.reshape(len(values), -1, 3)
+                imposed = [
+                    part @ forcing.imposed_v(t)[:, member] for t in range(instants.start, instants.stop, instants.step)
+                ]
+                values = values + np.stack(imposed) if imposed else values
+            slide[i][into, side] = values.reshape(len(values), values.shape[1] // 3, 3)
         for i in self._ground:
-            slide[i][instants, 1] = assembly.ground[i][instants][:, None]
+            slide[i][into, 1] = assembly.ground[i][instants][:, None]

@@ -198,8 +198,9 @@ class Outcome:
     ``energy`` is the assembly's: keys of ``SubstructureHistory.energy`` summed, plus ``friction_dissipation``,
     ``contact_dissipation`` (impacts), ``ground_work`` where the ground moves, ``layer_energy`` and
     ``joint_dissipation`` where there are elastic layers and viscous joints,
-    and ``balance``; None unless requested. ``warnings`` lists remarks on the scene and the run. ``complete`` : whether
-    the run reached the end of its interval; it does not where it stopped or was interrupted.
+    and ``balance``; None unless requested. ``warnings`` lists remarks on the scene and the run.
+    ``interface_time`` : instants at which the fields of the interfaces are kept, s; those of the run where left out.
+    ``complete`` : whether the run reached the end of its interval; it does not where it stopped or was interrupted.
     """
 
     time: Array
@@ -216,7 +217,12 @@ class Outcome:
     settings: dict[str, str] = field(default_factory=dict)
     marched: float = float("nan")
     sensors: dict[str, SensorHistory] = field(default_factory=dict)
+    interface_time: Array = field(default_factory=lambda: np.zeros(0))
     complete: bool = True
+
+    def __post_init__(self) -> None:
+        if not self.interface_time.size:
+            object.__setattr__(self, "interface_time", self.time)
 
     @property
     def error_indicator(self) -> float:

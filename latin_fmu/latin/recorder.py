@@ -28,6 +28,7 @@ class OutputRequest:
     """What to keep: displacement and velocity fields, mean stress, energies; fields every ``every`` instants; the
     motion of sensors at every instant, by their places.
 
+    interfaces_every : the histories of interfaces at every so many instants (``Recorder``).
     peak_duration : of the mean whose largest value is the peak force, s; None for a share of the contact.
     """
 
@@ -37,6 +38,7 @@ class OutputRequest:
     every: int = 1
     sensors: Mapping[str, SensorPlace] = field(default_factory=dict)
     peak_duration: float | None = None
+    interfaces_every: int = 1
 
 
 @dataclass(frozen=True)
@@ -51,18 +53,24 @@ class SubstructureInfo:
 
 
 class Recorder:
-    """Histories of interfaces (always) and substructures (as requested)."""
+    """Histories of interfaces (always) and substructures (as requested).
 
-    def __init__(self, assembly: Assembly, request: OutputRequest, substructures: dict[str, SubstructureInfo]) -> None:
-        self._request, self._info = request, substructures
+    thinned : those of interfaces are kept at every so many instants; the energies need them at every one.
+    """
+
+    def __init__(
+        self, assembly: Assembly, request: OutputRequest, substructures: dict[str, SubstructureInfo], thinned: int = 1
+    ) -> None:
+        self._request, self._info, self._thinned = request, substructures, thinned
         self._stores = request.fields or request.stress
         n_time, layout = len(assembly.time), assembly.layout
-        self.f_hat = np.zeros((n_time, layout.n_flat))
-        self.w_hat = np.zeros((n_time, layout.n_flat))
-        self._gaps = {g: np.zeros((n_time, x.n_point)) for g, x in enumerate(layout.groups) if x.behaviour.opens}
+        n_row = len(range(0, n_time, thinned))
+        self.f_hat = np.zeros((n_row, layout.n_flat))
+        self.w_hat = np.zeros((n_row, layout.n_flat))
+        self._gaps = {g: np.zeros((n_row, x.n_point)) for g, x in enumerate(layout.groups) if x.behaviour.opens}
         # Frictionless interfaces have no tangential unknowns: their tangential velocities come from the substructures.
         self._slide = {
-            i: np.zeros((n_time, 2, u.geometry.n_point, 3))
+            i: np.zeros((n_row, 2, u.geometry.n_point, 3))
             for i, u in enumerate(assembly.interfaces)
             if u.behaviour.n_component == 1
         }
@@ -87,17 +95,7 @@ class Recorder:
     def keep(self, assembly: Assembly, image: Image, probes: Probes, n: int, row: int = 0) -> None:
         """Keep the next n instants, rows of the image's output from ``row`` on; the first ones are t = 0."""
         rows, now = slice(row, row + n), slice(self.n_kept, self.n_kept + n)
-        self.f_hat[now] = image.field("history_f", image.rows, image.n_flat)[rows]
-        self.w_hat[now] = image.field("history_w", image.rows, image.n_flat)[rows]
-        gaps = image.field("history_gap", image.rows, int(image.run[0]["n_point"]))[rows]
-        at = 0
-        for g, group in enumerate(assembly.layout.groups):
-            if g in self._gaps:
-                self._gaps[g][now] = gaps[:, at : at + group.n_point]
-            at += group.n_point
-        if self._slide:
-            probed = [image.output(c, "probed", "n_probe")[rows] for c in range(len(self._energy))]
-            probes.slide.read(assembly, now, probed, self._slide)
+        self._keep_interfaces(assembly, image, probes, n, row)
         probes.sensors.read(assembly, image, now, rows, self._motions)
         self._probes = probes
         if self._request.energy:
@@ -107,11 +105,33 @@ class Recorder:
         if self._stores and (self.n_kept - 1) % self._request.every == 0:
             self._keep_fields(assembly)
 
+    def _keep_interfaces(self, assembly: Assembly, image: Image, probes: Probes, n: int, row: int) -> None:
+        """Keep the fields of the interfaces at those of the next n instants that are kept."""
+        every = self._thinned
+        skipped = -self.n_kept % every
+        rows, instants = slice(row + skipped, row + n, every), slice(self.n_kept + skipped, self.n_kept + n, every)
+        into = slice(self._row(self.n_kept), self._row(self.n_kept + n))
+        self.f_hat[into] = image.field("history_f", image.rows, image.n_flat)[rows]
+        self.w_hat[into] = image.field("history_w", image.rows, image.n_flat)[rows]
+        gaps = image.field("history_gap", image.rows, int(image.run[0]["n_point"]))[rows]
+        at = 0
+        for g, group in enumerate(assembly.layout.groups):
+            if g in self._gaps:
+                self._gaps[g][into] = gaps[:, at : at + group.n_point]
+            at += group.n_point
+        if self._slide:
+            probed = [image.output(c, "probed", "n_probe")[rows] for c in range(len(self._energy))]
+            probes.slide.read(assembly, instants, into, probed, self._slide)
+
+    def _row(self, instant: int) -> int:
+        """Row of the first instant from ``instant`` on at which the fields of interfaces are kept."""
+        return -(-instant // self._thinned)
+
     def until_fields(self) -> int:
         """Instants from the last kept one to the next whose fields are kept."""
         if self._stores:
             return self._request.every - (self.n_kept - 1) % self._request.every
-        return len(self.f_hat)
+        return self._thinned * len(self.f_hat)
 
     def _keep_fields(self, assembly: Assembly) -> None:
         """Keep the requested fields of the present state of the substructures."""
@@ -127,22 +147,28 @@ class Recorder:
                 fields.setdefault("stress", []).append(recover(u))
 
     # -- parts of the histories -------------------------------------------------------------------------------------
-    def _rows(self) -> dict[str, Array]:
-        """What is kept at every instant, time first, by name."""
-        rows = {"f_hat": self.f_hat, "w_hat": self.w_hat}
-        tables: tuple[tuple[str, Mapping[Any, Array]], ...] = (
-            ("gap", self._gaps),
-            ("slide", self._slide),
-            ("motion", self._motions),
-            ("energy", dict(enumerate(self._energy)) if self._request.energy else {}),
-        )
-        return rows | {f"{name} {key}": values for name, table in tables for key, values in table.items()}
+    def _rows(self, first: int) -> dict[str, Array]:
+        """What is kept from the instant ``first`` on at the instants, time first, by name (views)."""
+        energy = dict(enumerate(self._energy)) if self._request.energy else {}
+        at_every: dict[str, Mapping[Any, Array]] = {"motion": self._motions, "energy": energy}
+        thinned: dict[str, Mapping[Any, Array]] = {
+            "field": {"f_hat": self.f_hat, "w_hat": self.w_hat},
+            "gap": self._gaps,
+            "slide": self._slide,
+        }
+        spans = (at_every, slice(first, self.n_kept)), (thinned, slice(self._row(first), self._row(self.n_kept)))
+        return {
+            f"{name} {key}": values[span]
+            for tables, span in spans
+            for name, table in tables.items()
+            for key, values in table.items()
+        }
 
     def part(self, first: int, n_fields: int) -> dict[str, Any]:
         """What has been kept from the instant ``first`` and the stored fields ``n_fields`` on, as plain arrays."""
         return {
             "n_kept": self.n_kept,
-            "rows": {name: values[first : self.n_kept] for name, values in self._rows().items()},
+            "rows": self._rows(first),
             "times": np.array(self._field_times[n_fields:]),
             "fields": {
                 name: {key: np.array(values[n_fields:]) for key, values in fields.items()}
@@ -153,8 +179,8 @@ class Recorder:
     def append(self, part: Mapping[str, Any], first: int) -> None:
         """Put a ``part`` from the instant ``first`` on behind what has been kept."""
         self.n_kept = part["n_kept"]
-        for name, values in self._rows().items():
-            values[first : self.n_kept] = part["rows"][name]
+        for name, values in self._rows(first).items():
+            values[:] = part["rows"][name]
         self._field_times += part["times"].tolist()
         for name, fields in part["fields"].items():
             for key, values in fields.items():
@@ -167,8 +193,8 @@ class Recorder:
 
     # -- histories --------------------------------------------------------------------------------------------
     def interfaces(self, assembly: Assembly) -> dict[str, InterfaceHistory]:
-        """Interface histories over the kept instants."""
-        n, layout = self.n_kept, assembly.layout
+        """Interface histories over the kept instants (``interface_time``)."""
+        n, layout = self._row(self.n_kept), assembly.layout
         histories = {}
         for i, unit in enumerate(assembly.interfaces):
             group = layout.group(i)
@@ -177,6 +203,10 @@ class Recorder:
             history = interface_history(assembly, i, self.f_hat[:n], self.w_hat[:n], own_gap, self._slide.get(i))
             histories[unit.name] = replace(history, peak_duration=self._request.peak_duration)
         return histories
+
+    def interface_time(self, assembly: Assembly) -> Array:
+        """Instants at which the fields of the interfaces have been kept, s."""
+        return assembly.time[: self.n_kept : self._thinned]
 
     def sensors(self, assembly: Assembly) -> dict[str, SensorHistory]:
         """Histories of the sensors over the kept instants."""

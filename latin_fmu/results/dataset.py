@@ -143,7 +143,7 @@ def result_groups(
     groups = {"/": Group({}, attrs=_root_attributes(outcome, scene_name, scene_text, provenance))}
     for name, interface in outcome.interfaces.items():
         indicator = outcome.interface_indicator.get(name)
-        groups[f"/interfaces/{name}"] = interface_group(interface, outcome.time, indicator)
+        groups[f"/interfaces/{name}"] = interface_group(interface, outcome.interface_time, indicator)
     for name, substructure in outcome.substructures.items():
         if _has_fields(substructure):
             more = (recovered or {}).get(name)

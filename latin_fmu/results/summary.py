@@ -92,10 +92,10 @@ def cpu_seconds(timings: Timings) -> dict[str, float | None]:
 
 
 def _interface(outcome: Outcome, history: InterfaceHistory) -> dict[str, Any]:
-    fields = InterfaceFields.of_history(history, outcome.time)
+    fields = InterfaceFields.of_history(history, outcome.interface_time)
     peak, duration, raw = fields.peaks
     return {
-        "impulse": [finite(value) for value in history.impulse(outcome.time)[-1]],
+        "impulse": [finite(value) for value in history.impulse(outcome.interface_time)[-1]],
         "peak_force": finite(peak),
         "peak_duration": finite(duration),
         "peak_force_raw": finite(raw),
@@ -173,7 +173,7 @@ def _table(outcome: Outcome) -> list[str]:
 
 
 def _row(outcome: Outcome, history: InterfaceHistory) -> tuple[str, ...]:
-    fields = InterfaceFields.of_history(history, outcome.time)
+    fields = InterfaceFields.of_history(history, outcome.interface_time)
     last, (peak, duration, raw) = separation_time(fields), fields.peaks
     slip = largest_slip_share(fields) if history.has_friction else None
     indicator = outcome.interface_indicator.get(history.name)
@@ -183,9 +183,9 @@ def _row(outcome: Outcome, history: InterfaceHistory) -> tuple[str, ...]:
         readable(peak, "N"),
         readable(duration, "s", 3),
         readable(raw, "N"),
-        readable_vector([float(value) for value in history.impulse(outcome.time)[-1]], "N s"),
+        readable_vector([float(value) for value in history.impulse(outcome.interface_time)[-1]], "N s"),
         readable(first_contact_time(fields), "s"),
-        "not yet" if last == outcome.time[-1] else readable(last, "s"),
+        "not yet" if last == outcome.interface_time[-1] else readable(last, "s"),
         "-" if slip is None else f"max {100 * slip:.0f} %",
         "-" if indicator is None else f"{indicator:.1e}",
     )

@@ -37,7 +37,20 @@ def relation_problems(raw: Any, base_dir: Path) -> list[Problem]:
         *propagator_problems(raw),
         *_accuracy_problems(raw),
         *static_problems(raw),
+        *_output_problems(single_table(raw, "output")),
     ]
+
+
+def _output_problems(output: RawTable) -> Iterator[Problem]:
+    every = number(output, "interfaces_every")
+    if output.get("energy") is True and every is not None and every > 1:
+        yield Problem(
+            "output.interfaces_every",
+            "the energies of the interfaces need every instant (output.energy = true)",
+            f"{every:g}",
+            "1",
+            "leave one of the two out",
+        )
 
 
 def _exactly_one(table: RawTable, where: str, first: str, second: str) -> Iterator[Problem]:

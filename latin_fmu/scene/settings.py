@@ -129,6 +129,15 @@ class Output(Table):
     strain: Annotated[Flag, about("mean strain of the elements; keeps displacements, too")] = False
     energy: Annotated[Flag, about("energy balance of the assembly")] = False
     every: Annotated[Count, about("fields and stress are kept every so many steps", "1", ge=1)] = 1
+    interfaces_every: Annotated[
+        Count,
+        about(
+            "histories of the interfaces are kept every so many steps; forces, contact times and estimates follow from "
+            "the kept ones",
+            "1",
+            ge=1,
+        ),
+    ] = 1
     peak_duration: Annotated[
         Real | None,
         about(
