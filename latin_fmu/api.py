@@ -15,6 +15,7 @@ from .assembly.checks import body_lines, size_remarks
 from .assembly.limit_load import loss_of_equilibrium
 from .assembly.problem import SolverReadyProblem
 from .effects.cost import Prediction
+from .effects.memory import check_memory, memory_line
 from .interface import Behaviour
 from .latin.assembly import Array, Assembly, InterfaceUnit
 from .latin.record import InterfaceHistory, Outcome, Timings
@@ -112,6 +113,8 @@ def solve(
     start = clock.process_time()
     with one_thread():
         discretised = discretise(scene, behaviours)
+        prediction = Prediction(discretised)
+        check_memory(prediction)
         problem = solver_ready(discretised, {})
         if scene.time.quasi_static:
             problem.assembly.lost = loss_of_equilibrium(discretised)
@@ -119,7 +122,7 @@ def solve(
     digest = "" if checkpoint is None else scene_digest(scene, behaviours or ())
     outcome = run(problem, timings, observer, progress, wall, checkpoint, digest)
     if outcome.converged:
-        timings.predicted = Prediction(discretised).march
+        timings.predicted = prediction.march
     return Solution(outcome, scene.text(), scene.name, recovered=problem.recovered, sensor_tables=scene.sensor)
 
 
@@ -202,6 +205,8 @@ def check(scene: Scene) -> list[str]:
     SceneError : the scene cannot be built.
     """
     discretised = discretise(scene)
+    prediction = Prediction(discretised)
+    check_memory(prediction)
     problem = solver_ready(discretised, {})
     assembly = problem.assembly
     lines = [
@@ -214,6 +219,7 @@ def check(scene: Scene) -> list[str]:
     ]
     lines += [_interface_line(u, u.name not in scene.interface) for u in assembly.interfaces]
     lines += [] if problem.start is None else [f"  start: {problem.start.message}"]
+    lines.append(f"  {memory_line(prediction)}")
     warnings = (*size_remarks(discretised.bodies), *problem.warnings)
     lines += [f"warning: {w}" for w in warnings]
     return [*lines, "the scene can be solved" + (", mind the warnings" if warnings else "")]

@@ -58,6 +58,54 @@ def physical_memory() -> int:
         return 0
 
 
+def memory_room() -> tuple[float, str]:
+    """Bytes that this process may still take, and by which limit: the least of the memory of the machine, of the
+    control groups (version 1 and 2) and of RLIMIT_AS; 0 and an empty text where none is known."""
+    resident, mapped = _taken()
+    rooms = [(float(limit - resident), text) for limit, text in group_limits() if limit > 0]
+    if total := physical_memory():
+        rooms.append((float(total - resident), "memory of the machine"))
+    try:
+        import resource
+
+        limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+        if limit != resource.RLIM_INFINITY:
+            rooms.append((float(limit - mapped), "RLIMIT_AS, ulimit -v"))
+    except ImportError:
+        pass
+    return min(rooms, default=(0.0, ""))
+
+
+def _taken() -> tuple[int, int]:
+    """Resident and mapped memory of this process, bytes; 0 where the system does not give them."""
+    try:
+        pages = Path("/proc/self/statm").read_text(encoding="ascii").split()
+        size = int(os.sysconf("SC_PAGE_SIZE"))
+    except (OSError, ValueError, AttributeError):
+        return 0, 0
+    return int(pages[1]) * size, int(pages[0]) * size
+
+
+def group_limits(
+    groups: Path = Path("/proc/self/cgroup"), root: Path = Path("/sys/fs/cgroup")
+) -> list[tuple[int, str]]:
+    """Limits of the control groups of this process and of those above them, bytes; where their files are."""
+    limits = []
+    with suppress(OSError):
+        for line in groups.read_text(encoding="utf-8").splitlines():
+            number, controllers, path = line.split(":", 2)
+            first = number == "0" and not controllers
+            if not first and "memory" not in controllers.split(","):
+                continue
+            folder, name = (root, "memory.max") if first else (root / "memory", "memory.limit_in_bytes")
+            own = folder / path.strip("/")
+            for place in (own, *own.parents):
+                if place.is_relative_to(folder):
+                    with suppress(OSError, ValueError):  # "max" is no number
+                        limits.append((int((place / name).read_text(encoding="ascii")), "control group"))
+    return [(limit, text) for limit, text in limits if limit < 1 << 60]
+
+
 def one_thread() -> AbstractContextManager[object]:
     """Context in which BLAS uses one thread."""
     limited: AbstractContextManager[object] = _controller().limit(limits=1)

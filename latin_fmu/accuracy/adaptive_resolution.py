@@ -16,7 +16,7 @@ from .. import api
 from ..errors import LatinError
 from ..fem.elasticity import wave_speeds
 from ..latin.settings import tolerance_for
-from ..machine import physical_memory
+from ..machine import memory_room
 from ..results.estimates import ErrorEstimate, QuantityEstimate
 from ..results.quantities_of_interest import FLOOR, definition_of
 from ..results.solution import Solution
@@ -297,7 +297,7 @@ class _Search:
             if seconds > self.limit:
                 return f"the next run would take about {seconds:.0f} CPU s, above the limit of {self.limit:g} s"
             memory = memory_at(self.scene, at)
-            if memory > _MEMORY_SHARE * (physical_memory() or math.inf):
+            if memory > _MEMORY_SHARE * (memory_room()[0] or math.inf):
                 return f"the next run would need about {memory / 1e9:.0f} GB of memory"
             self.tell(f"predicted {seconds:.2g} CPU s for mesh x {at.mesh:.3g}, steps x {at.time:.3g}")
         try:

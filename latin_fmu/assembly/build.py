@@ -22,6 +22,7 @@ from .conditions import conditions_on
 from .inactive_substructures import arrival_times, cut_by_arrival, marched_share
 from .interfaces import build_interface, lonely_remarks, with_behaviours, with_found
 from .problem import DiscretisedProblem, SolverReadyProblem
+from .propagator_choice import box_memory
 from .statics import start_problems, static_state, unheld
 
 
@@ -50,7 +51,9 @@ def solver_ready(discretised: DiscretisedProblem, amplitudes: Mapping[str, float
 
 def discretise(scene: Scene, behaviours: Mapping[str, Behaviour] | None = None) -> DiscretisedProblem:
     """Meshes, matrices and interfaces of a scene, nothing factorised (parameters and errors: ``build``)."""
-    problems = Problems()
+    problems = Problems(box_memory(scene))
+    if problems:
+        raise SceneError(problems, "the scene cannot be built")
     bodies = build_bodies(scene, problems)
     check_faces(scene, bodies, problems)
     if problems:

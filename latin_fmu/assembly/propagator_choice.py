@@ -6,6 +6,7 @@ dissection hold about 21 n^(4/3) entries and take about 26 n^2 multiplications (
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -13,7 +14,7 @@ import numpy as np
 
 from ..compiled import COMPILES
 from ..errors import Problem
-from ..machine import physical_memory
+from ..machine import memory_room
 from ..propagator import Propagator
 from ..propagator.explicit import ExplicitPropagator
 from ..propagator.model import SubstructureModel
@@ -24,6 +25,7 @@ from ..scene.solver_settings import AutomaticPropagator, ReducedPropagator
 from .models import ModelClass
 
 AVAILABLE: Final = 0.7  # part of the memory of the machine that operators may take
+_CELL_BYTES = 20e3  # of matrices while they are assembled, per hexahedron, at least
 _ENTRIES, _FLOPS = 21.0, 26.0  # of a factor, see the module docstring
 _SPARSE_BYTES = 12  # per entry of a sparse matrix
 _STATE_VECTORS = 12  # per member: displacement, velocity, acceleration, loads and work space
@@ -107,7 +109,7 @@ def fitting(classes: list[ModelClass], settings: PropagatorSettings, memory: flo
     ----------
     classes : of substructures. settings : asked for. memory : bytes; None: of this machine (0: not known).
     """
-    room = AVAILABLE * (physical_memory() if memory is None else memory)
+    room = AVAILABLE * (memory_room()[0] if memory is None else memory)
     if settings.kind != "direct" or not room:
         return settings
     if sum(factor_bytes(c.members[0].expansion.shape[1]) for c in classes) < 0.3 * room:  # far from the limit
@@ -138,6 +140,27 @@ def propagator_settings(scene: Scene) -> PropagatorSettings:
     if isinstance(asked, ReducedPropagator):
         return PropagatorSettings("reduced", modes=asked.modes)
     return PropagatorSettings(asked.type, precision=scene.solver.precision)
+
+
+def box_memory(scene: Scene) -> list[Problem]:
+    """A problem where the meshes and matrices of boxes alone do not fit in the memory that the process may take."""
+    room, limit = memory_room()
+    boxes = {(b.box.size, b.box.elements): n for n, b in scene.substructure.items() if b.box is not None}
+    cells = {name: math.prod(elements) for (_, elements), name in boxes.items()}
+    needed = _CELL_BYTES * sum(cells.values())
+    if not limit or needed <= room:
+        return []
+    name = max(cells, key=cells.__getitem__)
+    largest = max(1, int((room / _CELL_BYTES / len(cells)) ** (1 / 3)))
+    return [
+        Problem(
+            f"substructure.{name}.box.elements",
+            f"the matrices of {cells[name]} elements need more memory than the process may take",
+            f"at least {needed / 1e9:.3g} GB",
+            f"{max(room, 0.0) / 1e9:.3g} GB ({limit})",
+            f"use fewer elements, e.g. [{largest}, {largest}, {largest}]",
+        )
+    ]
 
 
 def unstable_steps(propagators: list[Propagator], scene: Scene, dt: float) -> list[Problem]:
