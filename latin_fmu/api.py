@@ -185,7 +185,7 @@ def run(
         ),
         settings=march.choices() | ({} if problem.start is None else {"start": problem.start.message}),
         sensors=recorder.sensors(assembly),
-        interface_time=recorder.interface_time(assembly),
+        interfaces_every=every,
         complete=assembly.instant == assembly.n_instant,
     )
     # the march is timed with the wall clock, which costs nothing to read, and has its share of the CPU time

@@ -199,7 +199,7 @@ class Outcome:
     ``contact_dissipation`` (impacts), ``ground_work`` where the ground moves, ``layer_energy`` and
     ``joint_dissipation`` where there are elastic layers and viscous joints,
     and ``balance``; None unless requested. ``warnings`` lists remarks on the scene and the run.
-    ``interface_time`` : instants at which the fields of the interfaces are kept, s; those of the run where left out.
+    ``interfaces_every`` : the fields of the interfaces are kept at every so many instants.
     ``complete`` : whether the run reached the end of its interval; it does not where it stopped or was interrupted.
     """
 
@@ -217,12 +217,13 @@ class Outcome:
     settings: dict[str, str] = field(default_factory=dict)
     marched: float = float("nan")
     sensors: dict[str, SensorHistory] = field(default_factory=dict)
-    interface_time: Array = field(default_factory=lambda: np.zeros(0))
+    interfaces_every: int = 1
     complete: bool = True
 
-    def __post_init__(self) -> None:
-        if not self.interface_time.size:
-            object.__setattr__(self, "interface_time", self.time)
+    @property
+    def interface_time(self) -> Array:
+        """Instants at which the fields of the interfaces are kept, s."""
+        return self.time[:: self.interfaces_every]
 
     @property
     def error_indicator(self) -> float:

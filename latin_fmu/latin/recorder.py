@@ -193,7 +193,7 @@ class Recorder:
 
     # -- histories --------------------------------------------------------------------------------------------
     def interfaces(self, assembly: Assembly) -> dict[str, InterfaceHistory]:
-        """Interface histories over the kept instants (``interface_time``)."""
+        """Interface histories over the kept instants."""
         n, layout = self._row(self.n_kept), assembly.layout
         histories = {}
         for i, unit in enumerate(assembly.interfaces):
@@ -203,10 +203,6 @@ class Recorder:
             history = interface_history(assembly, i, self.f_hat[:n], self.w_hat[:n], own_gap, self._slide.get(i))
             histories[unit.name] = replace(history, peak_duration=self._request.peak_duration)
         return histories
-
-    def interface_time(self, assembly: Assembly) -> Array:
-        """Instants at which the fields of the interfaces have been kept, s."""
-        return assembly.time[: self.n_kept : self._thinned]
 
     def sensors(self, assembly: Assembly) -> dict[str, SensorHistory]:
         """Histories of the sensors over the kept instants."""
