@@ -123,7 +123,14 @@ def solve(
     outcome = run(problem, timings, observer, progress, wall, checkpoint, digest)
     if outcome.converged:
         timings.predicted = prediction.march
-    return Solution(outcome, scene.text(), scene.name, recovered=problem.recovered, sensor_tables=scene.sensor)
+    return Solution(
+        outcome,
+        scene.text(),
+        scene.name,
+        recovered=problem.recovered,
+        sensor_tables=scene.sensor,
+        surfaces=scene.output.surfaces,
+    )
 
 
 def run(

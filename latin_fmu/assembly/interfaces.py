@@ -7,12 +7,13 @@ from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
+import scipy.sparse as sp
 
 from ..errors import Problem, Problems, SceneError, did_you_mean
 from ..fem.common_part import common_cells
 from ..fem.faces import face_of
 from ..fem.mesh import Array, nearest
-from ..fem.surface import Surface
+from ..fem.surface import Surface, cells_between
 from ..interface import BEHAVIOURS, Behaviour, InterfaceGeometry
 from ..interface.geometry import local_frames
 from ..latin.assembly import InterfaceUnit
@@ -54,7 +55,11 @@ def build_interface(
     if behaviour.elastic and pressure > 0 and interface.normal_stiffness:
         gap = gap - pressure / interface.normal_stiffness
     frames = local_frames(pair.normals)
-    geometry = InterfaceGeometry(pair.points, pair.areas, frames, gap, pair.traces, pair.owner, pair.matching)
+    trace = pair.traces[pair.owner]
+    assert trace is not None
+    weights = sp.csr_array(trace[::3, ::3] + trace[1::3, 1::3] + trace[2::3, 2::3])
+    cells = cells_between(sides[pair.owner][1], weights)
+    geometry = InterfaceGeometry(pair.points, pair.areas, frames, gap, pair.traces, pair.owner, pair.matching, cells)
     if pressure > 0 and gap.max() > 0:
         problems.add(
             f"interface.{name}.preload",

@@ -38,7 +38,8 @@ def result_tree(
     else:
         problem = mode.run.problem
         outcome = joined(segments, mode.run.timings, problem.warnings)
-        groups = result_groups(outcome, scene.name, scene.text(), provenance(), problem.recovered, scene.sensor)
+        given = outcome, scene.name, scene.text(), provenance(), problem.recovered, scene.sensor
+        groups = result_groups(*given, surfaces=scene.output.surfaces)
         tree = datatree(groups, scene.name)
     tree["/exchange"] = xr.DataTree(exchange_dataset(table, steps))
     return tree

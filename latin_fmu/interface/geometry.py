@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
+from numpy.typing import NDArray
 
 from .behaviour import Array
 
@@ -23,6 +24,8 @@ class InterfaceGeometry:
     gap : (n_point,) initial opening along N, m.
     traces : for each side the sparse matrix (3 n_point, 3 n_node) from nodal values to values at the points
         in global axes; None for rigid ground.
+    cells : triangles and quadrilaterals (n_cell, 4) between the points, -1 behind the three of a triangle; None where
+        they are not known.
     owner : side (0 for E, 1 for E') whose nodes the points are made of. matching : whether each point is one node of
         each side.
 
@@ -37,6 +40,7 @@ class InterfaceGeometry:
     traces: tuple[sp.csr_array, sp.csr_array | None]
     owner: int = 0
     matching: bool = True
+    cells: NDArray[np.int64] | None = None
 
     @property
     def n_point(self) -> int:

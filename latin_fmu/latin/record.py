@@ -36,6 +36,8 @@ class InterfaceHistory:
     friction_power : (n_time,) power dissipated by friction, W (>= 0); None without friction.
     layer_energy : (n_time,) elastic energy of the layer, J; None where there is none.
     joint_power : (n_time,) power dissipated by a viscous joint, W (>= 0); None elsewhere.
+    cells : triangles and quadrilaterals (n_cell, 4) between the points, -1 behind the three of a triangle, or None.
+    quasi_static : whether velocities are those over the step that ends at the instant.
     peak_duration : of the mean whose largest value is the peak force, s; None for a share of the contact.
     """
 
@@ -54,6 +56,8 @@ class InterfaceHistory:
     friction_power: Array | None
     layer_energy: Array | None = None
     joint_power: Array | None = None
+    cells: NDArray[np.int64] | None = None
+    quasi_static: bool = False
     peak_duration: float | None = None
 
     @property
@@ -76,6 +80,20 @@ class InterfaceHistory:
         """Compressive normal resultant, (n_time,), N, positive in compression."""
         pull: Array = np.einsum("p,tpc,pc->t", self.areas, self.traction, self.normals)
         return -pull
+
+    def pressure(self) -> Array:
+        """Normal pressure at the points, (n_time, n_point), Pa, positive in compression."""
+        pressure: Array = -np.einsum("tpc,pc->tp", self.traction, self.normals)
+        return pressure
+
+    def slip(self, time: Array) -> Array:
+        """Distance that side E' has moved along the face of E since the start, (n_time, n_point), m: the velocities at
+        all instants of the run, integrated (trapezoid; end of the step without inertia)."""
+        jump = self.velocity[:, 1] - self.velocity[:, 0]
+        jump = jump - np.einsum("tpc,pc,pd->tpd", jump, self.normals, self.normals)
+        mean = jump[1:] if self.quasi_static else 0.5 * (jump[1:] + jump[:-1])
+        moved = np.cumsum(np.diff(time)[:, None, None] * mean, axis=0)
+        return np.concatenate([np.zeros((1, jump.shape[1])), np.linalg.norm(moved, axis=2)])
 
     def penetration(self) -> float:
         """Largest penetration, m (0 where the interface cannot open, or is an elastic layer)."""

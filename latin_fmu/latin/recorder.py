@@ -330,6 +330,8 @@ def interface_history(
         friction_power=friction_power,
         layer_energy=layer_energy,
         joint_power=joint_power,
+        cells=geometry.cells,
+        quasi_static=assembly.quasi_static,
     )
 
 

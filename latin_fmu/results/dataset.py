@@ -7,7 +7,8 @@
                            peak_force_raw; traction (time, point, component);
                            velocity (time, side, point, component); gap, contact_status (time, point);
                            friction_power, layer_energy, joint_power (time); x, y, z, area, initial_gap (point);
-                           normal (point, component)
+                           normal (point, component); cells (cell, corner) of the surface, surface_x, surface_y
+                           (point) in its mean plane; pressure, slip (time, point), where requested
     /substructures/<name>  only fields that the scene requests: displacement, velocity (time, node, component);
                            stress (time, cell, stress_component); strain (time, cell, strain_component);
                            nodal_stress (time, node, stress_component); principal_stress (time, cell, principal),
@@ -115,6 +116,7 @@ def _libraries() -> dict[str, str]:
 
 
 AXES: Final = ["x", "y", "z"]
+_PLANE: Final = ("surface_x", "surface_y")
 SIDES: Final = ["E", "Ep"]
 
 
@@ -133,17 +135,22 @@ def result_groups(
     recovered: Mapping[str, Recovered] | None = None,
     sensors: Mapping[str, Sensor] | None = None,
     spectrum_errors: Mapping[str, Array] | None = None,
+    surfaces: bool = False,
 ) -> dict[str, Group]:
     """The results of a run by path of the group (layout: module docstring).
 
     ``provenance`` and the whole ``scene_text`` become root attributes: the run can be repeated from its file.
     ``recovered``: requests for more fields, by substructure. ``sensors``: their tables in the scene.
-    ``spectrum_errors``: estimated relative errors of their spectra.
+    ``spectrum_errors``: estimated relative errors of their spectra. ``surfaces``: pressure and slip of interfaces.
     """
     groups = {"/": Group({}, attrs=_root_attributes(outcome, scene_name, scene_text, provenance))}
     for name, interface in outcome.interfaces.items():
         indicator = outcome.interface_indicator.get(name)
-        groups[f"/interfaces/{name}"] = interface_group(interface, outcome.interface_time, indicator)
+        group = interface_group(interface, outcome.interface_time, indicator, surfaces)
+        if surfaces and len(outcome.interface_time) < len(outcome.time):
+            del group.variables["slip"]
+            group.attrs["slip"] = "none: it needs the velocities at all instants (output.interfaces_every = 1)"
+        groups[f"/interfaces/{name}"] = group
     for name, substructure in outcome.substructures.items():
         if _has_fields(substructure):
             more = (recovered or {}).get(name)
@@ -160,8 +167,11 @@ def result_groups(
     return groups
 
 
-def interface_group(history: InterfaceHistory, time: Array, indicator: float | None = None) -> Group:
-    """Group ``interfaces/<name>``; ``indicator`` is sqrt(eta) restricted to this interface."""
+def interface_group(
+    history: InterfaceHistory, time: Array, indicator: float | None = None, surfaces: bool = False
+) -> Group:
+    """Group ``interfaces/<name>``; ``indicator`` is sqrt(eta) restricted to this interface; ``surfaces``: with pressure
+    and slip."""
     vector = ("time", "point", "component")
     columns: Columns = {
         "area": ("point", history.areas),
@@ -178,6 +188,9 @@ def interface_group(history: InterfaceHistory, time: Array, indicator: float | N
         columns["gap"] = (("time", "point"), history.gap)
     if history.contact_status is not None:
         columns["contact_status"] = (("time", "point"), history.contact_status)
+    if surfaces:
+        columns["pressure"] = (("time", "point"), history.pressure())
+        columns["slip"] = (("time", "point"), history.slip(time))
     for key in ("friction_power", "layer_energy", "joint_power"):
         if (values := getattr(history, key)) is not None:
             columns[key] = ("time", values)
@@ -188,9 +201,40 @@ def interface_group(history: InterfaceHistory, time: Array, indicator: float | N
     attrs: dict[str, object] = {"behaviour": history.behaviour, "face_E": history.sides[0], "face_Ep": history.sides[1]}
     if history.friction_coefficient is not None:
         attrs["friction_coefficient"] = float(history.friction_coefficient)
+    meshed = history.cells is not None and len(history.cells) > 0
+    if meshed:
+        columns |= {"cells": (("cell", "corner"), history.cells), "surface": ((), np.int32(0))}
+        positions |= {name: ("point", x) for name, x in zip(_PLANE, _in_plane(history).T, strict=True)}
     group = annotated(Group.of(columns, {**labels, **positions}, attrs), INTERFACE)
     group.variables["peak_force"].attrs["peak_duration"] = duration
+    if meshed:
+        _describe_surface(group)
     return group
+
+
+def _in_plane(history: InterfaceHistory) -> Array:
+    """Coordinates (n_point, 2) of the points along the two axes of their largest extent, m."""
+    weights = history.areas / history.areas.sum()
+    arms = history.points - weights @ history.points
+    axes = np.linalg.eigh((weights[:, None] * arms).T @ arms)[1][:, [2, 1]]
+    axes *= np.sign(axes[np.abs(axes).argmax(axis=0), [0, 1]])  # along the global axes rather than against them
+    return np.asarray(arms @ axes)
+
+
+def _describe_surface(group: Group) -> None:
+    """UGRID attributes of the surface of an interface, a two-dimensional mesh in its mean plane."""
+    group.variables["surface"].attrs.update(
+        cf_role="mesh_topology",
+        topology_dimension=np.int32(2),
+        node_coordinates=" ".join(_PLANE),
+        face_node_connectivity="cells",
+        node_dimension="point",
+        face_dimension="cell",
+    )
+    group.variables["cells"].attrs.update(cf_role="face_node_connectivity", start_index=np.int32(0))
+    for name, variable in group.variables.items():
+        if "point" in variable.dims and name not in group.labels:
+            variable.attrs.update(mesh="surface", location="node")
 
 
 def has_friction(group: xr.Dataset) -> bool:

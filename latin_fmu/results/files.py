@@ -90,7 +90,7 @@ def _write_array(place: Any, where: str, name: str, variable: Variable, attrs: M
             kind = np.dtype(np.float32)
         if values.dtype.kind == "f" and np.isnan(values).any():  # NaN: no value
             storage["fill_value"] = np.nan
-        if name == "cell_nodes" and (values < 0).any():
+        if name in ("cell_nodes", "cells") and (values < 0).any():
             storage["fill_value"] = -1
         if values.size:
             storage |= _storage(variable)

@@ -36,6 +36,7 @@ class Solution:
     estimate : estimated error of each quantity; None where it was not computed.
     recovered : requests for more fields of substructures, computed when the results are written.
     sensor_tables : tables of the sensors in the scene, with their filters and spectra.
+    surfaces : whether results hold pressure and slip of the interfaces.
     """
 
     outcome: Outcome
@@ -45,6 +46,7 @@ class Solution:
     estimate: ErrorEstimate | None = None
     recovered: Mapping[str, Recovered] = field(default_factory=dict)
     sensor_tables: Mapping[str, Sensor] = field(default_factory=dict)
+    surfaces: bool = False
 
     @property
     def status(self) -> str:
@@ -123,7 +125,7 @@ class Solution:
     def _groups(self) -> dict[str, Group]:
         errors = None if self.estimate is None else self.estimate.spectra
         given = self.outcome, self.scene_name, self.scene_text, self.provenance, self.recovered, self.sensor_tables
-        groups = result_groups(*given, errors)
+        groups = result_groups(*given, errors, self.surfaces)
         if self.estimate is not None and self.estimate.quantities:
             groups["/accuracy"] = self.estimate.group()
         return groups

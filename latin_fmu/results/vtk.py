@@ -1,9 +1,9 @@
 """Export for ParaView: one ``.vtu`` file per part and stored instant, and one ``.pvd`` that lists them.
 
-Substructures carry their fields, stresses with the von Mises stress; interfaces are clouds of points
-with traction, pressure, velocities, gap and contact status; all sensors are one cloud. Both are exported at the
-instants at which the fields of the substructures are stored, so that every instant shows the whole assembly; where no
-field is stored, at all instants of the run.
+Substructures carry their fields, stresses with the von Mises stress; interfaces are surfaces of triangles and
+quadrilaterals with traction, pressure, velocities, gap and contact status; all sensors are one cloud of points. Both
+are exported at the instants at which the fields of the substructures are stored, so that every instant shows the whole
+assembly; where no field is stored, at all instants of the run.
 """
 
 from __future__ import annotations
@@ -155,10 +155,22 @@ def _interface_piece(instant: xr.Dataset) -> _Piece:
         "velocity_E": velocity[0],
         "velocity_Ep": velocity[1],
     }
-    for name in ("gap", "contact_status"):
+    for name in ("gap", "contact_status", "slip"):
         if name in instant:
             point_data[name] = instant[name].values
-    return _Piece(points, [("vertex", np.arange(len(points))[:, None])], point_data, {})
+    return _Piece(points, _interface_cells(instant), point_data, {})
+
+
+def _interface_cells(instant: xr.Dataset) -> list[tuple[str, NDArray[np.int64]]]:
+    """Triangles and quadrilaterals between the points, and the points that are in none of them."""
+    n_point = instant.sizes["point"]
+    if "cells" not in instant:
+        return [("vertex", np.arange(n_point)[:, None])]
+    table = np.nan_to_num(instant["cells"].values, nan=-1).astype(np.int64)
+    triangles, quads = table[table[:, 3] < 0, :3], table[table[:, 3] >= 0]
+    alone = np.setdiff1d(np.arange(n_point), table)
+    kinds = (("triangle", triangles), ("quad", quads), ("vertex", alone[:, None]))
+    return [(kind, cells) for kind, cells in kinds if len(cells)]
 
 
 def _sensor_piece(instant: xr.Dataset) -> _Piece:

@@ -127,6 +127,9 @@ class Output(Table):
     ] = False
     principal_stress: Annotated[Flag, about("principal values of the stresses that are kept")] = False
     strain: Annotated[Flag, about("mean strain of the elements; keeps displacements, too")] = False
+    surfaces: Annotated[
+        Flag, about("pressure and slip at the points of the interfaces, for maps on their surfaces")
+    ] = False
     energy: Annotated[Flag, about("energy balance of the assembly")] = False
     every: Annotated[Count, about("fields and stress are kept every so many steps", "1", ge=1)] = 1
     interfaces_every: Annotated[

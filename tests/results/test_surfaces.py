@@ -1,0 +1,102 @@
+"""Surfaces of interfaces: cells between their points, pressure and slip, VTK, and UGRID meshes for xugrid."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import meshio
+import numpy as np
+import pytest
+
+import latin_fmu
+from latin_fmu.results.vtk import export_vtu
+
+from .test_sensors import pressed
+
+
+@pytest.fixture(scope="module")
+def solved() -> latin_fmu.Solution:
+    return latin_fmu.solve(pressed(output={"surfaces": True, "fields": True}))
+
+
+def test_pressure_and_slip(solved: latin_fmu.Solution) -> None:
+    group = solved.to_datatree()["interfaces/crush"]
+    history = solved.interfaces["crush"]
+    assert np.array_equal(group["pressure"].values, -history.traction[:, :, 2])
+    assert group["pressure"].attrs["units"] == "Pa"
+    moved = np.cumsum(0.5 * (history.velocity[1:, 1] - history.velocity[1:, 0]), axis=0)
+    moved += np.cumsum(0.5 * (history.velocity[:-1, 1] - history.velocity[:-1, 0]), axis=0)
+    expected = np.linalg.norm(moved[:, :, :2], axis=2) * solved.time[1]
+    assert group["slip"].values[1:] == pytest.approx(expected, abs=1e-20)
+    assert (group["slip"].values[0] == 0.0).all()
+    bare = latin_fmu.solve(pressed()).to_datatree()["interfaces/crush"]
+    assert "pressure" not in bare
+    assert "cells" in bare
+    thinned = latin_fmu.solve(pressed(output={"surfaces": True, "interfaces_every": 4})).to_datatree()
+    assert np.array_equal(thinned["interfaces/crush/pressure"].values, group["pressure"].values[::4])
+    assert "needs the velocities at all instants" in thinned["interfaces/crush"].attrs["slip"]
+
+
+def test_slip_without_inertia_is_the_difference_of_displacements() -> None:
+    time = {"end": 4e-6, "instants": 4, "quasi_static": True}
+    law = {"type": "table", "times": [0, 4e-6], "values": [0, 1]}
+    push = {"face": "upper.zmax", "traction": [30e6, 0.0, 0.0], "law": law}
+    press = {"face": "upper.zmax", "pressure": 100e6}
+    boundary = {"base": {"type": "fixed", "face": "lower.zmin"}}
+    output = {"surfaces": True, "fields": True}
+    load = {"press": press, "push": push}
+    solver = {"tolerance": 1e-7}
+    solution = latin_fmu.solve(pressed(time=time, load=load, boundary=boundary, output=output, solver=solver))
+    history, surface = solution.interfaces["crush"], solution.to_datatree()["interfaces/crush"]
+    lower, upper = (solution.substructures[n] for n in ("lower", "upper"))
+    low = [int(np.argmin(np.linalg.norm(lower.nodes - p, axis=1))) for p in history.points]
+    up = [int(np.argmin(np.linalg.norm(upper.nodes - p, axis=1))) for p in history.points]
+    jump = (upper.displacement[:, up] - lower.displacement[:, low])[:, :, :2]
+    assert surface["slip"].values == pytest.approx(np.linalg.norm(jump, axis=2), abs=2e-3 * np.abs(jump).max())
+    assert np.abs(jump).max() > 1e-9
+
+
+def test_vtk_has_surface_cells(solved: latin_fmu.Solution, tmp_path: Path) -> None:
+    export_vtu(solved, tmp_path / "vtk")
+    surface = meshio.read(tmp_path / "vtk" / "interface_crush_00010.vtu")
+    assert [(block.type, len(block.data)) for block in surface.cells] == [("quad", 4)]
+    assert surface.point_data["slip"].max() > 0
+    assert surface.point_data["pressure"] == pytest.approx(-solved.interfaces["crush"].traction[10, :, 2])
+    assert "contact_status" in surface.point_data
+
+
+@pytest.mark.filterwarnings("ignore:No standard_name", "ignore:No CRS")
+@pytest.mark.parametrize("face", ["zmax", "xmax"])
+def test_xugrid_opens_and_plots_it(face: str, tmp_path: Path) -> None:
+    """The mesh lies in the mean plane of the interface, whatever its direction in space."""
+    xugrid = pytest.importorskip("xugrid")
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    scene = pressed(output={"surfaces": True}) if face == "zmax" else side_by_side()
+    solution = latin_fmu.solve(scene)
+    solution.save(tmp_path / "out.nc")
+    tree = latin_fmu.open_results(tmp_path / "out.nc")
+    crush = xugrid.UgridDataset(tree["interfaces/crush"].to_dataset())
+    (grid,) = crush.ugrid.grids
+    assert (grid.n_face, grid.n_node) == (4, 9)
+    assert grid.area.sum() == pytest.approx(1e-4, rel=1e-9)
+    assert crush["pressure"].isel(time=-1).ugrid.plot() is not None
+    on_faces = crush["contact_status"].isel(time=-1).ugrid.to_face()
+    assert on_faces.sizes["cell"] == 4
+    tree.close()
+
+
+def side_by_side() -> latin_fmu.Scene:
+    """Two blocks that meet in a plane across x."""
+    box = {"size": [0.01, 0.01, 0.01], "elements": [2, 2, 2]}
+    data = pressed().tables()
+    data["substructure"] = {
+        "lower": {"material": "steel", "box": box},
+        "upper": {"material": "steel", "box": {**box, "origin": [0.01, 0.0, 0.0]}},
+    }
+    data["interface"] = {"crush": {"sides": ["lower.xmax", "upper.xmin"], "friction_coefficient": 0.2}}
+    data["boundary"] = {"base": {"type": "fixed", "face": "lower.xmin"}}
+    data["load"] = {"press": {"face": "upper.xmax", "pressure": 1e8}}
+    data["sensor"], data["output"] = {}, {"surfaces": True}
+    return latin_fmu.scene_from_dict(data)
