@@ -15,12 +15,16 @@ from typing import Final
 
 import numpy as np
 
+from ..assembly.build import discretise
 from ..assembly.inactive_substructures import arrival_times, marched_share
 from ..assembly.problem import DiscretisedProblem
 from ..assembly.propagator_choice import ClassSize, chosen_propagators, class_size, operator_bytes
+from ..errors import InputError
 from ..interface.behaviour import bonds
 from ..latin.assembly import Array, InterfaceUnit
 from ..propagator.registry import PropagatorSettings
+from ..reader import scene_from_dict
+from ..scene.overrides import apply_overrides
 from ..scene.schema import Scene
 from ..scene.solver_settings import WHOLE
 
@@ -42,6 +46,7 @@ _PASSES = 0.65  # sweeps of the whole interval per iteration: instants before th
 _SEQUENTIAL = 3.0  # sweeps of the whole interval after a sequential start
 _CALLS = 20.0  # of the Python driver that a run, and each class of substructures, takes once
 _CG_STEPS = 40  # iterations of conjugate gradients per solution, for steps near the wave transit of an element
+_KEPT = 0.3  # calls that keep the fields of a class
 _LANCZOS = 60  # products with the stiffness for the stable step of an explicit propagator
 _STRESS = numbers(sparse=144.0, value=30.0)  # per cell of the stress recovery
 
@@ -254,7 +259,7 @@ def _stored(run: RunSize) -> Array:
         if run.energy:
             total += run.n_instant * c.together * numbers(sparse=c.size.sparse, value=c.size.unknowns)
         if run.fields:
-            total += stored * numbers(value=6.0 * c.nodes * c.size.members, call=1.0)
+            total += stored * numbers(value=6.0 * c.nodes * c.size.members, call=_KEPT)
         if run.stress and not c.rigid:
             total += stored * (c.cells * c.size.members * _STRESS + numbers(call=1.0))
     return total
@@ -267,10 +272,13 @@ def seconds(counts: Array) -> float:
 
 
 class Prediction:
-    """Predicted cost of a discretised problem: CPU seconds of its operators and of its march, memory in bytes."""
+    """Predicted cost of a discretised problem: CPU seconds of its operators and of its march, memory in bytes.
 
-    def __init__(self, discretised: DiscretisedProblem) -> None:
-        self.discretised, self.scene = discretised, discretised.scene
+    preparation : CPU seconds that meshes, matrices and interfaces took.
+    """
+
+    def __init__(self, discretised: DiscretisedProblem, preparation: float = 0.0) -> None:
+        self.discretised, self.scene, self.preparation = discretised, discretised.scene, preparation
         self.run = run_size(discretised)
 
     @cached_property
@@ -282,6 +290,16 @@ class Prediction:
     def march(self) -> float:
         """All instants, stored quantities included, s."""
         return seconds(march_counts(self.run))
+
+    def changed(self, settings: Sequence[str]) -> DiscretisedProblem | None:
+        """The scene with other settings (as for ``--set``), discretised; None where it is refused."""
+        tables = self.scene.tables()
+        if "scheme" not in self.scene.time.model_fields_set:  # a default that may depend on the settings
+            tables["time"].pop("scheme", None)
+        try:
+            return discretise(scene_from_dict(apply_overrides(tables, settings), self.scene.base_dir))
+        except InputError:
+            return None
 
     @property
     def memory(self) -> float:

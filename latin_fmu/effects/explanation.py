@@ -16,7 +16,7 @@ from .cost import Prediction
 from .scene_effects import EFFECTS, Effect
 from .suggestions import Suggestion, suggestions
 
-SCHEMA_VERSION = "1.0"
+SCHEMA_VERSION = "1.1"
 """Of ``Explanation.report``: the first number changes when a key changes or goes, the second when one is added."""
 _WIDTH = 118
 _SHOWN = 2  # keys that are named before "and so many more"
@@ -121,7 +121,7 @@ def explain(scene: Scene, text: str = "") -> Explanation:
     start = time.process_time()
     discretised = discretise(scene)
     preparation = time.process_time() - start
-    p = Prediction(discretised)
+    p = Prediction(discretised, preparation)
     effects = [effect(p) for effect in EFFECTS]
     kept = sum(e.memory for e in effects if e.name not in ("elastic bodies", "inertia", "damping"))
     predicted = {

@@ -81,7 +81,9 @@ def elasticity(p: Prediction) -> Effect:
     sizes = [c.size for c in p.run.classes if not c.rigid]
     reason = f"{len(keys)} deformable substructure(s) in {len(sizes)} class(es) of identical ones"
     kernels = "factorisation", "half solves", "stiffness product"
-    switch, cost = "rigid = true on bodies that only move", p.saved(p.run.scaled(stiffness=0.0, factor=0.0))
+    still = p.run.static or p.run.increments > 0
+    switch = "none: an equilibrium needs elastic bodies" if still else "rigid = true on bodies that only move"
+    cost = p.saved(p.run.scaled(stiffness=0.0, factor=0.0))
     unknowns = sum(s.members * s.unknowns for s in sizes)
     memory = int(sum(8 * (s.factor + s.interface**2) + 12 * s.stiffness for s in sizes))
     return Effect(name, True, tuple(keys), reason, switch, kernels, cost, unknowns, memory)
@@ -205,7 +207,10 @@ def gap(p: Prediction) -> Effect:
         touches = "every contact touches at the start"
         return _off("initial gap", ["interface.*.gap"], touches, "gap > 0, or meshes apart")
     reason = f"open at the start, up to {max(float(u.geometry.gap.max()) for u in units):.4g} m"
-    return Effect("initial gap", True, tuple(f"interface.{u.name}.gap" for u in units), reason, "gap = 0")
+    keys = tuple(f"interface.{u.name}.gap" for u in units)
+    ways = (value for value in ("0", '"closed"') if p.changed([f"{key}={value}" for key in keys]) is not None)
+    switch = next((f"gap = {value}" for value in ways), "meshes that touch")
+    return Effect("initial gap", True, keys, reason, switch)
 
 
 def bond(p: Prediction) -> Effect:

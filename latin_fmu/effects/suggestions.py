@@ -1,4 +1,8 @@
-"""Suggestions: settings of a scene that would cost less, with their predicted saving. Nothing is changed."""
+"""Suggestions: settings of a scene that would cost less, with their predicted saving and what is lost by them.
+
+Nothing is changed. The saving is that of the whole run, set-up included. Where settings change the kind of a run, the
+changed scene is built before it is suggested, and an explicit march is suggested with a step that is stable.
+"""
 
 from __future__ import annotations
 
@@ -10,24 +14,25 @@ from typing import Any
 import numpy as np
 
 from ..assembly.inactive_substructures import arrival_times, marched_share
+from ..assembly.problem import DiscretisedProblem
 from ..fem.elasticity import wave_speeds
 from ..latin.assembly import Array
-from ..propagator.registry import Kind
+from ..propagator.explicit import ExplicitPropagator
 from ..scene.fields import GROUND, split_face
-from .cost import Prediction, RunClass, RunSize, march_counts, operator_counts, seconds
+from .cost import STATIC, Prediction, RunClass, RunSize, march_counts, operator_counts, seconds
 from .scene_effects import Effect
 
 TINY_FRICTION = 1e-3
 STIFF = 1e3  # times the wave impedance of every neighbour
 UNRESOLVED = 0.2  # transit of a body over the step
 COSTLY = 0.2  # share of the time
+TENTH = 10  # instants between stored fields
 LATE = 0.7  # share of the instants at which substructures are marched
 SLOW = 10.0  # duration of the run over the longest transit
 CHEAP = 0.4  # cost of another propagator over that of the chosen one
-OTHERS: tuple[tuple[Kind, str], ...] = (
-    ("explicit", "a lumped mass, where the step is stable"),
-    ("reduced", "some modes instead of the mesh; its set-up is shared by studies and FMUs"),
-)
+MORE_STEPS = 10.0  # most steps of an explicit march over those of the scene
+LUMPED = "with a lumped mass: contact forces change by some per cent on coarse meshes"
+TRUNCATED = "with some modes instead of the mesh: the response above them is lost, a warning of the run states how much"
 
 
 @dataclass(frozen=True)
@@ -36,22 +41,25 @@ class Suggestion:
 
     Attributes
     ----------
-    what : a sentence. settings : what to write, as for ``--set``. factor : predicted cost after over before, None
-        where the cost does not change or is not known.
+    what : a sentence. settings : what to write, as for ``--set``. factor : predicted cost of the whole run after over
+        before, None where the cost does not change or is not known. loss : what is lost, in words; empty where the
+        result stays the same to the tolerance.
     """
 
     what: str
     settings: tuple[str, ...] = ()
     factor: float | None = None
+    loss: str = ""
 
     def report(self) -> dict[str, Any]:
         """Suggestion as plain data, for JSON."""
         factor = None if self.factor is None else round(self.factor, 4)
-        return {"what": self.what, "settings": list(self.settings), "cost_factor": factor}
+        return {"what": self.what, "settings": list(self.settings), "cost_factor": factor, "loss": self.loss}
 
     def lines(self, width: int) -> list[str]:
         """Lines of text for a reader, at most ``width`` wide."""
-        lines = textwrap.wrap(f"* {self.what}", width, initial_indent="  ", subsequent_indent="    ")
+        sentence = self.what + (f" ({self.loss})" if self.loss else "")
+        lines = textwrap.wrap(f"* {sentence}", width, initial_indent="  ", subsequent_indent="    ")
         if self.settings:
             cost = "" if self.factor is None or self.factor > 0.995 else f"   (predicted cost x {self.factor:.2g})"
             lines.append("    " + " ".join(f"--set {s}" for s in self.settings) + cost)
@@ -78,12 +86,14 @@ def _friction(p: Prediction, _: list[Effect]) -> Iterator[Suggestion]:
                 f"{4 * unit.geometry.n_point} of {p.run.n_flat} interface unknowns are gone",
                 (f"interface.{name}.friction_coefficient=0",),
                 _factor(p, p.without_friction([unit])),
+                f"tangential forces, up to {100 * mu:.2g} % of the normal ones",
             )
 
 
 def _factor(p: Prediction, changed: RunSize) -> float:
-    """Predicted cost of an instant of the changed run over the present one."""
-    return max(0.0, 1.0 - p.saved(changed) / p.instant)
+    """Predicted cost of the changed run over the present one, both with their set-up."""
+    after = p.preparation + seconds(operator_counts(changed)) + seconds(march_counts(changed))
+    return after / (p.preparation + p.operators + p.march)
 
 
 def _open_gaps(p: Prediction, _: list[Effect]) -> Iterator[Suggestion]:
@@ -120,7 +130,8 @@ def _fastest(p: Prediction) -> float:
 
 def _rigid(p: Prediction, _: list[Effect]) -> Iterator[Suggestion]:
     """Bodies with waves too fast for the step, or far stiffer than all neighbours (an equilibrium has no waves)."""
-    for name, body in p.discretised.bodies.items() if not p.run.static else ():
+    static = p.run.static or p.run.increments > 0
+    for name, body in p.discretised.bodies.items() if not static else ():
         if body.rigid:
             continue
         transit = body.mesh.size * body.shape.material.density / body.shape.impedances[0]
@@ -133,12 +144,16 @@ def _rigid(p: Prediction, _: list[Effect]) -> Iterator[Suggestion]:
         why = f"a wave crosses it in {transit / p.discretised.dt:.2g} of a step"
         if stiff:
             why = f"its wave impedance is {body.shape.impedances[0] / soft:.2g} times that of its neighbours"
+        settings = (f"substructure.{name}.rigid=true",)
+        if p.changed(settings) is None:
+            continue
         place = next(i for i, c in enumerate(p.discretised.classes) if name in [m.name for m in c.members])
         own = p.run.classes[place]
         yield Suggestion(
             f"substructure {name}: {why}; as a rigid body it has 6 unknowns instead of {own.size.unknowns}",
-            (f"substructure.{name}.rigid=true",),
+            settings,
             _factor(p, _rigidified(p, own)),
+            "waves and stresses in it, and its part in the stiffness of the contact",
         )
 
 
@@ -153,13 +168,24 @@ def _rigidified(p: Prediction, one: RunClass) -> RunSize:
 
 def _stored(p: Prediction, effects: list[Effect]) -> Iterator[Suggestion]:
     """Output that takes a good part of the time."""
-    tenth = ("output.every=10",), 0.9
-    remedies = {"stress": tenth, "interior history": tenth, "energy balance": (("output.energy=false",), 1.0)}
-    for effect in effects:
-        share = effect.cost / p.instant
-        if effect.name in remedies and share > COSTLY:
-            settings, saved = remedies[effect.name]
-            yield Suggestion(f"{effect.name} takes {100 * share:.0f} % of every instant", settings, 1 - saved * share)
+    cost = {e.name: e.cost / p.instant for e in effects}
+    kept = [name for name in ("interior history", "stress") if cost.get(name, 0.0) > COSTLY]
+    if kept and p.run.every == 1 and p.run.n_instant >= 2 * TENTH:
+        share = sum(cost[name] for name in kept)
+        verb = "take" if len(kept) > 1 else "takes"
+        yield Suggestion(
+            f"{' and '.join(kept)} {verb} {100 * share:.0f} % of every instant",
+            (f"output.every={TENTH}",),
+            _factor(p, replace(p.run, every=TENTH)),
+            f"fields and stresses between every {TENTH}th instant; forces and the motion stay as they are",
+        )
+    if cost.get("energy balance", 0.0) > COSTLY:
+        yield Suggestion(
+            f"energy balance takes {100 * cost['energy balance']:.0f} % of every instant",
+            ("output.energy=false",),
+            _factor(p, replace(p.run, energy=False)),
+            "the energies of the results; the motion stays as it is",
+        )
 
 
 def _slow(p: Prediction, _: list[Effect]) -> Iterator[Suggestion]:
@@ -173,15 +199,21 @@ def _slow(p: Prediction, _: list[Effect]) -> Iterator[Suggestion]:
         return
     transit = _longest_transit(p)
     ratio = min(_pace(law.sample(p.discretised.time), p.discretised.dt) for law in laws) / transit
-    if SLOW <= ratio < np.inf:
-        n = min(p.run.n_instant, 50)
-        cost = f"1/{p.run.n_instant / n:.2g}" if n < p.run.n_instant else "the same"
-        yield Suggestion(
-            f"the loads are {ratio:.3g} times slower than the longest wave transit ({transit:.3g} s): a quasi-static "
-            f"run in {n} increments would cost about {cost}",
-            ("time.quasi_static=true", f"time.instants={n}"),
-            n / p.run.n_instant,
-        )
+    if not SLOW <= ratio < np.inf:
+        return
+    n = min(p.run.n_instant, 50)
+    settings = ("time.quasi_static=true", f"time.{'step' if scene.time.step is not None else 'instants'}=")
+    settings = (settings[0], settings[1] + (f"{scene.time.end / n!r}" if settings[1].endswith("step=") else str(n)))
+    if p.changed(settings) is None:
+        return
+    iterations = replace(p.run, static=True, window=1, iterations=STATIC, n_instant=n, increments=0, unbalanced=False)
+    yield Suggestion(
+        f"the loads are {ratio:.3g} times slower than the longest wave transit ({transit:.3g} s): a quasi-static run "
+        f"in {n} increments follows them",
+        settings,
+        _factor(p, iterations),
+        "waves and vibrations",
+    )
 
 
 def _pace(amplitude: Array, dt: float) -> float:
@@ -217,16 +249,31 @@ def _late(p: Prediction, _: list[Effect]) -> Iterator[Suggestion]:
 
 
 def _propagator(p: Prediction, _: list[Effect]) -> Iterator[Suggestion]:
-    """Propagators with another answer at much less cost."""
-    chosen, own = p.run.propagator, p.operators + p.march
-    for kind, what in () if p.run.static else OTHERS:
-        other = replace(p.run, propagator=replace(chosen, kind=kind))
-        operators, cost = seconds(operator_counts(other)), seconds(march_counts(other))
-        cost += operators if kind != "reduced" else 0.0
-        if kind != chosen.kind and cost < CHEAP * own:
-            first = f", after {operators:.2g} s of set-up" if kind == "reduced" else ""
-            yield Suggestion(
-                f"another answer by the {kind} propagator ({what}): about {cost:.2g} s, not {own:.2g} s{first}",
-                (f"solver.propagator={kind}",),
-                cost / own,
-            )
+    """Propagators with another result at much less cost."""
+    if p.run.static or p.run.propagator.kind == "explicit":
+        return
+    reduced = replace(p.run, propagator=replace(p.run.propagator, kind="reduced"))
+    settings: tuple[str, ...] = ("solver.propagator=reduced",)
+    if p.run.propagator.kind != "reduced" and _factor(p, reduced) < CHEAP and p.changed(settings) is not None:
+        yield Suggestion("the reduced propagator costs less", settings, _factor(p, reduced), TRUNCATED)
+    explicit = replace(p.run, propagator=replace(p.run.propagator, kind="explicit"))
+    if _factor(p, explicit) >= CHEAP:
+        return
+    settings = ("solver.propagator=explicit", "time.scheme=central_difference")
+    changed = p.changed(settings)
+    if changed is None:
+        return
+    steps = max(1.0, p.discretised.dt / _stable_step(changed))
+    if steps > 1.0:
+        n = int(np.ceil(p.run.n_instant * steps))
+        step = p.scene.time.step is not None
+        settings += (f"time.step={p.scene.time.end / n!r}" if step else f"time.instants={n}",)
+        explicit = replace(explicit, n_instant=n)
+    if steps <= MORE_STEPS and _factor(p, explicit) < CHEAP and p.changed(settings) is not None:
+        yield Suggestion("the explicit propagator costs less", settings, _factor(p, explicit), LUMPED)
+
+
+def _stable_step(explicit: DiscretisedProblem) -> float:
+    """Longest stable step of an explicit problem, s."""
+    made = (ExplicitPropagator(c.members, explicit.scheme, explicit.dt, energy=False) for c in explicit.classes)
+    return min(propagator.stability.longest for propagator in made)
