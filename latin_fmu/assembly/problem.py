@@ -285,7 +285,8 @@ def settings_of(scene: Scene) -> Settings:
         direct_bonds=solver.bonds == "direct",
         threads=solver.threads,
         skip_unchanged=solver.skip_unchanged,
-        sequential_start=solver.window == WHOLE and solver.start == "sequential",
+        newton=solver.newton,
+        sequential_start=solver.start == "sequential",
     )
 
 

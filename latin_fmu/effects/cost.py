@@ -126,7 +126,7 @@ def run_size(discretised: DiscretisedProblem) -> RunSize:
         n_flat=discretised.layout.n_flat,
         n_instant=scene.time.n_step,
         window=scene.time.n_step if scene.solver.window == WHOLE else int(scene.solver.window),
-        sequential=scene.solver.window == WHOLE and scene.solver.start == "sequential",
+        sequential=scene.solver.window != 1 and scene.solver.start == "sequential",
         iterations=expected_iterations(scene, units),
         static=scene.time.quasi_static,
         at_once=solved_at_once(scene, units),
@@ -206,8 +206,10 @@ def operator_counts(run: RunSize) -> Array:
 def march_counts(run: RunSize) -> Array:
     """Operations of all instants, with the start and the stored quantities."""
     sweeps = 1.0 if run.window == 1 else run.iterations + 1.0
-    if run.window >= run.n_instant > 1:
-        sweeps = _SEQUENTIAL if run.sequential else _PASSES * sweeps
+    if run.sequential:
+        sweeps = _SEQUENTIAL
+    elif run.window >= run.n_instant > 1:
+        sweeps *= _PASSES
     total = sweeps * run.n_instant * _instant(run) + _stored(run) + numbers(call=_CALLS)
     if run.at_once:
         total += numbers(flop=float(run.n_flat) ** 3, entry=float(run.n_instant * run.n_flat**2))

@@ -9,7 +9,6 @@ from __future__ import annotations
 from typing import Any, Final
 
 from ..compiled import entry, fields, kernel, share
-from .acceleration import next_iterate
 from .indicator import accept, force_residual
 from .instants import (
     after_class,
@@ -23,8 +22,9 @@ from .instants import (
     read_start,
     solve_instant,
 )
-from .iteration import begin_window, judge, linear_stage, measure, rewind, stage
+from .iteration import begin_window, judge, linear_stage, measure, next_stage, rewind
 from .local_stage import finish, open_window, outgoing, prepare, solve_points
+from .newton import advance_iterate, count_step, keep_end, leave, propose, trial_fields, trial_size
 from .records import CLASS, GROUP, RUN, Pools
 from .substructure import advance, commit, free_load, free_velocity, interface_load, linear_response, predict
 
@@ -60,7 +60,13 @@ from .substructure import advance, commit, free_load, free_velocity, interface_l
     RESPOND,
     FORCES,
     AFTER,
-) = range(31)
+    PROPOSE,
+    KEEP_END,
+    TRIAL,
+    TRIAL_SIZE,
+    COUNT_STEP,
+    LEAVE,
+) = range(37)
 """Actions of ``call``."""
 
 _ITEM: Final = "f8[::1], i8[::1]"
@@ -78,7 +84,7 @@ share(
     predict,
     first_guess,
     free_motion,
-    stage,
+    next_stage,
     linear_stage,
     outgoing,
     prepare,
@@ -86,7 +92,8 @@ share(
     finish,
     measure,
     judge,
-    next_iterate,
+    advance_iterate,
+    propose,
     open_window,
     accept,
     end_class,
@@ -111,7 +118,7 @@ def call(pools: Any, action: int, a: int, b: int, c: int, d: int) -> int:
     elif action == FREE_MOTION:
         free_motion(pools, a, pools.moving[run.w : run.w + run.n_flat])
     elif action == STAGE:
-        stage(pools, a, b, c)
+        next_stage(pools, a, b, c)
     elif action == LINEAR_STAGE:
         linear_stage(pools, a, b, c)
     elif action == OUTGOING:
@@ -125,7 +132,7 @@ def call(pools: Any, action: int, a: int, b: int, c: int, d: int) -> int:
     elif action == MEASURE:
         measure(pools, a)
     elif action == NEXT:
-        next_iterate(pools, a, b)
+        advance_iterate(pools, a, b, c)
     elif action == OPEN:
         open_window(pools, a, b)
     elif action == BEGIN:
@@ -142,8 +149,32 @@ def call(pools: Any, action: int, a: int, b: int, c: int, d: int) -> int:
         open_accounts(pools)
     elif action == FORCES:
         force_residual(pools, a)
+    elif action >= PROPOSE:
+        return _call_of_newton(pools, action, a)
     else:
         return _call_of_class(pools, action, a, b, c, d)
+    return 0
+
+
+@kernel
+def _call_of_newton(pools: Any, action: int, a: int) -> int:
+    """Parts of a Newton step, for laws that the Python driver calls: see ``newton``."""
+    work, course = pools.moving, pools.run[0].course
+    if action == PROPOSE:
+        return int(propose(pools))
+    if action == KEEP_END:
+        keep_end(pools)
+    elif action == TRIAL:
+        length = 1.0
+        for _ in range(a):
+            length *= 0.5
+        trial_fields(pools, length)
+    elif action == TRIAL_SIZE:
+        work[course + 7] = trial_size(pools)
+    elif action == COUNT_STEP:
+        count_step(pools, work[course + 7])
+    elif action == LEAVE:
+        leave(pools, a)
     return 0
 
 

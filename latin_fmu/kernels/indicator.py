@@ -134,6 +134,7 @@ def accept(pools: Any, window: int) -> None:
     n = run.n_flat
     for e in range(3):
         state[run.scales + e] = work[run.measure + 2 + e]
+    state[run.finish] = 1.0 if work[run.course] > 0.0 else 0.0  # steps made (``newton.MADE``)
     share = work[run.shares : run.shares + run.n_interface]
     share[:] = 0.0
     weights, interface = (

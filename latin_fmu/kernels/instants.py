@@ -14,6 +14,7 @@ from .indicator import accept
 from .iteration import iterate
 from .local_stage import open_window, read_gaps
 from .matrices import probe, read_channels
+from .newton import MADE
 from .products import add_dense
 from .substructure import commit, linear_response, predict
 
@@ -45,11 +46,13 @@ def solve_instant(pools: Any, instant: int, call: int) -> bool:
         pools.moving[run.errors + call * run.max_iterations] = 0.0
         pools.moving[run.force_residuals + call * run.max_iterations] = 0.0
         pools.moving_int[run.iterations + call] = 1
+        pools.moving_int[run.newton_steps + call] = 0
         return True
     first_guess(pools, instant)
     solved = work[run.counts + 1]
     used = iterate(pools, 1, instant, call)
     pools.moving_int[run.iterations + call] = used
+    pools.moving_int[run.newton_steps + call] = int(work[run.course + MADE])
     if used <= 0:
         work[run.counts + 1] = solved  # the Python driver solves this instant again, and counts
         return False

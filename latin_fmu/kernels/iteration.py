@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiled import kernel
-from .acceleration import next_iterate
 from .indicator import error_indicator, force_residual
 from .local_stage import finish, outgoing, prepare, solve_points
 from .matrices import add_matrix
+from .newton import ACTIVE, BEGUN, GAIN, PHASE, advance_iterate, keep_end, leave, propose, search
 from .substructure import commit, interface_response, linear_response, predict
 
 Array = NDArray[np.float64]
@@ -105,6 +105,32 @@ def stage(pools: Any, window: int, first: int, iteration: int) -> None:
 
 
 @kernel
+def newton_step(pools: Any, first: int) -> bool:
+    """An iterate by a Newton step from the last one (``newton``), with its measures; False where there is none."""
+    if not propose(pools):
+        return False
+    linear_stage(pools, 1, first, 1)
+    keep_end(pools)
+    search(pools)
+    measure(pools, 1)
+    return True
+
+
+@kernel
+def next_stage(pools: Any, window: int, first: int, iteration: int) -> None:
+    """One iteration from the q of ``work``, or one Newton step where it is time for one."""
+    run = pools.run[0]
+    course = pools.moving[run.course : run.course + 8]
+    if iteration == 0:
+        course[:] = 0.0
+    if window == 1 and course[ACTIVE] == 1.0:
+        if newton_step(pools, first):
+            return
+        leave(pools, iteration)
+    stage(pools, window, first, iteration)
+
+
+@kernel
 def judge(pools: Any, window: int, phase: int, iteration: int, accelerated: bool) -> int:
     """State of the iteration by its measures, as bits of CONVERGED, BEST, STALLED and BROKEN.
 
@@ -131,8 +157,9 @@ def judge(pools: Any, window: int, phase: int, iteration: int, accelerated: bool
         return CONVERGED | BEST
     if not np.isfinite(error):
         return BROKEN
-    best, before, recent = np.inf, np.inf, np.inf
-    for i in range(iteration + 1):
+    since = int(work[run.course + PHASE])
+    phase, best, before, recent = max(phase, since), np.inf, np.inf, np.inf
+    for i in range(since, iteration + 1):
         now = merits[2 * i + 1] if np.isfinite(merits[2 * i + 1]) else numbers[5] * merits[2 * i]
         if i < iteration:
             best = min(best, now)
@@ -145,6 +172,12 @@ def judge(pools: Any, window: int, phase: int, iteration: int, accelerated: bool
     bits = 0
     if best == -1.0:
         bits, numbers[6] = BEST, numbers[2]
+        merit = known if np.isfinite(known) else numbers[5] * merit
+        if run.newton == 1 and (work[run.course + ACTIVE] == 0.0 or merit < GAIN * work[run.course + BEGUN]):
+            for j in range(run.n_flat):
+                work[run.best_q + j] = work[run.q + j]
+    if work[run.course + ACTIVE] == 1.0:
+        return bits
     if iteration + 1 - phase >= PATIENCE and recent > (STALL_ACCELERATED if accelerated else STALL_PLAIN) * before:
         bits |= STALLED
     return bits
@@ -155,7 +188,7 @@ def iterate(pools: Any, window: int, first: int, call: int) -> int:
     """Iterate from the q of ``work``; iterations used where the window converged, else minus that number."""
     run = pools.run[0]
     for iteration in range(run.max_iterations):
-        stage(pools, window, first, iteration)
+        next_stage(pools, window, first, iteration)
         pools.moving[run.errors + call * run.max_iterations + iteration] = pools.moving[run.measure]
         pools.moving[run.force_residuals + call * run.max_iterations + iteration] = pools.moving[run.measure + 1]
         bits = judge(pools, window, 0, iteration, run.depth > 0)
@@ -163,7 +196,7 @@ def iterate(pools: Any, window: int, first: int, call: int) -> int:
             return iteration + 1
         if bits & (STALLED | BROKEN):
             return -(iteration + 1)
-        next_iterate(pools, window, iteration)
+        advance_iterate(pools, window, iteration, 0)
     return -int(run.max_iterations)
 
 

@@ -116,6 +116,97 @@ def apply(law: int, jump: Array, z: Array, reach: Array, rate: float, parameters
         viscous_joint(jump, z, parameters, traction)
 
 
+@kernel
+def tangent(
+    law: int,
+    jump: Array,
+    z: Array,
+    reach: Array,
+    rate: float,
+    parameters: Array,
+    derivative: Array,
+    proximal: float,
+    columns: Array,
+    rows: Array,
+    softness: Array,
+) -> int:
+    """Tangent J = dF_hat / djump of a law at one point, as a sum over unknowns; their number, 0 ... 3.
+
+    J = sum of c_i r_i^T / (z_i + s_i): columns (3, 3) and rows (3, 3) hold c_i and r_i of the unknowns, softness (3, 3)
+    the numbers s_i on its diagonal, with ``proximal`` z_i added for normal and sticking components. A law written in
+    Python has its derivative (3, 3) instead: columns J, rows of the identity and softness 1 - z J.
+    """
+    for e in range(9):
+        columns[e] = rows[e] = 0.0
+    if law < 0:
+        return _given_tangent(derivative, z, len(jump), proximal, columns, rows, softness)
+    softness[:] = 0.0
+    if law != CONTACT and law != NO_SLIP and law != SOFT_CONTACT:
+        made = 0
+        for i in range(len(jump)):
+            both, own = z[min(i, 1)], parameters[min(i, 1)] if law != PERFECT else 1.0
+            if (law == PERFECT and both <= 0.0) or own <= 0.0:
+                continue
+            soft = proximal * both if law == PERFECT else (rate / own if law == ELASTIC_LAYER else 1.0 / own)
+            columns[3 * made + i], rows[3 * made + i], softness[4 * made] = 1.0, 1.0, soft
+            made += 1
+        return made
+    closing, made = -(jump[0] + reach[0]), 0
+    stiff = parameters[1] if law == SOFT_CONTACT else np.inf
+    if closing > 0.0 and stiff > 0.0 and (z[0] > 0.0 or law == SOFT_CONTACT):
+        made = 1
+        columns[0] = rows[0] = 1.0
+        softness[0] = rate / stiff if law == SOFT_CONTACT else proximal * z[0]
+    if len(jump) == 1 or z[1] <= 0.0:
+        return made
+    if law == NO_SLIP:
+        return _sticking(made, reach[0] <= rate * parameters[0], proximal * z[1], columns, rows, softness)
+    pressure = closing / (z[0] + (rate / stiff if law == SOFT_CONTACT else 0.0)) if made == 1 else 0.0
+    norm, limit = np.hypot(jump[1], jump[2]), parameters[0] * pressure * z[1]
+    if norm <= limit or made == 0:
+        return _sticking(made, made == 1, proximal * z[1], columns, rows, softness)
+    along, across = jump[1] / norm, jump[2] / norm
+    columns[1], columns[2] = -parameters[0] * along, -parameters[0] * across
+    if limit <= 0.0:
+        return made
+    columns[4] = rows[4] = -across
+    columns[5] = rows[5] = along
+    softness[4] = z[1] * (norm / limit - 1.0)
+    return 2
+
+
+@kernel
+def _sticking(made: int, held: bool, soft: float, columns: Array, rows: Array, softness: Array) -> int:
+    """Add the unknowns of both tangential components where they are held."""
+    if not held:
+        return made
+    for i in range(1, 3):
+        columns[3 * made + i] = rows[3 * made + i] = 1.0
+        softness[4 * made] = soft
+        made += 1
+    return made
+
+
+@kernel
+def _given_tangent(
+    derivative: Array, z: Array, n: int, proximal: float, columns: Array, rows: Array, softness: Array
+) -> int:
+    """Unknowns of a given derivative (3, 3): as many as there are components, none where it vanishes."""
+    largest = 0.0
+    for e in range(9):
+        largest = max(largest, abs(derivative[e]))
+    if largest == 0.0:
+        softness[:] = 0.0
+        return 0
+    for i in range(3):
+        for j in range(3):
+            columns[3 * i + j] = derivative[3 * j + i]
+            softness[3 * i + j] = -z[min(i, 1)] * derivative[3 * i + j]
+        rows[4 * i] = 1.0
+        softness[4 * i] += 1.0 + proximal
+    return n
+
+
 @entry("i8, f8[:, ::1], f8[:, ::1], f8[:, ::1], f8, f8[:, ::1], f8[:, ::1]")
 def apply_to_points(law: int, jump: Any, z: Any, reach: Any, rate: float, parameters: Any, traction: Any) -> None:
     """The law with this code at all points; arrays (n_point, ...)."""

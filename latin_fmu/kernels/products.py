@@ -133,6 +133,16 @@ def symmetric_size(n: int, plain: int, m: int) -> int:
 
 
 @kernel
+def entry_of(n: int, matrix: Array, plain: int, m: int, i: int, j: int) -> float:
+    """Entry (i, j) of a symmetric dense matrix, kept as ``symmetric_size`` says."""
+    if plain == 1:
+        return float(matrix[i]) if i == j else 0.0
+    if m >= TILED:
+        return float(matrix[i * n + j])
+    return float(matrix[i * (i + 1) // 2 + j] if i >= j else matrix[j * (j + 1) // 2 + i])
+
+
+@kernel
 def product(n: int, matrix: Array, plain: int, m: int, x: Array, out: Array, scratch: Array) -> None:
     """out (n m,) = A x for a symmetric dense A, kept as ``symmetric_size`` says."""
     if plain == 1:

@@ -157,7 +157,9 @@ class WindowRecord:
 
     ``error_indicator[i]`` is the amplitude sqrt(eta) after iteration i+1, ``force_mismatch[i]`` the interface force
     residual (NaN where it was not evaluated). ``accepted`` is the index of the iterate from which the run continues:
-    the last one where the window converged, else the best. ``fallbacks`` names the fall-backs used, in order.
+    the last one where the window converged, else the best. ``fallbacks`` names the fall-backs used, in order;
+    ``newton_steps`` counts the iterations whose q is that of a Newton step. ``disagreement`` : in a window of several
+    instants, largest difference of the tractions of both stages over their largest size.
     """
 
     first_instant: int
@@ -167,6 +169,8 @@ class WindowRecord:
     fallbacks: list[str] = field(default_factory=list)
     converged: bool = False
     accepted: int = -1
+    newton_steps: int = 0
+    disagreement: float = 0.0
 
     @property
     def final_error(self) -> float:

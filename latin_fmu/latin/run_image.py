@@ -17,12 +17,15 @@ import numpy as np
 
 from ..kernels import entries
 from ..kernels.laws import LAWS
+from ..kernels.newton import ACTIVE, DECREASE, HALVINGS, LEFT, MADE, SIZE
 from ..propagator.image import Image
 from .assembly import Array, Assembly, Index
 from .probes import Probes
+from .relative_operator import relative_operator
 from .search_direction import FLOOR, Direction
 from .settings import Settings
 
+_DIFFERENCE = 1e-7  # of the largest free velocity of a group: step of the derivative of its law
 _LONGEST_STATIC = 20.0  # step of the acceleration without inertia, in lengths of the residual
 _OF_MOTION = 1e-2  # residual over the largest fields of a motion that is small against the equilibrium it starts from
 _AT_REST = 1e-11  # residual over the tractions of that equilibrium below which nothing moves
@@ -72,6 +75,7 @@ def make_image(assembly: Assembly, settings: Settings, direction: Direction, pro
         "longest_step": _LONGEST_STATIC if static else np.inf,
         "n_coarse": 0 if direction.coarse is None else direction.coarse.size,
         "direct_bonds": 0,
+        **(relative_operator(assembly) if direction.newton else {}),
         **rules(settings),
         "rest_traction": assembly.rest_traction,
         "amplified": max(1.0, _OF_MOTION / settings.tolerance) ** 2,
@@ -266,34 +270,110 @@ class Stages:
         if self._compiled:
             image.call(entries.STAGE, n, self.first, iteration)
             return
+        if n == 1 and iteration and image.field("course", 8)[ACTIVE] == 1.0 and self._newton_step(iteration):
+            return
+        if iteration == 0:
+            image.field("course", 8)[:] = 0.0
+        self._stage(iteration)
+
+    def _stage(self, iteration: int) -> None:
+        """One iteration where a law is called, or a factor is held, by Python."""
+        image, n = self.image, self.n
         if n > 1 and not image.factored:
             image.sweep(n, self.first)
         image.call(entries.LINEAR_STAGE, n, self.first, iteration)
         for i in range(n):
             image.call(entries.OUTGOING, i)
-            for g in range(len(self._groups)):
-                image.call(entries.PREPARE, g, i)
-                if image.groups[g]["law"] >= 0:
-                    image.call(entries.POINTS, g)
-                else:
-                    self._apply_law(g)
-                image.call(entries.FINISH, g, i, n)
+            self._local_stage(i)
         image.call(entries.MEASURE, n)
 
-    def _apply_law(self, g: int) -> None:
-        """Tractions of a group by the law of its behaviour in Python."""
+    def _local_stage(self, i: int) -> None:
+        """Local stage of an instant of the window after ``outgoing``."""
+        image = self.image
+        for g in range(len(self._groups)):
+            image.call(entries.PREPARE, g, i)
+            if image.groups[g]["law"] >= 0:
+                image.call(entries.POINTS, g)
+            else:
+                shape = self._groups[g].n_point, self._groups[g].n_component
+                image.group_field(g, "traction", *shape)[...] = self._law_at(g, self._jump(g))
+            image.call(entries.FINISH, g, i, self.n)
+
+    def _jump(self, g: int) -> Array:
+        """Free velocities (n_point, n_component) of a group in the last local stage, a copy."""
+        group = self._groups[g]
+        return self.image.group_field(g, "jump", group.n_point, group.n_component).copy()
+
+    def _law_at(self, g: int, jump: Array) -> Array:
+        """Tractions of a group under free velocities by the law of its behaviour in Python."""
         image, group = self.image, self._groups[g]
         shape, elastic = (group.n_point, group.n_component), group.behaviour.elastic
-        jump = image.group_field(g, "jump", *shape).copy()
         gap = image.group_field(g, "reach", *(shape if elastic else shape[:1])).copy()
         rate = float(image.run[0]["layer_rate"] if elastic else 1.0 / image.run[0]["dt"])
-        z = self.direction.group_fields()[g]["z_sum"]
-        traction = group.behaviour.local(jump, z, gap, rate, group.parameters)
-        image.group_field(g, "traction", *shape)[...] = traction
+        return group.behaviour.local(jump, self.direction.group_fields()[g]["z_sum"], gap, rate, group.parameters)
+
+    # -- a Newton step with laws that Python calls: ``kernels.iteration.newton_step`` -----------------------------
+    def _newton_step(self, iteration: int) -> bool:
+        """One iteration by a Newton step; False where there is none."""
+        image = self.image
+        for g in range(len(self._groups)):
+            if image.groups[g]["law"] < 0:
+                self._differentiate(g)
+        if not image.call(entries.PROPOSE):
+            image.call(entries.LEAVE, iteration)
+            return False
+        image.call(entries.LINEAR_STAGE, 1, self.first, 1)
+        image.call(entries.KEEP_END)
+        course = image.field("course", 8)
+        sizes = list[float]()
+        for halving in range(HALVINGS + 1):
+            sizes.append(self._try(halving))
+            if sizes[-1] <= (1.0 - DECREASE * 0.5**halving) * course[SIZE]:
+                break
+        best = int(np.argmin(sizes))
+        if best != len(sizes) - 1:
+            self._try(best)
+        image.call(entries.COUNT_STEP)
+        image.call(entries.MEASURE, 1)
+        return True
+
+    def _try(self, halving: int) -> float:
+        """Both stages at a share of the step; its residual."""
+        self.image.call(entries.TRIAL, halving)
+        self._local_stage(0)
+        self.image.call(entries.TRIAL_SIZE)
+        return float(self.image.field("course", 8)[7])
+
+    def _differentiate(self, g: int) -> None:
+        """Derivative of the law of a group by its free velocities, by one difference per component."""
+        group, jump = self._groups[g], self._jump(g)
+        derivative = self.image.group_field(g, "tangent", group.n_point, 3, 3)
+        derivative[...] = 0.0
+        base, step = self._law_at(g, jump), _DIFFERENCE * float(np.abs(jump).max(initial=0.0))
+        for c in range(group.n_component if step > 0.0 else 0):
+            moved = jump.copy()
+            moved[:, c] += step
+            derivative[:, : group.n_component, c] = (self._law_at(g, moved) - base) / step
 
     def judge(self, phase: int, iteration: int, accelerated: bool) -> int:
         """Verdict on the iterate, bits of ``kernels.iteration.judge``."""
         return self.image.call(entries.JUDGE, self.n, phase, iteration, int(accelerated))
+
+    def disagreement(self) -> float:
+        """Largest difference of the tractions of both stages at an instant, over their largest size so far, in the norm
+        of the error indicator: fields of substructures belong to the one, reported tractions to the other."""
+        apart = (self.direction.weights[1] * (self.field("f") - self.field("local_f")) ** 2).sum(axis=1)
+        tractions = 0.25 * float(self.measures()[2])  # a quarter of the fields: F, F_hat, W and W_hat
+        return float(np.sqrt(apart.max(initial=0.0) / tractions)) if tractions > 0.0 else 0.0
+
+    def newton_steps(self) -> int:
+        """Newton steps made in this window."""
+        return int(self.image.field("course", 8)[MADE])
+
+    def leave_newton(self) -> None:
+        """No Newton steps in the rest of this window: a fall-back follows."""
+        course = self.image.field("course", 8)
+        course[ACTIVE], course[LEFT] = 0.0, 1.0
 
     def measures(self) -> Array:
         """Measures (8,) of the last iterate, a copy."""

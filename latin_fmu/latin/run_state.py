@@ -86,7 +86,7 @@ class RunState:
     def get_state(self) -> dict[str, Array]:
         """Copies of the fields that the next segment starts from, beside the states of the propagators."""
         n = self.image.n_flat
-        sizes = {"f_hat": n, "w_hat": n, "scales": 3, "carry": 1}
+        sizes = {"f_hat": n, "w_hat": n, "scales": 3, "carry": 1, "finish": 1}
         return {name: self.image.field(name, size).copy() for name, size in sizes.items()}
 
     def set_state(self, fields: Mapping[str, Array]) -> None:
@@ -130,8 +130,9 @@ class RunState:
         self._clear()
         operators = [p.operators for p in self.assembly.propagators]
         if any(a is not b for a, b in zip(operators, self._operators, strict=True)):
-            f_hat, w_hat = self.f_hat.copy(), self.w_hat.copy()
-            self._set_up(f_hat, w_hat, self.image.field("scales", 3).copy())
+            kept = self.get_state()
+            self._set_up(kept["f_hat"], kept["w_hat"], kept["scales"])
+            self.set_state(kept)
         else:
             self.image.begin(len(self.assembly.time), histories(self.assembly))
         self.image.field("worst", len(self.assembly.interfaces))[:] = 0.0
@@ -158,7 +159,10 @@ class RunState:
         if self._direct_bonds:
             return {"bonds": "one linear solve per instant"}
         windows = {ONE: "windows of one instant", LONG: "longer windows"}
-        return {f"search direction, {windows[key]}": d.choice for key, d in self._directions.items()}
+        choices = {f"search direction, {windows[key]}": d.choice for key, d in self._directions.items()}
+        if self.settings.newton and self.settings.window == 1 and self.direction(1).too_large:
+            choices["Newton steps"] = "none: the interfaces have more points than their matrix is made for"
+        return choices
 
     def gaps(self) -> list[Array]:
         """Gaps (n_point,) of each group at the present instant, m."""

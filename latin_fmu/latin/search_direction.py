@@ -39,6 +39,7 @@ from ..propagator.interface_matrices import resistance
 from ..propagator.static import StaticPropagator
 from .assembly import Array, Assembly, Index, InterfaceUnit
 from .instant_solve import PointByPoint
+from .relative_operator import LARGEST, LARGEST_STATIC, relative_operator
 from .settings import SearchDirection, Settings
 
 _STATIC = 1.5
@@ -283,6 +284,7 @@ def _pseudo_inverse(matrix: Array) -> Array:
 
 FLOOR = 1e-3
 """Fields below this fraction of the characteristic traction are negligible."""
+_PROXIMAL, _PROXIMAL_STATIC = 1e-2, 1e-4  # of z in the relative operator; z of the static k is far above its diagonal
 
 
 class Direction:
@@ -292,6 +294,8 @@ class Direction:
     ----------
     k : (n_flat,), Pa s m-1. choice : its kind, in words. z : 1/k, 0 where k is 0. metric : (n_flat,) squared weights of
     the norm sum area / k q^2 (a power) in which iterates are compared.
+    newton : whether Newton steps may end an instant (``kernels.newton``). too_large : whether they may not because of
+    the size of their matrix.
     """
 
     def __init__(self, assembly: Assembly, settings: Settings, n: int) -> None:
@@ -300,6 +304,10 @@ class Direction:
         self.z = np.divide(1.0, self.k, out=np.zeros_like(self.k), where=self.k > 0)
         self.metric = assembly.layout.area * self.z
         self.coarse: CoarseProblem | None = None  # without inertia, from ``bind``
+        wanted = settings.newton and n == 1 and settings.anderson_depth > 0
+        numbers = relative_operator(assembly)["n_matrix"] if wanted else 0
+        largest = LARGEST_STATIC if assembly.quasi_static else LARGEST
+        self.newton, self.too_large = 0 < numbers <= largest, numbers > largest
 
     @cached_property
     def points(self) -> PointByPoint:
@@ -337,6 +345,8 @@ class Direction:
     def run_fields(self) -> dict[str, Any]:
         """Fields of the record of the run (``kernels.records``)."""
         fields: dict[str, Any] = {"k": self.k, "z": self.z, "weights": self.weights, "metric": self.metric}
+        proximal = _PROXIMAL_STATIC if self.assembly.quasi_static else _PROXIMAL
+        fields |= {"newton": int(self.newton), "proximal": proximal}
         if self.coarse is not None and self.coarse.size:
             fields |= self.coarse.fields()
         return fields

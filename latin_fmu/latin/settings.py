@@ -41,6 +41,7 @@ class Settings:
     direct_bonds : where all interfaces are perfect, windows of one instant are one linear solve each.
     threads : cores for the substructures (windows of one instant).
     skip_unchanged : reuse the previous solve of a substructure whose interface load has not changed.
+    newton : end windows of one instant in which the iteration is slow by Newton steps.
     sequential_start : a window of several instants starts from the solution of windows of one instant (else from its
         initial values).
     """
@@ -57,6 +58,7 @@ class Settings:
     direct_bonds: bool = True
     threads: int = 1
     skip_unchanged: bool = True
+    newton: bool = True
 
 
 def tolerance_for(accuracy: float, iteration_error: float = ITERATION_ERROR) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Final
 
 import numpy as np
 
@@ -13,6 +14,9 @@ from .record import InterfaceHistory, WindowRecord
 from .settings import Settings
 from .window_list import WindowList
 
+SLOW: Final = 12
+"""Iterations from which on the residual of an instant underestimates the error of its tractions."""
+_OFF = "their tractions may be off by ten times the tolerance"
 _DRIFT = 1e-2  # of the largest displacement, reported from there on
 _ROUND_OFF = 1e-9  # of the displacement that the loads can bring
 
@@ -70,6 +74,14 @@ def _converged(settings: Settings, windows: WindowList) -> str:
         f"converged: {len(windows)} window(s), at most {windows.most_iterations()} iteration(s) "
         f"to sqrt(eta) <= {settings.tolerance:g}"
     )
+    iterations, steps = windows.counts().T
+    if steps.any():
+        sentence += f", Newton steps in {np.count_nonzero(steps)} (at most {steps.max()}, counted as iterations)"
+    slow = np.count_nonzero((iterations > SLOW) & (steps == 0)) if settings.window == 1 else 0
+    if slow:
+        sentence += f"; {slow} of more than {SLOW} iterations without Newton steps: {_OFF}"
+    if windows.disagreement() > settings.tolerance:
+        sentence += f"; fields and tractions of windows disagree by up to {100 * windows.disagreement():.2g} %"
     return sentence + (f", fall-backs used in {helped}" if helped else "")
 
 

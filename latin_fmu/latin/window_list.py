@@ -24,7 +24,7 @@ class WindowList(Sequence[WindowRecord]):
 
     def __init__(self) -> None:
         self._records: dict[int, WindowRecord] = {}
-        # converged windows of one instant: number of the first, its instant, iterations, indicators, residuals
+        # converged windows of one instant: number of the first, its instant, iterations and Newton steps, curves
         self._tables: list[tuple[int, int, Index, Array, Array]] = []
         self._n = 0
 
@@ -38,10 +38,10 @@ class WindowList(Sequence[WindowRecord]):
 
         Parameters
         ----------
-        counts : (n,) iterations. errors, residuals : (n, most) indicators and force residuals after each of them,
-            copied.
+        counts : (n, 2) iterations, and Newton steps among them. errors, residuals : (n, most) indicators and force
+            residuals after each iteration, copied.
         """
-        most = int(counts.max(initial=0))
+        most = int(counts[:, 0].max(initial=0))
         self._tables.append((self._n, first, counts.copy(), errors[:, :most].copy(), residuals[:, :most].copy()))
         self._n += len(counts)
 
@@ -67,8 +67,16 @@ class WindowList(Sequence[WindowRecord]):
 
     def most_iterations(self) -> int:
         """Largest number of iterations of a window."""
-        counts = [record.iterations for record in self._records.values()]
-        return max(*counts, *(int(table[2].max(initial=0)) for table in self._tables), 0, 0)
+        return int(self.counts()[:, 0].max(initial=0))
+
+    def disagreement(self) -> float:
+        """Largest difference of the tractions of both stages in a window of several instants."""
+        return max((record.disagreement for record in self._records.values()), default=0.0)
+
+    def counts(self) -> Index:
+        """Iterations and Newton steps among them of the windows, (n, 2), in any order."""
+        records = [(record.iterations, record.newton_steps) for record in self._records.values()]
+        return np.concatenate([np.array(records, dtype=np.int64).reshape(-1, 2), *(t[2] for t in self._tables)])
 
     def part(self, first: int) -> dict[str, Any]:
         """The windows from number ``first`` on as plain arrays, for ``extend``."""
@@ -76,10 +84,14 @@ class WindowList(Sequence[WindowRecord]):
         curves = [np.array([x for r in records for x in getattr(r, name)]) for name in _CURVES]
         return {
             "numbers": np.array(
-                [(r.first_instant, r.last_instant, r.converged, r.accepted, r.iterations) for r in records],
+                [
+                    (r.first_instant, r.last_instant, r.converged, r.accepted, r.iterations, r.newton_steps)
+                    for r in records
+                ],
                 dtype=np.int64,
-            ).reshape(-1, 5),
+            ).reshape(-1, 6),
             **dict(zip(_CURVES, curves, strict=True)),
+            "disagreement": np.array([r.disagreement for r in records]),
             "fallbacks": {str(i): list(r.fallbacks) for i, r in enumerate(records) if r.fallbacks},
         }
 
@@ -92,13 +104,15 @@ class WindowList(Sequence[WindowRecord]):
         while at < len(numbers):
             n = _plain(numbers[at:], fallbacks, at)
             if n:
-                counts = numbers[at : at + n, 4]
-                self.keep(int(numbers[at, 0]), counts, *(_padded(curve[at : at + n], counts) for curve in curves))
+                counts = np.ascontiguousarray(numbers[at : at + n, 4:])
+                tables = (_padded(curve[at : at + n], counts[:, 0]) for curve in curves)
+                self.keep(int(numbers[at, 0]), counts, *tables)
             else:
-                first, last, done, accepted, _ = numbers[at].tolist()
+                first, last, done, accepted, _, steps = numbers[at].tolist()
                 errors, residuals = (curve[at].tolist() for curve in curves)
                 used = list(fallbacks.get(str(at), []))
-                self.append(WindowRecord(first, last, errors, residuals, used, bool(done), accepted))
+                apart = float(part["disagreement"][at])
+                self.append(WindowRecord(first, last, errors, residuals, used, bool(done), accepted, steps, apart))
             at += max(n, 1)
 
     def __len__(self) -> int:
@@ -115,15 +129,15 @@ class WindowList(Sequence[WindowRecord]):
         if at in self._records:
             return self._records[at]
         start, first, counts, errors, residuals = self._tables[bisect_right(self._tables, at, key=itemgetter(0)) - 1]
-        row, instant, count = at - start, first + at - start, int(counts[at - start])
+        row, instant, (count, steps) = at - start, first + at - start, counts[at - start].tolist()
         curves = errors[row, :count].tolist(), residuals[row, :count].tolist()
-        return WindowRecord(instant, instant, *curves, [], True, count - 1)
+        return WindowRecord(instant, instant, *curves, [], True, count - 1, steps)
 
 
 def _plain(numbers: Index, fallbacks: Mapping[str, Any], at: int) -> int:
     """Number of windows at the start of ``numbers`` that are successive instants, converged without fall-back; ``at``:
     number of the first one among the keys of ``fallbacks``."""
-    first, last, converged, accepted, counts = numbers.T
+    first, last, converged, accepted, counts, _ = numbers.T
     plain = (first == last) & (converged == 1) & (accepted == counts - 1) & (first == first[0] + np.arange(len(first)))
     plain &= [str(at + i) not in fallbacks for i in range(len(first))]
     return len(plain) if plain.all() else int(np.argmin(plain))

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
@@ -22,11 +23,12 @@ from .assembly import Array, Assembly
 from .instant_solve import PerfectInterfaceSolve, all_perfect
 from .record import Timings, WindowRecord
 from .recorder import Recorder
-from .run_image import Stages, all_in_kernels
+from .run_image import Stages, all_in_kernels, rules
 from .run_state import ONE, SAMPLED, RunState
 from .settings import Settings
 from .solver import FROM_REST, SOFTENED, Observer, WindowSolver, softened_start
 
+_PASS = 0.1  # of the tolerances, for the pass over the instants of a window that its iteration starts from
 # Stop the run if a window ends with sqrt(eta) above this value.
 HOPELESS = 0.3
 _FIRST = 16  # instants of the first call, whose time sets the number of those of the next calls
@@ -156,7 +158,8 @@ class Run(RunState):
             self._record(done)
             most = self.settings.max_iterations
             errors, residuals = (image.field(name, done, most) for name in ("errors", "force_residuals"))
-            self.windows.keep(first, image.counts("iterations", done), errors, residuals)
+            counts = np.stack([image.counts(name, done) for name in ("iterations", "newton_steps")], axis=1)
+            self.windows.keep(first, counts, errors, residuals)
             self._read_indicator()
         self._refused = done < n
         self._count(before)
@@ -254,6 +257,7 @@ class Run(RunState):
         image.field("carry", 1)[0] = float(SOFTENED not in record.fallbacks)
         if n > 1:
             image.call(entries.REWIND)
+            record.disagreement = stages.disagreement()
         image.set({"first_row": first})
         self._march_accepted(stages, lambda i: self._record(1, i))
         self._sample()
@@ -328,7 +332,12 @@ class Run(RunState):
         return record
 
     def _sequential_guess(self, n: int) -> Array | None:
-        """First guess q (n, n_flat) from windows of one instant; restores the state. None where one of them fails."""
+        """First guess q (n, n_flat) from windows of one instant, to a tenth of the tolerances; restores the state. None
+        where one of them fails.
+
+        The tangent of a window is block lower triangular in time, so that a pass over its instants, each with Newton
+        steps, is Newton's method for the window; one iteration of the window certifies it.
+        """
         image, begun = self.image, self.assembly.instant
         kept, state = image.state.copy(), {name: getattr(self, name) for name in _RESTORED}
         spent = self.timings.march
@@ -338,12 +347,15 @@ class Run(RunState):
         self._sequence = sequence
         try:
             self._use(1)
+            tolerance, force = self.settings.tolerance, self.settings.force_tolerance
+            image.set(rules(replace(self.settings, tolerance=_PASS * tolerance, force_tolerance=_PASS * force)))
             self._solve(n, 1)
             failed = self.stopped
             self.timings.march = spent  # counted by the window
         finally:
             vars(self).update(state)
             image.state[:] = kept
+            image.set(rules(self.settings))
             self._set_instant(begun)
         if failed:
             return None

@@ -141,6 +141,11 @@ class Propagator(ABC):
         ops = self.operators
         return condensed(ops.compliance, ops.area * k)
 
+    def relative_compliance(self) -> Array:
+        """Velocities of the channels per nodal force for Newton's method, (n_channel, n_channel): D."""
+        compliance: Array = self.operators.compliance
+        return compliance
+
     @property
     def response(self) -> Array:
         """Y for the k of the last ``bind``, velocities per traction, (n_channel, n_channel)."""

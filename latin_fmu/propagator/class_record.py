@@ -14,6 +14,7 @@ from ..cholesky.factor import CholeskyFactor, DiagonalFactor
 from ..cholesky.substitution import LANES, SPARE, TILED
 from ..kernels.energy import FIELDS
 from ..kernels.energy_parts import N_TERM
+from ..kernels.newton import SCRATCH
 from ..kernels.products import lower_count, lower_pattern, lower_values, pack_triangle, padded
 from ..kernels.records import DIRECT, EXPLICIT, LINE, STATIC
 from .forcing import Sum
@@ -290,12 +291,16 @@ def _borders(block: Block, row: Row, propagator: Any) -> None:
         put_matrix(block, row, f"border_{name}", border)
 
 
-def direction(block: Block, propagator: Any, constant: Row) -> Row:
-    """Search direction and responses of a class with the constants ``constant``, put into the fixed block."""
+def direction(block: Block, propagator: Any, constant: Row, run: Row) -> Row:
+    """Search direction and responses of a class with the constants ``constant``, put into the fixed block; ``run`` :
+    fields of the direction in the record of the run."""
     m, row = constant["m"], {}
     live = np.flatnonzero(propagator.operators.compliance.diagonal())
     row["k"] = block.put(propagator.k[:, 0].copy())
     row["response"] = put_dense(block, propagator.condensed, [live], m, bool(constant["plain_response"]))
+    if run.get("newton"):
+        table = propagator.relative_compliance()
+        row["admittance"] = put_dense(block, table, [live], m, bool(constant["plain_response"]))
     if constant["kind"] == STATIC:
         every = np.arange(constant["n_inner"])
         row["spring_inverse"] = put_dense(block, propagator.spring_inverse, [every], m, False)
@@ -360,3 +365,26 @@ def histories(block: Block, row: Row, propagator: Any) -> None:
     if row["n_motion"]:
         row["motions"] = block.put(forcing.motion_table())
     assert constant.shape == (row["n"], m)
+
+
+def newton_sizes(run: Row, n: int) -> dict[str, int]:
+    """Numbers of the work arrays of Newton's method for n channels."""
+    largest = int(run.get("n_unknown", 0))
+    names = ("best_q", "step_f", "step_w", "old_q", "old_w", "new_q", "new_w")
+    sizes = dict.fromkeys(names if largest else (), n)
+    sizes |= {"unknown_of": run["n_point"] + 1, "unknown_start": int(run.get("n_block", 0)) + 1}
+    sizes |= {"row_at": largest, "pivots": largest, "unknowns": largest + 3, "block": 9, "elimination": SCRATCH}
+    return (
+        sizes
+        | dict.fromkeys(("columns", "rows", "softness"), 3 * largest + 9)
+        | {"matrix": int(run.get("n_matrix", 0))}
+    )
+
+
+def grown(data: Array, size: int) -> Array:
+    """The block with room for ``size`` numbers: itself where it has it, else a copy that has, zeros behind it."""
+    if size <= len(data):
+        return data
+    larger = np.zeros(size)
+    larger[: len(data)] = data
+    return larger

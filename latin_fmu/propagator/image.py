@@ -86,15 +86,6 @@ def coefficients(scheme: Any, dt: float) -> Fields:
     return {name: float(value) for name, value in numbers.items()}
 
 
-def grown(data: Array, size: int) -> Array:
-    """The block with room for ``size`` numbers: itself where it has it, else a copy that has, zeros behind it."""
-    if size <= len(data):
-        return data
-    larger = np.zeros(size)
-    larger[: len(data)] = data
-    return larger
-
-
 @dataclass
 class _Direction:
     """Places of a search direction: ``start`` and ``end`` in the fixed block, fields of the records."""
@@ -196,7 +187,14 @@ class Image:
             group["layer"] = block.reserve(size if group["elastic"] else 0)
             group["first_point"], points = points, points + group["n_point"]
         run["n_point"] = points
-        for name, size in (("f_hat", n), ("w_hat", n), ("scales", 3), ("carry", 1), ("worst", n_interface)):
+        for name, size in (
+            ("f_hat", n),
+            ("w_hat", n),
+            ("scales", 3),
+            ("carry", 1),
+            ("finish", 1),
+            ("worst", n_interface),
+        ):
             run[name] = block.reserve(size)
         self._n_state = block.size
         stride = isqrt(self.window) + 1
@@ -208,14 +206,16 @@ class Image:
             group["jump"], group["traction"] = block.reserve(points * h), block.reserve(points * h)
             group["reach"] = block.reserve(size)
             group["opening"], group["opened"] = block.reserve(4 * size), block.reserve(4 * size)
+            group["tangent"] = block.reserve(9 * points if group.get("law", 0) < 0 else 0)
         depth, most, wide = int(run.get("depth", 0)), run["max_iterations"], self.window * n
         sizes = dict.fromkeys(("q", "w", "f", "s", "local_f", "local_w", "r", "last_q", "last_r"), wide)
         sizes |= {"dq": depth * wide, "dr": depth * wide, "gram": depth * depth, "least": (depth + 3) * depth}
         sizes |= {"coarse": 2 * int(run.get("n_coarse", 0)), "displacement": n, "layer": n}
-        sizes |= {"shares": n_interface, "norms": 4, "merits": 6 * most + 128, "measure": 8, "counts": 2}
+        sizes |= {"shares": n_interface, "norms": 4, "merits": 6 * most + 128, "measure": 8, "counts": 2, "course": 8}
+        sizes |= class_record.newton_sizes(run, n)
         for name, size in sizes.items():
             run[name] = block.reserve(size)
-        per_row = 2 * n + run["n_point"] + 2 * most + 1
+        per_row = 2 * n + run["n_point"] + 2 * most + 2
         for row in self._rows:
             per_row += row["m"] * (row["n_probe"] + 3 * row["n_sensor"] + N_TERM * row["accounted"])
         self.rows = max(min(max(_OUTPUT // max(per_row, 1), _ROWS[0]), _ROWS[1]), self.window)
@@ -223,14 +223,9 @@ class Image:
             row["probed"] = block.reserve(self.rows * row["n_probe"] * row["m"])
             row["sensed"] = block.reserve(self.rows * 3 * row["n_sensor"] * row["m"])
             row["energies"] = block.reserve(self.rows * N_TERM * row["m"] * row["accounted"])
-        for name, size in (
-            ("errors", most),
-            ("force_residuals", most),
-            ("iterations", 1),
-            ("history_f", n),
-            ("history_w", n),
-            ("history_gap", run["n_point"]),
-        ):
+        sizes = {"errors": most, "force_residuals": most, "iterations": 1, "newton_steps": 1}
+        sizes |= {"history_f": n, "history_w": n, "history_gap": run["n_point"]}
+        for name, size in sizes.items():
             run[name] = block.reserve(self.rows * size)
         self._tail = block.size
 
@@ -241,7 +236,7 @@ class Image:
         for row, propagator in zip(self._rows, self.propagators, strict=True):
             class_record.histories(block, row, propagator)
         self._run |= {name: block.put(values) for name, values in histories.items()}
-        self.moving = grown(self.moving, block.size)
+        self.moving = class_record.grown(self.moving, block.size)
         block.fill(self.moving)
         self._written = False
 
@@ -279,7 +274,9 @@ class Image:
         """The direction that is bound to the propagators, from ``start`` on in the fixed block."""
         block = Block(start)
         own_run = self._placed(run, block)
-        rows = [class_record.direction(block, p, row) for p, row in zip(self.propagators, self._rows, strict=True)]
+        rows = [
+            class_record.direction(block, p, row, own_run) for p, row in zip(self.propagators, self._rows, strict=True)
+        ]
         own_groups = [self._placed(group, block) for group in groups]
         return _Direction(start, block.size, own_run, rows, own_groups), block
 

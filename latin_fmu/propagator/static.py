@@ -24,7 +24,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NoReturn
+from typing import Final, NoReturn
 
 import numpy as np
 import scipy.linalg as la
@@ -35,6 +35,10 @@ from ..cholesky.factor import InterfaceFactor, interface_factor
 from ..time_scheme import QuasiStatic
 from .base import Propagator
 from .model import Array, Index, SubstructureModel, reduced_rank
+
+WEAK: Final = 1e-6
+"""Share of k of the dashpots that hold a floating body in a Newton step."""
+_LESS_WEAK: Final = 1e-3
 
 
 @dataclass(frozen=True)
@@ -160,6 +164,19 @@ class StaticPropagator(Propagator):
     def initial_channels(self, factor: object, unbalance: Array) -> NoReturn:  # noqa: ARG002
         """There are no accelerations."""
         raise TypeError("no inertia: a quasi-static substructure has no accelerations")
+
+    def relative_compliance(self) -> Array:
+        """The same on dashpots of WEAK times k, as D of a floating body does not exist; where those are lost in
+        round-off, on longer ones."""
+        for share in (WEAK, _LESS_WEAK):
+            try:
+                inverse = self.operators.on_springs(share * self.k[:, 0] / self.dt)
+                break
+            except la.LinAlgError:
+                inverse = self.spring_inverse
+        trace = self.operators.trace
+        compliance: Array = trace @ (trace @ inverse).T / self.dt
+        return 0.5 * (compliance + compliance.T)
 
     def _condense(self, k: Array) -> Array:
         """Y = T (S + T^T a k/dt T)^-1 T^T / dt."""

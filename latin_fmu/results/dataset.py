@@ -19,7 +19,8 @@
     /sensors/<name>/spectrum   acceleration, pseudo_velocity (response, frequency, component), where requested;
                            relative_error where estimated
     /convergence           error_indicator, force_mismatch (window, iteration), padded with NaN;
-                           iterations, converged, first_instant, last_instant, end_time (window); passes
+                           iterations, newton_steps, converged, first_instant, last_instant, end_time (window);
+                           passes
     /energy                terms of the assembly (time), where requested
     /accuracy              estimated relative error, observed and expected order (quantity), where estimated
 
@@ -312,6 +313,7 @@ def convergence_group(windows: Sequence[WindowRecord], time: Array, passes: floa
         columns[name] = (("window", "iteration"), table)
     last = np.array([window.last_instant for window in windows], dtype=np.int32)
     columns["iterations"] = ("window", np.array([window.iterations for window in windows], dtype=np.int32))
+    columns["newton_steps"] = ("window", np.array([window.newton_steps for window in windows], dtype=np.int32))
     columns["converged"] = ("window", np.array([window.converged for window in windows], dtype=np.int8))
     columns["first_instant"] = ("window", np.array([w.first_instant for w in windows], dtype=np.int32))
     columns["last_instant"] = ("window", last)

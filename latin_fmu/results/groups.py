@@ -237,6 +237,7 @@ CONVERGENCE: Final[Mapping[str, Meaning]] = {
     "error_indicator": Meaning("1", "error indicator sqrt(eta) after each iteration"),
     "force_mismatch": Meaning("1", "relative mismatch of the forces of both sides after each iteration"),
     "iterations": Meaning("1", "LATIN iterations of the window"),
+    "newton_steps": Meaning("1", "iterations of the window that were Newton steps"),
     "converged": Meaning(None, "whether the window converged"),
     "first_instant": Meaning("1", "index in time of the first instant of the window"),
     "last_instant": Meaning("1", "index in time of the last instant of the window"),

@@ -63,8 +63,8 @@ def _digits(value: float, digits: int) -> str:
 def report(outcome: Outcome) -> dict[str, Any]:
     """Plain data that strict JSON can hold (a number that is not finite becomes None).
 
-    Keys: ``status``, ``converged``, ``iterations`` (one count per window), ``passes``, ``error_indicator``
-    (the amplitude sqrt(eta), largest over windows), ``cpu_seconds`` by part, ``peak_memory_bytes``,
+    Keys: ``status``, ``converged``, ``iterations`` and ``newton_steps`` (one count per window), ``passes``,
+    ``error_indicator`` (the amplitude sqrt(eta), largest over windows), ``cpu_seconds`` by part, ``peak_memory_bytes``,
     ``penetration`` (m), ``warnings``, and ``interfaces``: per name ``impulse`` (vector, N s), ``peak_force``
     (N, largest mean of the normal resultant over ``peak_duration``, s), ``peak_force_raw`` (N, its largest value, which
     has no limit where bodies land), ``first_contact_time`` and ``separation_time`` (s; first and last instant at
@@ -75,6 +75,7 @@ def report(outcome: Outcome) -> dict[str, Any]:
         "status": outcome.status,
         "converged": bool(outcome.converged),
         "iterations": [window.iterations for window in outcome.windows],
+        "newton_steps": [window.newton_steps for window in outcome.windows],
         "passes": finite(outcome.passes),
         "error_indicator": finite(outcome.error_indicator),
         "cpu_seconds": cpu_seconds(outcome.timings),

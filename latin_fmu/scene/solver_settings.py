@@ -154,13 +154,22 @@ class Solver(Table):
             "less than tolerance / 100"
         ),
     ] = True
+    newton: Annotated[
+        bool,
+        about(
+            "instants in which the iteration is slow (long steps with slip, statics) are ended by Newton steps on the "
+            "interfaces; without effect with acceleration none and in longer windows"
+        ),
+    ] = True
     bonds: Annotated[
         Literal["direct", "iterate"],
         about("where all interfaces are perfect and window = 1: one linear solve per instant, or the iteration"),
     ] = "direct"
     start: Annotated[
         Literal["sequential", "zero"],
-        about('first guess with window = "whole" (no effect elsewhere): one-step windows, or zero fields'),
+        about(
+            "first guess of windows of several instants: one-step windows to a tenth of the tolerance, or zero fields"
+        ),
     ] = "sequential"
 
     propagator: Annotated[Propagator, about("how substructures are integrated in time")] = AutomaticPropagator()

@@ -21,6 +21,7 @@ from latin_fmu.cholesky.substitution import LANES, SPARE
 from latin_fmu.compiled import PLAIN
 from latin_fmu.kernels import entries, records
 from latin_fmu.kernels.energy_parts import TERMS
+from latin_fmu.kernels.newton import SCRATCH
 from latin_fmu.kernels.products import padded
 from latin_fmu.kernels.records import CLASS_FIELDS, GROUP_FIELDS, LINE, RUN_FIELDS, RUN_NUMBERS
 from latin_fmu.reader import scene_from_dict
@@ -222,6 +223,7 @@ def run_sizes(run: Any, rows: int) -> dict[str, int]:
         "w_hat": n,
         "scales": 3,
         "carry": 1,
+        "finish": 1,
         "worst": parts,
         "counts": 2,
         **dict.fromkeys(("q", "w", "f", "s", "local_f", "local_w", "r", "last_q", "last_r"), w * n),
@@ -236,12 +238,32 @@ def run_sizes(run: Any, rows: int) -> dict[str, int]:
         "norms": 4,
         "merits": 2 * (3 * most + 64),
         "measure": 8,
+        **newton_sizes(run),
         "errors": rows * most,
         "force_residuals": rows * most,
         "iterations": rows,
+        "newton_steps": rows,
         "history_f": rows * n,
         "history_w": rows * n,
         "history_gap": rows * int(run["n_point"]),
+    }
+
+
+def newton_sizes(run: Any) -> dict[str, int]:
+    """The same for Newton's method."""
+    n, most = int(run["n_flat"]), int(run["n_unknown"])
+    names = ("best_q", "step_f", "step_w", "old_q", "old_w", "new_q", "new_w")
+    return {
+        "course": 8,
+        **dict.fromkeys(names if most else (), n),
+        "unknown_of": int(run["n_point"]) + 1,
+        "unknown_start": int(run["n_block"]) + 1,
+        **dict.fromkeys(("row_at", "pivots"), most),
+        **dict.fromkeys(("columns", "rows", "softness"), 3 * (most + 3)),
+        "unknowns": most + 3,
+        "block": 9,
+        "elimination": SCRATCH,
+        "matrix": int(run["n_matrix"]),
     }
 
 
@@ -257,6 +279,7 @@ def group_sizes(group: Any) -> dict[str, int]:
         "traction": p * h,
         "opening": 4 * width,
         "opened": 4 * width,
+        "tangent": 9 * p if group["law"] < 0 else 0,
     }
 
 

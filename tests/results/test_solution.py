@@ -25,6 +25,7 @@ def test_report_has_its_keys(crushing: Solution) -> None:
         "status",
         "converged",
         "iterations",
+        "newton_steps",
         "passes",
         "error_indicator",
         "cpu_seconds",

@@ -71,7 +71,7 @@ def test_iterations_do_not_grow_with_the_stack():
 
 def test_coarse_problem_is_what_keeps_them_flat(monkeypatch: pytest.MonkeyPatch):
     """Without it a stack of 16 takes more than three times as many, or does not settle at all."""
-    made = plates(16, pressure=100e6, shear=20e6, steps=10)
+    made = plates(16, pressure=100e6, shear=20e6, steps=10, newton=False)
     with_it = sum(w.iterations for w in solve(made).windows)
     monkeypatch.setattr(CoarseProblem, "size", property(lambda _: 0))
     without = latin_fmu.solve(latin_fmu.scene_from_dict(copy.deepcopy(made)))
