@@ -192,6 +192,7 @@ def run(
         ),
         settings=march.choices() | ({} if problem.start is None else {"start": problem.start.message}),
         sensors=recorder.sensors(assembly),
+        reactions=recorder.reactions(assembly),
         interfaces_every=every,
         complete=assembly.instant == assembly.n_instant,
     )

@@ -8,6 +8,7 @@ motions. The motions left free by all of them and one motion per prescribed hist
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,6 +20,7 @@ from ..errors import Problems
 from ..fem.elements import RigidBody, rigid_body
 from ..fem.faces import changes_basis, consistent_dashpots, lumped_dashpots
 from ..fem.mesh import Array, Index, nearest
+from ..latin.reactions import Support
 from ..propagator import LoadTerm, SubstructureModel
 from ..scene.boundaries import (
     AXES,
@@ -267,6 +269,31 @@ def conditions_on(body: Body, boundaries: dict[str, Boundary], problems: Problem
     """Conditions of a body, elastic or rigid, from the boundaries on its faces."""
     nodal = _nodal_conditions(body, boundaries, problems)
     return _rigid_conditions(body, nodal, boundaries, problems) if body.rigid else nodal
+
+
+def supports(
+    boundaries: Mapping[str, Boundary], bodies: Mapping[str, Body], models: Mapping[str, SubstructureModel]
+) -> dict[str, Support]:
+    """Supports of the elastic bodies: the dofs that each boundary holds or drives. A dof at the edge of two supports
+    counts for the first one that holds it."""
+    taken = {name: np.zeros(body.full_size(), dtype=bool) for name, body in bodies.items()}
+    supported = {}
+    for name, boundary in boundaries.items():
+        if isinstance(boundary, Absorbing | Periodic):
+            continue
+        body, face = bodies[split_face(boundary.face)[0]], split_face(boundary.face)[1]
+        if body.rigid:
+            continue
+        if isinstance(boundary, Symmetry):
+            components = [int(np.argmax(np.abs(body.face(face).normals[0])))]
+        else:
+            components = [AXES.index(component) for component in boundary.components]
+        dofs = (3 * body.face(face).nodes[:, None] + components).ravel()
+        dofs = dofs[~taken[body.name][dofs]]
+        taken[body.name][dofs] = True
+        if len(dofs):
+            supported[name] = Support(body.name, boundary.face, dofs, models[body.name])
+    return supported
 
 
 def _rigid_conditions(body: Body, nodal: Conditions, boundaries: dict[str, Boundary], problems: Problems) -> Conditions:

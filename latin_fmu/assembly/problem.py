@@ -26,7 +26,7 @@ from ..scene.solver_settings import WHOLE, Anderson, Uniform
 from ..time_scheme import SCHEMES, QuasiStatic, TimeScheme
 from .body import Body, body_sides
 from .checks import boundaries_of
-from .conditions import Conditions, Motion
+from .conditions import Conditions, Motion, supports
 from .models import ContactLayer, ModelClass, model_classes
 from .propagator_choice import chosen_propagators, unstable_steps
 
@@ -260,6 +260,9 @@ class DiscretisedProblem:
             self.sensors,
             keys.peak_duration,
             keys.interfaces_every,
+            supports(scene.boundary, self.bodies, {m.name: m for c in classes for m in c.members})
+            if keys.reactions
+            else {},
         )
         warnings = (*self.remarks, *without_factor, *([] if static else unresolved_sides(assembly)))
         warnings += () if start is None else start.remarks

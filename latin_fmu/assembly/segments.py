@@ -11,7 +11,7 @@ import numpy as np
 
 from ..fem.mesh import Array
 from ..latin.assembly import GroundState
-from ..latin.record import InterfaceHistory, SensorHistory, SubstructureHistory, Timings, WindowRecord
+from ..latin.record import InterfaceHistory, ReactionHistory, SensorHistory, SubstructureHistory, Timings, WindowRecord
 from ..latin.recorder import Recorder
 from ..latin.state_serialization import check_like, check_numbers, decode, encode, unlike
 from ..latin.windows import Run
@@ -36,7 +36,7 @@ class Segment:
 
     Attributes
     ----------
-    time : (n + 1,), s. interfaces, substructures, sensors, windows : as in a whole run.
+    time : (n + 1,), s. interfaces, substructures, sensors, reactions, windows : as in a whole run.
     converged, status : whether every window converged, and a sentence. accepted : whether the state moved on.
     energy : terms of the assembly at the instants, accumulated since t = 0; None unless the scene asks for them.
     """
@@ -50,6 +50,7 @@ class Segment:
     status: str
     energy: dict[str, Array] | None
     sensors: dict[str, SensorHistory]
+    reactions: dict[str, ReactionHistory]
 
     @property
     def iterations(self) -> int:
@@ -181,6 +182,7 @@ class SegmentedRun:
             sentence,
             energy,
             recorder.sensors(assembly),
+            recorder.reactions(assembly),
         )
 
     def _known_step(self, dt: float) -> float:

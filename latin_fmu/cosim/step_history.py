@@ -139,6 +139,10 @@ def joined(segments: Sequence[Segment], timings: Timings, warnings: tuple[str, .
         passes=float("nan"),
         energy=_joined_energies([s.energy for s in segments]),
         sensors={name: _joined_sensor([s.sensors[name] for s in segments]) for name in first.sensors},
+        reactions={
+            name: replace(first.reactions[name], force=_joined_arrays([s.reactions[name].force for s in segments]))
+            for name in first.reactions
+        },
         timings=timings,
         warnings=warnings,
     )

@@ -1,6 +1,6 @@
-"""What a run keeps of its substructures at every instant: velocities under frictionless interfaces, and sensors.
+"""What a run keeps of its substructures at every instant: velocities under frictionless interfaces, sensors, reactions.
 
-The rows of both go into the image of the run, so that the march of many instants in one call keeps them too.
+The rows of all go into the image of the run, so that the march of many instants in one call keeps them too.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import scipy.sparse as sp
 from ..fem.location import Location
 from ..propagator.image import Image
 from .assembly import Array, Assembly
+from .reactions import Support, SupportProbes
 from .record import SensorHistory
 
 
@@ -44,13 +45,13 @@ class SensorProbes:
 
     Attributes
     ----------
-    rows : per class (n_row, n_dof) from the dofs of a member to its sensors, x y z of one after the other; None where
-        a class has none. massless : sensors on nodes without mass.
+    rows : per class (n_row, n_dof) from the dofs of a member to its sensors, x y z of one after the other.
+    massless : sensors on nodes without mass.
     """
 
     def __init__(self, assembly: Assembly, places: Mapping[str, SensorPlace]) -> None:
         self._places: list[tuple[str, int, int, slice]] = []  # sensor, class, member, rows
-        self.rows: list[sp.csr_array | None] = []
+        self.rows: list[sp.csr_array] = []
         self._shapes: list[Array] = []  # per class (n_row, n_motion) of prescribed motions
         self.massless: set[str] = set()
         for c, propagator in enumerate(assembly.propagators):
@@ -67,22 +68,18 @@ class SensorProbes:
                 self._places.append((name, c, propagator.names.index(place.substructure), part))
                 if without_mass[part].nnz:
                     self.massless.add(name)
-            self.rows.append(rows if here else None)
+            self.rows.append(rows)
             self._shapes.append(np.asarray(full @ model.imposed_pattern))
 
     def read(
-        self, assembly: Assembly, image: Image, instants: slice, rows: slice, motions: Mapping[str, Array]
+        self, assembly: Assembly, sensed: Sequence[Array | None], instants: slice, motions: Mapping[str, Array]
     ) -> None:
-        """Write the motions at these instants, ``rows`` of the output of the image, into ``motions``: (n_time, 3, 3)
-        by sensor, displacement, velocity and acceleration."""
-        kept = [
-            None if matrix is None else image.output(c, "sensed", 3 * matrix.shape[0])[rows]
-            for c, matrix in enumerate(self.rows)
-        ]
+        """Write the motions at these instants into ``motions``: (n_time, 3, 3) by sensor, displacement, velocity and
+        acceleration. ``sensed`` : per class (n, 3, n_row, n_member) those of ``rows``."""
         for name, c, member, part in self._places:
-            sensed = kept[c]
-            assert sensed is not None
-            values = sensed.reshape(len(sensed), 3, -1, sensed.shape[-1])[:, :, part, member]
+            kept = sensed[c]
+            assert kept is not None
+            values = kept[:, :, part, member]
             imposed = assembly.propagators[c].forcing.motion_histories(member)
             if imposed is not None:
                 shapes = self._shapes[c][part]
@@ -109,11 +106,54 @@ class SensorProbes:
 
 
 class Probes:
-    """Both kinds for one run; ``sliding``: numbers of the interfaces without tangential unknowns."""
+    """All kinds for one run.
 
-    def __init__(self, assembly: Assembly, sliding: Sequence[int], places: Mapping[str, SensorPlace]) -> None:
+    Parameters
+    ----------
+    sliding : numbers of the interfaces without tangential unknowns. places : of the sensors. supports : whose reactions
+        are kept.
+
+    Attributes
+    ----------
+    rows : per class (n_row, n_dof) of sensors and supports whose motions the image keeps, None where there are none.
+    """
+
+    def __init__(
+        self,
+        assembly: Assembly,
+        sliding: Sequence[int],
+        places: Mapping[str, SensorPlace],
+        supports: Mapping[str, Support],
+    ) -> None:
         self.slide = SlideProbes(assembly, sliding)
-        self.sensors = SensorProbes(assembly, places)
+        self.sensors, self.supports = SensorProbes(assembly, places), SupportProbes(assembly, supports)
+        both = zip(self.sensors.rows, self.supports.rows, strict=True)
+        stacked = [sp.csr_array(sp.vstack(rows)) for rows in both]
+        self.rows = [rows if rows.shape[0] else None for rows in stacked]
+
+    def read(
+        self,
+        assembly: Assembly,
+        image: Image,
+        instants: slice,
+        rows: slice,
+        motions: Mapping[str, Array],
+        forces: Mapping[str, Array],
+    ) -> None:
+        """Write the ``motions`` of the sensors and the parts of the reaction ``forces`` at these instants, ``rows`` of
+        the output of the image."""
+        own: list[Array | None] = [None] * len(self.rows)
+        others: list[Array | None] = [None] * len(self.rows)
+        for c, matrix in enumerate(self.rows):
+            if matrix is not None:
+                kept = image.output(c, "sensed", 3 * matrix.shape[0])[rows]
+                kept = kept.reshape(len(kept), 3, matrix.shape[0], -1)
+                n_sensor = self.sensors.rows[c].shape[0]
+                own[c], others[c] = kept[:, :, :n_sensor], kept[:, :, n_sensor:]
+        self.sensors.read(assembly, own, instants, motions)
+        if forces:
+            tractions = image.field("history_f", image.rows, image.n_flat)[rows]
+            self.supports.read(assembly, others, tractions, instants, forces)
 
 
 class SlideProbes:

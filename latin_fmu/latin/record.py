@@ -151,6 +151,21 @@ class SensorHistory:
     remark: str = ""
 
 
+@dataclass(frozen=True)
+class ReactionHistory:
+    """Force of a support on its body.
+
+    Attributes
+    ----------
+    boundary, substructure, face : as in the scene. force : (n_time, 3), N, global axes.
+    """
+
+    boundary: str
+    substructure: str
+    face: str
+    force: Array
+
+
 @dataclass(slots=True)
 class WindowRecord:
     """Course of the iteration in one window.
@@ -241,6 +256,7 @@ class Outcome:
     sensors: dict[str, SensorHistory] = field(default_factory=dict)
     interfaces_every: int = 1
     complete: bool = True
+    reactions: dict[str, ReactionHistory] = field(default_factory=dict)
 
     @property
     def interface_time(self) -> Array:

@@ -18,7 +18,8 @@ from ..kernels.energy_parts import TERMS
 from ..propagator.image import Image
 from .assembly import Array, Assembly
 from .probes import Probes, SensorPlace
-from .record import InterfaceHistory, SensorHistory, SubstructureHistory
+from .reactions import Support, reaction_histories
+from .record import InterfaceHistory, ReactionHistory, SensorHistory, SubstructureHistory
 
 _NO_CONTACT = 1e-6  # pressure that does not count as contact, over the traction the loads can bring
 
@@ -26,7 +27,7 @@ _NO_CONTACT = 1e-6  # pressure that does not count as contact, over the traction
 @dataclass(frozen=True)
 class OutputRequest:
     """What to keep: displacement and velocity fields, mean stress, energies; fields every ``every`` instants; the
-    motion of sensors at every instant, by their places.
+    motion of sensors and the reactions of supports at every instant.
 
     interfaces_every : the histories of interfaces at every so many instants (``Recorder``).
     peak_duration : of the mean whose largest value is the peak force, s; None for a share of the contact.
@@ -39,6 +40,7 @@ class OutputRequest:
     sensors: Mapping[str, SensorPlace] = field(default_factory=dict)
     peak_duration: float | None = None
     interfaces_every: int = 1
+    supports: Mapping[str, Support] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -79,6 +81,7 @@ class Recorder:
         self._field_times: list[float] = []
         self._energy = [np.zeros((n_time * request.energy, len(TERMS), len(p.members))) for p in assembly.propagators]
         self._motions = {name: np.zeros((n_time, 3, 3)) for name in request.sensors}
+        self._forces = {name: np.zeros((n_time, 2, 3)) for name in request.supports}
         self.n_kept = 0
         """Instants kept so far, t = 0 included."""
 
@@ -92,11 +95,16 @@ class Recorder:
         """Places of the sensors."""
         return self._request.sensors
 
+    @property
+    def supports(self) -> Mapping[str, Support]:
+        """Supports whose reactions are kept."""
+        return self._request.supports
+
     def keep(self, assembly: Assembly, image: Image, probes: Probes, n: int, row: int = 0) -> None:
         """Keep the next n instants, rows of the image's output from ``row`` on; the first ones are t = 0."""
         rows, now = slice(row, row + n), slice(self.n_kept, self.n_kept + n)
         self._keep_interfaces(assembly, image, probes, n, row)
-        probes.sensors.read(assembly, image, now, rows, self._motions)
+        probes.read(assembly, image, now, rows, self._motions, self._forces)
         self._probes = probes
         if self._request.energy:
             for c, kept in enumerate(self._energy):
@@ -150,7 +158,7 @@ class Recorder:
     def _rows(self, first: int) -> dict[str, Array]:
         """What is kept from the instant ``first`` on at the instants, time first, by name (views)."""
         energy = dict(enumerate(self._energy)) if self._request.energy else {}
-        at_every: dict[str, Mapping[Any, Array]] = {"motion": self._motions, "energy": energy}
+        at_every: dict[str, Mapping[Any, Array]] = {"motion": self._motions, "force": self._forces, "energy": energy}
         thinned: dict[str, Mapping[Any, Array]] = {
             "field": {"f_hat": self.f_hat, "w_hat": self.w_hat},
             "gap": self._gaps,
@@ -208,6 +216,11 @@ class Recorder:
         """Histories of the sensors over the kept instants."""
         kept = {name: motion[: self.n_kept] for name, motion in self._motions.items()}
         return self._probes.sensors.histories(assembly, self.places, kept)
+
+    def reactions(self, assembly: Assembly) -> dict[str, ReactionHistory]:
+        """Reactions of the supports over the kept instants."""
+        kept = {name: parts[: self.n_kept] for name, parts in self._forces.items()}
+        return reaction_histories(assembly, self.supports, kept)
 
     def substructures(self) -> dict[str, SubstructureHistory]:
         """Histories of the substructures for which some output is requested."""

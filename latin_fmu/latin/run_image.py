@@ -105,7 +105,7 @@ def make_image(assembly: Assembly, settings: Settings, direction: Direction, pro
         min(window, assembly.n_instant),
         len(assembly.time),
         histories(assembly),
-        probes.sensors.rows,
+        probes.rows,
     )
 
 

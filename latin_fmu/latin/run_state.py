@@ -63,7 +63,7 @@ class RunState:
         self._bonds: PerfectInterfaceSolve | None = None
         one = self.direction(1)
         one.bind()
-        self._probes = Probes(assembly, self.recorder.sliding, self.recorder.places)
+        self._probes = Probes(assembly, self.recorder.sliding, self.recorder.places, self.recorder.supports)
         self.image = make_image(assembly, self.settings, one, self._probes)
         self.f_hat[:], self.w_hat[:] = traction, velocity
         self._use(1)

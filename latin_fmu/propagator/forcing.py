@@ -46,10 +46,12 @@ class Forcing:
         self.moves = any(m is not None for m in self._motion)
         self._zero = np.zeros((self.n_full, len(members)))
         self.n_time, self.token = 0, object()  # instants of the segment, and a mark of its own
+        self.amplitudes: list[list[Array]] = [[] for _ in members]  # (n_time,) of each load of a member
 
     def begin(self, histories: Sequence[Histories], dt: float) -> None:
         """Set what drives the members over the instants of a run or segment; motions go on where they are."""
         self.n_time, self.token = len(histories[0].time), object()
+        self.amplitudes = [history.amplitudes for history in histories]
         self._constant = np.zeros((self._n, len(self.members)))
         self._terms: list[tuple[int, Index, Array, Array]] = []
         for column, (loads, history) in enumerate(zip(self._reduced, histories, strict=True)):

@@ -18,6 +18,7 @@
                            requested; x, y, z of the place
     /sensors/<name>/spectrum   acceleration, pseudo_velocity (response, frequency, component), where requested;
                            relative_error where estimated
+    /reactions/<boundary>  force (time, component) of the support on its body, where requested
     /convergence           error_indicator, force_mismatch (window, iteration), padded with NaN;
                            iterations, newton_steps, converged, first_instant, last_instant, end_time (window);
                            passes
@@ -47,7 +48,7 @@ from ..latin.state_serialization import package_version
 from ..scene.sensors import Sensor
 from .groups import CONVENTIONS, CONVERGENCE, ENERGY, INTERFACE, SCHEMA_VERSION, SUBSTRUCTURE, Columns, Group, annotated
 from .quantities_of_interest import InterfaceFields
-from .sensors import sensor_groups
+from .sensors import reaction_groups, sensor_groups
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -158,7 +159,7 @@ def result_groups(
             groups[f"/substructures/{name}"] = substructure_group(substructure, more)
         if substructure.energy is not None:
             groups[f"/substructures/{name}/energy"] = _stored_energy(substructure, outcome.time)
-    groups |= sensor_groups(outcome, sensors or {}, spectrum_errors)
+    groups |= sensor_groups(outcome, sensors or {}, spectrum_errors) | reaction_groups(outcome)
     groups["/convergence"] = convergence_group(outcome.windows, outcome.time, outcome.passes)
     groups["/convergence"].attrs.update(
         {f"setting_{re.sub('[^A-Za-z0-9]+', '_', key)}": value for key, value in outcome.settings.items()}

@@ -180,6 +180,8 @@ SUBSTRUCTURE: Final[Mapping[str, Meaning]] = {
     "mesh": Meaning(None, "topology of the mesh"),
 }
 
+REACTION: Final[Mapping[str, Meaning]] = {"force": Meaning("N", "resultant force exerted by the support on the body")}
+
 SENSOR: Final[Mapping[str, Meaning]] = {
     "displacement": Meaning("m", "displacement of the sensor"),
     "velocity": Meaning("m s-1", "velocity of the sensor"),

@@ -1,4 +1,4 @@
-"""Sensors in the results: their group of the file, filters, their lines of the summary, their part of the report."""
+"""Sensors and reactions in the results: groups of the file, filters, lines of the summary, parts of the report."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import numpy as np
 
 from ..latin.record import Array, Outcome, SensorHistory
 from ..scene.sensors import ChannelClass, LowPass, Sensor, filter_problems
-from .groups import SENSOR, Columns, Group, annotated
+from .groups import REACTION, SENSOR, Columns, Group, annotated
 from .spectra import ShockSpectrum, sensor_spectrum, spectrum_group
-from .summary import aligned, finite, readable
+from .summary import aligned, finite, readable, readable_vector
 
 MOTIONS: Final = {"displacement": "m", "velocity": "m s-1", "acceleration": "m s-2"}
 """What a sensor measures, with units."""
@@ -98,6 +98,40 @@ def sensor_groups(
     for name, spectrum in spectra_of(outcome, requests).items():
         groups[f"/sensors/{name}/spectrum"] = spectrum_group(spectrum, (errors or {}).get(name))
     return groups
+
+
+def reaction_groups(outcome: Outcome) -> dict[str, Group]:
+    """Groups ``reactions/<boundary>`` of the supports of a run by path."""
+    groups = {}
+    for name, history in outcome.reactions.items():
+        labels: dict[str, object] = {"time": outcome.time, "component": ["x", "y", "z"]}
+        attrs: dict[str, object] = {"substructure": history.substructure, "face": history.face}
+        group = Group.of({"force": (("time", "component"), history.force)}, labels, attrs)
+        groups[f"/reactions/{name}"] = annotated(group, REACTION)
+    return groups
+
+
+def reaction_lines(outcome: Outcome) -> list[str]:
+    """Table of the largest reactions."""
+    rows: list[tuple[str, ...]] = [("boundary", "on", "largest reaction", "at", "last (x, y, z)")]
+    for name, history in outcome.reactions.items():
+        largest = _largest(history.force, outcome.time)
+        last = readable_vector([float(x) for x in history.force[-1]], "N")
+        assert largest is not None
+        rows.append((name, history.face, readable(largest[0], "N"), readable(largest[1], "s"), last))
+    return aligned(rows) if len(rows) > 1 else []
+
+
+def reaction_report(outcome: Outcome) -> dict[str, Any]:
+    """Per boundary ``face``, ``largest`` (magnitude over time) and ``last`` (vector), N."""
+    return {
+        name: {
+            "face": history.face,
+            "largest": finite(float(np.linalg.norm(history.force, axis=1).max())),
+            "last": [finite(float(x)) for x in history.force[-1]],
+        }
+        for name, history in outcome.reactions.items()
+    }
 
 
 def _largest(values: Array | None, time: Array) -> tuple[float, float] | None:

@@ -9,13 +9,22 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..latin.record import Array, InterfaceHistory, Outcome, SensorHistory, SubstructureHistory, Timings, WindowRecord
+from ..latin.record import (
+    Array,
+    InterfaceHistory,
+    Outcome,
+    ReactionHistory,
+    SensorHistory,
+    SubstructureHistory,
+    Timings,
+    WindowRecord,
+)
 from ..scene.sensors import Sensor
 from .dataset import Recovered, datatree, provenance, result_groups
 from .estimates import ErrorEstimate
 from .files import write_groups
 from .groups import Group
-from .sensors import sensor_lines, sensor_report, spectra_of, spectrum_lines
+from .sensors import reaction_lines, reaction_report, sensor_lines, sensor_report, spectra_of, spectrum_lines
 from .spectra import ShockSpectrum
 from .summary import report, summary
 
@@ -83,6 +92,11 @@ class Solution:
         """Displacement, velocity and acceleration of the sensors by name."""
         return self.outcome.sensors
 
+    @property
+    def reactions(self) -> dict[str, ReactionHistory]:
+        """Forces of the supports on their bodies by boundary, where the scene requests them."""
+        return self.outcome.reactions
+
     @cached_property
     def spectra(self) -> dict[str, ShockSpectrum]:
         """Shock response spectra of the sensors that request one, by name."""
@@ -147,12 +161,13 @@ class Solution:
         return text if self.estimate is None else "\n".join([text, "", *self.estimate.lines()])
 
     def _sensor_lines(self) -> list[str]:
-        tables = sensor_lines(self.outcome), spectrum_lines(self.spectra)
+        tables = sensor_lines(self.outcome), spectrum_lines(self.spectra), reaction_lines(self.outcome)
         return [line for table in tables if table for line in ("", *table)]
 
     def report(self) -> dict[str, Any]:
         """Plain data for programs, fit for strict JSON; its keys are in ``results.summary.report``, those of
-        ``sensors`` in ``results.sensors.sensor_report``."""
+        ``sensors`` and ``reactions`` in ``results.sensors``."""
         estimate = {} if self.estimate is None else {"error_estimate": self.estimate.report()}
         sensors = {"sensors": sensor_report(self.outcome)} if self.sensors else {}
+        sensors |= {"reactions": reaction_report(self.outcome)} if self.reactions else {}
         return report(self.outcome) | sensors | estimate

@@ -130,6 +130,9 @@ class Output(Table):
     surfaces: Annotated[
         Flag, about("pressure and slip at the points of the interfaces, for maps on their surfaces")
     ] = False
+    reactions: Annotated[
+        Flag, about("resultant force of every boundary that holds or drives a face of an elastic substructure")
+    ] = False
     energy: Annotated[Flag, about("energy balance of the assembly")] = False
     every: Annotated[Count, about("fields and stress are kept every so many steps", "1", ge=1)] = 1
     interfaces_every: Annotated[
