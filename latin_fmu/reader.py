@@ -177,7 +177,7 @@ def _listed_groups(name: str, table: MeshParts, content: MeshContent, problems: 
 
 def _substructure(part: str, group: str | None, table: MeshParts, own: Any, problems: list[Problem]) -> Any:
     """The table of a part: material and mesh of the file, then what [substructure.PART] says."""
-    mesh: dict[str, Any] = {"file": table.file, "scale": table.scale}
+    mesh: dict[str, Any] = {"file": table.file, "scale": table.scale, "refine": table.refine}
     if group is not None:
         mesh["group"] = group
     default = {} if table.material is None else {"material": table.material}

@@ -175,7 +175,7 @@ class _MeshFiles:
 
     def mesh(self, name: str, table: MeshFile, base_dir: Path, problems: Problems) -> Mesh | None:
         """Mesh of a substructure; None where it cannot be read, with problems that were not reported before."""
-        from ..fem.mesh_file import mesh_of
+        from ..fem.mesh_file import mesh_of, refined
         from ..mesh_files.reading import read_content
 
         path = base_dir / table.file
@@ -184,7 +184,12 @@ class _MeshFiles:
                 self._contents[path] = None
                 self._contents[path] = read_content(path)
             content = self._contents[path]
-            return None if content is None else mesh_of(content, path.name, table.group, table.scale)
+            if content is None:
+                return None
+            mesh = mesh_of(content, path.name, table.group, table.scale)
+            for _ in range(table.refine):
+                mesh = refined(mesh)
+            return mesh
         except MeshError as error:
             fresh = [p for p in error.problems if p not in self._reported]
             self._reported.update(fresh)

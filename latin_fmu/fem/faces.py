@@ -25,7 +25,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from .mesh import Array, FacetSet, Index, Mesh
-from .reference_cells import FACET_CORNERS, simplex_rule
+from .reference_cells import FACET_CORNERS, FACET_KIND, simplex_rule
 
 ALPHA: Final = 0.2
 """Share of a middle node's function that goes to each end of its edge."""
@@ -44,6 +44,12 @@ def edges_of(kind: str) -> tuple[tuple[int, int], ...]:
     """Corners at the ends of each edge; the middle of edge i is node n_corner + i."""
     n = FACET_CORNERS[kind]
     return tuple((i, (i + 1) % n) for i in range(n))
+
+
+def facet_nodes(kind: str) -> Array:
+    """Reference coordinates (n_node, 2) of the nodes of a facet."""
+    n = next(count for count, name in FACET_KIND.items() if name == kind)
+    return (_TRIANGLE_NODES if FACET_CORNERS[kind] == 3 else _QUAD_NODES)[:n]
 
 
 def quadratic(kind: str) -> bool:

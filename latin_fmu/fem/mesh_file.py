@@ -1,4 +1,4 @@
-"""Meshes of substructures from mesh files: one volume group, its named faces, cells turned right side out."""
+"""Meshes of substructures from mesh files: one volume group, its named faces, cells turned right side out; refined."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 from ..errors import MeshError, Problem, listed
 from ..mesh_files.content import CORNERS, MeshContent
 from .elements import jacobians
-from .mesh import Array, CellBlock, FacetSet, Index, Mesh, boundary, unjoined
-from .reference_cells import CELL_FACES, Rule, cell_functions, cell_rule, mirrored
+from .faces import facet_nodes, flat_pieces, shape
+from .mesh import Array, CellBlock, FacetBlock, FacetSet, Index, Mesh, boundary, unjoined
+from .reference_cells import CELL_FACES, FACET_CORNERS, N_CORNER, TET_EDGES, Rule, cell_functions, cell_rule, mirrored
 
 _FAR = 1e60  # m; products of three such lengths are still numbers
 _VOLUME = tuple(CELL_FACES)
@@ -192,3 +193,68 @@ def oriented(nodes: Array, block: CellBlock) -> tuple[Index, NDArray[np.bool_]]:
     turned = high < 0
     cells[turned] = cells[turned][:, mirrored(block.cell_type)]
     return cells, bad
+
+
+_PARTS = 1024  # shape functions at the new nodes are whole multiples of 1 / 512
+_TET_CORNERS = ((0, 4, 6, 7), (4, 1, 5, 8), (6, 5, 2, 9), (7, 8, 9, 3))  # the parts at the corners
+_TET_INSIDE = ((4, 9, 5, 8), (4, 9, 8, 7), (4, 9, 7, 6), (4, 9, 6, 5))  # the octahedron between them
+
+
+def refined(mesh: Mesh) -> Mesh:
+    """Every cell split into eight cells of its type, every facet of a named face into four, edges halved.
+
+    New nodes lie where the shape functions of the cell put them: the surface stays the one of the given mesh, and does
+    not come closer to the shape that was meshed. The octahedron inside a tetrahedron is split along one fixed diagonal.
+    A node that several cells share has the same shape functions in all of them, of the nodes that they share: sums of
+    random whole numbers of these nodes, weighted with the functions, tell it from all others without rounding.
+    """
+    random = np.random.default_rng(0).integers(1, 2**62, mesh.n_node, dtype=np.int64)
+    pieces = [(block.cell_type, block.cells) for block in mesh.blocks]
+    pieces += [(block.kind, block.facets) for face in mesh.faces.values() for block in face.blocks]
+    tables, codes, places = [], [], []
+    for kind, cells in pieces:
+        functions, children = _children(kind)
+        sums = random[cells] @ np.rint(_PARTS * functions).astype(np.int64).T  # wraps around, in all cells alike
+        tables.append(sums[:, children].reshape(-1, children.shape[1]))
+        codes.append(sums.ravel())
+        places.append(np.einsum("pn,cni->cpi", functions, mesh.nodes[cells]).reshape(-1, 3))
+    known, first = np.unique(np.concatenate(codes), return_index=True)
+    number = np.argsort(np.argsort(first))  # nodes are counted in the order of the cells
+    split = iter([number[np.searchsorted(known, table)] for table in tables])
+    blocks = tuple(CellBlock(block.cell_type, next(split)) for block in mesh.blocks)
+    faces = {
+        name: FacetSet(tuple(FacetBlock(block.kind, next(split)) for block in face.blocks))
+        for name, face in mesh.faces.items()
+    }
+    return Mesh(np.concatenate(places)[np.sort(first)], blocks, faces)
+
+
+def _children(kind: str) -> tuple[Array, Index]:
+    """Shape functions (n_place, n_node) of a cell or facet at the nodes of its parts, and these nodes of each part."""
+    if kind in FACET_CORNERS:
+        linear, whole = ("triangle", "triangle6") if FACET_CORNERS[kind] == 3 else ("quad", "quad9")
+        inside = np.einsum("na,pai->pni", shape(linear, facet_nodes(kind)), flat_pieces(whole, False))
+    else:
+        linear = {8: "hexahedron", 4: "tetra", 6: "wedge"}[N_CORNER[kind]]
+        at = cell_functions(linear).values(cell_functions(kind).nodes)
+        inside = np.einsum("na,pai->pni", at, _corners_of_parts(linear))
+    places, children = np.unique(inside.reshape(-1, inside.shape[2]).round(9), axis=0, return_inverse=True)
+    functions = shape(kind, places) if kind in FACET_CORNERS else cell_functions(kind).values(places)
+    return functions, children.reshape(inside.shape[:2])
+
+
+def _corners_of_parts(linear: str) -> Array:
+    """Reference coordinates (8, n_corner, 3) of the corners of the parts of a cell."""
+    corners = cell_functions(linear).nodes
+    if linear == "hexahedron":
+        return np.asarray(0.5 * (corners[None] + corners[:, None]))
+    if linear == "wedge":
+        flat = np.concatenate([np.concatenate([flat_pieces("triangle6", False)] * 2, axis=1)] * 2)
+        height = 0.5 * (corners[:, 2] + np.repeat([-1.0, 1.0], 4)[:, None])
+        return np.concatenate([flat, height[..., None]], axis=2)
+    parts = np.concatenate([corners, [corners[list(edge)].mean(axis=0) for edge in TET_EDGES]])[
+        np.array(_TET_CORNERS + _TET_INSIDE)
+    ]
+    inverted = np.linalg.det(parts[:, 1:] - parts[:, :1]) < 0
+    parts[inverted] = parts[inverted][:, [1, 0, 2, 3]]
+    return np.asarray(parts)

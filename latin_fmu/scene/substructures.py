@@ -2,12 +2,13 @@
 
 import math
 import re
-from typing import Annotated, Self
+from typing import Annotated, Final, Self
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from .fields import (
     GROUND,
+    Count,
     Face,
     Flag,
     Name,
@@ -71,6 +72,19 @@ class Box(Table):
         return self
 
 
+MAX_REFINEMENTS: Final = 4
+Refinements = Annotated[
+    Count,
+    about(
+        "times every cell is split into eight; the surface stays that of the file, and does not come closer to the "
+        "shape that was meshed",
+        "1",
+        ge=0,
+        le=MAX_REFINEMENTS,
+    ),
+]
+
+
 class MeshFile(Table):
     """A mesh read from a file (hexahedra of 8, 20 or 27 nodes, tetrahedra of 4 or 10, wedges of 6, also mixed); its
     faces are the named surface groups of the file."""
@@ -78,6 +92,7 @@ class MeshFile(Table):
     file: Annotated[Text, about("mesh file, relative to the scene file (.msh, .inp, .bdf, .e, .vtu, .med ...)")]
     group: Annotated[Text | None, about("named volume group to take; the whole file where left out")] = None
     scale: Annotated[Real, about("length of one file unit (1e-3 for a mesh in mm)", "m", gt=0)] = 1.0
+    refine: Refinements = 0
 
 
 class Substructure(Table):
@@ -116,6 +131,7 @@ class MeshParts(Table):
 
     file: Annotated[Text, about("mesh file, relative to the scene file (.msh, .inp, .bdf, .e, .vtu, .med ...)")]
     scale: Annotated[Real, about("length of one file unit (1e-3 for a mesh in mm)", "m", gt=0)] = 1.0
+    refine: Refinements = 0
     parts: Annotated[
         tuple[Text, ...],
         BeforeValidator(_all_or_listed),

@@ -12,10 +12,11 @@ import pytest
 
 from latin_fmu.errors import MeshError
 from latin_fmu.fem.elasticity import mass
-from latin_fmu.fem.elements import Elements
+from latin_fmu.fem.elements import Elements, jacobians
 from latin_fmu.fem.faces import face
-from latin_fmu.fem.mesh import Mesh, boundary, box_mesh
-from latin_fmu.fem.reference_cells import mirrored
+from latin_fmu.fem.mesh import CellBlock, Mesh, boundary, box_mesh, unjoined
+from latin_fmu.fem.mesh_file import oriented, refined
+from latin_fmu.fem.reference_cells import CELL_FACES, cell_rule, mirrored
 from latin_fmu.mesh_files.reading import read_content
 
 from .conftest import write_inp, write_msh
@@ -372,3 +373,41 @@ def test_cells_that_share_nodes_but_no_facets_are_refused(other: str, msh: Write
     path = msh(upper.nodes, {"low": ("hexahedron", cells[:1]), "up": (other, upper.blocks[0].cells)})
     refused(lambda: read_mesh(path), "share nodes but not facets", "facets of one kind", "perfect interface")
     assert read_mesh(path, "low").n_cell == 1
+
+
+@pytest.mark.parametrize("cell_type", [*CELL_FACES])
+def test_refined_cells_fill_the_box(cell_type: str) -> None:
+    """64 times the cells, 16 times the facets after two refinements, each node once, the right side out."""
+    coarse = typed_box(cell_type, (3, 2, 1))
+    fine = refined(refined(coarse))
+    assert fine.n_cell == 64 * coarse.n_cell
+    assert len(np.unique(fine.nodes.round(9), axis=0)) == fine.n_node
+    if cell_type != "tetra10":  # its middle nodes depend on how the parts are cut
+        once = typed_box(cell_type, (12, 8, 4))
+        assert sorted(fine.nodes.round(9).tolist()) == sorted(once.nodes.round(9).tolist())
+    (block,) = fine.blocks
+    cells, bad = oriented(fine.nodes, block)
+    assert not bad.any()
+    np.testing.assert_array_equal(cells, block.cells)
+    rule = cell_rule(cell_type)
+    volume = np.linalg.det(jacobians(fine.nodes, block, rule)) @ rule.weights
+    assert volume.sum() == pytest.approx(np.prod(SIZE))
+    skin = {tuple(sorted(f)) for b in boundary(fine).blocks for f in b.corners.tolist()}
+    assert len(skin) == 16 * boundary(coarse).n_facet
+    for name, named in coarse.faces.items():
+        assert fine.faces[name].n_facet == 16 * named.n_facet
+        assert skin >= {tuple(sorted(f)) for b in fine.faces[name].blocks for f in b.corners.tolist()}
+        ours, theirs = face(fine, name), face(coarse, name)
+        np.testing.assert_allclose(ours.areas @ ours.normals, theirs.areas @ theirs.normals, rtol=1e-12, atol=1e-12)
+
+
+def test_refined_cells_of_several_types_stay_joined() -> None:
+    """A wedge on a hexahedron: the facet between them is split alike from both sides."""
+    box = box_mesh(np.zeros(3), np.ones(3), (1, 1, 1))
+    nodes = np.concatenate([box.nodes, [[0.0, 0.0, 2.0], [0.0, 1.0, 2.0]]])
+    cells, bad = oriented(nodes, CellBlock("wedge", np.array([[4, 5, 8, 6, 7, 9]])))
+    assert not bad.any()
+    fine = refined(Mesh(nodes, (*box.blocks, CellBlock("wedge", cells)), {}))
+    assert len(np.unique(fine.nodes.round(9), axis=0)) == fine.n_node
+    assert unjoined(boundary(fine)) == 0
+    assert boundary(fine).n_facet == 4 * (5 + 4)
