@@ -18,12 +18,12 @@ from ..fem.elasticity import wave_speeds
 from ..latin.settings import tolerance_for
 from ..machine import memory_room
 from ..results.estimates import ErrorEstimate, QuantityEstimate
-from ..results.quantities_of_interest import FLOOR, definition_of
+from ..results.quantities_of_interest import FLOOR, PEAK_FORCE_RAW, definition_of
 from ..results.solution import Solution
 from ..results.summary import percent
 from ..scene.schema import Scene
 from ..scene.settings import Output
-from .estimate import quantity_estimate
+from .estimate import FACETED, crossing, front_of, quantity_estimate
 from .resolution import (
     FEWEST_STEPS,
     Resolution,
@@ -31,8 +31,8 @@ from .resolution import (
     at_resolution,
     counts_that_vary,
     in_short_windows,
-    meshed_by_the_program,
-    reachable,
+    mesh_factor,
+    mesh_files,
     with_tolerance,
 )
 from .runs import Run, RunTimeFit, Tell, as_run, cost_exponent, memory_at, message_of
@@ -43,11 +43,13 @@ impact bar: 1.1 % off at 1.5, 0.51 % at 0.75, 0.56 % at 0.4)."""
 
 _LOOSEST, _TIGHTEST = 1e-2, 1e-9  # tolerances
 _FIRST_FACTORS = (0.35, 0.5, 0.71, 1.0, 1.41, 2.0, 2.83, 4.0)  # the search starts at the first with a coarser run
-_MARGIN = 0.95  # of the target
+_MARGIN = 0.88  # of the target
 _LARGEST_REFINEMENT, _LARGEST_COST_RATIO = 3.0, 25.0  # of the next run: limits of the extrapolation
 _NEARLY_TWICE = 1.7
-_LEAST_REFINEMENT = 1.2
+_NEAR = 0.25  # relative difference from the half, or the quarter, of a factor
+_LEAST_REFINEMENT = 1.4
 _ROUNDS = 16
+_FINEST = 8.0  # refinement beyond which no next factor is searched
 _LEAST_GAIN = 1.15  # of a refinement by 2; a smaller one counts as no convergence
 _MEMORY_SHARE = 0.8  # of the machine
 
@@ -68,16 +70,17 @@ class RefinementSequence:
     solution: Solution | None = None
     _runs: dict[Resolution, Run] = field(default_factory=dict)
     _with_output: set[Resolution] = field(default_factory=set)
+    _diagonal: set[float] = field(default_factory=set)
     _finest: tuple[Resolution, Output, Solution] | None = None
 
     @property
     def refines_mesh(self) -> bool:
         """Whether the mesh can change."""
-        return bool(counts_that_vary(self.scene)) and meshed_by_the_program(self.scene)
+        return bool(mesh_files(self.scene) or counts_that_vary(self.scene))
 
     def factor(self, wanted: float) -> float:
-        """The factor nearest to ``wanted`` that leaves the largest number of elements whole."""
-        return reachable(counts_that_vary(self.scene), wanted) if self.refines_mesh else wanted
+        """The factor nearest to ``wanted`` that the meshes allow."""
+        return mesh_factor(self.scene, wanted) if self.refines_mesh else wanted
 
     def at(self, factor: float) -> Resolution:
         """Mesh and steps of a factor: shorter steps where the Courant number is above 0.75."""
@@ -85,10 +88,14 @@ class RefinementSequence:
         return Resolution(mesh, aligned(self.scene, factor * step_ratio(self.scene)))
 
     def chain(self, factor: float) -> list[float]:
-        """A factor, its half and quarter, as far as they exist, differ and have enough steps."""
+        """A factor, its half and quarter, as far as they exist, differ and have enough steps.
+
+        A run that exists serves in their place where it is 1.6 to 2.7 times, or 3.2 to 5.3 times, as coarse.
+        """
         factors = [factor]
         for part in (0.5, 0.25):
-            f = self.factor(factor * part)
+            near = [f for f in self._diagonal if abs(f / (factor * part) - 1.0) < _NEAR and self.at(f) in self._runs]
+            f = min(near, key=lambda f: abs(f / (factor * part) - 1.0), default=self.factor(factor * part))
             if f < 0.8 * factors[-1] and self.scene.time.n_step * self.at(f).time >= FEWEST_STEPS:
                 factors.append(f)
         return factors
@@ -104,7 +111,7 @@ class RefinementSequence:
             scene = at_resolution(self.scene, resolution)
             run, solution = self._solve(scene, resolution)
             self._runs[resolution] = run
-            if self._finest is None or resolution.time >= self._finest[0].time:
+            if self._finest is None or _fineness(resolution) >= _fineness(self._finest[0]):
                 self._finest = resolution, scene.output, solution
         return self._runs[resolution]
 
@@ -144,30 +151,47 @@ class RefinementSequence:
         lean = (run for at, run in self._runs.items() if at not in self._with_output)
         return sorted(lean, key=lambda run: run.cpu)
 
-    def estimate(self, factor: float, quantity: str, needed: int = 2) -> QuantityEstimate:
+    def estimate(self, factor: float, quantity: str, across: bool = True) -> QuantityEstimate:
         """Estimated error of a quantity at a factor; infinite without a coarser run.
 
-        ``needed`` : number of runs (2 or 3) made for it, the one at ``factor`` and those with a half and a quarter of
-        its resolution; a third one that exists already always counts.
+        From the run at ``factor``, the one with half its resolution, one with a quarter where it exists already, and,
+        with ``across`` (or where it exists), the one on the mesh of the second with four times its steps.
         """
         runs: list[Run] = []
         for f in self.chain(factor):
             at = self.at(f)
-            if len(runs) >= needed and at not in self._runs:
+            if len(runs) >= 2 and at not in self._runs:
                 break
-            try:
-                run = self.run(at)
-            except LatinError as error:
-                self.tell(f"no coarser run: {message_of(error)}")
+            run = self._if_converged(at)
+            if run is None:
                 break
-            if not run.converged:
-                break
+            self._diagonal.add(f)
             runs.append(run)
         if len(runs) < 2:
             value = runs[0].quantities.values[quantity] if runs else math.nan
             return QuantityEstimate(quantity, value, math.inf)
         scene = at_resolution(self.scene, self.at(factor))
-        return quantity_estimate(scene, quantity, [(run.resolution, run.quantities) for run in runs])
+        cross = None
+        if self.refines_mesh:
+            at = crossing(self.scene, runs[1].resolution.mesh, runs[1].resolution.time)
+            run = self._if_converged(at) if across or at in self._runs else None
+            cross = None if run is None else run.quantities
+            if across and cross is None:
+                return QuantityEstimate(quantity, runs[0].quantities.values[quantity], math.inf)
+        return quantity_estimate(scene, quantity, [(run.resolution, run.quantities) for run in runs], cross)
+
+    def _if_converged(self, at: Resolution) -> Run | None:
+        """The run at a resolution; None where it cannot be made or does not converge."""
+        try:
+            run = self.run(at)
+        except LatinError as error:
+            self.tell(f"no coarser run: {message_of(error)}")
+            return None
+        return run if run.converged else None
+
+
+def _fineness(at: Resolution) -> tuple[float, float]:
+    return at.mesh, at.time
 
 
 def step_ratio(scene: Scene) -> float:
@@ -223,10 +247,11 @@ def choose(scene: Scene, target: float, limit: float, tell: Callable[[str], None
     """Mesh, time step and tolerance for a relative error ``target`` of ``scene.accuracy.quantity``.
 
     A coarse run and one twice as fine (a sixth and a third of the scene's resolution) give an estimated error, and its
-    order the next refinement; the run is accepted when its own estimate is below the target. Runs grow geometrically,
-    so that all coarser ones cost a fraction of the last; they are made without output, the last one is repeated where
-    the scene requests more output than the quantities need. The target holds for the largest error where the quantity
-    belongs to several interfaces. The iteration error is a tenth of the target.
+    order the next refinement; where the estimate is below the target, a run on the coarser mesh with shorter steps
+    confirms it or not. Runs grow geometrically, so that all coarser ones cost a fraction of the last; they are made
+    without output, the last one is repeated where the scene requests more output than the quantities need. The target
+    holds for the largest error where the quantity belongs to several interfaces. The iteration error is a tenth of the
+    target.
 
     Parameters
     ----------
@@ -263,7 +288,10 @@ class _Search:
                 return self._refused(
                     f"{estimate.quantity} does not converge, the smallest bound is {percent(estimate.error)}"
                 )
-            factor, expected_last = self._next(factor, estimate)
+            following, expected_last = self._next(factor, estimate)
+            if following <= factor:
+                return self._refused("the mesh cannot be refined further")
+            factor = following
         return self._refused(f"the target is not reached after {_ROUNDS} refinements")
 
     def _first(self) -> float:
@@ -284,7 +312,7 @@ class _Search:
         new = factor * min(refinement, longest)
         if _NEARLY_TWICE * factor < new < 2.0 * factor:
             new = 2.0 * factor
-        while (following := self.sequence.factor(new)) <= factor:
+        while (following := self.sequence.factor(new)) <= factor and new < _FINEST * factor:
             new *= 1.1
         return following, factor * refinement <= following
 
@@ -292,34 +320,45 @@ class _Search:
         """Run a factor, with its output where it is ``expected_last``, and estimate its error; the reason where that
         cannot be done, else an empty string."""
         at = self.sequence.at(factor)
-        if self.sequence.runs:
-            seconds = RunTimeFit.of(self.scene, self.sequence.runs).seconds(at.mesh, at.time)
-            if seconds > self.limit:
-                return f"the next run would take about {seconds:.0f} CPU s, above the limit of {self.limit:g} s"
-            memory = memory_at(self.scene, at)
-            if memory > _MEMORY_SHARE * (memory_room()[0] or math.inf):
-                return f"the next run would need about {memory / 1e9:.0f} GB of memory"
-            self.tell(f"predicted {seconds:.2g} CPU s for mesh x {at.mesh:.3g}, steps x {at.time:.3g}")
         try:
             for f in self.sequence.chain(factor)[1:2]:
                 self.sequence.run(self.sequence.at(f))
+            if why := self._too_large(at):
+                return why
             run = self.sequence.with_output(at, self.scene.output) if expected_last else self.sequence.run(at)
             if not run.converged:
                 return f"mesh x {at.mesh:.3g}: {run.status}"
             names = [q for q in run.quantities.values if is_target(self.scene, q)]
             if not names:
                 return f"the scene has no quantity {self.scene.accuracy.quantity}"
-            for needed in (2, 3):  # the third run only where two are not enough
-                estimates = [self.sequence.estimate(factor, quantity, needed) for quantity in names]
+            for across in (False, True):  # the run across only where those along the diagonal are fine enough
+                estimates = [self.sequence.estimate(factor, quantity, across) for quantity in names]
                 self.estimates[factor] = max(estimates, key=lambda estimate: estimate.error)
-                if self.estimates[factor].error <= self.target:
+                if self.estimates[factor].error > self.target:
                     break
+            lasting = max(_lasting_error(q, self.scene, run) for q in names)
+            if lasting > self.target:
+                off = f"up to {percent(lasting)} off at every mesh and step" if lasting < math.inf else "not bounded"
+                return f"the raw peak of a force that jumps is {off}; take peak_force, a mean over a stated time"
         except LatinError as error:
             return message_of(error)
         estimate = self.estimates[factor]
         order = "" if math.isnan(estimate.order) else f", observed order {estimate.order:.1f}"
         what = "bound" if estimate.bound_only else "error"
         self.tell(f"         {estimate.quantity}: {what} {percent(estimate.error)}{order}")
+        return ""
+
+    def _too_large(self, at: Resolution) -> str:
+        """Why a run would take too much time or memory, else an empty string; its predicted time is told."""
+        if not self.sequence.runs:
+            return ""
+        seconds = RunTimeFit.of(self.scene, self.sequence.runs).seconds(at.mesh, at.time)
+        if seconds > self.limit:
+            return f"the next run would take about {seconds:.0f} CPU s, above the limit of {self.limit:g} s"
+        memory = memory_at(self.scene, at)
+        if memory > _MEMORY_SHARE * (memory_room()[0] or math.inf):
+            return f"the next run would need about {memory / 1e9:.0f} GB of memory"
+        self.tell(f"predicted {seconds:.2g} CPU s for mesh x {at.mesh:.3g}, steps x {at.time:.3g}")
         return ""
 
     def _stagnates(self) -> bool:
@@ -342,7 +381,8 @@ class _Search:
         if best is None:
             quantity, seconds = self.scene.accuracy.quantity, self.sequence.seconds
             return Choice(None, Resolution(), quantity, math.inf, False, math.nan, seconds, sentence)
-        estimate, at = self.estimates[best], self.sequence.at(best)
+        estimate = self.sequence.estimate(best, self.estimates[best].quantity)  # with the run across
+        at = self.sequence.at(best)
         sentence += f". Best: {estimate.quantity} {percent(estimate.error)} at mesh x {at.mesh:.3g}, "
         return self._choice(best, estimate, f"{sentence}steps x {at.time:.3g}", reached=False)
 
@@ -353,9 +393,15 @@ class _Search:
         if solution is not None:
             estimates = tuple(self.sequence.estimate(factor, quantity) for quantity in run.quantities.values)
             cpu = self.sequence.seconds - run.cpu
-            solution = replace(solution, estimate=ErrorEstimate(estimates, cpu=cpu))
+            remarks = (FACETED,) if mesh_files(self.scene) else ()
+            solution = replace(solution, estimate=ErrorEstimate(estimates, remarks, cpu))
         seconds = self.sequence.seconds
         return Choice(solution, at, estimate.quantity, estimate.error, reached, run.cpu, seconds, sentence)
+
+
+def _lasting_error(quantity: str, scene: Scene, run: Run) -> float:
+    """Error that no refinement reduces: of the raw peak of a force that jumps."""
+    return front_of(quantity, scene, run.quantities)[1] if definition_of(quantity) is PEAK_FORCE_RAW else 0.0
 
 
 def is_target(scene: Scene, quantity: str) -> bool:

@@ -1,9 +1,12 @@
 """The error of a run, estimated from coarser runs of the same scene.
 
-The runs form a sequence, finest first, in which mesh and time step are coarsened at one ratio. One estimator serves all
-callers: the estimate of a plain run or of a session (``estimate_error``), the search for a target accuracy
-(``adaptive_resolution``) and the reference of a study. Its constants are those of the quantities of interest
-(``results.quantities_of_interest``).
+The runs form a cross. Along its diagonal mesh and time step are coarsened at one ratio: (h, dt), (2 h, 2 dt),
+(4 h, 4 dt), finest first. On the mesh 2 h one more run has about four times shorter steps, dt / 2: an error that
+depends on the Courant number alone, and not on the mesh, leaves no trace along the diagonal. Its steps are no whole
+fraction of the others, so that bodies land in another phase of a step. What neither direction shows, the overshoot of
+a force that jumps (Gibbs), is stated as a floor. One estimator serves all callers: the estimate of a plain run or of a
+session (``estimate_error``), the search for a target accuracy (``adaptive_resolution``) and the reference of a study.
+Its constants are those of the quantities of interest (``results.quantities_of_interest``).
 """
 
 from __future__ import annotations
@@ -21,6 +24,7 @@ from ..results.quantities_of_interest import (
     DISPLACEMENT,
     FIRST_CONTACT,
     FORCE_HISTORY,
+    PEAK_FORCE,
     PEAK_FORCE_RAW,
     SEPARATION,
     QuantityOfInterest,
@@ -30,15 +34,17 @@ from ..results.solution import Solution
 from ..results.spectra import shock_response_spectrum, spectrum_error
 from ..scene.schema import Scene
 from ..scene.sensors import nyquist
+from ..scene.settings import GeneralizedAlpha
 from .quantities import Quantities
 from .resolution import (
     FEWEST_STEPS,
     Resolution,
     aligned,
-    counts_that_vary,
+    coarsens_mesh,
+    element_transit,
     in_short_windows,
-    meshed_by_the_program,
-    reachable,
+    mesh_factor,
+    mesh_files,
     sampling_error,
 )
 from .runs import Run, measure_solution, message_of, run_at
@@ -47,20 +53,31 @@ ORDER_BAND: Final = 0.3
 """A sequence whose observed order lies within this of the expected one is regular: its error is an estimate, else a
 bound."""
 
+UNREFINED: Final = (
+    "the mesh comes from a file: its share of the error is not estimated; refine it (mesh.refine = 1), and that of the "
+    "file is the coarser one"
+)
+FACETED: Final = "refined meshes keep the facets of their files: the error of a curved shape is not estimated"
+
+_BEFORE, _STEPS = 0.25, 2.0  # weights of the refinement before the last one, and of the step alone
 _ORDERS = (-3.0, 8.0)  # range of observed orders
-_STEP_WEIGHT = 1.2  # in the bound
+CROSS: Final = 31 / 8
+"""Steps of the run across over those of the run beside it: no whole number, so that bodies land in another phase."""
+
+_LEAST_DAMPING: Final = 0.5  # of the viscous contact layer, for the smaller overshoot
 
 
 @dataclass(frozen=True)
 class Changes:
-    """Relative changes of one quantity along a sequence of runs.
+    """Relative changes of one quantity over a cross of runs.
 
     Attributes
     ----------
     half : between the run (h, dt) and the next coarser one (r h, r dt), r the first of ``ratios``.
     quarter : between (r h, r dt) and (r' h, r' dt), r' the second ratio; NaN without a third run.
-    steps : between (r h, r dt) and (r h, dt), the change by the time step alone; NaN where not computed.
+    steps : between (r h, r dt) and (r h, about r dt / 4), the change by the time step alone; NaN where not computed.
     same_way : both refinements change the quantity in the same direction.
+    front : the quantity is that of a force that jumps. floor : error of the overshoot there.
     sampling : relative error of the sampled loads. iteration : relative error left by the iteration.
     """
 
@@ -69,6 +86,8 @@ class Changes:
     steps: float = math.nan
     same_way: bool = True
     ratios: tuple[float, float] = (2.0, 4.0)
+    front: bool = True
+    floor: float = 0.0
     sampling: float = 0.0
     iteration: float = 0.0
 
@@ -78,33 +97,32 @@ class Changes:
         return observed_order(self.half, self.quarter, self.ratios) if self.same_way else math.nan
 
 
+def expected_order(definition: QuantityOfInterest, front: bool) -> float:
+    """Expected order of convergence of a quantity: that with fronts, or twice as much."""
+    return definition.order if front else 2.0 * definition.order
+
+
 def estimated_error(definition: QuantityOfInterest, changes: Changes) -> tuple[float, bool]:
     """Estimated relative error of a quantity, and whether it is only a bound.
 
-    With the expected order p the last refinement by r extrapolates to e = change / (r^p - 1), the one before to e'.
-    Regular sequence (three runs, observed order within ``ORDER_BAND`` of p): ``safety`` x e. Otherwise a bound, the
-    largest of ``three_runs`` x (e, e') (``two_runs`` x e without a third run), 1.2 x the change by the time step alone.
-    A last change that is small by chance is thus compared with the others. The raw peak on a front has no order: its
-    error is always a bound. The error is at least that of the sampled loads, and the error
-    left by the iteration is added.
+        s (e + e' / 4 + 2 d)
+
+    With the expected order p, the last refinement by r extrapolates to e = change / (r^p - 1) at the run; so does the
+    one before, to e' (e without a third run); d is the change by the time step alone on the mesh of the second run,
+    over r^p. The sum of the three holds where one of them is small by chance. s is the safety factor of the quantity.
+    The error is at least the floor of a force that jumps and that of the sampled loads; the error left by the iteration
+    is added. It is a bound where the observed order is not within ``ORDER_BAND`` of p, and where a floor decides.
     """
-    p = definition.order
-    ratio = changes.ratios[0]
-    last = changes.half / (ratio**p - 1.0)
-    regular = (
-        abs(changes.order - p) <= ORDER_BAND and changes.sampling <= changes.half and definition is not PEAK_FORCE_RAW
-    )
-    if regular:
-        error = definition.safety * last
-    elif math.isnan(changes.quarter):
-        error = definition.two_runs * last
-    else:
-        before = changes.quarter / ((changes.ratios[1] / ratio) ** p - 1.0)
-        error = max(definition.three_runs[0] * last, definition.three_runs[1] * before)
-    if not regular:
-        steps = 0.0 if math.isnan(changes.steps) else changes.steps
-        error = max(error, _STEP_WEIGHT * steps)
-    return max(error, changes.sampling) + changes.iteration, not regular
+    p = expected_order(definition, changes.front)
+    ratio, second = changes.ratios
+    last = before = changes.half / (ratio**p - 1.0)
+    if not math.isnan(changes.quarter):
+        before = changes.quarter / ((second / ratio) ** p - 1.0) / ratio**p
+    steps = 0.0 if math.isnan(changes.steps) else changes.steps / ratio**p
+    error = definition.safety * (last + _BEFORE * before + _STEPS * steps)
+    floor = max(changes.floor, changes.sampling)
+    regular = abs(changes.order - p) <= ORDER_BAND and floor <= error
+    return max(error, floor) + changes.iteration, not regular
 
 
 def observed_order(half: float, quarter: float, ratios: tuple[float, float]) -> float:
@@ -152,11 +170,43 @@ def same_way(quantity: str, fine: Quantities, half: Quantities, quarter: Quantit
     return (values[0] - values[1]) * (values[1] - values[2]) > 0.0
 
 
+def overshoot(scene: Scene, transit: float) -> tuple[float, float]:
+    """Overshoot of the contact force after a jump, over the jump: of single instants, and integrated over tau.
+
+    With generalised alpha and a viscous contact layer 12 % at every mesh and step, and 0.15 tau, tau the time a wave
+    needs to cross an element. With the other schemes the landing layer of elements bounces: the values of single
+    instants have no limit as the step shrinks, and their integral grows from 0.2 tau at a Courant number of 1 to 2 tau
+    (measured on thrown bars, Courant numbers from 0.05 to 1.5).
+    """
+    scheme = scene.time.scheme
+    if isinstance(scheme, GeneralizedAlpha) and scheme.landing_damping >= _LEAST_DAMPING:
+        return 0.12, 0.15
+    return math.inf, min(0.2 * (transit / scene.time.time_step) ** 1.5, 2.0)
+
+
+def front_of(quantity: str, scene: Scene, fine: Quantities) -> tuple[bool, float]:
+    """Whether a quantity is that of a force that jumps, and the floor of its error there.
+
+    A mean over the time T keeps c tau / T of the overshoot, c its integral, and not more than one over tau; no
+    refinement reduces that of the raw peak. Impulses, instants, histories and displacements have the order of a front
+    where any force of the run jumps.
+    """
+    owner, definition = quantity.rpartition(".")[0], definition_of(quantity)
+    if definition not in (PEAK_FORCE, PEAK_FORCE_RAW):
+        return any(force.jumps(fine.durations[name]) for name, force in fine.forces.items()), 0.0
+    force, duration, raw = fine.forces[owner], fine.durations[owner], definition is PEAK_FORCE_RAW
+    if not force.jumps(duration, None if raw else force.peak_mean(duration)[1]):
+        return False, 0.0
+    transit = element_transit(scene, owner, fine.spacings[owner])
+    instants, integral = overshoot(scene, transit)
+    return True, instants if raw else min(instants, 0.6, integral * transit / duration)
+
+
 def quantity_estimate(
     scene: Scene,
     quantity: str,
     runs: Sequence[tuple[Resolution, Quantities]],
-    mesh_alone: Quantities | None = None,
+    cross: Quantities | None = None,
     sampling: float | None = None,
 ) -> QuantityEstimate:
     """Estimated error of one quantity of the first of ``runs``.
@@ -164,7 +214,7 @@ def quantity_estimate(
     Parameters
     ----------
     scene : of the first run. runs : two or more, finest first; from the fourth on they do not count.
-    mesh_alone : quantities on the mesh of the second run with the time step of the first.
+    cross : quantities on the mesh of the second run with about four times shorter steps.
     sampling : of the loads of the scene (``sampling_error``), computed where None.
     """
     definition = definition_of(quantity)
@@ -176,19 +226,23 @@ def quantity_estimate(
         quarter, one_way = relative(quantity, fine, half, coarsest), same_way(quantity, fine, half, coarsest)
     if definition in (FIRST_CONTACT, SEPARATION):
         sampling = 0.0
+    front, floor = front_of(quantity, scene, fine)
     changes = Changes(
         half=relative(quantity, fine, fine, half),
         quarter=quarter,
-        steps=math.nan if mesh_alone is None else relative(quantity, fine, half, mesh_alone),
+        steps=math.nan if cross is None else relative(quantity, fine, half, cross),
         same_way=one_way,
         ratios=ratios,
+        front=front,
+        floor=floor,
         sampling=sampling_error(scene) if sampling is None else sampling,
         iteration=definition.iteration * scene.solver.tolerance,
     )
     error, bound_only = estimated_error(definition, changes)
-    mesh = math.nan if mesh_alone is None else relative(quantity, fine, fine, mesh_alone)
+    expected = expected_order(definition, front)
+    mesh = math.nan if cross is None else relative(quantity, fine, fine, cross)
     time = changes.half if at.mesh == at_half.mesh else changes.steps
-    return QuantityEstimate(quantity, fine.values[quantity], error, changes.order, bound_only, mesh, time)
+    return QuantityEstimate(quantity, fine.values[quantity], error, changes.order, bound_only, mesh, time, expected)
 
 
 @dataclass(frozen=True)
@@ -198,18 +252,18 @@ class CoarserRuns:
     Attributes
     ----------
     half : mesh and time step about twice as coarse, at one ratio. quarter : about four times; None where the scene
-        is too coarse for it. half_mesh : the mesh of ``half`` with the steps of the run; None where no mesh changes.
+        is too coarse for it. cross : the mesh of ``half`` with about four times its steps; None where no mesh changes.
     remarks : what the estimate does not cover.
     """
 
     half: Resolution
     quarter: Resolution | None
-    half_mesh: Resolution | None
+    cross: Resolution | None
     remarks: tuple[str, ...] = ()
 
     def by_name(self) -> dict[str, Resolution]:
         """The resolutions that exist, by the name of the attribute."""
-        runs = {"half": self.half, "quarter": self.quarter, "half_mesh": self.half_mesh}
+        runs = {"half": self.half, "quarter": self.quarter, "cross": self.cross}
         return {name: resolution for name, resolution in runs.items() if resolution is not None}
 
     def estimates(
@@ -218,10 +272,10 @@ class CoarserRuns:
         """Estimates of all quantities of a run of ``scene``; ``coarser`` by name, empty without ``half``."""
         if "half" not in coarser:
             return ()
-        runs = [(Resolution(), fine), *((at, coarser[n]) for n, at in self.by_name().items() if n in coarser)]
-        sequence = [run for run in runs if run[0] != self.half_mesh]
-        mesh_alone, sampling = coarser.get("half_mesh"), sampling_error(scene)
-        return tuple(quantity_estimate(scene, q, sequence, mesh_alone, sampling) for q in fine.values)
+        diagonal = {name: at for name, at in self.by_name().items() if name in coarser and name != "cross"}
+        runs = [(Resolution(), fine), *((at, coarser[name]) for name, at in diagonal.items())]
+        cross, sampling = coarser.get("cross"), sampling_error(scene)
+        return tuple(quantity_estimate(scene, q, runs, cross, sampling) for q in fine.values)
 
 
 def coarser_runs_of(scene: Scene) -> CoarserRuns | None:
@@ -229,24 +283,31 @@ def coarser_runs_of(scene: Scene) -> CoarserRuns | None:
     n = scene.time.n_step
     if n < 2 * FEWEST_STEPS:
         return None
-    counts = counts_that_vary(scene)
-    if not counts or not meshed_by_the_program(scene):
-        why = "the mesh comes from a file: its share of the error is not estimated"
+    files = mesh_files(scene)
+    if not coarsens_mesh(scene):
         quarter = Resolution(1.0, aligned(scene, 0.25)) if n >= 4 * FEWEST_STEPS else None
-        remarks = () if meshed_by_the_program(scene) else (why,)
-        return CoarserRuns(Resolution(1.0, aligned(scene, 0.5)), quarter, None, remarks)
-    mesh, second = reachable(counts, 0.5), reachable(counts, 0.25)
-    half, mesh_alone = Resolution(mesh, aligned(scene, mesh)), Resolution(mesh, 1.0)
+        return CoarserRuns(Resolution(1.0, aligned(scene, 0.5)), quarter, None, (UNREFINED,) if files else ())
+    mesh, second = mesh_factor(scene, 0.5), mesh_factor(scene, 0.25)
+    half, cross, remarks = (
+        Resolution(mesh, aligned(scene, mesh)),
+        crossing(scene, mesh, mesh),
+        (FACETED,) if files else (),
+    )
     if second < 0.8 * mesh and n * second >= FEWEST_STEPS:
-        return CoarserRuns(half, Resolution(second, aligned(scene, second)), mesh_alone)
-    return CoarserRuns(half, None, mesh_alone, ("too coarse for a third run: no order of convergence is observed",))
+        return CoarserRuns(half, Resolution(second, aligned(scene, second)), cross, remarks)
+    return CoarserRuns(half, None, cross, (*remarks, "too coarse for a third run: no order of convergence is observed"))
+
+
+def crossing(scene: Scene, mesh: float, steps: float) -> Resolution:
+    """The run beside (mesh, steps) with about four times the steps, in another phase of landing."""
+    return Resolution(mesh, aligned(scene, CROSS * steps))
 
 
 def estimate_error(scene: Scene, solution: Solution, tell: Callable[[str], None] | None = None) -> ErrorEstimate:
     """Estimated relative error of every quantity of a finished run of ``scene``.
 
     Costs three coarser runs: mesh and step halved together (1/16 of the cost of the run in 3-D), quartered together
-    (1/256), mesh alone halved (1/8).
+    (1/256), the mesh halved under steps half as long (1/4).
 
     Parameters
     ----------

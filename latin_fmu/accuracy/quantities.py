@@ -31,7 +31,7 @@ class Quantities:
     ----------
     values : by name ``owner.key``; the value of a force history is its L2 norm. scales : what errors are divided by.
     forces : normal resultants by interface. vectors : displacement (3,) of sensors at the end, m.
-    durations : of the mean that is the peak force, by interface, s.
+    durations : of the mean that is the peak force, by interface, s. spacings : of its points, by interface, m.
     """
 
     values: dict[str, float] = field(default_factory=dict)
@@ -39,6 +39,7 @@ class Quantities:
     forces: dict[str, Force] = field(default_factory=dict)
     vectors: dict[str, Array] = field(default_factory=dict)
     durations: dict[str, float] = field(default_factory=dict)
+    spacings: dict[str, float] = field(default_factory=dict)
 
     def add(self, owner: str, entries: Mapping[str, tuple[float, float]]) -> None:
         """Add values and scales, by key, of an interface or sensor."""
@@ -101,6 +102,7 @@ def _add_interface(quantities: Quantities, time: Array, history: InterfaceHistor
     force = _until(time, history.normal_resultant(), end)
     quantities.forces[history.name] = force
     duration = quantities.durations[history.name] = force.peak_duration(history.peak_duration)
+    quantities.spacings[history.name] = float(np.sqrt(history.areas.mean()))
     largest = float(np.einsum("p,tp->t", history.areas, np.linalg.norm(history.traction, axis=2)).max(initial=0.0))
     entries = of_force(force, end, history.contact_status is not None, ROUND_OFF * largest, duration)
     if (closing := _closing(time, history, force.raw_peak())) is not None:

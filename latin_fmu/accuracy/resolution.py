@@ -8,9 +8,13 @@ from typing import Final
 
 import numpy as np
 
+from ..fem.elasticity import wave_speeds
+from ..scene.boundaries import AXES
+from ..scene.fields import split_face
 from ..scene.laws import InputLaw, RectangularPulseLaw, StepLaw, sampled_impulse_error
 from ..scene.schema import Scene
 from ..scene.solver_settings import WHOLE
+from ..scene.substructures import MAX_REFINEMENTS, MeshFile, Substructure
 
 FEWEST_STEPS: Final = 8
 """Least number of time steps of a coarser run."""
@@ -28,9 +32,28 @@ class Resolution:
     tolerance: float | None = None
 
 
-def meshed_by_the_program(scene: Scene) -> bool:
-    """Whether every substructure is a box, whose mesh can be changed."""
-    return all(body.box is not None for body in scene.substructure.values())
+def mesh_files(scene: Scene) -> list[MeshFile]:
+    """Meshes from files: they can be refined, and be coarser again, but not coarser than the file."""
+    return [body.mesh for body in scene.substructure.values() if body.mesh is not None]
+
+
+def coarsens_mesh(scene: Scene) -> bool:
+    """Whether a coarser mesh exists: of boxes, and of files that are refined."""
+    files = mesh_files(scene)
+    return all(file.refine > 0 for file in files) if files else bool(counts_that_vary(scene))
+
+
+def mesh_factor(scene: Scene, wanted: float) -> float:
+    """The factor nearest to ``wanted`` by which the meshes can change.
+
+    It leaves the largest number of elements of boxes whole; where a mesh is from a file it is a power of two.
+    """
+    files = mesh_files(scene)
+    if not files:
+        return reachable(counts_that_vary(scene), wanted)
+    levels = [file.refine for file in files]
+    power = math.floor(math.log2(wanted) + 0.5)
+    return float(2.0 ** max(min(power, MAX_REFINEMENTS - max(levels)), -min(levels)))
 
 
 def counts_that_vary(scene: Scene) -> list[int]:
@@ -62,14 +85,7 @@ def at_resolution(scene: Scene, resolution: Resolution) -> Scene:
     output = {name: getattr(scene.output, name) for name in ("peak_duration", "interfaces_every")}
     changes: dict[str, object] = {"output": type(scene.output)(**output)}
     if resolution.mesh != 1.0:
-        changes["substructure"] = {
-            name: body
-            if body.box is None
-            else body.model_copy(
-                update={"box": body.box.model_copy(update={"elements": _scaled(body.box.elements, resolution.mesh)})}
-            )
-            for name, body in scene.substructure.items()
-        }
+        changes["substructure"] = {n: _refined(body, resolution.mesh) for n, body in scene.substructure.items()}
     if resolution.time != 1.0:
         n = max(1, math.ceil(scene.time.n_step * resolution.time - 1e-6))
         step = scene.time.time_step / resolution.time
@@ -77,6 +93,26 @@ def at_resolution(scene: Scene, resolution: Resolution) -> Scene:
     if resolution.tolerance is not None:
         changes["solver"] = with_tolerance(scene, resolution.tolerance)
     return scene.model_copy(update=changes)
+
+
+def element_transit(scene: Scene, interface: str, spacing: float) -> float:
+    """Longest time a pressure wave needs to cross an element beside an interface, s.
+
+    spacing : size of an element whose mesh is from a file, m.
+    """
+    longest = 0.0
+    for face in scene.interface[interface].sides:
+        name, side = split_face(face)
+        body = scene.substructure.get(name)
+        if body is None or body.rigid:
+            continue
+        material = scene.material[body.material]
+        size = (
+            spacing if body.box is None else body.box.size[AXES.index(side[0])] / body.box.elements[AXES.index(side[0])]
+        )
+        speed = wave_speeds(material.young_modulus, material.poisson_ratio, material.density)[0]
+        longest = max(longest, size / speed)
+    return longest
 
 
 def with_tolerance(scene: Scene, tolerance: float) -> object:
@@ -94,6 +130,15 @@ def in_short_windows(scene: Scene) -> Scene:
         return scene
     update = {"window": 1, "acceleration": type(scene.solver)().acceleration}
     return scene.model_copy(update={"solver": scene.solver.model_copy(update=update)})
+
+
+def _refined(body: Substructure, factor: float) -> Substructure:
+    if body.box is not None:
+        box = body.box.model_copy(update={"elements": _scaled(body.box.elements, factor)})
+        return body.model_copy(update={"box": box})
+    assert body.mesh is not None
+    mesh = body.mesh.model_copy(update={"refine": body.mesh.refine + round(math.log2(factor))})
+    return body.model_copy(update={"mesh": mesh})
 
 
 def _scaled(elements: tuple[int, int, int], factor: float) -> tuple[int, ...]:

@@ -16,7 +16,7 @@ from ..latin.record import Array, SensorHistory, Timings
 from ..results.solution import Solution
 from ..scene.schema import Scene
 from .quantities import Quantities, measure
-from .resolution import Resolution, at_resolution
+from .resolution import Resolution, at_resolution, mesh_files
 
 
 @dataclass(frozen=True)
@@ -119,6 +119,8 @@ class RunTimeFit:
 def cost_exponent(scene: Scene) -> float:
     """Growth of the cost of a step with the number of elements along an edge: solves with banded factors in bars,
     about n^1.2 for the n nodes of plates and n^(4/3) of solids."""
+    if mesh_files(scene):
+        return 4.0
     directions = {i for b in scene.substructure.values() if b.box for i, n in enumerate(b.box.elements) if n > 1}
     return (0.0, 1.0, 2.4, 4.0)[len(directions)]
 

@@ -22,15 +22,7 @@ from ..scene.solver_settings import WHOLE, Solver
 from .estimate import coarser_runs_of
 from .quantities import Quantities
 from .reference import Reference, declared
-from .resolution import (
-    Resolution,
-    aligned,
-    at_resolution,
-    counts_that_vary,
-    in_short_windows,
-    meshed_by_the_program,
-    reachable,
-)
+from .resolution import Resolution, aligned, at_resolution, coarsens_mesh, in_short_windows, mesh_factor
 from .runs import Run, RunTimeFit, Tell, as_run, message_of
 
 AS_WRITTEN = "as written"
@@ -287,20 +279,14 @@ def study(scene: Scene, budget: float, tell: Tell) -> Study:
     return result
 
 
-def _refines_mesh(scene: Scene) -> bool:
-    return bool(counts_that_vary(scene)) and meshed_by_the_program(scene)
-
-
 def _factors(scene: Scene, wanted: tuple[float, ...]) -> list[float]:
-    """The refinement factors near those wanted that leave the largest number of elements whole."""
-    if not _refines_mesh(scene):
-        return list(wanted)
-    return sorted({reachable(counts_that_vary(scene), f) for f in wanted})
+    """The refinement factors near those wanted that the meshes allow."""
+    return sorted({mesh_factor(scene, f) for f in wanted}) if coarsens_mesh(scene) else list(wanted)
 
 
 def _at(scene: Scene, factor: float) -> Resolution:
-    """Mesh and step refined together (the step alone where the mesh is from a file)."""
-    return Resolution(factor if _refines_mesh(scene) else 1.0, aligned(scene, factor))
+    """Mesh and step refined together (the step alone where no coarser mesh exists)."""
+    return Resolution(factor if coarsens_mesh(scene) else 1.0, aligned(scene, factor))
 
 
 def finest_reference(scene: Scene, made: StudyRuns, main: Variant, runs: list[Run]) -> Reference:
@@ -324,13 +310,12 @@ def finest_reference(scene: Scene, made: StudyRuns, main: Variant, runs: list[Ru
 
 def _refine_separately(scene: Scene, made: StudyRuns, main: Variant) -> None:
     """Mesh alone at twice the steps; step alone on the mesh as written; tolerances on several meshes."""
-    if _refines_mesh(scene):
+    if coarsens_mesh(scene):
         for f in _factors(scene, (0.35, 0.5, 1.0, 2.0)):
             made.run(SPACE, main, Resolution(f, aligned(scene, 2.0)))
     for f in (0.25, 0.5, 1.0, 2.0, 4.0):
         made.run(TIME, main, Resolution(1.0, aligned(scene, f)))
-    counts = counts_that_vary(scene)
-    for f in sorted({reachable(counts, f) for f in (0.35, 0.5, 1.0, 1.41)}) if counts else [0.5, 1.0, 2.0]:
+    for f in _factors(scene, (0.35, 0.5, 1.0, 1.41)):
         at = _at(scene, f)
         for tolerance in (TIGHT, *TOLERANCES):
             made.run(TOLERANCE, main, Resolution(at.mesh, at.time, tolerance))
@@ -364,8 +349,7 @@ def _with_stable_steps(scene: Scene, made: StudyRuns, variant: Variant, factor: 
 
 def _vary_windows(scene: Scene, made: StudyRuns, result: Study) -> None:
     """Iterations and passes by window length and search direction, on half the mesh."""
-    counts = counts_that_vary(scene)
-    at = _at(scene, reachable(counts, 0.5) if counts else 0.5)
+    at = _at(scene, _factors(scene, (0.5,))[0])
     for length in (1, 2, 5, 10, 25, WHOLE):
         for direction in directions_of(scene):
             solver = {"window": length, "search_direction": direction, "acceleration": "anderson"}

@@ -23,8 +23,11 @@ class QuantityEstimate:
     ----------
     quantity : ``owner.key``. value : of the run, in ``unit``. error : estimated relative error.
     order : observed order of convergence, NaN where none is observed.
-    bound_only : the observed order is not the expected one: the estimate is a bound, and may be far too large.
-    mesh, time : relative change when the mesh alone, or the time step alone, is twice as coarse (NaN: not computed).
+    bound_only : the observed order is not the expected one, or a floor decides: the estimate is a bound, and may be far
+        too large.
+    mesh : relative change when the mesh is twice as coarse, under steps half as long. time : when the step alone is
+        four times as long on that mesh; where the mesh stays, twice as long. NaN: not computed.
+    expected_order : expected order of convergence.
     """
 
     quantity: str
@@ -34,16 +37,12 @@ class QuantityEstimate:
     bound_only: bool = True
     mesh: float = math.nan
     time: float = math.nan
+    expected_order: float = 1.0
 
     @property
     def unit(self) -> str:
         """Unit of the value (UDUNITS)."""
         return definition_of(self.quantity).unit
-
-    @property
-    def expected_order(self) -> float:
-        """Expected order of convergence of the quantity."""
-        return definition_of(self.quantity).order
 
     @property
     def relative_error(self) -> float:
@@ -56,7 +55,7 @@ _COLUMNS: Final = (
     ("relative_error", "relative_error", "1", "estimated relative error"),
     ("observed_order", "order", "1", "observed order of convergence"),
     ("expected_order", "expected_order", "1", "expected order of convergence"),
-    ("change_with_mesh", "mesh", "1", "relative change when the mesh alone is coarser"),
+    ("change_with_mesh", "mesh", "1", "relative change when the mesh is coarser under shorter steps"),
     ("change_with_time_step", "time", "1", "relative change when the step alone is longer"),
 )
 """Name, attribute of ``QuantityEstimate``, unit and long name of the numbers that are stored."""

@@ -11,6 +11,7 @@ import latin_fmu
 from latin_fmu.accuracy.adaptive_resolution import COURANT, Choice, RefinementSequence, choose, step_ratio
 from latin_fmu.accuracy.runs import measure_solution
 from latin_fmu.cli import main
+from latin_fmu.results.quantities_of_interest import IMPULSE
 
 from ..verification.known_answers import MODELS, Known, impact_bar, shipped
 
@@ -36,13 +37,12 @@ def test_the_true_error_is_below_the_target(quantity: str, target: float) -> Non
     assert choice.resolution.mesh < 1.5
 
 
-@pytest.mark.slow
-def test_a_peak_on_a_front_does_not_converge_and_is_refused() -> None:
-    choice, true = aimed(impact_bar(), "peak_force_raw", 0.01)
+def test_the_raw_peak_of_a_force_that_jumps_is_refused() -> None:
+    choice, true = aimed(impact_bar(), "peak_force_raw", 0.05)
     assert not choice.reached
-    assert "does not converge" in choice.sentence
-    assert true > 0.1
-    assert choice.error > 0.01
+    assert "take peak_force, a mean over a stated time" in choice.sentence
+    assert choice.error >= 0.12
+    assert true <= choice.error
 
 
 def test_what_costs_too_much_is_refused_before_it_is_run() -> None:
@@ -60,7 +60,7 @@ def test_steps_follow_the_courant_number() -> None:
 
 
 def test_runs_that_agree_on_an_order_extrapolate() -> None:
-    """Impulse of the impact bar: error falls with the order 0.9; the estimate lies between 1 and 2 times the truth."""
+    """Impulse of the impact bar: error falls with the order 0.9; the estimate lies between 1 and 3 times the truth."""
     known = impact_bar()
     sequence = RefinementSequence(known.scene, lambda _: None)
     for factor in sequence.chain(0.71):
@@ -68,36 +68,30 @@ def test_runs_that_agree_on_an_order_extrapolate() -> None:
     estimate = sequence.estimate(0.71, "wall.impulse")
     true = sequence.run(sequence.at(0.71)).quantities.error("wall.impulse", known.exact)
     assert not estimate.bound_only
-    assert 0.4 < estimate.order < 1.0
-    assert true <= estimate.error <= 2.0 * true
-    assert len(sequence.runs) == 3
+    assert 0.4 < estimate.order < 1.3
+    assert true <= estimate.error <= 3.0 * true
+    assert len(sequence.runs) == 4
 
 
-def test_two_runs_make_a_bound() -> None:
-    """2.5 times the change of the impulse by a refinement by two (half of 35 elements are 18), and the iteration."""
+def test_two_runs_and_the_one_across_make_a_bound() -> None:
+    """The change of the impulse by a refinement by two (half of 35 elements are 18) counts 5/4 without a third run,
+    that by four times the steps on the coarser mesh, over the ratio, twice; and the iteration."""
     known = impact_bar()
     sequence = RefinementSequence(known.scene, lambda _: None)
-    estimate = sequence.estimate(0.35, "wall.impulse")
+    halves = [sequence.at(factor) for factor in sequence.chain(0.35)[:2]]
+    without = sequence.estimate(0.35, "wall.impulse", across=False)
     assert len(sequence.runs) == 2
-    assert estimate.bound_only
-    half, fine = (run.quantities.values["wall.impulse"] for run in sequence.runs)
-    change = abs(fine - half) / fine / (35 / 18 - 1.0)
-    assert estimate.error == pytest.approx(2.5 * change + 0.5 * known.scene.solver.tolerance, rel=1e-6)
-    true = abs(fine / 200.0 - 1.0)
-    assert true <= estimate.error
-
-
-def test_three_runs_compare_the_last_change_with_the_one_before() -> None:
-    """Separation of the impact bar: 1.4 times the last change or 1.2 times the one before (50, 25, 13 elements)."""
-    known = impact_bar()
-    sequence = RefinementSequence(known.scene, lambda _: None)
-    estimate = sequence.estimate(0.5, "wall.separation", needed=3)
+    estimate = sequence.estimate(0.35, "wall.impulse")
     assert len(sequence.runs) == 3
-    coarse, half, fine = (run.quantities.values["wall.separation"] for run in sequence.runs)
-    last, before = abs(fine - half) / (50 / 25 - 1.0), abs(half - coarse) / (25 / 13 - 1.0)
-    assert 1.2 * before > 1.4 * last  # here the last one is the smaller by chance
-    assert estimate.error == pytest.approx(1.2 * before / fine + 0.3 * known.scene.solver.tolerance, rel=1e-6)
-    assert abs(fine * 6 / 7 - 1.0) <= estimate.error  # it leaves at 7/6
+    assert estimate.bound_only
+    at = {run.resolution: run.quantities.values["wall.impulse"] for run in sequence.runs}
+    fine, half = (at[resolution] for resolution in halves)
+    across = next(value for resolution, value in at.items() if resolution.time > sequence.at(0.35).time)
+    ratio, left = sequence.at(0.35).time / sequence.at(0.18).time, 0.5 * known.scene.solver.tolerance
+    last, steps = abs(fine - half) / fine / (ratio - 1.0), abs(across - half) / fine / ratio
+    assert without.error == pytest.approx(IMPULSE.safety * 1.25 * last + left, rel=1e-6)
+    assert estimate.error == pytest.approx(IMPULSE.safety * (1.25 * last + 2.0 * steps) + left, rel=1e-6)
+    assert abs(fine / 200.0 - 1.0) <= estimate.error
 
 
 def searched(settings: list[str]) -> tuple[Choice, list[str]]:
@@ -109,14 +103,14 @@ def searched(settings: list[str]) -> tuple[Choice, list[str]]:
 
 
 def test_the_search_makes_no_run_twice() -> None:
-    """Two coarse runs are enough for 5 %; where the scene asks for no output the last is the answer, else it is made
-    once more with its output."""
+    """Two coarse runs and the one across are enough for 5 %; where the scene requests no output the finer one is the
+    answer, else it is made once more with its output."""
     bare, runs = searched(["output.energy=false", "output.fields=false"])
     assert bare.reached
-    assert len(runs) == 2
+    assert len(runs) == 3
     assert not any("with its output" in line for line in runs)
     full, runs = searched([])
-    assert len(runs) == 3
+    assert len(runs) == 4
     assert "with its output" in runs[-1]
     assert full.resolution == bare.resolution
     assert full.solution is not None
@@ -124,15 +118,16 @@ def test_the_search_makes_no_run_twice() -> None:
 
 
 def test_the_search_grows_towards_a_sharper_target() -> None:
-    """Runs of the search with their halves and quarters, none twice; the finest costs more than all others."""
+    """Runs with their halves and those across, none twice; all others cost at most three times the finest."""
     told: list[str] = []
     scene = latin_fmu.load_scene(MODELS / "impact_bar/scene.toml", ["output.energy=false", "output.fields=false"])
     choice = choose(scene, 0.005, 60.0, told.append)
     assert choice.reached
-    elements = [float(line.split("mesh x ")[1].split(",")[0]) for line in told if " s  mesh x" in line]
-    assert len(set(elements)) == len(elements)
-    assert max(elements) == pytest.approx(choice.resolution.mesh, rel=1e-2)
-    assert sum(e**2 for e in elements) < 2.0 * max(elements) ** 2
+    at = [line.split("mesh x ")[1].split(", with")[0].split(", steps x ") for line in told if " s  mesh x" in line]
+    runs = [(float(mesh), float(steps)) for mesh, steps in at]
+    assert len(set(runs)) == len(runs)
+    assert max(runs)[0] == pytest.approx(choice.resolution.mesh, rel=1e-2)
+    assert sum(mesh * steps for mesh, steps in runs) < 4.0 * max(runs)[0] * max(runs)[1]
 
 
 def test_the_command_line_aims(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -12,6 +12,7 @@ from latin_fmu.accuracy.resolution import (
     aligned,
     at_resolution,
     in_short_windows,
+    mesh_factor,
     reachable,
     sampling_error,
 )
@@ -49,15 +50,31 @@ def test_small_counts_keep_one_ratio() -> None:
     assert coarser is not None
     assert coarser.half == Resolution(0.5, 0.5)
     assert coarser.quarter == Resolution(1 / 3, 1 / 3)
-    assert coarser.half_mesh == Resolution(0.5, 1.0)
+    assert coarser.cross == Resolution(0.5, 31 / 16)
 
 
 def test_a_mesh_from_a_file_leaves_the_time_step() -> None:
     coarser = coarser_runs_of(shipped("punched_plates"))
     assert coarser is not None
     assert coarser.half == Resolution(1.0, 0.5)
-    assert coarser.half_mesh is None
+    assert coarser.cross is None
     assert "mesh" in coarser.remarks[0]
+
+
+def test_a_refined_mesh_from_a_file_has_coarser_ones() -> None:
+    """Refined once, the mesh of the file is the coarser one; finer ones exist, four refinements at most."""
+    scene = latin_fmu.load_scene(
+        MODELS / "punched_plates/scene.toml",
+        [f"substructure.{name}.mesh.refine=1" for name in ("lower", "upper", "punch")],
+    )
+    coarser = coarser_runs_of(scene)
+    assert coarser is not None
+    assert coarser.half.mesh == 0.5
+    assert coarser.cross == Resolution(0.5, 31 / 16)
+    assert coarser.quarter is None
+    assert "facets" in coarser.remarks[0]
+    assert {b.mesh.refine for b in at_resolution(scene, coarser.half).substructure.values() if b.mesh} == {0}
+    assert [mesh_factor(scene, f) for f in (0.1, 0.4, 0.8, 1.3, 3.0, 99.0)] == [0.5, 0.5, 1.0, 1.0, 4.0, 8.0]
 
 
 def test_a_handful_of_steps_cannot_be_coarsened() -> None:

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from latin_fmu.accuracy.estimate import Changes, estimated_error, observed_order
-from latin_fmu.results.quantities_of_interest import FORCE_HISTORY, IMPULSE
+from latin_fmu.results.quantities_of_interest import FORCE_HISTORY, IMPULSE, PEAK_FORCE, PEAK_FORCE_RAW
 
 
 def series(order: float, ratios: tuple[float, float], error: float = 0.01) -> tuple[float, float]:
@@ -36,8 +36,38 @@ def test_a_regular_sequence_gives_an_estimate_within_five_times(order: float, ra
     assert 0.01 <= error <= 0.05
 
 
+@pytest.mark.parametrize("front", [True, False])
+def test_the_three_changes_add_up(front: bool) -> None:
+    """First order with fronts, second without: each change by its own weight, e + e' / 4 + 2 d."""
+    p = 1.0 if front else 2.0
+    half, quarter = series(p, (2.0, 4.0))
+
+    def told(changes: Changes) -> float:
+        return estimated_error(IMPULSE, changes)[0] / IMPULSE.safety
+
+    assert told(Changes(half, 0.0, front=front)) == pytest.approx(0.01)
+    assert told(Changes(0.0, quarter, front=front)) == pytest.approx(0.0025)
+    assert told(Changes(0.0, 0.0, steps=0.01, front=front)) == pytest.approx(0.02 / 2.0**p)
+    assert told(Changes(half, front=front)) == pytest.approx(0.0125)  # without a third run: the same again
+    assert told(Changes(half, quarter, steps=0.01, front=front)) == pytest.approx(0.0125 + 0.02 / 2.0**p)
+
+
+def test_an_error_of_the_courant_number_alone_is_met() -> None:
+    """Nothing changes along the diagonal; four times the steps change 8 %: bound, not promised below it."""
+    error, bound_only = estimated_error(PEAK_FORCE_RAW, Changes(half=0.0, quarter=0.0, steps=0.08))
+    assert bound_only
+    assert error >= 0.08
+
+
+def test_a_floor_decides_where_the_runs_agree() -> None:
+    """The overshoot of a front is the same in all runs of the cross."""
+    error, bound_only = estimated_error(PEAK_FORCE, Changes(half=1e-4, quarter=2e-4, steps=1e-4, floor=0.12))
+    assert error == 0.12
+    assert bound_only
+
+
 def test_an_irregular_sequence_gives_a_bound_and_says_so() -> None:
-    """Two resolutions that agree by chance: what the time step alone changes counts."""
+    """Two resolutions that agree by chance: the change before and what the time step alone changes count."""
     error, bound_only = estimated_error(IMPULSE, Changes(half=1e-5, quarter=0.02, steps=0.01))
     assert bound_only
     assert error >= 0.01

@@ -12,6 +12,7 @@ import pytest
 from latin_fmu.accuracy.adaptive_resolution import Choice, choose
 from latin_fmu.accuracy.reference import Reference, declared
 from latin_fmu.accuracy.runs import measure_solution
+from latin_fmu.scene.settings import GeneralizedAlpha
 
 from .known_answers import shipped
 
@@ -33,9 +34,10 @@ def chosen(model: str, quantity: str, target: float, limit: float = 120.0) -> tu
     scene = shipped(model)
     reference = declared(scene)
     assert reference is not None
+    time = scene.time.model_copy(update={"scheme": GeneralizedAlpha()})
     accuracy = scene.accuracy.model_copy(update={"quantity": quantity})
     lean = scene.output.model_copy(update={"fields": False, "stress": False, "energy": False})
-    scene = scene.model_copy(update={"accuracy": accuracy, "output": lean})
+    scene = scene.model_copy(update={"accuracy": accuracy, "output": lean, "time": time})
     choice = choose(scene, target, limit, lambda _: None)
     assert choice.solution is not None
     true = measure_solution(scene, choice.solution).error(quantity, reference.quantities)
