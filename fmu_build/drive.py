@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import zipfile
 from bisect import bisect_right
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -17,6 +18,54 @@ from latin_fmu.cosim.settings import StepReport, refused
 from latin_fmu.errors import InputError, Problem
 
 Columns = Mapping[str, Sequence[float]]
+_MOST_BYTES, _MOST_XML = 4_000_000_000, 200_000_000  # unpacked
+
+
+def described(path: str | Path) -> Any:
+    """Model description of an FMU whose archive can be unpacked safely.
+
+    Raises InputError where there is no such file, it is no FMU, or its archive has members that are missing, there
+    twice, too large, damaged, or named as if they lay outside of the folder they are unpacked to.
+    """
+    if not Path(path).is_file():
+        raise InputError([Problem(str(path), "no such file")], "the FMU cannot be opened")
+    try:
+        with zipfile.ZipFile(path) as archive:
+            problem = _archive_problem(archive.infolist())
+            if not problem:
+                if (damaged := archive.testzip()) is not None:
+                    raise zipfile.BadZipFile(f"the member {damaged[:80]!r} is damaged")
+                return fmpy.read_model_description(str(path))
+    except Exception as error:  # zipfile and fmpy raise many kinds and bare exceptions
+        problem = f"not a valid FMU: {' '.join(str(error).split())[:300] or type(error).__name__}"
+    raise InputError([Problem(str(path), problem)], "the FMU cannot be opened")
+
+
+def _archive_problem(members: Sequence[zipfile.ZipInfo]) -> str:
+    """What is wrong with the members of an archive before any is unpacked, empty where nothing is."""
+    names = [member.filename for member in members]
+    if "modelDescription.xml" not in names:
+        return "not a valid FMU: it has no modelDescription.xml"
+    if len(set(names)) < len(names):
+        return "not a valid FMU: several members have the same name"
+    for name in names:
+        parts = name.replace("\\", "/").split("/")
+        if ".." in parts or not name or name.startswith("/") or "\\" in name or ":" in name or max(map(len, parts)) > 200:
+            return f"not a valid FMU: a member is named {name[:80]!r}, outside of the folder it is unpacked to"
+    sizes = {member.filename: member.file_size for member in members}
+    if sum(sizes.values()) > _MOST_BYTES or sizes["modelDescription.xml"] > _MOST_XML:
+        return f"not a valid FMU: unpacked it has {sum(sizes.values())} bytes"
+    return ""
+
+
+def _experiment(description: Any) -> tuple[float, float, float]:
+    """End and step of the default experiment, s, and its tolerance; numbers that suit many models where it has none."""
+    experiment = description.defaultExperiment
+    stop, step, tolerance = (
+        float(getattr(experiment, name, None) or 0.0) for name in ("stopTime", "stepSize", "tolerance")
+    )
+    stop = stop or 1.0
+    return stop, step or stop / 50, tolerance or 1e-6
 
 
 class Drive:
@@ -33,12 +82,7 @@ class Drive:
 
     def __init__(self, path: str | Path, start: Mapping[str, Any] | None = None, inputs: Columns | None = None) -> None:
         self._folder = ""
-        if not Path(path).is_file():
-            raise InputError([Problem(str(path), "no such file")], "the FMU cannot be opened")
-        try:
-            self.description = fmpy.read_model_description(str(path))
-        except Exception as error:  # fmpy raises bare exceptions
-            raise InputError([Problem(str(path), f"not a valid FMU: {error}")], "the FMU cannot be opened") from None
+        self.description = described(path)
         if self.description.coSimulation is None:
             raise InputError([Problem(str(path), "not an FMU for co-simulation")], "the FMU cannot be opened")
         self._by_name = {v.name: v for v in self.description.modelVariables}
@@ -46,13 +90,17 @@ class Drive:
         self._time = list(self._inputs.pop("time", []))
         self._check([*(start or {}), *self._inputs])
         self.outputs = [v.name for v in self.description.modelVariables if v.causality == "output" and not v.dimensions]
-        experiment = self.description.defaultExperiment
-        self.stop_time = float(getattr(experiment, "stopTime", None) or 1.0)
-        self.step_size = float(getattr(experiment, "stepSize", None) or self.stop_time / 50)
+        self.stop_time, self.step_size, _ = _experiment(self.description)
         self.complaint, self._message = "", ""
         self.three = self.description.fmiVersion.startswith("3")
-        self._folder = fmpy.extract(str(path))
-        self._fmu = self._instance()
+        self._message = ""
+        try:
+            self._folder = str(fmpy.extract(str(path)))
+            self._fmu = self._instance()
+        except Exception as error:  # fmpy raises bare exceptions
+            shutil.rmtree(self._folder, ignore_errors=True)
+            self._folder = ""
+            raise InputError([Problem(str(path), self._message or str(error))], "the FMU cannot be opened") from None
         for name, value in (start or {}).items():
             self.set(name, value)
 
@@ -91,7 +139,11 @@ class Drive:
         reference = [variable.valueReference]
         kind = variable.type
         convert = int if kind in ("Integer", "Int32", "UInt64") else str if kind == "String" else float
-        getattr(self._fmu, f"set{kind}")(reference, [convert(value)])
+        try:
+            number = convert(value)
+        except (ValueError, OverflowError):
+            raise InputError([Problem(name, "not a number", str(value)[:80], f"a value of type {kind}")]) from None
+        getattr(self._fmu, f"set{kind}")(reference, [number])
 
     def read(self, names: Sequence[str]) -> list[float]:
         """Values of real variables, read at once."""
@@ -181,16 +233,14 @@ class Integration:
 
     def __init__(self, path: str | Path, start: Mapping[str, Any] | None = None, inputs: Columns | None = None) -> None:
         self._path, self._start, self._inputs = str(path), dict(start or {}), dict(inputs or {})
-        description = fmpy.read_model_description(self._path)
+        description = described(self._path)
         known = {v.name for v in description.modelVariables}
         unknown = [n for n in (*self._start, *self._inputs) if n not in known and n != "time"]
         if unknown:
             raise InputError([Problem(n, "no variable of this name") for n in unknown], "the FMU cannot be integrated")
-        self._rest = {v.name: float(v.start) for v in description.modelVariables if v.causality == "input"}
+        self._rest = {v.name: float(v.start or 0.0) for v in description.modelVariables if v.causality == "input"}
         self.outputs = [v.name for v in description.modelVariables if v.causality == "output"]
-        self.stop_time = float(description.defaultExperiment.stopTime)
-        self.step_size = float(description.defaultExperiment.stepSize)
-        self._tolerance = float(description.defaultExperiment.tolerance)
+        self.stop_time, self.step_size, self._tolerance = _experiment(description)
         self.complaint = ""
 
     def run(self, step: float, stop: float) -> Iterator[list[float]]:
@@ -242,11 +292,8 @@ def opened(
 
     Raises InputError where it is neither, or lacks one of the variables.
     """
-    try:
-        description = fmpy.read_model_description(str(path))
-        exchange = description.modelExchange is not None and description.coSimulation is None
-    except Exception:  # reported by Drive
-        exchange = False
+    description = described(path)
+    exchange = description.modelExchange is not None and description.coSimulation is None
     return Integration(path, start, inputs) if exchange else Drive(path, start, inputs)
 
 

@@ -289,7 +289,7 @@ def _check_tags(path: Path) -> None:
 def _lowest_tag(count: int, rest: bytes) -> int:
     """Lowest node tag of the lines "number type n_tag tags nodes" of .msh 2; 1 where it is higher."""
     rows = [line.split() for line in rest.split(b"\n", count)[:count]]
-    return min(1, *(int(tag) for row in rows for tag in row[3 + int(row[2]) :]))
+    return min([1, *(int(tag) for row in rows for tag in row[3 + int(row[2]) :])])
 
 
 def _lowest_binary_tag(count: int, rest: bytes) -> int:

@@ -292,12 +292,14 @@ def tables(data: dict[str, Any], rng: Rng) -> dict[str, Any]:
     return data
 
 
-def _members(content: bytes) -> dict[str, bytes]:
+def members(content: bytes) -> dict[str, bytes]:
+    """Members of an archive by name."""
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         return {name: archive.read(name) for name in archive.namelist()}
 
 
-def _packed(members: Sequence[tuple[str, bytes]], compression: int = zipfile.ZIP_DEFLATED) -> bytes:
+def packed(members: Sequence[tuple[str, bytes]], compression: int = zipfile.ZIP_DEFLATED) -> bytes:
+    """An archive of members, whose names may repeat."""
     target = io.BytesIO()
     with warnings.catch_warnings(), zipfile.ZipFile(target, "w", compression) as archive:
         warnings.simplefilter("ignore")  # duplicate names are the point
@@ -333,6 +335,11 @@ NAMES = (
 BOMB = bytes(200_000_000)
 
 
+def member(name: str, content: bytes, rng: Rng) -> bytes:
+    """A member of an archive: text by its suffix, bytes otherwise."""
+    return (text if name.endswith((".xml", ".json", ".toml", ".txt", ".py", ".html")) else binary)(content, rng)
+
+
 def archive(part: Callable[[str, bytes, Rng], bytes]) -> Change:
     """Changes of a zip archive: members missing, doubled, renamed, changed by ``part``, huge; bytes of the archive."""
 
@@ -342,19 +349,19 @@ def archive(part: Callable[[str, bytes, Rng], bytes]) -> Change:
             return binary(content, rng)
         if kind == 1:
             return _headers(content, rng)
-        members = list(_members(content).items())
-        where = 0 if rng.random() < 0.4 else int(rng.integers(len(members)))
-        name, inside = members[where]
+        inner = list(members(content).items())
+        where = 0 if rng.random() < 0.4 else int(rng.integers(len(inner)))
+        name, inside = inner[where]
         if kind == 2:
-            del members[where]
+            del inner[where]
         elif kind == 3:
-            members.append((name, part(name, inside, rng)))
+            inner.append((name, part(name, inside, rng)))
         elif kind == 4:
-            members[where] = (_pick(rng, NAMES) if rng.random() < 0.7 else name.upper(), inside)
+            inner[where] = (_pick(rng, NAMES) if rng.random() < 0.7 else name.upper(), inside)
         elif kind == 5 and rng.random() < 0.05:  # a second to compress
-            members[where] = (name, BOMB)
+            inner[where] = (name, BOMB)
         else:
-            members[where] = (name, part(name, inside, rng))
-        return _packed(members, zipfile.ZIP_DEFLATED if rng.random() < 0.7 else zipfile.ZIP_STORED)
+            inner[where] = (name, part(name, inside, rng))
+        return packed(inner, zipfile.ZIP_DEFLATED if rng.random() < 0.7 else zipfile.ZIP_STORED)
 
     return change

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+import shutil
 import tomllib
 from collections.abc import Callable, Mapping
 from contextlib import redirect_stderr, redirect_stdout, suppress
@@ -13,11 +14,14 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+import fmpy
 import meshio
 import numpy as np
 import pytest
 
 import latin_fmu
+from fmu_build.build import build_fmu
+from fmu_build.drive import described
 from latin_fmu.commands.fmu import read_columns
 from latin_fmu.cosim import Session
 from latin_fmu.errors import LatinError
@@ -185,6 +189,30 @@ def tree(rng: Rng, folder: Path) -> None:
     decode(changes.binary(encode(values, "kind"), rng), "kind")
 
 
+def fmus() -> Mapping[str, bytes]:
+    """FMUs for FMI 2 and 3 without binaries, and with the small files only: what is read before an instance is made."""
+    result = {}
+    with TemporaryDirectory() as folder:
+        for fmi in "23":
+            path = build_fmu(blocks(), Path(folder) / f"blocks{fmi}.fmu", fmi)
+            members = changes.members(path.read_bytes())
+            small = {name: content for name, content in members.items() if len(content) < 30_000}
+            names = ["modelDescription.xml", *sorted(small)[:6], *(n for n in small if n.endswith((".json", ".toml")))]
+            kept_members = [(name, members[name]) for name in dict.fromkeys(names)]
+            result[path.name] = changes.packed(kept_members)
+    return result
+
+
+def read_fmu(path: Path) -> None:
+    """Description and extraction, up to the library that would be loaded."""
+    description = described(path)
+    assert description.modelVariables
+    before, target = set(path.parent.iterdir()), path.parent / "unpacked"
+    fmpy.extract(str(path), target)
+    assert set(path.parent.iterdir()) == before | {target}
+    shutil.rmtree(target)
+
+
 FORMATS: dict[str, Attempt] = {
     "msh": Files(partial(written_meshes, "msh"), changes.either, read_mesh),
     "vtk": Files(partial(written_meshes, "vtk"), changes.either, read_mesh),
@@ -198,6 +226,7 @@ FORMATS: dict[str, Attempt] = {
     "exodus": Files(exodus_file, changes.binary, read_mesh),
     "csv": Files(lambda: {"law.csv": LAW, "columns.csv": COLUMNS}, changes.text, read_law),
     "toml": Files(scene_texts, changes.text, read_scene),
+    "fmu": Files(fmus, changes.archive(changes.member), read_fmu),
     "tables": scene_tables,
     "state": session_state,
     "tree": tree,

@@ -17,7 +17,7 @@ from latin_fmu.compiled import PLAIN
 pytestmark = pytest.mark.skipif(PLAIN, reason="the kernels of a run are plain Python: too slow")
 
 ROOT = Path(__file__).parents[2]
-NAMES = ("msh", "vtk", "vtu", "inp", "bdf", "exodus", "csv", "toml", "tables", "state", "tree")
+NAMES = ("msh", "vtk", "vtu", "inp", "bdf", "exodus", "csv", "toml", "fmu", "tables", "state", "tree")
 SECONDS = 5  # of processor time for one input
 QUICK, SLOW = 250, 20_000  # inputs of each format; in all
 

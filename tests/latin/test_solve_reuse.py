@@ -130,6 +130,17 @@ def test_what_counts_as_unchanged(made: Any, begun: Any) -> None:
     assert linear(run, q, 1)[1] == 3 * n
 
 
+def test_a_change_at_the_last_member_of_a_class_counts(made: Any, begun: Any) -> None:
+    """The class of the second and fourth block; one channel of the fourth changes."""
+    run, n = begun(made(stack(5, window=WINDOW, start="zero", skip_at_rest="off"))), WINDOW
+    c = next(i for i, p in enumerate(run.image.propagators) if len(p.names) == 2)
+    open_window(run, n, 0.0)
+    q = np.ones((n, run.image.n_flat))
+    assert linear(run, q, 0)[1] == 5 * n
+    q[:, run.assembly.channels[c].ravel()[-1]] += 1.0
+    assert linear(run, q, 1)[1] >= 2 * n
+
+
 @pytest.mark.parametrize(("change", "asked"), [(0.9, 0), (1.1, 1)])
 def test_one_instant_counts_by_its_own(made: Any, begun: Any, change: float, asked: int) -> None:
     run = march(made, begun)
