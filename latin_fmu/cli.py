@@ -10,6 +10,7 @@ import errno
 import io
 import os
 import sys
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from importlib import import_module
@@ -69,7 +70,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     for variable, value in _ENVIRONMENT.items():
         os.environ.setdefault(variable, value)
     signals = Signals()
-    with _streams(), signals.handled():
+    with _streams(), signals.handled(), warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # absurd numbers overflow: the outcome tells, as error or status
         try:
             return _run(sys.argv[1:] if argv is None else list(argv), signals)
         except LatinError as error:

@@ -21,6 +21,7 @@ from .solver_settings import STATIC_TOLERANCE
 CENTRAL = "central_difference"
 _EXPLICIT, _REDUCED, _REDUCIBLE = "explicit", "reduced", ("hht", "newmark")
 _DAMPING = ("rayleigh_mass", "rayleigh_stiffness")
+_SHORTEST, _LONGEST = 1e-60, 1e60  # s; squares of steps, and what they divide, are numbers
 _STEP_ROUND_OFF = 1e-6
 
 
@@ -178,14 +179,15 @@ def _time_problems(time: RawTable) -> Iterator[Problem]:
         return
     yield from _exactly_one(time, "time", "step", "instants")
     end, step, instants = number(time, "end"), number(time, "step"), number(time, "instants")
-    if end is not None and instants is not None and instants > 0.0 and end > 0.0 and end / instants == 0.0:
-        yield Problem("time.end", "too short to be cut into steps", shown(end))
+    if end is not None and instants is not None and end > 0.0 and instants > 0.0:
+        yield from _length_problems("time.end", end, end / instants)
     if given(time, "instants") or end is None or step is None or end <= 0.0 or step <= 0.0:
         return
     ratio = end / step
     if not ratio <= MAX_INSTANTS:
         yield Problem("time.step", f"more than {MAX_INSTANTS} steps", shown(step), None, "a longer step")
         return
+    yield from _length_problems("time.step", step, step)
     n_step = max(1, round(ratio))
     if abs(ratio - n_step) > _STEP_ROUND_OFF:
         yield Problem(
@@ -195,6 +197,12 @@ def _time_problems(time: RawTable) -> Iterator[Problem]:
             f"a multiple of step = {step:.12g}",
             f"nearest: end = {n_step * step:.12g}, or instants = {n_step} instead of step",
         )
+
+
+def _length_problems(where: str, value: float, step: float) -> Iterator[Problem]:
+    if not _SHORTEST <= step <= _LONGEST:
+        allowed = f"steps of {_SHORTEST:g} to {_LONGEST:g} s"
+        yield Problem(where, "a step of a length that cannot be computed with", shown(value), allowed)
 
 
 def with_defaults(raw: Any) -> Any:

@@ -169,7 +169,10 @@ CASES: list[tuple[str, Any, str, list[str]]] = [
     ("time.end", 1e-7, "time.end", ["nearest: end = 1e-05"]),
     ("time.step", 1e-300, "time.step", ["more than 10000000 steps"]),
     ("time", {"end": 1.0, "instants": 10**8}, "time.instants", ["out of range", "10000000"]),
-    ("time", {"end": 5e-324, "instants": 100}, "time.end", ["too short"]),
+    ("time", {"end": 5e-324, "instants": 100}, "time.end", ["cannot be computed with", "1e-60 to 1e+60 s"]),
+    ("time", {"end": 1e-200, "instants": 3}, "time.end", ["cannot be computed with"]),
+    ("time", {"end": 3e-200, "step": 1e-200}, "time.step", ["cannot be computed with"]),
+    ("time", {"end": 1e200, "instants": 3}, "time.end", ["cannot be computed with"]),
     ("time", 3, "time", ["must be a table"]),
 ]
 
