@@ -50,7 +50,14 @@ def _archive_problem(members: Sequence[zipfile.ZipInfo]) -> str:
         return "not a valid FMU: several members have the same name"
     for name in names:
         parts = name.replace("\\", "/").split("/")
-        if ".." in parts or not name or name.startswith("/") or "\\" in name or ":" in name or max(map(len, parts)) > 200:
+        if (
+            ".." in parts
+            or not name
+            or name.startswith("/")
+            or "\\" in name
+            or ":" in name
+            or max(map(len, parts)) > 200
+        ):
             return f"not a valid FMU: a member is named {name[:80]!r}, outside of the folder it is unpacked to"
     sizes = {member.filename: member.file_size for member in members}
     if sum(sizes.values()) > _MOST_BYTES or sizes["modelDescription.xml"] > _MOST_XML:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable, Mapping
-from contextlib import nullcontext
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from typing import Final, Protocol
 
@@ -16,6 +16,7 @@ from .assembly.limit_load import loss_of_equilibrium
 from .assembly.problem import SolverReadyProblem
 from .effects.cost import Prediction
 from .effects.memory import check_memory, memory_line
+from .errors import SolverError
 from .interface import Behaviour
 from .latin.assembly import Array, Assembly, InterfaceUnit
 from .latin.record import InterfaceHistory, Outcome, Timings
@@ -85,6 +86,22 @@ class ProgressSink(Protocol):
         """``done`` of ``total`` windows finished, now at ``iteration`` with indicator ``error``."""
 
 
+@contextmanager
+def computable() -> Iterator[None]:
+    """Context, or decorator: arithmetic that fails inside is a SolverError.
+
+    Products of absurd numbers overflow or vanish in ways that no check of a single number foresees.
+    """
+    try:
+        yield
+    except (ArithmeticError, np.linalg.LinAlgError) as error:
+        raise SolverError(
+            f"numbers of the scene are too large, too small or too far apart to compute with ({error.args[-1]}); "
+            "check the units of materials, sizes, times and loads"
+        ) from error
+
+
+@computable()
 def solve(
     scene: Scene,
     observer: Observer | None = None,
@@ -106,7 +123,8 @@ def solve(
     Raises
     ------
     SceneError : the scene cannot be built. A run that does not converge is no error: see ``Solution.converged``.
-    SolverError : the checkpoint is damaged, or of another scene, version or machine.
+    SolverError : numbers that cannot be computed with; a checkpoint that is damaged, or of another scene, version or
+        machine.
     """
     wall = clock.perf_counter()
     timings = Timings()
@@ -205,6 +223,7 @@ def run(
     return outcome
 
 
+@computable()
 def check(scene: Scene) -> list[str]:
     """Build a scene without solving it; lines with its sizes and warnings.
 

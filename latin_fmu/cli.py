@@ -71,7 +71,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.environ.setdefault(variable, value)
     signals = Signals()
     with _streams(), signals.handled(), warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # absurd numbers overflow: the outcome tells, as error or status
+        warnings.simplefilter("ignore", RuntimeWarning)  # absurd numbers overflow, which ends in an error or a status
         try:
             return _run(sys.argv[1:] if argv is None else list(argv), signals)
         except LatinError as error:

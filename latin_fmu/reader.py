@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from .mesh_files.content import MeshContent
 
 MAX_SCENE_BYTES = 100_000_000
+MOST_LEVELS = 30  # of tables in tables
 
 
 def load_scene(path: str | Path, overrides: Sequence[str] = ()) -> Scene:
@@ -43,10 +44,21 @@ def scene_from_dict(data: Any, base_dir: str | Path | None = None) -> Scene:
     """
     if not isinstance(data, dict):
         raise SceneError([Problem("scene", "a scene must be a table", type(data).__name__)], "the scene cannot be used")
+    if _deeper_than(MOST_LEVELS, data):
+        raise SceneError([Problem("scene", "nested too deeply")], "the scene cannot be used")
     try:
         return Scene.model_validate(data, context={"base_dir": Path(base_dir or ""), "with_parts": with_parts})
     except RecursionError:
         raise SceneError([Problem("scene", "nested too deeply")], "the scene cannot be used") from None
+
+
+def _deeper_than(most: int, data: Any) -> bool:
+    """Whether tables and lists are nested over more levels; deep nesting ends in the interpreter's own messages."""
+    level = {id(data): data}
+    for _ in range(most):
+        inner = (v for item in level.values() for v in (item.values() if isinstance(item, Mapping) else item))
+        level = {id(v): v for v in inner if isinstance(v, Mapping | list | tuple)}
+    return bool(level)
 
 
 def _parsed(file: Path) -> dict[str, Any]:

@@ -245,3 +245,20 @@ def test_a_run_that_stops_early_is_written_and_can_be_plotted(tmp_path, capsys, 
     assert "stopped there, results end at t =" in capsys.readouterr().out
     assert main(["plot", str(out), "-o", str(tmp_path / "out.png")]) == 0
     assert (tmp_path / "out.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("setting", "code"),
+    [
+        ("load.push.pressure=1e307", 3),
+        ("substructure.left.initial_velocity=[0.0, 0.0, 1e305]", 1),
+        ("time.end=1e-200", 2),
+    ],
+)
+def test_absurd_numbers_end_in_a_sentence(scene: str, setting: str, code: int) -> None:
+    """No traceback and no warning of a library: what overflows is refused, or a run that does not converge."""
+    command = [sys.executable, "-m", "latin_fmu", "run", scene, "--quiet", "--set", setting, "--set", "time.instants=2"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == code, done.stderr
+    assert "Traceback" not in done.stderr
+    assert "Warning" not in done.stderr

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import sys
 from collections.abc import Sequence
 from typing import Any, Final
@@ -25,6 +26,7 @@ import numpy as np
 
 from ..errors import InputError, Problem, SolverError
 
+_DTYPE: Final = re.compile(r"[<>|][biufcSU]\d{1,4}")
 _MAGIC = b"LATIN-STATE-1\n"
 _SEAL: Final = b"LATIN-FMU SEAL"
 _FORMAT: Final = b"\x00\x01"
@@ -151,6 +153,8 @@ def _rebuilt(tree: Any, state: bytes, start: int) -> Any:
     collect(tree)
     arrays, at = [], start
     for dtype, shape in specs:
+        if not _DTYPE.fullmatch(dtype):
+            raise ValueError(f"no type of numbers: {dtype[:20]!r}")
         count = int(np.prod(shape, dtype=np.int64))
         arrays.append(np.frombuffer(state, dtype=dtype, count=count, offset=at).reshape(shape).copy())
         at += arrays[-1].nbytes

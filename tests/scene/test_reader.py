@@ -32,7 +32,7 @@ from latin_fmu.scene.substructures import Box, Material, Substructure
         (b"name = 'a'\n[time]\nend = 1\n[time]\n", "line 4"),
         (b"a = " + b"9" * 5000, "too many digits"),
         (b"a = " + b"[" * 100_000, "nested too deeply"),
-        (b"a." * 5000 + b"b = 1", "unknown key"),
+        (b"a." * 5000 + b"b = 1", "nested too deeply"),
         (b"name = 1979-05-27", "must be text"),
         (b"[[material]]\nname = 1", "must be a table"),
         (b"[time]\nend = 07:32:00", "must be a number"),
@@ -191,3 +191,16 @@ def test_a_scene_is_a_scene_again(small: dict[str, Any]) -> None:
     again = Scene.model_validate(scene)
     assert again == scene
     assert again.base_dir == Path("models")
+
+
+def test_deep_nesting_is_refused() -> None:
+    """Before any library walks through it; what contains itself is deep, too."""
+    deep: dict[str, Any] = {}
+    inner = deep
+    for _ in range(5000):
+        inner["a"] = inner = {}
+    endless: dict[str, Any] = {"name": "x"}
+    endless["substructure"] = [endless, endless]
+    for data in (deep, endless):
+        with pytest.raises(SceneError, match="nested too deeply"):
+            scene_from_dict(data)

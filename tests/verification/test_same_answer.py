@@ -37,6 +37,15 @@ def test_the_answer_is_that_of_the_direct_march(way, direct):
     assert np.abs(energy["balance"]).max() <= balance * largest
 
 
+def test_windows_without_a_factor_are_those_of_the_direct_march():
+    """Several windows of several instants, with loads that change from instant to instant."""
+    settings = {"window": 5, "tolerance": 1e-9, "max_iterations": 300}
+    exact, traction = (
+        solve(stack(2, "contact", 0.3, propagator=p, **settings)).interfaces["i1"].traction for p in ("direct", "cg")
+    )
+    assert np.abs(traction - exact).max() <= 1e-6 * np.abs(exact).max()
+
+
 def test_float32_is_felt():
     """The option does something: results differ in more than the last bits."""
     exact, traction = (
