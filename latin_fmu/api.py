@@ -14,6 +14,7 @@ from .assembly.build import discretise, solver_ready
 from .assembly.checks import body_lines, size_remarks
 from .assembly.limit_load import loss_of_equilibrium
 from .assembly.problem import SolverReadyProblem
+from .assembly.run_checks import balance_words, resultants, run_remarks
 from .effects.cost import Prediction
 from .effects.memory import check_memory, memory_line
 from .errors import SolverError
@@ -190,14 +191,15 @@ def run(
     converged, sentence = march.status()
     names = [u.name for u in assembly.interfaces]
     indicator, histories = march.interface_indicator, recorder.interfaces(assembly)
+    balance, time = resultants(problem, march.f_hat), assembly.time[: recorder.n_kept]
     outcome = Outcome(
-        time=assembly.time[: recorder.n_kept],
+        time=time,
         interfaces=histories,
         substructures=recorder.substructures(),
         windows=march.windows,
         interface_indicator={} if indicator is None else dict(zip(names, map(float, indicator), strict=True)),
         converged=converged,
-        status=sentence,
+        status=sentence + (balance_words(balance) if converged else ""),
         passes=(march.marched + march.condensed) / (assembly.n_substructure * assembly.n_instant),
         marched=march.marched / (assembly.n_substructure * assembly.n_instant),
         energy=recorder.assembly_energy(assembly),
@@ -206,6 +208,7 @@ def run(
             *problem.warnings,
             *([] if every == 1 else [_THINNED.format(every)]),
             *drift_remarks(assembly, histories),
+            *run_remarks(problem, histories, time, balance),
             *accuracy_remarks(assembly.propagators),
         ),
         settings=march.choices() | ({} if problem.start is None else {"start": problem.start.message}),
@@ -213,6 +216,7 @@ def run(
         reactions=recorder.reactions(assembly),
         interfaces_every=every,
         complete=assembly.instant == assembly.n_instant,
+        resultants=balance,
     )
     # the march is timed with the wall clock, which costs nothing to read, and has its share of the CPU time
     cpu = clock.process_time() - begin

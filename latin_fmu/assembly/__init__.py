@@ -6,6 +6,7 @@ body, conditions, models   meshes, materials, supports, loads and rigid bodies o
 interfaces, face_pairs     points, normals, gaps and traces of the interfaces
 checks                     checks of the scene against its meshes
 statics                    static equilibrium before t = 0, bodies that nothing holds
+run_checks                 slip and rotation beyond the method, resultants of bodies in equilibrium
 limit_load                 where contact and friction cannot hold the loads, and what moves then
 inactive_substructures     arrival times of waves, classes cut accordingly
 merged_assembly            the assembly as one body, where interfaces are perfect

@@ -225,6 +225,22 @@ class Timings:
 
 
 @dataclass(frozen=True)
+class Resultants:
+    """Forces and moments (6,) on a body in equilibrium, N and N m, about its centre: of its loads (with the initial
+    stresses that balance a preload), interfaces and supports, and what is left on directions that are free."""
+
+    loads: Array
+    interfaces: Array
+    reactions: Array
+    unbalanced: Array
+
+    @property
+    def parts(self) -> Array:
+        """Those of loads, interfaces and supports, (3, 6)."""
+        return np.stack([self.loads, self.interfaces, self.reactions])
+
+
+@dataclass(frozen=True)
 class Outcome:
     """Results of a whole run.
 
@@ -237,6 +253,7 @@ class Outcome:
     ``joint_dissipation`` where there are elastic layers and viscous joints,
     and ``balance``; None unless requested. ``warnings`` lists remarks on the scene and the run.
     ``interfaces_every`` : the fields of the interfaces are kept at every so many instants.
+    ``resultants`` : of every elastic body at the end of a run without inertia, by substructure.
     ``complete`` : whether the run reached the end of its interval; it does not where it stopped or was interrupted.
     """
 
@@ -257,6 +274,7 @@ class Outcome:
     interfaces_every: int = 1
     complete: bool = True
     reactions: dict[str, ReactionHistory] = field(default_factory=dict)
+    resultants: dict[str, Resultants] = field(default_factory=dict)
 
     @property
     def interface_time(self) -> Array:

@@ -23,6 +23,8 @@
                            iterations, newton_steps, converged, first_instant, last_instant, end_time (window);
                            passes
     /energy                terms of the assembly (time), where requested
+    /resultants            forces and moments of the loads, interfaces and supports of every body at the end, and what
+                           is not in balance (substructure, component), without inertia
     /accuracy              estimated relative error, observed and expected order (quantity), where estimated
 
 Every group has its own ``time``: the fields of a substructure may be stored at fewer instants than the run
@@ -43,10 +45,21 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from ..fem.stress import Recovery, principal
-from ..latin.record import Array, InterfaceHistory, Outcome, SubstructureHistory, WindowRecord
+from ..latin.record import Array, InterfaceHistory, Outcome, Resultants, SubstructureHistory, WindowRecord
 from ..latin.state_serialization import package_version
 from ..scene.sensors import Sensor
-from .groups import CONVENTIONS, CONVERGENCE, ENERGY, INTERFACE, SCHEMA_VERSION, SUBSTRUCTURE, Columns, Group, annotated
+from .groups import (
+    CONVENTIONS,
+    CONVERGENCE,
+    ENERGY,
+    INTERFACE,
+    RESULTANTS,
+    SCHEMA_VERSION,
+    SUBSTRUCTURE,
+    Columns,
+    Group,
+    annotated,
+)
 from .quantities_of_interest import InterfaceFields
 from .sensors import reaction_groups, sensor_groups
 
@@ -166,6 +179,8 @@ def result_groups(
     )
     if outcome.energy is not None:
         groups["/energy"] = energy_group(outcome.energy, outcome.time)
+    if outcome.resultants:
+        groups["/resultants"] = resultant_group(outcome.resultants)
     return groups
 
 
@@ -323,6 +338,17 @@ def convergence_group(windows: Sequence[WindowRecord], time: Array, passes: floa
         columns["fallbacks"] = ("window", np.array(["; ".join(w.fallbacks) for w in windows], dtype=object))
     counts = {"window": np.arange(1, len(windows) + 1), "iteration": np.arange(1, width + 1)}
     return annotated(Group.of(columns, counts), CONVERGENCE)
+
+
+def resultant_group(resultants: Mapping[str, Resultants]) -> Group:
+    """Group ``resultants``: forces and moments (substructure, component)."""
+    parts = {"load": "loads", "interface": "interfaces", "reaction": "reactions", "unbalanced": "unbalanced"}
+    columns: Columns = {}
+    for name, part in parts.items():
+        both = np.stack([getattr(r, part) for r in resultants.values()])
+        columns[f"{name}_force"] = (("substructure", "component"), both[:, :3])
+        columns[f"{name}_moment"] = (("substructure", "component"), both[:, 3:])
+    return annotated(Group.of(columns, {"substructure": list(resultants), "component": AXES}), RESULTANTS)
 
 
 def _has_fields(history: SubstructureHistory) -> bool:

@@ -235,6 +235,18 @@ ENERGY: Final[Mapping[str, Meaning]] = {
     "balance": Meaning("J", "what the energy balance leaves over"),
 }
 
+RESULTANTS: Final[Mapping[str, Meaning]] = {
+    "load_force": Meaning("N", "sum of the loads at the end, with what balances a preload"),
+    "interface_force": Meaning("N", "sum of the interface forces at the end"),
+    "reaction_force": Meaning("N", "sum of the forces of the supports at the end"),
+    "unbalanced_force": Meaning("N", "sum of the forces that are not in balance at the end"),
+    "load_moment": Meaning("N m", "moment of the loads about the centre of the body"),
+    "interface_moment": Meaning("N m", "moment of the interface forces about the centre of the body"),
+    "reaction_moment": Meaning("N m", "moment of the forces of the supports about the centre of the body"),
+    "unbalanced_moment": Meaning("N m", "moment of what is not in balance about the centre of the body"),
+    "substructure": Meaning(None, "substructure"),
+}
+
 CONVERGENCE: Final[Mapping[str, Meaning]] = {
     "error_indicator": Meaning("1", "error indicator sqrt(eta) after each iteration"),
     "force_mismatch": Meaning("1", "relative mismatch of the forces of both sides after each iteration"),

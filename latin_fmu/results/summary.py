@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
 
-from ..latin.record import InterfaceHistory, Outcome, Timings
+from ..latin.record import InterfaceHistory, Outcome, Resultants, Timings
 from .quantities_of_interest import InterfaceFields, first_contact_time, largest_slip_share, separation_time
 
 _PREFIXES: Final = {-15: "f", -12: "p", -9: "n", -6: "u", -3: "m", 0: "", 3: "k", 6: "M", 9: "G", 12: "T"}
@@ -65,11 +65,12 @@ def report(outcome: Outcome) -> dict[str, Any]:
 
     Keys: ``status``, ``converged``, ``iterations`` and ``newton_steps`` (one count per window), ``passes``,
     ``error_indicator`` (the amplitude sqrt(eta), largest over windows), ``cpu_seconds`` by part, ``peak_memory_bytes``,
-    ``penetration`` (m), ``warnings``, and ``interfaces``: per name ``impulse`` (vector, N s), ``peak_force``
-    (N, largest mean of the normal resultant over ``peak_duration``, s), ``peak_force_raw`` (N, its largest value, which
-    has no limit where bodies land), ``first_contact_time`` and ``separation_time`` (s; first and last instant at
-    which the normal resultant exceeds 1 % of its peak, None if never) and ``error_indicator``. A solution with an
-    error estimate adds ``error_estimate``, see ``results.estimates``.
+    ``penetration`` (m), ``resultants`` (of bodies in equilibrium, by part: force and moment, N and N m),
+    ``warnings``, and ``interfaces``: per name ``impulse`` (vector, N s), ``peak_force`` (N, largest mean of the normal
+    resultant over ``peak_duration``, s), ``peak_force_raw`` (N, its largest value, which has no limit where bodies
+    land), ``first_contact_time`` and ``separation_time`` (s; first and last instant at which the normal resultant
+    exceeds 1 % of its peak, None if never) and ``error_indicator``. A solution with an error estimate adds
+    ``error_estimate``, see ``results.estimates``.
     """
     return {
         "status": outcome.status,
@@ -81,6 +82,7 @@ def report(outcome: Outcome) -> dict[str, Any]:
         "cpu_seconds": cpu_seconds(outcome.timings),
         "peak_memory_bytes": int(outcome.timings.peak_memory),
         "penetration": finite(outcome.penetration()),
+        "resultants": {name: _resultants(r) for name, r in outcome.resultants.items()},
         "warnings": list(outcome.warnings),
         "interfaces": {name: _interface(outcome, history) for name, history in outcome.interfaces.items()},
     }
@@ -121,6 +123,8 @@ def summary(outcome: Outcome, scene_name: str) -> str:
     ]
     if outcome.energy is not None:
         rows.append(("energy", _energy(outcome)))
+    if outcome.resultants:
+        rows.append(("balance", _balance(outcome.resultants)))
     rows.append(("CPU", _cpu(outcome)))
     width = max(len(label) for label, _ in rows)
     lines = [f"{scene_name}: {outcome.status}"]
@@ -155,6 +159,21 @@ def _energy(outcome: Outcome) -> str:
         if key in energy and energy[key][-1] != 0.0:
             text += f"; {key.replace('_', ' ')} {readable(float(energy[key][-1]), 'J', 3)}"
     return text
+
+
+def _resultants(of: Resultants) -> dict[str, list[float | None]]:
+    """Forces and moments of a body, for JSON."""
+    names = "loads", "interfaces", "reactions", "unbalanced"
+    return {name: [finite(value) for value in getattr(of, name)] for name in names}
+
+
+def _balance(resultants: Mapping[str, Resultants]) -> str:
+    """The worst balance of forces of a body in equilibrium."""
+    largest = max(float(np.abs(r.parts[:, :3]).max()) for r in resultants.values())
+    off = {name: float(np.linalg.norm(r.unbalanced[:3])) for name, r in resultants.items()}
+    worst = max(off, key=lambda name: off[name])
+    share = f"{off[worst] / largest:.1e}" if largest > 0.0 else "0"
+    return f"forces on every body closed to {share} of the largest ({readable(largest, 'N')}), worst {worst}"
 
 
 def _cpu(outcome: Outcome) -> str:

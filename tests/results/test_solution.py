@@ -31,6 +31,7 @@ def test_report_has_its_keys(crushing: Solution) -> None:
         "cpu_seconds",
         "peak_memory_bytes",
         "penetration",
+        "resultants",
         "warnings",
         "interfaces",
     ]

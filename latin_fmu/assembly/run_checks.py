@@ -1,0 +1,151 @@
+"""Checks of a finished run: the limits of small strains and fixed pairs, and the resultants of every body in statics.
+
+The method is one of small perturbations: a point keeps the partner that it has at the start, strains are linear in the
+displacements, and a rotation enters by its tangent. Beyond a slip of an element, or a rotation of two degrees (whose
+cosine differs from 1 by 6e-4, as a strain would), the result has another meaning than its reader may think.
+
+In statics every body is in balance by its loads, its supports and its interfaces. From the displacements u of the run
+
+    g = K u - loads - T^T (area * tractions),
+
+the reactions are the g of held directions, and what is left on free ones is not in balance. The resultants are those of
+all nodes; moments are about the centre of the body.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import scipy.spatial as spatial
+
+from ..interface.behaviour import SEPARATION
+from ..latin.assembly import Array
+from ..latin.record import InterfaceHistory, Resultants
+from .problem import SolverReadyProblem
+
+LARGEST_ROTATION = 2.0  # degrees
+_UNBALANCED = 10.0  # tolerances on the unbalanced part of the largest resultant
+
+
+def run_remarks(
+    problem: SolverReadyProblem,
+    histories: Mapping[str, InterfaceHistory],
+    time: Array,
+    balance: Mapping[str, Resultants],
+) -> list[str]:
+    """Sentences on slip, rotations and resultants; ``time`` (n_time,) of the instants of the run, s."""
+    remarks = small_motion_remarks(problem, histories, time)
+    return [*remarks, *balance_remarks(balance, problem.settings.tolerance)]
+
+
+def small_motion_remarks(
+    problem: SolverReadyProblem, histories: Mapping[str, InterfaceHistory], time: Array
+) -> list[str]:
+    """Sentences on interfaces that slip by more than an element, and on bodies that turn by more than two degrees."""
+    remarks = []
+    for history in histories.values():
+        slip, edge = _slip_in_contact(history, time), _edge(history)
+        if slip > edge:
+            remarks.append(
+                f"interface {history.name}: its sides slip by {slip:.3g} m while in contact, over elements of "
+                f"{edge:.3g} m; points keep their partners, the pressure does not move along with the sliding face"
+            )
+    for name, degrees in _rotations(problem).items():
+        if degrees > LARGEST_ROTATION:
+            remarks.append(
+                f"substructure {name} has turned by {degrees:.3g} degrees at the end: strains and contact normals are "
+                f"those of small rotations, good to about {LARGEST_ROTATION:g} degrees"
+            )
+    return remarks
+
+
+def _slip_in_contact(history: InterfaceHistory, time: Array) -> float:
+    """Largest relative displacement along the face of a point in contact, m; 0 where the sides cannot open."""
+    status = history.contact_status
+    if status is None or len(time) < 2 or len(time) != len(history.velocity):
+        return 0.0
+    touching = status != SEPARATION
+    if not touching.any():
+        return 0.0
+    fastest = float(np.abs(history.velocity).max())
+    if 4.0 * fastest * float(time[-1] - time[0]) < _edge(history):  # most that velocities can sum up to
+        return 0.0
+    return float(history.slip(time)[touching].max())
+
+
+def _edge(history: InterfaceHistory) -> float:
+    """Length of an element of the face, m: the median distance of neighbouring points."""
+    if len(history.points) < 2:
+        return float(np.sqrt(history.areas.sum()))
+    distances = np.asarray(spatial.KDTree(history.points).query(history.points, k=2)[0])
+    return float(np.median(distances[:, 1]))
+
+
+def _rotations(problem: SolverReadyProblem) -> dict[str, float]:
+    """Rotation of every body as a whole in the present state, degrees: the closest one to its displacements."""
+    degrees = {}
+    for propagator in problem.assembly.propagators:
+        for j, name in enumerate(propagator.names):
+            u = propagator.full_displacement(j)
+            if u.any():
+                degrees[name] = float(np.degrees(np.linalg.norm(_spin(problem.info[name].nodes, u))))
+    return degrees
+
+
+def _spin(nodes: Array, u: Array) -> Array:
+    """Rotation vector (3,) of the linear motion closest to displacements (n, 3): J w = sum x x u."""
+    centred, moved = nodes - nodes.mean(axis=0), u - u.mean(axis=0)
+    inertia = (centred**2).sum() * np.eye(3) - centred.T @ centred
+    spin: Array = np.linalg.lstsq(inertia, np.cross(centred, moved).sum(axis=0), rcond=1e-12)[0]
+    return spin
+
+
+def resultants(problem: SolverReadyProblem, tractions: Array) -> dict[str, Resultants]:
+    """Resultants of every elastic body of a static problem in its present state; none with inertia.
+
+    tractions : (n_flat,) of the interfaces, Pa.
+    """
+    assembly, made = problem.assembly, dict[str, Resultants]()
+    if not assembly.quasi_static:
+        return made
+    for propagator, channels in zip(assembly.propagators, assembly.channels, strict=True):
+        for j, member in enumerate(propagator.members):
+            if member.nodal is not None:  # a rigid body has no stiffness of its own
+                continue
+            nodes = problem.info[member.name].nodes
+            amplitudes = problem.timeline.histories(member, assembly.time).amplitudes
+            loads = np.zeros(member.n_full)
+            for load, amplitude in zip(member.loads, amplitudes, strict=True):
+                if assembly.instant > 0:  # they come with the first increment
+                    loads += amplitude[assembly.instant] * load.pattern
+            faces = member.trace.T @ (member.channel_area * tractions[channels[:, j]])
+            rest = member.stiffness @ propagator.full_displacement(j).ravel() - loads - faces
+            free = np.diff(member.expansion.indptr) > 0
+            parts = loads, faces, np.where(free, 0.0, rest), np.where(free, rest, 0.0)
+            made[member.name] = Resultants(*(_wrench(nodes, part) for part in parts))
+    return made
+
+
+def _wrench(nodes: Array, forces: Array) -> Array:
+    """Force and moment (6,) of nodal forces (3 n_node,), N and N m."""
+    nodal = forces.reshape(-1, 3)
+    return np.concatenate([nodal.sum(axis=0), np.cross(nodes - nodes.mean(axis=0), nodal).sum(axis=0)])
+
+
+def balance_words(made: Mapping[str, Resultants]) -> str:
+    """How far the forces on every body are in balance, for the status of a run; empty where nothing is known."""
+    largest = max((float(np.abs(r.parts[:, :3]).max()) for r in made.values()), default=0.0)
+    off = max((float(np.linalg.norm(r.unbalanced[:3])) for r in made.values()), default=0.0)
+    return f"; forces on every body in balance to {off / largest:.1e} of the largest" if largest > 0.0 else ""
+
+
+def balance_remarks(made: Mapping[str, Resultants], tolerance: float) -> list[str]:
+    """A sentence on bodies whose forces are out of balance by more than ten tolerances of the largest force."""
+    largest = max((float(np.abs(r.parts[:, :3]).max()) for r in made.values()), default=0.0)
+    return [
+        f"substructure {name}: its forces are out of balance by {100 * off / largest:.2g} % of the largest force "
+        f"({off:.3g} N): lower solver.tolerance"
+        for name, r in made.items()
+        if (off := float(np.linalg.norm(r.unbalanced[:3]))) > _UNBALANCED * tolerance * largest
+    ]
