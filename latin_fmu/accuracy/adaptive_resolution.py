@@ -125,7 +125,8 @@ class RefinementSequence:
         scene = at_resolution(self.scene, resolution)
         output = output.model_copy(update={"fields": output.keeps_fields})
         more_fields = output.fields and (output.every > 1 or not scene.output.fields)
-        if output.stress or output.energy or output.recovers or more_fields:
+        more = output.stress or output.energy or output.recovers or output.surfaces or output.reactions
+        if more or more_fields:
             scene = scene.model_copy(update={"output": output})
         if self._finest is None or self._finest[:2] != (resolution, scene.output):
             run, solution = self._solve(scene, resolution, ", with its output")
