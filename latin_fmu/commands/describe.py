@@ -22,6 +22,7 @@ def register(add: AddParser) -> None:
     text = "print which effects a scene has, why, what each costs and which key switches it"
     add_scene(parser := declare(add, "explain", text, _explain))
     parser.add_argument("--json", action="store_true", help="print JSON instead")
+    parser.add_argument("--run", action="store_true", help="also solve the scene coarsely and print what matters in it")
     text = "print every key of a scene file, with units and defaults"
     parser = declare(add, "reference", text, _reference)
     parser.add_argument("--schema", action="store_true", help="print the JSON schema instead")
@@ -58,7 +59,13 @@ def _explain(arguments: argparse.Namespace) -> int:
 
     scene = read_scene(arguments)
     explanation = explain(scene, arguments.scene.read_text(encoding="utf-8-sig"))
-    print(json.dumps(explanation.report(), indent=2, allow_nan=False) if arguments.json else explanation.text())
+    report, text = explanation.report(), explanation.text()
+    if arguments.run:
+        from ..accuracy.coarse_effects import coarse_run
+
+        coarse = coarse_run(scene)
+        report, text = report | {"coarse_run": coarse.report()}, f"{text}\n\n{coarse.text()}"
+    print(json.dumps(report, indent=2, allow_nan=False) if arguments.json else text)
     return CONVERGED
 
 

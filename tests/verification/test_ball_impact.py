@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 import latin_fmu
+from latin_fmu.accuracy.coarse_effects import coarse_run
 from latin_fmu.assembly.build import discretise
 from latin_fmu.errors import SceneError
 
@@ -54,6 +55,14 @@ def test_peak_and_contact_time() -> None:
     assert end == pytest.approx(TIME, rel=0.02)
     impulse = float(np.trapezoid(force, solution.time))
     assert impulse == pytest.approx(2 * 4 / 3 * np.pi * R**3 * RHO * SPEED, rel=2e-3)
+
+
+@pytest.mark.slow
+def test_the_ball_deforms_without_waves() -> None:
+    """A ball that is slow against its waves hardly vibrates (Rayleigh 1906), the ground of Hertz's theory of impact."""
+    found = [f for f in coarse_run(latin_fmu.scene_from_dict(ball())).findings if "substructure ball" in f]
+    assert len(found) == 1
+    assert "ball is quasi-static: its vibrations have at most" in found[0]
 
 
 def test_gap_to_the_plane() -> None:
