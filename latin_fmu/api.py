@@ -188,7 +188,7 @@ def run(
         )
         with nullcontext() if checkpoint is None else checkpoint.of(march, digest):
             march.all()
-    converged, sentence = march.status()
+    converged, sentence = march.status(energy := recorder.assembly_energy(assembly))
     names = [u.name for u in assembly.interfaces]
     indicator, histories = march.interface_indicator, recorder.interfaces(assembly)
     balance, time = resultants(problem, march.f_hat), assembly.time[: recorder.n_kept]
@@ -202,7 +202,7 @@ def run(
         status=sentence + (balance_words(balance) if converged else ""),
         passes=(march.marched + march.condensed) / (assembly.n_substructure * assembly.n_instant),
         marched=march.marched / (assembly.n_substructure * assembly.n_instant),
-        energy=recorder.assembly_energy(assembly),
+        energy=energy,
         timings=timings,
         warnings=(
             *problem.warnings,
@@ -211,7 +211,7 @@ def run(
             *run_remarks(problem, histories, time, balance),
             *accuracy_remarks(assembly.propagators),
         ),
-        settings=march.choices() | ({} if problem.start is None else {"start": problem.start.message}),
+        settings=march.choices() | problem.choices,
         sensors=recorder.sensors(assembly),
         reactions=recorder.reactions(assembly),
         interfaces_every=every,

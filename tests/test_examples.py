@@ -48,6 +48,7 @@ def test_every_example_is_tested_here() -> None:
         "against_calculix",
         "against_siconos",
         "static_friction",
+        "landing",
     }
 
 
@@ -128,6 +129,20 @@ def test_static_friction(example: ModuleType, tmp_path: Path) -> None:
     assert numbers["loss_error"] < 3e-3
     assert numbers["iterations_8"] < 1.3 * numbers["iterations_2"]
     assert numbers["iterations_8_without_coarse"] > 1.5 * numbers["iterations_8"]
+
+
+@pytest.mark.parametrize("example", ["landing"], indirect=True)
+def test_landing(example: ModuleType, tmp_path: Path) -> None:
+    """Peaks of the schemes, and what they lose in one impact."""
+    numbers = example.main(["--quick", "-o", str(tmp_path)])
+    assert _figures(tmp_path) == {"landing.png"}
+    for courant in (0.2, 1):
+        assert numbers[f"generalized_alpha, peak, Courant {courant}"] < 1.1
+        assert numbers[f"generalized_alpha, L2, Courant {courant}"] < 0.125
+        assert numbers[f"generalized_alpha, landing_damping 0, peak, Courant {courant}"] < 1.2
+        assert numbers[f"generalized_alpha, landing_damping 0, energy lost, Courant {courant}"] < 0.015
+    assert numbers["hht, peak, Courant 0.2"] > 2.0
+    assert numbers["massless_contact, peak, Courant 0.2"] > 1.3
 
 
 @pytest.mark.parametrize("example", ["price_of_accuracy"], indirect=True)

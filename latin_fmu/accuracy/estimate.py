@@ -340,7 +340,7 @@ def estimate_error(scene: Scene, solution: Solution, tell: Callable[[str], None]
         remarks.append("no quantity to estimate: no interface and no sensor")
     if not solution.converged:
         remarks.append("the run did not converge: the estimate does not cover the error this leaves")
-    estimates = plan.estimates(scene, fine, coarser)
+    estimates = plan.estimates(lean, fine, coarser)
     return ErrorEstimate(estimates, tuple(remarks), clock.process_time() - start, spectra)
 
 

@@ -8,11 +8,13 @@ from typing import Final
 
 import numpy as np
 
+from ..assembly.build import discretise
 from ..fem.elasticity import wave_speeds
 from ..scene.boundaries import AXES
 from ..scene.fields import split_face
 from ..scene.laws import InputLaw, RectangularPulseLaw, StepLaw, sampled_impulse_error
 from ..scene.schema import Scene
+from ..scene.settings import HHT, AutomaticScheme, GeneralizedAlpha
 from ..scene.solver_settings import WHOLE
 from ..scene.substructures import MAX_REFINEMENTS, MeshFile, Substructure
 
@@ -125,7 +127,11 @@ def with_tolerance(scene: Scene, tolerance: float) -> object:
 
 
 def in_short_windows(scene: Scene) -> Scene:
-    """The scene with windows of one instant in the place of one whole window: same solution, far fewer sweeps."""
+    """The scene with windows of one instant in the place of one whole window: same solution, far fewer sweeps. Its time
+    scheme is the one chosen for this mesh, on coarser and finer ones too."""
+    if isinstance(scene.time.scheme, AutomaticScheme) and not scene.time.quasi_static:
+        scheme = GeneralizedAlpha() if discretise(scene).scheme.name == "generalized_alpha" else HHT()
+        scene = scene.model_copy(update={"time": scene.time.model_copy(update={"scheme": scheme})})
     if scene.solver.window != WHOLE:
         return scene
     update = {"window": 1, "acceleration": type(scene.solver)().acceleration}

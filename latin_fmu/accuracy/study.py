@@ -39,7 +39,8 @@ class Variant:
 
 def main_variant(scene: Scene) -> Variant:
     """The scene with its own scheme and propagator, in short windows (same solution, fewer sweeps)."""
-    return Variant(_name(scene), in_short_windows(scene))
+    short = in_short_windows(scene)
+    return Variant(_name(short), short)
 
 
 def unreduced(scene: Scene) -> Variant | None:
@@ -56,16 +57,17 @@ def variants_of(scene: Scene) -> list[Variant]:
     Quasi-static schemes are left out: they solve another problem.
     """
     short = in_short_windows(scene)
-    own = (scene.time.scheme.type, scene.solver.propagator.type)
+    own = (short.time.scheme.type, scene.solver.propagator.type)
     whole = unreduced(scene)
+    of_its_own = {"time": {"scheme": "automatic"}} if own[0] == "generalized_alpha" else {}
     variants = [] if whole is None else [whole]
     variants += [
         _changed(short, tag, {"time": {"scheme": tag}, "solver": {"propagator": "automatic"}})
         for tag in _tags(Time, "scheme")
-        if tag != own[0] and "static" not in tag
+        if tag not in (own[0], "automatic") and "static" not in tag
     ]
     variants += [
-        _changed(short, tag, {"solver": {"propagator": tag}})
+        _changed(short, tag, {"solver": {"propagator": tag}, **(of_its_own if tag == "reduced" else {})})
         for tag in _tags(Solver, "propagator")
         if tag not in ("automatic", "direct", "explicit", own[1])
     ]

@@ -21,6 +21,7 @@ from .checks import (
 from .conditions import conditions_on
 from .inactive_substructures import arrival_times, cut_by_arrival, marched_share
 from .interfaces import build_interface, lonely_remarks, with_behaviours, with_found
+from .models import scheme_remarks
 from .problem import DiscretisedProblem, SolverReadyProblem
 from .propagator_choice import box_memory
 from .statics import start_problems, static_state, unheld
@@ -85,5 +86,6 @@ def discretise(scene: Scene, behaviours: Mapping[str, Behaviour] | None = None) 
         *locking_remarks(scene, bodies),
         *(lumping_remarks(bodies) if problem.scheme.explicit else []),
         *([] if scene.time.quasi_static else sampling_remarks(scene, time)),
+        *scheme_remarks(bodies, units, problem.scheme, problem.dt),
     ]
     return replace(problem, classes=classes, remarks=tuple(remarks), sensors=sensors)

@@ -10,15 +10,22 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..errors import SceneError
-from ..fem.contact_layer import blended_mass, landing_viscosity, longest_edge, without_contact_mass
+from ..fem.contact_layer import blended_mass, landing_viscosity, layer_of, longest_edge, without_contact_mass
 from ..latin.assembly import Index, InterfaceUnit, Layout
 from ..propagator import LoadTerm, SubstructureModel
 from ..propagator.model import diagonal_matrix, share_patterns
 from ..scene.fields import split_face
 from ..scene.schema import Scene
-from ..time_scheme import QuasiStatic, TimeScheme
+from ..scene.settings import AutomaticScheme
+from ..scene.solver_settings import ReducedPropagator
+from ..time_scheme import HHT, SCHEMES, GeneralizedAlpha, QuasiStatic, TimeScheme
 from .body import Body, body_sides
 from .conditions import Conditions, RigidConditions, rigid_model, total
+
+_RESOLVED = 0.7  # Courant number from which the force of a landing is resolved with mass on the contact nodes
+_CLOSED = 1e-9  # gaps up to this share of the size of a body are round-off of closed ones
+_MASSLESS = 1.0  # largest one at which massless_contact keeps the energy (1.002 of it; 1.04 at 2, 1.5 at 4)
+_THICK = 0.25  # of the elements of a body: more than that viscous, and waves that cross it lose energy
 
 
 @dataclass(frozen=True)
@@ -152,11 +159,11 @@ def contact_layer(
     if not scheme.massless_contact:
         return ContactLayer(shape.mass)
     speed = float(np.sqrt(m.young_modulus / m.density))
-    share = scheme.consistent_share(speed * dt / longest_edge(body.mesh))
+    share = scheme.consistent_share(speed * dt / longest_edge(shape.mesh))
     mass = blended_mass(shape.mass, shape.lumped_mass, share)
     nodes, q = _contact_nodes(name, units), scheme.landing_damping
     blends = scheme.consistent_share(0.0) < 1.0
-    moved, left = without_contact_mass(mass, body.mesh, nodes, several_layers=blends and q == 0.0)
+    moved, left = without_contact_mass(mass, shape.mesh, nodes, several_layers=blends and q == 0.0)
     if len(left) and not blends:
         raise SceneError.of(
             "the scene cannot be built",
@@ -165,7 +172,7 @@ def contact_layer(
             remedy="give it two elements between its contacts, or choose another scheme",
         )
     constants = m.young_modulus, m.poisson_ratio, m.density
-    viscosity = landing_viscosity(body.mesh, nodes, constants, q, shape.bending_modes)
+    viscosity = landing_viscosity(shape.mesh, nodes, constants, q, shape.bending_modes)
     return ContactLayer(moved, viscosity, True, len(left))
 
 
@@ -175,6 +182,106 @@ def _contact_nodes(name: str, units: list[InterfaceUnit]) -> Index:
     traces = [opening[i].geometry.traces[side] for i, side, owner in body_sides(opening) if owner == name]
     nodes = [np.asarray(trace.indices, dtype=np.int64) // 3 for trace in traces if trace is not None]
     return np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *nodes]))
+
+
+def chosen_scheme(scene: Scene, bodies: dict[str, Body], units: list[InterfaceUnit]) -> tuple[TimeScheme, str]:
+    """Time scheme of a scene, and why where it is chosen automatically.
+
+    ``generalized_alpha`` where a body lands: an interface that may open has a gap, or sides that approach each other at
+    t = 0. Not where a body is rigid (its contact points keep their mass, and would rebound), reduced (every node has
+    mass), or so thin that its contact layer is more than a quarter of it: waves that cross a stack of such bodies lose
+    energy in every one (stack of four bodies of four elements that lands: 79 % kept, HHT 94 %). Faces that are closed
+    from the start are better off with HHT (crushing of two specimens, L2 error of the force at 6 elements per edge:
+    0.7 %, against 1.3 %).
+    """
+    given = scene.time.scheme
+    if scene.time.quasi_static:
+        return QuasiStatic(), ""
+    if not isinstance(given, AutomaticScheme):
+        return SCHEMES[given.type](**given.model_dump(exclude={"type"})), ""
+    opening = [u for u in units if u.behaviour.opens and not u.behaviour.compliant]
+    landing = [u for u in opening if _lands(bodies, u)]
+    if not landing:
+        return HHT(), "no body lands: no gap at a face that may open, and no sides that approach each other"
+    if isinstance(scene.solver.propagator, ReducedPropagator):
+        return HHT(), "reduced bodies have mass at every node"
+    for name in dict.fromkeys(name for _, _, name in body_sides(opening)):
+        body = bodies[name]
+        if body.rigid:
+            return HHT(), f"substructure {name} is rigid"
+        share = layer_of(body.shape.mesh, _contact_nodes(name, units))[1]
+        if share > _THICK:
+            return HHT(), f"substructure {name} is thin: {100 * share:.0f} % of its elements touch a face that may open"
+    return GeneralizedAlpha(), f"bodies land: {', '.join(u.name for u in landing[:3])}"
+
+
+def scheme_remarks(bodies: dict[str, Body], units: list[InterfaceUnit], scheme: TimeScheme, dt: float) -> list[str]:
+    """Sentences on a time scheme that does not suit the contacts of a scene, with steps dt (s).
+
+    Bodies land where an interface that may open has a gap, or sides that move relative to each other along N at t = 0.
+    The Courant number is that of the elements at their contact faces.
+    """
+    opening = [u for u in units if u.behaviour.opens and not u.behaviour.compliant]
+    if not opening or isinstance(scheme, QuasiStatic):
+        return []
+    landing = {name for u in opening if _lands(bodies, u) for _, _, name in body_sides([u])}
+    courant, remarks = {}, []
+    for name, body in bodies.items():
+        nodes = np.zeros(0, dtype=np.int64) if body.rigid else _contact_nodes(name, units)
+        if not len(nodes):
+            continue
+        m = body.shape.material
+        height, share = layer_of(body.shape.mesh, nodes)
+        if height > 0.0:
+            courant[name] = float(np.sqrt(m.young_modulus / m.density)) * dt / height
+        if scheme.landing_damping > 0.0 and share > _THICK:
+            remarks.append(
+                f"substructure {name}: {100 * share:.0f} % of its elements touch a face that may open and are viscous "
+                f"(landing_damping = {scheme.landing_damping:g}; little energy is lost up to {100 * _THICK:.0f} %): "
+                "refine its mesh, or set landing_damping = 0"
+            )
+        if scheme.massless_contact:
+            layer = contact_layer(name, body, units, scheme, dt)
+            if layer is not None and layer.left:
+                remarks.append(
+                    f"substructure {name}: {layer.left} contact nodes have no inner neighbour (one element between two "
+                    "contacts) and keep their mass: their contact force is less smooth; give it two elements there"
+                )
+    return [*_unfit(scheme, courant, landing), *remarks]
+
+
+def _lands(bodies: dict[str, Body], unit: InterfaceUnit) -> bool:
+    """Whether the sides of an interface meet during the motion."""
+    if unit.geometry.gap.max(initial=0.0) > _CLOSED * max(bodies[name].mesh.size for _, _, name in body_sides([unit])):
+        return True
+    speeds = np.zeros((unit.geometry.n_point, 3))
+    for _, side, name in body_sides([unit]):
+        trace = unit.geometry.traces[side]
+        if trace is not None:
+            speeds += (1 - 2 * side) * (trace @ bodies[name].initial_velocity()).reshape(-1, 3)
+    closing = np.einsum("pi,pi->p", speeds, unit.geometry.frames[:, 0])
+    return bool((closing > 0.0).any())
+
+
+def _unfit(scheme: TimeScheme, courant: Mapping[str, float], landing: set[str]) -> list[str]:
+    """A sentence where the scheme gains energy, or makes the force of a landing depend on the step."""
+    remedy = 'choose time.scheme = "generalized_alpha"'
+    largest = max(courant.values(), default=0.0)
+    if scheme.name == "newmark" and scheme.force_weight == 1.0 and scheme.velocity_gain(1.0) == 0.5:
+        return [f"time.scheme newmark with gamma = 0.5 gains energy at contacts that open and close: {remedy}"]
+    if scheme.name == "massless_contact" and largest > _MASSLESS:
+        return [
+            f"time.scheme massless_contact at Courant number {largest:.2g} of the contact faces (stable up to "
+            f"{_MASSLESS:g}): it gains energy at impacts: {remedy}, or take smaller steps"
+        ]
+    lowest = min((c for n, c in courant.items() if n in landing), default=np.inf)
+    if scheme.name in ("hht", "newmark") and lowest < _RESOLVED:
+        return [
+            f"time.scheme {scheme.name} at Courant number {lowest:.2g} of a face that lands (suited from {_RESOLVED:g} "
+            "on): the first contact force is the momentum of a layer of nodes over one step, and grows without limit "
+            f"as the step shrinks; impulses are right. For the force {remedy}"
+        ]
+    return []
 
 
 def _damping(body: Body, held: Conditions, layer: ContactLayer | None) -> sp.csr_array | None:
@@ -232,7 +339,8 @@ def _signature(model: SubstructureModel, body: Body) -> bytes:
             digest.update(np.ascontiguousarray(part).tobytes())
     digest.update((np.round(model.channel_area / size**2, 12) + 0.0).tobytes())
     if model.damping is not None:
-        digest.update(repr((model.damping.nnz, float(model.damping.trace()), float(abs(model.damping).sum()))).encode())
+        sizes = float(model.damping.trace()), float(abs(model.damping).sum())
+        digest.update(f"{model.damping.nnz} {sizes[0]:.9e} {sizes[1]:.9e}".encode())
         digest.update(model.damping.indices.astype(np.int64).tobytes())
     if model.mass is not None and model.nodal is None:
         digest.update(np.flatnonzero(model.mass.diagonal() <= 0.0).tobytes())

@@ -23,11 +23,11 @@ from ..scene.fields import split_face
 from ..scene.laws import InputLaw, sampled
 from ..scene.schema import Scene
 from ..scene.solver_settings import WHOLE, Anderson, Uniform
-from ..time_scheme import SCHEMES, QuasiStatic, TimeScheme
+from ..time_scheme import QuasiStatic, TimeScheme
 from .body import Body, body_sides
 from .checks import boundaries_of
 from .conditions import Conditions, Motion, supports
-from .models import ContactLayer, ModelClass, model_classes
+from .models import ContactLayer, ModelClass, chosen_scheme, model_classes
 from .propagator_choice import chosen_propagators, unstable_steps
 
 REST = 1e-2
@@ -142,6 +142,14 @@ class SolverReadyProblem:
     timeline: Timeline
     start: InitialState | None = None
     recovered: Mapping[str, Recovered] = field(default_factory=dict)
+    scheme: str = ""
+    """Time scheme, and why it was chosen."""
+
+    @property
+    def choices(self) -> dict[str, str]:
+        """Automatic choices, in words."""
+        start = {} if self.start is None else {"start": self.start.message}
+        return {"time scheme": self.scheme, **start}
 
 
 @dataclass(frozen=True)
@@ -158,6 +166,7 @@ class DiscretisedProblem:
     time: Array
     remarks: tuple[str, ...] = ()
     sensors: Mapping[str, SensorPlace] = field(default_factory=dict)
+    scheme_reason: str = ""
 
     @staticmethod
     def of(
@@ -169,11 +178,16 @@ class DiscretisedProblem:
     ) -> DiscretisedProblem:
         """The problem with the time scheme, instants and classes of identical substructures of the scene; ``moved`` as
         for ``model_classes``."""
-        layout, given = Layout(units), scene.time.scheme
-        scheme = QuasiStatic() if scene.time.quasi_static else SCHEMES[given.type](**given.model_dump(exclude={"type"}))
+        layout = Layout(units)
+        scheme, reason = chosen_scheme(scene, bodies, units)
         time = np.linspace(0.0, scene.time.end, scene.time.n_step + 1)
         classes = model_classes(scene, bodies, conditions, units, layout, scheme, float(time[1] - time[0]), moved)
-        return DiscretisedProblem(scene, bodies, conditions, units, layout, classes, scheme, time)
+        return DiscretisedProblem(scene, bodies, conditions, units, layout, classes, scheme, time, scheme_reason=reason)
+
+    @property
+    def scheme_in_words(self) -> str:
+        """Name of the time scheme, and why where it is chosen automatically."""
+        return self.scheme.name + (f" ({self.scheme_reason})" if self.scheme_reason else "")
 
     @property
     def dt(self) -> float:
@@ -267,7 +281,15 @@ class DiscretisedProblem:
         warnings = (*self.remarks, *without_factor, *([] if static else unresolved_sides(assembly)))
         warnings += () if start is None else start.remarks
         return SolverReadyProblem(
-            assembly, settings_of(scene), output, self.info, warnings, timeline, start, self.recovered
+            assembly,
+            settings_of(scene),
+            output,
+            self.info,
+            warnings,
+            timeline,
+            start,
+            self.recovered,
+            self.scheme_in_words,
         )
 
 

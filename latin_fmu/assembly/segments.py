@@ -163,7 +163,6 @@ class SegmentedRun:
             self._run.begin_segment(recorder)
         run = self._run
         run.all()
-        converged, sentence = run.status()
         energy = recorder.assembly_energy(assembly)
         if energy is not None:
             for term in _RUNNING:
@@ -172,6 +171,7 @@ class SegmentedRun:
             first = float(energy["kinetic"][0] + energy["elastic"][0])
             self._stored = first if self._stored is None else self._stored
             energy["balance"] = energy["balance"] + (first - self._stored)
+        converged, sentence = run.status(energy, self._stored)
         return Segment(
             time[: recorder.n_kept],
             recorder.interfaces(assembly),

@@ -159,5 +159,5 @@ def choices(p: Prediction) -> dict[str, str]:
         "window": window,
         "search direction": direction + (f", times {factor:g}" if factor != 1 else ""),
         "acceleration": acceleration,
-        "propagator": f"{run.propagator.kind}, scheme {p.scene.time.scheme.type}",
+        "propagator": f"{run.propagator.kind}, scheme {p.discretised.scheme_in_words}",
     }

@@ -66,7 +66,7 @@ def inertia(p: Prediction) -> Effect:
     """Mass times acceleration."""
     if p.run.static:
         return _off("inertia", ["time.quasi_static"], "the scene is quasi-static", "time.quasi_static = false")
-    reason = f"motion is integrated by the scheme {p.scene.time.scheme.type}"
+    reason = f"motion is integrated by the scheme {p.discretised.scheme_in_words}"
     switch = "time.quasi_static = true (loads slow against the waves)"
     cost, kernels = p.saved(p.run.scaled(mass=0.0)), ("mass product",)
     return Effect("inertia", True, ("time.scheme",), reason, switch, kernels, cost, memory=12 * p.total("mass"))
@@ -110,11 +110,13 @@ def damping(p: Prediction) -> Effect:
     if not keys:
         why = [f"material.*.{key}" for key in both]
         return _off("damping", why, "no material has any", "rayleigh_mass or rayleigh_stiffness > 0")
-    reason, cost, memory = (
-        f"{len(keys)} Rayleigh coefficient(s)",
-        p.saved(p.run.scaled(damping=0.0)),
-        p.total("damping"),
+    reason, memory = f"{len(keys)} Rayleigh coefficient(s)", p.total("damping")
+    layers = sum(
+        len(c.members) * (m.expansion.T @ m.landing @ m.expansion).nnz
+        for c in p.discretised.classes
+        if (m := c.members[0]).landing is not None
     )
+    cost = p.saved(p.run.scaled(damping=layers / memory if memory else 0.0))  # contact layers stay
     return Effect("damping", True, keys, reason, "set them to 0", ("damping product",), cost, memory=12 * memory)
 
 

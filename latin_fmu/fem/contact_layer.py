@@ -199,6 +199,17 @@ def landing_viscosity(
     return total
 
 
+def layer_of(mesh: Mesh, nodes: Index) -> tuple[float, float]:
+    """Median height of the elements over their facets of contact ``nodes``, m (0 where there are none), and the share
+    of the elements that touch these nodes."""
+    bare = np.zeros(mesh.n_node, dtype=bool)
+    bare[nodes] = True
+    heights = _heights(mesh, bare)
+    positive = heights[heights > 0.0]
+    touching = sum(int((heights[block.cells] > 0.0).any(axis=1).sum()) for block in mesh.blocks)
+    return float(np.median(positive)) if len(positive) else 0.0, touching / sum(len(b.cells) for b in mesh.blocks)
+
+
 def _heights(mesh: Mesh, bare: Mask) -> Array:
     """Mean height (n_node,) of the elements over their facets at each contact node, m; 0 at others, and where no
     element owns a facet of contact nodes."""

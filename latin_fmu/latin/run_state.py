@@ -15,7 +15,7 @@ from .recorder import Recorder
 from .run_image import Threads, histories, make_image, negligible_scales
 from .search_direction import Direction
 from .settings import Settings
-from .status import status
+from .status import status, with_energy
 from .window_list import WindowList
 
 ONE, LONG = 1, 2  # keys of the search directions in the image: windows of one instant, longer ones
@@ -169,9 +169,13 @@ class RunState:
         groups = self.assembly.layout.groups
         return [self.image.group_field(g, "gap", group.n_point).copy() for g, group in enumerate(groups)]
 
-    def status(self) -> tuple[bool, str]:
-        """Whether every window of the segment converged, and a sentence on it."""
-        return status(self.assembly, self.settings, self.windows, self.interface_indicator)
+    def status(self, energy: Mapping[str, Array] | None = None, stored: float | None = None) -> tuple[bool, str]:
+        """Whether every window of the segment converged, and a sentence on it; ``energy`` and ``stored`` as for
+        ``status.with_energy``."""
+        converged, sentence = status(self.assembly, self.settings, self.windows, self.interface_indicator)
+        if energy is None or self.assembly.quasi_static:
+            return converged, sentence
+        return with_energy(converged, sentence, self.assembly.time, energy, stored)
 
     def _read_indicator(self) -> None:
         """Copy the largest indicators of the interfaces from the image."""

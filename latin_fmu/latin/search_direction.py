@@ -80,7 +80,12 @@ def inertial_impedance(assembly: Assembly) -> None:
 
 
 def unresolved_sides(assembly: Assembly) -> list[str]:
-    """Sentences on sides where mesh and step do not resolve a wave front: the solution is inaccurate there."""
+    """Sentences on sides where mesh and step do not resolve a wave front: the solution is inaccurate there.
+
+    The face of a body with massless contact nodes resists by its stiffness, Z times the Courant number: small steps are
+    resolved, long ones are not.
+    """
+    massless = assembly.scheme.massless_contact
     row = _row(assembly, normal_only=True)
     remarks = []
     for i, unit in enumerate(assembly.interfaces):
@@ -90,8 +95,8 @@ def unresolved_sides(assembly: Assembly) -> list[str]:
             if not impedance.any() or not row[channels].any():
                 continue
             ratio = float(np.median(row[channels] / impedance))
-            if not WARNED[0] <= ratio <= WARNED[1]:
-                coarse = ratio > WARNED[1]
+            if not (0.0 if massless else WARNED[0]) <= ratio <= WARNED[1]:
+                coarse = ratio > WARNED[1] and not massless
                 remarks.append(
                     f"interface {unit.name}, side {unit.sides[side]}: "
                     + ("the mesh is too coarse for this step" if coarse else "the step is too long for this mesh")

@@ -17,6 +17,10 @@ from .window_list import WindowList
 SLOW: Final = 12
 """Iterations from which on the residual of an instant underestimates the error of its tractions."""
 _OFF = "their tractions may be off by ten times the tolerance"
+_GAIN = 0.5  # of the energy put in: more than that gained, a run is not called converged
+_IN_BODIES = "damping_dissipation", "landing_dissipation", "scheme_dissipation"
+_AT_INTERFACES = "friction_dissipation", "contact_dissipation", "joint_dissipation"
+_CANCELLED = 1e-6  # of the work of the interfaces
 _DRIFT = 1e-2  # of the largest displacement, reported from there on
 _ROUND_OFF = 1e-9  # of the displacement that the loads can bring
 
@@ -40,6 +44,47 @@ def status(
     if last < assembly.n_instant:
         sentence += f"; stopped there, results end at t = {assembly.time[last]:.6g} s"
     return False, sentence + f". {_remedy(assembly, settings, failed)}"
+
+
+def with_energy(
+    converged: bool, sentence: str, time: Array, energy: Mapping[str, Array] | None, stored: float | None = None
+) -> tuple[bool, str]:
+    """The status of a run, which has not converged where the dissipations of all kinds together are negative by more
+    than half of the energy put in.
+
+    That is the energy at t = 0, and the largest of each work so far: of loads, moving ground, layers that relax, and of
+    driven faces on what they touch (interface work that no dissipation accounts for). An iteration that converges to
+    its relative tolerance at every instant does not notice a scheme that gains energy.
+
+    Parameters
+    ----------
+    energy : terms (n_time,) of the assembly, J; None where they are not accounted for. stored : kinetic and elastic
+        energy at t = 0, J, where ``time`` begins later.
+    """
+    if energy is None or not len(time):
+        return converged, sentence
+    now = energy["kinetic"] + energy["elastic"]
+    put_in = np.full(len(now), (float(now[0]) if stored is None else stored) + float(np.finfo(float).tiny))
+    zero = np.zeros(len(now))
+    ground, layers = energy.get("ground_work", zero), energy.get("layer_energy", zero)
+    with np.errstate(all="ignore"):  # a run that blew up
+        at_interfaces = sum((energy.get(name, zero) for name in _AT_INTERFACES), zero)
+        lost = at_interfaces + sum(energy[name] for name in _IN_BODIES)
+        driven = energy["interface_work"] + at_interfaces - ground + layers - layers[0]
+        for work in (energy["work_of_loads"], ground, layers[0] - layers, driven):
+            put_in += np.maximum.accumulate(np.maximum(work, 0.0))
+        # works that cancel, of a preload and what holds it, leave their round-off
+        put_in += _CANCELLED * np.maximum.accumulate(np.abs(energy["interface_work"]))
+        wrong = np.flatnonzero(~(-lost <= _GAIN * put_in))
+    if not len(wrong):
+        return converged, sentence
+    at = int(wrong[0])
+    gained = (
+        f"energy: at t = {time[at]:.6g} s the bodies hold {now[at]:.3g} J, where {float(put_in[at]):.3g} J were put in "
+        f"(allowed: {1.0 + _GAIN:g} times as much): the time scheme gains energy. Use time.scheme = "
+        '"generalized_alpha", or "hht" with smaller steps'
+    )
+    return False, f"not converged, {gained}" if converged else f"{sentence}; {gained}"
 
 
 def _no_equilibrium(assembly: Assembly, lost: NoEquilibrium) -> str:

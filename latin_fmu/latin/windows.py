@@ -12,7 +12,7 @@ run the same functions in the same order on the same numbers.
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Protocol
 
@@ -83,9 +83,10 @@ class Run(RunState):
         self.interrupted = False
         super().__init__(assembly, settings, recorder, timings)
 
-    def status(self) -> tuple[bool, str]:
-        """Whether the run is complete and every window converged, and a sentence on it."""
-        converged, sentence = super().status()
+    def status(self, energy: Mapping[str, Array] | None = None, stored: float | None = None) -> tuple[bool, str]:
+        """Whether the run is complete and every window converged, and a sentence on it; ``energy`` and
+        ``stored`` as for ``status.with_energy``."""
+        converged, sentence = super().status(energy, stored)
         if not self.interrupted:
             return converged, sentence
         instant, end = self.assembly.instant, self.assembly.n_instant

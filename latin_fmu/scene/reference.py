@@ -120,7 +120,7 @@ law = {type = "half_sine", duration = 5e-6}
 [time]
 end = 20e-6
 step = 0.1e-6
-scheme = {type = "hht", alpha = -0.1}
+scheme = {type = "generalized_alpha", landing_damping = 0.6}
 
 [solver]
 tolerance = 1e-3

@@ -15,11 +15,12 @@ from .fields import GROUND
 from .interfaces import key_problems
 from .raw_scene import RawTable, face_problems, given, named_tables, number, single_table, text_list, unknown_name
 from .sensors import sensor_problems
-from .settings import HHT, MAX_INSTANTS
+from .settings import MAX_INSTANTS
 from .solver_settings import STATIC_TOLERANCE
 
 CENTRAL = "central_difference"
 _EXPLICIT, _REDUCED, _REDUCIBLE = "explicit", "reduced", ("hht", "newmark")
+_AUTOMATIC = "automatic"
 _DAMPING = ("rayleigh_mass", "rayleigh_stiffness")
 _SHORTEST, _LONGEST = 1e-60, 1e60  # s; squares of steps, and what they divide, are numbers
 _STEP_ROUND_OFF = 1e-6
@@ -211,7 +212,8 @@ def with_defaults(raw: Any) -> Any:
     time, solver = single_table(raw, "time"), single_table(raw, "solver")
     if _is_static(raw) and not given(solver, "tolerance"):
         return {**raw, "solver": {**solver, "tolerance": STATIC_TOLERANCE}}
-    if _kind(single_table(raw, "solver"), "propagator") != _EXPLICIT or not time or given(time, "scheme"):
+    own = given(time, "scheme") and _kind(time, "scheme") != _AUTOMATIC
+    if _kind(single_table(raw, "solver"), "propagator") != _EXPLICIT or not time or own:
         return raw
     return {**raw, "time": {**time, "scheme": CENTRAL}}
 
@@ -226,7 +228,7 @@ def propagator_problems(raw: Any) -> Iterator[Problem]:
     """Propagators and time schemes that exclude each other."""
     kind = _kind(single_table(raw, "solver"), "propagator")
     scheme = _kind(single_table(raw, "time"), "scheme")
-    if kind == _EXPLICIT and scheme not in (None, CENTRAL):
+    if kind == _EXPLICIT and scheme not in (None, _AUTOMATIC, CENTRAL):
         yield Problem(
             "solver.propagator",
             "the explicit propagator has its own time scheme",
@@ -234,7 +236,7 @@ def propagator_problems(raw: Any) -> Iterator[Problem]:
             f'time.scheme = "{CENTRAL}", or none',
             "leave out time.scheme, or choose another propagator",
         )
-    if kind == _REDUCED and scheme not in (None, CENTRAL, *_REDUCIBLE):
+    if kind == _REDUCED and scheme not in (None, _AUTOMATIC, CENTRAL, *_REDUCIBLE):
         yield Problem(
             "solver.propagator",
             "the reduced propagator needs a scheme in which every node has mass",
@@ -274,7 +276,7 @@ def static_problems(raw: Any) -> Iterator[Problem]:
     if time.get("quasi_static") is not True:
         return
     scheme = time.get("scheme")
-    if scheme is not None and scheme not in ("hht", {"type": "hht"}, HHT().model_dump()):  # but for the default
+    if scheme is not None and _kind(time, "scheme") != _AUTOMATIC:  # but for the default
         yield _refused("time.scheme", "a time scheme integrates inertia", scheme, "leave the scheme out")
     start = time.get("start")
     if (start.get("type", "static") if isinstance(start, dict) else start) == "static":

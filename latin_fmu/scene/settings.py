@@ -1,13 +1,21 @@
 """Tables [time], [output] and [accuracy]: the interval and its scheme, what the results keep, the error estimate."""
 
+from collections.abc import Mapping
 from typing import Annotated, Final, Literal
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, BeforeValidator, Field
 
 from ..errors import did_you_mean
 from .fields import Count, Flag, Real, Table, Text, about, by_type, refusal
 
 MAX_INSTANTS = 10_000_000
+
+
+class AutomaticScheme(Table):
+    """generalized_alpha where bodies land (a gap, or sides that approach each other), all of them elastic and thick
+    enough for a contact layer (at most a quarter of the elements); else hht."""
+
+    type: Literal["automatic"] = "automatic"
 
 
 class HHT(Table):
@@ -57,8 +65,17 @@ class CentralDifference(Table):
     type: Literal["central_difference"] = "central_difference"
 
 
-_Scheme = HHT | Newmark | GeneralizedAlpha | MasslessContact | CentralDifference
-Scheme = Annotated[Annotated[_Scheme, Field(discriminator="type")], by_type(_Scheme, "hht")]
+def _of_its_keys(value: object) -> object:
+    """A table without a type that has keys of generalized_alpha is one."""
+    if isinstance(value, Mapping) and "type" not in value and set(value) & {"rho_inf", "landing_damping"}:
+        return {"type": "generalized_alpha", **value}
+    return value
+
+
+_Scheme = AutomaticScheme | HHT | Newmark | GeneralizedAlpha | MasslessContact | CentralDifference
+Scheme = Annotated[
+    Annotated[_Scheme, Field(discriminator="type")], BeforeValidator(_of_its_keys), by_type(_Scheme, "hht")
+]
 
 
 class GivenStart(Table):
@@ -91,7 +108,9 @@ class Time(Table):
         Real | None, about("time step; `end` must be a whole number of steps (to 1e-6 step)", "s", gt=0)
     ] = None
     instants: Annotated[Count | None, about("number of steps", "1", ge=1, le=MAX_INSTANTS)] = None
-    scheme: Annotated[Scheme, about("time scheme; that of the explicit propagator where it is chosen")] = HHT()
+    scheme: Annotated[Scheme, about("time scheme; that of the explicit propagator where it is chosen")] = (
+        AutomaticScheme()
+    )
 
     start: Annotated[Start, about("initial state: as given, or a static equilibrium")] = GivenStart()
 

@@ -170,6 +170,17 @@ def long_cases() -> Iterator[Case]:
         name, kept = f"20 bounces, massless contact nodes, {elements} elements", "at least 95 % of the energy kept"
         yield case(name, f"{kept} at Courant number 0.6", _keeps, elements, quick=elements < 50)
     yield case("5 bounces, hht", promise, _bounces, 5, 25, {"type": "hht"})
+    landing, alpha = "force within 10 % of the plateau, energy never above its start", {"type": "generalized_alpha"}
+    for courant in (0.05, 0.6, 4.0):
+        quick = courant > 0.05
+        yield case(
+            f"landing, generalized_alpha, Courant number {courant:g}", landing, _landing, courant, alpha, quick=quick
+        )
+    undamped = alpha | {"landing_damping": 0.0}
+    yield case(
+        "20 bounces, generalized_alpha, landing_damping 0", "at least 75 % of the energy kept", _keeps_by, 25, undamped
+    )
+    yield case("20 bounces, generalized_alpha at Courant number 30", "energy never above its start", _long_steps)
     yield case("energy after 3 bounces, hht", "loss falls by 1.5 per refinement", _refinement)
     yield case("50 transits in one window of contact", "mean force is the weight, energy kept", _transits, quick=False)
 
@@ -219,6 +230,40 @@ def _keeps(elements: int, bench: Bench) -> list[Measure]:
         Measure("energy lost", 1 - kept(solution), 0.05),
         *energy_laws(solution, round_off=1e-5),
     ]
+
+
+def _landing(courant: float, scheme: dict[str, Any], bench: Bench) -> list[Measure]:
+    """The bar thrown at 10 from 0.1 above the ground: force 300 for 2/3, worst of three landing phases."""
+    elements, peaks, gained = 40, [], []
+    step = courant / 3 / elements
+    for phase in (0.1, 0.4, 0.9):
+        scene = thrown(
+            elements, max(8, round(0.9 / step)), max(8, round(0.9 / step)) * step, 10 * phase * step, -10.0, 0.0
+        )
+        scene["time"]["scheme"] = scheme
+        solution = bench.converged(scene)
+        energy = energies(solution)
+        stored = energy["kinetic"] + energy["elastic"]
+        peaks.append(float(pressure_force(solution, "wall").max()) / 300.0)
+        gained.append(float(stored.max() / stored[0]) - 1.0)
+    return [Measure("largest force over 300", max(peaks), 1.10), Measure("energy gained", max(gained), 1e-4)]
+
+
+def _keeps_by(elements: int, scheme: dict[str, Any], bench: Bench) -> list[Measure]:
+    """Energy lost in 20 bounces, and gained at any instant."""
+    solution = bench.converged(bouncing(20, elements, scheme))
+    return [Measure("energy lost", 1 - kept(solution), 0.25), *energy_laws(solution, round_off=1e-4)]
+
+
+def _long_steps(bench: Bench) -> list[Measure]:
+    """Step of 30 transits of an element, where massless_contact gains 89 times its energy."""
+    elements, step = 25, 30 / 3 / 25
+    scene = thrown(elements, 150, 150 * step, 5.0, 0.0, 10.0)
+    scene["time"]["scheme"] = {"type": "generalized_alpha"}
+    solution = bench.converged(scene)
+    energy = energies(solution)
+    total = energy["kinetic"] + energy["elastic"] - energy["work_of_loads"]
+    return [Measure("energy gained over that of the fall", float(total.max()) / FALL, 1e-4)]
 
 
 def _refinement(bench: Bench) -> list[Measure]:

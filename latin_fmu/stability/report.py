@@ -127,7 +127,9 @@ def _counts(axes: Axes, rows: Sequence[Row], place: np.ndarray) -> None:
 
 SCHEMES: Mapping[str, Mapping[str, Any]] = MappingProxyType(
     {
-        "hht, alpha -0.1 (default)": {"type": "hht", "alpha": -0.1},
+        "generalized_alpha (default for bodies that land)": {"type": "generalized_alpha"},
+        "generalized_alpha, landing_damping 0": {"type": "generalized_alpha", "landing_damping": 0.0},
+        "hht, alpha -0.1": {"type": "hht", "alpha": -0.1},
         "hht, alpha -0.3": {"type": "hht", "alpha": -0.3},
         "massless_contact": {"type": "massless_contact"},
         "newmark, undamped": {"type": "newmark", "beta": 0.25, "gamma": 0.5},

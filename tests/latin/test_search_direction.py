@@ -109,13 +109,14 @@ def test_held_points_are_rigid(made: Any) -> None:
 def test_automatic_choice(bars_scene: Any, made: Any) -> None:
     """Diagonal for windows of one instant; else the impedance where the step resolves the wave, or half the row."""
     tables = bars_scene()
+    tables["time"]["scheme"] = "hht"
     fine = made(tables).assembly
     assert k_of(fine, SearchDirection(), 1)[1] == "diagonal"
     sides, choice = k_of(fine, SearchDirection(), 10)
     assert choice == "impedance"
     np.testing.assert_allclose(sides[0][:, 0], 2.0)  # rho c
     assert unresolved_sides(fine) == []
-    coarse = made(tables | {"time": {"end": 240.0, "instants": 48}}).assembly
+    coarse = made(tables | {"time": {"end": 240.0, "instants": 48, "scheme": "hht"}}).assembly
     sides, choice = k_of(coarse, SearchDirection(), 10)
     assert choice == "half row"
     np.testing.assert_allclose(sides[0], 0.5 * k_of(coarse, SearchDirection("row"))[0][0], rtol=1e-12)

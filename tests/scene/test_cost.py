@@ -29,7 +29,7 @@ def scene(elements: int, **solver: Any) -> latin_fmu.Scene:
     tables = column(
         {"low": block, "high": block},
         {"i": {"friction_coefficient": 0.3}},
-        {"end": 4e-6, "instants": 40},
+        {"end": 4e-6, "instants": 40} | ({} if "propagator" in solver else {"scheme": "hht"}),
         boundary={"base": {"type": "fixed", "face": "low.zmin"}},
         load={"p": {"face": "high.zmax", "pressure": 1e8, "law": half_sine(4e-6)}},
         solver={"share_identical": False, **solver},

@@ -17,7 +17,7 @@ from latin_fmu.scene.boundaries import Absorbing, Fixed
 from latin_fmu.scene.interfaces import GroundVelocity, Interface
 from latin_fmu.scene.laws import CsvLaw
 from latin_fmu.scene.schema import Scene
-from latin_fmu.scene.settings import HHT, Newmark, Time
+from latin_fmu.scene.settings import AutomaticScheme, Newmark, Time
 from latin_fmu.scene.solver_settings import Anderson, Automatic, NoAcceleration, Row, Solver, Uniform
 from latin_fmu.scene.substructures import Box, Material, Substructure
 
@@ -101,7 +101,7 @@ def test_defaults(small: dict[str, Any]) -> None:
     assert scene.solver.acceleration == Anderson(depth=6)
     assert scene.solver.window == 1
     assert settings_of(scene).force_tolerance == pytest.approx(1e-2)
-    assert scene.time.scheme == HHT(alpha=-0.1)
+    assert scene.time.scheme == AutomaticScheme()
     assert scene.interface["meet"].gap is None
     assert scene.boundary["held"] == Fixed(face="right.zmax")
     assert not scene.output.fields

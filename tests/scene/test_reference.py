@@ -67,7 +67,7 @@ def test_names_are_those_of_the_registries() -> None:
     assert set(BEHAVIOUR_NAMES) == set(BEHAVIOURS)
     with_gap = {name for name, keys in TAKES.items() if "gap" in keys}
     assert with_gap == {name for name, behaviour in BEHAVIOURS.items() if behaviour.opens}
-    assert set(tags_of(tables_in(Time.model_fields["scheme"].annotation))) == set(SCHEMES)
+    assert set(tags_of(tables_in(Time.model_fields["scheme"].annotation))) == {"automatic", *SCHEMES}
 
 
 def test_schema_is_plain_data_with_units() -> None:

@@ -110,12 +110,12 @@ def test_bouncing_bar_two_contacts():
         assert first == pytest.approx(800 / 3, rel=3e-3)
         assert second == pytest.approx(800 / 3, rel=1e-2)
         foot = solution.interfaces["wall"].gap[np.argmin(np.abs(time - 8 / 3))].mean()
-        assert foot == pytest.approx(3.8889, rel=4e-3)
+        assert foot == pytest.approx(3.8889, rel=2e-2 / level)  # without viscosity the foot swings on
         energy = solution.energy
         losses.append(-(energy["kinetic"] + energy["elastic"] - energy["work_of_loads"])[-1] / 500)
-    assert losses[0] < 0.045  # of the energy of the fall, lost by the scheme at the impacts
+    assert losses[0] < 0.015  # of the energy of the fall, lost by the scheme at the impacts (HHT: 0.039)
     ratios = np.array(losses[:-1]) / np.array(losses[1:])
-    assert (ratios > 1.5).all(), f"losses {losses}"
+    assert (ratios > 1.2).all(), f"losses {losses}"
 
 
 def test_shear_wave_on_a_frictional_interface():
