@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import tempfile
 import time as clock
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
-from typing import Final, Protocol
+from pathlib import Path
+from typing import BinaryIO, Final, Protocol, cast
 
 import numpy as np
 
@@ -16,12 +18,13 @@ from .assembly.limit_load import loss_of_equilibrium
 from .assembly.problem import SolverReadyProblem
 from .assembly.run_checks import balance_words, resultants, run_remarks
 from .effects.cost import Prediction
-from .effects.memory import check_memory, memory_line
+from .effects.memory import IN_MEMORY, STREAMED, check_memory, memory_line
 from .errors import SolverError
 from .interface import Behaviour
 from .latin.assembly import Array, Assembly, InterfaceUnit
+from .latin.interface_rows import InterfaceRows, interface_history
 from .latin.record import InterfaceHistory, Outcome, Timings
-from .latin.recorder import Recorder, interface_history
+from .latin.recorder import Recorder
 from .latin.solver import IterationEvent
 from .latin.status import drift_remarks
 from .latin.windows import Run
@@ -29,9 +32,14 @@ from .machine import one_thread, peak_memory
 from .propagator.base import accuracy_remarks
 from .results.checkpoint import Checkpoint, scene_digest
 from .results.solution import Solution
+from .results.writing import check_folder
 from .scene.schema import Scene
 
 _THINNED: Final = "output.interfaces_every = {}: forces, impulses, contact times and estimates follow from these alone"
+_STREAMED: Final = (
+    "long run: the results file holds all histories of the interfaces; forces, impulses, contact times and estimates "
+    "told here follow from every {}th instant"
+)
 
 
 @dataclass(frozen=True)
@@ -109,6 +117,7 @@ def solve(
     progress: ProgressSink | None = None,
     behaviours: Mapping[str, Behaviour] | None = None,
     checkpoint: Checkpoint | None = None,
+    stream: Path | None = None,
 ) -> Solution:
     """Solve a scene.
 
@@ -120,6 +129,9 @@ def solve(
     behaviours : laws of the caller's own (``interface.behaviour``), by interface, in the place of those that the scene
         names; they are called from Python, point by point in NumPy (``examples/own_law.py``).
     checkpoint : writes checkpoints, and continues from one; the run gives the same bits as an uninterrupted one.
+    stream : folder for a temporary file that takes the histories of the interfaces where they are large (64 MB):
+        ``Solution.save`` writes them all, everything else follows from at most 20,000 instants.
+        ``Solution.outcome.stream.close()`` removes the file.
 
     Raises
     ------
@@ -133,13 +145,15 @@ def solve(
     with one_thread():
         discretised = discretise(scene, behaviours)
         prediction = Prediction(discretised)
-        check_memory(prediction)
+        check_memory(prediction, stream is not None)
         problem = solver_ready(discretised, {})
         if scene.time.quasi_static:
             problem.assembly.lost = loss_of_equilibrium(discretised)
     timings.setup = clock.process_time() - start
+    if scene.output.energy or scene.output.surfaces:  # both need whole histories
+        stream = None
     digest = "" if checkpoint is None else scene_digest(scene, behaviours or ())
-    outcome = run(problem, timings, observer, progress, wall, checkpoint, digest)
+    outcome = run(problem, timings, observer, progress, wall, checkpoint, digest, stream)
     if outcome.converged:
         timings.predicted = prediction.march
     return Solution(
@@ -160,17 +174,18 @@ def run(
     wall_start: float | None = None,
     checkpoint: Checkpoint | None = None,
     digest: str = "",
+    stream: Path | None = None,
 ) -> Outcome:
     """Run a solver-ready problem over its whole interval (once: its assembly keeps the final state).
 
-    ``digest`` : of the scene, for the header of the ``checkpoint``.
+    ``digest`` : of the scene, for the header of the ``checkpoint``. ``stream`` : as for ``solve``.
     """
     timings = Timings() if timings is None else timings
     wall = clock.perf_counter() if wall_start is None else wall_start
     assembly = problem.assembly
     begin, begin_wall = clock.process_time(), clock.perf_counter()
-    every = problem.output.interfaces_every
-    recorder = Recorder(assembly, problem.output, problem.info, every)
+    recorder = _recorder(problem, stream)
+    every = recorder.rows.every
 
     def observe(event: IterationEvent) -> None:
         assert observer is not None
@@ -190,7 +205,7 @@ def run(
             march.all()
     converged, sentence = march.status(energy := recorder.assembly_energy(assembly))
     names = [u.name for u in assembly.interfaces]
-    indicator, histories = march.interface_indicator, recorder.interfaces(assembly)
+    indicator, histories = march.interface_indicator, recorder.interfaces()
     balance, time = resultants(problem, march.f_hat), assembly.time[: recorder.n_kept]
     outcome = Outcome(
         time=time,
@@ -206,7 +221,7 @@ def run(
         timings=timings,
         warnings=(
             *problem.warnings,
-            *([] if every == 1 else [_THINNED.format(every)]),
+            *([] if every == 1 else [(_THINNED if recorder.stream is None else _STREAMED).format(every)]),
             *drift_remarks(assembly, histories),
             *run_remarks(problem, histories, time, balance),
             *accuracy_remarks(assembly.propagators),
@@ -215,6 +230,7 @@ def run(
         sensors=recorder.sensors(assembly),
         reactions=recorder.reactions(assembly),
         interfaces_every=every,
+        stream=recorder.stream,
         complete=assembly.instant == assembly.n_instant,
         resultants=balance,
     )
@@ -227,6 +243,19 @@ def run(
     return outcome
 
 
+def _recorder(problem: SolverReadyProblem, stream: Path | None) -> Recorder:
+    """The recorder of a run, with a temporary file where the histories of the interfaces are large."""
+    assembly, request = problem.assembly, problem.output
+    every = request.interfaces_every
+    rows = len(range(0, len(assembly.time), every))
+    size = 8.0 * rows * InterfaceRows.width_of(assembly)
+    if stream is None or size <= STREAMED:
+        return Recorder(assembly, request, problem.info, every)
+    check_folder(stream, size)
+    file = cast(BinaryIO, tempfile.TemporaryFile(dir=stream, prefix=".latin-fmu-"))  # noqa: SIM115, closed by the caller
+    return Recorder(assembly, request, problem.info, every, file, every * -(-rows // IN_MEMORY))
+
+
 @computable()
 def check(scene: Scene) -> list[str]:
     """Build a scene without solving it; lines with its sizes and warnings.
@@ -237,7 +266,7 @@ def check(scene: Scene) -> list[str]:
     """
     discretised = discretise(scene)
     prediction = Prediction(discretised)
-    check_memory(prediction)
+    check_memory(prediction, stream=True)  # as the command line runs it
     problem = solver_ready(discretised, {})
     assembly = problem.assembly
     lines = [
@@ -250,7 +279,7 @@ def check(scene: Scene) -> list[str]:
     ]
     lines += [_interface_line(u, u.name not in scene.interface) for u in assembly.interfaces]
     lines += [] if problem.start is None else [f"  start: {problem.start.message}"]
-    lines.append(f"  {memory_line(prediction)}")
+    lines.append(f"  {memory_line(prediction, stream=True)}")
     warnings = (*size_remarks(discretised.bodies), *problem.warnings)
     lines += [f"warning: {w}" for w in warnings]
     return [*lines, "the scene can be solved" + (", mind the warnings" if warnings else "")]

@@ -20,6 +20,7 @@ from ..scene.substructures import MAX_REFINEMENTS, MeshFile, Substructure
 
 FEWEST_STEPS: Final = 8
 """Least number of time steps of a coarser run."""
+_MOST_KEPT: Final = 50_000  # instants of interface histories, about
 
 
 @dataclass(frozen=True)
@@ -84,8 +85,10 @@ def at_resolution(scene: Scene, resolution: Resolution) -> Scene:
     ------
     SceneError : the mesh or the number of steps leaves the range of a scene.
     """
-    output = {name: getattr(scene.output, name) for name in ("peak_duration", "interfaces_every")}
-    changes: dict[str, object] = {"output": type(scene.output)(**output)}
+    every = max(1, scene.output.interfaces_every, int(scene.time.n_step * resolution.time) // _MOST_KEPT)
+    changes: dict[str, object] = {
+        "output": type(scene.output)(peak_duration=scene.output.peak_duration, interfaces_every=max(1, every))
+    }
     if resolution.mesh != 1.0:
         changes["substructure"] = {n: _refined(body, resolution.mesh) for n, body in scene.substructure.items()}
     if resolution.time != 1.0:

@@ -174,7 +174,7 @@ class SegmentedRun:
         converged, sentence = run.status(energy, self._stored)
         return Segment(
             time[: recorder.n_kept],
-            recorder.interfaces(assembly),
+            recorder.interfaces(),
             recorder.substructures(),
             run.windows,
             converged,

@@ -6,6 +6,7 @@ import argparse
 import gc
 import json
 import math
+import os
 import re
 import sys
 import time
@@ -121,6 +122,8 @@ def _run(arguments: argparse.Namespace) -> int:
     written = [] if choice is None else [choice.sentence]
     arguments.signals.noted = True
     lost = _write(solution, target, arguments.vtk, written)
+    if solution.outcome.stream is not None:
+        solution.outcome.stream.close()
     if solution.complete and not lost:
         checkpoint.remove()
     elif checkpoint.path.exists():
@@ -232,7 +235,8 @@ def _solve(scene: Scene, arguments: argparse.Namespace, checkpoint: Checkpoint) 
 
     progress = None if arguments.quiet else Progress(sys.stderr, scene.solver.tolerance)
     try:
-        return api.solve(scene, progress=progress, checkpoint=checkpoint)
+        folder = Path(os.path.realpath(checkpoint.path)).parent
+        return api.solve(scene, progress=progress, checkpoint=checkpoint, stream=folder)
     finally:
         arguments.signals.noted = False
         if progress is not None:

@@ -63,7 +63,7 @@ class Windowed:
         recorder = Recorder(assembly, problem.output, problem.info)
         with one_thread():
             Run(assembly, problem.settings, recorder, Timings())
-        self.interfaces = recorder.interfaces(assembly)
+        self.interfaces = recorder.interfaces()
         self.time, self.segment = np.zeros(1), None
         self._impulse = np.zeros_like(self._impulse)
         series, sensors = series_of(self.interfaces), recorder.sensors(assembly)

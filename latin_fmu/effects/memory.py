@@ -16,6 +16,10 @@ from ..kernels.energy_parts import TERMS
 from ..machine import memory_room
 from .cost import Prediction
 
+STREAMED: Final = 64e6
+"""Bytes of interface histories from which on a run that may do so keeps them in a file."""
+IN_MEMORY: Final = 20_000
+"""Instants of such histories that are kept in memory, at most."""
 _CELL: Final = 15e3  # bytes of matrices and meshes per cell
 _OPERATORS: Final = 2.2  # peak while operators are made, over their size
 _COPIES: Final = 3.0  # stored fields: as they were kept, as one array, and while they are written
@@ -57,8 +61,8 @@ def amount(size: float) -> str:
     return f"{size / 1e9:.3g} GB" if size >= 1e9 else f"{size / 1e6:.3g} MB"
 
 
-def memory_need(p: Prediction) -> MemoryNeed:
-    """Memory of the run of a prediction."""
+def memory_need(p: Prediction, stream: bool = False) -> MemoryNeed:
+    """Memory of the run of a prediction; ``stream`` : histories of interfaces may go to a file."""
     scene, run, units = p.scene, p.run, p.discretised.units
     output, n_time = scene.output, run.n_instant + 1
     members = sum(c.size.members for c in run.classes)
@@ -68,8 +72,11 @@ def memory_need(p: Prediction) -> MemoryNeed:
     opening = sum(u.geometry.n_point for u in units if u.behaviour.opens)
     sliding = sum(u.geometry.n_point for u in units if u.behaviour.n_component == 1)
     most = max((u.geometry.n_point for u in units), default=0)
-    numbers = 2 * run.n_flat + opening + 6 * sliding  # as they are kept
-    numbers += 9 * points + opening + 15 * most  # as histories in global axes, and copies of one interface
+    kept = 2 * run.n_flat + opening + 6 * sliding
+    instants = ceil(n_time / output.interfaces_every)
+    if stream and 8.0 * kept * instants > STREAMED and not (output.energy or output.surfaces):
+        instants = IN_MEMORY
+    numbers = kept + 9 * points + opening + 15 * most  # as histories in global axes, and copies of one interface
     per_cell = 6 * (output.stress + output.strain) + 3 * (output.principal_stress and output.stress)
     per_node = 6 * output.keeps_fields + 6 * output.nodal_stress
     per_node += 3 * (output.principal_stress and output.nodal_stress)
@@ -78,28 +85,28 @@ def memory_need(p: Prediction) -> MemoryNeed:
     window = run.n_instant / run.window
     return MemoryNeed(
         operators=_LIBRARIES + _CELL * cells + _OPERATORS * p.memory,
-        interfaces=8.0 * numbers * ceil(n_time / output.interfaces_every),
+        interfaces=8.0 * numbers * instants,
         fields=8.0 * _COPIES * stored * (per_cell * cells + per_node * nodes),
         energies=8.0 * n_time * (terms + 12 * len(scene.sensor) + 4),
         windows=window * (8.0 + 16.0 * run.iterations * (1.0 + _WIDEST)),
     )
 
 
-def memory_line(p: Prediction) -> str:
+def memory_line(p: Prediction, stream: bool = False) -> str:
     """A line on the memory that a run needs and may take."""
-    need, (room, limit) = memory_need(p), memory_room()
+    need, (room, limit) = memory_need(p, stream), memory_room()
     free = f"; {amount(room)} may be taken ({limit})" if limit else ""
     return f"memory: about {amount(need.total)} ({need.text()}){free}"
 
 
-def check_memory(p: Prediction) -> None:
+def check_memory(p: Prediction, stream: bool = False) -> None:
     """Make sure that a run fits in the memory that this process may take.
 
     Raises
     ------
     SceneError : it does not; with the numbers, and settings with which it would.
     """
-    need, (room, limit) = memory_need(p), memory_room()
+    need, (room, limit) = memory_need(p, stream), memory_room()
     if limit and need.total > room:
         raise SceneError.of(
             "the scene cannot be solved here",

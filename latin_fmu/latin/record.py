@@ -6,8 +6,9 @@ linear stage (they satisfy equilibrium exactly); the indicator measures the dist
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -224,6 +225,19 @@ class Timings:
         return self.setup + self.march + self.other + self.output
 
 
+class HistoryBlocks(Protocol):
+    """Histories of the interfaces that are read block by block."""
+
+    every: int
+
+    def blocks(self) -> Iterator[tuple[int, Array, dict[str, InterfaceHistory]]]:
+        """Number of the first instant, instants (n,), histories by name; a block begins with the last instant of the
+        one before."""
+
+    def close(self) -> None:
+        """End: they can be read no more."""
+
+
 @dataclass(frozen=True)
 class Resultants:
     """Forces and moments (6,) on a body in equilibrium, N and N m, about its centre: of its loads (with the initial
@@ -252,7 +266,8 @@ class Outcome:
     ``contact_dissipation`` (impacts), ``ground_work`` where the ground moves, ``layer_energy`` and
     ``joint_dissipation`` where there are elastic layers and viscous joints,
     and ``balance``; None unless requested. ``warnings`` lists remarks on the scene and the run.
-    ``interfaces_every`` : the fields of the interfaces are kept at every so many instants.
+    ``interfaces_every`` : the fields of the interfaces are kept at every so many instants. ``stream`` : those at more
+    instants than are in ``interfaces``, for the results file; None where these are all.
     ``resultants`` : of every elastic body at the end of a run without inertia, by substructure.
     ``complete`` : whether the run reached the end of its interval; it does not where it stopped or was interrupted.
     """
@@ -275,6 +290,7 @@ class Outcome:
     complete: bool = True
     reactions: dict[str, ReactionHistory] = field(default_factory=dict)
     resultants: dict[str, Resultants] = field(default_factory=dict)
+    stream: HistoryBlocks | None = None
 
     @property
     def interface_time(self) -> Array:

@@ -7,16 +7,15 @@ instants n-1, n, n+1, as the energy balances of the substructures do.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Any, BinaryIO
 
 import numpy as np
 
-from ..interface.behaviour import SEPARATION, as_layer
-from ..interface.contact import coulomb_coefficient
 from ..kernels.energy_parts import TERMS
 from ..propagator.image import Image
 from .assembly import Array, Assembly
+from .interface_rows import InterfaceRows, InterfaceStream
 from .probes import Probes, SensorPlace
 from .reactions import Support, reaction_histories
 from .record import InterfaceHistory, ReactionHistory, SensorHistory, SubstructureHistory
@@ -57,25 +56,26 @@ class SubstructureInfo:
 class Recorder:
     """Histories of interfaces (always) and substructures (as requested).
 
-    thinned : those of interfaces are kept at every so many instants; the energies need them at every one.
+    thinned : those of interfaces are kept at every so many instants; the energies need them at every one. file : where
+    those of interfaces go at ``thinned`` instants when ``in_memory`` holds fewer.
     """
 
     def __init__(
-        self, assembly: Assembly, request: OutputRequest, substructures: dict[str, SubstructureInfo], thinned: int = 1
+        self,
+        assembly: Assembly,
+        request: OutputRequest,
+        substructures: dict[str, SubstructureInfo],
+        thinned: int = 1,
+        file: BinaryIO | None = None,
+        in_memory: int = 1,
     ) -> None:
-        self._request, self._info, self._thinned = request, substructures, thinned
+        self._request, self._info = request, substructures
         self._stores = request.fields or request.stress
-        n_time, layout = len(assembly.time), assembly.layout
-        n_row = len(range(0, n_time, thinned))
-        self.f_hat = np.zeros((n_row, layout.n_flat))
-        self.w_hat = np.zeros((n_row, layout.n_flat))
-        self._gaps = {g: np.zeros((n_row, x.n_point)) for g, x in enumerate(layout.groups) if x.behaviour.opens}
-        # Frictionless interfaces have no tangential unknowns: their tangential velocities come from the substructures.
-        self._slide = {
-            i: np.zeros((n_row, 2, u.geometry.n_point, 3))
-            for i, u in enumerate(assembly.interfaces)
-            if u.behaviour.n_component == 1
-        }
+        n_time = len(assembly.time)
+        every = thinned if file is None else in_memory
+        table = np.zeros((len(range(0, n_time, every)), InterfaceRows.width_of(assembly)))
+        self.rows = InterfaceRows(assembly, table, every)
+        self.stream = None if file is None else InterfaceStream(assembly, file, thinned, request.peak_duration)
         self._places = {name: (c, m) for c, p in enumerate(assembly.propagators) for m, name in enumerate(p.names)}
         self._fields: dict[str, dict[str, list[Array]]] = {name: {} for name in self._places}
         self._field_times: list[float] = []
@@ -88,7 +88,7 @@ class Recorder:
     @property
     def sliding(self) -> list[int]:
         """Interfaces whose tangential velocities come from the substructures."""
-        return sorted(self._slide)
+        return sorted(self.rows.slide)
 
     @property
     def places(self) -> Mapping[str, SensorPlace]:
@@ -103,7 +103,9 @@ class Recorder:
     def keep(self, assembly: Assembly, image: Image, probes: Probes, n: int, row: int = 0) -> None:
         """Keep the next n instants, rows of the image's output from ``row`` on; the first ones are t = 0."""
         rows, now = slice(row, row + n), slice(self.n_kept, self.n_kept + n)
-        self._keep_interfaces(assembly, image, probes, n, row)
+        self.rows.keep(image, probes, self.n_kept, n, row)
+        if self.stream is not None:
+            self.stream.keep(image, probes, self.n_kept, n, row)
         probes.read(assembly, image, now, rows, self._motions, self._forces)
         self._probes = probes
         if self._request.energy:
@@ -113,33 +115,11 @@ class Recorder:
         if self._stores and (self.n_kept - 1) % self._request.every == 0:
             self._keep_fields(assembly)
 
-    def _keep_interfaces(self, assembly: Assembly, image: Image, probes: Probes, n: int, row: int) -> None:
-        """Keep the fields of the interfaces at those of the next n instants that are kept."""
-        every = self._thinned
-        skipped = -self.n_kept % every
-        rows, instants = slice(row + skipped, row + n, every), slice(self.n_kept + skipped, self.n_kept + n, every)
-        into = slice(self._row(self.n_kept), self._row(self.n_kept + n))
-        self.f_hat[into] = image.field("history_f", image.rows, image.n_flat)[rows]
-        self.w_hat[into] = image.field("history_w", image.rows, image.n_flat)[rows]
-        gaps = image.field("history_gap", image.rows, int(image.run[0]["n_point"]))[rows]
-        at = 0
-        for g, group in enumerate(assembly.layout.groups):
-            if g in self._gaps:
-                self._gaps[g][into] = gaps[:, at : at + group.n_point]
-            at += group.n_point
-        if self._slide:
-            probed = [image.output(c, "probed", "n_probe")[rows] for c in range(len(self._energy))]
-            probes.slide.read(assembly, instants, into, probed, self._slide)
-
-    def _row(self, instant: int) -> int:
-        """Row of the first instant from ``instant`` on at which the fields of interfaces are kept."""
-        return -(-instant // self._thinned)
-
     def until_fields(self) -> int:
         """Instants from the last kept one to the next whose fields are kept."""
         if self._stores:
             return self._request.every - (self.n_kept - 1) % self._request.every
-        return self._thinned * len(self.f_hat)
+        return self.rows.every * len(self.rows.table)
 
     def _keep_fields(self, assembly: Assembly) -> None:
         """Keep the requested fields of the present state of the substructures."""
@@ -155,28 +135,23 @@ class Recorder:
                 fields.setdefault("stress", []).append(recover(u))
 
     # -- parts of the histories -------------------------------------------------------------------------------------
-    def _rows(self, first: int) -> dict[str, Array]:
-        """What is kept from the instant ``first`` on at the instants, time first, by name (views)."""
+    def _views(self, first: int) -> dict[str, Array]:
+        """What is kept in memory from the instant ``first`` on, time first, by name."""
         energy = dict(enumerate(self._energy)) if self._request.energy else {}
-        at_every: dict[str, Mapping[Any, Array]] = {"motion": self._motions, "force": self._forces, "energy": energy}
-        thinned: dict[str, Mapping[Any, Array]] = {
-            "field": {"f_hat": self.f_hat, "w_hat": self.w_hat},
-            "gap": self._gaps,
-            "slide": self._slide,
-        }
-        spans = (at_every, slice(first, self.n_kept)), (thinned, slice(self._row(first), self._row(self.n_kept)))
-        return {
-            f"{name} {key}": values[span]
-            for tables, span in spans
+        tables: dict[str, Mapping[Any, Array]] = {"motion": self._motions, "force": self._forces, "energy": energy}
+        views = {
+            f"{name} {key}": values[first : self.n_kept]
             for name, table in tables.items()
             for key, values in table.items()
         }
+        return views | {"interfaces": self.rows.table[self.rows.row(first) : self.rows.row(self.n_kept)]}
 
     def part(self, first: int, n_fields: int) -> dict[str, Any]:
         """What has been kept from the instant ``first`` and the stored fields ``n_fields`` on, as plain arrays."""
         return {
             "n_kept": self.n_kept,
-            "rows": self._rows(first),
+            "rows": self._views(first),
+            "stream": None if self.stream is None else self.stream.rows(self._streamed(first), self.stream.n_row),
             "times": np.array(self._field_times[n_fields:]),
             "fields": {
                 name: {key: np.array(values[n_fields:]) for key, values in fields.items()}
@@ -187,12 +162,18 @@ class Recorder:
     def append(self, part: Mapping[str, Any], first: int) -> None:
         """Put a ``part`` from the instant ``first`` on behind what has been kept."""
         self.n_kept = part["n_kept"]
-        for name, values in self._rows(first).items():
+        for name, values in self._views(first).items():
             values[:] = part["rows"][name]
+        if self.stream is not None:
+            self.stream.append(part["stream"])
         self._field_times += part["times"].tolist()
         for name, fields in part["fields"].items():
             for key, values in fields.items():
                 self._fields[name].setdefault(key, []).extend(values)
+
+    def _streamed(self, instant: int) -> int:
+        """Row of the stream of the first instant from ``instant`` on."""
+        return 0 if self.stream is None else -(-instant // self.stream.every)
 
     @property
     def n_fields(self) -> int:
@@ -200,17 +181,9 @@ class Recorder:
         return len(self._field_times)
 
     # -- histories --------------------------------------------------------------------------------------------
-    def interfaces(self, assembly: Assembly) -> dict[str, InterfaceHistory]:
+    def interfaces(self) -> dict[str, InterfaceHistory]:
         """Interface histories over the kept instants."""
-        n, layout = self._row(self.n_kept), assembly.layout
-        histories = {}
-        for i, unit in enumerate(assembly.interfaces):
-            group = layout.group(i)
-            gap = self._gaps.get(layout.groups.index(group))
-            own_gap = None if gap is None else gap[:n, group.members[i]]
-            history = interface_history(assembly, i, self.f_hat[:n], self.w_hat[:n], own_gap, self._slide.get(i))
-            histories[unit.name] = replace(history, peak_duration=self._request.peak_duration)
-        return histories
+        return self.rows.histories(self.rows.row(self.n_kept), self._request.peak_duration)
 
     def sensors(self, assembly: Assembly) -> dict[str, SensorHistory]:
         """Histories of the sensors over the kept instants."""
@@ -264,7 +237,7 @@ class Recorder:
         n = self.n_kept
         tables = [self._energy_terms(name) for name in self._places]
         total = {t: sum((table[:, j] for table in tables), np.zeros(n)) for j, t in enumerate(TERMS)}
-        histories = list(self.interfaces(assembly).values())
+        histories = list(self.interfaces().values())
         total["friction_dissipation"] = np.zeros(n)
         for history in histories:
             if history.friction_power is not None:
@@ -286,87 +259,6 @@ class Recorder:
             - total["interface_work"]
         )
         return total
-
-
-def interface_history(
-    assembly: Assembly, index: int, f_hat: Array, w_hat: Array, gap: Array | None = None, slide: Array | None = None
-) -> InterfaceHistory:
-    """History of interface ``index`` in global axes from local-frame fields.
-
-    Parameters
-    ----------
-    f_hat, w_hat : (n, n_flat) local-stage tractions and velocities. gap : (n, n_point) or None.
-    slide : (n_time, 2, n_point, 3) velocities of the sides where tangential unknowns are absent, else None.
-
-    A pressure below 1e-6 of the traction that the loads can bring (round-off, and the numerical precursor of a wave
-    that has not arrived) does not count as contact; nor does a traction, for laws without a friction coefficient.
-    """
-    unit, group = assembly.interfaces[index], assembly.layout.group(index)
-    points = group.members[index]
-    f_hat, w_hat = group.block(f_hat)[:, 0, points], group.block(w_hat)[:, :, points]
-    behaviour, geometry, parameters = unit.behaviour, unit.geometry, group.parameters[points]
-    frames = geometry.frames[:, : behaviour.n_component]
-    traction, velocity = _in_global_axes(f_hat, frames), _in_global_axes(w_hat, frames)
-    if slide is not None:
-        normal = geometry.frames[:, 0]
-        tangential = slide[: len(f_hat)]
-        velocity = velocity + tangential - np.einsum("tspi,pi,pj->tspj", tangential, normal, normal)
-    friction_power = joint_power = status = None
-    if behaviour.opens and behaviour.n_component > 1:
-        density = np.zeros(f_hat.shape[:-1])
-        for c in range(1, behaviour.n_component):
-            density += f_hat[..., c] * (w_hat[:, 1, :, c] - w_hat[:, 0, :, c])
-        friction_power = density @ geometry.areas
-    layer = as_layer(behaviour)
-    layer_energy = None if layer is None else layer.stored_energy(f_hat, parameters) @ geometry.areas
-    if behaviour.compliant and layer is None:
-        joint_power = (f_hat * (w_hat[:, 1] - w_hat[:, 0])).sum(axis=-1) @ geometry.areas
-    if behaviour.opens:
-        status = behaviour.status(f_hat, parameters)
-        carried = -f_hat[..., 0]
-        if coulomb_coefficient(behaviour) is None:  # such a law may hold shear without pressure
-            carried = np.maximum(carried, np.abs(f_hat).max(axis=-1))
-        status[carried <= _NO_CONTACT * assembly.characteristic_traction] = SEPARATION
-    return InterfaceHistory(
-        name=unit.name,
-        behaviour=behaviour.name,
-        sides=unit.sides,
-        points=geometry.points,
-        areas=geometry.areas,
-        normals=geometry.frames[:, 0],
-        initial_gap=geometry.gap,
-        friction_coefficient=coulomb_coefficient(behaviour),
-        traction=traction,
-        velocity=velocity,
-        gap=gap,
-        contact_status=status,
-        friction_power=friction_power,
-        layer_energy=layer_energy,
-        joint_power=joint_power,
-        cells=geometry.cells,
-        quasi_static=assembly.quasi_static,
-    )
-
-
-def _in_global_axes(values: Array, frames: Array) -> Array:
-    """Vectors (..., n_point, n_component) given in the frames (n_point, n_component, 3) of their points, in global
-    axes."""
-    if len(frames) and (frames == frames[0]).all():
-        return _in_one_frame(values, frames[0])
-    vectors: Array = np.einsum("...pc,pci->...pi", values, frames)
-    return vectors
-
-
-def _in_one_frame(values: Array, frame: Array) -> Array:
-    """Vectors (..., n_component) given in one frame (n_component, 3), in global axes."""
-    if (np.count_nonzero(frame, axis=0) <= 1).all():  # along the global axes: no sums
-        vectors = np.empty((*values.shape[:-1], 3))
-        for axis, column in enumerate(frame.T):
-            row = int(np.argmax(np.abs(column)))
-            np.multiply(values[..., row], column[row], out=vectors[..., axis])
-        return vectors
-    product: Array = values.reshape(-1, len(frame)) @ frame  # one product instead of one per instant
-    return product.reshape(*values.shape[:-1], 3)
 
 
 # -- energies of interfaces -------------------------------------------------------------------------------------

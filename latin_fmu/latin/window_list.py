@@ -22,11 +22,13 @@ class WindowList(Sequence[WindowRecord]):
     are read, and not kept.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, records: Sequence[WindowRecord] = ()) -> None:
         self._records: dict[int, WindowRecord] = {}
         # converged windows of one instant: number of the first, its instant, iterations and Newton steps, curves
         self._tables: list[tuple[int, int, Index, Array, Array]] = []
         self._n = 0
+        for record in records:
+            self.append(record)
 
     def append(self, record: WindowRecord) -> None:
         """Add the record of a window."""

@@ -35,7 +35,7 @@ from __future__ import annotations
 
 import platform
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cache
@@ -47,6 +47,7 @@ import numpy as np
 from ..fem.stress import Recovery, principal
 from ..latin.record import Array, InterfaceHistory, Outcome, Resultants, SubstructureHistory, WindowRecord
 from ..latin.state_serialization import package_version
+from ..latin.window_list import WindowList
 from ..scene.sensors import Sensor
 from .groups import (
     CONVENTIONS,
@@ -60,7 +61,7 @@ from .groups import (
     Group,
     annotated,
 )
-from .quantities_of_interest import InterfaceFields
+from .quantities_of_interest import Force, InterfaceFields, normal_resultant
 from .sensors import reaction_groups, sensor_groups
 
 if TYPE_CHECKING:
@@ -130,6 +131,7 @@ def _libraries() -> dict[str, str]:
     return {f"{name}_version": metadata.version(name) for name in ("numpy", "scipy", "xarray")}
 
 
+_WINDOWS: Final = 16_384  # of a block of windows
 AXES: Final = ["x", "y", "z"]
 _PLANE: Final = ("surface_x", "surface_y")
 SIDES: Final = ["E", "Ep"]
@@ -151,6 +153,7 @@ def result_groups(
     sensors: Mapping[str, Sensor] | None = None,
     spectrum_errors: Mapping[str, Array] | None = None,
     surfaces: bool = False,
+    streamed: bool = False,
 ) -> dict[str, Group]:
     """The results of a run by path of the group (layout: module docstring).
 
@@ -159,7 +162,7 @@ def result_groups(
     ``spectrum_errors``: estimated relative errors of their spectra. ``surfaces``: pressure and slip of interfaces.
     """
     groups = {"/": Group({}, attrs=_root_attributes(outcome, scene_name, scene_text, provenance))}
-    for name, interface in outcome.interfaces.items():
+    for name, interface in () if streamed else outcome.interfaces.items():
         indicator = outcome.interface_indicator.get(name)
         group = interface_group(interface, outcome.interface_time, indicator, surfaces)
         if surfaces and len(outcome.interface_time) < len(outcome.time):
@@ -173,10 +176,8 @@ def result_groups(
         if substructure.energy is not None:
             groups[f"/substructures/{name}/energy"] = _stored_energy(substructure, outcome.time)
     groups |= sensor_groups(outcome, sensors or {}, spectrum_errors) | reaction_groups(outcome)
-    groups["/convergence"] = convergence_group(outcome.windows, outcome.time, outcome.passes)
-    groups["/convergence"].attrs.update(
-        {f"setting_{re.sub('[^A-Za-z0-9]+', '_', key)}": value for key, value in outcome.settings.items()}
-    )
+    if not streamed:
+        groups["/convergence"] = _convergence(outcome)
     if outcome.energy is not None:
         groups["/energy"] = energy_group(outcome.energy, outcome.time)
     if outcome.resultants:
@@ -254,6 +255,46 @@ def _describe_surface(group: Group) -> None:
             variable.attrs.update(mesh="surface", location="node")
 
 
+def interface_blocks(outcome: Outcome) -> Iterator[dict[str, Group]]:
+    """Groups of the interfaces by path, block by block of the instants of the stream of a run; peak forces follow from
+    all instants and come with the last block."""
+    stream = outcome.stream
+    assert stream is not None
+    run_time = outcome.time[:: stream.every]
+    pushed = {name: np.zeros(len(run_time)) for name in outcome.interfaces}
+    impulse = dict.fromkeys(pushed, np.zeros(3))
+    for first, time, histories in stream.blocks():
+        groups, last = {}, first + len(time)
+        for name, history in histories.items():
+            group = interface_group(history, time, outcome.interface_indicator.get(name))
+            group.variables["impulse"].values += impulse[name]
+            impulse[name] = group.variables["impulse"].values[-1].copy()
+            pushed[name][first:last] = normal_resultant(InterfaceFields.of_history(history, time))
+            for variable in group.variables.values():
+                if first and variable.dims[:1] == ("time",):
+                    variable.values = variable.values[1:]
+            if last == len(run_time):
+                _set_peaks(group, *Force(run_time, pushed[name]).peaks(history.peak_duration))
+            groups[f"/interfaces/{name}"] = group
+        yield groups
+
+
+def _set_peaks(group: Group, peak: float, duration: float, raw: float) -> None:
+    """Put the peak forces of the whole run in the group of an interface."""
+    group.variables["peak_force"].values, group.variables["peak_force_raw"].values = np.array(peak), np.array(raw)
+    group.variables["peak_force"].attrs["peak_duration"] = duration
+
+
+def result_blocks(outcome: Outcome) -> Iterator[dict[str, Group]]:
+    """The groups that ``result_groups`` leaves out of a streamed run, in blocks of instants and of windows."""
+    starts = range(0, max(1, len(outcome.windows)), _WINDOWS)
+    interfaces = interface_blocks(outcome)
+    windows = ({"/convergence": _convergence(outcome, start, start + _WINDOWS)} for start in starts)
+    yield {**next(interfaces), **next(windows)}
+    yield from interfaces
+    yield from windows
+
+
 def has_friction(group: xr.Dataset) -> bool:
     """Whether Coulomb friction acts at the interface of a stored group (mu > 0)."""
     return float(group.attrs.get("friction_coefficient", 0.0)) > 0.0
@@ -315,28 +356,40 @@ def describe_mesh(group: Group, cell_type: str, along: str = "time") -> None:
             variable.attrs.update(mesh="mesh", location="volume" if "cell" in variable.dims else "node")
 
 
-def convergence_group(windows: Sequence[WindowRecord], time: Array, passes: float) -> Group:
-    """Group ``convergence``: curves padded with NaN to the longest window (at least one column)."""
+def _convergence(outcome: Outcome, first: int = 0, last: int | None = None) -> Group:
+    """Group ``convergence`` of some windows, with the settings of the run."""
+    group = convergence_group(outcome.windows, outcome.time, outcome.passes, first, last)
+    settings = outcome.settings.items()
+    group.attrs.update({f"setting_{re.sub('[^A-Za-z0-9]+', '_', key)}": value for key, value in settings})
+    return group
+
+
+def convergence_group(
+    windows: Sequence[WindowRecord], time: Array, passes: float, first: int = 0, last: int | None = None
+) -> Group:
+    """Group ``convergence``: curves padded with NaN to the longest window (at least one column); of the windows from
+    number ``first`` to before ``last``."""
     columns: Columns = {"passes": ((), float(passes))}
-    if not windows:
+    chosen, numbers = windows[first:last], windows if isinstance(windows, WindowList) else WindowList(windows)
+    if not chosen:
         return annotated(Group.of(columns), CONVERGENCE)
-    width = max(1, *(window.iterations for window in windows))
+    width = max(1, numbers.most_iterations())
     for name in ("error_indicator", "force_mismatch"):
-        table = np.full((len(windows), width), np.nan)
-        for row, window in zip(table, windows, strict=True):
+        table = np.full((len(chosen), width), np.nan)
+        for row, window in zip(table, chosen, strict=True):
             curve = getattr(window, name)
             row[: len(curve)] = curve
         columns[name] = (("window", "iteration"), table)
-    last = np.array([window.last_instant for window in windows], dtype=np.int32)
-    columns["iterations"] = ("window", np.array([window.iterations for window in windows], dtype=np.int32))
-    columns["newton_steps"] = ("window", np.array([window.newton_steps for window in windows], dtype=np.int32))
-    columns["converged"] = ("window", np.array([window.converged for window in windows], dtype=np.int8))
-    columns["first_instant"] = ("window", np.array([w.first_instant for w in windows], dtype=np.int32))
-    columns["last_instant"] = ("window", last)
-    columns["end_time"] = ("window", time[np.minimum(last, len(time) - 1)])
-    if any(window.fallbacks for window in windows):
-        columns["fallbacks"] = ("window", np.array(["; ".join(w.fallbacks) for w in windows], dtype=object))
-    counts = {"window": np.arange(1, len(windows) + 1), "iteration": np.arange(1, width + 1)}
+    end = np.array([window.last_instant for window in chosen], dtype=np.int32)
+    columns["iterations"] = ("window", np.array([window.iterations for window in chosen], dtype=np.int32))
+    columns["newton_steps"] = ("window", np.array([window.newton_steps for window in chosen], dtype=np.int32))
+    columns["converged"] = ("window", np.array([window.converged for window in chosen], dtype=np.int8))
+    columns["first_instant"] = ("window", np.array([w.first_instant for w in chosen], dtype=np.int32))
+    columns["last_instant"] = ("window", end)
+    columns["end_time"] = ("window", time[np.minimum(end, len(time) - 1)])
+    if numbers.with_fallbacks():
+        columns["fallbacks"] = ("window", np.array(["; ".join(w.fallbacks) for w in chosen], dtype=object))
+    counts = {"window": np.arange(first + 1, first + len(chosen) + 1), "iteration": np.arange(1, width + 1)}
     return annotated(Group.of(columns, counts), CONVERGENCE)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import errno
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -17,7 +17,12 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-_CHUNK: Final = {"time": 50, "point": 4096, "node": 4096, "cell": 4096}
+Blocks = Callable[[], Iterable[Mapping[str, Group]]]
+"""Gives groups by path, instants after instants; called once per attempt to write."""
+
+_GROWING: Final = ("time", "window")
+_CACHE: Final = 250_000  # bytes of chunks per variable that is written in blocks, in order
+_CHUNK: Final = {"time": 50, "window": 4096, "point": 4096, "node": 4096, "cell": 4096}
 _SINGLE_PRECISION = (
     "displacement",
     "velocity",
@@ -34,11 +39,13 @@ def write_netcdf(tree: xr.DataTree, path: str | Path) -> None:
     write_groups({node.path: Group.of_dataset(node.to_dataset(inherit=False)) for node in tree.subtree}, path)
 
 
-def write_groups(groups: Mapping[str, Group], path: str | Path) -> None:
+def write_groups(groups: Mapping[str, Group], path: str | Path, blocks: Blocks | None = None) -> None:
     """Write ``groups`` (by path) to the file ``path``, atomically: an existing file is replaced only by a complete one.
 
     Interface fields keep double precision, substructure fields single precision; both are compressed, and
     ``time`` is unlimited.
+
+    blocks : gives groups that take the place of those of the same path, the first instants first.
 
     Raises
     ------
@@ -49,19 +56,35 @@ def write_groups(groups: Mapping[str, Group], path: str | Path) -> None:
     def write(draft: Path) -> None:
         try:
             with Dataset(draft, "w", format="NETCDF4") as file:
-                for where, group in with_labels(groups):
-                    _write_group(file if where == "/" else file.createGroup(where), where, group)
+                parts = iter(() if blocks is None else blocks())
+                for where, group in with_labels({**groups, **next(parts, {})}):
+                    _write_group(file if where == "/" else file.createGroup(where), where, group, blocks is not None)
+                for part in parts:
+                    for where, group in part.items():
+                        _append(file[where], group)
         except RuntimeError as error:  # how the netCDF library reports a failed write to disk
             raise OSError(errno.EIO, f"the netCDF library failed: {error}") from error
 
     write_whole(path, write)
 
 
-def _write_group(place: Any, where: str, group: Group) -> None:
-    """Dimensions, attributes and variables of one group."""
+def _append(place: Any, group: Group) -> None:
+    """Write the variables over instants or windows behind those that are there, and single numbers anew."""
+    sizes = {dim: len(place.dimensions[dim]) for dim in _GROWING if dim in place.dimensions}
+    for name, variable in group.variables.items():
+        if not variable.dims:
+            place.variables[name][...] = variable.values
+            place.variables[name].setncatts(variable.attrs)
+        elif variable.dims[0] in sizes:
+            first = sizes[variable.dims[0]]
+            place.variables[name][first : first + len(variable.values)] = variable.values
+
+
+def _write_group(place: Any, where: str, group: Group, grows: bool) -> None:
+    """Dimensions, attributes and variables of one group; ``grows``: more of them follow."""
     place.setncatts(group.attrs)
     for name, size in group.sizes().items():
-        place.createDimension(name, None if name == "time" else size)
+        place.createDimension(name, None if name == "time" or (grows and name in _GROWING) else size)
     for name, variable in group.variables.items():
         attrs = dict(variable.attrs)
         if name not in group.labels and (beside := _labels_of(group, variable)):
@@ -69,7 +92,7 @@ def _write_group(place: Any, where: str, group: Group) -> None:
         if variable.values.dtype.kind in "U":
             _write_text(place, name, variable, attrs)
         else:
-            _write_array(place, where, name, variable, attrs)
+            _write_array(place, where, name, variable, attrs, grows)
 
 
 def _labels_of(group: Group, variable: Variable) -> str:
@@ -81,7 +104,7 @@ def _labels_of(group: Group, variable: Variable) -> str:
     )
 
 
-def _write_array(place: Any, where: str, name: str, variable: Variable, attrs: Mapping[str, Any]) -> None:
+def _write_array(place: Any, where: str, name: str, variable: Variable, attrs: Mapping[str, Any], grows: bool) -> None:
     values = variable.values
     kind: Any = str if values.dtype.kind == "O" else values.dtype
     storage: dict[str, Any] = {}
@@ -93,7 +116,7 @@ def _write_array(place: Any, where: str, name: str, variable: Variable, attrs: M
         if name in ("cell_nodes", "cells") and (values < 0).any():
             storage["fill_value"] = -1
         if values.size:
-            storage |= _storage(variable)
+            storage |= _storage(variable) | ({"chunk_cache": _CACHE} if grows else {})
     made = place.createVariable(name, kind, variable.dims, **storage)
     made.setncatts(attrs)
     if values.size:

@@ -143,6 +143,11 @@ class Force:
     time: Array
     value: Array
 
+    def peaks(self, asked: float | None) -> tuple[float, float, float]:
+        """Peak force (N), the duration of its mean (s; ``asked``, or a share of the contact), and the raw peak (N)."""
+        duration = self.peak_duration(asked)
+        return self.largest_mean(duration), duration, self.raw_peak()
+
     def norm(self) -> float:
         """sqrt(integral of value^2 dt), exact for linear pieces."""
         a, b = self.value[:-1], self.value[1:]
@@ -291,9 +296,7 @@ class InterfaceFields:
     @cached_property
     def peaks(self) -> tuple[float, float, float]:
         """Peak force (N), the duration of its mean (s), and the raw peak (N)."""
-        force = Force(self.time, normal_resultant(self))
-        duration = force.peak_duration(self.peak_duration)
-        return force.largest_mean(duration), duration, force.raw_peak()
+        return Force(self.time, normal_resultant(self)).peaks(self.peak_duration)
 
 
 def normal_resultant(fields: InterfaceFields) -> Array:

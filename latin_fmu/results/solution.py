@@ -5,7 +5,7 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +20,7 @@ from ..latin.record import (
     WindowRecord,
 )
 from ..scene.sensors import Sensor
-from .dataset import Recovered, datatree, provenance, result_groups
+from .dataset import Recovered, datatree, provenance, result_blocks, result_groups
 from .estimates import ErrorEstimate
 from .files import write_groups
 from .groups import Group
@@ -136,10 +136,10 @@ class Solution:
         """Everything as an xarray DataTree; the layout is in the docstring of ``results.dataset``."""
         return datatree(self._groups(), self.scene_name)
 
-    def _groups(self) -> dict[str, Group]:
+    def _groups(self, streamed: bool = False) -> dict[str, Group]:
         errors = None if self.estimate is None else self.estimate.spectra
         given = self.outcome, self.scene_name, self.scene_text, self.provenance, self.recovered, self.sensor_tables
-        groups = result_groups(*given, errors, self.surfaces)
+        groups = result_groups(*given, errors, self.surfaces, streamed)
         if self.estimate is not None and self.estimate.quantities:
             groups["/accuracy"] = self.estimate.group()
         return groups
@@ -152,7 +152,8 @@ class Solution:
         ResultsError : the file cannot be written.
         """
         start = clock.process_time()
-        write_groups(self._groups(), path)
+        blocks = None if self.outcome.stream is None else partial(result_blocks, self.outcome)
+        write_groups(self._groups(blocks is not None), path, blocks)
         self.timings.output += clock.process_time() - start
 
     def summary(self) -> str:

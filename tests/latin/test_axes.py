@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from latin_fmu.latin.recorder import _in_global_axes
+from latin_fmu.latin.interface_rows import _in_global_axes
 from latin_fmu.latin.search_direction import _median
 
 Array = np.ndarray

@@ -392,8 +392,8 @@ def test_what_is_not_a_field_is_never_written_or_read() -> None:
         for run_ in (bare, marked):
             run_.all()
         np.testing.assert_array_equal(image.moving.view(np.int64)[gaps], marks)
-        np.testing.assert_array_equal(bare.recorder.f_hat, marked.recorder.f_hat)
-        np.testing.assert_array_equal(bare.recorder.w_hat, marked.recorder.w_hat)
+        np.testing.assert_array_equal(bare.recorder.rows.f_hat, marked.recorder.rows.f_hat)
+        np.testing.assert_array_equal(bare.recorder.rows.w_hat, marked.recorder.rows.w_hat)
         assert all(w.converged for w in marked.windows)
 
 
@@ -411,7 +411,7 @@ def test_a_snapshot_is_a_copy_of_the_state(tables: Tables, change: Callable[[Tab
             run.advance(length, number, 100)
         first, last = begun + 1, run.assembly.instant
         assert last == begun + instants
-        state = {"state": run.image.state.copy(), "f": run.recorder.f_hat[first : last + 1].copy()}
+        state = {"state": run.image.state.copy(), "f": run.recorder.rows.f_hat[first : last + 1].copy()}
         for c, p in enumerate(run.assembly.propagators):
             state |= {f"{c} {term}": values for term, values in p.totals.items()}
         return state

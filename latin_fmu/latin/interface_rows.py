@@ -1,0 +1,226 @@
+"""Fields of the interfaces over the instants: rows as they are kept, and histories in global axes made from them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import BinaryIO
+
+import numpy as np
+
+from ..interface.behaviour import SEPARATION, as_layer
+from ..interface.contact import coulomb_coefficient
+from ..propagator.image import Image
+from .assembly import Array, Assembly
+from .probes import Probes
+from .record import InterfaceHistory
+
+_NO_CONTACT = 1e-6  # pressure that does not count as contact, over the traction the loads can bring
+_BLOCK = 4096  # rows of a stream that are read at a time
+
+
+class InterfaceRows:
+    """Local-stage fields of all interfaces at every so many instants, one row each.
+
+    Parameters
+    ----------
+    table : (n_row, width) numbers, see ``width_of``; rows are filled by ``keep``. every : instants from row to row.
+
+    Attributes
+    ----------
+    f_hat, w_hat : (n_row, n_flat) tractions and velocities in the local frames, views of the table, as are:
+    gaps : (n_row, n_point) by number of a group that opens. slide : (n_row, 2, n_point, 3) velocities of both sides by
+    number of a frictionless interface: it has no tangential unknowns, they come from the substructures.
+    """
+
+    def __init__(self, assembly: Assembly, table: Array, every: int = 1) -> None:
+        self._assembly, self.table, self.every = assembly, table, every
+        n, layout = assembly.layout.n_flat, assembly.layout
+        self.f_hat, self.w_hat = table[:, :n], table[:, n : 2 * n]
+        self.gaps: dict[int, Array] = {}
+        self.slide: dict[int, Array] = {}
+        at = 2 * n
+        for g, group in enumerate(layout.groups):
+            if group.behaviour.opens:
+                self.gaps[g] = table[:, at : at + group.n_point]
+                at += group.n_point
+        for i, unit in enumerate(assembly.interfaces):
+            if unit.behaviour.n_component == 1:
+                size = 6 * unit.geometry.n_point
+                self.slide[i] = table[:, at : at + size].reshape(len(table), 2, unit.geometry.n_point, 3)
+                at += size
+
+    @staticmethod
+    def width_of(assembly: Assembly) -> int:
+        """Numbers of a row."""
+        gaps = sum(group.n_point for group in assembly.layout.groups if group.behaviour.opens)
+        slide = sum(6 * u.geometry.n_point for u in assembly.interfaces if u.behaviour.n_component == 1)
+        return int(2 * assembly.layout.n_flat + gaps + slide)
+
+    def row(self, instant: int) -> int:
+        """Row of the first instant from ``instant`` on that is kept."""
+        return -(-instant // self.every)
+
+    def keep(self, image: Image, probes: Probes, first: int, n: int, row: int, at: int | None = None) -> int:
+        """Keep those of the n instants from ``first`` on that are to be kept, from the rows of the image's output from
+        ``row`` on, in the rows of the table from ``at`` on (None: their own); how many."""
+        skipped, count = -first % self.every, self.row(first + n) - self.row(first)
+        start = self.row(first) if at is None else at
+        rows, into = slice(row + skipped, row + n, self.every), slice(start, start + count)
+        self.f_hat[into] = image.field("history_f", image.rows, image.n_flat)[rows]
+        self.w_hat[into] = image.field("history_w", image.rows, image.n_flat)[rows]
+        gaps = image.field("history_gap", image.rows, int(image.run[0]["n_point"]))[rows]
+        place = 0
+        for g, group in enumerate(self._assembly.layout.groups):
+            if g in self.gaps:
+                self.gaps[g][into] = gaps[:, place : place + group.n_point]
+            place += group.n_point
+        if self.slide:
+            probed = [image.output(c, "probed", "n_probe")[rows] for c in range(len(image.propagators))]
+            instants = slice(first + skipped, first + n, self.every)
+            probes.slide.read(self._assembly, instants, into, probed, self.slide)
+        return count
+
+    def histories(self, n: int, peak_duration: float | None) -> dict[str, InterfaceHistory]:
+        """Histories in global axes of the first n rows; ``peak_duration`` as in the request of output."""
+        layout, histories = self._assembly.layout, {}
+        for i, unit in enumerate(self._assembly.interfaces):
+            group = layout.group(i)
+            gap = self.gaps.get(layout.groups.index(group))
+            own_gap = None if gap is None else gap[:n, group.members[i]]
+            fields = self.f_hat[:n], self.w_hat[:n], own_gap, self.slide.get(i)
+            history = interface_history(self._assembly, i, *fields)
+            histories[unit.name] = replace(history, peak_duration=peak_duration)
+        return histories
+
+
+class InterfaceStream:
+    """Rows of the interfaces in a file, where they are too many for the memory.
+
+    Parameters
+    ----------
+    file : open for reading and writing, empty, for this run alone. every : instants from row to row.
+    """
+
+    def __init__(self, assembly: Assembly, file: BinaryIO, every: int, peak_duration: float | None) -> None:
+        self._assembly, self._file, self.every = assembly, file, every
+        self._width, self._peak_duration = InterfaceRows.width_of(assembly), peak_duration
+        self._next = InterfaceRows(assembly, np.zeros((0, self._width)), every)
+        self.n_row = 0
+
+    def keep(self, image: Image, probes: Probes, first: int, n: int, row: int) -> None:
+        """Keep instants as ``InterfaceRows.keep`` does."""
+        if len(self._next.table) < image.rows:
+            self._next = InterfaceRows(self._assembly, np.zeros((image.rows, self._width)), self.every)
+        count = self._next.keep(image, probes, first, n, row, at=0)
+        self.append(self._next.table[:count])
+
+    def append(self, rows: Array) -> None:
+        """Put rows (n, width) behind those that are there."""
+        self._file.seek(8 * self.n_row * self._width)
+        self._file.write(np.ascontiguousarray(rows).tobytes())
+        self.n_row += len(rows)
+
+    def rows(self, first: int, last: int) -> Array:
+        """Rows from ``first`` to before ``last``, (n, width)."""
+        self._file.seek(8 * first * self._width)
+        content = self._file.read(8 * (last - first) * self._width)
+        return np.frombuffer(content).reshape(last - first, self._width)
+
+    def blocks(self) -> Iterator[tuple[int, Array, dict[str, InterfaceHistory]]]:
+        """The histories in blocks: row of the first instant, instants (n,), histories by name. A block begins with the
+        last instant of the one before."""
+        first = 0
+        while True:
+            last = min(first + _BLOCK, self.n_row)
+            rows = InterfaceRows(self._assembly, self.rows(first, last), self.every)
+            time = self._assembly.time[:: self.every][first:last]
+            yield first, time, rows.histories(last - first, self._peak_duration)
+            if last == self.n_row:
+                return
+            first = last - 1
+
+    def close(self) -> None:
+        """Close the file: the histories can be read no more."""
+        self._file.close()
+
+
+def interface_history(
+    assembly: Assembly, index: int, f_hat: Array, w_hat: Array, gap: Array | None = None, slide: Array | None = None
+) -> InterfaceHistory:
+    """History of interface ``index`` in global axes from local-frame fields.
+
+    Parameters
+    ----------
+    f_hat, w_hat : (n, n_flat) local-stage tractions and velocities. gap : (n, n_point) or None.
+    slide : (n_time, 2, n_point, 3) velocities of the sides where tangential unknowns are absent, else None.
+
+    A pressure below 1e-6 of the traction that the loads can bring (round-off, and the numerical precursor of a wave
+    that has not arrived) does not count as contact; nor does a traction, for laws without a friction coefficient.
+    """
+    unit, group = assembly.interfaces[index], assembly.layout.group(index)
+    points = group.members[index]
+    f_hat, w_hat = group.block(f_hat)[:, 0, points], group.block(w_hat)[:, :, points]
+    behaviour, geometry, parameters = unit.behaviour, unit.geometry, group.parameters[points]
+    frames = geometry.frames[:, : behaviour.n_component]
+    traction, velocity = _in_global_axes(f_hat, frames), _in_global_axes(w_hat, frames)
+    if slide is not None:
+        normal = geometry.frames[:, 0]
+        tangential = slide[: len(f_hat)]
+        velocity = velocity + tangential - np.einsum("tspi,pi,pj->tspj", tangential, normal, normal)
+    friction_power = joint_power = status = None
+    if behaviour.opens and behaviour.n_component > 1:
+        density = np.zeros(f_hat.shape[:-1])
+        for c in range(1, behaviour.n_component):
+            density += f_hat[..., c] * (w_hat[:, 1, :, c] - w_hat[:, 0, :, c])
+        friction_power = density @ geometry.areas
+    layer = as_layer(behaviour)
+    layer_energy = None if layer is None else layer.stored_energy(f_hat, parameters) @ geometry.areas
+    if behaviour.compliant and layer is None:
+        joint_power = (f_hat * (w_hat[:, 1] - w_hat[:, 0])).sum(axis=-1) @ geometry.areas
+    if behaviour.opens:
+        status = behaviour.status(f_hat, parameters)
+        carried = -f_hat[..., 0]
+        if coulomb_coefficient(behaviour) is None:  # such a law may hold shear without pressure
+            carried = np.maximum(carried, np.abs(f_hat).max(axis=-1))
+        status[carried <= _NO_CONTACT * assembly.characteristic_traction] = SEPARATION
+    return InterfaceHistory(
+        name=unit.name,
+        behaviour=behaviour.name,
+        sides=unit.sides,
+        points=geometry.points,
+        areas=geometry.areas,
+        normals=geometry.frames[:, 0],
+        initial_gap=geometry.gap,
+        friction_coefficient=coulomb_coefficient(behaviour),
+        traction=traction,
+        velocity=velocity,
+        gap=gap,
+        contact_status=status,
+        friction_power=friction_power,
+        layer_energy=layer_energy,
+        joint_power=joint_power,
+        cells=geometry.cells,
+        quasi_static=assembly.quasi_static,
+    )
+
+
+def _in_global_axes(values: Array, frames: Array) -> Array:
+    """Vectors (..., n_point, n_component) given in the frames (n_point, n_component, 3) of their points, in global
+    axes."""
+    if len(frames) and (frames == frames[0]).all():
+        return _in_one_frame(values, frames[0])
+    vectors: Array = np.einsum("...pc,pci->...pi", values, frames)
+    return vectors
+
+
+def _in_one_frame(values: Array, frame: Array) -> Array:
+    """Vectors (..., n_component) given in one frame (n_component, 3), in global axes."""
+    if (np.count_nonzero(frame, axis=0) <= 1).all():  # along the global axes: no sums
+        vectors = np.empty((*values.shape[:-1], 3))
+        for axis, column in enumerate(frame.T):
+            row = int(np.argmax(np.abs(column)))
+            np.multiply(values[..., row], column[row], out=vectors[..., axis])
+        return vectors
+    product: Array = values.reshape(-1, len(frame)) @ frame  # one product instead of one per instant
+    return product.reshape(*values.shape[:-1], 3)
