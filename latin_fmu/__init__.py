@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from .assembly.modes import vibration_modes
     from .errors import InputError, LatinError, MeshError, ResultsError, SceneError, SolverError
     from .reader import load_scene, scene_from_dict
+    from .results.checkpoint import Checkpoint
     from .results.files import open_results
     from .results.solution import Solution
     from .results.spectra import shock_response_spectrum
@@ -54,6 +55,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
+    "Checkpoint",
     "InputError",
     "Iteration",
     "LatinError",
@@ -79,6 +81,7 @@ _MODULES: Final = MappingProxyType(
         **dict.fromkeys(
             ("InputError", "LatinError", "MeshError", "ResultsError", "SceneError", "SolverError"), "errors"
         ),
+        "Checkpoint": "results.checkpoint",
         "Iteration": "api",
         "Scene": "scene.schema",
         "Solution": "results.solution",

@@ -185,7 +185,6 @@ def run(
     assembly = problem.assembly
     begin, begin_wall = clock.process_time(), clock.perf_counter()
     recorder = _recorder(problem, stream)
-    every = recorder.rows.every
 
     def observe(event: IterationEvent) -> None:
         assert observer is not None
@@ -221,7 +220,7 @@ def run(
         timings=timings,
         warnings=(
             *problem.warnings,
-            *([] if every == 1 else [(_THINNED if recorder.stream is None else _STREAMED).format(every)]),
+            *_thinning(recorder),
             *drift_remarks(assembly, histories),
             *run_remarks(problem, histories, time, balance),
             *accuracy_remarks(assembly.propagators),
@@ -229,7 +228,7 @@ def run(
         settings=march.choices() | problem.choices,
         sensors=recorder.sensors(assembly),
         reactions=recorder.reactions(assembly),
-        interfaces_every=every,
+        interfaces_every=recorder.rows.every,
         stream=recorder.stream,
         complete=assembly.instant == assembly.n_instant,
         resultants=balance,
@@ -241,6 +240,12 @@ def run(
     timings.wall = clock.perf_counter() - wall
     timings.peak_memory = peak_memory()
     return outcome
+
+
+def _thinning(recorder: Recorder) -> list[str]:
+    """A remark where forces and estimates follow from some of the instants."""
+    text = _THINNED if recorder.stream is None else _STREAMED
+    return [] if recorder.rows.every == 1 else [text.format(recorder.rows.every)]
 
 
 def _recorder(problem: SolverReadyProblem, stream: Path | None) -> Recorder:
