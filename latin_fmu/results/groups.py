@@ -185,7 +185,11 @@ REACTION: Final[Mapping[str, Meaning]] = {"force": Meaning("N", "resultant force
 SENSOR: Final[Mapping[str, Meaning]] = {
     "displacement": Meaning("m", "displacement of the sensor"),
     "velocity": Meaning("m s-1", "velocity of the sensor"),
-    "acceleration": Meaning("m s-2", "acceleration of the sensor"),
+    "acceleration": Meaning(
+        "m s-2",
+        "acceleration of the sensor",
+        "that of the time scheme: where it weights forces of two instants, that of about a tenth of a step earlier",
+    ),
     "displacement_filtered": Meaning("m", "displacement of the sensor, low pass"),
     "velocity_filtered": Meaning("m s-1", "velocity of the sensor, low pass"),
     "acceleration_filtered": Meaning("m s-2", "acceleration of the sensor, low pass"),

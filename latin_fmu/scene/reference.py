@@ -60,6 +60,10 @@ Behaviours     perfect: one velocity. contact: unilateral, Coulomb friction. no_
 Rigid          A rigid substructure keeps its mass and its mesh, which gives its faces and their points.
                Held and prescribed directions are taken out of its six motions; conditions that no rigid
                motion satisfies are refused. Its rotations are small ones.
+Sensors        A point is interpolated in the element that holds it, a face has its mean by area; results keep
+               displacement, velocity and acceleration at every instant. A filter adds the filtered motions. A
+               spectrum is that of the unfiltered acceleration along x, y and z, the base at rest before t = 0.
+Reactions      Force of a support on its body, from the equation of motion at the dofs that it holds or drives.
 Signs          Pressure is positive in compression: traction -p n, n the outward normal. Tractions, body
                forces and prescribed motions are along the global axes x, y, z.
 Laws           A law a(t) has no dimension and multiplies the load or the prescribed motion. Before its
