@@ -452,3 +452,17 @@ def test_no_interpreter_in_the_loop(change: Callable[[Tables], None], monkeypatc
     change(tables)
     latin_fmu.solve(latin_fmu.scene_from_dict(tables))
     assert not seen
+
+
+@pytest.mark.parametrize("window", [1, 4])
+def test_the_gap_follows_the_ground(window, blocks_scene):
+    """A block at rest over ground that rises and slides below it: the gap shrinks by the rise of every point alone."""
+    tables = blocks_scene(time={"end": 1.2, "instants": 12})
+    del tables["interface"]["rub"], tables["substructure"]["high"]
+    tables["substructure"]["low"]["box"]["origin"] = [0.0, 0.0, 1.0]
+    rise = {"direction": [3.0, 1.0, 2.0], "amplitude": 0.1, "law": "constant"}
+    tables["interface"]["floor"] |= {"gap": 1.0, "ground_velocity": rise}
+    tables["solver"] = {"window": window}
+    solution = latin_fmu.solve(latin_fmu.scene_from_dict(tables))
+    gap, time = solution.interfaces["floor"].gap, solution.time
+    np.testing.assert_allclose(gap, (1.0 - 0.2 / np.sqrt(14.0) * time)[:, None] + 0.0 * gap, rtol=1e-12)
