@@ -52,6 +52,9 @@ Elements = Annotated[
 ]
 
 
+_SMALLEST, _LARGEST = 1e-60, 1e60  # m; products of several such lengths are still numbers
+
+
 class Box(Table):
     """A box along the axes, cut into 8-node hexahedra; its faces are xmin xmax ymin ymax zmin zmax."""
 
@@ -61,8 +64,14 @@ class Box(Table):
 
     @model_validator(mode="after")
     def _check_shape(self) -> Self:
-        """Refuse flat elements: their matrices are not positive definite in double precision."""
+        """Refuse flat elements, whose matrices are not positive definite in double precision, and absurd lengths."""
         edges = [length / count for length, count in zip(self.size, self.elements, strict=True)]
+        if min(edges) < _SMALLEST or max(*map(abs, self.origin), *self.size) > _LARGEST:
+            raise refusal(
+                "lengths that cannot be computed with",
+                value=f"origin {list(self.origin)}, size {list(self.size)}",
+                allowed=f"edges from {_SMALLEST:g} m, coordinates up to {_LARGEST:g} m",
+            )
         if max(edges) > LARGEST_ASPECT * min(edges):
             raise refusal(
                 "elements are too flat (size over elements, along x, y, z)",
