@@ -218,7 +218,8 @@ class Force:
     def jumps(self, duration: float, at: float | None = None) -> bool:
         """Whether the force changes within ``duration`` (s) by more than half of its raw peak.
 
-        at : only the last rise above half of the raw peak before this instant counts, s.
+        at : only the last rise above half of the raw peak before this instant (s) counts, where it is one by nine
+            tenths of the raw peak, complete within twice the duration.
         """
         size, level = np.abs(self.value), 0.5 * self.raw_peak()
         if at is None:
@@ -228,7 +229,7 @@ class Force:
         if not low.size:
             return False
         apart = self.time - self.time[low[-1]]
-        before, after = (apart >= -duration) & (apart <= 0.0), (apart >= 0.0) & (apart <= duration)
+        before, after = (apart >= -duration) & (apart <= 0.0), (apart >= 0.0) & (apart <= 2.0 * duration)
         after[min(low[-1] + 1, len(size) - 1)] = True  # where the duration is shorter than a step
         return bool(size[after].max() - size[before].min() > 1.8 * level)
 
