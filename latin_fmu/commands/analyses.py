@@ -189,7 +189,8 @@ def _computed(name: str, node: Any, request: Spectrum) -> ShockSpectrum:
 
     heading = "no shock response spectrum"
     if "acceleration" not in node:
-        raise InputError([Problem(f"sensor {name}", f"no acceleration: {node.attrs.get('acceleration')}")], heading)
+        reason = str(node.attrs.get("acceleration", "none")).removeprefix("none: ")
+        raise InputError([Problem(f"sensor {name}", f"it has no acceleration ({reason})")], heading)
     time = node["time"].values
     step = uniform_step(time)
     if not step:

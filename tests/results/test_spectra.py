@@ -235,3 +235,10 @@ def test_command_refuses(
     assert main(["srs", str(tmp_path / "out.nc"), *options]) == 2
     assert words in capsys.readouterr().err
     assert not (tmp_path / "out_srs.csv").exists()
+
+
+def test_command_says_why_a_sensor_has_no_acceleration(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    time = {"end": 4e-6, "instants": 4, "quasi_static": True}
+    latin_fmu.solve(pressed(time=time)).save(tmp_path / "out.nc")
+    assert main(["srs", str(tmp_path / "out.nc"), "--sensor", "top"]) == 2
+    assert "sensor top: it has no acceleration (quasi-static run: no inertia" in capsys.readouterr().err
