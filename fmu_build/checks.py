@@ -17,7 +17,8 @@ import numpy as np
 
 from latin_fmu.cosim.session import Session
 from latin_fmu.cosim.settings import Settings
-from latin_fmu.cosim.variables import input_loads
+from latin_fmu.cosim.variable import variable_of
+from latin_fmu.cosim.variables import inputs_of
 from latin_fmu.errors import InputError, Problem, SolverError
 from latin_fmu.latin.settings import accuracy_of
 from latin_fmu.scene.laws import InputLaw, TimeLaw
@@ -50,7 +51,8 @@ def with_inputs(scene: Scene, names: Sequence[str]) -> Inputs:
     if unknown:
         known = ", ".join(scene.load) or "none"
         raise InputError([Problem(f"load {name}", "no such load", None, known) for name in unknown])
-    laws: dict[str, TimeLaw] = {name: scene.load[name].law for name in {*wanted, *input_loads(scene)}}
+    laws: dict[str, TimeLaw] = {name: scene.load[name].law for name in wanted}
+    laws.update(inputs_of(scene))
     loads = dict(scene.load)
     for name in wanted:
         start = float(laws[name].sample(np.zeros(1))[0])
@@ -93,7 +95,7 @@ def cross_check_files(inputs: Inputs) -> Files:
     }
     if histories:
         columns = {
-            f"load.{name}.{what}": column
+            f"{variable_of(name)}.{what}": column
             for name, pair in histories.items()
             for what, column in zip(("value", "rate"), pair, strict=True)
         }

@@ -6,10 +6,12 @@ import hashlib
 import json
 import zipfile
 from collections.abc import Mapping
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 import latin_fmu
 from latin_fmu.compiled import library
+from latin_fmu.errors import InputError, Problem
+from latin_fmu.mesh_files.reading import included_files
 from latin_fmu.results.writing import write_whole
 from latin_fmu.scene.schema import Scene
 
@@ -75,12 +77,36 @@ def scene_files(scene: Scene) -> Files:
             continue
         source = body.mesh.file
         if source not in meshes:
-            meshes[source] = f"mesh_{len(meshes) + 1}{Path(source).suffix}"
-            files[meshes[source]] = (scene.base_dir / source).read_bytes()
+            path = scene.base_dir / source
+            stem, names = f"mesh_{len(meshes) + 1}", included_files(path)
+            folder = f"{stem}/" if names else ""  # a deck keeps the files it includes beside it, under their names
+            meshes[source] = f"{folder}{stem}{path.suffix}"
+            files[meshes[source]] = path.read_bytes()
+            for include in names:
+                files[f"{folder}{_beside(include, source)}"] = (path.parent / include).read_bytes()
         mesh = body.mesh.model_copy(update={"file": meshes[source]})
         substructures[name] = body.model_copy(update={"mesh": mesh})
     inside = scene.model_copy(update={"substructure": substructures})
     return {"scene.toml": inside.text().encode(), **files}
+
+
+def _beside(name: str, source: str) -> str:
+    """Path of an included file below the folder of its deck. Raises InputError for a file elsewhere."""
+    path = PurePosixPath(name)
+    if path.is_absolute() or ".." in path.parts or "\\" in name or ":" in name:
+        raise InputError(
+            [
+                Problem(
+                    source,
+                    "includes a file outside of its folder, which cannot travel in an FMU",
+                    name,
+                    "a file in the folder of the deck, or below",
+                    "copy the file there, or join the two",
+                )
+            ],
+            "the FMU cannot be built",
+        )
+    return path.as_posix()
 
 
 def content_hash(*groups: Mapping[str, bytes]) -> str:

@@ -11,10 +11,12 @@ from typing import Any
 
 import fmpy
 import numpy as np
+from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import FMU2Slave
 from fmpy.fmi3 import FMU3Slave
 
 from latin_fmu.cosim.settings import StepReport, refused
+from latin_fmu.cosim.variable import variable_of
 from latin_fmu.errors import InputError, Problem
 
 Columns = Mapping[str, Sequence[float]]
@@ -145,12 +147,15 @@ class Drive:
         variable = self._by_name[name]
         reference = [variable.valueReference]
         kind = variable.type
-        convert = int if kind in ("Integer", "Int32", "UInt64") else str if kind == "String" else float
+        whole, text = kind in ("Integer", "Int32", "UInt64"), kind == "String"
         try:
-            number = convert(value)
+            given = str(value) if text else float(value)
+            if whole and given != int(given):
+                raise ValueError
         except (ValueError, OverflowError):
-            raise InputError([Problem(name, "not a number", str(value)[:80], f"a value of type {kind}")]) from None
-        getattr(self._fmu, f"set{kind}")(reference, [number])
+            allowed = "a whole number" if whole else f"a value of type {kind}"
+            raise InputError([Problem(name, "not a number", str(value)[:80], allowed)]) from None
+        getattr(self._fmu, f"set{kind}")(reference, [int(given) if whole else given])
 
     def read(self, names: Sequence[str]) -> list[float]:
         """Values of real variables, read at once."""
@@ -203,7 +208,11 @@ class Drive:
             raise InputError([Problem("--step, --stop", "must be > 0", f"{step}, {stop}")])
         if self._inputs:
             self._give(0.0, step)
-        self.initialize()
+        try:
+            self.initialize()
+        except FMICallException as error:
+            self.complaint = self._message or str(error)
+            return
         yield [0.0, *self.read(self.outputs)]
         n = max(1, round(stop / step))
         for i in range(n):
@@ -316,8 +325,8 @@ class FmuPeer(Drive):
 
     def set_load(self, name: str, value: float, rate: float = 0.0) -> None:
         """Amplitude of a load at the start of the next step and its rate, 1/s."""
-        self.set(f"load.{name}.value", value)
-        self.set(f"load.{name}.rate", rate)
+        self.set(f"{variable_of(name)}.value", value)
+        self.set(f"{variable_of(name)}.rate", rate)
 
     def value(self, name: str) -> float:
         """Value of a scalar output."""

@@ -10,6 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Final
 
 import numpy as np
 import scipy.linalg as la
@@ -40,17 +42,29 @@ _FLAT = 1e-6  # a symmetry face may leave its plane by this fraction
 _PAIRING = 1e-3  # periodic faces: lateral distance of a pair over the spacing of points
 _ROUND_OFF = 1e-9
 
+NOTHING: Final[Mapping[str, Array]] = MappingProxyType({})  # no motion is set from outside
+
 
 @dataclass(frozen=True)
 class Motion:
-    """A prescribed velocity, or displacement, ``value`` times a law."""
+    """A prescribed velocity, or displacement, ``value`` times a law.
+
+    ``source``: name of a motion set from outside, ``boundary.NAME``, whose histories are those of ``velocity``.
+    """
 
     law: TimeLaw
     value: float
     is_displacement: bool
+    source: str = ""
 
-    def velocity(self, time: Array) -> Array:
-        """Velocity at the instants, (n_time,), m s-1; of a displacement law by central differences over one step."""
+    def velocity(self, time: Array, given: Mapping[str, Array] = NOTHING) -> Array:
+        """Velocity at the instants, (n_time,), m s-1; of a displacement law by central differences over one step.
+
+        given : by source: amplitude (n_time,) of a velocity, or its rate, 1/s, of a displacement.
+        """
+        if self.source in given:
+            known: Array = self.value * given[self.source]
+            return known
         if not self.is_displacement:
             return self.value * self.law.sample(time)
         step = time[1] - time[0]
@@ -58,12 +72,17 @@ class Motion:
         difference: Array = (self.law.sample(after) - self.law.sample(before)) / (after - before)
         return self.value * difference
 
-    def step_velocity(self, time: Array) -> Array:
-        """Mean velocity over each step that ends at the instants (that of the first is the one at the start)."""
+    def step_velocity(self, time: Array, given: Mapping[str, Array] = NOTHING) -> Array:
+        """Mean velocity over each step that ends at the instants (that of the first is the one at the start).
+
+        given : as for ``velocity``; the rate of a displacement is that over the steps.
+        """
+        if self.is_displacement and self.source in given:
+            return np.concatenate([[0.0], self.value * given[self.source][1:]])
         if self.is_displacement:
             place = self.value * self.law.sample(time)
             return np.concatenate([[0.0], np.diff(place) / np.diff(time)])
-        at = self.velocity(time)
+        at = self.velocity(time, given)
         return np.concatenate([at[:1], 0.5 * (at[1:] + at[:-1])])
 
     def start(self) -> float:
@@ -91,10 +110,10 @@ class Conditions:
         never: NDArray[np.bool_] = (np.diff(self.expansion.indptr) == 0) & ~self.pattern.any(axis=1)
         return never
 
-    def velocity(self, time: Array, over_steps: bool = False) -> Array:
+    def velocity(self, time: Array, over_steps: bool = False, given: Mapping[str, Array] = NOTHING) -> Array:
         """Velocities of the prescribed motions, (n_time, n_motion), m s-1: at the instants, or over the steps that end
-        there."""
-        columns = [m.step_velocity(time) if over_steps else m.velocity(time) for m in self.motions]
+        there. given : see ``Motion.velocity``."""
+        columns = [m.step_velocity(time, given) if over_steps else m.velocity(time, given) for m in self.motions]
         return np.stack(columns, axis=1) if columns else np.zeros((len(time), 0))
 
     def start(self) -> Array:
@@ -185,7 +204,8 @@ def _drive(
             )
             continue
         dofs.driver[moved] = len(dofs.motions)
-        dofs.motions.append(Motion(boundary.law, value, isinstance(boundary, PrescribedDisplacement)))
+        source = f"boundary.{name}"
+        dofs.motions.append(Motion(boundary.law, value, isinstance(boundary, PrescribedDisplacement), source))
 
 
 def _tie(body: Body, name: str, boundary: Periodic, dofs: _Dofs, problems: Problems) -> None:

@@ -20,7 +20,7 @@ from ..propagator import Histories, Propagator, StaticPropagator, SubstructureMo
 from ..results.dataset import Recovered
 from ..scene.boundaries import PrescribedDisplacement, PrescribedVelocity
 from ..scene.fields import split_face
-from ..scene.laws import InputLaw, sampled
+from ..scene.laws import InputLaw, TimeLaw, sampled
 from ..scene.schema import Scene
 from ..scene.solver_settings import WHOLE, Anderson, Uniform
 from ..time_scheme import QuasiStatic, TimeScheme
@@ -37,7 +37,11 @@ ROUND_OFF = 1e-13
 
 
 class Timeline:
-    """Samples the laws of a scene; amplitudes given from outside replace the law of a load."""
+    """Samples the laws of a scene; histories given from outside replace those laws.
+
+    They are given by the name of a load, ``boundary.NAME`` (see ``Motion.velocity``), or ``ground.INTERFACE``
+    (amplitude of its velocity).
+    """
 
     def __init__(self, scene: Scene, conditions: dict[str, Conditions]) -> None:
         self._scene, self._conditions = scene, conditions
@@ -54,18 +58,18 @@ class Timeline:
 
         Parameters
         ----------
-        time : (n_time,), s. given : amplitude (n_time,) of loads by name. ground_start : see ``Assembly.begin``.
+        time : (n_time,), s. given : histories (n_time,) from outside by name. ground_start : see ``Assembly.begin``.
         dt : step of the operators, s; that of ``time`` where None (they may differ by round-off).
         """
         dt = float(time[1] - time[0]) if dt is None else dt
         for propagator in assembly.propagators:
             propagator.begin([self.histories(member, time, given) for member in propagator.members], dt)
-        assembly.begin(time, dt, self._ground(assembly, time), ground_start)
+        assembly.begin(time, dt, self._ground(assembly, time, given), ground_start)
 
     def histories(self, model: SubstructureModel, time: Array, given: Mapping[str, Array] | None = None) -> Histories:
         """Histories that drive one substructure at the instants; ``given`` as for ``begin``."""
         amplitudes = [self._amplitude(load.name, time, given or {}) for load in model.loads]
-        motion = self._conditions[model.name].velocity(time, over_steps=self._scene.time.quasi_static)
+        motion = self._conditions[model.name].velocity(time, self._scene.time.quasi_static, given or {})
         return Histories(time, amplitudes, motion)
 
     def _amplitude(self, name: str, time: Array, given: Mapping[str, Array]) -> Array:
@@ -73,7 +77,7 @@ class Timeline:
             return np.ones(len(time))
         return given[name] if name in given else sampled(self._scene.load[name].law, time)
 
-    def _ground(self, assembly: Assembly, time: Array) -> dict[int, Array]:
+    def _ground(self, assembly: Assembly, time: Array, given: Mapping[str, Array]) -> dict[int, Array]:
         ground = {}
         for i, unit in enumerate(assembly.interfaces):
             if not unit.against_ground:
@@ -81,7 +85,8 @@ class Timeline:
             moving = self._scene.interface[unit.name].ground_velocity
             ground[i] = np.zeros((len(time), 3))
             if moving is not None:
-                ground[i] = moving.law.sample(time)[:, None] * np.asarray(moving.vector)
+                amplitude = given.get(f"ground.{unit.name}", moving.law.sample(time))
+                ground[i] = amplitude[:, None] * np.asarray(moving.vector)
             if self._scene.time.quasi_static:  # over the step that ends at each instant
                 ground[i][1:] = 0.5 * (ground[i][1:] + ground[i][:-1])
         return ground
@@ -324,14 +329,14 @@ def characteristic_traction(scene: Scene, bodies: dict[str, Body], time: Array) 
         spin = float(np.linalg.norm(description.initial_spin)) * body.mesh.size
         sizes.append(z_p * (float(np.linalg.norm(description.initial_velocity)) + spin))
         sizes.append(float(np.linalg.norm(description.body_force)) * body.mesh.size)
-        sizes += [z_p * float(np.abs(motion.velocity(time)).max()) for motion in _motions(scene, name)]
+        sizes += [z_p * _largest_speed(motion, time) for motion in _motions(scene, name)]
     stiffest = max(impedances.values())
     for interface in scene.interface.values():
         substructure, face = split_face(interface.sides[0])
         sizes.append(interface.initial_pressure(float(bodies[substructure].face(face).areas.sum())))
         if interface.ground_velocity is not None:
             ground = interface.ground_velocity
-            speed = float(np.linalg.norm(ground.vector) * np.abs(ground.law.sample(time)).max())
+            speed = float(np.linalg.norm(ground.vector)) * _largest(ground.law, time)
             sizes.append(stiffest * speed)
     return max(sizes)
 
@@ -351,8 +356,21 @@ def _load_tractions(scene: Scene, time: Array) -> Iterator[float]:
     """Largest traction of each load, Pa; the amplitude of an input, known only later, counts as 1 at least."""
     for load in scene.load.values():
         size = abs(load.pressure) if load.pressure is not None else float(np.linalg.norm(load.traction or 0.0))
-        largest = float(np.abs(load.law.sample(time)).max())
-        yield size * (max(largest, 1.0) if isinstance(load.law, InputLaw) else largest)
+        yield size * _largest(load.law, time)
+
+
+def _largest(law: TimeLaw, time: Array) -> float:
+    """Largest amplitude of a law; that of an input, known only later, counts as 1 at least."""
+    largest = float(np.abs(law.sample(time)).max())
+    return max(largest, 1.0) if isinstance(law, InputLaw) else largest
+
+
+def _largest_speed(motion: Motion, time: Array) -> float:
+    """Largest velocity of a prescribed motion, m s-1; an input displacement counts as if it took the whole time."""
+    if not isinstance(motion.law, InputLaw):
+        return float(np.abs(motion.velocity(time)).max())
+    speed = abs(motion.value) * _largest(motion.law, time)
+    return speed / float(time[-1]) if motion.is_displacement else speed
 
 
 def _motions(scene: Scene, substructure: str) -> Iterator[Motion]:
@@ -405,9 +423,13 @@ def static_traction(scene: Scene, bodies: dict[str, Body], time: Array) -> float
         for motion in _motions(scene, name):
             steps = motion.step_velocity(time)[1:] * np.diff(time)
             travels.append(float(np.abs(np.cumsum(steps)).max()))
+            if isinstance(motion.law, InputLaw):
+                travels.append(_largest_speed(motion, time) * float(time[-1]))
     for interface in scene.interface.values():
         if interface.ground_velocity is not None:
             ground = interface.ground_velocity
             speed = ground.law.sample(time)
             travels.append(float(np.linalg.norm(ground.vector)) * float(np.abs(np.cumsum(speed)).max() * time[1]))
+            if isinstance(ground.law, InputLaw):
+                travels.append(float(np.linalg.norm(ground.vector)) * _largest(ground.law, time) * float(time[-1]))
     return max(*sizes, softest * max(travels), 0.0)

@@ -153,6 +153,8 @@ class SegmentedRun:
     def _solve(self, time: Array, loads: Mapping[str, Array]) -> Segment:
         if self._run is None:
             self.settle({name: float(values[0]) for name, values in loads.items()})
+            for propagator in self.problem.assembly.propagators:
+                propagator.restart()  # the motions given from outside may start otherwise than those it was built with
         problem, assembly = self.problem, self.problem.assembly
         step = self._known_step(float(time[1] - time[0]))
         problem.timeline.begin(assembly, time, loads, self._ground, step)
@@ -276,7 +278,12 @@ class SegmentedRun:
                     raise unlike("state", "gaps that do not follow from its displacements")
 
     def close(self) -> None:
-        """Free the operators; the run cannot be used after this."""
+        """Free the operators; the run cannot be used after this.
+
+        The image of a run and its propagators hold one another: without this they wait for the collector of cycles.
+        """
+        for propagator in self.problem.assembly.propagators:
+            vars(propagator).clear()
         self._run = None
 
     def reset(self) -> None:

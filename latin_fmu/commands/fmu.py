@@ -190,13 +190,16 @@ def read_columns(path: Path) -> dict[str, list[float]]:
 
     Raises InputError where it cannot be read, holds no numbers, or has no increasing times.
     """
+    problem = Problem(str(path), "not a table of numbers", None, "a header, then one row per time")
     try:
+        if not path.is_file():
+            problem = Problem(str(path), "not a regular file" if path.exists() else "no such file")
+            raise ValueError
         with path.open(newline="", encoding="utf-8-sig") as file:
             rows = [row for row in csv.reader(file) if row]
         names = [name.strip() for name in rows[0]]
         columns = {name: [float(row[i]) for row in rows[1:]] for i, name in enumerate(names)}
-    except (OSError, UnicodeDecodeError, ValueError, IndexError, csv.Error) as error:
-        problem = Problem(str(path), f"not a table of numbers ({error})", None, "a header, then one row per time")
+    except (OSError, ValueError, IndexError, csv.Error):  # of the text nothing is quoted
         raise InputError([problem], "the inputs cannot be read") from None
     times = columns.get("time", [])
     if len(times) < 1 or any(b <= a for a, b in pairwise(times)):

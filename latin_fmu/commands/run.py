@@ -104,6 +104,7 @@ def _run(arguments: argparse.Namespace) -> int:
         from ..results.writing import check_target
 
         scene = read_scene(arguments)
+    _note_inputs(scene, arguments.quiet)
     target = arguments.output or Path(f"{scene.name}.nc")
     check_target(target)  # before the long part
     if arguments.vtk is not None:
@@ -137,6 +138,19 @@ def _run(arguments: argparse.Namespace) -> int:
         return int(arguments.signals.exit_code)
     good = solution.converged and (choice is None or choice.reached)
     return CONVERGED if good else NOT_CONVERGED
+
+
+def _note_inputs(scene: Scene, quiet: bool) -> None:
+    """Say at which value inputs stay: nothing sets them in a run of its own."""
+    from ..cosim.variable import variable_of
+    from ..cosim.variables import inputs_of
+
+    stay = [f"{variable_of(name)} = {law.start_value:g}" for name, law in inputs_of(scene).items()]
+    if stay and not quiet:
+        text = (
+            f"inputs stay at their start value in a run of its own (an FMU or a session sets them): {', '.join(stay)}"
+        )
+        print(text, file=sys.stderr, flush=True)
 
 
 def _write(solution: Solution, target: Path, vtk: Path | None, written: list[str]) -> list[Problem]:

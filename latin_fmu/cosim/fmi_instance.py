@@ -13,7 +13,7 @@ import numpy as np
 from ..errors import InputError, Problem
 from ..latin.settings import tolerance_for
 from ..latin.state_serialization import check_like, decode, encode, opened, sealed
-from .variable import Variable
+from .variable import Variable, variable_of
 from .variable_store import DISCARD, ERROR, WARNING, Log, VariableStore, exception_barrier
 
 if TYPE_CHECKING:  # imported at initialization: hosts instantiate an FMU only to look at it
@@ -65,7 +65,7 @@ class FmiInstance:
         self._variables.clear()
         self._host_tolerance: float | None = None
         self._failure = ""
-        self._discarded = False  # the last step, and not repeated since
+        self._discarded = ""  # the last step, where it was not made
         self._start_time = 0.0
         if self._session is not None:
             self._session.reset()
@@ -163,7 +163,8 @@ class FmiInstance:
     def _set_loads(self, session: Session) -> None:
         number = self._variables.number
         for name in session.loads:
-            session.set_load(name, number(f"load.{name}.value"), number(f"load.{name}.rate"))
+            stem = variable_of(name)
+            session.set_load(name, number(f"{stem}.value"), number(f"{stem}.rate"))
 
     def _set_histories(self, session: Session) -> None:
         """Set the histories of a session in prescribed mode: those of the file, then those given as arrays."""
@@ -192,6 +193,10 @@ class FmiInstance:
             return False
         before = {name: session.load(name) for name in session.loads}
         self._set_loads(session)
+        wanted = repr((t, h, [session.load(name) for name in session.loads]))
+        if wanted == self._discarded:  # some hosts repeat it for ever
+            self.log(ERROR, "this very step was discarded before: make it shorter, or with another input")
+            return False
         report = session.step(t, h)
         if not report.accepted:
             for name, (value, rate) in before.items():
@@ -200,9 +205,9 @@ class FmiInstance:
                 "; the step before was discarded: repeat it, shorter or with another input" if self._discarded else ""
             )
             self.log(DISCARD if report.again else ERROR, report.message + again)
-            self._discarded = True
+            self._discarded = wanted
             return False
-        self._discarded = False
+        self._discarded = ""
         self._variables.update(session)
         return True
 
@@ -252,7 +257,7 @@ class FmiInstance:
             self._session = session
             self._restore(decode(before, self._kind), check=False)
             raise
-        self._discarded = False
+        self._discarded = ""
         return True
 
     def _restore(self, state: dict[str, Any], check: bool) -> None:

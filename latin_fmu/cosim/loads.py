@@ -1,4 +1,8 @@
-"""Loads set from outside: values and rates over a step, or whole histories."""
+"""Loads and motions set from outside: values and rates over a step, or whole histories.
+
+A load may jump where a step begins. A motion goes on from the amplitude it has reached: a jump of its value takes the
+first time step. A displacement enters through its rate.
+"""
 
 from __future__ import annotations
 
@@ -13,9 +17,10 @@ import numpy as np
 from ..errors import InputError, Problem
 from ..latin.record import Array
 from ..latin.state_serialization import check_like, check_numbers, unlike
-from ..scene.laws import InputLaw
+from ..scene.laws import MAX_FILE_BYTES
 from ..scene.schema import Scene
-from .variables import HOLD, LINE, input_loads
+from .variable import is_motion, variable_of
+from .variables import HOLD, LINE, inputs_of
 
 Curve = tuple[tuple[float, ...], tuple[float, ...]]
 """Times, s, strictly increasing, and amplitudes between which a load was linear."""
@@ -35,7 +40,13 @@ class Loads:
     """
 
     def __init__(self, scene: Scene) -> None:
-        self._start = {name: _start_value(scene, name) for name in input_loads(scene)}
+        self._start = {name: law.start_value for name, law in inputs_of(scene).items()}
+        self._displacements = {
+            name
+            for name in self._start
+            if name.startswith("boundary.") and scene.boundary[name[9:]].type == "displacement"
+        }
+        self._static = scene.time.quasi_static
         self.reset()
 
     def reset(self) -> None:
@@ -43,6 +54,7 @@ class Loads:
         self.value = dict(self._start)
         self.rate = dict.fromkeys(self._start, 0.0)
         self._reached = dict(self._start)  # at the end of the last step
+        self._slope = dict.fromkeys(self._start, 0.0)  # there
         self._initial: dict[str, tuple[float, float]] = {}  # value and rate when the simulation began
         self.histories: Histories = {}
 
@@ -69,21 +81,21 @@ class Loads:
 
     def _check(self, name: str) -> None:
         if name not in self._start:
-            allowed = ", ".join(self._start) or 'none: give a load law = "input"'
-            raise InputError([Problem(f"load {name}", "not set from outside", None, allowed)])
+            allowed = ", ".join(self._start) or 'none: give a load, a driven face or the ground law = "input"'
+            raise InputError([Problem(variable_of(name), "not set from outside", None, allowed)])
 
     def not_finite(self) -> str:
         """The first value or rate that is not finite, as text; empty where all are finite."""
         for name in self._start:
             for what, number in (("value", self.value[name]), ("rate", self.rate[name])):
                 if not math.isfinite(number):
-                    return f"load.{name}.{what} = {number!r}"
+                    return f"{variable_of(name)}.{what} = {number!r}"
         return ""
 
     # -- over a simulation ----------------------------------------------------------------------------------------
     def begin(self) -> None:
         """Start a simulation with the present values."""
-        self._reached = dict(self.value)
+        self._reached, self._slope = dict(self.value), dict(self.rate)
         self._initial = {name: self.get(name) for name in self._start}
 
     def changed(self) -> str:
@@ -101,9 +113,48 @@ class Loads:
             curves[name] = (tuple(map(float, times)), tuple(map(float, values)))
         return curves
 
+    def starts(self) -> dict[str, float]:
+        """Amplitudes of displacements at the start of the simulation."""
+        initial = self.initial_values()
+        initial |= {name: float(np.interp(0.0, *history)) for name, history in self.histories.items()}
+        return {name: initial[name] for name in sorted(self._displacements)}
+
+    def at_rest(self, n: int) -> dict[str, Array]:
+        """Histories (n,) of the present values, held; of a displacement, its rate at the start."""
+        held = {name: np.full(n, value) for name, value in self.value.items()}
+        return held | {name: np.full(n, self.rate[name]) for name in self._displacements}
+
     def amplitudes(self, h: float, n: int, rule: int) -> dict[str, Array]:
         """Amplitudes (n + 1,) over a step of h, s, in n parts. rule : HOLD, RATE or LINE."""
-        return {name: self._amplitude(name, h, n, rule) for name in self._start}
+        lines = {name: self._amplitude(name, h, n, rule) for name in self._start}
+        for name, line in lines.items():
+            if is_motion(name):
+                line[0] = self._reached[name]
+        return lines
+
+    def driving(self, amplitudes: Mapping[str, Array], dt: float) -> dict[str, Array]:
+        """What drives the run: amplitudes; of displacements their rates, 1/s, over the steps that end at the
+        instants."""
+        rates = {n: np.concatenate([[self._slope[n]], np.diff(amplitudes[n]) / dt]) for n in self._displacements}
+        return {**amplitudes, **rates}
+
+    def over(self, instants: Array) -> dict[str, Array]:
+        """What drives a run at given instants: histories, else the present values; of displacements their rates, by
+        central differences (without inertia: over the steps)."""
+
+        def at(name: str, times: Array) -> Array:
+            if name not in self.histories:
+                return np.full(len(times), self.value[name])
+            known: Array = np.interp(times, *self.histories[name])
+            return known
+
+        driving = {name: at(name, instants) for name in self._start}
+        for name in self._displacements:
+            dt = float(instants[1] - instants[0])
+            before, after = np.maximum(instants - dt, 0.0), instants + (0.0 if self._static else dt)
+            span = np.where(after > before, after - before, dt)
+            driving[name] = (at(name, after) - at(name, before)) / span
+        return driving
 
     def _amplitude(self, name: str, h: float, n: int, rule: int) -> Array:
         value = self.value[name]
@@ -114,9 +165,10 @@ class Loads:
         line: Array = value + self.rate[name] * np.linspace(0.0, h, n + 1)
         return line
 
-    def accept(self, amplitudes: Mapping[str, Array]) -> None:
-        """Keep the amplitudes at the end of an accepted step."""
+    def accept(self, amplitudes: Mapping[str, Array], dt: float) -> None:
+        """Keep the amplitudes and their rates at the end of an accepted step; ``dt`` : time step, s."""
         self._reached = {name: float(a[-1]) for name, a in amplitudes.items()}
+        self._slope = {name: float(a[-1] - a[-2]) / dt for name, a in amplitudes.items()}
 
     # -- state ----------------------------------------------------------------------------------------------------
     def get_state(self) -> dict[str, Any]:
@@ -125,6 +177,7 @@ class Loads:
             "value": self.value,
             "rate": self.rate,
             "reached": self._reached,
+            "slope": self._slope,
             "initial": {name: list(pair) for name, pair in self._initial.items()},
             "histories": {name: list(pair) for name, pair in self.histories.items()},
         }
@@ -145,15 +198,10 @@ class Loads:
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Restore what ``get_state`` returned."""
-        self.value, self.rate, self._reached = state["value"], state["rate"], state["reached"]
+        self.value, self.rate = state["value"], state["rate"]
+        self._reached, self._slope = state["reached"], state["slope"]
         self._initial = {name: (a, b) for name, (a, b) in state["initial"].items()}
         self.histories = {name: (t, a) for name, (t, a) in state["histories"].items()}
-
-
-def _start_value(scene: Scene, name: str) -> float:
-    law = scene.load[name].law
-    assert isinstance(law, InputLaw)
-    return law.start_value
 
 
 # -- histories from a file ----------------------------------------------------------------------------------------
@@ -170,13 +218,21 @@ def read_histories(path: str | Path, loads: Sequence[str]) -> Histories:
     """
     file = Path(path)
     if not file.is_file():
-        raise _bad(file, "no such file", "give the path of a CSV or netCDF file")
+        what = "not a regular file" if file.exists() else "no such file"
+        raise _bad(file, what, "give the path of a CSV or netCDF file")
+    if file.stat().st_size > MAX_FILE_BYTES:
+        raise _bad(file, f"larger than {MAX_FILE_BYTES} bytes")
     columns = _netcdf(file) if file.suffix in (".nc", ".nc4", ".cdf") else _csv(file)
     if "time" not in columns:
         raise _bad(file, "no time column", "call the column of times 'time'")
     times = columns.pop("time")
     problems = [
-        Problem(f"{file}: {name}", "no load of this name is set from outside", None, ", ".join(loads) or "none")
+        Problem(
+            f"{file}: column {name[:40]!r}" if name.isidentifier() else f"{file}: a column",
+            "no load of this name is set from outside",
+            None,
+            ", ".join(loads) or "none",
+        )
         for name in columns
         if name not in loads
     ]
@@ -212,13 +268,22 @@ def _csv(file: Path) -> dict[str, Array]:
     if len(rows) < 2:
         raise _bad(file, "no rows of numbers", "a header line, then one line per instant")
     names = [name.strip() for name in rows[0]]
-    try:
-        table = np.array([[float(cell) for cell in row] for row in rows[1:]])
-    except ValueError as error:
-        raise _bad(file, f"not a table of numbers ({error})") from None
-    if table.ndim != 2 or table.shape[1] != len(names):
-        raise _bad(file, "the rows are not as long as the header")
+    for number, row in enumerate(rows[1:], 2):
+        if len(row) != len(names):
+            raise _bad(file, f"row {number} has {len(row)} columns, the header {len(names)}")
+        if not all(is_number(cell) for cell in row):  # of the text nothing is quoted
+            raise _bad(file, f"row {number} is not a row of numbers")
+    table = np.array([[float(cell) for cell in row] for row in rows[1:]])
     return {name: table[:, i] for i, name in enumerate(names)}
+
+
+def is_number(text: str) -> bool:
+    """Whether a cell of a table is a number."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 def _netcdf(file: Path) -> dict[str, Array]:

@@ -22,13 +22,12 @@ from ..latin.state_serialization import check_like, check_numbers, encode, unlik
 from ..latin.windows import Run
 from ..machine import one_thread
 from ..scene.schema import Scene
-from .loads import Histories, Loads
+from .loads import Loads
 from .outputs import impulses, output_rows, series_of
-from .settings import SHORTEST, Settings, StepReport, refused
+from .settings import MAX_INSTANTS, SHORTEST, Settings, StepReport, refused
 from .step_history import INTERFACE_FIELDS
 from .variables import scalar_table
 
-MAX_INSTANTS = 1_000_000  # of one communication step
 ROUND_OFF = 1e-9  # of a time step: times closer than this are one instant
 
 
@@ -52,14 +51,13 @@ class Windowed:
 
     def start(self, loads: Loads) -> None:
         """Compute the outputs at t = 0 under the loads that are set."""
-        self._outputs_now(loads.value)
+        self._outputs_now(loads)
 
-    def _outputs_now(self, amplitudes: Mapping[str, float]) -> None:
-        self.run.settle(amplitudes)
+    def _outputs_now(self, loads: Loads) -> None:
+        self.run.settle(loads.value)
         problem = self.run.problem
         assembly = problem.assembly
-        given = {name: np.full(len(assembly.time), value) for name, value in amplitudes.items()}
-        problem.timeline.begin(assembly, assembly.time, given, assembly.ground_start)
+        problem.timeline.begin(assembly, assembly.time, loads.at_rest(len(assembly.time)), assembly.ground_start)
         recorder = Recorder(assembly, problem.output, problem.info)
         with one_thread():
             Run(assembly, problem.settings, recorder, Timings())
@@ -87,10 +85,11 @@ class Windowed:
                 again=True,
             )
         amplitudes = loads.amplitudes(h, n, self._rule)
-        segment = self._advance(t + h - t0, n, amplitudes)
+        dt = h / n
+        segment = self._advance(t + h - t0, n, loads.driving(amplitudes, dt))
         if not segment.accepted:
             return refused(f"no convergence in the step of {h:g} s at {t:g} s: {segment.status}", again=True)
-        loads.accept(amplitudes)
+        loads.accept(amplitudes, dt)
         self._take_outputs(segment)
         return StepReport(True, "", n, segment.iterations, segment.error_indicator)
 
@@ -138,13 +137,13 @@ class Windowed:
             "fields": self._fields(),
         }
 
-    def set_state(self, state: Mapping[str, Any], _loads: Loads, check: bool = False) -> None:
+    def set_state(self, state: Mapping[str, Any], loads: Loads, check: bool = False) -> None:
         """Restore a state. Raises InputError where its run is of another scene.
 
         check : compare its numbers with those of this run before.
         """
         if not self.interfaces:
-            self._outputs_now({})  # gives the geometry of the interfaces
+            self._outputs_now(loads)  # gives the geometry of the interfaces
         if check:
             self._check(state)
         self.run.restore(state["run"].tobytes(), check)
@@ -195,12 +194,13 @@ class Prescribed:
         ------
         SolverError : the solution did not converge.
         """
-        self._solve(loads.value, loads.histories)
+        self._solve(loads)
         self.row = self._row_at(0.0)
 
-    def _solve(self, values: Mapping[str, float], histories: Histories) -> None:
+    def _solve(self, loads: Loads) -> None:
         """Solve for these loads, histories or constants, unless the present solution is theirs."""
-        given = {"value": dict(values), "history": {name: list(pair) for name, pair in histories.items()}}
+        histories = {name: list(pair) for name, pair in loads.histories.items()}
+        given = {"value": loads.initial_values(), "history": histories}
         key = hashlib.sha256(encode(given, "histories")).hexdigest()
         if key == self._solved_for:
             return
@@ -209,10 +209,8 @@ class Prescribed:
             run = SegmentedRun(self._scene, self._tolerance)
             end, n = self._scene.time.end, self._scene.time.n_step
             instants = np.linspace(0.0, end, n + 1)
-            loads = {name: np.full(n + 1, value) for name, value in values.items()}
-            loads |= {name: np.interp(instants, times, given) for name, (times, given) in histories.items()}
             with np.errstate(all="ignore"):
-                segment = run.advance(end, n, loads)
+                segment = run.advance(end, n, loads.over(instants))
         except (ArithmeticError, ValueError, RuntimeError, np.linalg.LinAlgError) as error:
             raise SolverError(f"the solver cannot continue: {error}") from error
         if not segment.converged:
@@ -286,7 +284,7 @@ class Prescribed:
         """
         if check:
             check_numbers(state["row"], "state.row", np.zeros(self._n_output))
-        self._solve(loads.initial_values(), loads.histories)
+        self._solve(loads)
         self.row = state["row"]
 
 

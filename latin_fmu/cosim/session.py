@@ -22,12 +22,13 @@ from ..errors import InputError, LatinError, Problem
 from ..latin.record import Array, InterfaceHistory
 from ..latin.state_serialization import check_like, decode, encode, unlike
 from ..results.estimates import ErrorEstimate
+from ..scene.laws import InputLaw
 from ..scene.schema import Scene
 from .loads import Loads
 from .modes import Prescribed, Windowed
 from .settings import Settings, StepReport, refused, why_not
 from .step_history import AcceptedStep, StepHistory
-from .variables import PRESCRIBED, scalar_table
+from .variables import PRESCRIBED, scalar_table, with_laws
 
 
 class Session:
@@ -55,6 +56,7 @@ class Session:
         self._time_step = self.settings.step_of(scene)
         self._kind = hashlib.sha256((self.scene.text() + repr(self.settings.choices())).encode()).hexdigest()
         self._mode: Windowed | Prescribed | None = None
+        self._starts: dict[str, float] = {}
         self.step_history = StepHistory()
         self.reset()
 
@@ -108,16 +110,20 @@ class Session:
         bad = self._loads.not_finite()
         if bad or not math.isfinite(t0):
             raise InputError([Problem(bad or "start time", "is not a finite number")], "the session cannot start")
-        mode = self._prepared_mode()
+        self._loads.begin()
+        mode = self._prepared_mode(self._loads)
         mode.start(self._loads)
         self.row = mode.row
         self._t0 = self.time = float(t0)
-        self._loads.begin()
         self.started = True
 
-    def _prepared_mode(self) -> Windowed | Prescribed:
-        if self._mode is None:
-            self._mode = (Prescribed if self.prescribed else Windowed)(self.scene, self.settings)
+    def _prepared_mode(self, loads: Loads) -> Windowed | Prescribed:
+        """The mode, built for the displacements that the driven faces have at the start."""
+        starts = loads.starts()
+        if self._mode is None or starts != self._starts:
+            laws = {name: InputLaw(start_value=value) for name, value in starts.items()}
+            scene = with_laws(self.scene, laws) if laws else self.scene
+            self._mode, self._starts = (Prescribed if self.prescribed else Windowed)(scene, self.settings), starts
         return self._mode
 
     def step(self, t: float, h: float) -> StepReport:
@@ -237,7 +243,7 @@ class Session:
                 raise unlike("state", "not started, or a time before the start")
         loads.set_state(state["loads"])
         if state["mode"] is not None:
-            self._prepared_mode().set_state(state["mode"], loads, check)
+            self._prepared_mode(loads).set_state(state["mode"], loads, check)
         self._loads = loads
         self.time, self._t0, self.started = state["time"], state["t0"], bool(state["started"])
         self.row = state["row"]

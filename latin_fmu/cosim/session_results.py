@@ -21,7 +21,8 @@ from .loads import Curve
 from .modes import Prescribed, Windowed
 from .settings import Settings
 from .step_history import AcceptedStep, curves_of, joined
-from .variable import Variable
+from .variable import Variable, input_of
+from .variables import with_laws
 
 _COMPONENT = re.compile(r"(.+)\[(\d)\]")
 _SAME_STEP = 1e-6  # relative difference of time steps that count as equal
@@ -59,8 +60,8 @@ def exchange_dataset(table: Sequence[Variable], steps: Sequence[AcceptedStep]) -
     }
     for variable in table:
         if variable.causality == "input":
-            _, load, what = variable.name.split(".")
-            values = np.array([getattr(step, what)[load] for step in steps])
+            name, what = input_of(variable.name)
+            values = np.array([getattr(step, what)[name] for step in steps])
             columns[_plain(variable.name)] = (("time",), values, _attributes(variable))
     for i, variable in enumerate(outputs):
         match = _COMPONENT.fullmatch(variable.name)
@@ -126,15 +127,10 @@ def _plain_scene(scene: Scene, settings: Settings, curves: dict[str, Curve], seg
     """The scene with the loads that were set, over the instants of equal segments from the start on."""
     from ..accuracy.resolution import with_tolerance
 
-    loads = {
-        name: load.model_copy(update={"law": TableLaw(times=curves[name][0], values=curves[name][1])})
-        if name in curves
-        else load
-        for name, load in scene.load.items()
-    }
+    scene = with_laws(scene, {name: TableLaw(times=times, values=values) for name, (times, values) in curves.items()})
     n = sum(len(segment.time) - 1 for segment in segments)
     time = scene.time.model_copy(update={"end": float(segments[-1].time[-1]), "step": None, "instants": n})
-    changes: dict[str, object] = {"load": loads, "time": time}
+    changes: dict[str, object] = {"time": time}
     if settings.tolerance is not None:
         changes["solver"] = with_tolerance(scene, settings.tolerance)
     return scene.model_copy(update=changes)

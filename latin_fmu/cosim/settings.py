@@ -10,6 +10,7 @@ from ..scene.schema import Scene
 from .variables import HOLD, LINE, PRESCRIBED, RATE, WINDOWED
 
 SHORTEST = 1e-9  # of a time step: shorter communication steps are round-off
+MAX_INSTANTS = 1_000_000  # of one communication step, or of the interval of prescribed mode
 EARLY = 1e-6  # of the step: largest distance of its start from the present time
 
 
@@ -56,6 +57,19 @@ class Settings:
         )
         return [Problem(name, what, repr(value), allowed) for name, value, good, what, allowed in checks if not good]
 
+    def _longer_than(self, scene: Scene) -> list[Problem]:
+        """Problems of time steps that do not suit the interval."""
+        step, end = self.time_step, scene.time.end if self.end_time is None else self.end_time
+        if not (_is_span(step) and _is_span(end)):
+            return []
+        step = self.step_of(scene)
+        if self.time_step is not None and step > end * (1.0 + EARLY):
+            return [Problem("timeStep", "is longer than the simulation", f"{step:g} s", f"at most {end:g} s")]
+        if self.mode == PRESCRIBED and end / step > MAX_INSTANTS:
+            what = f"gives more than {MAX_INSTANTS} time steps of {step:g} s"
+            return [Problem("endTime", what, f"{end:g} s", f"at most {MAX_INSTANTS * step:g} s", "longer time steps")]
+        return []
+
     def applied(self, scene: Scene) -> Scene:
         """The scene with these settings, but for the tolerance, which is given to the run.
 
@@ -63,7 +77,7 @@ class Settings:
         ------
         InputError : a setting out of range; all are listed.
         """
-        if problems := self.problems():
+        if problems := [*self.problems(), *self._longer_than(scene)]:
             raise InputError(problems, "the settings cannot be used")
         changes: dict[str, object] = {}
         if self.max_iterations is not None and self.max_iterations != scene.solver.max_iterations:

@@ -49,6 +49,23 @@ class Variable:
         return bool(self.dimensions)
 
 
+def is_motion(name: str) -> bool:
+    """Whether an input (see ``variables.inputs_of``) is a motion, not a load."""
+    return name.startswith(_MOTIONS)
+
+
+def variable_of(name: str) -> str:
+    """Beginning of the names of the variables of an input, ``load.NAME``, ``boundary.NAME``, ``ground.INTERFACE``."""
+    return name if is_motion(name) else f"load.{name}"
+
+
+def input_of(variable: str) -> tuple[str, str]:
+    """Input (see ``variables.inputs_of``) that a variable belongs to, and the last word of the variable."""
+    name, _, what = variable.rpartition(".")
+    return name.removeprefix("load."), what
+
+
+_MOTIONS = ("boundary.", "ground.")
 AXES = ("x", "y", "z")
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar, cast
 import numpy as np
 
 from ..errors import InputError, LatinError, Problem
-from .variable import Variable
+from .variable import Variable, input_of
 
 if TYPE_CHECKING:  # imported when arrays are read: hosts instantiate an FMU only to look at it
     from ..latin.record import Array
@@ -170,9 +170,9 @@ class VariableStore:
             return {}
         times = np.array(self.get([self.place["history.time"]]))
         return {
-            self.table[reference].name.split(".")[1]: (times, np.array(self.get([reference])))
+            input_of(self.table[reference].name)[0]: (times, np.array(self.get([reference])))
             for reference in sorted(self._array_parameters)
-            if self.table[reference].name.startswith("load.")
+            if self.table[reference].name not in ("history.time", "history.size")
         }
 
     # -- from a session, states -----------------------------------------------------------------------------------

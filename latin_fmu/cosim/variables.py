@@ -7,11 +7,12 @@ components are counted from 1.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Final
+from typing import Any, Final
 
-from ..scene.laws import InputLaw
+from ..scene.boundaries import PrescribedDisplacement, PrescribedVelocity
+from ..scene.laws import InputLaw, TimeLaw
 from ..scene.schema import Scene
-from .variable import Kind, Variable, output, parameter, vector
+from .variable import Kind, Variable, output, parameter, variable_of, vector
 
 WINDOWED, PRESCRIBED = 0, 1
 HOLD, RATE, LINE = 0, 1, 2
@@ -36,21 +37,48 @@ ENERGIES: Final[Mapping[str, str]] = {
 }
 
 
-def input_loads(scene: Scene) -> list[str]:
-    """Loads with the law ``input``: those set from outside."""
-    return [name for name, load in scene.load.items() if isinstance(load.law, InputLaw)]
+def inputs_of(scene: Scene) -> dict[str, InputLaw]:
+    """Laws set from outside: of loads by their name, of driven faces by ``boundary.NAME``, of moving ground by
+    ``ground.INTERFACE``."""
+    laws = {name: load.law for name, load in scene.load.items()}
+    for name, boundary in scene.boundary.items():
+        if isinstance(boundary, PrescribedVelocity | PrescribedDisplacement):
+            laws[f"boundary.{name}"] = boundary.law
+    for name, interface in scene.interface.items():
+        if interface.ground_velocity is not None:
+            laws[f"ground.{name}"] = interface.ground_velocity.law
+    return {name: law for name, law in laws.items() if isinstance(law, InputLaw)}
+
+
+def with_laws(scene: Scene, laws: Mapping[str, TimeLaw]) -> Scene:
+    """The scene with other laws of its inputs, by the names of ``inputs_of``."""
+    parts = {
+        "load": {n: _with_law(load, laws.get(n)) for n, load in scene.load.items()},
+        "boundary": {n: _with_law(b, laws.get(f"boundary.{n}")) for n, b in scene.boundary.items()},
+        "interface": {
+            n: i.model_copy(update={"ground_velocity": _with_law(i.ground_velocity, laws[f"ground.{n}"])})
+            if f"ground.{n}" in laws
+            else i
+            for n, i in scene.interface.items()
+        },
+    }
+    return scene.model_copy(update=parts)
+
+
+def _with_law(table: Any, law: TimeLaw | None) -> Any:
+    return table if law is None else table.model_copy(update={"law": law})
 
 
 def scalar_table(scene: Scene) -> tuple[Variable, ...]:
     """Scalar variables of a scene (all of FMI 2)."""
-    loads = input_loads(scene)
-    depends = tuple(f"load.{name}.value" for name in loads)
+    inputs = inputs_of(scene)
+    depends = tuple(f"{variable_of(name)}.value" for name in inputs)
     rows: list[Variable] = [
         Variable("time", "independent", "continuous", "real", "time since the start of the scene", "s"),
         *_parameters(scene),
     ]
-    for name in loads:
-        rows += _inputs(scene, name)
+    for name, law in inputs.items():
+        rows += _inputs(name, law)
     for name in scene.interface:
         rows += _interface(scene, name, depends)
     for name in scene.sensor:
@@ -74,7 +102,7 @@ _MEANINGS: Final[Mapping[str, str]] = {
     "tolerance": "tolerance on the error indicator sqrt(eta); a fifth of the importer's, if any, goes first",
     "maxIterations": "largest number of iterations of a window",
     "historyFile": "prescribed mode: CSV or netCDF file with a time column or coordinate and one column or variable "
-    "per load",
+    "per input: name of the load, boundary.NAME, or ground.INTERFACE",
     "resultsFile": "netCDF file written when the simulation is terminated, holding accepted steps only; nothing where "
     "empty",
     "estimateError": "1: the error of each quantity, from coarser runs made when the simulation is terminated, is "
@@ -100,14 +128,13 @@ def _parameters(scene: Scene) -> Iterator[Variable]:
         yield parameter(name, kind, start, _MEANINGS[name], unit=unit, minimum=minimum, maximum=maximum)
 
 
-def _inputs(scene: Scene, name: str) -> Iterator[Variable]:
-    law = scene.load[name].law
-    assert isinstance(law, InputLaw)
-    what = f"amplitude that multiplies load {name}"
-    yield Variable(
-        f"load.{name}.value", "input", "continuous", "real", f"{what}, at the start of the step", "1", law.start_value
-    )
-    yield Variable(f"load.{name}.rate", "input", "continuous", "real", f"rate of the {what}, over the step", "s-1", 0.0)
+def _inputs(name: str, law: InputLaw) -> Iterator[Variable]:
+    stem = variable_of(name)
+    kind, _, own = stem.partition(".")
+    thing = {"load": "load", "boundary": "the motion of boundary", "ground": "the velocity of the ground of interface"}
+    what, moment = f"amplitude that multiplies {thing[kind]} {own}", "at the start of the step"
+    yield Variable(f"{stem}.value", "input", "continuous", "real", f"{what}, {moment}", "1", law.start_value)
+    yield Variable(f"{stem}.rate", "input", "continuous", "real", f"rate of the {what}, over the step", "s-1", 0.0)
 
 
 def _interface(scene: Scene, name: str, depends: tuple[str, ...]) -> Iterator[Variable]:
@@ -142,7 +169,7 @@ def _solver() -> Iterator[Variable]:
 
 def table_of(scene: Scene, n_point: Mapping[str, int] | None = None) -> tuple[Variable, ...]:
     """The variable table: scalars, and arrays where the number of points of each interface is given."""
-    arrays = () if n_point is None else _arrays(scene, input_loads(scene), n_point)
+    arrays = () if n_point is None else _arrays(scene, list(inputs_of(scene)), n_point)
     return (*scalar_table(scene), *arrays)
 
 
@@ -163,7 +190,9 @@ def _arrays(scene: Scene, loads: Sequence[str], n_point: Mapping[str, int]) -> I
     if loads:
         yield parameter("history.time", "real", 0.0, "instants of the load histories", unit="s", dimensions=size)
     for name in loads:
-        yield parameter(f"load.{name}.history", "real", 0.0, f"amplitudes of load {name}", unit="1", dimensions=size)
+        stem = variable_of(name)
+        about = f"amplitudes of {stem.replace('.', ' ', 1)}"
+        yield parameter(f"{stem}.history", "real", 0.0, about, unit="1", dimensions=size)
     yield output("window.count", "1", "number of instants of the window, its start included", minimum=0.0)
     yield output("window.time", "s", "instants of the window, NaN beyond the last", dimensions=_INSTANTS)
     for name in scene.interface:

@@ -94,23 +94,25 @@ def opened(state: bytes, kind: str, digest: str, machine: str = "") -> bytes:
 def encode(tree: Any, kind: str) -> bytes:
     """Bytes of nested dicts and lists of arrays, numbers, texts and None; ``kind`` identifies the owner."""
     arrays: list[np.ndarray[Any, Any]] = []
-
-    def plain(value: Any) -> Any:
-        if isinstance(value, np.ndarray):
-            arrays.append(np.ascontiguousarray(value))
-            return {"": [len(arrays) - 1, arrays[-1].dtype.str, list(value.shape)]}
-        if isinstance(value, np.generic):
-            return plain(np.asarray(value))
-        if isinstance(value, dict):
-            return {str(key): plain(item) for key, item in value.items()}
-        if isinstance(value, list | tuple):
-            return [plain(item) for item in value]
-        if isinstance(value, float):
-            return plain(np.asarray(value))  # json text need not keep the last bit
-        return value
-
-    head = json.dumps({"kind": kind, "tree": plain(tree)}).encode()
+    head = json.dumps({"kind": kind, "tree": _plain(tree, arrays)}).encode()
     return b"".join([_MAGIC, len(head).to_bytes(8, "little"), head, *(a.tobytes() for a in arrays)])
+
+
+def _plain(value: Any, arrays: list[np.ndarray[Any, Any]]) -> Any:
+    """A value for JSON; arrays are appended to ``arrays`` and leave their place, type and shape.
+
+    No function in a function: one that calls itself is a cycle of references, with all the arrays in it.
+    """
+    if isinstance(value, np.ndarray):
+        arrays.append(np.ascontiguousarray(value))
+        return {"": [len(arrays) - 1, arrays[-1].dtype.str, list(value.shape)]}
+    if isinstance(value, np.generic | float):  # json text need not keep the last bit
+        return _plain(np.asarray(value), arrays)
+    if isinstance(value, dict):
+        return {str(key): _plain(item, arrays) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item, arrays) for item in value]
+    return value
 
 
 def decode(state: bytes, kind: str) -> Any:
@@ -138,19 +140,7 @@ def decode(state: bytes, kind: str) -> Any:
 def _rebuilt(tree: Any, state: bytes, start: int) -> Any:
     """The tree with its arrays, which begin at byte ``start``."""
     specs: list[tuple[str, list[int]]] = []
-
-    def collect(value: Any) -> None:
-        if isinstance(value, dict):
-            if "" in value:
-                specs.append((value[""][1], value[""][2]))
-            else:
-                for item in value.values():
-                    collect(item)
-        elif isinstance(value, list):
-            for item in value:
-                collect(item)
-
-    collect(tree)
+    _collect(tree, specs)
     arrays, at = [], start
     for dtype, shape in specs:
         if not _DTYPE.fullmatch(dtype):
@@ -161,15 +151,30 @@ def _rebuilt(tree: Any, state: bytes, start: int) -> Any:
     if at != len(state):
         raise ValueError("the length does not fit")
 
-    def build(value: Any) -> Any:
-        if isinstance(value, dict):
-            if "" in value:
-                array = arrays[value[""][0]]
-                return float(array) if array.shape == () else array
-            return {key: build(item) for key, item in value.items()}
-        return [build(item) for item in value] if isinstance(value, list) else value
+    return _built(tree, arrays)
 
-    return build(tree)
+
+def _collect(value: Any, specs: list[tuple[str, list[int]]]) -> None:
+    """Append type and shape of the arrays of a tree in their order."""
+    if isinstance(value, dict):
+        if "" in value:
+            specs.append((value[""][1], value[""][2]))
+        else:
+            for item in value.values():
+                _collect(item, specs)
+    elif isinstance(value, list):
+        for item in value:
+            _collect(item, specs)
+
+
+def _built(value: Any, arrays: list[np.ndarray[Any, Any]]) -> Any:
+    """The tree with its arrays."""
+    if isinstance(value, dict):
+        if "" in value:
+            array = arrays[value[""][0]]
+            return float(array) if array.shape == () else array
+        return {key: _built(item, arrays) for key, item in value.items()}
+    return [_built(item, arrays) for item in value] if isinstance(value, list) else value
 
 
 def check_like(tree: Any, template: Any, where: str, free: Sequence[str] = (), optional: Sequence[str] = ()) -> None:

@@ -80,7 +80,7 @@ def cards(text: str, include: Include, problems: FileProblems, depth: int = 0) -
             card.rows.append(line)
             card.lines.append(number)
         else:
-            problems.add("text before the first keyword", line.strip(), "a line that starts with *", line=number)
+            problems.add("text before the first keyword", None, "a line that starts with *", line=number)
             return
     if card is not None:
         yield from _complete(card, include, problems, depth)

@@ -1,8 +1,7 @@
 """Reading a mesh file of any known format, chosen by its suffix; formats that are read with libraries.
 
-Exodus II files (.e, .exo): blocks by name, side sets, node sets; read with netCDF4. The formats that meshio reads well:
-gmsh .msh, .vtu, .vtk, .med, .cgns, .xdmf, .mesh, ... Groups are taken from named sets (.msh, .med) and otherwise from
-integer data of the cells: value 3 of ``medit:ref`` is the group ``ref_3``.
+The formats that meshio reads well: gmsh .msh, .vtu, .vtk, .med, .cgns, .xdmf, .mesh, ... Groups are taken from named
+sets (.msh, .med) and otherwise from integer data of the cells: value 3 of ``medit:ref`` is the group ``ref_3``.
 """
 
 from __future__ import annotations
@@ -17,7 +16,8 @@ import numpy as np
 
 from ..errors import MeshError, Problem
 from .abaqus import read_abaqus
-from .content import CORNERS, FLAT, UPPER_EDGES_LAST, FileProblems, Index, MeshContent
+from .content import CORNERS, FLAT, Index, MeshContent
+from .exodus import read_exodus
 from .nastran import read_nastran
 
 _ABAQUS: Final = (".inp",)
@@ -58,34 +58,7 @@ _MESHIO: Final = (
 )
 _ALLOWED: Final = "msh, inp, bdf, nas, fem, vtu, vtk, e, exo, med, xdmf, mesh and others of meshio"
 MAX_BYTES: Final = 4_000_000_000
-_SOLIDS: Final = {
-    ("TET", 4): "tetra",
-    ("TET", 10): "tetra10",
-    ("HEX", 8): "hexahedron",
-    ("HEX", 20): "hexahedron20",
-    ("WED", 6): "wedge",
-    ("WED", 15): "wedge15",
-    ("PYR", 5): "pyramid",
-    ("PYR", 13): "pyramid13",
-}
-_FLAT: Final = {
-    ("TRI", 3): "triangle",
-    ("TRI", 6): "triangle6",
-    ("SHE", 4): "quad",
-    ("QUA", 4): "quad",
-    ("SHE", 8): "quad8",
-    ("QUA", 8): "quad8",
-    ("SHE", 9): "quad9",
-    ("QUA", 9): "quad9",
-    ("SHE", 3): "triangle",
-    ("TRI", 4): "triangle",
-}
 # Sides of a cell by number of corners (Exodus II manual, table of element sides)
-_SIDES: Final = {
-    4: ((0, 1, 3), (1, 2, 3), (0, 3, 2), (0, 2, 1)),
-    6: ((0, 1, 4, 3), (1, 2, 5, 4), (0, 3, 5, 2), (0, 2, 1), (3, 4, 5)),
-    8: ((0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (0, 4, 7, 3), (0, 3, 2, 1), (4, 5, 6, 7)),
-}
 _NEEDS: Final = {"h5py": "pip install h5py", "lxml": "pip install lxml"}
 _MOST_VALUES = 1000  # integer data with more values than this numbers cells, it names no groups
 
@@ -106,10 +79,8 @@ def read_content(path: Path) -> MeshContent:
     if state.st_size > MAX_BYTES:
         raise MeshError([Problem(path.name, "the file is too large", str(state.st_size), f"at most {MAX_BYTES} bytes")])
     suffix = path.suffix.lower()
-    if suffix in _ABAQUS:
-        return read_abaqus(_text(path), path.name, lambda name: _included(path, name))
-    if suffix in _NASTRAN:
-        return read_nastran(_text(path), path.name, lambda name: _included(path, name))
+    if suffix in (*_ABAQUS, *_NASTRAN):
+        return _deck(path, [])
     if suffix in _EXODUS:
         try:
             return read_exodus(path, path.name)
@@ -129,6 +100,28 @@ def read_content(path: Path) -> MeshContent:
     return read_with_meshio(path)
 
 
+def included_files(path: Path) -> list[str]:
+    """Names of the files that a deck includes, as it writes them; they are relative to it.
+
+    Raises MeshError where one of them cannot be read.
+    """
+    names: list[str] = []
+    if path.suffix.lower() in (*_ABAQUS, *_NASTRAN):
+        _deck(path, names)
+    return list(dict.fromkeys(names))
+
+
+def _deck(path: Path, names: list[str]) -> MeshContent:
+    """Content of a deck of Abaqus or Nastran; the names of the files that it includes are appended to ``names``."""
+
+    def include(name: str) -> str:
+        names.append(name)
+        return _included(path, name)
+
+    reader = read_abaqus if path.suffix.lower() in _ABAQUS else read_nastran
+    return reader(_text(path), path.name, include)
+
+
 def _included(path: Path, name: str) -> str:
     """Text of a file that a deck includes, relative to the deck."""
     try:
@@ -146,112 +139,6 @@ def _text(path: Path) -> str:
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise MeshError.of("unreadable mesh", path.name[:80], reason) from None
-
-
-def read_exodus(path: Path, where: str) -> MeshContent:
-    """The mesh of a file; element blocks and sets without a name are ``block_1``, ``sideset_1``, ``nodeset_1``.
-
-    Raises
-    ------
-    MeshError : cell types that are not known. OSError, KeyError, ... : what netCDF4 makes of a file that is none.
-    """
-    import netCDF4
-
-    problems = FileProblems(where)
-    with netCDF4.Dataset(path) as data:
-        data.set_auto_mask(False)
-        content = MeshContent(_points(data))
-        blocks: list[tuple[str, Index, Index]] = []  # type, connectivity, rows among the cells of that type
-        for number, name in _named(data, "eb", "block", "num_el_blk"):
-            variable = data.variables.get(f"connect{number}")
-            if variable is None:  # an empty block
-                blocks.append(("", np.zeros((0, 1), dtype=np.int64), np.zeros(0, dtype=np.int64)))
-                continue
-            cells = np.asarray(variable[:], dtype=np.int64) - 1
-            if cells.size and not (cells.min() >= 0 and cells.max() < len(content.points)):
-                problems.add(f"block {name} names a node that is not there", allowed=f"1 to {len(content.points)}")
-                continue
-            blocks.append(_add_block(content, problems, name, str(variable.elem_type), cells))
-        problems.stop()
-        for number, name in _named(data, "ss", "sideset", "num_side_sets"):
-            if f"elem_ss{number}" in data.variables:
-                elements = np.asarray(data.variables[f"elem_ss{number}"][:], dtype=np.int64) - 1
-                sides = np.asarray(data.variables[f"side_ss{number}"][:], dtype=np.int64) - 1
-                content.facets[name] = _facets(blocks, elements, sides, problems, name)
-        for number, name in _named(data, "ns", "nodeset", "num_node_sets"):
-            if f"node_ns{number}" in data.variables:
-                rows = np.asarray(data.variables[f"node_ns{number}"][:], dtype=np.int64) - 1
-                content.node_sets[name] = rows[(rows >= 0) & (rows < len(content.points))]
-    problems.stop()
-    return content
-
-
-def _points(data: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
-    if "coord" in data.variables:
-        table = np.asarray(data.variables["coord"][:], dtype=float).T
-    else:
-        table = np.stack([np.asarray(data.variables[f"coord{x}"][:], dtype=float) for x in "xyz"], axis=1)
-    return np.ascontiguousarray(table)
-
-
-def _named(data: Any, short: str, long: str, dimension: str) -> list[tuple[int, str]]:
-    """Number (from 1) and name of the blocks or sets of one kind."""
-    if dimension not in data.dimensions:
-        return []
-    count = len(data.dimensions[dimension])
-    names = [""] * count
-    if f"{short}_names" in data.variables:
-        table = np.asarray(data.variables[f"{short}_names"][:])
-        names = [b"".join(row.tolist()).split(b"\0")[0].decode("utf-8", "replace").strip() for row in table]
-    ids = np.arange(1, count + 1)
-    if f"{short}_prop1" in data.variables:
-        ids = np.asarray(data.variables[f"{short}_prop1"][:])
-    return [(i + 1, name or f"{long}_{int(ids[i])}") for i, name in enumerate(names[:count])]
-
-
-def _add_block(
-    content: MeshContent, problems: FileProblems, name: str, element: str, cells: Index
-) -> tuple[str, Index, Index]:
-    """Put a block where it belongs; its type, connectivity and rows for the side sets."""
-    key = (element.upper()[:3], cells.shape[1])
-    nothing = np.zeros(0, dtype=np.int64)
-    if kind := _SOLIDS.get(key):
-        cells = cells[:, list(UPPER_EDGES_LAST.get(cells.shape[1], range(cells.shape[1])))]
-        before = content.solids.get(kind)
-        start = 0 if before is None else len(before)
-        content.solids[kind] = cells if before is None else np.concatenate([before, cells])
-        rows = start + np.arange(len(cells), dtype=np.int64)
-        group = content.volumes.setdefault(name, {})
-        group[kind] = np.concatenate([group.get(kind, nothing), rows])
-        return kind, cells, rows
-    if kind := _FLAT.get(key):
-        content.facets.setdefault(name, []).append(cells[:, : FLAT[kind]])
-        return kind, cells, nothing
-    if key[0] in ("HEX", "TET", "WED"):
-        problems.add("element type not known", f"{element}, {cells.shape[1]} nodes", "HEX8, HEX20, TET4, TET10, WEDGE6")
-    content.skipped[element] = content.skipped.get(element, 0) + len(cells)
-    return "", cells, nothing
-
-
-def _facets(
-    blocks: list[tuple[str, Index, Index]], elements: Index, sides: Index, problems: FileProblems, name: str
-) -> list[Index]:
-    """Corners of the facets of a side set; elements are counted through all blocks."""
-    facets: list[Index] = []
-    first = 0
-    for kind, cells, _ in blocks:
-        inside = (elements >= first) & (elements < first + len(cells))
-        local, side = elements[inside] - first, sides[inside]
-        first += len(cells)
-        if kind in FLAT and len(local):
-            facets.append(cells[local][:, : FLAT[kind]])
-        faces = _SIDES.get(CORNERS.get(kind, 0), ())
-        for number, face in enumerate(faces):
-            if (side == number).any():
-                facets.append(cells[local[side == number]][:, list(face)])
-        if faces and len(side) and not (side.min() >= 0 and side.max() < len(faces)):
-            problems.add(f"side set {name} names a side that no {kind} has", int(side.max()) + 1, f"1 to {len(faces)}")
-    return facets
 
 
 def read_with_meshio(path: Path) -> MeshContent:

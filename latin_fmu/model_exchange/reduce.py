@@ -22,6 +22,7 @@ from ..latin.assembly import Array, InterfaceUnit
 from ..propagator.model import reduced_rank
 from ..scene.boundaries import PrescribedDisplacement, PrescribedVelocity
 from ..scene.fields import GROUND, split_face
+from ..scene.laws import InputLaw
 from ..scene.schema import Scene
 from ..scene.settings import HHT
 from .bodies import (
@@ -132,6 +133,15 @@ def _unknown(scene: Scene, n_mode: int, n_patch: int) -> Iterator[Problem]:
                 "motions are not prescribed to a reduced model",
                 boundary.type,
                 remedy="move the ground of a contact, or use a load",
+            )
+    for name, interface in scene.interface.items():
+        if interface.ground_velocity is not None and isinstance(interface.ground_velocity.law, InputLaw):
+            yield Problem(
+                f"interface.{name}.ground_velocity.law",
+                "the ground of a reduced model is not driven from outside",
+                "input",
+                "another law",
+                "use the FMU for co-simulation",
             )
 
 

@@ -51,7 +51,12 @@ def read_law_file(base_dir: Path, name: str) -> tuple[tuple[float, ...], tuple[f
             continue
         seen_text = True
         if row is None or not all(map(math.isfinite, row)):
-            raise refusal(f"line {number} is not two finite numbers", value=stripped[:60], allowed=_TWO_COLUMNS)
+            wrong = next((n for n in row or () if not math.isfinite(n)), None)  # of the text nothing is quoted
+            raise refusal(
+                f"line {number} is not two finite numbers",
+                value=None if wrong is None else repr(wrong),
+                allowed=_TWO_COLUMNS,
+            )
         rows.append(row)
     return tuple(row[0] for row in rows), tuple(row[1] for row in rows)
 
@@ -59,6 +64,8 @@ def read_law_file(base_dir: Path, name: str) -> tuple[tuple[float, ...], tuple[f
 def _text(base_dir: Path, name: str) -> str:
     try:
         path = base_dir / name
+        if path.exists() and not path.is_file():
+            raise refusal("not a regular file", value=name, allowed="a file, no device, pipe or folder")
         if path.stat().st_size > MAX_FILE_BYTES:
             raise refusal("the file is too large", value=name, allowed=f"at most {MAX_FILE_BYTES} bytes")
         return path.read_text(encoding="utf-8-sig")

@@ -6,9 +6,13 @@ import re
 import zipfile
 from pathlib import Path
 
+import pytest
+
 import latin_fmu
 from fmu_build.build import build_fmu
 from fmu_build.checks import validate
+from latin_fmu.errors import InputError
+from latin_fmu.scene.schema import Scene
 
 from .scenes import blocks
 
@@ -65,3 +69,48 @@ def test_no_trace_of_the_building_machine(fmus, fmi):
                 text = archive.read(name)
                 assert str(Path(__file__).parents[2]).encode() not in text, name
                 assert str(Path.home()).encode() + b"/" not in text, name
+
+
+DECK = """*NODE
+{nodes}
+*INCLUDE, INPUT=parts/cells.inp
+"""
+
+
+def deck(folder: Path, include: str = "parts/cells.inp") -> Path:
+    """A cube of one cell whose cells and face stand in a file of their own."""
+    corners = [(x, y, z) for z in (0, 1) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))]
+    nodes = "\n".join(f"{i}, {x}, {y}, {z}" for i, (x, y, z) in enumerate(corners, 1))
+    (folder / "parts").mkdir(parents=True)
+    cells = "*ELEMENT, TYPE=C3D8, ELSET=ALL\n1, 1, 2, 3, 4, 5, 6, 7, 8\n*SURFACE, NAME=FOOT\nALL, S1\n"
+    (folder / "parts" / "cells.inp").write_text(cells)
+    (folder / "cube.inp").write_text(DECK.format(nodes=nodes).replace("parts/cells.inp", include))
+    return folder / "cube.inp"
+
+
+def cube(file: Path) -> Scene:
+    return latin_fmu.scene_from_dict(
+        {
+            "name": "cube",
+            "material": {"steel": {"young_modulus": 210e9, "poisson_ratio": 0.3, "density": 7800.0}},
+            "substructure": {"cube": {"material": "steel", "mesh": {"file": file.name}}},
+            "interface": {"foot": {"sides": ["cube.FOOT", "ground"]}},
+            "time": {"end": 1e-5, "instants": 2},
+        },
+        file.parent,
+    )
+
+
+def test_included_files_travel(tmp_path):
+    fmu = build_fmu(cube(deck(tmp_path / "in")), tmp_path / "cube.fmu")
+    with zipfile.ZipFile(fmu) as archive:
+        archive.extractall(tmp_path / "out")
+    inside = tmp_path / "out" / "resources" / "scene"
+    assert (inside / "mesh_1" / "parts" / "cells.inp").is_file()
+    assert latin_fmu.check(latin_fmu.load_scene(inside / "scene.toml"))
+
+
+def test_included_files_elsewhere_are_refused(tmp_path):
+    file = deck(tmp_path / "in", str(tmp_path / "in" / "parts" / "cells.inp"))
+    with pytest.raises(InputError, match="outside of its folder, which cannot travel"):
+        build_fmu(cube(file), tmp_path / "cube.fmu")

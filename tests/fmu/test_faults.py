@@ -4,17 +4,24 @@ from __future__ import annotations
 
 import json
 import math
+import os
+import re
 import subprocess
 import sys
 import textwrap
+import tomllib
 import zipfile
 from pathlib import Path
 
+import fmpy
 import numpy as np
 import pytest
 
 import fmu_build.contents
+from fmu_build.adapter import CoSimulationAdapter, ModelExchangeAdapter, check_packages
 from fmu_build.build import build_fmu
+from latin_fmu.cosim.fmi_instance import FmiInstance
+from latin_fmu.cosim.variables import table_of
 
 from .scenes import bar, blocks
 
@@ -256,3 +263,127 @@ def test_missing_packages_are_named(fmus, fmi, tmp_path):
     assert done.returncode == 0, done.stderr
     said = " ".join(json.loads(done.stdout.splitlines()[-1]))
     assert "meshio" in said
+
+
+# -- parameters and files that make no sense -------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"timeStep": 1.0}, "timeStep: is longer than the simulation"),
+        ({"mode": 1, "timeStep": 1e-14}, "more than 1000000 time steps"),
+        ({"maxIterations": 0}, "maxIterations"),
+        ({"endTime": -1.0}, "endTime"),
+    ],
+)
+def test_parameters_that_make_no_sense(opened, fmi, given, words):
+    host = opened(fmi)
+    host.set(**given)
+    failed(host, words)
+
+
+def test_a_mode_between_two_modes():
+    """FMI 2 and 3 pass whole numbers only; a caller in Python is refused."""
+    scene, heard = blocks(), []
+    instance = FmiInstance(table_of(scene), lambda: scene, lambda level, text: heard.append((level, text)))
+    place = {v.name: i for i, v in enumerate(instance.table)}
+    instance.set([place["mode"]], [0.5])
+    assert heard == [(3, "mode = 0.5 was not set: give a whole number")]
+    assert instance.get([place["mode"]]) == [0.0]
+
+
+def changed(fmu: Path, target: Path, name: str, change) -> Path:
+    """The FMU with another content of one file."""
+    with zipfile.ZipFile(fmu) as old, zipfile.ZipFile(target, "w") as new:
+        for entry in old.namelist():
+            content = old.read(entry)
+            new.writestr(entry, change(content) if re.fullmatch(name, entry) else content)
+    return target
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "words"),
+    [
+        ("resources/variables.json", lambda c: c[: len(c) // 2], "resources/variables.json is missing or was changed"),
+        (
+            "resources/scene/scene.toml",
+            lambda c: c.replace(b"0.2", b"0.3"),
+            "resources/scene/scene.toml is missing or was changed",
+        ),
+        (".*/latin_fmu/latin/solver.py", lambda c: c + b"\n", "latin/solver.py is missing or was changed"),
+        (".*/_kernels.*so", lambda c: c[:-1] + bytes([c[-1] ^ 1]), "is missing or was changed"),
+        ("resources/digests.json", lambda c: c.replace(b"0", b"1"), "belong to different FMUs"),
+        ("resources/digests.json", lambda _: b"", "belong to different FMUs"),
+    ],
+)
+def test_files_that_are_not_those_of_the_fmu(fmus, fmi, tmp_path, capsys, name, change, words):
+    from latin_fmu import cli
+
+    other = changed(fmus[fmi], tmp_path / "changed.fmu", name, change)
+    assert cli.main(["simulate", str(other), "-o", str(tmp_path / "o.csv"), "--quiet"]) == 2
+    said = capsys.readouterr().err
+    assert words in said
+    assert "Traceback" not in said
+
+
+@pytest.mark.parametrize("start", ["mode=0.5", "mode=one", "timeStep=soon"])
+def test_start_values_that_are_none(fmus, tmp_path, capsys, start):
+    from latin_fmu import cli
+
+    given = ["simulate", str(fmus["2"]), "-o", str(tmp_path / "o.csv"), "--quiet", "--start", start]
+    assert cli.main(given) == 2
+    assert start.partition("=")[0] in capsys.readouterr().err
+
+
+def test_packages_that_are_too_old_are_named(monkeypatch):
+    """As found by the host: its own loaded module, or the one first on its path."""
+    monkeypatch.setattr(sys.modules["pydantic"], "__version__", "1.10.2")
+    monkeypatch.setattr(sys.modules["numpy"], "__version__", "2.0.0rc1")
+    with pytest.raises(ImportError, match=r"packages pydantic >= 2.10 \(here 1.10.2\); Python 3") as caught:
+        check_packages(CoSimulationAdapter.needed)
+    assert "numpy" not in str(caught.value)
+
+
+def test_packages_are_those_of_the_project():
+    project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]
+    stated = dict(requirement.split(">=") for requirement in project["dependencies"])
+    assert dict(CoSimulationAdapter.needed) == {k: v for k, v in stated.items() if k != "matplotlib"}
+    assert ModelExchangeAdapter.needed.items() <= stated.items()
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes")
+def test_histories_come_from_regular_files_and_are_not_quoted(opened, fmi, tmp_path):
+    pipe, secret = tmp_path / "pipe.csv", tmp_path / "secret.csv"
+    os.mkfifo(pipe)
+    secret.write_text("time,press\n0,hunter2\n")
+    for file, words in ((pipe, "not a regular file"), (Path("/dev/zero"), "not a regular file"), (secret, "row 2")):
+        host = opened(fmi)
+        host.set(mode=1, historyFile=str(file))
+        failed(host, words)
+        assert "hunter2" not in " ".join(text for *_, text in host.messages)
+
+
+# -- a host that looks at no status but exceptions -------------------------------------------------------------------
+BAD_RUNS = {
+    "no file": {"start_values": {"mode": 1, "historyFile": "/nope.csv"}},
+    "iterations": {"start_values": {"maxIterations": 2, "tolerance": 1e-9, "load.press.value": 1.0}},
+    "nan": {"start_values": {"load.press.value": 0.5}, "nan": 3e-6},
+    "nan at the end": {"start_values": {"load.press.value": 0.5}, "nan": 5.5e-6},
+    "mode": {"start_values": {"mode": 7}},
+    "step": {"start_values": {"timeStep": 1.0}},
+}
+
+
+@pytest.mark.parametrize("case", BAD_RUNS)
+def test_simulate_fmu_raises(fmus, fmi, case):
+    """fmpy goes on after a discarded step of FMI 2 as if it had been made: the next step, or the end, is an error."""
+    given = dict(BAD_RUNS[case])
+    heard = []
+    if "nan" in given:
+        at = given.pop("nan")
+        rows = [(0.0, 0.5), (at, 0.5), (at + 0.2e-6, math.nan), (7e-6, math.nan)]
+        given["input"] = np.array(rows, dtype=[("time", float), ("load.press.value", float)])
+    with pytest.raises(Exception, match=r"failed with status [23]"):
+        fmpy.simulate_fmu(
+            str(fmus[fmi]), stop_time=6e-6, output_interval=0.2e-6, logger=lambda *a: heard.append(a[-1]), **given
+        )
+    assert heard  # whatever the host says of debug logging

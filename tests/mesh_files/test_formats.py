@@ -13,7 +13,8 @@ import pytest
 from latin_fmu.errors import MeshError
 from latin_fmu.fem.faces import face
 from latin_fmu.fem.mesh_file import mesh_of
-from latin_fmu.mesh_files.reading import _SIDES, read_content
+from latin_fmu.mesh_files.exodus import _SIDES
+from latin_fmu.mesh_files.reading import read_content
 
 from .decks import cube, read_mesh
 

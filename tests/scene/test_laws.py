@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+import os
 from pathlib import Path
 
 import numpy as np
 import pytest
 from pydantic import TypeAdapter, ValidationError
 
+import latin_fmu
+from latin_fmu.errors import SceneError
 from latin_fmu.scene.laws import (
     ConstantLaw,
     CsvLaw,
@@ -176,3 +179,32 @@ def test_only_a_release_at_the_start_changes_a_sample() -> None:
     for law in (ConstantLaw(), StepLaw(), RectangularPulseLaw(duration=0.3), smooth, HalfSineLaw(duration=0.5)):
         np.testing.assert_array_equal(sampled(law, times), law.sample(times))
         np.testing.assert_array_equal(sampled(law, times + 0.5), law.sample(times + 0.5))
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes")
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("pipe.csv", "not a regular file"),
+        ("/dev/zero", "not a regular file"),
+        ("secret.csv", "line 2 is not two finite numbers"),
+        ("inf.csv", "(value: inf)"),
+    ],
+)
+def test_a_law_comes_from_a_regular_file_and_is_not_quoted(tmp_path: Path, name: str, words: str) -> None:
+    """A pipe or a device is refused at once; of a file that is no table no text is shown."""
+    os.mkfifo(tmp_path / "pipe.csv")
+    (tmp_path / "secret.csv").write_text("user:hunter2\nroot:swordfish\n")
+    (tmp_path / "inf.csv").write_text("0 1\n1 inf\n")
+    scene = {
+        "name": "bar",
+        "material": {"steel": {"young_modulus": 210e9, "poisson_ratio": 0.3, "density": 7800.0}},
+        "substructure": {"bar": {"material": "steel", "box": {"size": [1.0, 1.0, 1.0], "elements": [1, 1, 1]}}},
+        "interface": {"wall": {"sides": ["bar.zmin", "ground"]}},
+        "load": {"push": {"face": "bar.zmax", "pressure": 1.0, "law": {"type": "csv", "file": name}}},
+        "time": {"end": 1e-5, "instants": 2},
+    }
+    with pytest.raises(SceneError) as caught:
+        latin_fmu.scene_from_dict(scene, tmp_path)
+    assert words in str(caught.value)
+    assert "swordfish" not in str(caught.value)

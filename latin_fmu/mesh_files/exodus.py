@@ -1,0 +1,144 @@
+"""Exodus II files (.e, .exo): blocks by name, side sets, node sets; read with netCDF4."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from .content import CORNERS, FLAT, UPPER_EDGES_LAST, FileProblems, Index, MeshContent
+
+_SOLIDS: Final = {
+    ("TET", 4): "tetra",
+    ("TET", 10): "tetra10",
+    ("HEX", 8): "hexahedron",
+    ("HEX", 20): "hexahedron20",
+    ("WED", 6): "wedge",
+    ("WED", 15): "wedge15",
+    ("PYR", 5): "pyramid",
+    ("PYR", 13): "pyramid13",
+}
+_FLAT: Final = {
+    ("TRI", 3): "triangle",
+    ("TRI", 6): "triangle6",
+    ("SHE", 4): "quad",
+    ("QUA", 4): "quad",
+    ("SHE", 8): "quad8",
+    ("QUA", 8): "quad8",
+    ("SHE", 9): "quad9",
+    ("QUA", 9): "quad9",
+    ("SHE", 3): "triangle",
+    ("TRI", 4): "triangle",
+}
+_SIDES: Final = {
+    4: ((0, 1, 3), (1, 2, 3), (0, 3, 2), (0, 2, 1)),
+    6: ((0, 1, 4, 3), (1, 2, 5, 4), (0, 3, 5, 2), (0, 2, 1), (3, 4, 5)),
+    8: ((0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (0, 4, 7, 3), (0, 3, 2, 1), (4, 5, 6, 7)),
+}
+
+
+def read_exodus(path: Path, where: str) -> MeshContent:
+    """The mesh of a file; element blocks and sets without a name are ``block_1``, ``sideset_1``, ``nodeset_1``.
+
+    Raises
+    ------
+    MeshError : cell types that are not known. OSError, KeyError, ... : what netCDF4 makes of a file that is none.
+    """
+    import netCDF4
+
+    problems = FileProblems(where)
+    with netCDF4.Dataset(path) as data:
+        data.set_auto_mask(False)
+        content = MeshContent(_points(data))
+        blocks: list[tuple[str, Index, Index]] = []  # type, connectivity, rows among the cells of that type
+        for number, name in _named(data, "eb", "block", "num_el_blk"):
+            variable = data.variables.get(f"connect{number}")
+            if variable is None:  # an empty block
+                blocks.append(("", np.zeros((0, 1), dtype=np.int64), np.zeros(0, dtype=np.int64)))
+                continue
+            cells = np.asarray(variable[:], dtype=np.int64) - 1
+            if cells.size and not (cells.min() >= 0 and cells.max() < len(content.points)):
+                problems.add(f"block {name} names a node that is not there", allowed=f"1 to {len(content.points)}")
+                continue
+            blocks.append(_add_block(content, problems, name, str(variable.elem_type), cells))
+        problems.stop()
+        for number, name in _named(data, "ss", "sideset", "num_side_sets"):
+            if f"elem_ss{number}" in data.variables:
+                elements = np.asarray(data.variables[f"elem_ss{number}"][:], dtype=np.int64) - 1
+                sides = np.asarray(data.variables[f"side_ss{number}"][:], dtype=np.int64) - 1
+                content.facets[name] = _facets(blocks, elements, sides, problems, name)
+        for number, name in _named(data, "ns", "nodeset", "num_node_sets"):
+            if f"node_ns{number}" in data.variables:
+                rows = np.asarray(data.variables[f"node_ns{number}"][:], dtype=np.int64) - 1
+                content.node_sets[name] = rows[(rows >= 0) & (rows < len(content.points))]
+    problems.stop()
+    return content
+
+
+def _points(data: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
+    if "coord" in data.variables:
+        table = np.asarray(data.variables["coord"][:], dtype=float).T
+    else:
+        table = np.stack([np.asarray(data.variables[f"coord{x}"][:], dtype=float) for x in "xyz"], axis=1)
+    return np.ascontiguousarray(table)
+
+
+def _named(data: Any, short: str, long: str, dimension: str) -> list[tuple[int, str]]:
+    """Number (from 1) and name of the blocks or sets of one kind."""
+    if dimension not in data.dimensions:
+        return []
+    count = len(data.dimensions[dimension])
+    names = [""] * count
+    if f"{short}_names" in data.variables:
+        table = np.asarray(data.variables[f"{short}_names"][:])
+        names = [b"".join(row.tolist()).split(b"\0")[0].decode("utf-8", "replace").strip() for row in table]
+    ids = np.arange(1, count + 1)
+    if f"{short}_prop1" in data.variables:
+        ids = np.asarray(data.variables[f"{short}_prop1"][:])
+    return [(i + 1, name or f"{long}_{int(ids[i])}") for i, name in enumerate(names[:count])]
+
+
+def _add_block(
+    content: MeshContent, problems: FileProblems, name: str, element: str, cells: Index
+) -> tuple[str, Index, Index]:
+    """Put a block where it belongs; its type, connectivity and rows for the side sets."""
+    key = (element.upper()[:3], cells.shape[1])
+    nothing = np.zeros(0, dtype=np.int64)
+    if kind := _SOLIDS.get(key):
+        cells = cells[:, list(UPPER_EDGES_LAST.get(cells.shape[1], range(cells.shape[1])))]
+        before = content.solids.get(kind)
+        start = 0 if before is None else len(before)
+        content.solids[kind] = cells if before is None else np.concatenate([before, cells])
+        rows = start + np.arange(len(cells), dtype=np.int64)
+        group = content.volumes.setdefault(name, {})
+        group[kind] = np.concatenate([group.get(kind, nothing), rows])
+        return kind, cells, rows
+    if kind := _FLAT.get(key):
+        content.facets.setdefault(name, []).append(cells[:, : FLAT[kind]])
+        return kind, cells, nothing
+    if key[0] in ("HEX", "TET", "WED"):
+        problems.add("element type not known", f"{element}, {cells.shape[1]} nodes", "HEX8, HEX20, TET4, TET10, WEDGE6")
+    content.skipped[element] = content.skipped.get(element, 0) + len(cells)
+    return "", cells, nothing
+
+
+def _facets(
+    blocks: list[tuple[str, Index, Index]], elements: Index, sides: Index, problems: FileProblems, name: str
+) -> list[Index]:
+    """Corners of the facets of a side set; elements are counted through all blocks."""
+    facets: list[Index] = []
+    first = 0
+    for kind, cells, _ in blocks:
+        inside = (elements >= first) & (elements < first + len(cells))
+        local, side = elements[inside] - first, sides[inside]
+        first += len(cells)
+        if kind in FLAT and len(local):
+            facets.append(cells[local][:, : FLAT[kind]])
+        faces = _SIDES.get(CORNERS.get(kind, 0), ())
+        for number, face in enumerate(faces):
+            if (side == number).any():
+                facets.append(cells[local[side == number]][:, list(face)])
+        if faces and len(side) and not (side.min() >= 0 and side.max() < len(faces)):
+            problems.add(f"side set {name} names a side that no {kind} has", int(side.max()) + 1, f"1 to {len(faces)}")
+    return facets

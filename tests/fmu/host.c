@@ -1,0 +1,99 @@
+/* A host that is no Python: opens FMUs of FMI 2, sets a load, makes steps, frees.
+
+   host CYCLES END STEP LOAD TEXT (LIBRARY RESOURCES GUID REFERENCE TEXT_REFERENCE)...
+   LOAD: value of the real variable REFERENCE. TEXT: of the string TEXT_REFERENCE, "-" for none; with a text mode = 1.
+   Exit: 0 where every call of every cycle was good, else 10 + status. It prints its resident memory, kB, per 50 cycles. */
+#include <dlfcn.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+typedef void *Instance;
+typedef struct {
+    void (*logger)(void *, const char *, int, const char *, const char *, ...);
+    void *(*allocate)(size_t, size_t);
+    void (*release)(void *);
+    void *finished, *environment;
+} Callbacks;
+
+static void print(void *e, const char *name, int status, const char *category, const char *format, ...)
+{
+    (void)e, (void)name, (void)category;
+    va_list given;
+    va_start(given, format);
+    fprintf(stderr, "[%d] ", status);
+    vfprintf(stderr, format, given);
+    fprintf(stderr, "\n");
+    va_end(given);
+}
+
+static long resident(void)
+{
+    long pages = 0, own = 0;
+    FILE *file = fopen("/proc/self/statm", "r");
+    if (file != NULL && fscanf(file, "%ld %ld", &pages, &own) != 2) own = 0;
+    if (file != NULL) fclose(file);
+    return 4 * own;
+}
+
+#define GET(type, name, arguments) type(*name) arguments = (type(*) arguments)dlsym(library, "fmi2" #name)
+#define TRY(what)                                                                                                      \
+    do {                                                                                                               \
+        int status = what;                                                                                             \
+        if (status > 1) {                                                                                              \
+            int ended = 0;                                                                                             \
+            if (status == 2) GetBooleanStatus(c, 3, &ended);                                                           \
+            fprintf(stderr, "%s: status %d, terminated %d\n", #what, status, ended);                                    \
+            FreeInstance(c);                                                                                           \
+            return ended ? 0 : 10 + status;                                                                            \
+        }                                                                                                              \
+    } while (0)
+
+static int run(char **fmu, double end, double h, double load, const char *text)
+{
+    Callbacks callbacks = {print, calloc, free, NULL, NULL};
+    void *library = dlopen(fmu[0], RTLD_NOW | RTLD_LOCAL);
+    if (library == NULL) return fprintf(stderr, "%s\n", dlerror()), 2;
+    GET(Instance, Instantiate, (const char *, int, const char *, const char *, const Callbacks *, int, int));
+    GET(void, FreeInstance, (Instance));
+    GET(int, SetupExperiment, (Instance, int, double, double, int, double));
+    GET(int, EnterInitializationMode, (Instance));
+    GET(int, ExitInitializationMode, (Instance));
+    GET(int, SetReal, (Instance, const unsigned *, size_t, const double *));
+    GET(int, SetInteger, (Instance, const unsigned *, size_t, const int *));
+    GET(int, SetString, (Instance, const unsigned *, size_t, const char *const *));
+    GET(int, DoStep, (Instance, double, double, int));
+    GET(int, GetBooleanStatus, (Instance, int, int *));
+    GET(int, Terminate, (Instance));
+    unsigned real = (unsigned)atoi(fmu[3]), string = (unsigned)atoi(fmu[4]), mode = 1;
+    const int prescribed = 1;
+    Instance c = Instantiate("one", 1, fmu[2], fmu[1], &callbacks, 0, 0);
+    if (c == NULL) return 3;
+    TRY(SetupExperiment(c, 0, 0.0, 0.0, 0, 0.0));
+    TRY(EnterInitializationMode(c));
+    TRY(SetReal(c, &real, 1, &load));
+    if (strcmp(text, "-") != 0) {
+        TRY(SetInteger(c, &mode, 1, &prescribed));
+        TRY(SetString(c, &string, 1, &text));
+    }
+    TRY(ExitInitializationMode(c));
+    for (double t = 0.0; t < end - 0.5 * h; t += h) TRY(DoStep(c, t, h, 1));
+    TRY(Terminate(c));
+    FreeInstance(c);
+    dlclose(library);
+    return 0;
+}
+
+int main(int n, char **given)
+{
+    int cycles = atoi(given[1]);
+    for (int i = 0; i < cycles; i++) {
+        for (int fmu = 6; fmu + 4 < n; fmu += 5) {
+            int code = run(given + fmu, atof(given[2]), atof(given[3]), strtod(given[4], NULL), given[5]);
+            if (code) return code;
+        }
+        if (i % 50 == 49) printf("%ld\n", resident()), fflush(stdout);
+    }
+    return 0;
+}

@@ -1,0 +1,38 @@
+"""Faces and ground driven from outside: the FMU gives the numbers of the session."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fmu_build.build import build_fmu
+from latin_fmu.cosim import Session, Settings
+
+_SPEC = importlib.util.spec_from_file_location("driven", Path(__file__).parents[1] / "cosim" / "test_driven.py")
+assert _SPEC is not None
+assert _SPEC.loader is not None
+driven = importlib.util.module_from_spec(_SPEC)
+_SPEC.loader.exec_module(driven)
+
+H = 4 * driven.STEP
+
+
+@pytest.mark.parametrize("kind", driven.KINDS)
+def test_the_fmu_is_the_session(opened, fmi, tmp_path, kind):
+    scene = driven.bars({"type": "input"}, kind)
+    host = opened(fmi, build_fmu(scene, tmp_path / "driven.fmu", fmi))
+    session, stem = Session(scene, Settings(keep=False)), driven.name_of(kind)
+    session.set_load(stem, 0.0, 1.0)
+    session.initialize()
+    host.set(**{f"{stem}.rate".replace(".", "__"): 1.0})
+    host.start()
+    for i in range(10):
+        session.set_load(stem, i * H, 1.0)
+        host.set(**{f"{stem}.value".replace(".", "__"): i * H})
+        assert session.step(i * H, H)
+        assert host.step(i * H, H)
+        assert np.array_equal(host.read(session.outputs), session.row)
+    assert abs(session.value("interface.joint.normalForce")) > 0.0
