@@ -337,7 +337,7 @@ class _Search:
                 self.estimates[factor] = max(estimates, key=lambda estimate: estimate.error)
                 if self.estimates[factor].error > self.target:
                     break
-            lasting = max(_lasting_error(q, self.scene, run) for q in names)
+            lasting = max(_lasting_error(q, self.sequence.scene, run) for q in names)
             if lasting > self.target:
                 off = f"up to {percent(lasting)} off at every mesh and step" if lasting < math.inf else "not bounded"
                 return f"the raw peak of a force that jumps is {off}; take peak_force, a mean over a stated time"

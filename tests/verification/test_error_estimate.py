@@ -20,8 +20,6 @@ from latin_fmu.accuracy.estimate import estimate_error
 from latin_fmu.accuracy.resolution import Resolution, at_resolution
 from latin_fmu.accuracy.runs import measure_solution
 from latin_fmu.results.quantities_of_interest import FLOOR
-from latin_fmu.scene.schema import Scene
-from latin_fmu.scene.settings import GeneralizedAlpha
 
 from .known_answers import Known, known, named
 
@@ -52,16 +50,11 @@ class Compared:
         return f"{self.case}: true {100 * self.true:.3f} %, told {100 * self.estimated:.3f} %"
 
 
-def landing(scene: Scene) -> Scene:
-    """The scene with the time scheme for bodies that land."""
-    return scene.model_copy(update={"time": scene.time.model_copy(update={"scheme": GeneralizedAlpha()})})
-
-
 def cases(scenes: Iterable[Known], resolutions: Sequence[float]) -> list[Compared]:
     compared = []
     for problem in scenes:
         for level in resolutions:
-            scene = at_resolution(landing(problem.scene), Resolution(level, level))
+            scene = at_resolution(problem.scene, Resolution(level, level))
             solution = latin_fmu.solve(scene)
             assert solution.converged, solution.status
             estimate = estimate_error(scene, solution)
