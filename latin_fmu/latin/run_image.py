@@ -21,7 +21,6 @@ from ..kernels.newton import ACTIVE, DECREASE, HALVINGS, LEFT, MADE, SIZE
 from ..propagator.image import Image
 from .assembly import Array, Assembly, Index
 from .probes import Probes
-from .relative_operator import relative_operator
 from .search_direction import FLOOR, Direction
 from .settings import Settings
 
@@ -75,7 +74,7 @@ def make_image(assembly: Assembly, settings: Settings, direction: Direction, pro
         "longest_step": _LONGEST_STATIC if static else np.inf,
         "n_coarse": 0 if direction.coarse is None else direction.coarse.size,
         "direct_bonds": 0,
-        **(relative_operator(assembly) if direction.newton else {}),
+        **(direction.relative if direction.newton else {}),
         **rules(settings),
         "rest_traction": assembly.rest_traction,
         "amplified": max(1.0, _OF_MOTION / settings.tolerance) ** 2,

@@ -300,7 +300,7 @@ class Direction:
     k : (n_flat,), Pa s m-1. choice : its kind, in words. z : 1/k, 0 where k is 0. metric : (n_flat,) squared weights of
     the norm sum area / k q^2 (a power) in which iterates are compared.
     newton : whether Newton steps may end an instant (``kernels.newton``). too_large : whether they may not because of
-    the size of their matrix.
+    the size of their matrix. relative : fields of the record of the run that describe it.
     """
 
     def __init__(self, assembly: Assembly, settings: Settings, n: int) -> None:
@@ -310,7 +310,8 @@ class Direction:
         self.metric = assembly.layout.area * self.z
         self.coarse: CoarseProblem | None = None  # without inertia, from ``bind``
         wanted = settings.newton and n == 1 and settings.anderson_depth > 0
-        numbers = relative_operator(assembly)["n_matrix"] if wanted else 0
+        self.relative = relative_operator(assembly) if wanted else {}
+        numbers = self.relative.get("n_matrix", 0)
         largest = LARGEST_STATIC if assembly.quasi_static else LARGEST
         self.newton, self.too_large = 0 < numbers <= largest, numbers > largest
 
