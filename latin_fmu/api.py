@@ -18,7 +18,7 @@ from .assembly.limit_load import loss_of_equilibrium
 from .assembly.problem import SolverReadyProblem
 from .assembly.run_checks import balance_words, resultants, run_remarks
 from .effects.cost import Prediction
-from .effects.memory import IN_MEMORY, STREAMED, check_memory, memory_line
+from .effects.memory import IN_MEMORY, STREAMED, check_memory, least_output, memory_line
 from .errors import SolverError
 from .interface import Behaviour
 from .latin.assembly import Array, Assembly, InterfaceUnit
@@ -129,8 +129,9 @@ def solve(
     behaviours : laws of the caller's own (``interface.behaviour``), by interface, in the place of those that the scene
         names; they are called from Python, point by point in NumPy (``examples/own_law.py``).
     checkpoint : writes checkpoints, and continues from one; the run gives the same bits as an uninterrupted one.
-    stream : folder for a temporary file that takes the histories of the interfaces where they are large (64 MB):
-        ``Solution.save`` writes them all, everything else follows from at most 20,000 instants.
+    stream : folder of the results: its free space is checked, and where the histories of the interfaces are large
+        (64 MB) they go to a temporary file there: ``Solution.save`` writes them all, everything else follows from at
+        most 20,000 instants.
         ``Solution.outcome.stream.close()`` removes the file.
 
     Raises
@@ -146,6 +147,8 @@ def solve(
         discretised = discretise(scene, behaviours)
         prediction = Prediction(discretised)
         check_memory(prediction, stream is not None)
+        if stream is not None:
+            check_folder(stream, least_output(prediction))
         problem = solver_ready(discretised, {})
         if scene.time.quasi_static:
             problem.assembly.lost = loss_of_equilibrium(discretised)

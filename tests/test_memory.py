@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -230,7 +231,6 @@ def peak_of_a_run(place: Path, code: str, settings: list[str]) -> float:
     whole = f"""
 from pathlib import Path
 from latin_fmu import api, load_scene
-from latin_fmu.latin import interface_rows
 from latin_fmu.machine import peak_memory
 scene = load_scene("scene.toml", {settings})
 {code}
@@ -272,3 +272,14 @@ def test_memory_hardly_grows_with_the_instants(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_million_instants_of_three_blocks_within_500_mb(tmp_path: Path) -> None:
     assert peak_of_a_run(tmp_path, "", ["time.instants=1000000", "time.end=0.1"]) < 500e6
+
+
+def test_a_disk_without_room_for_the_results_is_told_before_the_run(tmp_path, capsys, monkeypatch):
+    (tmp_path / "scene.toml").write_text(SCENE)
+    usage = shutil.disk_usage(tmp_path)._replace(free=200_000)
+    monkeypatch.setattr("latin_fmu.results.writing.shutil.disk_usage", lambda _: usage)
+    monkeypatch.setattr(api, "run", lambda *_, **__: pytest.fail("solved although there is no room"))
+    assert (
+        main(["run", str(tmp_path / "scene.toml"), "-o", str(tmp_path / "a.nc"), "--set", "time.instants=20000"]) == 2
+    )
+    assert "0 MB are free, the file may need 1 MB" in capsys.readouterr().err

@@ -92,6 +92,12 @@ def memory_need(p: Prediction, stream: bool = False) -> MemoryNeed:
     )
 
 
+def least_output(p: Prediction) -> float:
+    """Bytes that the results file takes at least, where its numbers are packed to a tenth."""
+    need = memory_need(p)
+    return 0.1 * (0.5 * need.interfaces + 0.5 * need.fields / _COPIES + need.energies)
+
+
 def memory_line(p: Prediction, stream: bool = False) -> str:
     """A line on the memory that a run needs and may take."""
     need, (room, limit) = memory_need(p, stream), memory_room()
