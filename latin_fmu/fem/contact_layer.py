@@ -14,7 +14,7 @@ the layers (up to four, as many as there are), from a node of one layer to its n
 
 Mass between the consistent and the lumped one, r M_c + (1 - r) M_l. The first carries short waves too fast, the second
 too slow: at small steps r = 1/2 has no fast precursors, which pile up in front of a landing, and a smaller dispersion
-than both; the dispersion of the time scheme at longer ones is made up for with r = 1/2 + C^2, C <= 0.7 the smallest
+than both; the dispersion of the time scheme at longer ones is made up for with r = (1 + C^2)/2, C <= 1 the smallest
 Courant number of a body. The peak stays what it is, the error of the force history (L2) falls by up to a tenth.
 
 Viscosity: C = sum q (h_e / c_p) K_e over the elements that touch a contact face, h_e their height over it (volume over
