@@ -38,6 +38,7 @@ def test_every_example_is_tested_here() -> None:
     assert names == {
         "waves_in_bars",
         "own_law",  # run by tests/latin/test_own_law.py
+        "long_steps",  # run by tests/verification/test_long_steps.py
         "crushing_friction",
         "crushing_reference",
         "convergence_friction",
