@@ -535,6 +535,38 @@ def test_only_a_private_cache_folder_is_used(base):
     assert with_numba.cache_folder(library.PACKAGE) is None
 
 
+@pytest.mark.skipif(not hasattr(os, "geteuid"), reason="POSIX permissions")
+@pytest.mark.parametrize(
+    ("mode", "used"),
+    [(0o755, True), (0o777, False), (0o775, False), (0o1777, True)],
+    ids=["own", "all", "group", "sticky"],
+)
+def test_no_folder_above_the_cache_is_open_to_others(tmp_path, monkeypatch, mode, used):
+    """Who can write into a folder above can put his own in the place of the cache, after it was looked at."""
+    shared = tmp_path / "shared"
+    shared.mkdir()
+    shared.chmod(mode)
+    monkeypatch.setenv("LATIN_FMU_CACHE", str(shared / "store"))
+    with_numba.cache_folder.cache_clear()
+    assert (with_numba.cache_folder(library.PACKAGE) is not None) == used
+    (tmp_path / "link").symlink_to(shared / "store")
+    monkeypatch.setenv("LATIN_FMU_CACHE", str(tmp_path / "link"))
+    with_numba.cache_folder.cache_clear()
+    assert (with_numba.cache_folder(library.PACKAGE) is not None) == used
+    with_numba.cache_folder.cache_clear()
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid"), reason="POSIX permissions")
+@pytest.mark.usefixtures("base")
+def test_files_of_the_cache_are_of_this_user_alone():
+    folder = with_numba.cache_folder(library.PACKAGE)
+    assert folder is not None
+    (folder / "planted.nbi").write_bytes(b"")
+    (folder / "planted.nbi").chmod(0o666)
+    with_numba.cache_folder.cache_clear()
+    assert with_numba.cache_folder(library.PACKAGE) is None
+
+
 def test_no_cache_folder_where_none_is_wanted_or_possible(base, monkeypatch):
     base.write_text("a file where the folder should be")
     assert with_numba.cache_folder(library.PACKAGE) is None

@@ -134,13 +134,14 @@ class SegmentedRun:
         """
         before = None if self._run is None else self._tree()
         time = np.linspace(self.time, end, n + 1)
-        with one_thread():
-            segment = self._solve(time, loads or {})
+        try:
+            with one_thread():
+                segment = self._solve(time, loads or {})
+        except Exception:  # of any kind: the state must not be half of the next one
+            self._return_to(before)
+            raise
         if not segment.converged and (not accept or (self._run is not None and self._run.stopped)):
-            if before is None:
-                self.reset()
-            else:
-                self._resume(before)
+            self._return_to(before)
             return replace(segment, accepted=False)
         self.time = end
         if segment.energy is not None:
@@ -149,6 +150,13 @@ class SegmentedRun:
                     self._running[term] = float(segment.energy[term][-1])
         self._ground = self.problem.assembly.ground_end(n)
         return segment
+
+    def _return_to(self, before: dict[str, Any] | None) -> None:
+        """Restore the state of ``_tree``; None: that at t = 0."""
+        if before is None:
+            self.reset()
+        else:
+            self._resume(before)
 
     def _solve(self, time: Array, loads: Mapping[str, Array]) -> Segment:
         if self._run is None:
@@ -293,7 +301,7 @@ class SegmentedRun:
         self._ground = {i: GroundState(np.zeros(3), None) for i in self._ground}
         self.time, self._running, self._stored, self._run, self._steps = 0.0, {}, None, None, []
 
-    def _tree(self) -> dict[str, object]:
+    def _tree(self) -> dict[str, Any]:
         assert self._run is not None
         return {
             "time": self.time,

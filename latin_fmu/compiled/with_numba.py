@@ -141,11 +141,31 @@ def _base() -> Path | None:
 
 
 def _private(folder: Path) -> bool:
-    """Whether it belongs to this user and nobody else can write into it: what lies there is run."""
+    """Whether only this user, or root, can write into it or put another folder in its place: what lies there is run.
+
+    The folder and the files in it belong to this user. Every folder above, links followed and not, belongs to this user
+    or to root, and others cannot write into it, or not rename what is in it (the sticky bit, as in /tmp).
+    """
     if not hasattr(os, "geteuid"):
         return True  # Windows: the profile of the user is private
-    facts = os.lstat(folder)
-    return stat.S_ISDIR(facts.st_mode) and facts.st_uid == os.geteuid() and not facts.st_mode & 0o022
+    if not stat.S_ISDIR(os.lstat(folder).st_mode) or not all(_own(path) for path in (folder, *folder.rglob("*"))):
+        return False
+    above = {*folder.parents, *Path(os.path.realpath(folder)).parents}
+    return all(_safe(path) for path in above)
+
+
+def _own(path: Path) -> bool:
+    facts = os.lstat(path)
+    return facts.st_uid == os.geteuid() and not facts.st_mode & 0o022
+
+
+def _safe(path: Path) -> bool:
+    """Whether nobody else can replace what a folder above the cache, or a link to one, holds."""
+    link, facts = os.lstat(path), path.stat()
+    trusted = (0, os.geteuid())
+    if link.st_uid not in trusted or facts.st_uid not in trusted:
+        return False
+    return not facts.st_mode & 0o022 or bool(facts.st_mode & stat.S_ISVTX)
 
 
 def _prune(base: Path, newest: Path) -> None:

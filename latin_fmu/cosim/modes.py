@@ -95,12 +95,10 @@ class Windowed:
 
     def _advance(self, end: float, n: int, loads: Mapping[str, Array]) -> Segment:
         """Solve n time steps up to ``end``, s; nothing changes where the segment is not accepted."""
-        before = self.run.snapshot()
         try:
             with np.errstate(all="ignore"):  # an overflow is reported as "not converged"
                 return self.run.advance(end, n, loads)
         except (ArithmeticError, ValueError, RuntimeError, np.linalg.LinAlgError) as error:
-            self.run.restore(before)
             raise SolverError(f"the solver cannot make this step: {error}") from error
 
     def _take_outputs(self, segment: Segment) -> None:
