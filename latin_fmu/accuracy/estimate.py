@@ -59,7 +59,7 @@ UNREFINED: Final = (
 )
 FACETED: Final = "refined meshes keep the facets of their files: the error of a curved shape is not estimated"
 
-_BEFORE, _STEPS = 0.25, 2.0  # weights of the refinement before the last one, and of the step alone
+_BEFORE, _STEPS = 0.75, 0.75  # weights of the refinement before the last one, and of the step alone
 _ORDERS = (-3.0, 8.0)  # range of observed orders
 CROSS: Final = 31 / 8
 """Steps of the run across over those of the run beside it: no whole number, so that bodies land in another phase."""
@@ -105,13 +105,14 @@ def expected_order(definition: QuantityOfInterest, front: bool) -> float:
 def estimated_error(definition: QuantityOfInterest, changes: Changes) -> tuple[float, bool]:
     """Estimated relative error of a quantity, and whether it is only a bound.
 
-        s (e + e' / 4 + 2 d)
+        s (e + 3/4 (e' + d))
 
     With the expected order p, the last refinement by r extrapolates to e = change / (r^p - 1) at the run; so does the
     one before, to e' (e without a third run); d is the change by the time step alone on the mesh of the second run,
     over r^p. The sum of the three holds where one of them is small by chance. s is the safety factor of the quantity.
-    The error is at least the floor of a force that jumps and that of the sampled loads; the error left by the iteration
-    is added. It is a bound where the observed order is not within ``ORDER_BAND`` of p, and where a floor decides.
+    The error is at least the floor of a force that jumps, that of the sampled loads and, of a raw peak, the change by
+    the time step alone; the error left by the iteration is added. It is a bound where the observed order is not within
+    ``ORDER_BAND`` of p, and where a floor decides.
     """
     p = expected_order(definition, changes.front)
     ratio, second = changes.ratios
@@ -121,6 +122,8 @@ def estimated_error(definition: QuantityOfInterest, changes: Changes) -> tuple[f
     steps = 0.0 if math.isnan(changes.steps) else changes.steps / ratio**p
     error = definition.safety * (last + _BEFORE * before + _STEPS * steps)
     floor = max(changes.floor, changes.sampling)
+    if definition is PEAK_FORCE_RAW and not math.isnan(changes.steps):
+        floor = max(floor, changes.steps)
     regular = abs(changes.order - p) <= ORDER_BAND and floor <= error
     return max(error, floor) + changes.iteration, not regular
 

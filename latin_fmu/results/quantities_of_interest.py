@@ -53,14 +53,14 @@ class QuantityOfInterest:
 _INSTANT: Final = "the instant itself, a hundredth of the interval at least"
 
 IMPULSE: Final = QuantityOfInterest(
-    "impulse", "N s", "normal force integrated over time", "integral of the magnitude of the force", safety=1.3
+    "impulse", "N s", "normal force integrated over time", "integral of the magnitude of the force", safety=1.15
 )
 FIRST_CONTACT: Final = QuantityOfInterest(
     "first_contact",
     "s",
     "instant at which the normal force first exceeds 1 % of its peak (sides that come from apart: at which they meet)",
     _INSTANT,
-    safety=1.1,
+    safety=0.75,
     iteration=0.15,
 )
 SEPARATION: Final = QuantityOfInterest(
@@ -68,14 +68,14 @@ SEPARATION: Final = QuantityOfInterest(
     "s",
     "instant from which on the normal force stays below 1 % of its peak",
     _INSTANT,
-    safety=0.85,
+    safety=1.1,
     iteration=0.3,
 )
 PEAK_FORCE: Final = QuantityOfInterest(
-    "peak_force", "N", "largest mean of the normal force over the peak duration", "itself", safety=1.6
+    "peak_force", "N", "largest mean of the normal force over the peak duration", "itself", safety=1.35
 )
 PEAK_FORCE_RAW: Final = QuantityOfInterest(
-    "peak_force_raw", "N", "largest normal force of all instants; has no limit where bodies land", "itself", safety=1.6
+    "peak_force_raw", "N", "largest normal force of all instants; has no limit where bodies land", "itself", safety=2.0
 )
 FRICTION_WORK: Final = QuantityOfInterest(
     "friction_work",
@@ -90,12 +90,12 @@ FORCE_HISTORY: Final = QuantityOfInterest(
     "N s0.5",
     "normal force over time, distance in L2",
     "L2 norm of the force",
-    safety=0.5,
+    safety=0.48,
     order=0.5,
     iteration=1.0,
 )
 DISPLACEMENT: Final = QuantityOfInterest(
-    "displacement", "m", "displacement of a sensor at the end", "largest displacement of the sensor", safety=1.25
+    "displacement", "m", "displacement of a sensor at the end", "largest displacement of the sensor", safety=1.05
 )
 
 QUANTITIES_OF_INTEREST: Final = (
