@@ -126,6 +126,7 @@ def scene(blocks: Callable[..., dict[str, Any]], change: Callable[[dict[str, Any
     tables = blocks(time={"end": 0.6, "instants": 5})
     tables["substructure"]["low"]["box"]["elements"] = [1, 1, 1]
     tables["substructure"]["high"]["box"]["elements"] = [1, 1, 2]
+    tables["sensor"] = {"tip": {"substructure": "high", "point": [0.5, 0.5, 1.9]}}
     tables["load"] = {"push": {"face": "high.zmax", "traction": [0.02, 0.0, -0.1]}}
     change(tables)
     return tables
