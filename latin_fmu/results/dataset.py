@@ -131,6 +131,7 @@ def _libraries() -> dict[str, str]:
     return {f"{name}_version": metadata.version(name) for name in ("numpy", "scipy", "xarray")}
 
 
+_PEAK: Final = 100_000  # instants of which the largest mean of a force is taken, at most
 _WINDOWS: Final = 16_384  # of a block of windows
 AXES: Final = ["x", "y", "z"]
 _PLANE: Final = ("surface_x", "surface_y")
@@ -274,15 +275,21 @@ def interface_blocks(outcome: Outcome) -> Iterator[dict[str, Group]]:
                 if first and variable.dims[:1] == ("time",):
                     variable.values = variable.values[1:]
             if last == len(run_time):
-                _set_peaks(group, *Force(run_time, pushed[name]).peaks(history.peak_duration))
+                _set_peaks(group, Force(run_time, pushed[name]), history.peak_duration)
             groups[f"/interfaces/{name}"] = group
         yield groups
 
 
-def _set_peaks(group: Group, peak: float, duration: float, raw: float) -> None:
-    """Put the peak forces of the whole run in the group of an interface."""
-    group.variables["peak_force"].values, group.variables["peak_force_raw"].values = np.array(peak), np.array(raw)
-    group.variables["peak_force"].attrs["peak_duration"] = duration
+def _set_peaks(group: Group, force: Force, asked: float | None) -> None:
+    """Put the peak forces of the whole run in the group of an interface; the largest mean of a very long run follows
+    from some of its instants, for it takes much memory."""
+    every = -(-len(force.time) // _PEAK)
+    peak, duration, _ = Force(force.time[::every], force.value[::every]).peaks(asked)
+    mean, raw = group.variables["peak_force"], group.variables["peak_force_raw"]
+    mean.values, raw.values = np.array(peak), np.array(force.raw_peak())
+    mean.attrs["peak_duration"] = duration
+    if every > 1:
+        mean.attrs["instants"] = f"every {every}th one"
 
 
 def result_blocks(outcome: Outcome) -> Iterator[dict[str, Group]]:
