@@ -59,8 +59,11 @@ def test_the_true_error_is_below_the_target(model: str, quantity: str, target: f
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("model", "quantity"), QUANTITIES)
-def test_the_true_error_is_below_the_sharpest_target(model: str, quantity: str) -> None:
-    check(model, quantity, 0.002)
+def test_the_sharpest_target_is_kept_or_refused(model: str, quantity: str) -> None:
+    """The contact layer is viscous: an impulse within 0.2 % takes some thousand elements, above the limit."""
+    choice, true, reference = chosen(model, quantity, 0.002, limit=20.0)
+    known = 0.0 if reference.own_error is None else reference.own_error[quantity].error
+    assert true <= 0.002 + known if choice.reached else "cannot be promised" in choice.sentence
 
 
 def test_what_has_no_order_is_not_promised() -> None:
