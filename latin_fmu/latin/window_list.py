@@ -24,8 +24,9 @@ class WindowList(Sequence[WindowRecord]):
 
     def __init__(self, records: Sequence[WindowRecord] = ()) -> None:
         self._records: dict[int, WindowRecord] = {}
-        # converged windows of one instant: number of the first, its instant, iterations and Newton steps, curves
-        self._tables: list[tuple[int, int, Index, Array, Array]] = []
+        # converged windows of one instant: number of the first, its instant, iterations and Newton steps, ends of the
+        # curves of each window, curves one after the other (padded, they would take several times as much memory)
+        self._tables: list[tuple[int, int, Index, Index, Array, Array]] = []
         self._n = 0
         for record in records:
             self.append(record)
@@ -43,19 +44,21 @@ class WindowList(Sequence[WindowRecord]):
         counts : (n, 2) iterations, and Newton steps among them. errors, residuals : (n, most) indicators and force
             residuals after each iteration, copied.
         """
-        most = int(counts[:, 0].max(initial=0))
-        self._tables.append((self._n, first, counts.copy(), errors[:, :most].copy(), residuals[:, :most].copy()))
+        held = np.arange(errors.shape[1]) < counts[:, :1]
+        curves = errors[held], residuals[held]
+        self._tables.append((self._n, first, counts.copy(), np.cumsum(counts[:, 0]), *curves))
         self._n += len(counts)
 
     def cut(self, length: int) -> list[WindowRecord]:
         """Remove and return the windows beyond the first ``length``."""
         removed = self[length:]
         self._records = {at: record for at, record in self._records.items() if at < length}
-        self._tables = [
-            (at, first, *(column[: length - at] for column in columns))  # type: ignore[misc]
-            for at, first, *columns in self._tables
-            if at < length
-        ]
+        tables, self._tables = self._tables, []
+        for at, first, counts, ends, *curves in tables:
+            if at < length:
+                last = min(length - at, len(counts))
+                errors, residuals = (curve[: ends[last - 1]] for curve in curves)
+                self._tables.append((at, first, counts[:last], ends[:last], errors, residuals))
         self._n = min(self._n, length)
         return removed
 
@@ -130,10 +133,10 @@ class WindowList(Sequence[WindowRecord]):
         at = range(self._n)[at]
         if at in self._records:
             return self._records[at]
-        start, first, counts, errors, residuals = self._tables[bisect_right(self._tables, at, key=itemgetter(0)) - 1]
+        start, first, counts, ends, *flat = self._tables[bisect_right(self._tables, at, key=itemgetter(0)) - 1]
         row, instant, (count, steps) = at - start, first + at - start, counts[at - start].tolist()
-        curves = errors[row, :count].tolist(), residuals[row, :count].tolist()
-        return WindowRecord(instant, instant, *curves, [], True, count - 1, steps)
+        errors, residuals = (curve[ends[row] - count : ends[row]].tolist() for curve in flat)
+        return WindowRecord(instant, instant, errors, residuals, [], True, count - 1, steps)
 
 
 def _plain(numbers: Index, fallbacks: Mapping[str, Any], at: int) -> int:

@@ -250,6 +250,7 @@ class ReducedModelInstance:
     @exception_barrier(None)
     def set_state(self, saved: bytes) -> None:
         """Restore a state; where it cannot be used an error is logged and nothing changes."""
+        self._logged.clear()  # the call fails each time, as its message tells the host
         state = decode(saved, self._kind)
         own = decode(bytes(self._encoded()), self._kind)
         check_like(state, own, "state", optional=("segment",))
@@ -271,4 +272,5 @@ class ReducedModelInstance:
     @exception_barrier(None)
     def from_bytes(self, block: bytes) -> bytes:
         """The state of ``to_bytes``; None, and an error is logged, for other bytes."""
+        self._logged.clear()
         return opened(block, _STATE, self._digest)
