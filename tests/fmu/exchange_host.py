@@ -15,12 +15,20 @@ from fmpy.fmi3 import FMU3Model
 
 
 def integrate(
-    fmu: Path, start: Mapping[str, Any] | None = None, events: list[float] | None = None, signals: Any = None
+    fmu: Path,
+    start: Mapping[str, Any] | None = None,
+    events: list[float] | None = None,
+    signals: Any = None,
+    tolerance: float | None = None,
 ) -> tuple[Any, float]:
     """Result of fmpy with CVode and its CPU time, s; ``events`` takes the times of the events."""
     began = time.process_time()
     result = fmpy.simulate_fmu(
-        str(fmu), start_values=dict(start or {}), input=signals, record_events=events is not None
+        str(fmu),
+        start_values=dict(start or {}),
+        input=signals,
+        record_events=events is not None,
+        relative_tolerance=tolerance,
     )
     if events is not None:
         events += result["time"][1:][np.diff(result["time"]) == 0.0].tolist()
