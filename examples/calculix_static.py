@@ -21,7 +21,7 @@ from example_tools import Array
 
 TIGHT = {"tolerance": 1e-6, "force_tolerance": 1e-5}
 PENALTY = Choices(stiffness=1000.0)
-SAME = {"tolerance": 3e-4}  # errors no larger than those of CalculiX, for a tenth more time than the default
+SAME = {"tolerance": 3e-4}  # errors no larger than those of CalculiX
 VARIANTS: dict[str, dict[str, Any]] = {"own factors": {"share_identical": False, **SAME}, "shared factors": SAME}
 
 
