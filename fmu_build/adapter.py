@@ -121,8 +121,12 @@ class Adapter:
 
     # -- variables ------------------------------------------------------------------------------------------------
     def get_numbers(self, references: memoryview, values: memoryview) -> int:
-        """Write numbers by value reference; elements of arrays in row-major order."""
-        read = self.fmi_instance.get(self._array(references, "u4").tolist())
+        """Write numbers by value reference; elements of arrays in row-major order, the first one alone for a host that
+        reads one number per variable because it does not know arrays."""
+        numbers = self._array(references, "u4").tolist()
+        read = self.fmi_instance.get(numbers)
+        if values.nbytes == 8 * len(numbers) < 8 * len(read):
+            read = [self.fmi_instance.get([number])[0] for number in numbers]
         if 8 * len(read) != values.nbytes:
             return self._refused(f"the host reads {values.nbytes // 8} values of variables that have {len(read)}")
         self._array(values)[:] = read

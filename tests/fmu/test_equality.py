@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from fmpy.fmi1 import FMICallException
 
 import latin_fmu
 from latin_fmu.cosim import Session, Settings
@@ -101,6 +102,21 @@ def test_arrays_of_a_windowed_step(opened):
     assert np.isnan(force[6:]).all()
     assert host.array("interface.crush.points.velocity", 54).shape == (54,)
     assert set(host.array("interface.crush.points.status", 9)) <= {0.0, 1.0, 2.0}
+
+
+def test_a_host_without_arrays_reads_their_first_elements(opened):
+    """One number per variable is what pathsim-fmi asks for; any other count that does not fit is an error."""
+    host = opened("3")
+    host.start()
+    host.set(load__press__value=1.0)
+    assert host.step(0.0, 1e-6)
+    names = ["interface.crush.points.traction", "interface.crush.force[3]", "interface.crush.points.status"]
+    whole = [host.array(name, size)[0] for name, size in zip(names, (27, 1, 9), strict=True)]
+    references = [host.reference(name) for name in names]
+    assert np.array_equal(host.fmu.getFloat64(references, nValues=3), whole)
+    with pytest.raises(FMICallException):
+        host.fmu.getFloat64(references, nValues=4)
+    assert "reads 4 values of variables that have 37" in host.messages[-1][-1]
 
 
 def test_the_tolerance_of_the_host_is_taken(opened):
