@@ -21,11 +21,12 @@ def bodies(elements, faces):
     return mesh, nodes, full
 
 
+@pytest.mark.parametrize("several_layers", [False, True])
 @pytest.mark.parametrize("faces", [("zmin",), ("zmin", "zmax"), ("xmin", "zmin"), ("xmin", "ymin", "zmin")])
-def test_total_mass_and_bare_nodes(faces):
+def test_total_mass_and_bare_nodes(faces, several_layers):
     """Translations keep their kinetic energy, also where contact faces share edges and a corner."""
     mesh, nodes, full = bodies((3, 3, 4), faces)
-    moved, _ = without_contact_mass(full, mesh, nodes)
+    moved, _ = without_contact_mass(full, mesh, nodes, several_layers)
     for axis in range(3):
         push = np.zeros((mesh.n_node, 3))
         push[:, axis] = 1.0
@@ -34,6 +35,22 @@ def test_total_mass_and_bare_nodes(faces):
     assert abs(moved[bare]).max() == 0.0
     assert np.linalg.eigvalsh(moved.toarray()).min() > -1e-12
     assert abs(moved - moved.T).max() < 1e-14
+
+
+@pytest.mark.parametrize(("elements", "layers"), [(8, 4), (3, 3), (1, 1)])
+def test_mass_spread_over_several_layers_is_shared_evenly(elements, layers):
+    """A push of one layer alone meets its own mass, and one part of that of the contact face."""
+    mesh, nodes, full = bodies((2, 2, elements), ("zmin",))
+    moved, _ = without_contact_mass(full, mesh, nodes, several_layers=True)
+    level = np.rint(mesh.nodes[:, 2] / 3.0 * elements).astype(int)
+    height = 3.0 / elements
+    area = 7.0 * 2.0
+    own = np.full(elements + 1, area * height)  # of each level of nodes, all its couplings lumped
+    own[[0, -1]] *= 0.5
+    got = np.bincount(level, (moved @ np.tile([0.0, 0.0, 1.0], mesh.n_node))[2::3])
+    expected = own + np.where((np.arange(elements + 1) > 0) & (np.arange(elements + 1) <= layers), own[0] / layers, 0.0)
+    expected[0] = 0.0
+    np.testing.assert_allclose(got, expected, rtol=1e-12, atol=1e-12 * area)
 
 
 def test_one_element_between_contacts_keeps_its_mass():
