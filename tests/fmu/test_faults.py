@@ -374,16 +374,14 @@ BAD_RUNS = {
 
 
 @pytest.mark.parametrize("case", BAD_RUNS)
-def test_simulate_fmu_raises(fmus, fmi, case):
+def test_simulate_fmu_raises(fmus, fmi, case, capsys):
     """fmpy goes on after a discarded step of FMI 2 as if it had been made: the next step, or the end, is an error."""
     given = dict(BAD_RUNS[case])
-    heard = []
     if "nan" in given:
         at = given.pop("nan")
         rows = [(0.0, 0.5), (at, 0.5), (at + 0.2e-6, math.nan), (7e-6, math.nan)]
         given["input"] = np.array(rows, dtype=[("time", float), ("load.press.value", float)])
     with pytest.raises(Exception, match=r"failed with status [23]"):
-        fmpy.simulate_fmu(
-            str(fmus[fmi]), stop_time=6e-6, output_interval=0.2e-6, logger=lambda *a: heard.append(a[-1]), **given
-        )
-    assert heard  # whatever the host says of debug logging
+        fmpy.simulate_fmu(str(fmus[fmi]), stop_time=6e-6, output_interval=0.2e-6, **given)
+    # whatever the host says of debug logging; no logger of its own: the next FMU would call it after it is freed
+    assert re.search(r"^\[(ERROR|DISCARD)\] ", capsys.readouterr().out, re.MULTILINE)
