@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import ast
 import copy
+import hashlib
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-
-import numpy as np
 
 FOLDERS = ("kernels", "interface", "time_scheme", "propagator", "assembly")
 KINDS = ("arithmetic", "term", "operands", "comparison", "constant", "index")
@@ -205,13 +205,20 @@ def all_sites(package: Path) -> list[list[Mutant]]:
 
 
 def drawn(package: Path, seed: int) -> Iterator[Mutant]:
-    """Mutants of different lines, one after the other: sites drawn without preference, then one change of each."""
-    rng = np.random.default_rng(seed)
-    every = all_sites(package)
+    """Mutants of different lines, one after the other: sites drawn without preference, then one change of each.
+
+    The order is that of a digest of seed, file, function and expression. A change of the sources therefore moves only
+    the mutants of the expressions that it changes; line numbers do not count.
+    """
+    times: Counter[tuple[str, ...]] = Counter()
+    ranked: list[tuple[bytes, Mutant]] = []
+    for site in all_sites(package):
+        of = site[0].file, site[0].function, *(f"{mutant.before} {mutant.after}" for mutant in site)
+        times[of] += 1  # the same expression may stand in a function more than once
+        digest = hashlib.sha256("\n".join([str(seed), str(times[of]), *of]).encode()).digest()
+        ranked.append((digest, site[digest[-1] % len(site)]))
     lines: set[tuple[str, int]] = set()
-    for number in rng.permutation(len(every)):
-        site = every[number]
-        mutant = site[int(rng.integers(len(site)))]
+    for _, mutant in sorted(ranked, key=lambda pair: pair[0]):
         if (mutant.file, mutant.line) not in lines:
             lines.add((mutant.file, mutant.line))
             yield mutant

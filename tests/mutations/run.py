@@ -45,7 +45,9 @@ TESTS = {  # by folder: what fails soonest comes first
         "fem test_explain.py cosim test_memory.py test_cli.py",
     ),
 }
+NEVER = ("mutations", "fuzz", "test_architecture.py", "test_kernels_library.py")  # they say nothing about numbers
 LONGEST = 180  # s of processor time for each group of tests; with unchanged sources they take up to 80
+LONGEST_REST = 1200  # s for the other quick tests together, which run where those of the folder notice nothing
 MEMORY = 8 << 30  # bytes of address space: a wrong size is an error, not the end of the machine
 
 
@@ -110,13 +112,13 @@ class Copy:
         if self._compiler is not None:
             self._compiler.communicate()
 
-    def test(self, groups: Sequence[str]) -> str:
+    def test(self, groups: Sequence[str], longest: float = LONGEST) -> str:
         """Run groups of tests; the first failure, empty where there is none."""
         for group in groups:
             tests = [f"tests/{name}" for name in group.split()]
             try:
                 done = self._python(
-                    ["-m", "pytest", "-x", "-q", "--tb=line", "-p", "no:cacheprovider", *tests], LONGEST
+                    ["-m", "pytest", "-x", "-q", "--tb=line", "-p", "no:cacheprovider", *tests], longest
                 )
             except subprocess.TimeoutExpired:
                 return "no end"
@@ -126,7 +128,7 @@ class Copy:
         return ""
 
     def judge(self, mutant: Mutant, groups: Sequence[str] | None = None) -> Verdict:
-        """Apply a mutant, compile, run groups of tests (those of its folder) and restore."""
+        """Apply a mutant, compile, run groups of tests (those of its folder, then all others) and restore."""
         path = self.folder / "latin_fmu" / mutant.file
         source = path.read_text(encoding="utf-8")
         library = {p: p.read_bytes() for p in (self.folder / "build").glob("_kernels*")}
@@ -134,7 +136,10 @@ class Copy:
             path.write_text(mutant.applied(source), encoding="utf-8")
             if mutant.file in self._compiled and (refused := self.build(mutant)):
                 return Verdict(mutant, "invalid", refused[:100])
-            failed = self.test(groups or TESTS[mutant.file.partition("/")[0]])
+            folder = mutant.file.partition("/")[0]
+            failed = self.test(groups or TESTS[folder])
+            if not failed and groups is None:
+                failed = self.test((rest(folder),), LONGEST_REST)
             return Verdict(mutant, "red" if failed else "green", failed)
         finally:
             path.write_text(source, encoding="utf-8")
@@ -166,6 +171,12 @@ def _limit(seconds: int) -> None:
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 
 
+def rest(folder: str) -> str:
+    """The quick tests that are not among those of a folder."""
+    used = {*" ".join(TESTS[folder]).split(), *NEVER, "conftest.py", "__pycache__"}
+    return " ".join(sorted(path.name for path in (ROOT / "tests").iterdir() if path.name not in used))
+
+
 def explained() -> dict[tuple[str, str, str, str], str]:
     """Why a mutant that no test fails on is no fault, by its file, function and expressions."""
     table = tomllib.loads((Path(__file__).parent / "survivors.toml").read_text(encoding="utf-8"))
@@ -175,8 +186,9 @@ def explained() -> dict[tuple[str, str, str, str], str]:
 def verdicts(seed: int, count: int, skip: int = 0, baseline: bool = True) -> Iterator[Verdict]:
     """Verdicts on the mutants of a seed, the first ``skip`` of the draw left out, until ``count`` compile."""
     with tempfile.TemporaryDirectory() as folder, closing(Copy(Path(folder))) as copy:
-        for group in dict.fromkeys(group for groups in TESTS.values() for group in groups) if baseline else ():
-            if failed := copy.test((group,)):
+        every = dict.fromkeys((*(group for groups in TESTS.values() for group in groups), rest("kernels")))
+        for group in every if baseline else ():
+            if failed := copy.test((group,), LONGEST_REST):
                 raise SystemExit(f"the sources as they are fail {failed}")
         valid = 0
         for mutant in itertools.islice(drawn(ROOT / "latin_fmu", seed), skip, None):
