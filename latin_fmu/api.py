@@ -130,9 +130,8 @@ def solve(
         names; they are called from Python, point by point in NumPy (``examples/own_law.py``).
     checkpoint : writes checkpoints, and continues from one; the run gives the same bits as an uninterrupted one.
     stream : folder of the results: its free space is checked, and where the histories of the interfaces are large
-        (64 MB) they go to a temporary file there: ``Solution.save`` writes them all, everything else follows from at
-        most 20,000 instants.
-        ``Solution.outcome.stream.close()`` removes the file.
+        (64 MB) they go to a temporary file there: ``Solution.save`` writes them all, energies follow from all of them,
+        everything else from at most 20,000 instants. ``Solution.outcome.stream.close()`` removes the file.
 
     Raises
     ------
@@ -153,8 +152,6 @@ def solve(
         if scene.time.quasi_static:
             problem.assembly.lost = loss_of_equilibrium(discretised)
     timings.setup = clock.process_time() - start
-    if scene.output.energy or scene.output.surfaces:  # both need whole histories
-        stream = None
     digest = "" if checkpoint is None else scene_digest(scene, behaviours or ())
     outcome = run(problem, timings, observer, progress, wall, checkpoint, digest, stream)
     if outcome.converged:

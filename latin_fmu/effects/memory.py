@@ -74,14 +74,15 @@ def memory_need(p: Prediction, stream: bool = False) -> MemoryNeed:
     most = max((u.geometry.n_point for u in units), default=0)
     kept = 2 * run.n_flat + opening + 6 * sliding
     instants = ceil(n_time / output.interfaces_every)
-    if stream and 8.0 * kept * instants > STREAMED and not (output.energy or output.surfaces):
+    if stream and 8.0 * kept * instants > STREAMED:
         instants = IN_MEMORY
     numbers = kept + 9 * points + opening + 15 * most  # as histories in global axes, and copies of one interface
+    numbers += output.surfaces * (2 * points + 9 * most)
     per_cell = 6 * (output.stress + output.strain) + 3 * (output.principal_stress and output.stress)
     per_node = 6 * output.keeps_fields + 6 * output.nodal_stress
     per_node += 3 * (output.principal_stress and output.nodal_stress)
     stored = run.n_instant // run.every + 1 if output.keeps_fields or output.stress else 0
-    terms = len(TERMS) * (2 * members + 2) + 12 if output.energy else 0
+    terms = len(TERMS) * (2 * members + 2) + 12 + 6 * len(units) if output.energy else 0
     window = run.n_instant / run.window
     return MemoryNeed(
         operators=_LIBRARIES + _CELL * cells + _OPERATORS * p.memory,

@@ -127,9 +127,9 @@ class InterfaceStream:
         content = self._file.read(8 * (last - first) * self._width)
         return np.frombuffer(content).reshape(last - first, self._width)
 
-    def blocks(self) -> Iterator[tuple[int, Array, dict[str, InterfaceHistory]]]:
+    def blocks(self, overlap: int = 1) -> Iterator[tuple[int, Array, dict[str, InterfaceHistory]]]:
         """The histories in blocks: row of the first instant, instants (n,), histories by name. A block begins with the
-        last instant of the one before."""
+        last ``overlap`` instants of the one before."""
         first = 0
         while True:
             last = min(first + _BLOCK, self.n_row)
@@ -138,7 +138,7 @@ class InterfaceStream:
             yield first, time, rows.histories(last - first, self._peak_duration)
             if last == self.n_row:
                 return
-            first = last - 1
+            first = last - overlap
 
     def close(self) -> None:
         """Close the file: the histories can be read no more."""

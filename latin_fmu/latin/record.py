@@ -88,13 +88,18 @@ class InterfaceHistory:
         return pressure
 
     def slip(self, time: Array) -> Array:
-        """Distance that side E' has moved along the face of E since the start, (n_time, n_point), m: the velocities at
-        all instants of the run, integrated (trapezoid; end of the step without inertia)."""
+        """Distance that side E' has moved along the face of E since the start, (n_time, n_point), m."""
+        slip: Array = np.linalg.norm(self.slip_path(time), axis=2)
+        return slip
+
+    def slip_path(self, time: Array) -> Array:
+        """Displacement of side E' along the face of E since the first of the instants, (n_time, n_point, 3), m: the
+        velocities at all instants, integrated (trapezoid; end of the step without inertia)."""
         jump = self.velocity[:, 1] - self.velocity[:, 0]
         jump = jump - np.einsum("tpc,pc,pd->tpd", jump, self.normals, self.normals)
         mean = jump[1:] if self.quasi_static else 0.5 * (jump[1:] + jump[:-1])
         moved = np.cumsum(np.diff(time)[:, None, None] * mean, axis=0)
-        return np.concatenate([np.zeros((1, jump.shape[1])), np.linalg.norm(moved, axis=2)])
+        return np.concatenate([np.zeros((1, *jump.shape[1:])), moved])
 
     def penetration(self) -> float:
         """Largest penetration, m (0 where the interface cannot open, or is an elastic layer)."""
@@ -230,9 +235,9 @@ class HistoryBlocks(Protocol):
 
     every: int
 
-    def blocks(self) -> Iterator[tuple[int, Array, dict[str, InterfaceHistory]]]:
-        """Number of the first instant, instants (n,), histories by name; a block begins with the last instant of the
-        one before."""
+    def blocks(self, overlap: int = 1) -> Iterator[tuple[int, Array, dict[str, InterfaceHistory]]]:
+        """Number of the first instant, instants (n,), histories by name; a block begins with the last ``overlap``
+        instants of the one before."""
 
     def close(self) -> None:
         """End: they can be read no more."""

@@ -6,7 +6,7 @@ instants n-1, n, n+1, as the energy balances of the substructures do.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, BinaryIO
 
@@ -237,16 +237,19 @@ class Recorder:
         n = self.n_kept
         tables = [self._energy_terms(name) for name in self._places]
         total = {t: sum((table[:, j] for table in tables), np.zeros(n)) for j, t in enumerate(TERMS)}
-        histories = list(self.interfaces().values())
+        series, dt = self._series(assembly), assembly.dt
         total["friction_dissipation"] = np.zeros(n)
-        for history in histories:
-            if history.friction_power is not None:
-                total["friction_dissipation"][1:] += np.cumsum(history.friction_power[1:]) * assembly.dt
-        weights, offset = assembly.scheme.traction_weights(), assembly.scheme.gap_offset(assembly.dt)
-        total["contact_dissipation"] = sum((impact_losses(h, weights, offset) for h in histories), np.zeros(n))
-        total.update(compliant_terms(histories, assembly.dt))
+        for power in (s["friction_power"] for s in series if "friction_power" in s):
+            total["friction_dissipation"][1:] += np.cumsum(power[1:]) * dt
+        total["contact_dissipation"] = sum((_running(s["loss"][1:]) for s in series if "loss" in s), np.zeros(n))
+        if layers := [s["layer_energy"] for s in series if "layer_energy" in s]:
+            total["layer_energy"] = np.sum(layers, axis=0)
+        if joints := [s["joint_power"] for s in series if "joint_power" in s]:
+            power = np.sum(joints, axis=0)
+            total["joint_dissipation"] = _running(0.5 * dt * (power[1:] + power[:-1]))
         if any(g.any() for g in assembly.ground.values()):
-            works = [ground_work(histories[i], assembly.ground_path(i)[:n], weights) for i in assembly.ground]
+            weights = assembly.scheme.traction_weights()
+            works = [ground_work(series[i]["force"], assembly.ground_path(i)[:n], weights) for i in assembly.ground]
             total["ground_work"] = sum(works, np.zeros(n))
         stored = total["kinetic"] + total["elastic"]
         total["balance"] = (
@@ -260,43 +263,62 @@ class Recorder:
         )
         return total
 
+    def _series(self, assembly: Assembly) -> list[dict[str, Array]]:
+        """``energy_series`` of every interface over the kept instants; block by block where they are in a file."""
+        weights, offset = assembly.scheme.traction_weights(), assembly.scheme.gap_offset(assembly.dt)
+
+        def of(histories: Mapping[str, InterfaceHistory], known: int) -> list[dict[str, Array]]:
+            made = [energy_series(h, weights, offset, i in assembly.ground) for i, h in enumerate(histories.values())]
+            return [{key: values[known:] for key, values in series.items()} for series in made]
+
+        if self.stream is None:
+            return of(self.interfaces(), 0)
+        # the weights of a step take the instant before it
+        parts = [of(histories, 2 if first else 0) for first, _, histories in self.stream.blocks(overlap=2)]
+        return [
+            {key: np.concatenate([part[i][key] for part in parts]) for key in series}
+            for i, series in enumerate(parts[0])
+        ]
+
 
 # -- energies of interfaces -------------------------------------------------------------------------------------
-def impact_losses(history: InterfaceHistory, weights: tuple[float, float, float], offset: float) -> Array:
-    """Energy (n_time,) lost to the normal contact law since the start, J: - sum of pressure x change of gap.
+def energy_series(
+    history: InterfaceHistory, weights: tuple[float, float, float], offset: float, force: bool
+) -> dict[str, Array]:
+    """What the energies of an interface follow from, one row an instant: ``friction_power``, ``joint_power`` (W),
+    ``layer_energy``, ``loss`` of the step that ends there (J), as far as there are any; ``force`` (N) on request.
+
+    offset : time from the instants to the displacements that give the gaps, s.
+    """
+    names = ("friction_power", "layer_energy", "joint_power")
+    series = {name: values for name in names if (values := getattr(history, name)) is not None}
+    if history.gap is not None and history.layer_energy is None:
+        series["loss"] = np.concatenate([[0.0], _impact_losses(history, history.gap, weights, offset)])
+    return series | ({"force": history.force()} if force else {})
+
+
+def _impact_losses(history: InterfaceHistory, gap: Array, weights: tuple[float, float, float], offset: float) -> Array:
+    """Energy (n_time - 1,) that each step loses to the normal contact law, J: - sum of pressure x change of gap.
 
     A point that stays closed loses nothing. A point that closes loses the energy that the end-of-instant law
     dissipates: the kinetic energy of the layer of elements that meets the other side, which goes to zero under
-    refinement. ``offset`` : time from the instants to the displacements that give the gaps, s.
+    refinement.
     """
-    if history.gap is None or history.layer_energy is not None:
-        return np.zeros(len(history.traction))
     pressure = -np.einsum("tpc,pc->tp", history.traction, history.normals)
-    gap = history.gap
     if offset:
         opening = history.velocity[:, 1] - history.velocity[:, 0]
         gap = gap - offset * np.einsum("tpc,pc->tp", opening, history.normals)
     power = -_weighted(pressure, weights) * np.diff(gap, axis=0)
-    return _running(power @ history.areas)
+    steps: Array = power @ history.areas
+    return steps
 
 
-def compliant_terms(histories: Sequence[InterfaceHistory], dt: float) -> dict[str, Array]:
-    """Energy of elastic layers and dissipation of viscous joints, (n_time,) each, J; keys of existing ones only."""
-    terms = {}
-    layers = [h.layer_energy for h in histories if h.layer_energy is not None]
-    joints = [h.joint_power for h in histories if h.joint_power is not None]
-    if layers:
-        terms["layer_energy"] = np.sum(layers, axis=0)
-    if joints:
-        power = np.sum(joints, axis=0)
-        terms["joint_dissipation"] = _running(0.5 * dt * (power[1:] + power[:-1]))
-    return terms
+def ground_work(force: Array, path: Array, weights: tuple[float, float, float]) -> Array:
+    """Work (n_time,) that a moving ground does on side E since the start, J.
 
-
-def ground_work(history: InterfaceHistory, path: Array, weights: tuple[float, float, float]) -> Array:
-    """Work (n_time,) that a moving ground does on side E since the start, J; ``path`` (n_time, 3) its travel, m."""
-    force = _weighted(history.force(), weights)
-    return _running(np.einsum("tc,tc->t", force, np.diff(path, axis=0)))
+    force : (n_time, 3) of the ground, N. path : (n_time, 3) its travel, m.
+    """
+    return _running(np.einsum("tc,tc->t", _weighted(force, weights), np.diff(path, axis=0)))
 
 
 def _weighted(values: Array, weights: tuple[float, float, float]) -> Array:

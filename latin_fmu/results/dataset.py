@@ -165,11 +165,9 @@ def result_groups(
     groups = {"/": Group({}, attrs=_root_attributes(outcome, scene_name, scene_text, provenance))}
     for name, interface in () if streamed else outcome.interfaces.items():
         indicator = outcome.interface_indicator.get(name)
-        group = interface_group(interface, outcome.interface_time, indicator, surfaces)
-        if surfaces and len(outcome.interface_time) < len(outcome.time):
-            del group.variables["slip"]
-            group.attrs["slip"] = "none: it needs the velocities at all instants (output.interfaces_every = 1)"
-        groups[f"/interfaces/{name}"] = group
+        time = outcome.interface_time
+        slip = interface.slip(time) if surfaces and len(time) == len(outcome.time) else None
+        groups[f"/interfaces/{name}"] = interface_group(interface, time, indicator, surfaces, slip)
     for name, substructure in outcome.substructures.items():
         if _has_fields(substructure):
             more = (recovered or {}).get(name)
@@ -187,10 +185,14 @@ def result_groups(
 
 
 def interface_group(
-    history: InterfaceHistory, time: Array, indicator: float | None = None, surfaces: bool = False
+    history: InterfaceHistory,
+    time: Array,
+    indicator: float | None = None,
+    surfaces: bool = False,
+    slip: Array | None = None,
 ) -> Group:
     """Group ``interfaces/<name>``; ``indicator`` is sqrt(eta) restricted to this interface; ``surfaces``: with pressure
-    and slip."""
+    and, where it is known, the ``slip`` (n_time, n_point), m."""
     vector = ("time", "point", "component")
     columns: Columns = {
         "area": ("point", history.areas),
@@ -209,7 +211,8 @@ def interface_group(
         columns["contact_status"] = (("time", "point"), history.contact_status)
     if surfaces:
         columns["pressure"] = (("time", "point"), history.pressure())
-        columns["slip"] = (("time", "point"), history.slip(time))
+        if slip is not None:
+            columns["slip"] = (("time", "point"), slip)
     for key in ("friction_power", "layer_energy", "joint_power"):
         if (values := getattr(history, key)) is not None:
             columns[key] = ("time", values)
@@ -220,6 +223,8 @@ def interface_group(
     attrs: dict[str, object] = {"behaviour": history.behaviour, "face_E": history.sides[0], "face_Ep": history.sides[1]}
     if history.friction_coefficient is not None:
         attrs["friction_coefficient"] = float(history.friction_coefficient)
+    if surfaces and slip is None:
+        attrs["slip"] = "none: it needs the velocities at all instants (output.interfaces_every = 1)"
     meshed = history.cells is not None and len(history.cells) > 0
     if meshed:
         columns |= {"cells": (("cell", "corner"), history.cells), "surface": ((), np.int32(0))}
@@ -256,7 +261,7 @@ def _describe_surface(group: Group) -> None:
             variable.attrs.update(mesh="surface", location="node")
 
 
-def interface_blocks(outcome: Outcome) -> Iterator[dict[str, Group]]:
+def interface_blocks(outcome: Outcome, surfaces: bool = False) -> Iterator[dict[str, Group]]:
     """Groups of the interfaces by path, block by block of the instants of the stream of a run; peak forces follow from
     all instants and come with the last block."""
     stream = outcome.stream
@@ -264,10 +269,15 @@ def interface_blocks(outcome: Outcome) -> Iterator[dict[str, Group]]:
     run_time = outcome.time[:: stream.every]
     pushed = {name: np.zeros(len(run_time)) for name in outcome.interfaces}
     impulse = dict.fromkeys(pushed, np.zeros(3))
+    moved: dict[str, Array | float] = dict.fromkeys(pushed, 0.0)
     for first, time, histories in stream.blocks():
         groups, last = {}, first + len(time)
         for name, history in histories.items():
-            group = interface_group(history, time, outcome.interface_indicator.get(name))
+            slip = None
+            if surfaces and stream.every == 1:
+                path = history.slip_path(time) + moved[name]
+                slip, moved[name] = np.linalg.norm(path, axis=2), path[-1]
+            group = interface_group(history, time, outcome.interface_indicator.get(name), surfaces, slip)
             group.variables["impulse"].values += impulse[name]
             impulse[name] = group.variables["impulse"].values[-1].copy()
             pushed[name][first:last] = normal_resultant(InterfaceFields.of_history(history, time))
@@ -292,10 +302,10 @@ def _set_peaks(group: Group, force: Force, asked: float | None) -> None:
         mean.attrs["instants"] = f"every {every}th one"
 
 
-def result_blocks(outcome: Outcome) -> Iterator[dict[str, Group]]:
+def result_blocks(outcome: Outcome, surfaces: bool = False) -> Iterator[dict[str, Group]]:
     """The groups that ``result_groups`` leaves out of a streamed run, in blocks of instants and of windows."""
     starts = range(0, max(1, len(outcome.windows)), _WINDOWS)
-    interfaces = interface_blocks(outcome)
+    interfaces = interface_blocks(outcome, surfaces)
     windows = ({"/convergence": _convergence(outcome, start, start + _WINDOWS)} for start in starts)
     yield {**next(interfaces), **next(windows)}
     yield from interfaces

@@ -152,7 +152,7 @@ class Solution:
         ResultsError : the file cannot be written.
         """
         start = clock.process_time()
-        blocks = None if self.outcome.stream is None else partial(result_blocks, self.outcome)
+        blocks = None if self.outcome.stream is None else partial(result_blocks, self.outcome, self.surfaces)
         write_groups(self._groups(blocks is not None), path, blocks)
         self.timings.output += clock.process_time() - start
 
