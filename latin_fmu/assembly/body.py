@@ -13,10 +13,10 @@ import scipy.sparse as sp
 
 from ..errors import MeshError, Problem, Problems, shown
 from ..fem.elasticity import BENDING_CELLS, body_load, lumped_mass, mass, stiffness, wave_speeds
-from ..fem.elements import Elements, rigid_body
+from ..fem.elements import Elements, RigidBody, rigid_body
 from ..fem.faces import Face, face_of
 from ..fem.location import Location, locate, nearest_surface_point
-from ..fem.mesh import Array, FacetSet, Mesh, boundary, box_mesh, nested_dissection
+from ..fem.mesh import Array, FacetSet, Index, Mesh, boundary, box_mesh, nested_dissection
 from ..fem.stress import MeanStress, Recovery
 from ..fem.surface import Surface
 from ..latin.assembly import InterfaceUnit
@@ -87,13 +87,54 @@ class Shape:
 
 
 @dataclass(frozen=True)
+class AddedMass:
+    """Point masses on a body.
+
+    Attributes
+    ----------
+    matrix : (3 n_node, 3 n_node), kg. lumped : (3 n_node,) the same at the nodes, all >= 0, kg, but for masses with an
+        arm or inertia, which masses at nodes do not represent. arms : nodes of the faces that these follow.
+    """
+
+    matrix: sp.csr_array
+    lumped: Array
+    arms: Index
+
+
+@dataclass(frozen=True)
 class Body:
-    """One substructure: its mesh in its place, shape (shared by equal bodies), faces."""
+    """One substructure: its mesh in its place, shape (shared by equal bodies), faces, point masses."""
 
     name: str
     mesh: Mesh
     shape: Shape
     description: Substructure
+    added: AddedMass | None = None
+
+    @cached_property
+    def mass(self) -> sp.csr_array:
+        """Consistent mass with the point masses (3 n_node, 3 n_node), kg. Times a uniform acceleration it is the load
+        of gravity or of a moving frame."""
+        return self.with_added(self.shape.mass)
+
+    def with_added(self, mass: sp.csr_array) -> sp.csr_array:
+        """A mass of the mesh (3 n_node, 3 n_node), kg, with that of the point masses."""
+        return mass if self.added is None else sp.csr_array(mass + self.added.matrix)
+
+    @cached_property
+    def lumped_mass(self) -> Array | None:
+        """Positive masses (3 n_node,), kg, where the row sums of the mass do not serve, else None."""
+        own = self.shape.lumped_mass
+        if self.added is None:
+            return own
+        own = self.shape.mass @ np.ones(self.full_size()) if own is None else own
+        return np.asarray(own + self.added.lumped)
+
+    @cached_property
+    def rigid_motions(self) -> RigidBody:
+        """Rigid motions about the mass centre and their mass, point masses included."""
+        plain = rigid_body(self.mesh, self.shape.material.density)
+        return plain if self.added is None else plain.with_mass(self.mesh.nodes, self.added.matrix)
 
     @cached_property
     def outside(self) -> FacetSet:
@@ -122,7 +163,7 @@ class Body:
         description = self.description
         velocity = np.tile(np.asarray(description.initial_velocity, dtype=float), (self.mesh.n_node, 1))
         if any(description.initial_spin):
-            arm = self.mesh.nodes - rigid_body(self.mesh, self.shape.material.density).centre
+            arm = self.mesh.nodes - self.rigid_motions.centre
             velocity += np.cross(np.asarray(description.initial_spin), arm)
         return velocity.ravel()
 
@@ -150,20 +191,27 @@ def sensor_places(scene: Scene, bodies: dict[str, Body], problems: Problems) -> 
             places[name] = SensorPlace(sensor.body, mean, mean.weights @ mesh.nodes[mean.nodes], sensor.face)
             continue
         point = np.asarray(sensor.point, dtype=float)
-        location = locate(mesh, point)
+        location = located(bodies[sensor.body], point, f"sensor.{name}.point", problems)
         if location is not None:
             places[name] = SensorPlace(sensor.body, location, point)
-            continue
-        distance, near = nearest_surface_point(mesh, point)
-        at = ", ".join(f"{x:.6g}" for x in near)
-        problems.add(
-            f"sensor.{name}.point",
-            f"the point is outside {sensor.body}, {distance:.4g} m from its surface",
-            shown(sensor.point),
-            "a point in or on the body",
-            f"the nearest point of the surface is [{at}]",
-        )
     return places
+
+
+def located(body: Body, point: Array, where: str, problems: Problems) -> Location | None:
+    """A point (3,), m, in terms of the nodes of a body; None, with a problem at the key ``where``, outside it."""
+    location = locate(body.mesh, point)
+    if location is not None:
+        return location
+    distance, near = nearest_surface_point(body.mesh, point)
+    at = ", ".join(f"{x:.6g}" for x in near)
+    problems.add(
+        where,
+        f"the point is outside {body.name}, {distance:.4g} m from its surface",
+        shown(point.tolist()),
+        "a point in or on the body",
+        f"the nearest point of the surface is [{at}]",
+    )
+    return None
 
 
 class _MeshFiles:

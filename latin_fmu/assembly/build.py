@@ -8,6 +8,7 @@ from dataclasses import replace
 from ..errors import Problems, SceneError
 from ..interface import Behaviour
 from ..scene.schema import Scene
+from .attachments import with_masses
 from .body import build_bodies, sensor_places
 from .checks import (
     boundaries_of,
@@ -59,6 +60,7 @@ def discretise(scene: Scene, behaviours: Mapping[str, Behaviour] | None = None) 
     check_faces(scene, bodies, problems)
     if problems:
         raise SceneError(problems, "the scene cannot be built")
+    bodies = with_masses(scene, bodies, problems)
     remarks: list[str] = []
     if scene.contact:
         scene = with_found(scene, bodies, problems)

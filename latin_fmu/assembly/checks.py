@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 
 from ..errors import Problems
 from ..fem.elasticity import BENDING_CELLS
-from ..fem.elements import rigid_body
 from ..fem.mesh import Array, FacetSet, Mesh
 from ..latin.assembly import InterfaceUnit
+from ..scene.attachments import places_of
 from ..scene.boundaries import AXES, Boundary, Fixed, Periodic, PrescribedDisplacement, PrescribedVelocity, Symmetry
 from ..scene.fields import ALL_OF_IT, GROUND, split_face
 from ..scene.laws import TimeLaw, sampled_impulse_error
@@ -60,6 +60,9 @@ def _faces_named(scene: Scene) -> Iterator[tuple[str, str]]:
     for name, sensor in scene.sensor.items():
         if sensor.face is not None:
             yield f"sensor.{name}.face", sensor.face
+    for where, place in places_of(scene):
+        if place.face is not None:
+            yield f"{where}.face", place.face
 
 
 def check_faces(scene: Scene, bodies: dict[str, Body], problems: Problems) -> None:
@@ -176,7 +179,7 @@ def initial_problems(scene: Scene, units: list[InterfaceUnit], problems: Problem
 
 
 def _mass(body: Body) -> float:
-    return float(rigid_body(body.mesh, body.shape.material.density).mass[0, 0])
+    return float(body.rigid_motions.mass[0, 0])
 
 
 def body_lines(bodies: Mapping[str, Body]) -> list[str]:
@@ -188,7 +191,9 @@ def body_lines(bodies: Mapping[str, Body]) -> list[str]:
         for block in body.mesh.blocks:
             kinds[block.cell_type] += len(block.cells)
         cells = ", ".join(f"{count} {kind}" for kind, count in kinds.items())
-        lines.append(f"  body {name}: {size} m, {_mass(body):.4g} kg, {body.mesh.n_node} nodes, {cells}")
+        added = 0.0 if body.added is None else float(body.added.matrix[::3, ::3].sum())
+        masses = f" ({added:.4g} kg in point masses)" if added else ""
+        lines.append(f"  body {name}: {size} m, {_mass(body):.4g} kg{masses}, {body.mesh.n_node} nodes, {cells}")
     return lines
 
 

@@ -19,7 +19,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from ..errors import Problems
-from ..fem.elements import RigidBody, rigid_body
+from ..fem.elements import RigidBody
 from ..fem.faces import changes_basis, consistent_dashpots, lumped_dashpots
 from ..fem.mesh import Array, Index, nearest
 from ..latin.reactions import Support
@@ -328,7 +328,7 @@ def _rigid_conditions(body: Body, nodal: Conditions, boundaries: dict[str, Bound
                 f"remove the boundary, or substructure.{body.name}.rigid",
             )
             return nodal
-    rigid = rigid_body(body.mesh, body.shape.material.density)
+    rigid = body.rigid_motions
     held, driven = nodal.held, nodal.pattern.any(axis=1)
     rows = np.concatenate([rigid.modes[held], rigid.modes[driven]])
     values = np.concatenate([np.zeros((int(held.sum()), len(nodal.motions))), nodal.pattern[driven]])
@@ -383,7 +383,7 @@ def rigid_model(
     nodal, description = held.nodal, body.description
     mass = sp.csr_array(held.basis.T @ held.body.mass @ held.basis)
     n_full = mass.shape[0]
-    share = body.shape.material.rayleigh_mass
+    share = body.shape.material.rayleigh[0]
     still, start = np.zeros(3), held.start()
     return SubstructureModel(
         name=body.name,

@@ -19,7 +19,7 @@ from ..scene.schema import Scene
 from ..scene.settings import AutomaticScheme
 from ..scene.solver_settings import ReducedPropagator
 from ..time_scheme import HHT, SCHEMES, GeneralizedAlpha, QuasiStatic, TimeScheme
-from .body import Body, body_sides
+from .body import AddedMass, Body, body_sides
 from .conditions import Conditions, RigidConditions, rigid_model, total
 
 _RESOLVED = 0.7  # Courant number from which the force of a landing is resolved with mass on the contact nodes
@@ -34,13 +34,14 @@ class ContactLayer:
 
     Attributes
     ----------
-    mass : (n_full, n_full), kg. viscosity : of the landing, N s m-1, or None. load : whether body forces act with
-        this mass. left : number of contact nodes that keep their mass for want of an inner neighbour.
+    mass : (n_full, n_full), kg. viscosity : of the landing, N s m-1, or None. loaded : mass of the mesh alone, on which
+        body forces act, where it is not that of the shape. left : number of contact nodes that keep their mass for want
+        of an inner neighbour.
     """
 
     mass: sp.csr_array
     viscosity: sp.csr_array | None = None
-    load: bool = False
+    loaded: sp.csr_array | None = None
     left: int = 0
 
 
@@ -136,7 +137,7 @@ def _model(
         imposed_pattern=held.pattern,
         imposed_start=held.start(),
         ordering=body.shape.rank,
-        lumped_mass=body.shape.lumped_mass if scheme.explicit else None,
+        lumped_mass=body.lumped_mass if scheme.explicit else None,
         lumped_damping=_lumped_damping(body, held) if scheme.explicit else None,
         landing=None if layer is None else layer.viscosity,
     )
@@ -157,13 +158,17 @@ def contact_layer(
         return None
     shape, m = body.shape, body.shape.material
     if not scheme.massless_contact:
-        return ContactLayer(shape.mass)
+        return ContactLayer(body.mass)
     speed = float(np.sqrt(m.young_modulus / m.density))
     share = scheme.consistent_share(speed * dt / longest_edge(shape.mesh))
     mass = blended_mass(shape.mass, shape.lumped_mass, share)
     nodes, q = _contact_nodes(name, units), scheme.landing_damping
     blends = scheme.consistent_share(0.0) < 1.0
-    moved, left = without_contact_mass(mass, shape.mesh, nodes, several_layers=blends and q == 0.0)
+    own, left = without_contact_mass(mass, shape.mesh, nodes, several_layers=blends and q == 0.0)
+    moved = own
+    if body.added is not None:
+        _check_arms(name, body.added, nodes)
+        moved, _ = without_contact_mass(body.with_added(mass), shape.mesh, nodes, several_layers=blends and q == 0.0)
     if len(left) and not blends:
         raise SceneError.of(
             "the scene cannot be built",
@@ -173,7 +178,19 @@ def contact_layer(
         )
     constants = m.young_modulus, m.poisson_ratio, m.density
     viscosity = landing_viscosity(shape.mesh, nodes, constants, q, shape.bending_modes)
-    return ContactLayer(moved, viscosity, True, len(left))
+    return ContactLayer(moved, viscosity, own, len(left))
+
+
+def _check_arms(name: str, added: AddedMass, nodes: Index) -> None:
+    """Refuse a mass that follows a face by a rigid arm where nodes of the face have no mass."""
+    if np.isin(added.arms, nodes).any():
+        raise SceneError.of(
+            "the scene cannot be built",
+            "point_mass",
+            f"substructure {name}: a mass with an arm or inertia on a face that may open, whose nodes have no mass "
+            "with this time scheme",
+            remedy='choose time.scheme = "hht", or spread the mass evenly: leave out its point and inertia',
+        )
 
 
 def _contact_nodes(name: str, units: list[InterfaceUnit]) -> Index:
@@ -285,20 +302,20 @@ def _unfit(scheme: TimeScheme, courant: Mapping[str, float], landing: set[str]) 
 
 
 def _damping(body: Body, held: Conditions, layer: ContactLayer | None) -> sp.csr_array | None:
-    material, viscosity = body.shape.material, None if layer is None else layer.viscosity
-    if not (material.rayleigh_mass or material.rayleigh_stiffness):
+    (a, b), viscosity = body.shape.material.rayleigh, None if layer is None else layer.viscosity
+    if not (a or b):
         return total(held.dashpots, viscosity)
-    mass = body.shape.mass if layer is None else layer.mass
-    rayleigh = material.rayleigh_mass * mass + material.rayleigh_stiffness * body.shape.stiffness
+    mass = body.mass if layer is None else layer.mass
+    rayleigh = a * mass + b * body.shape.stiffness
     return total(sp.csr_array(rayleigh), held.dashpots, viscosity)
 
 
 def _lumped_damping(body: Body, held: Conditions) -> sp.csr_array | None:
     """Damping lumped with the masses of the shape, where it has its own; stiffness-proportional damping has no part."""
-    mass = body.shape.lumped_mass
+    mass = body.lumped_mass
     if mass is None:
         return None
-    return total(diagonal_matrix(body.shape.material.rayleigh_mass * mass), held.lumped_dashpots)
+    return total(diagonal_matrix(body.shape.material.rayleigh[0] * mass), held.lumped_dashpots)
 
 
 def _loads(scene: Scene, name: str, body: Body, layer: ContactLayer | None) -> list[LoadTerm]:
@@ -306,8 +323,8 @@ def _loads(scene: Scene, name: str, body: Body, layer: ContactLayer | None) -> l
     force = np.asarray(body.description.body_force)
     if any(force):
         pattern = body.shape.body_load(force)
-        if layer is not None and layer.load:  # where the mass is, so that massless nodes are in balance
-            pattern = layer.mass @ np.tile(force / body.shape.material.density, body.mesh.n_node)
+        if layer is not None and layer.loaded is not None:  # where the mass is, so that massless nodes are in balance
+            pattern = layer.loaded @ np.tile(force / body.shape.material.density, body.mesh.n_node)
         terms.append(LoadTerm("", pattern))
     for load_name, load in scene.load.items():
         substructure, face_name = split_face(load.face)
@@ -344,6 +361,9 @@ def _signature(model: SubstructureModel, body: Body) -> bytes:
         digest.update(model.damping.indices.astype(np.int64).tobytes())
     if model.mass is not None and model.nodal is None:
         digest.update(np.flatnonzero(model.mass.diagonal() <= 0.0).tobytes())
+    if body.added is not None:
+        digest.update(body.added.matrix.indices.astype(np.int64).tobytes())
+        digest.update(np.ascontiguousarray(body.added.matrix.data).tobytes())
     digest.update(model.imposed_pattern.tobytes())
     if model.nodal is not None:
         digest.update((np.round(model.nodal, 9) + 0.0).tobytes())

@@ -19,7 +19,7 @@ from ..propagator import Propagator
 from ..propagator.explicit import ExplicitPropagator
 from ..propagator.model import SubstructureModel
 from ..propagator.registry import Kind, PropagatorSettings
-from ..scene.relations import CENTRAL
+from ..scene.raw_scene import CENTRAL
 from ..scene.schema import Scene
 from ..scene.solver_settings import AutomaticPropagator, ReducedPropagator
 from .models import ModelClass

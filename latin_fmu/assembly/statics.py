@@ -29,6 +29,7 @@ from ..scene.fields import GROUND, split_face
 from ..scene.laws import InputLaw
 from ..scene.schema import Scene
 from ..scene.settings import StaticStart
+from ..scene.substructures import DAMPING_KEYS
 from .body import Body, body_sides
 from .checks import boundaries_of
 from .conditions import Conditions, conditions_on
@@ -240,13 +241,15 @@ def static_scene(scene: Scene, amplitudes: Mapping[str, float]) -> Scene:
     assert isinstance(scene.time.start, StaticStart)
     data, still = scene.tables(), resting(scene)
     data["substructure"] = {n: data["substructure"][n] for n in still}
+    data["point_mass"] = {n: data["point_mass"][n] for n, m in scene.point_mass.items() if m.body in still}
     data["interface"] = {n: data["interface"][n] for n in static_interfaces(scene)}
     for interface in data["interface"].values():
         interface.pop("ground_velocity", None)
     data["boundary"] = dict(_boundaries(scene, data["boundary"], still))
     data["load"] = dict(_loads(scene, data["load"], still, amplitudes))
     for material in data["material"].values():
-        material |= {"rayleigh_mass": 0.0, "rayleigh_stiffness": 0.0}
+        for key in (*DAMPING_KEYS, "at_frequency"):
+            material.pop(key, None)
     data["time"] = {"end": 1.0, "instants": scene.time.start.increments, "quasi_static": True}
     data["solver"] = {"max_iterations": _MOST, "share_identical": scene.solver.share_identical}
     for key in ("sensor", "accuracy", "output"):

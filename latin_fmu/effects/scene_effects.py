@@ -11,6 +11,7 @@ from ..latin.assembly import InterfaceUnit
 from ..scene.boundaries import Absorbing, PrescribedDisplacement, PrescribedVelocity
 from ..scene.fields import split_face
 from ..scene.settings import StaticStart
+from ..scene.substructures import DAMPING_KEYS
 from .cost import Prediction, numbers, seconds
 
 
@@ -102,15 +103,14 @@ def rigidity(p: Prediction) -> Effect:
 
 
 def damping(p: Prediction) -> Effect:
-    """Rayleigh damping of the materials."""
-    both = "rayleigh_mass", "rayleigh_stiffness"
+    """Rayleigh damping of the materials, whichever keys give it."""
     used = {b.description.material for b in p.discretised.bodies.values()}
     materials = {n: m for n, m in p.scene.material.items() if n in used}
-    keys = tuple(f"material.{n}.{key}" for n, m in materials.items() for key in both if getattr(m, key) > 0)
+    keys = tuple(f"material.{n}.{key}" for n, m in materials.items() for key in m.damping_keys)
     if not keys:
-        why = [f"material.*.{key}" for key in both]
+        why = [f"material.*.{key}" for key in DAMPING_KEYS]
         return _off("damping", why, "no material has any", "rayleigh_mass or rayleigh_stiffness > 0")
-    reason, memory = f"{len(keys)} Rayleigh coefficient(s)", p.total("damping")
+    reason, memory = f"Rayleigh damping by {len(keys)} key(s)", p.total("damping")
     layers = sum(
         len(c.members) * (m.expansion.T @ m.landing @ m.expansion).nnz
         for c in p.discretised.classes

@@ -133,6 +133,17 @@ class RigidBody:
         """The six unknowns (6,) of a translation (3,) of the centre, m, and a rotation (3,), rad (or their rates)."""
         return np.concatenate([translation, rotation * self.length])
 
+    def with_mass(self, nodes: Array, added: sp.csr_array) -> RigidBody:
+        """The motions about the common mass centre with masses at the nodes (3 n_node, 3 n_node), kg, added; ``nodes``
+        (n_node, 3) of the mesh, m."""
+        mass = self.mass + self.modes.T @ (added @ self.modes)
+        shift = np.array([mass[1, 5], -mass[0, 5], mass[0, 4]]) / mass[0, 0]  # over the length
+        turn = np.eye(6)
+        turn[:3, 3:] = -np.cross(np.eye(3), shift).T
+        centre = self.centre + shift * self.length
+        mass = turn.T @ mass @ turn
+        return RigidBody(centre, self.length, rigid_modes(nodes, centre, self.length), 0.5 * (mass + mass.T))
+
 
 def rigid_body(mesh: Mesh, density: float) -> RigidBody:
     """Rigid motions of a mesh of uniform density, kg m-3."""

@@ -1,4 +1,5 @@
-"""Points in and near a mesh: the cell that holds a point, the shape functions there, the nearest point of the surface.
+"""Points in and near a mesh: the cell that holds a point, the shape functions there, the nearest point of the surface,
+mean motions of faces.
 
 The reference coordinates xi of a point x in a cell solve x = sum_a N_a(xi) x_a, by Newton's method from the centre of
 the cell; in straight tetrahedra the first step is exact.
@@ -10,7 +11,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+import scipy.sparse as sp
 
+from .faces import Face
 from .mesh import Array, CellBlock, Index, Mesh, boundary
 from .reference_cells import N_CORNER, cell_functions
 from .surface import Surface
@@ -40,6 +43,70 @@ class Location:
         kept = np.abs(weights) > _ROUND_OFF
         weights = weights[kept]
         return Location(nodes[kept], np.ones(1) if len(weights) == 1 else weights / weights.sum())
+
+
+@dataclass(frozen=True)
+class MeanMotion:
+    """Rigid motion that fits the motion of some nodes best, with weights w_i (least squares):
+
+        U = sum w_i u_i,   J Theta = sum w_i r_i x u_i,   J = sum w_i (r_i^2 1 - r_i r_i^T),   r_i from the centre
+
+    The transposed rows spread a force by the weights, and a moment as the moment of forces w_i (J^-1 M) x r_i.
+
+    Attributes
+    ----------
+    centre : (3,) weighted mean of the places, m. translation, rotation : (3, 3 n_node) rows of U and Theta, global
+        axes; no rotation at a point of a solid. radius : size of the nodes around the centre (root mean square), m.
+    """
+
+    centre: Array
+    translation: sp.csr_array
+    rotation: sp.csr_array | None
+    radius: float
+
+    @staticmethod
+    def of_face(nodes: Array, face: Face) -> MeanMotion:
+        """Mean motion by area of a face of a mesh with these nodes (n_node, 3), m."""
+        weights = face.areas / face.areas.sum()
+        places = nodes[face.nodes]
+        centre = weights @ places
+        arms = places - centre
+        squares = weights @ (arms**2).sum(axis=1)
+        inertia = squares * np.eye(3) - np.einsum("n,ni,nj->ij", weights, arms, arms)
+        turning = np.einsum("ij,njk->nik", np.linalg.inv(inertia), weights[:, None, None] * cross_matrix(arms))
+        blocks = weights[:, None, None] * np.eye(3)
+        rows = [_rows(face.nodes, part, len(nodes)) for part in (blocks, turning)]
+        return MeanMotion(centre, rows[0], rows[1], float(np.sqrt(squares)))
+
+    @staticmethod
+    def of_point(point: Array, location: Location, n_node: int) -> MeanMotion:
+        """Motion of a point (3,), m, of a solid."""
+        rows = _rows(location.nodes, location.weights[:, None, None] * np.eye(3), n_node)
+        return MeanMotion(point, rows, None, 0.0)
+
+    def at(self, point: Array) -> sp.csr_array:
+        """Motion (3, 3 n_node) of a point (3,), m, that follows the mean motion."""
+        if self.rotation is None:
+            return self.translation
+        rows = sp.csr_array(self.translation - sp.csr_array(cross_matrix(point - self.centre)) @ self.rotation)
+        rows.data[np.abs(rows.data) < _ROUND_OFF] = 0.0
+        rows.eliminate_zeros()
+        return rows
+
+
+def cross_matrix(vectors: Array) -> Array:
+    """Matrices S (..., 3, 3) with S u = v x u for vectors v (..., 3)."""
+    return np.stack([np.cross(vectors, axis) for axis in np.eye(3)], axis=-1)
+
+
+def _rows(nodes: Index, blocks: Array, n_node: int) -> sp.csr_array:
+    """Rows (3, 3 n_node) with blocks (n, 3, 3) at some nodes (n,)."""
+    columns = np.tile(3 * nodes[:, None] + np.arange(3), (3, 1, 1))
+    at = np.repeat(np.arange(3), 3 * len(nodes))
+    values = blocks.transpose(1, 0, 2).ravel()
+    rows = sp.csr_array(sp.coo_array((values, (at, columns.ravel())), shape=(3, 3 * n_node)))
+    rows.eliminate_zeros()
+    return rows
 
 
 def locate(mesh: Mesh, point: Array) -> Location | None:

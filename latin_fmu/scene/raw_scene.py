@@ -15,6 +15,8 @@ from .fields import ALL_OF_IT, FACE_PATTERN, NAME_PATTERN, split_face
 from .substructures import BOX_FACES
 
 RawTable = Mapping[str, Any]
+CENTRAL = "central_difference"
+"""Name of the scheme of the explicit propagator."""
 _DEPTH = 6  # of the deepest table a scene has
 _MAX_LEVELS = 50  # far deeper than any scene: stops at endless nesting
 _MAX_BITS = 4096  # some 1200 digits; Python prints 4300
@@ -59,6 +61,19 @@ def single_table(raw: Any, key: str) -> RawTable:
 def given(table: RawTable, key: str) -> bool:
     """True where the key is written (None, in Python, is the same as not written)."""
     return table.get(key) is not None
+
+
+def chosen_type(table: RawTable, key: str) -> str | None:
+    """Type that a key chooses, by a bare word or in a table."""
+    value = table.get(key)
+    chosen = value.get("type") if isinstance(value, Mapping) else value
+    return chosen if isinstance(chosen, str) else None
+
+
+def is_explicit(raw: Any) -> bool:
+    """Whether a scene asks for central differences, by its scheme or by its propagator."""
+    kind = chosen_type(single_table(raw, "solver"), "propagator")
+    return kind == "explicit" or chosen_type(single_table(raw, "time"), "scheme") == CENTRAL
 
 
 def number(table: RawTable, key: str) -> float | None:

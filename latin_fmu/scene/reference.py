@@ -60,6 +60,14 @@ Behaviours     perfect: one velocity. contact: unilateral, Coulomb friction. no_
 Rigid          A rigid substructure keeps its mass and its mesh, which gives its faces and their points.
                Held and prescribed directions are taken out of its six motions; conditions that no rigid
                motion satisfies are refused. Its rotations are small ones.
+Damping        rayleigh_mass a and rayleigh_stiffness b give C = a M + b K, a damping ratio a / (2 w) + b w / 2 at
+               the angular frequency w; damping_ratios gives both from the ratios at two frequencies. A loss factor
+               has no exact counterpart in time: loss_factor = eta with at_frequency = f is b = eta / (2 pi f), exact
+               at f, smaller below and larger above in proportion to the frequency.
+Point masses   They are part of the mass of their substructure: in dynamics, modes, momentum, and the mass centre
+               that initial_spin turns about; body_force, per volume, does not act on them. On a face without point
+               and inertia a mass is spread evenly; with either it is a rigid mass on the mean motion of the face,
+               whose inertia forces spread over it without stiffening it (not with the explicit propagator).
 Sensors        A point is interpolated in the element that holds it, a face has its mean by area; results keep
                displacement, velocity and acceleration at every instant. A filter adds the filtered motions. A
                spectrum is that of the unfiltered acceleration along x, y and z, the base at rest before t = 0.

@@ -10,18 +10,29 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import Problem, shown
+from .attachments import attachment_problems
 from .boundaries import boundary_problems
 from .fields import GROUND
 from .interfaces import key_problems
-from .raw_scene import RawTable, face_problems, given, named_tables, number, single_table, text_list, unknown_name
+from .raw_scene import (
+    CENTRAL,
+    RawTable,
+    chosen_type,
+    face_problems,
+    given,
+    named_tables,
+    number,
+    single_table,
+    text_list,
+    unknown_name,
+)
 from .sensors import sensor_problems
 from .settings import MAX_INSTANTS
 from .solver_settings import STATIC_TOLERANCE
+from .substructures import DAMPING_KEYS
 
-CENTRAL = "central_difference"
 _EXPLICIT, _REDUCED, _REDUCIBLE = "explicit", "reduced", ("hht", "newmark")
 _AUTOMATIC = "automatic"
-_DAMPING = ("rayleigh_mass", "rayleigh_stiffness")
 _SHORTEST, _LONGEST = 1e-60, 1e60  # s; squares of steps, and what they divide, are numbers
 _STEP_ROUND_OFF = 1e-6
 
@@ -35,6 +46,7 @@ def relation_problems(raw: Any, base_dir: Path) -> list[Problem]:
         *boundary_problems(raw),
         *_load_problems(raw),
         *sensor_problems(raw),
+        *attachment_problems(raw),
         *_time_problems(single_table(raw, "time")),
         *propagator_problems(raw),
         *_accuracy_problems(raw),
@@ -70,7 +82,7 @@ def _substructure_problems(raw: Any, base_dir: Path) -> Iterator[Problem]:
         material = table.get("material")
         if materials and isinstance(material, str) and material not in materials:
             yield unknown_name(f"{where}.material", "material", material, materials)
-        if table.get("rigid") is True and _kind(single_table(raw, "time"), "scheme") == "massless_contact":
+        if table.get("rigid") is True and chosen_type(single_table(raw, "time"), "scheme") == "massless_contact":
             yield Problem(
                 f"{where}.rigid",
                 "massless_contact takes the mass from contact nodes, which a rigid body does not have",
@@ -212,8 +224,8 @@ def with_defaults(raw: Any) -> Any:
     time, solver = single_table(raw, "time"), single_table(raw, "solver")
     if _is_static(raw) and not given(solver, "tolerance"):
         return {**raw, "solver": {**solver, "tolerance": STATIC_TOLERANCE}}
-    own = given(time, "scheme") and _kind(time, "scheme") != _AUTOMATIC
-    if _kind(single_table(raw, "solver"), "propagator") != _EXPLICIT or not time or own:
+    own = given(time, "scheme") and chosen_type(time, "scheme") != _AUTOMATIC
+    if chosen_type(single_table(raw, "solver"), "propagator") != _EXPLICIT or not time or own:
         return raw
     return {**raw, "time": {**time, "scheme": CENTRAL}}
 
@@ -226,8 +238,8 @@ def _is_static(raw: Any) -> bool:
 
 def propagator_problems(raw: Any) -> Iterator[Problem]:
     """Propagators and time schemes that exclude each other."""
-    kind = _kind(single_table(raw, "solver"), "propagator")
-    scheme = _kind(single_table(raw, "time"), "scheme")
+    kind = chosen_type(single_table(raw, "solver"), "propagator")
+    scheme = chosen_type(single_table(raw, "time"), "scheme")
     if kind == _EXPLICIT and scheme not in (None, _AUTOMATIC, CENTRAL):
         yield Problem(
             "solver.propagator",
@@ -263,20 +275,13 @@ def propagator_problems(raw: Any) -> Iterator[Problem]:
         )
 
 
-def _kind(table: RawTable, key: str) -> str | None:
-    """Type that a key chooses, by a bare word or in a table."""
-    value = table.get(key)
-    chosen = value.get("type") if isinstance(value, Mapping) else value
-    return chosen if isinstance(chosen, str) else None
-
-
 def static_problems(raw: Any) -> Iterator[Problem]:
     """All contradictions of a scene as written with ``time.quasi_static``."""
     time = single_table(raw, "time")
     if time.get("quasi_static") is not True:
         return
     scheme = time.get("scheme")
-    if scheme is not None and _kind(time, "scheme") != _AUTOMATIC:  # but for the default
+    if scheme is not None and chosen_type(time, "scheme") != _AUTOMATIC:  # but for the default
         yield _refused("time.scheme", "a time scheme integrates inertia", scheme, "leave the scheme out")
     start = time.get("start")
     if (start.get("type", "static") if isinstance(start, dict) else start) == "static":
@@ -294,8 +299,8 @@ def static_problems(raw: Any) -> Iterator[Problem]:
                 "remove it, or hold the face",
             )
     for name, table in named_tables(raw, "material").items():
-        for key in _DAMPING:
-            if number(table, key):
+        for key in DAMPING_KEYS:
+            if table.get(key):
                 yield _refused(f"material.{name}.{key}", "damping acts on rates", table[key], "remove it")
     yield from _solver_problems(single_table(raw, "solver"))
 
@@ -305,7 +310,7 @@ def _solver_problems(solver: RawTable) -> Iterator[Problem]:
         yield _refused(
             "solver.window", "increments of load are solved one by one", solver["window"], "leave the window out"
         )
-    kind = _kind(solver, "propagator")
+    kind = chosen_type(solver, "propagator")
     if kind not in (None, "automatic", "direct"):
         yield _refused(
             "solver.propagator", "static steps are solved by the direct propagator", kind, "leave the propagator out"

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Self
 from pydantic import Field, ModelWrapValidatorHandler, PrivateAttr, ValidationError, ValidationInfo, model_validator
 
 from ..errors import Problem, SceneError
+from .attachments import PointMass
 from .boundaries import Boundary
 from .fields import BodyName, Name, Table, Text, about
 from .interfaces import MEANINGLESS, ContactSearch, Interface
@@ -100,6 +101,9 @@ class Scene(Table):
     ]
     boundary: Annotated[dict[Name, Boundary], about("boundary conditions by name"), Field(default_factory=dict)]
     load: Annotated[dict[Name, Load], about("loads by name"), Field(default_factory=dict)]
+    point_mass: Annotated[
+        dict[Name, PointMass], about("masses on points and faces, by name"), Field(default_factory=dict)
+    ]
     sensor: Annotated[dict[Name, Sensor], about("sensors by name"), Field(default_factory=dict)]
     time: Annotated[Time, about("interval, instants, time scheme")]
     solver: Annotated[Solver, about("settings of the iteration")] = Solver()

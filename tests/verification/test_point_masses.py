@@ -1,0 +1,202 @@
+"""Point masses against closed forms: frequencies of a bar with an end mass, common mass centres, momentum, damping."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+import latin_fmu
+from latin_fmu.assembly.build import discretise
+from latin_fmu.errors import SceneError
+
+E, RHO, L, SIDE, N = 210e9, 7800.0, 1.0, 0.05, 20
+MASS = RHO * L * SIDE**2
+SPEED = np.sqrt(E / RHO)
+STEEL = {"young_modulus": E, "poisson_ratio": 0.0, "density": RHO}
+WALLS = {wall: {"type": "symmetry", "face": f"bar.{wall}"} for wall in ("ymin", "ymax", "zmin", "zmax")}
+ROOT = {"root": {"type": "fixed", "face": "bar.xmin"}}
+
+
+def bar(material: dict[str, Any] | None = None, free: bool = False, **tables: Any) -> latin_fmu.Scene:
+    """A bar along x that moves along its axis only, held at x = 0; ``free``: held nowhere."""
+    body = {"material": "steel", "box": {"size": [L, SIDE, SIDE], "elements": [N, 1, 1]}, **tables.pop("body", {})}
+    data: dict[str, Any] = {
+        "name": "bar",
+        "material": {"steel": STEEL | (material or {})},
+        "substructure": {"bar": body},
+        "boundary": {} if free else WALLS | ROOT,
+        "time": {"end": 1e-4, "instants": 100},
+    }
+    return latin_fmu.scene_from_dict(data | tables)
+
+
+@pytest.mark.parametrize(
+    "place",
+    [
+        {"face": "bar.xmax"},
+        {"substructure": "bar", "point": [L, SIDE / 2, SIDE / 2]},
+        {"face": "bar.xmax", "point": [L, SIDE / 2, SIDE / 2]},
+    ],
+    ids=["spread", "point", "reference point"],
+)
+@pytest.mark.parametrize("share", [0.2, 3.0])
+def test_bar_with_an_end_mass(place: dict[str, Any], share: float) -> None:
+    """x tan x = M / m with x = omega L / c, M of the bar and m at its end."""
+    scene = bar(point_mass={"tip": {**place, "mass": share * MASS}})
+    x = [brentq(lambda x: x * np.tan(x) - 1 / share, i * np.pi + 1e-9, (i + 0.5) * np.pi - 1e-9) for i in range(2)]
+    exact = np.array(x) * SPEED / (2 * np.pi * L)
+    frequency = latin_fmu.vibration_modes(scene, count=8).frequency
+    nearest = [np.abs(frequency / f - 1).min() for f in exact]  # uneven end sections have frequencies of their own
+    assert max(nearest) < 5e-3
+
+
+def test_an_arm_and_an_inertia_give_the_moments_of_a_rigid_mass() -> None:
+    """Rigid body: mass centre and moments of inertia by Steiner's theorem."""
+    m, arm = 2.0, np.array([L + 0.3, 0.1, SIDE / 2])
+    inertia = [0.3, 0.2, 0.25]
+    place = {"face": "bar.xmax", "point": arm.tolist(), "mass": m, "inertia": inertia}
+    (body,) = discretise(bar(free=True, body={"rigid": True}, point_mass={"tip": place})).bodies.values()
+    rigid = body.rigid_motions
+    own = np.array([L / 2, SIDE / 2, SIDE / 2])
+    centre = (MASS * own + m * arm) / (MASS + m)
+    np.testing.assert_allclose(rigid.centre, centre, rtol=1e-12)
+    box = MASS / 12 * np.array([2 * SIDE**2, L**2 + SIDE**2, L**2 + SIDE**2])
+    total = np.diag(box) + np.diag(inertia)
+    for mass, place_of in ((MASS, own), (m, arm)):
+        r = place_of - centre
+        total += mass * (r @ r * np.eye(3) - np.outer(r, r))
+    np.testing.assert_allclose(rigid.mass[3:, 3:] * rigid.length**2, total, rtol=1e-10, atol=1e-12 * total.max())
+    np.testing.assert_allclose(rigid.mass[:3], (MASS + m) * np.eye(3, 6), atol=1e-10 * MASS)
+
+
+SCHEMES = {
+    "direct": {},
+    "reduced": {"solver": {"propagator": {"type": "reduced", "modes": 30}}},
+    "cg": {"solver": {"propagator": "cg"}},
+    "explicit": {"solver": {"propagator": "explicit"}},
+    "massless": {"time": {"end": 1e-4, "instants": 100, "scheme": "generalized_alpha"}},
+}
+PLACES = [
+    {"face": "bar.xmax", "mass": 5.0},
+    {"substructure": "bar", "point": [0.33 * L, 0.3 * SIDE, 0.6 * SIDE], "mass": 7.0},
+]
+
+
+@pytest.mark.parametrize("name", SCHEMES)
+def test_every_propagator_gives_the_momentum_of_the_whole(name: str) -> None:
+    """A pulse on a free bar: the velocity of the mass centre is the impulse over the total mass."""
+    pulse = {"type": "half_sine", "duration": 2e-5}
+    load = {"push": {"face": "bar.xmin", "traction": [1e6, 0.0, 0.0], "law": pulse}}
+    masses = {f"m{i}": place for i, place in enumerate(PLACES)}
+    output = {"output": {"fields": True}}
+    wall = {"wall": {"sides": ["bar.xmax", "ground"], "gap": 1.0}}
+    more = {"interface": wall} if name == "massless" else {}
+    outcome = latin_fmu.solve(bar(free=True, load=load, point_mass=masses, **SCHEMES[name], **output, **more))
+    last = outcome.substructures["bar"].velocity[-1]
+    scene = bar(free=True, load=load, point_mass=masses, **SCHEMES[name], **more)
+    discretised = discretise(scene)
+    (model,) = (m for c in discretised.classes for m in c.members)
+    mass = (model.with_lumped_mass if discretised.scheme.explicit else model).inertia
+    momentum = (mass @ last.ravel()).reshape(-1, 3).sum(axis=0)
+    impulse = 1e6 * SIDE**2 * 2e-5 * 2 / np.pi
+    assert mass[::3, ::3].sum() == pytest.approx(MASS + 12.0, rel=1e-12)
+    assert momentum[0] == pytest.approx(impulse, rel=1e-2)
+
+
+def test_point_masses_take_part_in_a_spin() -> None:
+    """A free rigid bar with a mass turns about the common mass centre, which stays where it is."""
+    place = {"substructure": "bar", "point": [L, SIDE / 2, SIDE / 2], "mass": 2 * MASS}
+    body = {"rigid": True, "initial_spin": [0.0, 0.0, 10.0]}
+    scene = bar(free=True, body=body, point_mass={"tip": place}, output={"fields": True})
+    fields = latin_fmu.solve(scene).substructures["bar"]
+    at = (0.5 + 2 * 1.0) / 3 * L
+    expected = np.zeros_like(fields.nodes)
+    expected[:, 0] = -10.0 * (fields.nodes[:, 1] - SIDE / 2)
+    expected[:, 1] = 10.0 * (fields.nodes[:, 0] - at)
+    np.testing.assert_allclose(fields.velocity[-1], expected, atol=1e-9)
+
+
+def test_check_tells_the_masses() -> None:
+    lines = latin_fmu.check(bar(point_mass={f"m{i}": place for i, place in enumerate(PLACES)}))
+    assert any("31.5 kg (12 kg in point masses)" in line for line in lines)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "words"),
+    [
+        ("point", [2.0, 0.0, 0.0], "outside bar, 1 m from its surface"),
+        ("substructure", "bat", "did you mean 'bar'"),
+        ("mass", -1.0, "> 0"),
+        ("face", "bar.xmax", "names its substructure already"),
+        ("inertia", [1.0, 1.0, 1.0], "no rotation for an inertia"),
+    ],
+)
+def test_bad_masses_are_refused(key: str, value: Any, words: str) -> None:
+    place: dict[str, Any] = {"substructure": "bar", "point": [0.5, 0.0, 0.0], "mass": 1.0}
+    with pytest.raises(SceneError, match=words):
+        latin_fmu.check(bar(point_mass={"tip": place | {key: value}}))
+
+
+def test_an_arm_needs_an_implicit_scheme() -> None:
+    place = {"face": "bar.xmax", "point": [1.2, 0.0, 0.0], "mass": 1.0}
+    with pytest.raises(SceneError, match="no lumped mass"):
+        bar(point_mass={"tip": place}, solver={"propagator": "explicit"})
+    wall = {"wall": {"sides": ["bar.xmax", "ground"], "gap": 1.0}}
+    with pytest.raises(SceneError, match="spread the mass evenly"):
+        discretise(bar(point_mass={"tip": place}, interface=wall, time=SCHEMES["massless"]["time"]))
+
+
+# -- Rayleigh damping by ratios and by a loss factor ------------------------------------------------------------------
+FIRST = SPEED / (4 * L)
+
+
+@pytest.mark.parametrize(
+    ("material", "ratio"),
+    [
+        ({"damping_ratios": {"frequencies": [FIRST, 5 * FIRST], "ratios": [0.02, 0.03]}}, 0.02),
+        ({"loss_factor": 0.06, "at_frequency": FIRST}, 0.03),
+        ({"loss_factor": 0.06, "at_frequency": 2 * FIRST}, 0.015),
+    ],
+    ids=["ratios", "loss factor at its frequency", "loss factor at half its frequency"],
+)
+def test_logarithmic_decrement(material: dict[str, Any], ratio: float) -> None:
+    """The first mode of a clamped bar after a blow: decrement 2 pi zeta / sqrt(1 - zeta^2)."""
+    periods, n = 6, 300
+    tables = {
+        "load": {
+            "blow": {"face": "bar.xmax", "traction": [1e6, 0.0, 0.0], "law": {"type": "half_sine", "duration": 1e-4}}
+        },
+        "time": {"end": periods / FIRST, "instants": n * periods, "scheme": "newmark"},
+        "output": {"fields": True},
+    }
+    fields = latin_fmu.solve(bar(material, **tables)).substructures["bar"]
+    mass = discretise(bar()).bodies["bar"].mass
+    shape = np.zeros_like(fields.nodes)
+    shape[:, 0] = np.sin(np.pi * fields.nodes[:, 0] / (2 * L))  # that of the discrete mode, too
+    q = fields.displacement.reshape(n * periods + 1, -1) @ (mass @ shape.ravel())
+    peaks = [i for i in range(n // 10, n * periods) if q[i] > max(q[i - 1], q[i + 1])]
+    decrement = np.log(q[peaks[0]] / q[peaks[-1]]) / (len(peaks) - 1)
+    assert len(peaks) == periods
+    assert decrement / np.sqrt(4 * np.pi**2 + decrement**2) == pytest.approx(ratio, rel=1e-2)
+
+
+@pytest.mark.parametrize(
+    ("material", "words"),
+    [
+        ({"loss_factor": 0.1}, "'at_frequency' is missing"),
+        ({"loss_factor": 0.1, "at_frequency": 10.0, "rayleigh_mass": 1.0}, "damping is given twice"),
+        ({"damping_ratios": {"frequencies": [10.0, 100.0], "ratios": [0.01, 0.5]}}, "a second ratio from 0.001 to 0.1"),
+        ({"damping_ratios": {"frequencies": [100.0, 10.0], "ratios": [0.01, 0.01]}}, "above the first"),
+    ],
+)
+def test_bad_damping_is_refused(material: dict[str, Any], words: str) -> None:
+    with pytest.raises(SceneError, match=words):
+        bar(material)
+
+
+def test_a_quasi_static_run_has_no_damping() -> None:
+    with pytest.raises(SceneError, match="loss_factor: damping acts on rates"):
+        bar({"loss_factor": 0.1, "at_frequency": 10.0}, time={"end": 1.0, "instants": 1, "quasi_static": True})
