@@ -161,7 +161,7 @@ def sampling_error(scene: Scene, step: float | None = None) -> float:
     """
     step = scene.time.time_step if step is None else step
     time = step * np.arange(math.ceil(scene.time.end / step - 1e-6) + 1)
-    laws = [load.law for load in scene.load.values() if not isinstance(load.law, InputLaw)]
+    laws = [law for law in scene.force_laws.values() if not isinstance(law, InputLaw)]
     return max((abs(sampled_impulse_error(law, time)) for law in laws), default=0.0)
 
 
@@ -184,9 +184,9 @@ def aligned(scene: Scene, factor: float) -> float:
 def _jumps(scene: Scene) -> list[float]:
     """Instants inside the interval at which a load jumps, s."""
     jumps = set()
-    for load in scene.load.values():
-        if isinstance(load.law, StepLaw | RectangularPulseLaw):
-            jumps.add(load.law.start)
-        if isinstance(load.law, RectangularPulseLaw):
-            jumps.add(load.law.start + load.law.duration)
+    for law in scene.force_laws.values():
+        if isinstance(law, StepLaw | RectangularPulseLaw):
+            jumps.add(law.start)
+        if isinstance(law, RectangularPulseLaw):
+            jumps.add(law.start + law.duration)
     return sorted(t for t in jumps if 0.0 < t < scene.time.end)

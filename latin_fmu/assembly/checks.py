@@ -24,9 +24,18 @@ from ..fem.elasticity import BENDING_CELLS
 from ..fem.mesh import Array, FacetSet, Mesh
 from ..latin.assembly import InterfaceUnit
 from ..scene.attachments import places_of
-from ..scene.boundaries import AXES, Boundary, Fixed, Periodic, PrescribedDisplacement, PrescribedVelocity, Symmetry
+from ..scene.boundaries import (
+    AXES,
+    Boundary,
+    Driven,
+    Fixed,
+    Periodic,
+    PrescribedAcceleration,
+    PrescribedVelocity,
+    Symmetry,
+)
 from ..scene.fields import ALL_OF_IT, GROUND, split_face
-from ..scene.laws import TimeLaw, sampled_impulse_error
+from ..scene.laws import sampled_impulse_error
 from ..scene.schema import Scene
 from .body import Body
 
@@ -118,9 +127,9 @@ def lumping_remarks(bodies: dict[str, Body]) -> list[str]:
 
 def sampling_remarks(scene: Scene, time: Array) -> list[str]:
     """Laws whose impulse, sampled at the instants, differs from the exact one."""
-    laws: list[tuple[str, TimeLaw]] = [(f"load {n}", load.law) for n, load in scene.load.items()]
+    laws = [(f"load {n}" if n in scene.load else n, law) for n, law in scene.force_laws.items()]
     for name, boundary in scene.boundary.items():
-        if isinstance(boundary, PrescribedVelocity):
+        if isinstance(boundary, PrescribedVelocity | PrescribedAcceleration):
             laws.append((f"boundary {name}", boundary.law))
     for name, interface in scene.interface.items():
         if interface.ground_velocity is not None:
@@ -286,7 +295,7 @@ def _held_axes(boundary: Boundary) -> NDArray[np.bool_]:
     """Axes along which the face moves as a whole, or not at all, (3,)."""
     if isinstance(boundary, Symmetry):
         return np.ones(3, dtype=bool)  # along the normal of the face, whichever axis that is
-    if isinstance(boundary, Fixed | PrescribedVelocity | PrescribedDisplacement):
+    if isinstance(boundary, Fixed | Driven):
         return np.isin(AXES, boundary.components)
     return np.zeros(3, dtype=bool)
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 import scipy.linalg as la
@@ -24,18 +24,9 @@ from ..fem.faces import changes_basis, consistent_dashpots, lumped_dashpots
 from ..fem.mesh import Array, Index, nearest
 from ..latin.reactions import Support
 from ..propagator import LoadTerm, SubstructureModel
-from ..scene.boundaries import (
-    AXES,
-    Absorbing,
-    Boundary,
-    Fixed,
-    Periodic,
-    PrescribedDisplacement,
-    PrescribedVelocity,
-    Symmetry,
-)
+from ..scene.boundaries import AXES, Absorbing, Boundary, Driven, Fixed, Periodic, Symmetry
 from ..scene.fields import split_face
-from ..scene.laws import TimeLaw
+from ..scene.laws import InputLaw, TimeLaw
 from .body import Body
 
 _FLAT = 1e-6  # a symmetry face may leave its plane by this fraction
@@ -47,25 +38,27 @@ NOTHING: Final[Mapping[str, Array]] = MappingProxyType({})  # no motion is set f
 
 @dataclass(frozen=True)
 class Motion:
-    """A prescribed velocity, or displacement, ``value`` times a law.
+    """A prescribed velocity, displacement or acceleration, ``value`` times a law.
 
-    ``source``: name of a motion set from outside, ``boundary.NAME``, whose histories are those of ``velocity``.
+    ``kind``: which of the three. ``source``: name of a motion set from outside, ``boundary.NAME``, whose histories are
+    those of ``velocity``.
     """
 
     law: TimeLaw
     value: float
-    is_displacement: bool
+    kind: Literal["velocity", "displacement", "acceleration"]
     source: str = ""
 
     def velocity(self, time: Array, given: Mapping[str, Array] = NOTHING) -> Array:
-        """Velocity at the instants, (n_time,), m s-1; of a displacement law by central differences over one step.
+        """Velocity at the instants, (n_time,), m s-1; of a displacement law by central differences over one step. Of an
+        acceleration law the acceleration, m s-2, which the time scheme integrates.
 
-        given : by source: amplitude (n_time,) of a velocity, or its rate, 1/s, of a displacement.
+        given : by source: amplitude (n_time,) of a velocity or acceleration, or its rate, 1/s, of a displacement.
         """
         if self.source in given:
             known: Array = self.value * given[self.source]
             return known
-        if not self.is_displacement:
+        if self.kind != "displacement":
             return self.value * self.law.sample(time)
         step = time[1] - time[0]
         before, after = np.maximum(time - step, 0.0), time + step
@@ -77,9 +70,9 @@ class Motion:
 
         given : as for ``velocity``; the rate of a displacement is that over the steps.
         """
-        if self.is_displacement and self.source in given:
+        if self.kind == "displacement" and self.source in given:
             return np.concatenate([[0.0], self.value * given[self.source][1:]])
-        if self.is_displacement:
+        if self.kind == "displacement":
             place = self.value * self.law.sample(time)
             return np.concatenate([[0.0], np.diff(place) / np.diff(time)])
         at = self.velocity(time, given)
@@ -87,7 +80,20 @@ class Motion:
 
     def start(self) -> float:
         """Displacement at t = 0, m."""
-        return self.value * float(self.law.sample(np.zeros(1))[0]) if self.is_displacement else 0.0
+        return self.value * float(self.law.sample(np.zeros(1))[0]) if self.kind == "displacement" else 0.0
+
+    def largest_speed(self, time: Array) -> float:
+        """Largest velocity at the instants, m s-1; an input counts as 1 at least, its displacement as if it took the
+        whole time."""
+        size = abs(self.value)
+        if isinstance(self.law, InputLaw):
+            size *= max(abs(self.law.start_value), 1.0)
+            end = float(time[-1])
+            return {"velocity": size, "displacement": size / end, "acceleration": size * end}[self.kind]
+        given = self.velocity(time)
+        if self.kind == "acceleration":
+            given = np.cumsum(0.5 * (given[1:] + given[:-1]) * np.diff(time))
+        return float(np.abs(given).max())
 
 
 @dataclass(frozen=True)
@@ -115,6 +121,11 @@ class Conditions:
         there. given : see ``Motion.velocity``."""
         columns = [m.step_velocity(time, given) if over_steps else m.velocity(time, given) for m in self.motions]
         return np.stack(columns, axis=1) if columns else np.zeros((len(time), 0))
+
+    @property
+    def accelerated(self) -> NDArray[np.bool_]:
+        """(n_motion,) motions that ``velocity`` gives the accelerations of."""
+        return np.array([m.kind == "acceleration" for m in self.motions], dtype=bool)
 
     def start(self) -> Array:
         """Displacements of the prescribed motions at t = 0, (n_motion,), m."""
@@ -154,9 +165,7 @@ def _nodal_conditions(body: Body, boundaries: dict[str, Boundary], problems: Pro
     dofs = _Dofs(body.full_size())
     dashpots: list[tuple[sp.csr_array, sp.csr_array]] = []
     # motions last: what they drive must be neither held nor driven already, whatever the order in the scene
-    for name, boundary in sorted(
-        boundaries.items(), key=lambda item: isinstance(item[1], PrescribedVelocity | PrescribedDisplacement)
-    ):
+    for name, boundary in sorted(boundaries.items(), key=lambda item: isinstance(item[1], Driven)):
         if isinstance(boundary, Periodic):
             _tie(body, name, boundary, dofs, problems)
             continue
@@ -190,9 +199,7 @@ def _normal_axis(body: Body, name: str, boundary: Symmetry, problems: Problems) 
     return axis
 
 
-def _drive(
-    name: str, boundary: PrescribedVelocity | PrescribedDisplacement, nodes: Index, dofs: _Dofs, problems: Problems
-) -> None:
+def _drive(name: str, boundary: Driven, nodes: Index, dofs: _Dofs, problems: Problems) -> None:
     for component, value in zip(boundary.components, boundary.value, strict=True):
         moved = dofs.with_tied(3 * nodes + AXES.index(component))
         if (dofs.driver[moved] >= 0).any() or dofs.held[moved].any():
@@ -205,7 +212,7 @@ def _drive(
             continue
         dofs.driver[moved] = len(dofs.motions)
         source = f"boundary.{name}"
-        dofs.motions.append(Motion(boundary.law, value, isinstance(boundary, PrescribedDisplacement), source))
+        dofs.motions.append(Motion(boundary.law, value, boundary.type, source))
 
 
 def _tie(body: Body, name: str, boundary: Periodic, dofs: _Dofs, problems: Problems) -> None:

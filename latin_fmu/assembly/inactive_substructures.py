@@ -20,10 +20,10 @@ import numpy as np
 
 from ..fem.mesh import Array, nearest
 from ..latin.assembly import InterfaceUnit
-from ..scene.boundaries import PrescribedDisplacement, PrescribedVelocity
+from ..scene.boundaries import Driven
 from ..scene.fields import GROUND, split_face
 from ..scene.laws import InputLaw, TimeLaw
-from ..scene.schema import Scene
+from ..scene.schema import BODY_FORCE, GRAVITY, Scene
 from .body import Body
 from .models import ModelClass
 
@@ -39,7 +39,7 @@ def arrival_times(
     scene: Scene, bodies: dict[str, Body], units: Sequence[InterfaceUnit], time: Array
 ) -> dict[str, float]:
     """Earliest time at which each substructure can be disturbed, s; infinite where nothing ever comes."""
-    first = {name: _inside(scene, name) for name in bodies}
+    first = {name: _inside(scene, name, time) for name in bodies}
     queue: list[tuple[float, Port]] = []
     for (name, face), onset in _face_sources(scene, units, time).items():
         if onset < np.inf:
@@ -75,11 +75,12 @@ def marched_share(arrival: float, time: Array) -> float:
     return float(np.clip(1 - start / time[-1], 0.0, 1.0)) if arrival * (1 - SHARE) < time[-1] else 0.0
 
 
-def _inside(scene: Scene, name: str) -> float:
-    """Instant at which the whole body is disturbed, s: 0, or infinite."""
-    described = scene.substructure[name]
-    moving = (described.initial_velocity, described.initial_spin, described.initial_displacement, described.body_force)
-    return 0.0 if any(any(values) for values in moving) else np.inf
+def _inside(scene: Scene, name: str, time: Array) -> float:
+    """Instant at which the whole body is disturbed, s; infinite where it never is."""
+    described, laws = scene.substructure[name], scene.force_laws
+    if any(any(v) for v in (described.initial_velocity, described.initial_spin, described.initial_displacement)):
+        return 0.0
+    return min((_onset(laws[n], time) for n in (f"{BODY_FORCE}{name}", GRAVITY) if n in laws), default=np.inf)
 
 
 def _face_sources(scene: Scene, units: Sequence[InterfaceUnit], time: Array) -> dict[Port, float]:
@@ -93,7 +94,7 @@ def _face_sources(scene: Scene, units: Sequence[InterfaceUnit], time: Array) -> 
     for load in scene.load.values():
         source(load.face, _onset(load.law, time))
     for boundary in scene.boundary.values():
-        if isinstance(boundary, PrescribedVelocity | PrescribedDisplacement) and any(boundary.value):
+        if isinstance(boundary, Driven) and any(boundary.value):
             source(boundary.face, _onset(boundary.law, time))
     for unit in units:
         ground = scene.interface[unit.name].ground_velocity

@@ -47,7 +47,9 @@ class Merged:
         """Histories that drive the merged body at the instants ``time``, s."""
         parts = [timeline.histories(m, time) for m in self.members]
         amplitudes = [a for part in parts for a in part.amplitudes]
-        return Histories(time, amplitudes, np.concatenate([p.imposed_velocity for p in parts], axis=1))
+        accelerated = [p.accelerated for p in parts if p.accelerated is not None]
+        imposed = np.concatenate([p.imposed_velocity for p in parts], axis=1)
+        return Histories(time, amplitudes, imposed, np.concatenate(accelerated) if accelerated else None)
 
 
 def merge(

@@ -11,11 +11,11 @@ import scipy.sparse as sp
 
 from ..errors import SceneError
 from ..fem.contact_layer import blended_mass, landing_viscosity, layer_of, longest_edge, without_contact_mass
-from ..latin.assembly import Index, InterfaceUnit, Layout
+from ..latin.assembly import Array, Index, InterfaceUnit, Layout
 from ..propagator import LoadTerm, SubstructureModel
 from ..propagator.model import diagonal_matrix, share_patterns
 from ..scene.fields import split_face
-from ..scene.schema import Scene
+from ..scene.schema import BODY_FORCE, GRAVITY, Scene
 from ..scene.settings import AutomaticScheme
 from ..scene.solver_settings import ReducedPropagator
 from ..time_scheme import HHT, SCHEMES, GeneralizedAlpha, QuasiStatic, TimeScheme
@@ -36,13 +36,14 @@ class ContactLayer:
     ----------
     mass : (n_full, n_full), kg. viscosity : of the landing, N s m-1, or None. loaded : mass of the mesh alone, on which
         body forces act, where it is not that of the shape. left : number of contact nodes that keep their mass for want
-        of an inner neighbour.
+        of an inner neighbour. lumped : (n_full,) masses of an explicit scheme where they are not row sums, kg, or None.
     """
 
     mass: sp.csr_array
     viscosity: sp.csr_array | None = None
     loaded: sp.csr_array | None = None
     left: int = 0
+    lumped: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -158,7 +159,7 @@ def contact_layer(
         return None
     shape, m = body.shape, body.shape.material
     if not scheme.massless_contact:
-        return ContactLayer(body.mass)
+        return ContactLayer(body.mass, lumped=body.lumped_mass if scheme.explicit else None)
     speed = float(np.sqrt(m.young_modulus / m.density))
     share = scheme.consistent_share(speed * dt / longest_edge(shape.mesh))
     mass = blended_mass(shape.mass, shape.lumped_mass, share)
@@ -320,12 +321,10 @@ def _lumped_damping(body: Body, held: Conditions) -> sp.csr_array | None:
 
 def _loads(scene: Scene, name: str, body: Body, layer: ContactLayer | None) -> list[LoadTerm]:
     terms = []
-    force = np.asarray(body.description.body_force)
-    if any(force):
-        pattern = body.shape.body_load(force)
-        if layer is not None and layer.loaded is not None:  # where the mass is, so that massless nodes are in balance
-            pattern = layer.loaded @ np.tile(force / body.shape.material.density, body.mesh.n_node)
-        terms.append(LoadTerm("", pattern))
+    if any(body.description.body_force):
+        terms.append(LoadTerm(f"{BODY_FORCE}{name}", _body_load(body, layer)))
+    if scene.gravity is not None and any(scene.gravity.acceleration):
+        terms.append(LoadTerm(GRAVITY, _weight(body, scene.gravity.acceleration, layer)))
     for load_name, load in scene.load.items():
         substructure, face_name = split_face(load.face)
         if substructure != name:
@@ -339,6 +338,26 @@ def _loads(scene: Scene, name: str, body: Body, layer: ContactLayer | None) -> l
         pattern[face.nodes] = nodal
         terms.append(LoadTerm(load_name, pattern.ravel()))
     return terms
+
+
+def _body_load(body: Body, layer: ContactLayer | None) -> Array:
+    """Nodal forces (3 n_node,) of the body force, N, where the mass of the mesh is: a free body is not strained."""
+    force = np.asarray(body.description.body_force)
+    acceleration = np.tile(force / body.shape.material.density, body.mesh.n_node)
+    if layer is not None and layer.loaded is not None:
+        return np.asarray(layer.loaded @ acceleration)
+    if layer is not None and layer.lumped is not None and body.shape.lumped_mass is not None:
+        return np.asarray(body.shape.lumped_mass * acceleration)
+    return body.shape.body_load(force)
+
+
+def _weight(body: Body, acceleration: tuple[float, float, float], layer: ContactLayer | None) -> Array:
+    """Nodal forces (3 n_node,) of an acceleration, m s-2, on all the mass of a body, N."""
+    everywhere = np.tile(acceleration, body.mesh.n_node)
+    if layer is not None:
+        return np.asarray(layer.mass @ everywhere if layer.lumped is None else layer.lumped * everywhere)
+    own = body.shape.body_load(body.shape.material.density * np.asarray(acceleration))
+    return own if body.added is None else np.asarray(own + body.added.matrix @ everywhere)
 
 
 def _signature(model: SubstructureModel, body: Body) -> bytes:

@@ -18,7 +18,7 @@ from ..latin.search_direction import inertial_impedance, unresolved_sides
 from ..latin.settings import SearchDirection, Settings
 from ..propagator import Histories, Propagator, StaticPropagator, SubstructureModel, make_propagator
 from ..results.dataset import Recovered
-from ..scene.boundaries import PrescribedDisplacement, PrescribedVelocity
+from ..scene.boundaries import Driven
 from ..scene.fields import split_face
 from ..scene.laws import InputLaw, TimeLaw, sampled
 from ..scene.schema import Scene
@@ -39,12 +39,12 @@ ROUND_OFF = 1e-13
 class Timeline:
     """Samples the laws of a scene; histories given from outside replace those laws.
 
-    They are given by the name of a load, ``boundary.NAME`` (see ``Motion.velocity``), or ``ground.INTERFACE``
-    (amplitude of its velocity).
+    They are given by the name of a force (``Scene.force_laws``), ``boundary.NAME`` (see ``Motion.velocity``), or
+    ``ground.INTERFACE`` (amplitude of its velocity).
     """
 
     def __init__(self, scene: Scene, conditions: dict[str, Conditions]) -> None:
-        self._scene, self._conditions = scene, conditions
+        self._scene, self._conditions, self._laws = scene, conditions, scene.force_laws
 
     def begin(
         self,
@@ -70,12 +70,12 @@ class Timeline:
         """Histories that drive one substructure at the instants; ``given`` as for ``begin``."""
         amplitudes = [self._amplitude(load.name, time, given or {}) for load in model.loads]
         motion = self._conditions[model.name].velocity(time, self._scene.time.quasi_static, given or {})
-        return Histories(time, amplitudes, motion)
+        return Histories(time, amplitudes, motion, self._conditions[model.name].accelerated)
 
     def _amplitude(self, name: str, time: Array, given: Mapping[str, Array]) -> Array:
         if not name:
             return np.ones(len(time))
-        return given[name] if name in given else sampled(self._scene.load[name].law, time)
+        return given[name] if name in given else sampled(self._laws[name], time)
 
     def _ground(self, assembly: Assembly, time: Array, given: Mapping[str, Array]) -> dict[int, Array]:
         ground = {}
@@ -328,8 +328,8 @@ def characteristic_traction(scene: Scene, bodies: dict[str, Body], time: Array) 
         z_p, description = impedances[name], body.description
         spin = float(np.linalg.norm(description.initial_spin)) * body.mesh.size
         sizes.append(z_p * (float(np.linalg.norm(description.initial_velocity)) + spin))
-        sizes.append(float(np.linalg.norm(description.body_force)) * body.mesh.size)
-        sizes += [z_p * _largest_speed(motion, time) for motion in _motions(scene, name)]
+        sizes += _body_tractions(scene, body, time)
+        sizes += [z_p * motion.largest_speed(time) for motion in _motions(scene, name)]
     stiffest = max(impedances.values())
     for interface in scene.interface.values():
         substructure, face = split_face(interface.sides[0])
@@ -359,26 +359,27 @@ def _load_tractions(scene: Scene, time: Array) -> Iterator[float]:
         yield size * _largest(load.law, time)
 
 
+def _body_tractions(scene: Scene, body: Body, time: Array) -> Iterator[float]:
+    """Largest tractions that the body force and gravity bring over the length of a body, Pa."""
+    force, law = body.description.body_force, body.description.body_force_law
+    yield float(np.linalg.norm(force)) * _largest(law, time) * body.mesh.size
+    if scene.gravity is not None:
+        weight = body.shape.material.density * float(np.linalg.norm(scene.gravity.acceleration))
+        yield weight * _largest(scene.gravity.law, time) * body.mesh.size
+
+
 def _largest(law: TimeLaw, time: Array) -> float:
     """Largest amplitude of a law; that of an input, known only later, counts as 1 at least."""
     largest = float(np.abs(law.sample(time)).max())
     return max(largest, 1.0) if isinstance(law, InputLaw) else largest
 
 
-def _largest_speed(motion: Motion, time: Array) -> float:
-    """Largest velocity of a prescribed motion, m s-1; an input displacement counts as if it took the whole time."""
-    if not isinstance(motion.law, InputLaw):
-        return float(np.abs(motion.velocity(time)).max())
-    speed = abs(motion.value) * _largest(motion.law, time)
-    return speed / float(time[-1]) if motion.is_displacement else speed
-
-
 def _motions(scene: Scene, substructure: str) -> Iterator[Motion]:
     """Prescribed motions of a substructure, component by component."""
     for boundary in boundaries_of(scene, substructure).values():
-        if isinstance(boundary, PrescribedVelocity | PrescribedDisplacement):
+        if isinstance(boundary, Driven):
             for value in boundary.value:
-                yield Motion(boundary.law, value, isinstance(boundary, PrescribedDisplacement))
+                yield Motion(boundary.law, value, boundary.type)
 
 
 def side_impedance(bodies: dict[str, Body], units: list[InterfaceUnit], layout: Layout) -> Array:
@@ -419,12 +420,12 @@ def static_traction(scene: Scene, bodies: dict[str, Body], time: Array) -> float
     softest = min(body.shape.material.young_modulus / body.mesh.size for body in bodies.values())
     travels = [0.0]
     for name, body in bodies.items():
-        sizes.append(float(np.linalg.norm(body.description.body_force)) * body.mesh.size)
+        sizes += _body_tractions(scene, body, time)
         for motion in _motions(scene, name):
             steps = motion.step_velocity(time)[1:] * np.diff(time)
             travels.append(float(np.abs(np.cumsum(steps)).max()))
             if isinstance(motion.law, InputLaw):
-                travels.append(_largest_speed(motion, time) * float(time[-1]))
+                travels.append(motion.largest_speed(time) * float(time[-1]))
     for interface in scene.interface.values():
         if interface.ground_velocity is not None:
             ground = interface.ground_velocity

@@ -68,7 +68,7 @@ class SegmentedRun:
 
     Parameters
     ----------
-    scene : loads whose law is ``input`` take the histories given to ``advance``; the others keep their law.
+    scene : forces whose law is ``input`` take the histories given to ``advance``; the others keep their law.
     tolerance : replaces the tolerance of the scene (the force tolerance in proportion).
 
     Raises
@@ -88,7 +88,8 @@ class SegmentedRun:
                 self.problem,
                 settings=replace(settings, tolerance=tolerance, force_tolerance=factor * settings.force_tolerance),
             )
-        self._inputs = [n for n, load in scene.load.items() if isinstance(load.law, InputLaw)]
+        self._laws = {n: law for n, law in scene.force_laws.items() if isinstance(law, InputLaw)}
+        self._inputs = list(self._laws)
         self._amplitudes: dict[str, float] | None = None  # of the static start
         self.timings = Timings()
         self.time = 0.0
@@ -119,10 +120,7 @@ class SegmentedRun:
     def _at_start(self, amplitudes: Mapping[str, float]) -> dict[str, float]:
         """Amplitudes at t = 0 of all loads that are set from outside."""
         start = np.zeros(1)
-        return {
-            n: float(amplitudes[n] if n in amplitudes else self.scene.load[n].law.sample(start)[0])
-            for n in self._inputs
-        }
+        return {n: float(amplitudes[n] if n in amplitudes else law.sample(start)[0]) for n, law in self._laws.items()}
 
     def advance(self, end: float, n: int, loads: Mapping[str, Array] | None = None, accept: bool = False) -> Segment:
         """Solve n steps from the present time to ``end``.

@@ -24,10 +24,10 @@ from ..latin.recorder import Recorder
 from ..latin.windows import Run
 from ..propagator import StaticPropagator
 from ..reader import scene_from_dict
-from ..scene.boundaries import Absorbing, PrescribedDisplacement, PrescribedVelocity
+from ..scene.boundaries import Absorbing, PrescribedAcceleration, PrescribedDisplacement, PrescribedVelocity
 from ..scene.fields import GROUND, split_face
-from ..scene.laws import InputLaw
-from ..scene.schema import Scene
+from ..scene.laws import ConstantLaw, InputLaw, TimeLaw
+from ..scene.schema import BODY_FORCE, GRAVITY, Scene
 from ..scene.settings import StaticStart
 from ..scene.substructures import DAMPING_KEYS
 from .body import Body, body_sides
@@ -247,6 +247,7 @@ def static_scene(scene: Scene, amplitudes: Mapping[str, float]) -> Scene:
         interface.pop("ground_velocity", None)
     data["boundary"] = dict(_boundaries(scene, data["boundary"], still))
     data["load"] = dict(_loads(scene, data["load"], still, amplitudes))
+    _start_body_forces(scene, data, amplitudes)
     for material in data["material"].values():
         for key in (*DAMPING_KEYS, "at_frequency"):
             material.pop(key, None)
@@ -263,6 +264,7 @@ def something_acts(scene: Scene) -> bool:
         bool(scene.load)
         or any(i.preload or i.preload_force or i.interference for i in scene.interface.values())
         or any(any(s.body_force) for s in scene.substructure.values())
+        or scene.gravity is not None
         or any(isinstance(b, PrescribedDisplacement) for b in scene.boundary.values())
     )
 
@@ -273,8 +275,8 @@ def _boundaries(scene: Scene, tables: _Tables, still: list[str]) -> Iterator[tup
         face = table["faces"][0] if "faces" in table else table["face"]
         if split_face(face)[0] not in still or isinstance(boundary, Absorbing):
             continue
-        if isinstance(boundary, PrescribedVelocity):
-            table = {**table, "value": [0.0] * len(boundary.value), "law": "constant"}
+        if isinstance(boundary, PrescribedVelocity | PrescribedAcceleration):
+            table = {**table, "type": "velocity", "value": [0.0] * len(boundary.value), "law": "constant"}
         elif isinstance(boundary, PrescribedDisplacement):
             table = {**table, "law": _raised(float(boundary.law.sample(np.zeros(1))[0]))}
         yield name, table
@@ -284,11 +286,31 @@ def _loads(
     scene: Scene, tables: _Tables, still: list[str], amplitudes: Mapping[str, float]
 ) -> Iterator[tuple[str, _Tables]]:
     for name, load in scene.load.items():
-        amplitude = float(load.law.sample(np.zeros(1))[0])
-        if isinstance(load.law, InputLaw):
-            amplitude = amplitudes.get(name, amplitude)
+        amplitude = _at_start(name, load.law, amplitudes)
         if amplitude != 0.0 and split_face(load.face)[0] in still:
             yield name, {**tables[name], "law": _raised(amplitude)}
+
+
+def _start_body_forces(scene: Scene, data: _Tables, amplitudes: Mapping[str, float]) -> None:
+    """Give body forces and gravity in the tables ``data`` their amplitudes at t = 0; constant body forces stay."""
+    for name, table in data["substructure"].items():
+        law = scene.substructure[name].body_force_law
+        if any(table["body_force"]) and not isinstance(law, ConstantLaw):
+            amplitude = _at_start(f"{BODY_FORCE}{name}", law, amplitudes)
+            table |= {"body_force_law": _raised(amplitude)} if amplitude else {"body_force": [0.0] * 3}
+        if not any(table["body_force"]):
+            table["body_force_law"] = "constant"
+    if scene.gravity is not None:
+        amplitude = _at_start(GRAVITY, scene.gravity.law, amplitudes)
+        data["gravity"]["law"] = _raised(amplitude)
+        if not amplitude or not any(scene.gravity.acceleration):
+            data.pop("gravity")
+
+
+def _at_start(name: str, law: TimeLaw, amplitudes: Mapping[str, float]) -> float:
+    """Amplitude of a law at t = 0; that of one set from outside is in ``amplitudes``."""
+    own = float(law.sample(np.zeros(1))[0])
+    return amplitudes.get(name, own) if isinstance(law, InputLaw) else own
 
 
 def _raised(amplitude: float) -> _Tables:

@@ -26,6 +26,7 @@ from .loads import Loads
 from .outputs import impulses, output_rows, series_of
 from .settings import MAX_INSTANTS, SHORTEST, Settings, StepReport, refused
 from .step_history import INTERFACE_FIELDS
+from .variable import variable_of
 from .variables import scalar_table
 
 ROUND_OFF = 1e-9  # of a time step: times closer than this are one instant
@@ -220,8 +221,8 @@ class Prescribed:
         """Play back from t to t + h, s; ``t0`` is the start of the simulation."""
         if changed := loads.changed():
             return refused(
-                f"load.{changed} was changed after initialization, which has no effect in prescribed mode: give a "
-                "history before initialization, or use mode 0 (windowed)",
+                f"{variable_of(changed)} was changed after initialization, which has no effect in prescribed mode: "
+                "give a history before initialization, or use mode 0 (windowed)",
                 again=True,
             )
         assert self.segment is not None

@@ -55,8 +55,8 @@ def is_motion(name: str) -> bool:
 
 
 def variable_of(name: str) -> str:
-    """Beginning of the names of the variables of an input, ``load.NAME``, ``boundary.NAME``, ``ground.INTERFACE``."""
-    return name if is_motion(name) else f"load.{name}"
+    """Beginning of the names of the variables of an input: ``load.NAME``, else the name of the input."""
+    return name if "." in name else f"load.{name}"
 
 
 def input_of(variable: str) -> tuple[str, str]:

@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
 
-from ..scene.boundaries import PrescribedDisplacement, PrescribedVelocity
+from ..scene.boundaries import Driven
 from ..scene.laws import InputLaw, TimeLaw
-from ..scene.schema import Scene
+from ..scene.schema import BODY_FORCE, GRAVITY, Scene
 from .variable import Kind, Variable, output, parameter, variable_of, vector
 
 WINDOWED, PRESCRIBED = 0, 1
@@ -38,11 +38,11 @@ ENERGIES: Final[Mapping[str, str]] = {
 
 
 def inputs_of(scene: Scene) -> dict[str, InputLaw]:
-    """Laws set from outside: of loads by their name, of driven faces by ``boundary.NAME``, of moving ground by
-    ``ground.INTERFACE``."""
-    laws = {name: load.law for name, load in scene.load.items()}
+    """Laws set from outside: of forces by their names in ``Scene.force_laws``, of driven faces by ``boundary.NAME``, of
+    moving ground by ``ground.INTERFACE``."""
+    laws = dict(scene.force_laws)
     for name, boundary in scene.boundary.items():
-        if isinstance(boundary, PrescribedVelocity | PrescribedDisplacement):
+        if isinstance(boundary, Driven):
             laws[f"boundary.{name}"] = boundary.law
     for name, interface in scene.interface.items():
         if interface.ground_velocity is not None:
@@ -52,8 +52,15 @@ def inputs_of(scene: Scene) -> dict[str, InputLaw]:
 
 def with_laws(scene: Scene, laws: Mapping[str, TimeLaw]) -> Scene:
     """The scene with other laws of its inputs, by the names of ``inputs_of``."""
-    parts = {
+    parts: dict[str, Any] = {
         "load": {n: _with_law(load, laws.get(n)) for n, load in scene.load.items()},
+        "gravity": _with_law(scene.gravity, laws.get(GRAVITY)),
+        "substructure": {
+            n: body.model_copy(update={"body_force_law": laws[f"{BODY_FORCE}{n}"]})
+            if f"{BODY_FORCE}{n}" in laws
+            else body
+            for n, body in scene.substructure.items()
+        },
         "boundary": {n: _with_law(b, laws.get(f"boundary.{n}")) for n, b in scene.boundary.items()},
         "interface": {
             n: i.model_copy(update={"ground_velocity": _with_law(i.ground_velocity, laws[f"ground.{n}"])})
@@ -102,7 +109,7 @@ _MEANINGS: Final[Mapping[str, str]] = {
     "tolerance": "tolerance on the error indicator sqrt(eta); a fifth of the importer's, if any, goes first",
     "maxIterations": "largest number of iterations of a window",
     "historyFile": "prescribed mode: CSV or netCDF file with a time column or coordinate and one column or variable "
-    "per input: name of the load, boundary.NAME, or ground.INTERFACE",
+    "per input: name of the load, body_force.SUBSTRUCTURE, gravity.acceleration, boundary.NAME, or ground.INTERFACE",
     "resultsFile": "netCDF file written when the simulation is terminated, holding accepted steps only; nothing where "
     "empty",
     "estimateError": "1: the error of each quantity, from coarser runs made when the simulation is terminated, is "
@@ -131,7 +138,13 @@ def _parameters(scene: Scene) -> Iterator[Variable]:
 def _inputs(name: str, law: InputLaw) -> Iterator[Variable]:
     stem = variable_of(name)
     kind, _, own = stem.partition(".")
-    thing = {"load": "load", "boundary": "the motion of boundary", "ground": "the velocity of the ground of interface"}
+    thing = {
+        "load": "load",
+        "body_force": "the body force of",
+        "gravity": "the gravity of all bodies, its",
+        "boundary": "the motion of boundary",
+        "ground": "the velocity of the ground of interface",
+    }
     what, moment = f"amplitude that multiplies {thing[kind]} {own}", "at the start of the step"
     yield Variable(f"{stem}.value", "input", "continuous", "real", f"{what}, {moment}", "1", law.start_value)
     yield Variable(f"{stem}.rate", "input", "continuous", "real", f"rate of the {what}, over the step", "s-1", 0.0)

@@ -179,9 +179,7 @@ def _unbalanced(scene: Scene) -> bool:
     """Whether forces act at t = 0 without an equilibrium under them."""
     if scene.time.quasi_static or scene.time.start.type == "static":
         return False
-    if any(any(s.body_force) for s in scene.substructure.values()):
-        return True
-    return any(load.law.sample(np.zeros(1))[0] != 0.0 for load in scene.load.values())
+    return any(law.sample(np.zeros(1))[0] != 0.0 for law in scene.force_laws.values())
 
 
 # -- counts -----------------------------------------------------------------------------------------------------------

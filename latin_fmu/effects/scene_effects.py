@@ -8,8 +8,9 @@ from typing import Any
 
 from ..interface.behaviour import bonds
 from ..latin.assembly import InterfaceUnit
-from ..scene.boundaries import Absorbing, PrescribedDisplacement, PrescribedVelocity
+from ..scene.boundaries import Absorbing, Driven
 from ..scene.fields import split_face
+from ..scene.schema import GRAVITY
 from ..scene.settings import StaticStart
 from ..scene.substructures import DAMPING_KEYS
 from .cost import Prediction, numbers, seconds
@@ -133,9 +134,11 @@ def absorbing_ends(p: Prediction) -> Effect:
 
 
 def body_force(p: Prediction) -> Effect:
-    """Force per volume; without it the accelerations at t = 0 need no solution."""
+    """Forces per volume and gravity; without them the accelerations at t = 0 need no solution."""
     keys = [f"substructure.{n}.body_force" for n, s in p.scene.substructure.items() if any(s.body_force)]
-    effect = _driven(p, "body force", keys, "substructure.*.body_force", "a constant nodal force", "a body_force")
+    keys += ["gravity"] if GRAVITY in p.scene.force_laws else []
+    none, reason, switch = "substructure.*.body_force", "nodal forces times their laws", "a body_force, or [gravity]"
+    effect = _driven(p, "body force", keys, none, reason, switch)
     return replace(effect, cost=p.saved(replace(p.run, unbalanced=False))) if keys else effect
 
 
@@ -168,11 +171,10 @@ def static_start(p: Prediction) -> Effect:
 
 def prescribed_motion(p: Prediction) -> Effect:
     """Faces moved from outside."""
-    kinds = PrescribedVelocity | PrescribedDisplacement
-    keys = [f"boundary.{n}" for n, b in p.scene.boundary.items() if isinstance(b, kinds)]
+    keys = [f"boundary.{n}" for n, b in p.scene.boundary.items() if isinstance(b, Driven)]
     keys += [f"interface.{n}.ground_velocity" for n, i in p.scene.interface.items() if i.ground_velocity]
     reason = "motions that follow the recursion of the time scheme"
-    switch = 'type = "velocity" or "displacement", ground_velocity'
+    switch = 'type = "velocity", "displacement" or "acceleration", ground_velocity'
     return _driven(p, "prescribed motion", keys, "boundary.*.type", reason, switch)
 
 

@@ -18,7 +18,9 @@ from ..assembly.problem import DiscretisedProblem
 from ..fem.elasticity import wave_speeds
 from ..latin.assembly import Array
 from ..propagator.explicit import ExplicitPropagator
+from ..scene.boundaries import Driven
 from ..scene.fields import GROUND, split_face
+from ..scene.laws import InputLaw, RectangularPulseLaw, StepLaw
 from .cost import STATIC, Prediction, RunClass, RunSize, march_counts, operator_counts, seconds
 from .scene_effects import Effect
 
@@ -111,10 +113,11 @@ def _open_gaps(p: Prediction, _: list[Effect]) -> Iterator[Suggestion]:
 def _fastest(p: Prediction) -> float:
     """Bound on the closing speed of two faces, m s-1; infinite where the scene has none."""
     scene, bodies = p.scene, p.discretised.bodies
-    driven = any(b.type in ("velocity", "displacement") for b in scene.boundary.values())
+    driven = any(isinstance(b, Driven) for b in scene.boundary.values())
     driven |= any(i.ground_velocity is not None for i in scene.interface.values())
-    driven |= any(any(s.body_force) or s.rigid or any(s.initial_spin) for s in scene.substructure.values())
-    if driven or any(load.law.type == "input" for load in scene.load.values()):
+    driven |= any(s.rigid or any(s.initial_spin) for s in scene.substructure.values())
+    laws = scene.force_laws
+    if driven or laws.keys() != scene.load.keys() or any(isinstance(law, InputLaw) for law in laws.values()):
         return float("inf")
     speed = sum(2 * float(np.linalg.norm(s.initial_velocity)) for s in scene.substructure.values())
     for load in scene.load.values():
@@ -192,9 +195,9 @@ def _slow(p: Prediction, _: list[Effect]) -> Iterator[Suggestion]:
     """Loads that are slow against the waves."""
     scene = p.scene
     moving = any(any(s.initial_velocity) or any(s.initial_spin) for s in scene.substructure.values())
-    laws = [load.law for load in scene.load.values()]
-    laws += [b.law for b in scene.boundary.values() if b.type in ("velocity", "displacement")]
-    sudden = any(law.type in ("step", "rectangular_pulse", "input") for law in laws)
+    laws = list(scene.force_laws.values())
+    laws += [b.law for b in scene.boundary.values() if isinstance(b, Driven)]
+    sudden = any(isinstance(law, StepLaw | RectangularPulseLaw | InputLaw) for law in laws)
     if p.run.static or moving or sudden or not laws:
         return
     transit = _longest_transit(p)

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from math import isfinite, nan
 from typing import NamedTuple
 
-from ..cosim.variable import Variable
+from ..cosim.variable import Variable, input_of, variable_of
 from ..cosim.variable_store import ERROR, WARNING, Log, VariableStore, exception_barrier
 from ..latin.state_serialization import check_like, decode, encode, opened, sealed, unlike
 from .contact_law import Modes, Regularisation
@@ -51,11 +51,12 @@ class ReducedVariableStore(VariableStore):
             if not isfinite(value) and isfinite(kept):
                 self.log(ERROR, f"{variable.name} is {value}: the model cannot go on from here")
             if variable.name.endswith(".value"):
-                self.since[variable.name.split(".")[1]] = self.time
+                self.since[input_of(variable.name)[0]] = self.time
 
     def loads(self) -> GivenLoads:
         """Value, rate, and the time they were set at, of the loads set from outside."""
-        return {n: (self.number(f"load.{n}.value"), self.number(f"load.{n}.rate"), t) for n, t in self.since.items()}
+        stems = {n: variable_of(n) for n in self.since}
+        return {n: (self.number(f"{s}.value"), self.number(f"{s}.rate"), self.since[n]) for n, s in stems.items()}
 
     def finite(self) -> bool:
         """Whether all inputs are finite."""

@@ -6,7 +6,8 @@ middle of a plate) the reduced contact is too soft: forces come late and are too
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import scipy.linalg as la
@@ -20,7 +21,7 @@ from ..errors import Problem, SceneError
 from ..interface.contact import coulomb_coefficient
 from ..latin.assembly import Array, InterfaceUnit
 from ..propagator.model import reduced_rank
-from ..scene.boundaries import PrescribedDisplacement, PrescribedVelocity
+from ..scene.boundaries import Driven
 from ..scene.fields import GROUND, split_face
 from ..scene.laws import InputLaw
 from ..scene.schema import Scene
@@ -127,7 +128,7 @@ def _unknown(scene: Scene, n_mode: int, n_patch: int) -> Iterator[Problem]:
         if body.rigid:
             yield Problem(f"substructure.{name}.rigid", "a rigid body has no modes", remedy="make it elastic")
     for name, boundary in scene.boundary.items():
-        if isinstance(boundary, PrescribedVelocity | PrescribedDisplacement):
+        if isinstance(boundary, Driven):
             yield Problem(
                 f"boundary.{name}.type",
                 "motions are not prescribed to a reduced model",
@@ -152,6 +153,7 @@ def _assembled(discretised: DiscretisedProblem, cuts: Sequence[Cut], bodies: Seq
     stiffness = m * np.concatenate([b.model.eigenvalues for b in bodies])
     motion = np.hstack([b.trace @ b.basis for b in bodies]).reshape(-1, 3, len(m))
     names, loads = loads_of(bodies, root)
+    known: Mapping[str, Any] = scene.force_laws
     traction = characteristic_traction(scene, discretised.bodies, discretised.time) or 1.0
     impedance = side_impedance(discretised.bodies, units, discretised.layout)
     speed = traction * float(np.mean(1.0 / impedance[impedance > 0.0])) if (impedance > 0.0).any() else 1.0
@@ -165,7 +167,7 @@ def _assembled(discretised: DiscretisedProblem, cuts: Sequence[Cut], bodies: Seq
         damping=damping_of(bodies),
         loads=loads,
         load_names=names,
-        laws={n: scene.load[n].law.model_dump() for n in dict.fromkeys(names) if n},
+        laws={n: known[n].model_dump() for n in dict.fromkeys(names) if n},
         displacement=np.concatenate([b.model.displacement for b in bodies]) / root,
         velocity=np.concatenate([b.model.velocity for b in bodies]) / root,
         contacts=_contacts(cuts, motion, stiffness),
@@ -233,12 +235,12 @@ _INERTIA = 6.0  # inertia like that of a motion exp(6 t / end): it holds what no
 
 
 def deflections(system: ReducedSystem, bodies: Sequence[BondedBody], cuts: Sequence[Cut]) -> dict[str, float]:
-    """Deflection b . A^-1 b under every load b: that of the reduced model over that of the mesh, 1 where they agree.
+    """Deflection b . A^-1 b under every load b on a face: that of the reduced model over that of the mesh.
 
     A = K + (6 / end)^2 M + springs that close the contacts. Loads that move nothing are left out.
     """
     growth = (_INERTIA / system.end) ** 2
-    names = [name for name in system.load_names if name]
+    names = [name for name in system.load_names if name and "." not in name]
     if not names:
         return {}
     full = _mesh(system, bodies, cuts, names, growth)

@@ -16,7 +16,7 @@ from ..fem.mesh import Array, Index
 from ..latin.assembly import InterfaceUnit
 from ..results.plots import Colour, colours
 from ..results.summary import readable
-from ..scene.boundaries import Periodic, PrescribedDisplacement, PrescribedVelocity
+from ..scene.boundaries import Driven, Periodic
 from ..scene.fields import GROUND, split_face
 from ..scene.interfaces import Interface
 from ..scene.schema import Scene
@@ -36,6 +36,7 @@ SUPPORTS: Final = {
     "periodic": "#9C8A5A",
     "velocity": "#7F3C8D",
     "displacement": "#7F3C8D",
+    "acceleration": "#7F3C8D",
 }
 LOAD, MOTION = "#B00000", "#0050A0"
 _AZIMUTH, _ELEVATION = -60.0, 25.0
@@ -200,7 +201,7 @@ def _shifts(assembly: _Assembly, distance: float) -> dict[str, Array]:
 
 
 def _arrows(axis: Axes, scene: Scene, bodies: Mapping[str, Body], view: View) -> None:
-    """Loads, driven faces and initial velocities."""
+    """Loads, driven faces, gravity and initial velocities."""
     everything = np.concatenate([b.mesh.nodes for b in bodies.values()])
     length = _ARROW * float(np.ptp(everything, axis=0).max())
     for name, load in scene.load.items():
@@ -214,13 +215,17 @@ def _arrows(axis: Axes, scene: Scene, bodies: Mapping[str, Body], view: View) ->
         outwards = bool(direction @ normal > 0) and ahead < 0.1 * length  # it pulls, and nothing is in the way
         _arrow(axis, view, centre, direction, length, LOAD, f"{name}\n{text}", outwards)
     for name, boundary in scene.boundary.items():
-        if isinstance(boundary, PrescribedVelocity | PrescribedDisplacement):
+        if isinstance(boundary, Driven):
             centre, _ = _middle(bodies, boundary.face)
             direction = np.zeros(3)
             direction[["xyz".index(c) for c in boundary.components]] = boundary.value
-            unit = "m/s" if isinstance(boundary, PrescribedVelocity) else "m"
+            unit = {"velocity": "m/s", "displacement": "m", "acceleration": "m/s²"}[boundary.type]
             text = readable(float(np.linalg.norm(direction)), unit, 3)
             _arrow(axis, view, centre, direction, length, SUPPORTS[boundary.type], f"{name}\n{text}", True)
+    if scene.gravity is not None:
+        direction, beside = np.asarray(scene.gravity.acceleration, dtype=float), everything.min(axis=0)
+        label = f"gravity\n{readable(float(np.linalg.norm(direction)), 'm/s²', 3)}"
+        _arrow(axis, view, beside, direction, length, LOAD, label, True)
     for body in bodies.values():
         low, high = body.mesh.nodes.min(axis=0), body.mesh.nodes.max(axis=0)
         for vector, unit, colour in (

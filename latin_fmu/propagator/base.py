@@ -31,7 +31,7 @@ import scipy.sparse as sp
 from ..kernels import entries
 from ..kernels.energy_parts import TERMS
 from ..time_scheme import TimeScheme
-from .forcing import Forcing
+from .forcing import Forcing, MotionState
 from .image import Image
 from .interface_matrices import condensed
 from .model import Array, Histories, SubstructureModel
@@ -95,7 +95,7 @@ class Propagator(ABC):
         self._kept: list[tuple[float, Any]] = [] if kept is None else kept
         self._image: Image | None = None
         self._class = 0
-        self._resumed: list[tuple[Array, Array]] | None = None
+        self._resumed: list[MotionState] | None = None
         self._begun = False
         self.instant = 0
         self._use(dt)
@@ -407,7 +407,7 @@ class Propagator(ABC):
     def get_state(self) -> dict[str, object]:
         """The present state as plain arrays: all that the next segment needs."""
         account, motion = self._opened(), self.state
-        motions = [[u, a] for u, a in self.forcing.motion_state(self.instant)]
+        motions = [list(state) for state in self.forcing.motion_state(self.instant)]
         fields = {name: np.array(x) for name, x in zip(("u", "v", "a", "residual"), motion[1:], strict=True)}
         return {**fields, "motions": motions, "account": None if account is None else account.copy()}
 
@@ -415,7 +415,7 @@ class Propagator(ABC):
         """Take over a state given by ``get_state``; ``begin`` must follow."""
         self.instant = 0
         self._set(state["u"], state["v"], state["a"], state["residual"])
-        self._resumed = [(u, a) for u, a in state["motions"]]
+        self._resumed = [(u, a, v) for u, a, v in state["motions"]]
         self._opening = None
         if state["account"] is not None:
             self._account = np.array(state["account"])

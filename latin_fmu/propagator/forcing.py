@@ -7,9 +7,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import scipy.sparse as sp
+from numpy.typing import NDArray
 
 from ..time_scheme import TimeScheme
 from .model import Array, Histories, Index, SubstructureModel
+
+MotionState = tuple[Array, Array, Array]
+"""Displacement, acceleration and velocity of prescribed motions at an instant, (n_motion,) each."""
 
 
 @dataclass
@@ -62,13 +66,14 @@ class Forcing:
                     self._terms.append((column, dofs, pattern[dofs], amplitude))
         for motion, history in zip(self._motion, histories, strict=True):
             if motion is not None:
-                motion.begin(history.imposed_velocity, dt)
+                motion.begin(history.imposed_velocity, dt, history.accelerated)
 
-    def motion_state(self, instant: int) -> list[tuple[Array, Array]]:
-        """Displacement and acceleration of the prescribed motions at an instant, for the next segment."""
-        return [(np.zeros(0), np.zeros(0)) if m is None else m.at(instant) for m in self._motion]
+    def motion_state(self, instant: int) -> list[MotionState]:
+        """State of the prescribed motions of each member at an instant, for the next segment."""
+        nothing = np.zeros(0)
+        return [(nothing, nothing, nothing) if m is None else m.at(instant) for m in self._motion]
 
-    def set_motion_state(self, motions: Sequence[tuple[Array, Array] | None]) -> None:
+    def set_motion_state(self, motions: Sequence[MotionState | None]) -> None:
         """Where the prescribed motions go on from (``motion_state`` of the segment before); None: from their start."""
         for motion, start in zip(self._motion, motions, strict=True):
             if motion is not None:
@@ -180,25 +185,35 @@ class _Motion:
     def __init__(self, member: SubstructureModel, scheme: TimeScheme) -> None:
         self.pattern = member.imposed_pattern
         self._scheme = scheme
-        self.start: tuple[Array, Array] | None = None
+        self.start: MotionState | None = None
         self._initial = member.imposed_start
         reduce = member.expansion.T
         self._mass = None if member.mass is None else reduce @ (member.mass @ self.pattern)
         self._stiffness = reduce @ (member.stiffness @ self.pattern)
         self._damping = None if member.damping is None else reduce @ (member.damping @ self.pattern)
 
-    def begin(self, v: Array, dt: float) -> None:
+    def begin(self, given: Array, dt: float, accelerated: NDArray[np.bool_] | None = None) -> None:
+        """Histories from given velocities, or where ``accelerated`` from accelerations (n_time, n_motion)."""
+        forced = np.flatnonzero(np.zeros(given.shape[1]) if accelerated is None else accelerated)
+        scheme, pushed, v = self._scheme, given[:, forced], given.copy()
         u, a = np.zeros_like(v), np.zeros_like(v)
-        u[0], a[0] = (self._initial, (v[1] - v[0]) / dt) if self.start is None else self.start
+        u[0], a[0] = self._initial, (v[1] - v[0]) / dt
+        v[0, forced], a[0, forced] = 0.0, pushed[0]
+        if self.start is not None:
+            u[0], a[0], v[0, forced] = *self.start[:2], self.start[2][forced]
         for i in range(len(v) - 1):
-            a[i + 1] = self._scheme.invert_velocity(a[i], v[i + 1] - v[i], dt)
-            free, _ = self._scheme.predict(u[i], v[i], a[i], dt)
-            u[i + 1] = free + self._scheme.displacement_gain(dt) * a[i + 1]
+            free, kept = scheme.predict(u[i], v[i], a[i], dt)
+            a[i + 1] = scheme.invert_velocity(a[i], v[i + 1] - v[i], dt)
+            if len(forced):
+                a[i + 1, forced] = scheme.free_acceleration(a[i, forced], pushed[i], pushed[i + 1])
+                v[i + 1, forced] = kept[forced] + scheme.velocity_gain(dt) * a[i + 1, forced]
+            u[i + 1] = free + scheme.displacement_gain(dt) * a[i + 1]
         self.histories = (u, v, a)
         self._dt = dt
 
-    def at(self, instant: int) -> tuple[Array, Array]:
-        return self.histories[0][instant], self.histories[2][instant]
+    def at(self, instant: int) -> MotionState:
+        u, v, a = self.histories
+        return u[instant], a[instant], v[instant]
 
     def reduced_inertia(self, instant: int) -> Array:
         assert self._mass is not None, "a motion without inertia"

@@ -138,7 +138,7 @@ class LoadTerm:
 
     Attributes
     ----------
-    name : name of the load in the scene ("" for what is no load of the scene: body force, balance of a preload).
+    name : of its law in the scene ("" for what has none: the balance of a preload).
     pattern : (n_full,) nodal forces for amplitude 1, N.
     """
 
@@ -154,11 +154,13 @@ class Histories:
     ----------
     time : (n_time,), s. amplitudes : per load term of the model, (n_time,).
     imposed_velocity : (n_time, n_motion) velocities of the prescribed motions, m s-1.
+    accelerated : (n_motion,) motions that this array gives the accelerations of, m s-2; None: no motion.
     """
 
     time: Array
     amplitudes: list[Array]
     imposed_velocity: Array
+    accelerated: NDArray[np.bool_] | None = None
 
 
 @dataclass(frozen=True)

@@ -61,6 +61,17 @@ class PrescribedDisplacement(Table):
     law: Annotated[Law, about("time law a(t)")] = ConstantLaw()
 
 
+class PrescribedAcceleration(Table):
+    """Acceleration history value * law(t) along the components, from rest; the time scheme integrates it as it does the
+    motion of a free body, so that no velocity or path is left over that the history does not hold."""
+
+    type: Literal["acceleration"] = "acceleration"
+    face: Annotated[Face, about(_FACE)]
+    components: Annotated[Axes, about("components driven")]
+    value: Annotated[Series, about("one number per component", "m s-2")]
+    law: Annotated[Law, about("time law a(t)")] = ConstantLaw()
+
+
 class Absorbing(Table):
     """Lets waves out: dashpots rho c_p (normal) and rho c_s (tangential) per unit area."""
 
@@ -75,12 +86,12 @@ class Periodic(Table):
     faces: Annotated[FacePair, about('the two opposite faces, "substructure.face" each')]
 
 
-Boundary = Annotated[
-    Fixed | Symmetry | PrescribedVelocity | PrescribedDisplacement | Absorbing | Periodic, Field(discriminator="type")
-]
+Driven = PrescribedVelocity | PrescribedDisplacement | PrescribedAcceleration
+"""Conditions that move a face from outside."""
+Boundary = Annotated[Fixed | Symmetry | Driven | Absorbing | Periodic, Field(discriminator="type")]
 
 
-_DRIVEN = ("velocity", "displacement")
+_DRIVEN = ("velocity", "displacement", "acceleration")
 
 
 def boundary_problems(raw: Any) -> Iterator[Problem]:

@@ -72,6 +72,9 @@ Sensors        A point is interpolated in the element that holds it, a face has 
                displacement, velocity and acceleration at every instant. A filter adds the filtered motions. A
                spectrum is that of the unfiltered acceleration along x, y and z, the base at rest before t = 0.
 Reactions      Force of a support on its body, from the equation of motion at the dofs that it holds or drives.
+Gravity        It acts where the mass of the body is: a free body falls without strain. Damping by rayleigh_mass and
+               absorbing faces act on velocities: where the acceleration stands for that of a moving frame, on those
+               relative to the frame.
 Signs          Pressure is positive in compression: traction -p n, n the outward normal. Tractions, body
                forces and prescribed motions are along the global axes x, y, z.
 Laws           A law a(t) has no dimension and multiplies the load or the prescribed motion. Before its
@@ -88,12 +91,15 @@ Quasi-static   time.quasi_static = true leaves inertia out: every step is an equ
                substructure that nothing holds is an error; where contact and friction cannot hold the loads, the run
                stops.
 Static start   time.start = "static" solves the equilibrium under what acts at t = 0 first: loads at a(0) (a step
-               or pulse that starts at 0 is a shock and not in it), body forces, preloads, displaced faces; faces
-               driven by a velocity and the ground stand still. The motion starts from its displacements,
-               tractions, gaps, stick and slip. Substructures with an initial velocity are left out. A
-               substructure that nothing holds, or that friction cannot hold, is an error.
-Boundaries     fixed and symmetry block displacement; velocity and displacement prescribe value * a(t) along
-               the components. One condition per face and component. Loads on one face add up.
+               or pulse that starts at 0 is a shock and not in it), body forces, gravity, preloads, displaced
+               faces; faces driven by a velocity or an acceleration and the ground stand still. The motion starts from
+               its displacements, tractions, gaps, stick and slip. Substructures with an initial velocity are left out.
+               A substructure that nothing holds, or that friction cannot hold, is an error.
+Boundaries     fixed and symmetry block displacement; velocity, displacement and acceleration prescribe value *
+               a(t) along the components. A face with an acceleration starts at rest and moves as the time scheme would
+               move a free body: after a pulse its velocity and path are the exact integrals of the straight lines
+               between the instants. In the frame of that face the same motion is [gravity] with the opposite
+               acceleration. One condition per face and component. Loads on one face add up.
 Absorbing      Half of a traction on an absorbing face goes into its dashpots: a traction 2 t launches a
                wave t."""
 

@@ -298,6 +298,11 @@ def static_problems(raw: Any) -> Iterator[Problem]:
                 "absorbing",
                 "remove it, or hold the face",
             )
+        elif table.get("type") == "acceleration":
+            what = "an acceleration needs inertia"
+            yield _refused(
+                f"boundary.{name}", what, "acceleration", "load the bodies by [gravity], or displace the face"
+            )
     for name, table in named_tables(raw, "material").items():
         for key in DAMPING_KEYS:
             if table.get(key):

@@ -12,14 +12,14 @@ from .attachments import PointMass
 from .boundaries import Boundary
 from .fields import BodyName, Name, Table, Text, about
 from .interfaces import MEANINGLESS, ContactSearch, Interface
-from .laws import base_dir_of
+from .laws import TimeLaw, base_dir_of
 from .problems import field_problems, path_text
 from .raw_scene import endless_numbers, named_tables, plain
 from .relations import relation_problems, with_defaults
 from .sensors import Sensor
 from .settings import Accuracy, Output, Time
 from .solver_settings import Solver
-from .substructures import Load, Material, MeshParts, Substructure
+from .substructures import Gravity, Load, Material, MeshParts, Substructure
 
 
 def toml_text(data: Mapping[str, Any]) -> str:
@@ -35,7 +35,7 @@ def toml_text(data: Mapping[str, Any]) -> str:
     return "\n\n".join(blocks) + "\n"
 
 
-_SINGLE = ("time", "solver", "output", "accuracy")
+_SINGLE = ("gravity", "time", "solver", "output", "accuracy")
 
 
 def _block(header: str, table: Mapping[str, Any]) -> str:
@@ -61,6 +61,8 @@ def toml_value(value: Any) -> str:
 
 
 _HEADING = "the scene cannot be used"
+BODY_FORCE, GRAVITY = "body_force.", "gravity.acceleration"
+"""Names in ``Scene.force_laws``: no load has a dot in its name."""
 
 
 def _of_parts(problem: Problem) -> bool:
@@ -104,6 +106,7 @@ class Scene(Table):
     point_mass: Annotated[
         dict[Name, PointMass], about("masses on points and faces, by name"), Field(default_factory=dict)
     ]
+    gravity: Annotated[Gravity | None, about("acceleration that acts on every body")] = None
     sensor: Annotated[dict[Name, Sensor], about("sensors by name"), Field(default_factory=dict)]
     time: Annotated[Time, about("interval, instants, time scheme")]
     solver: Annotated[Solver, about("settings of the iteration")] = Solver()
@@ -140,6 +143,16 @@ class Scene(Table):
     def base_dir(self) -> Path:
         """Folder that mesh and law files are relative to."""
         return self._base_dir
+
+    @property
+    def force_laws(self) -> dict[str, TimeLaw]:
+        """Laws of everything that acts by forces on nodes: loads by their name, ``body_force.SUBSTRUCTURE`` and
+        ``gravity.acceleration``."""
+        laws: dict[str, TimeLaw] = {name: load.law for name, load in self.load.items()}
+        laws |= {f"{BODY_FORCE}{n}": s.body_force_law for n, s in self.substructure.items() if any(s.body_force)}
+        if self.gravity is not None and any(self.gravity.acceleration):
+            laws[GRAVITY] = self.gravity.law
+        return laws
 
     def text(self) -> str:
         """The effective scene as TOML, defaults written out; reading it back gives an equal scene."""

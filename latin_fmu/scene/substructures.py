@@ -1,4 +1,4 @@
-"""Tables [material], [substructure], [mesh] and [load], each by name: bodies and what acts on them."""
+"""Tables [material], [substructure], [mesh] and [load], each by name, and [gravity]: bodies and what acts on them."""
 
 import math
 import re
@@ -193,7 +193,8 @@ class Substructure(Table):
         Vector, about("angular velocity at t = 0, about the mass centre (small rotations)", "rad s-1")
     ] = (0.0, 0.0, 0.0)
     initial_displacement: Annotated[Vector, about("uniform displacement at t = 0", "m")] = (0.0, 0.0, 0.0)
-    body_force: Annotated[Vector, about("force per unit volume, constant in time", "N m-3")] = (0.0, 0.0, 0.0)
+    body_force: Annotated[Vector, about("force per unit volume", "N m-3")] = (0.0, 0.0, 0.0)
+    body_force_law: Annotated[Law, about("time law a(t) of the body force")] = ConstantLaw()
 
 
 ALL = "*"
@@ -228,6 +229,16 @@ def part_name(group: str) -> str:
     if not name[:1].isalpha():
         name = f"part_{name}"
     return f"{name}_" if name == GROUND else name[:100]
+
+
+class Gravity(Table):
+    """Acceleration that acts on every body by its density, times a law: weight, a tilting table, an earthquake.
+
+    In a frame that moves with its base at the acceleration b(t), the bodies are loaded by the acceleration -b(t).
+    """
+
+    acceleration: Annotated[Vector, about("acceleration along x, y, z", "m s-2")]
+    law: Annotated[Law, about("time law a(t)")] = ConstantLaw()
 
 
 class Load(Table):

@@ -84,6 +84,16 @@ class TimeScheme(Protocol):
     def invert_velocity(self, a_old: Array, jump: Array, dt: float) -> Array:
         """Acceleration of the new instant from the velocity increment ``jump``."""
 
+    def free_acceleration(self, a_old: Array, old: Array, new: Array) -> Array:
+        """Acceleration of the new instant of a free body, from that of the old one and the forces per mass at both
+        instants: the equation of motion of the scheme without C and K."""
+        if self.explicit:
+            mean: Array = 0.5 * (old + new)
+            return mean
+        a_m, a_f = self.old_weights
+        weighted: Array = self.force_weight * new + (a_f - self.memory_weight) * old - a_m * a_old
+        return weighted / (1.0 - a_m)
+
     def interface_gain(self, dt: float) -> float:
         """Derivative dW/da of the velocity W of the interfaces, s."""
         return self.velocity_gain(dt)
