@@ -33,6 +33,7 @@ _SHIFT = 1e-7  # of trace(K) / trace(M): far below the first elastic eigenvalue,
 _RIGID = 1e-3  # of the shift: eigenvalues below are rigid motions
 _CHOICE = 4  # low modes among which the strongest are chosen, times their number
 _REFINEMENTS, _EXACT = 60, 1e-13  # of static responses: each takes off the shift over the first eigenvalue
+_BALANCED = 1e-12  # what the inertia of the rigid motions leaves of a force, against the force
 _DEPENDENT = 1e-9  # squared norm of what a static response adds to the basis, against its own
 
 
@@ -87,6 +88,10 @@ class Vibration:
         """
         pulled = self.mass @ rigid
         balanced = forces - pulled @ (rigid.T @ forces)
+        # the weight of a free body leaves round-off only, which is no response
+        balanced[
+            :, np.abs(balanced).max(axis=0, initial=0.0) <= _BALANCED * np.abs(forces).max(axis=0, initial=0.0)
+        ] = 0.0
         largest = np.abs(balanced).max(initial=0.0)
         x: Array = np.zeros_like(forces)
         for _ in range(_REFINEMENTS):

@@ -102,6 +102,14 @@ def test_a_shaken_base_moves_the_assembly_as_its_frame_does(keys: Tables) -> Non
     assert traction < EXACT
 
 
+@pytest.mark.parametrize("keys", [{"scheme": "hht"}, {"propagator": "explicit", "instants": 400}], ids=str)
+def test_a_point_mass_weighs(keys: Tables) -> None:
+    """Gravity acts on point masses as the acceleration of a frame does."""
+    tables = pair(**keys)
+    tables["point_mass"] = {"lump": {"face": "b2.zmax", "mass": 0.02}}
+    assert max(in_both_frames(tables)) < EXACT
+
+
 def test_approximations_of_a_shaken_base_agree_as_they_should() -> None:
     """The viscosity of contact layers acts on velocities that lag half a step; a reduced basis is another one."""
     assert max(in_both_frames(pair(scheme="generalized_alpha"))) < 5e-3
