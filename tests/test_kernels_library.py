@@ -466,27 +466,72 @@ def test_another_processor_is_refused(monkeypatch):
     assert "AVX2" in str(library.opened(the_file(), library.PACKAGE))
 
 
-def test_without_a_library_numba_compiles_once_and_says_so(tmp_path):
-    """A kernel with a callee: compiled in the first process, read from the folder in the second."""
-    code = (
-        "import numpy as np\n"
-        "from latin_fmu.propagator.interface_matrices import project\n"
-        "x, out = np.eye(2), np.empty((2, 2))\n"
-        "project(np.arange(3), np.arange(2), np.ones(2), 2.0, x, out)\n"
-        "assert (out == 2.0 * x).all()\n"
-        "print(*project.dispatcher.stats.cache_misses.values())\n"
-    )
-    store = tmp_path / "store"
+ONE_KERNEL = """
+import numpy as np
+from latin_fmu.propagator.interface_matrices import project
+x, out = np.eye(2), np.empty((2, 2))
+project(np.arange(3), np.arange(2), np.ones(2), 2.0, x, out)
+assert (out == 2.0 * x).all()
+print(*project.dispatcher.stats.cache_misses.values())
+"""
+
+
+def compiled_by_numba(store: Path) -> tuple[str, str]:
+    """Compilations of a kernel with a callee in a process without the library, and what it says."""
     environment = {**os.environ, "LATIN_FMU_LIBRARY": "0", "LATIN_FMU_CACHE": str(store), "PYTHONPATH": str(ROOT)}
-    said = []
-    for _ in range(2):
-        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment)
-        said.append((done.stdout.strip(), done.stderr.strip()))
-    assert said[0][0] == "1"
-    assert "switched off (LATIN_FMU_LIBRARY=0): numba compiles the kernels now, two to three minutes" in said[0][1]
-    assert str(store) in said[0][1]
-    assert said[1] == ("", "")
+    command = [sys.executable, "-c", ONE_KERNEL]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip(), done.stderr.strip()
+
+
+@pytest.fixture(scope="module")
+def compiled_once(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, tuple[str, str]]:
+    """A store in which a process has kept what numba compiled, and what that process says."""
+    store = tmp_path_factory.mktemp("compiled") / "store"
+    return store, compiled_by_numba(store)
+
+
+def test_without_a_library_numba_compiles_once_and_says_so(compiled_once):
+    """In the first process; the second one reads from the folder."""
+    store, (compilations, said) = compiled_once
+    assert compilations == "1"
+    assert "switched off (LATIN_FMU_LIBRARY=0): numba compiles the kernels now, two to three minutes" in said
+    assert str(store) in said
+    assert compiled_by_numba(store) == ("", "")
     assert not list(ROOT.glob("latin_fmu/**/*.nbi"))
+
+
+@pytest.mark.parametrize(
+    ("suffix", "damage"),
+    [
+        (".nbi", lambda content: content[:0]),
+        (".nbc", lambda content: content[:-100]),
+        (".nbc", lambda content: content[:5000] + bytes([content[5000] ^ 1]) + content[5001:]),
+    ],
+    ids=["empty index", "cut", "one bit"],
+)
+def test_damaged_files_of_compiled_kernels_are_compiled_again(suffix, damage, compiled_once, tmp_path):
+    """With one warning; the next process reads what this one wrote."""
+    store = tmp_path / "store"
+    shutil.copytree(compiled_once[0], store)
+    files = list(store.rglob(f"*{suffix}"))
+    assert len(files) > 1
+    for file in files:
+        file.write_bytes(damage(file.read_bytes()))
+    compilations, said = compiled_by_numba(store)
+    assert compilations == "1"
+    assert said.count("\n") == 0
+    assert said.endswith("damaged files of compiled kernels: numba compiles these kernels again")
+    assert suffix == ".nbc" or compiled_by_numba(store) == ("", "")
+
+
+def test_a_disk_without_room_for_compiled_kernels_is_a_warning(tmp_path, monkeypatch, caplog):
+    """The kernel is compiled in this process only."""
+    files = with_numba._checked_files()(str(tmp_path), "kernel", None)
+    monkeypatch.setattr("builtins.open", lambda *_: (_ for _ in ()).throw(OSError(28, "No space left on device")))
+    files.save("key", "data")
+    assert "compiled kernels cannot be kept (No space left on device)" in caplog.text
 
 
 @pytest.fixture

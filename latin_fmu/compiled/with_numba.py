@@ -2,21 +2,24 @@
 
 numba keeps compiled code by the file that holds a function. A kernel whose callee in another file has changed would go
 on with the old one, and the package inside an FMU has a new path at every extraction. Here numba is given copies of the
-sources in a folder named by a digest of all of them, and keeps its files there.
+sources in a folder named by a digest of all of them, and keeps its files there, each with a checksum: a damaged one is
+compiled anew.
 
 ``LATIN_FMU_CACHE`` in the environment names another folder; with 0 or nothing the code is compiled in every process.
 """
 
 from __future__ import annotations
 
+import hashlib
+import io
 import logging
 import os
 import shutil
 import stat
 import sys
 import uuid
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -29,6 +32,7 @@ from . import library
 ORDERED: Final = {"fastmath": {"contract", "nsz"}}
 OPTIONS: Final[dict[str, Any]] = {"nogil": True, "fastmath": {"reassoc", "contract", "nsz"}, "error_model": "numpy"}
 BUILD: Final[dict[str, Any]] = {}  # further options in a process that builds the library
+_CHECKSUM: Final = hashlib.sha256().digest_size  # bytes at the end of a file of the cache
 KEPT: Final = 8  # folders; those not used for longest are removed
 
 
@@ -42,7 +46,9 @@ def dispatcher(function: Callable[..., Any], ordered: bool = False) -> Any:
     placed = _placed(function)
     if placed is not None:
         with suppress(RuntimeError):  # the folder went away: compile in this process only
-            return _by_types(numba.njit(cache=True, **options)(placed))
+            made = numba.njit(cache=True, **options)(placed)
+            made._cache._cache_file.__class__ = _checked_files()
+            return _by_types(made)
     return _by_types(numba.njit(**options)(function))
 
 
@@ -56,6 +62,53 @@ def _by_types(made: Any) -> Any:
 
     made.get_call_template = template
     return made
+
+
+@cache
+def _checked_files() -> type:
+    """Class of numba's cache files that checks them before they are unpickled, and goes on without those it cannot
+    read or write."""
+    caching: Any = import_module("numba.core.caching")
+
+    class CheckedFiles(caching.IndexDataCacheFile):  # type: ignore[misc]
+        def save(self, key: Any, data: Any) -> None:
+            try:
+                super().save(key, data)
+            except OSError as error:
+                _warn_once(f"{self._cache_path}: compiled kernels cannot be kept ({error.strerror or error})")
+
+        def _load_index(self) -> Any:
+            return super()._load_index() if self._intact(self._index_path) else {}
+
+        def _load_data(self, name: str) -> Any:
+            if not self._intact(self._data_path(name)):
+                raise FileNotFoundError  # numba then compiles, and writes the file anew
+            return super()._load_data(name)
+
+        def _intact(self, path: str) -> bool:
+            try:
+                content = Path(path).read_bytes()
+            except OSError:
+                return False
+            if hashlib.sha256(content[:-_CHECKSUM]).digest() == content[-_CHECKSUM:]:
+                return True
+            _warn_once(f"{self._cache_path}: damaged files of compiled kernels: numba compiles these kernels again")
+            return False
+
+        @contextmanager
+        def _open_for_write(self, path: str) -> Iterator[io.BytesIO]:
+            buffer = io.BytesIO()
+            yield buffer
+            content = buffer.getvalue()
+            with super()._open_for_write(path) as file:
+                file.write(content + hashlib.sha256(content).digest())
+
+    return CheckedFiles
+
+
+@cache
+def _warn_once(text: str) -> None:
+    logging.getLogger("latin_fmu").warning("%s", text)
 
 
 def _placed(function: Callable[..., Any]) -> FunctionType | None:
