@@ -203,15 +203,14 @@ def run(
         with nullcontext() if checkpoint is None else checkpoint.of(march, digest):
             march.all()
     converged, sentence = march.status(energy := recorder.assembly_energy(assembly))
-    names = [u.name for u in assembly.interfaces]
-    indicator, histories = march.interface_indicator, recorder.interfaces()
+    indicator, histories = march.named_indicator(), recorder.interfaces()
     balance, time = resultants(problem, march.f_hat), assembly.time[: recorder.n_kept]
     outcome = Outcome(
         time=time,
         interfaces=histories,
         substructures=recorder.substructures(),
         windows=march.windows,
-        interface_indicator={} if indicator is None else dict(zip(names, map(float, indicator), strict=True)),
+        interface_indicator=indicator,
         converged=converged,
         status=sentence + (balance_words(balance) if converged else ""),
         passes=(march.marched + march.condensed) / (assembly.n_substructure * assembly.n_instant),
@@ -228,6 +227,7 @@ def run(
         settings=march.choices() | problem.choices,
         sensors=recorder.sensors(assembly),
         reactions=recorder.reactions(assembly),
+        bolts=recorder.bolt_histories(),
         interfaces_every=recorder.rows.every,
         stream=recorder.stream,
         complete=assembly.instant == assembly.n_instant,

@@ -10,6 +10,7 @@ from ..interface import Behaviour
 from ..scene.schema import Scene
 from .attachments import with_masses
 from .body import build_bodies, sensor_places
+from .bolts import loose_bolts
 from .checks import (
     boundaries_of,
     check_faces,
@@ -21,11 +22,14 @@ from .checks import (
 )
 from .conditions import conditions_on
 from .inactive_substructures import arrival_times, cut_by_arrival, marched_share
+from .initial_state import InitialState
 from .interfaces import build_interface, lonely_remarks, with_behaviours, with_found
 from .models import scheme_remarks
 from .problem import DiscretisedProblem, SolverReadyProblem
 from .propagator_choice import box_memory
-from .statics import start_problems, static_state, unheld
+from .shanks import cuts_of
+from .statics import Kept, start_problems, static_state, unheld
+from .tightening import tightened
 
 
 def build(
@@ -47,8 +51,16 @@ def build(
 
 def solver_ready(discretised: DiscretisedProblem, amplitudes: Mapping[str, float]) -> SolverReadyProblem:
     """Operators, with the initial values given or the equilibrium that the scene starts from (see ``build``)."""
-    static = discretised.scene.time.start.type == "static"
-    return discretised.build(static_state(discretised, amplitudes) if static else None)
+    return discretised.build(starting_equilibrium(discretised, amplitudes))
+
+
+def starting_equilibrium(discretised: DiscretisedProblem, amplitudes: Mapping[str, float]) -> InitialState | None:
+    """The equilibrium that a scene starts from, its bolts tight; None where it has none (see ``build``)."""
+    if discretised.scene.time.start.type != "static":
+        return None
+    kept: Kept = {}
+    tight = tightened(discretised, kept) if discretised.cuts else None
+    return static_state(discretised, amplitudes, tight, kept)
 
 
 def discretise(scene: Scene, behaviours: Mapping[str, Behaviour] | None = None) -> DiscretisedProblem:
@@ -74,11 +86,13 @@ def discretise(scene: Scene, behaviours: Mapping[str, Behaviour] | None = None) 
     initial_problems(scene, units, problems, remarks)
     if scene.time.quasi_static and not problems:
         problems += unheld(bodies, conditions, units, "quasi_static")
-    if scene.time.start.type == "static" and not problems:
+    elif scene.time.start.type == "static" and not problems:
         problems += start_problems(scene, bodies, conditions, units)
+    cuts = cuts_of(scene, bodies, conditions, units, problems)
+    problems += loose_bolts(cuts, conditions, units)
     if problems:
         raise SceneError(problems, "the scene cannot be built")
-    problem = DiscretisedProblem.of(scene, bodies, conditions, units)
+    problem = DiscretisedProblem.of(scene, bodies, conditions, units, cuts=cuts)
     classes, time = problem.classes, problem.time
     if scene.solver.skip_at_rest == "tolerance" and units:
         arrival = arrival_times(scene, bodies, units, time)

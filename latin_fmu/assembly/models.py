@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Final
 
 import numpy as np
 import scipy.sparse as sp
@@ -20,8 +22,10 @@ from ..scene.settings import AutomaticScheme
 from ..scene.solver_settings import ReducedPropagator
 from ..time_scheme import HHT, SCHEMES, GeneralizedAlpha, QuasiStatic, TimeScheme
 from .body import AddedMass, Body, body_sides
+from .bolts import BoltCut
 from .conditions import Conditions, RigidConditions, rigid_model, total
 
+NO_BOLTS: Final[Mapping[str, BoltCut]] = MappingProxyType({})
 _RESOLVED = 0.7  # Courant number from which the force of a landing is resolved with mass on the contact nodes
 _CLOSED = 1e-9  # gaps up to this share of the size of a body are round-off of closed ones
 _MASSLESS = 1.0  # largest one at which massless_contact keeps the energy (1.002 of it; 1.04 at 2, 1.5 at 4)
@@ -53,12 +57,13 @@ class ModelClass:
     Attributes
     ----------
     members : models with equal matrices and traces. channels : flat indices of theirs (n_channel, n_member).
-    twin : number of an earlier class with the same operators, where there is one.
+    twin : number of an earlier class with the same operators, where there is one. key : equal for equal operators.
     """
 
     members: list[SubstructureModel]
     channels: Index
     twin: int | None = None
+    key: bytes = b""
 
 
 def model_classes(
@@ -70,25 +75,32 @@ def model_classes(
     scheme: TimeScheme,
     dt: float,
     moved: Mapping[str, ContactLayer] | None = None,
+    cuts: Mapping[str, BoltCut] = NO_BOLTS,
+    free: Collection[str] = (),
 ) -> list[ModelClass]:
     """Matrices of every substructure, grouped into classes of identical ones (of one each where the scene asks).
 
     moved : contact layers with which body forces act, where it is not those of ``scheme`` (static start).
+    cuts : of the bolts. free : those whose tension is given, and not their shortening.
     """
     classes: dict[bytes, list[tuple[SubstructureModel, Index]]] = {}
     for name, body in bodies.items():
         layer = None if body.rigid else contact_layer(name, body, units, scheme, dt)
         loading = layer if moved is None else moved.get(name)
         loads = _loads(scene, name, body, loading)
+        own = [cut for cut in cuts.values() if cut.table.substructure == name]
+        loads += [cut.loads(cut.name in free) for cut in own]
         model, channels = _model(name, body, conditions[name], units, layout, scheme, layer, loads)
         key = _signature(model, body) if scene.solver.share_identical else name.encode()
+        if loose := [cut for cut in own if cut.name in free]:
+            model, key = _loosened(model, loose), key + b"".join(cut.pattern.tobytes() for cut in loose)
         classes.setdefault(key, []).append((model, channels))
     groups = []
-    for members in classes.values():
+    for key, members in classes.items():
         models = [m for m, _ in members]
         # with the matrices: no part of the factorisation
         _ = models[0].reduced_stiffness if models[0].mass is None else models[0].reduced
-        groups.append(ModelClass(models, np.stack([c for _, c in members], axis=1)))
+        groups.append(ModelClass(models, np.stack([c for _, c in members], axis=1), key=key))
     share_patterns([c.members[0] for c in groups if c.members[0].mass is not None])
     return groups
 
@@ -143,6 +155,12 @@ def _model(
         landing=None if layer is None else layer.viscosity,
     )
     return model, flat
+
+
+def _loosened(model: SubstructureModel, cuts: Sequence[BoltCut]) -> SubstructureModel:
+    """The model while the shortenings of some of its bolts are free (``bolts``)."""
+    softened = sum((-cut.softening() for cut in cuts), model.stiffness)
+    return replace(model, stiffness=sp.csr_array(softened))
 
 
 def contact_layer(

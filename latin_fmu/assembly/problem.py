@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
+from types import MappingProxyType
+from typing import Any, Final
 
 import numpy as np
 
@@ -25,9 +27,11 @@ from ..scene.schema import Scene
 from ..scene.solver_settings import WHOLE, Anderson, Uniform
 from ..time_scheme import QuasiStatic, TimeScheme
 from .body import Body, body_sides
+from .bolts import BoltCut, OpenedMesh, OpenedStress, load_name
 from .checks import boundaries_of
 from .conditions import Conditions, Motion, supports
-from .models import ContactLayer, ModelClass, chosen_scheme, model_classes
+from .initial_state import InitialState, TightBolts
+from .models import NO_BOLTS, ContactLayer, ModelClass, chosen_scheme, model_classes
 from .propagator_choice import chosen_propagators, unstable_steps
 
 REST = 1e-2
@@ -36,15 +40,22 @@ ROUND_OFF = 1e-13
 """The same as a share of the characteristic traction, where rounding errors alone are to be ignored."""
 
 
+NO_RAMPS: Final[Mapping[str, tuple[float, float]]] = MappingProxyType({})
+
+
 class Timeline:
     """Samples the laws of a scene; histories given from outside replace those laws.
 
     They are given by the name of a force (``Scene.force_laws``), ``boundary.NAME`` (see ``Motion.velocity``), or
-    ``ground.INTERFACE`` (amplitude of its velocity).
+    ``ground.INTERFACE`` (amplitude of its velocity). ``bolts`` : first and last amplitude of the load term of each
+    bolt, linear in between over the interval of the scene.
     """
 
-    def __init__(self, scene: Scene, conditions: dict[str, Conditions]) -> None:
+    def __init__(
+        self, scene: Scene, conditions: dict[str, Conditions], bolts: Mapping[str, tuple[float, float]] = NO_RAMPS
+    ) -> None:
         self._scene, self._conditions, self._laws = scene, conditions, scene.force_laws
+        self._bolts = {load_name(name): ramp for name, ramp in bolts.items()}
 
     def begin(
         self,
@@ -75,6 +86,9 @@ class Timeline:
     def _amplitude(self, name: str, time: Array, given: Mapping[str, Array]) -> Array:
         if not name:
             return np.ones(len(time))
+        if name in self._bolts:
+            first, last = self._bolts[name]
+            return first + (last - first) * time / self._scene.time.end
         return given[name] if name in given else sampled(self._laws[name], time)
 
     def _ground(self, assembly: Assembly, time: Array, given: Mapping[str, Array]) -> dict[int, Array]:
@@ -90,44 +104,6 @@ class Timeline:
             if self._scene.time.quasi_static:  # over the step that ends at each instant
                 ground[i][1:] = 0.5 * (ground[i][1:] + ground[i][:-1])
         return ground
-
-
-@dataclass(frozen=True)
-class InitialState:
-    """Displacements and interface tractions in equilibrium.
-
-    Attributes
-    ----------
-    displacement : (n_full,) by substructure, m. traction : (n_point, n_component) on side E by interface, local frames,
-        Pa. closure : (n_point,) by interface, m: residual gaps of closed points, within the tolerance.
-    amplitudes : of the loads that are set from outside. message : how it was computed. remarks : warnings.
-    """
-
-    displacement: Mapping[str, Array]
-    traction: Mapping[str, Array]
-    closure: Mapping[str, Array]
-    amplitudes: Mapping[str, float]
-    message: str
-    remarks: tuple[str, ...] = ()
-
-    def displaced(self, classes: list[ModelClass]) -> list[ModelClass]:
-        """The classes with these initial displacements."""
-        return [
-            replace(c, members=[m.displaced(self.displacement.get(m.name, m.displacement)) for m in c.members])
-            for c in classes
-        ]
-
-    def hand_over(self, assembly: Assembly) -> None:
-        """Give an assembly the tractions, and the gaps of closed points as zero.
-
-        A residual gap, small as it is, would have to close within the first step; in a short step that is a velocity.
-        """
-        for i, unit in enumerate(assembly.interfaces):
-            if unit.name in self.traction:
-                assembly.start_tractions[i] = self.traction[unit.name]
-            if unit.name in self.closure:
-                group = assembly.layout.group(i)
-                group.gap[group.members[i]] = unit.geometry.gap - self.closure[unit.name]
 
 
 @dataclass(frozen=True)
@@ -172,6 +148,9 @@ class DiscretisedProblem:
     remarks: tuple[str, ...] = ()
     sensors: Mapping[str, SensorPlace] = field(default_factory=dict)
     scheme_reason: str = ""
+    cuts: Mapping[str, BoltCut] = field(default_factory=dict)
+    ramps: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    """First and last amplitude of the load terms of the bolts while they are tightened."""
 
     @staticmethod
     def of(
@@ -180,14 +159,19 @@ class DiscretisedProblem:
         conditions: dict[str, Conditions],
         units: list[InterfaceUnit],
         moved: Mapping[str, ContactLayer] | None = None,
+        cuts: Mapping[str, BoltCut] = NO_BOLTS,
+        free: Collection[str] = (),
     ) -> DiscretisedProblem:
-        """The problem with the time scheme, instants and classes of identical substructures of the scene; ``moved`` as
-        for ``model_classes``."""
+        """The problem with the time scheme, instants and classes of identical substructures of the scene; ``moved``,
+        ``cuts`` and ``free`` as for ``model_classes``."""
         layout = Layout(units)
         scheme, reason = chosen_scheme(scene, bodies, units)
         time = np.linspace(0.0, scene.time.end, scene.time.n_step + 1)
-        classes = model_classes(scene, bodies, conditions, units, layout, scheme, float(time[1] - time[0]), moved)
-        return DiscretisedProblem(scene, bodies, conditions, units, layout, classes, scheme, time, scheme_reason=reason)
+        dt = float(time[1] - time[0])
+        classes = model_classes(scene, bodies, conditions, units, layout, scheme, dt, moved, cuts, free)
+        return DiscretisedProblem(
+            scene, bodies, conditions, units, layout, classes, scheme, time, scheme_reason=reason, cuts=cuts
+        )
 
     @property
     def scheme_in_words(self) -> str:
@@ -202,30 +186,46 @@ class DiscretisedProblem:
     @property
     def info(self) -> dict[str, SubstructureInfo]:
         """Meshes for the recorder."""
-        stress = self.scene.output.stress
-        return {
-            n: SubstructureInfo(
-                b.mesh.nodes,
-                padded_cells(b.mesh.blocks),
-                " ".join(b.mesh.cell_types),
-                b.shape.stress if stress and not b.rigid else None,
-            )
-            for n, b in self.bodies.items()
-        }
+        return self.info_of({})
 
-    @property
-    def recovered(self) -> dict[str, Recovered]:
-        """Recovery of further fields of the elastic substructures, where the scene requests them."""
+    def info_of(self, shortening: Mapping[str, float]) -> dict[str, SubstructureInfo]:
+        """Meshes for the recorder; ``shortening`` of the bolts, m."""
+        stress, made = self.scene.output.stress, {}
+        for n, b in self.bodies.items():
+            opened = self.opened(n, shortening) if stress else None
+            recover = None if opened is None else OpenedStress(opened, b.shape.material)
+            plain = b.shape.stress if stress and not b.rigid else None
+            cells, types = padded_cells(b.mesh.blocks), " ".join(b.mesh.cell_types)
+            made[n] = SubstructureInfo(b.mesh.nodes, cells, types, recover or plain)
+        return made
+
+    def recovered_of(self, shortening: Mapping[str, float]) -> dict[str, Recovered]:
+        """Recovery of further fields of the elastic substructures, where the scene requests them; ``shortening`` of the
+        bolts, m."""
         output = self.scene.output
         if not output.recovers:
             return {}
-        fields = output.strain, output.nodal_stress, output.principal_stress
-        return {n: Recovered(b.shape.recovery, *fields) for n, b in self.bodies.items() if not b.rigid}
+        fields, made = (output.strain, output.nodal_stress, output.principal_stress), {}
+        for n, b in self.bodies.items():
+            if not b.rigid:
+                opened = self.opened(n, shortening)
+                recovery = b.shape.recovery if opened is None else opened.recovery(b.shape)
+                made[n] = Recovered(recovery, *fields)
+        return made
+
+    def _timeline(self, bolts: TightBolts) -> Timeline:
+        """Histories with the bolts as tightened, or while they are."""
+        return Timeline(self.scene, self.conditions, self.ramps or bolts.locked(self.cuts))
+
+    def opened(self, name: str, shortening: Mapping[str, float]) -> OpenedMesh | None:
+        """Mesh of a substructure with the cuts of its bolts open; None where it has none."""
+        own = [cut for cut in self.cuts.values() if cut.table.substructure == name]
+        return OpenedMesh(self.bodies[name].mesh, own, shortening) if own else None
 
     @property
     def timeline(self) -> Timeline:
-        """Histories of the loads and motions of the substructures."""
-        return Timeline(self.scene, self.conditions)
+        """Histories of the loads and motions of the substructures, bolts that are not being tightened left out."""
+        return self._timeline(TightBolts())
 
     @cached_property
     def impedance(self) -> Array:
@@ -235,12 +235,19 @@ class DiscretisedProblem:
 
     @cached_property
     def characteristic_traction(self) -> float:
-        """Largest traction that loads and motions can cause, Pa."""
+        """Largest traction that loads, motions and bolts can cause, Pa."""
         size = static_traction if isinstance(self.scheme, QuasiStatic) else characteristic_traction
-        return size(self.scene, self.bodies, self.time)
+        stresses = [cut.stress(self.bodies[cut.table.substructure]) for cut in self.cuts.values()]
+        return max(size(self.scene, self.bodies, self.time), *stresses, 0.0)
 
-    def build(self, start: InitialState | None = None) -> SolverReadyProblem:
-        """Factorise and condense the substructures; ``start`` : initial state in the place of that of the scene."""
+    def build(
+        self, start: InitialState | None = None, kept: dict[bytes, list[tuple[float, Any]]] | None = None
+    ) -> SolverReadyProblem:
+        """Factorise and condense the substructures.
+
+        start : initial state in the place of that of the scene. kept : operators of static problems by
+        ``ModelClass.key``, which are used again and added to.
+        """
         scene, scheme, units = self.scene, self.scheme, self.units
         layout = self.layout if start is None else Layout(units)  # ``start`` changes its gaps
         settings, without_factor = chosen_propagators(scene, self.classes)
@@ -250,8 +257,9 @@ class DiscretisedProblem:
         propagators: list[Propagator] = []
         for c in classes:
             twin = None if c.twin is None else propagators[c.twin]
+            known = None if kept is None else kept.setdefault(c.key, [])
             propagators.append(
-                StaticPropagator(c.members, self.dt, scene.output.energy, impedance[c.channels[:, 0]])
+                StaticPropagator(c.members, self.dt, scene.output.energy, impedance[c.channels[:, 0]], known)
                 if static
                 else make_propagator(c.members, scheme, self.dt, scene.output.energy, settings, twin)
             )
@@ -266,12 +274,32 @@ class DiscretisedProblem:
         assembly.rest_traction = level * (assembly.characteristic_traction if level > 0 else 1.0)
         if start is not None:
             start.hand_over(assembly)
-        timeline = self.timeline
+        bolts = TightBolts() if start is None else start.bolts
+        timeline = self._timeline(bolts)
         timeline.begin(assembly, self.time, {}, assembly.ground_start)
         if not static and any(body.rigid for body in self.bodies.values()):
             inertial_impedance(assembly)
-        keys = scene.output
-        output = OutputRequest(
+        warnings = (*self.remarks, *without_factor, *([] if static else unresolved_sides(assembly)))
+        warnings += () if start is None else start.remarks
+        return SolverReadyProblem(
+            assembly,
+            settings_of(scene),
+            self._output(classes, bolts),
+            self.info_of(bolts.shortening),
+            warnings,
+            timeline,
+            start,
+            self.recovered_of(bolts.shortening),
+            self.scheme_in_words,
+        )
+
+    def _output(self, classes: list[ModelClass], bolts: TightBolts) -> OutputRequest:
+        """What the recorder keeps."""
+        keys = self.scene.output
+        supported = {}
+        if keys.reactions:
+            supported = supports(self.scene.boundary, self.bodies, {m.name: m for c in classes for m in c.members})
+        return OutputRequest(
             keys.keeps_fields,
             keys.stress,
             keys.energy,
@@ -279,22 +307,8 @@ class DiscretisedProblem:
             self.sensors,
             keys.peak_duration,
             keys.interfaces_every,
-            supports(scene.boundary, self.bodies, {m.name: m for c in classes for m in c.members})
-            if keys.reactions
-            else {},
-        )
-        warnings = (*self.remarks, *without_factor, *([] if static else unresolved_sides(assembly)))
-        warnings += () if start is None else start.remarks
-        return SolverReadyProblem(
-            assembly,
-            settings_of(scene),
-            output,
-            self.info,
-            warnings,
-            timeline,
-            start,
-            self.recovered,
-            self.scheme_in_words,
+            supported,
+            {} if self.ramps else bolts.places(self.cuts),
         )
 
 

@@ -109,6 +109,10 @@ def resultants(problem: SolverReadyProblem, tractions: Array) -> dict[str, Resul
     assembly, made = problem.assembly, dict[str, Resultants]()
     if not assembly.quasi_static:
         return made
+    tensions = dict[str, float]()
+    for bolt in problem.output.bolts.values():
+        forces = (0.0, *bolt.description.tightening)
+        tensions[bolt.substructure] = max(*forces, tensions.get(bolt.substructure, 0.0))
     for propagator, channels in zip(assembly.propagators, assembly.channels, strict=True):
         for j, member in enumerate(propagator.members):
             if member.nodal is not None:  # a rigid body has no stiffness of its own
@@ -122,8 +126,10 @@ def resultants(problem: SolverReadyProblem, tractions: Array) -> dict[str, Resul
             faces = member.trace.T @ (member.channel_area * tractions[channels[:, j]])
             rest = member.stiffness @ propagator.full_displacement(j).ravel() - loads - faces
             free = np.diff(member.expansion.indptr) > 0
-            parts = loads, faces, np.where(free, 0.0, rest), np.where(free, rest, 0.0)
-            made[member.name] = Resultants(*(_wrench(nodes, part) for part in parts))
+            tension = tensions.get(member.name, 0.0)
+            reactions, unbalanced = np.where(free, 0.0, rest), np.where(free, rest, 0.0)
+            wrenches = [_wrench(nodes, part) for part in (loads, faces, reactions, unbalanced)]
+            made[member.name] = Resultants(wrenches[0], wrenches[1], wrenches[2], wrenches[3], tension)
     return made
 
 
@@ -135,14 +141,14 @@ def _wrench(nodes: Array, forces: Array) -> Array:
 
 def balance_words(made: Mapping[str, Resultants]) -> str:
     """How far the forces on every body are in balance, for the status of a run; empty where nothing is known."""
-    largest = max((float(np.abs(r.parts[:, :3]).max()) for r in made.values()), default=0.0)
+    largest = max((r.largest for r in made.values()), default=0.0)
     off = max((float(np.linalg.norm(r.unbalanced[:3])) for r in made.values()), default=0.0)
     return f"; forces on every body in balance to {off / largest:.1e} of the largest" if largest > 0.0 else ""
 
 
 def balance_remarks(made: Mapping[str, Resultants], tolerance: float) -> list[str]:
     """A sentence on bodies whose forces are out of balance by more than ten tolerances of the largest force."""
-    largest = max((float(np.abs(r.parts[:, :3]).max()) for r in made.values()), default=0.0)
+    largest = max((r.largest for r in made.values()), default=0.0)
     return [
         f"substructure {name}: its forces are out of balance by {100 * off / largest:.2g} % of the largest force "
         f"({off:.3g} N): lower solver.tolerance"

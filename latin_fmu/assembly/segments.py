@@ -19,8 +19,7 @@ from ..machine import one_thread
 from ..propagator import Propagator
 from ..scene.laws import InputLaw
 from ..scene.schema import Scene
-from .build import discretise
-from .statics import static_state
+from .build import discretise, starting_equilibrium
 
 _SAME_STEP, _STEPS_KEPT = 1e-9, 8
 _OWN_SIZES = ("start", "running", "steps")  # entries of a snapshot whose size depends on the run
@@ -113,8 +112,9 @@ class SegmentedRun:
             return
         before = self.problem
         with one_thread():
-            problem = self._discretised.build(static_state(self._discretised, start))
-        self.problem = replace(problem, settings=before.settings, output=before.output)
+            problem = self._discretised.build(starting_equilibrium(self._discretised, start))
+        output = replace(before.output, bolts=problem.output.bolts)
+        self.problem = replace(problem, settings=before.settings, output=output)
         self._amplitudes, self._run = start, None
 
     def _at_start(self, amplitudes: Mapping[str, float]) -> dict[str, float]:

@@ -8,7 +8,7 @@ it. It is solved far more closely than the motion will be, so that the unbalance
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -21,6 +21,7 @@ from ..interface.behaviour import bonds
 from ..latin.assembly import InterfaceUnit
 from ..latin.record import Timings
 from ..latin.recorder import Recorder
+from ..latin.settings import Settings
 from ..latin.windows import Run
 from ..propagator import StaticPropagator
 from ..reader import scene_from_dict
@@ -33,13 +34,15 @@ from ..scene.substructures import DAMPING_KEYS
 from .body import Body, body_sides
 from .checks import boundaries_of
 from .conditions import Conditions, conditions_on
+from .initial_state import InitialState
 from .limit_load import HELD, allowed_motions, loss_of_equilibrium
 from .models import contact_layer
-from .problem import DiscretisedProblem, InitialState, SolverReadyProblem, settings_of
+from .problem import DiscretisedProblem, SolverReadyProblem, settings_of
 
 TIGHT = 1e-11, 1e-9  # tolerances of the static solution; that of the scene where round-off prevents both
 _MOST = 500  # iterations of an increment
 _Tables = dict[str, Any]
+Kept = dict[bytes, list[tuple[float, Any]]]
 
 
 def start_problems(
@@ -77,35 +80,52 @@ def start_problems(
     )
 
 
-def static_state(whole: DiscretisedProblem, amplitudes: Mapping[str, float]) -> InitialState | None:
+def static_state(
+    whole: DiscretisedProblem, amplitudes: Mapping[str, float], tight: InitialState | None, kept: Kept
+) -> InitialState | None:
     """The equilibrium that the motion starts from; None where nothing acts at t = 0.
 
     Parameters
     ----------
     amplitudes : at t = 0, of loads that are set from outside; those left out have their start value.
+    tight : state with tight bolts, None where there are none. kept : as for ``DiscretisedProblem.build``.
 
     Raises
     ------
     SceneError : contact and friction cannot hold the loads.
     """
     scene = static_scene(whole.scene, amplitudes)
-    if not something_acts(scene):
-        return None
-    discretised = _static_problem(whole, scene)
-    own = settings_of(whole.scene)
+    if whole.scene.time.quasi_static or not something_acts(scene):  # without inertia the loads come in its increments
+        return tight if tight is None else replace(tight, amplitudes=dict(amplitudes))
+    discretised = static_problem(whole, scene)
     if (lost := loss_of_equilibrium(discretised)) is not None:
         raise _no_start(f"{lost.what}, and contact and friction cannot hold it")
+    problem, run, tolerance = equilibrium(discretised, tight, settings_of(whole.scene), kept)
+    converged, sentence = run.status()
+    if not converged:
+        raise _no_start(sentence)
+    state = state_at_end(problem, run, amplitudes, tolerance)
+    if tight is None:
+        return state
+    remarks = tuple(dict.fromkeys((*tight.remarks, *state.remarks)))
+    return replace(state, message=f"{tight.message}; {state.message}", remarks=remarks, bolts=tight.bolts)
+
+
+def equilibrium(
+    discretised: DiscretisedProblem, start: InitialState | None, own: Settings, kept: Kept
+) -> tuple[SolverReadyProblem, Run, float]:
+    """The static problem solved from an initial state, its run and its tolerance; the run has not converged where no
+    tolerance is reached, ``own`` of the scene neither."""
     for tolerance, force in [*((tight, tight) for tight in TIGHT), (own.tolerance, own.force_tolerance)]:
-        problem = discretised.build()
+        problem = discretised.build(start, kept)
         problem = replace(problem, settings=replace(problem.settings, tolerance=tolerance, force_tolerance=force))
         run = Run(
             problem.assembly, problem.settings, Recorder(problem.assembly, problem.output, problem.info), Timings()
         )
         run.all()
-        converged, sentence = run.status()
-        if converged:
-            return _initial_state(problem, run, amplitudes, tolerance)
-    raise _no_start(sentence)
+        if run.status()[0]:
+            break
+    return problem, run, tolerance
 
 
 def _no_start(why: str) -> SceneError:
@@ -119,7 +139,7 @@ def _no_start(why: str) -> SceneError:
     )
 
 
-def _initial_state(
+def state_at_end(
     problem: SolverReadyProblem, run: Run, amplitudes: Mapping[str, float], tolerance: float
 ) -> InitialState:
     """Displacements, tractions and gaps at the end of the static run."""
@@ -150,8 +170,8 @@ def _initial_state(
     return InitialState(displacement, traction, closure, dict(amplitudes), message, remarks)
 
 
-def _static_problem(whole: DiscretisedProblem, scene: Scene) -> DiscretisedProblem:
-    """The static problem on the meshes and interfaces that are there."""
+def static_problem(whole: DiscretisedProblem, scene: Scene, free: Collection[str] = ()) -> DiscretisedProblem:
+    """The static problem on the meshes and interfaces that are there; ``free`` : bolts whose tension is given."""
     bodies = {name: whole.bodies[name] for name in scene.substructure}
     problems = Problems()
     conditions = {n: conditions_on(b, boundaries_of(scene, n), problems) for n, b in bodies.items()}
@@ -159,7 +179,7 @@ def _static_problem(whole: DiscretisedProblem, scene: Scene) -> DiscretisedProbl
     units = [unit for unit in whole.units if unit.name in scene.interface]
     layers = {n: contact_layer(n, b, whole.units, whole.scheme, whole.dt) for n, b in bodies.items() if not b.rigid}
     moved = {n: layer for n, layer in layers.items() if layer is not None}  # the loads of the motion that follows
-    return DiscretisedProblem.of(scene, bodies, conditions, units, moved)
+    return DiscretisedProblem.of(scene, bodies, conditions, units, moved, whole.cuts, free)
 
 
 def unheld(
@@ -231,12 +251,13 @@ def static_interfaces(scene: Scene) -> list[str]:
     ]
 
 
-def static_scene(scene: Scene, amplitudes: Mapping[str, float]) -> Scene:
+def static_scene(scene: Scene, amplitudes: Mapping[str, float], loaded: bool = True) -> Scene:
     """The quasi-static scene whose last instant is the equilibrium under what acts at t = 0.
 
     Parameters
     ----------
     amplitudes : at t = 0, of loads that are set from outside; those left out have their start value.
+    loaded : with loads, body forces and displaced faces, not with preloads alone.
     """
     assert isinstance(scene.time.start, StaticStart)
     data, still = scene.tables(), resting(scene)
@@ -248,12 +269,20 @@ def static_scene(scene: Scene, amplitudes: Mapping[str, float]) -> Scene:
     data["boundary"] = dict(_boundaries(scene, data["boundary"], still))
     data["load"] = dict(_loads(scene, data["load"], still, amplitudes))
     _start_body_forces(scene, data, amplitudes)
+    if not loaded:
+        data["load"] = {}
+        data.pop("gravity", None)
+        for body in data["substructure"].values():
+            body.pop("body_force", None)
+            body.pop("body_force_law", None)
+        for boundary in data["boundary"].values():
+            boundary |= {"value": [0.0] * len(boundary["value"])} if "value" in boundary else {}
     for material in data["material"].values():
         for key in (*DAMPING_KEYS, "at_frequency"):
             material.pop(key, None)
     data["time"] = {"end": 1.0, "instants": scene.time.start.increments, "quasi_static": True}
     data["solver"] = {"max_iterations": _MOST, "share_identical": scene.solver.share_identical}
-    for key in ("sensor", "accuracy", "output"):
+    for key in ("sensor", "accuracy", "output", "bolt"):
         data.pop(key, None)
     return scene_from_dict(data, scene.base_dir)
 

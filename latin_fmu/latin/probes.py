@@ -1,4 +1,4 @@
-"""What a run keeps of its substructures at every instant: velocities under frictionless interfaces, sensors, reactions.
+"""What a run keeps of its substructures at every instant: sliding without friction, sensors, reactions, bolts.
 
 The rows of all go into the image of the run, so that the march of many instants in one call keeps them too.
 """
@@ -15,7 +15,7 @@ from ..fem.location import Location
 from ..propagator.image import Image
 from .assembly import Array, Assembly
 from .reactions import Support, SupportProbes
-from .record import SensorHistory
+from .record import BoltHistory, SensorHistory
 
 
 @dataclass(frozen=True)
@@ -105,17 +105,81 @@ class SensorProbes:
         return histories
 
 
+@dataclass(frozen=True)
+class BoltPlace:
+    """A tightened bolt: its tension is F = stiffness * shortening - pattern . u, the resultant along the axis of the
+    internal forces on its cut.
+
+    Attributes
+    ----------
+    substructure : its body. pattern : (n_full,) forces on the nodes per shortening, N m-1. stiffness : N m-1.
+    description : its history in the results, without instants.
+    """
+
+    substructure: str
+    pattern: Array
+    stiffness: float
+    description: BoltHistory
+
+    def force(self, projection: Array) -> Array:
+        """Tension, N, where pattern . u is ``projection``, N."""
+        return np.asarray(self.stiffness * self.description.shortening - projection)
+
+
+class BoltProbes:
+    """Tensions of the bolts, read from the displacements of their substructures.
+
+    Attributes
+    ----------
+    rows : per class (n_row, n_dof), one for each bolt.
+    """
+
+    def __init__(self, assembly: Assembly, bolts: Mapping[str, BoltPlace]) -> None:
+        self.rows: list[sp.csr_array] = []
+        self._places: list[tuple[str, int, int, int, Array]] = []  # bolt, class, member, row, shapes of motions
+        for c, propagator in enumerate(assembly.propagators):
+            model = propagator.members[0]
+            blocks = [np.zeros((0, model.n_full))]
+            for name, bolt in bolts.items():
+                if bolt.substructure in propagator.names:
+                    full = bolt.pattern if model.nodal is None else bolt.pattern @ model.nodal
+                    member = propagator.names.index(bolt.substructure)
+                    self._places.append((name, c, member, len(blocks) - 1, full @ model.imposed_pattern))
+                    blocks.append(full[None])
+            self.rows.append(sp.csr_array(sp.csr_array(np.concatenate(blocks)) @ model.expansion))
+
+    def read(
+        self,
+        assembly: Assembly,
+        sensed: Sequence[Array | None],
+        instants: slice,
+        bolts: Mapping[str, BoltPlace],
+        tensions: Mapping[str, Array],
+    ) -> None:
+        """Write the tensions at these instants into ``tensions``, (n_time,) by bolt; ``sensed`` : as for
+        ``SensorProbes.read``."""
+        for name, c, member, row, shapes in self._places:
+            kept = sensed[c]
+            assert kept is not None
+            values = kept[:, 0, row, member]
+            imposed = assembly.propagators[c].forcing.motion_histories(member)
+            if imposed is not None:
+                values = values + imposed[0][instants] @ shapes
+            tensions[name][instants] = bolts[name].force(values)
+
+
 class Probes:
     """All kinds for one run.
 
     Parameters
     ----------
     sliding : numbers of the interfaces without tangential unknowns. places : of the sensors. supports : whose reactions
-        are kept.
+        are kept. bolts : whose tensions are kept.
 
     Attributes
     ----------
-    rows : per class (n_row, n_dof) of sensors and supports whose motions the image keeps, None where there are none.
+    rows : per class (n_row, n_dof) of sensors, supports and bolts whose motions the image keeps, None where there are
+        none.
     """
 
     def __init__(
@@ -124,11 +188,13 @@ class Probes:
         sliding: Sequence[int],
         places: Mapping[str, SensorPlace],
         supports: Mapping[str, Support],
+        bolts: Mapping[str, BoltPlace],
     ) -> None:
         self.slide = SlideProbes(assembly, sliding)
         self.sensors, self.supports = SensorProbes(assembly, places), SupportProbes(assembly, supports)
-        both = zip(self.sensors.rows, self.supports.rows, strict=True)
-        stacked = [sp.csr_array(sp.vstack(rows)) for rows in both]
+        self.bolts, self._bolts = BoltProbes(assembly, bolts), bolts
+        every = zip(self.sensors.rows, self.supports.rows, self.bolts.rows, strict=True)
+        stacked = [sp.csr_array(sp.vstack(rows)) for rows in every]
         self.rows = [rows if rows.shape[0] else None for rows in stacked]
 
     def read(
@@ -139,18 +205,21 @@ class Probes:
         rows: slice,
         motions: Mapping[str, Array],
         forces: Mapping[str, Array],
+        tensions: Mapping[str, Array],
     ) -> None:
-        """Write the ``motions`` of the sensors and the parts of the reaction ``forces`` at these instants, ``rows`` of
-        the output of the image."""
+        """Write the ``motions`` of the sensors, the parts of the reaction ``forces`` and the ``tensions`` of the bolts
+        at these instants, ``rows`` of the output of the image."""
         own: list[Array | None] = [None] * len(self.rows)
         others: list[Array | None] = [None] * len(self.rows)
+        last: list[Array | None] = [None] * len(self.rows)
         for c, matrix in enumerate(self.rows):
             if matrix is not None:
                 kept = image.output(c, "sensed", 3 * matrix.shape[0])[rows]
                 kept = kept.reshape(len(kept), 3, matrix.shape[0], -1)
-                n_sensor = self.sensors.rows[c].shape[0]
-                own[c], others[c] = kept[:, :, :n_sensor], kept[:, :, n_sensor:]
+                ends = np.cumsum([self.sensors.rows[c].shape[0], self.supports.rows[c].shape[0]])
+                own[c], others[c], last[c] = np.split(kept, ends, axis=2)
         self.sensors.read(assembly, own, instants, motions)
+        self.bolts.read(assembly, last, instants, self._bolts, tensions)
         if forces:
             tractions = image.field("history_f", image.rows, image.n_flat)[rows]
             self.supports.read(assembly, others, tractions, instants, forces)

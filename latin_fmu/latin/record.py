@@ -172,6 +172,28 @@ class ReactionHistory:
     force: Array
 
 
+@dataclass(frozen=True)
+class BoltHistory:
+    """Tension of a bolt over the run, and how it was tightened.
+
+    Attributes
+    ----------
+    name, substructure : as in the scene. order : when it was tightened. target : tension aimed at, N; None where the
+        shortening is given. area : of the cut across the axis, m2. shortening : kept since it was tightened, m.
+    force : (n_time,) tension, N. tightening : (n_order,) tension when the bolts of each of ``orders`` were tight, N.
+    """
+
+    name: str
+    substructure: str
+    order: int
+    target: float | None
+    area: float
+    shortening: float
+    force: Array
+    orders: tuple[int, ...]
+    tightening: tuple[float, ...]
+
+
 @dataclass(slots=True)
 class WindowRecord:
     """Course of the iteration in one window.
@@ -246,17 +268,24 @@ class HistoryBlocks(Protocol):
 @dataclass(frozen=True)
 class Resultants:
     """Forces and moments (6,) on a body in equilibrium, N and N m, about its centre: of its loads (with the initial
-    stresses that balance a preload), interfaces and supports, and what is left on directions that are free."""
+    stresses that balance a preload), interfaces and supports, and what is left on directions that are free; ``bolt``:
+    largest tension of its bolts, N."""
 
     loads: Array
     interfaces: Array
     reactions: Array
     unbalanced: Array
+    bolt: float = 0.0
 
     @property
     def parts(self) -> Array:
         """Those of loads, interfaces and supports, (3, 6)."""
         return np.stack([self.loads, self.interfaces, self.reactions])
+
+    @property
+    def largest(self) -> float:
+        """Largest force, N."""
+        return max(float(np.abs(self.parts[:, :3]).max()), self.bolt)
 
 
 @dataclass(frozen=True)
@@ -294,6 +323,7 @@ class Outcome:
     interfaces_every: int = 1
     complete: bool = True
     reactions: dict[str, ReactionHistory] = field(default_factory=dict)
+    bolts: dict[str, BoltHistory] = field(default_factory=dict)
     resultants: dict[str, Resultants] = field(default_factory=dict)
     stream: HistoryBlocks | None = None
 

@@ -7,7 +7,7 @@ instants n-1, n, n+1, as the energy balances of the substructures do.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -16,9 +16,9 @@ from ..kernels.energy_parts import TERMS
 from ..propagator.image import Image
 from .assembly import Array, Assembly
 from .interface_rows import InterfaceRows, InterfaceStream
-from .probes import Probes, SensorPlace
+from .probes import BoltPlace, Probes, SensorPlace
 from .reactions import Support, reaction_histories
-from .record import InterfaceHistory, ReactionHistory, SensorHistory, SubstructureHistory
+from .record import BoltHistory, InterfaceHistory, ReactionHistory, SensorHistory, SubstructureHistory
 
 _NO_CONTACT = 1e-6  # pressure that does not count as contact, over the traction the loads can bring
 
@@ -26,7 +26,7 @@ _NO_CONTACT = 1e-6  # pressure that does not count as contact, over the traction
 @dataclass(frozen=True)
 class OutputRequest:
     """What to keep: displacement and velocity fields, mean stress, energies; fields every ``every`` instants; the
-    motion of sensors and the reactions of supports at every instant.
+    motion of sensors, the reactions of supports and the tensions of bolts at every instant.
 
     interfaces_every : the histories of interfaces at every so many instants (``Recorder``).
     peak_duration : of the mean whose largest value is the peak force, s; None for a share of the contact.
@@ -40,6 +40,7 @@ class OutputRequest:
     peak_duration: float | None = None
     interfaces_every: int = 1
     supports: Mapping[str, Support] = field(default_factory=dict)
+    bolts: Mapping[str, BoltPlace] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -82,6 +83,7 @@ class Recorder:
         self._energy = [np.zeros((n_time * request.energy, len(TERMS), len(p.members))) for p in assembly.propagators]
         self._motions = {name: np.zeros((n_time, 3, 3)) for name in request.sensors}
         self._forces = {name: np.zeros((n_time, 2, 3)) for name in request.supports}
+        self._tensions = {name: np.zeros(n_time) for name in request.bolts}
         self.n_kept = 0
         """Instants kept so far, t = 0 included."""
 
@@ -100,13 +102,18 @@ class Recorder:
         """Supports whose reactions are kept."""
         return self._request.supports
 
+    @property
+    def bolts(self) -> Mapping[str, BoltPlace]:
+        """Bolts whose tensions are kept."""
+        return self._request.bolts
+
     def keep(self, assembly: Assembly, image: Image, probes: Probes, n: int, row: int = 0) -> None:
         """Keep the next n instants, rows of the image's output from ``row`` on; the first ones are t = 0."""
         rows, now = slice(row, row + n), slice(self.n_kept, self.n_kept + n)
         self.rows.keep(image, probes, self.n_kept, n, row)
         if self.stream is not None:
             self.stream.keep(image, probes, self.n_kept, n, row)
-        probes.read(assembly, image, now, rows, self._motions, self._forces)
+        probes.read(assembly, image, now, rows, self._motions, self._forces, self._tensions)
         self._probes = probes
         if self._request.energy:
             for c, kept in enumerate(self._energy):
@@ -138,7 +145,12 @@ class Recorder:
     def _views(self, first: int) -> dict[str, Array]:
         """What is kept in memory from the instant ``first`` on, time first, by name."""
         energy = dict(enumerate(self._energy)) if self._request.energy else {}
-        tables: dict[str, Mapping[Any, Array]] = {"motion": self._motions, "force": self._forces, "energy": energy}
+        tables: dict[str, Mapping[Any, Array]] = {
+            "motion": self._motions,
+            "force": self._forces,
+            "tension": self._tensions,
+            "energy": energy,
+        }
         views = {
             f"{name} {key}": values[first : self.n_kept]
             for name, table in tables.items()
@@ -194,6 +206,13 @@ class Recorder:
         """Reactions of the supports over the kept instants."""
         kept = {name: parts[: self.n_kept] for name, parts in self._forces.items()}
         return reaction_histories(assembly, self.supports, kept)
+
+    def bolt_histories(self) -> dict[str, BoltHistory]:
+        """Tensions of the bolts over the kept instants."""
+        return {
+            name: replace(bolt.description, force=self._tensions[name][: self.n_kept])
+            for name, bolt in self.bolts.items()
+        }
 
     def substructures(self) -> dict[str, SubstructureHistory]:
         """Histories of the substructures for which some output is requested."""

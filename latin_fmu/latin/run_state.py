@@ -63,7 +63,8 @@ class RunState:
         self._bonds: PerfectInterfaceSolve | None = None
         one = self.direction(1)
         one.bind()
-        self._probes = Probes(assembly, self.recorder.sliding, self.recorder.places, self.recorder.supports)
+        recorder = self.recorder
+        self._probes = Probes(assembly, recorder.sliding, recorder.places, recorder.supports, recorder.bolts)
         self.image = make_image(assembly, self.settings, one, self._probes)
         self.f_hat[:], self.w_hat[:] = traction, velocity
         self._use(1)
@@ -176,6 +177,13 @@ class RunState:
         if energy is None or self.assembly.quasi_static:
             return converged, sentence
         return with_energy(converged, sentence, self.assembly.time, energy, stored)
+
+    def named_indicator(self) -> dict[str, float]:
+        """Largest indicator of each interface by name; empty where there is none."""
+        if self.interface_indicator is None:
+            return {}
+        names = [unit.name for unit in self.assembly.interfaces]
+        return dict(zip(names, map(float, self.interface_indicator), strict=True))
 
     def _read_indicator(self) -> None:
         """Copy the largest indicators of the interfaces from the image."""

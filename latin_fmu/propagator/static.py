@@ -24,7 +24,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final, NoReturn
+from typing import Any, Final, NoReturn
 
 import numpy as np
 import scipy.linalg as la
@@ -129,6 +129,7 @@ class StaticPropagator(Propagator):
     ----------
     members : models with equal matrices and traces. dt : length of the increments, s (``begin`` may change it).
     energy : whether to account for energies. springs : (n_channel,) stiffness per area of the body's own size, Pa m-1.
+    kept : operators of equal models, used again and added to.
 
     Attributes
     ----------
@@ -137,9 +138,16 @@ class StaticPropagator(Propagator):
 
     operators: StaticOperators
 
-    def __init__(self, members: Sequence[SubstructureModel], dt: float, energy: bool, springs: Array) -> None:
+    def __init__(
+        self,
+        members: Sequence[SubstructureModel],
+        dt: float,
+        energy: bool,
+        springs: Array,
+        kept: list[tuple[float, Any]] | None = None,
+    ) -> None:
         self._springs = springs
-        super().__init__(members, QuasiStatic(), dt, energy)
+        super().__init__(members, QuasiStatic(), dt, energy, kept)
         self.spring_inverse = self.operators.factor.schur_inverse  # on the springs, until ``bind``
 
     def _build(self, dt: float) -> StaticOperators:

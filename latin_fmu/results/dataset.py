@@ -19,6 +19,8 @@
     /sensors/<name>/spectrum   acceleration, pseudo_velocity (response, frequency, component), where requested;
                            relative_error where estimated
     /reactions/<boundary>  force (time, component) of the support on its body, where requested
+    /bolts/<name>          force, mean_stress (time); tightening_force (order); shortening, section_area; attributes
+                           order, target_force
     /convergence           error_indicator, force_mismatch (window, iteration), padded with NaN;
                            iterations, newton_steps, converged, first_instant, last_instant, end_time (window);
                            passes
@@ -62,7 +64,7 @@ from .groups import (
     annotated,
 )
 from .quantities_of_interest import Force, InterfaceFields, normal_resultant
-from .sensors import reaction_groups, sensor_groups
+from .sensors import bolt_groups, reaction_groups, sensor_groups
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -175,6 +177,7 @@ def result_groups(
         if substructure.energy is not None:
             groups[f"/substructures/{name}/energy"] = _stored_energy(substructure, outcome.time)
     groups |= sensor_groups(outcome, sensors or {}, spectrum_errors) | reaction_groups(outcome)
+    groups |= bolt_groups(outcome)
     if not streamed:
         groups["/convergence"] = _convergence(outcome)
     if outcome.energy is not None:

@@ -105,7 +105,7 @@ def with_labels(groups: Mapping[str, Group]) -> Iterator[tuple[str, Group]]:
 
 
 CONVENTIONS = "CF-1.11 UGRID-1.0"
-SCHEMA_VERSION = "1.2"
+SCHEMA_VERSION = "1.3"
 """Changes its first number when a name or meaning changes, the second when something is added."""
 
 
@@ -181,6 +181,15 @@ SUBSTRUCTURE: Final[Mapping[str, Meaning]] = {
 }
 
 REACTION: Final[Mapping[str, Meaning]] = {"force": Meaning("N", "resultant force exerted by the support on the body")}
+
+BOLT: Final[Mapping[str, Meaning]] = {
+    "force": Meaning("N", "tension of the shank", "resultant along the axis of the stresses on a cut of the shank"),
+    "mean_stress": Meaning("Pa", "tension of the shank over its section"),
+    "shortening": Meaning("m", "shortening of the shank since before the bolts were tightened"),
+    "section_area": Meaning("m2", "section of the shank across its axis"),
+    "order": Meaning("1", "bolts tightened last, in ascending order"),
+    "tightening_force": Meaning("N", "tension when the bolts of each order were tight, before other loads"),
+}
 
 SENSOR: Final[Mapping[str, Meaning]] = {
     "displacement": Meaning("m", "displacement of the sensor"),

@@ -1,4 +1,4 @@
-"""Sensors and reactions in the results: groups of the file, filters, lines of the summary, parts of the report."""
+"""Sensors, reactions and bolts in the results: groups of the file, filters, lines of the summary, report."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from ..latin.record import Array, Outcome, SensorHistory
 from ..scene.sensors import ChannelClass, LowPass, Sensor, filter_problems
-from .groups import REACTION, SENSOR, Columns, Group, annotated
+from .groups import BOLT, REACTION, SENSOR, Columns, Group, annotated
 from .spectra import ShockSpectrum, sensor_spectrum, spectrum_group
 from .summary import aligned, finite, readable, readable_vector
 
@@ -131,6 +131,58 @@ def reaction_report(outcome: Outcome) -> dict[str, Any]:
             "last": [finite(float(x)) for x in history.force[-1]],
         }
         for name, history in outcome.reactions.items()
+    }
+
+
+def bolt_groups(outcome: Outcome) -> dict[str, Group]:
+    """Groups ``bolts/<name>`` of the bolts of a run by path."""
+    groups = {}
+    for name, bolt in outcome.bolts.items():
+        columns: Columns = {
+            "force": ("time", bolt.force),
+            "mean_stress": ("time", bolt.force / bolt.area),
+            "shortening": ((), bolt.shortening),
+            "section_area": ((), bolt.area),
+            "tightening_force": ("order", np.array(bolt.tightening)),
+        }
+        labels: dict[str, object] = {"time": outcome.time, "order": np.array(bolt.orders, dtype=np.int32)}
+        attrs: dict[str, object] = {"substructure": bolt.substructure, "order": bolt.order}
+        attrs |= {} if bolt.target is None else {"target_force": bolt.target}
+        groups[f"/bolts/{name}"] = annotated(Group.of(columns, labels, attrs), BOLT)
+    return groups
+
+
+def bolt_lines(outcome: Outcome) -> list[str]:
+    """Table of the bolts: tension when tightened, at the start, smallest and largest, mean stress, shortening."""
+    head = "bolt", "in", "order", "tightened to", "at the start", "smallest", "largest", "mean stress", "shortening"
+    rows: list[tuple[str, ...]] = [head]
+    for name, bolt in outcome.bolts.items():
+        tight = dict(zip(bolt.orders, bolt.tightening, strict=True))[bolt.order]
+        forces = tight, float(bolt.force[0]), float(bolt.force.min()), float(bolt.force.max())
+        stress = readable(forces[-1] / bolt.area, "Pa")
+        told = (*(readable(force, "N") for force in forces), stress, readable(bolt.shortening, "m"))
+        rows.append((name, bolt.substructure, str(bolt.order), *told))
+    return aligned(rows) if len(rows) > 1 else []
+
+
+def bolt_report(outcome: Outcome) -> dict[str, Any]:
+    """Per bolt ``substructure``, ``order``, ``target_force`` (N, None where the shortening is given), ``section_area``
+    (m2), ``shortening`` (m), ``tightening_force`` (N, when the bolts of each order were tight), and ``first``,
+    ``smallest``, ``largest`` and ``last`` tension of the run, N."""
+    return {
+        name: {
+            "substructure": bolt.substructure,
+            "order": bolt.order,
+            "target_force": bolt.target,
+            "section_area": finite(bolt.area),
+            "shortening": finite(bolt.shortening),
+            "tightening_force": [finite(force) for force in bolt.tightening],
+            "first": finite(float(bolt.force[0])),
+            "smallest": finite(float(bolt.force.min())),
+            "largest": finite(float(bolt.force.max())),
+            "last": finite(float(bolt.force[-1])),
+        }
+        for name, bolt in outcome.bolts.items()
     }
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..latin.record import (
     Array,
+    BoltHistory,
     InterfaceHistory,
     Outcome,
     ReactionHistory,
@@ -24,7 +25,16 @@ from .dataset import Recovered, datatree, provenance, result_blocks, result_grou
 from .estimates import ErrorEstimate
 from .files import write_groups
 from .groups import Group
-from .sensors import reaction_lines, reaction_report, sensor_lines, sensor_report, spectra_of, spectrum_lines
+from .sensors import (
+    bolt_lines,
+    bolt_report,
+    reaction_lines,
+    reaction_report,
+    sensor_lines,
+    sensor_report,
+    spectra_of,
+    spectrum_lines,
+)
 from .spectra import ShockSpectrum
 from .summary import report, summary
 
@@ -97,6 +107,11 @@ class Solution:
         """Forces of the supports on their bodies by boundary, where the scene requests them."""
         return self.outcome.reactions
 
+    @property
+    def bolts(self) -> dict[str, BoltHistory]:
+        """Tensions of the bolts by name."""
+        return self.outcome.bolts
+
     @cached_property
     def spectra(self) -> dict[str, ShockSpectrum]:
         """Shock response spectra of the sensors that request one, by name."""
@@ -162,13 +177,15 @@ class Solution:
         return text if self.estimate is None else "\n".join([text, "", *self.estimate.lines()])
 
     def _sensor_lines(self) -> list[str]:
-        tables = sensor_lines(self.outcome), spectrum_lines(self.spectra), reaction_lines(self.outcome)
+        sensors = sensor_lines(self.outcome), spectrum_lines(self.spectra)
+        tables = bolt_lines(self.outcome), *sensors, reaction_lines(self.outcome)
         return [line for table in tables if table for line in ("", *table)]
 
     def report(self) -> dict[str, Any]:
         """Plain data for programs, fit for strict JSON; its keys are in ``results.summary.report``, those of
-        ``sensors`` and ``reactions`` in ``results.sensors``."""
+        ``sensors``, ``reactions`` and ``bolts`` in ``results.sensors``."""
         estimate = {} if self.estimate is None else {"error_estimate": self.estimate.report()}
         sensors = {"sensors": sensor_report(self.outcome)} if self.sensors else {}
         sensors |= {"reactions": reaction_report(self.outcome)} if self.reactions else {}
+        sensors |= {"bolts": bolt_report(self.outcome)} if self.bolts else {}
         return report(self.outcome) | sensors | estimate

@@ -169,7 +169,7 @@ def _resultants(of: Resultants) -> dict[str, list[float | None]]:
 
 def _balance(resultants: Mapping[str, Resultants]) -> str:
     """The worst balance of forces of a body in equilibrium."""
-    largest = max(float(np.abs(r.parts[:, :3]).max()) for r in resultants.values())
+    largest = max(r.largest for r in resultants.values())
     off = {name: float(np.linalg.norm(r.unbalanced[:3])) for name, r in resultants.items()}
     worst = max(off, key=lambda name: off[name])
     share = f"{off[worst] / largest:.1e}" if largest > 0.0 else "0"

@@ -163,9 +163,7 @@ class Interface(Table):
     preload: Annotated[
         Real, about("pressure already there at t = 0, in equilibrium (contacts, elastic_layer)", "Pa", ge=0)
     ] = 0.0
-    preload_force: Annotated[
-        Real, about("the same as a normal force, spread evenly over the face (a tightened bolt)", "N", ge=0)
-    ] = 0.0
+    preload_force: Annotated[Real, about("the same as a normal force, spread evenly over the face", "N", ge=0)] = 0.0
     interference: Annotated[Real, about("the same as a compression of the layer (soft_contact)", "m", ge=0)] = 0.0
     normal_stiffness: Annotated[
         Real | None, about("stiffness per area along N (elastic_layer, soft_contact)", "N m-3", ge=0)

@@ -48,8 +48,18 @@ Contact        A table [contact.NAME] makes an interface of every two boundaries
                scene are left as they are. latin-fmu check lists them, and the parts that touch nothing.
 Preload        Contact pressure at t = 0, in equilibrium with initial stresses that the scene does not describe:
                displacements, velocities and stresses are counted from that state.
-               preload_force is the same as a force on the whole face (a tightened bolt), interference the same as
-               a compression of the layer of a soft_contact.
+               preload_force is the same as a force on the whole face, interference the same as a compression of
+               the layer of a soft_contact. Neither tightens a bolt.
+Bolts          The shank is cut by a plane across its axis, through point or in the middle of the longest stretch of
+               the thinnest sections; elements with their centres beyond the plane are moved along the axis. No node
+               of the cut may belong to an interface, or be held along the axis; the section may not be wider than
+               the body is long. Bolts are tightened at rest before t = 0, order after order, each from the force it
+               has by then, with friction and nothing but preloads beside; the shortening that was reached is kept.
+               Other loads come after that. A scene with bolts has a static start, a quasi-static one starts with
+               tight bolts; time.start.increments is the number of increments of every order. The results hold the
+               tension of every bolt at every instant and after every order. Displacements count from before the
+               bolts were tightened; the elastic energy leaves the preload out.
+Thread         A perfect interface on faces of bolt and nut, matching or not, bonds a thread.
 Behaviours     perfect: one velocity. contact: unilateral, Coulomb friction. no_slip: unilateral, never slides:
                points that are closed at the start of an instant are held along the face in it, at zero pressure too,
                and contact_status is stick wherever there is a traction.

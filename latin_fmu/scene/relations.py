@@ -45,6 +45,7 @@ def relation_problems(raw: Any, base_dir: Path) -> list[Problem]:
         *_contact_problems(raw),
         *boundary_problems(raw),
         *_load_problems(raw),
+        *_bolt_problems(raw),
         *sensor_problems(raw),
         *attachment_problems(raw),
         *_time_problems(single_table(raw, "time")),
@@ -175,6 +176,44 @@ def _load_problems(raw: Any) -> Iterator[Problem]:
             yield from face_problems(raw, f"load.{name}.face", table["face"])
 
 
+def _bolt_problems(raw: Any) -> Iterator[Problem]:
+    """Problems of the bolts of a scene as written; the cuts of their shanks are checked with the meshes."""
+    substructures = named_tables(raw, "substructure")
+    for name, table in named_tables(raw, "bolt").items():
+        where, body = f"bolt.{name}", table.get("substructure")
+        yield from _exactly_one(table, where, "force", "shortening")
+        if not isinstance(body, str) or not substructures:
+            continue
+        if body not in substructures:
+            yield unknown_name(f"{where}.substructure", "substructure", body, substructures)
+            continue
+        if substructures[body].get("rigid") is True:
+            yield Problem(
+                f"{where}.substructure",
+                "a rigid body cannot be stretched",
+                shown(body),
+                "an elastic substructure",
+                f"leave out substructure.{body}.rigid",
+            )
+        for key in ("initial_velocity", "initial_spin"):
+            if _moves(substructures[body].get(key)):
+                yield Problem(
+                    f"{where}.substructure",
+                    f"bolts are tightened at rest, before t = 0, and {body} has the {key} {substructures[body][key]}",
+                    shown(body),
+                    "a substructure that is at rest at t = 0",
+                    f"remove substructure.{body}.{key}, or the bolt",
+                )
+    if named_tables(raw, "bolt") and chosen_type(single_table(raw, "time"), "start") == "given":
+        yield Problem(
+            "time.start",
+            "bolts are tightened in the static equilibrium that a scene with bolts starts from",
+            "given",
+            '"static"',
+            "leave time.start out, or remove the bolts",
+        )
+
+
 def _accuracy_problems(raw: Any) -> Iterator[Problem]:
     """The owner of the quantity aimed at must exist."""
     quantity = single_table(raw, "accuracy").get("quantity")
@@ -220,7 +259,9 @@ def _length_problems(where: str, value: float, step: float) -> Iterator[Problem]
 
 def with_defaults(raw: Any) -> Any:
     """The scene with the defaults that depend on other keys: without inertia a tighter tolerance, because set-up takes
-    most of the time there; with the explicit propagator its time scheme."""
+    most of the time there; with the explicit propagator its time scheme; with bolts a static start."""
+    if named_tables(raw, "bolt") and (time := single_table(raw, "time")) and not given(time, "start"):
+        raw = {**raw, "time": {**time, "start": {"type": "static"}}}
     time, solver = single_table(raw, "time"), single_table(raw, "solver")
     if _is_static(raw) and not given(solver, "tolerance"):
         return {**raw, "solver": {**solver, "tolerance": STATIC_TOLERANCE}}
@@ -284,7 +325,8 @@ def static_problems(raw: Any) -> Iterator[Problem]:
     if scheme is not None and chosen_type(time, "scheme") != _AUTOMATIC:  # but for the default
         yield _refused("time.scheme", "a time scheme integrates inertia", scheme, "leave the scheme out")
     start = time.get("start")
-    if (start.get("type", "static") if isinstance(start, dict) else start) == "static":
+    asked = (start.get("type", "static") if isinstance(start, dict) else start) == "static"
+    if asked and not named_tables(raw, "bolt"):  # bolts are tightened before the first increment
         yield _refused("time.start", "every step is an equilibrium already", start, "leave the start out")
     for name, table in named_tables(raw, "substructure").items():
         for key in ("initial_velocity", "initial_spin"):

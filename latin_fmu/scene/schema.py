@@ -19,7 +19,7 @@ from .relations import relation_problems, with_defaults
 from .sensors import Sensor
 from .settings import Accuracy, Output, Time
 from .solver_settings import Solver
-from .substructures import Gravity, Load, Material, MeshParts, Substructure
+from .substructures import Bolt, Gravity, Load, Material, MeshParts, Substructure
 
 
 def toml_text(data: Mapping[str, Any]) -> str:
@@ -107,6 +107,7 @@ class Scene(Table):
         dict[Name, PointMass], about("masses on points and faces, by name"), Field(default_factory=dict)
     ]
     gravity: Annotated[Gravity | None, about("acceleration that acts on every body")] = None
+    bolt: Annotated[dict[Name, Bolt], about("bolts by name"), Field(default_factory=dict)]
     sensor: Annotated[dict[Name, Sensor], about("sensors by name"), Field(default_factory=dict)]
     time: Annotated[Time, about("interval, instants, time scheme")]
     solver: Annotated[Solver, about("settings of the iteration")] = Solver()

@@ -1,4 +1,4 @@
-"""Tables [material], [substructure], [mesh] and [load], each by name, and [gravity]: bodies and what acts on them."""
+"""Tables [material], [substructure], [mesh], [bolt], [load], by name, and [gravity]: bodies and what acts on them."""
 
 import math
 import re
@@ -9,6 +9,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 from .fields import (
     GROUND,
     Count,
+    Direction,
     Face,
     Flag,
     Name,
@@ -74,6 +75,9 @@ class Material(Table):
     damping_ratios: Annotated[DampingRatios | None, about("Rayleigh damping by the ratios at two frequencies")] = None
     loss_factor: Annotated[Real | None, about("loss factor eta of the stiffness at `at_frequency`", "1", ge=0)] = None
     at_frequency: Annotated[Real | None, about("frequency at which the loss factor holds", "Hz", gt=0)] = None
+    yield_stress: Annotated[
+        Real | None, about("largest mean stress of a bolt (force over section); nothing else depends on it", "Pa", gt=0)
+    ] = None
 
     @model_validator(mode="after")
     def _check_damping(self) -> Self:
@@ -251,3 +255,20 @@ class Load(Table):
     pressure: Annotated[Real | None, about("pressure, positive in compression", "Pa")] = None
     traction: Annotated[Vector | None, about("traction along x, y, z", "Pa")] = None
     law: Annotated[Law, about("time law a(t)")] = ConstantLaw()
+
+
+class Bolt(Table):
+    """A bolt that is tightened before t = 0, to a force or by a shortening; then the shortening is kept.
+
+    The shank is cut by a plane across the axis. Where the cut is in the shank does not matter.
+    """
+
+    substructure: Annotated[Name, about("name of the [substructure.NAME] table of the shank")]
+    axis: Annotated[Direction, about("axis of the shank (its length and sense do not matter)", "1")]
+    force: Annotated[Real | None, about("tension of the shank when the bolt has been tightened", "N", gt=0)] = None
+    shortening: Annotated[Real | None, about("shortening of the shank between head and nut", "m", gt=0)] = None
+    point: Annotated[
+        Vector | None,
+        about("point near the shank on the plane of the cut; the middle of the thinnest stretch where left out", "m"),
+    ] = None
+    order: Annotated[Count, about("bolts are tightened in ascending order, those of one order together", "1", ge=1)] = 1

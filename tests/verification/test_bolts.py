@@ -1,0 +1,159 @@
+"""Bolts: tension and clamp force, stress of the shank, load share, order of tightening, propagators, bad input."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from latin_fmu import scene_from_dict, solve
+from latin_fmu.fem.elements import Elements
+from latin_fmu.fem.mesh import Mesh
+from latin_fmu.results.solution import Solution
+
+from .bolted_meshes import SHANK_AREA, write_joint
+
+Array = np.ndarray
+E = 200e9
+PRELOAD = 5000.0
+RING = np.pi * (16e-3**2 - 11e-3**2)  # of the outer faces of the plates that are pulled, about
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Meshes of two plates and one bolt."""
+    return write_joint(tmp_path_factory.mktemp("joint"))
+
+
+def bar(held: list[str], bolt: dict[str, Any], poisson: float = 0.3, **other: Any) -> dict[str, Any]:
+    """A bar of 10 x 10 x 50 mm with the faces ``held`` fixed and one bolt."""
+    return {
+        "name": "bar",
+        "material": {"steel": {"young_modulus": E, "poisson_ratio": poisson, "density": 7800.0}},
+        "substructure": {"bar": {"material": "steel", "box": {"size": [0.01, 0.01, 0.05], "elements": [2, 2, 7]}}},
+        "boundary": {face: {"type": "fixed", "face": f"bar.{face}"} for face in held},
+        "bolt": {"b": {"substructure": "bar", "axis": [0, 0, 1], **bolt}},
+        "time": {"end": 1.0, "instants": 2, "quasi_static": True},
+        "output": {"stress": True, "every": 1, "fields": True},
+        **other,
+    }
+
+
+def joint(files: dict[str, Path], pull: float = 0.0, mu: float = 0.8, **other: Any) -> dict[str, Any]:
+    """Two plates under one bolt of 5 kN, then pulled apart by the force ``pull``, N."""
+    contact = {"behaviour": "contact", "friction_coefficient": mu}
+    sides = {
+        "head": ["upper.seat", "bolt.head"],
+        "nut": ["bolt.nut", "lower.seat"],
+        "plates": ["lower.joint", "upper.joint"],
+    }
+    data: dict[str, Any] = {
+        "name": "joint",
+        "material": {"steel": {"young_modulus": 210e9, "poisson_ratio": 0.3, "density": 7800.0}},
+        "substructure": {n: {"material": "steel", "mesh": {"file": str(f)}} for n, f in files.items()},
+        "interface": {name: {"sides": pair, **contact} for name, pair in sides.items()},
+        "boundary": {"hold": {"type": "fixed", "face": "lower.far"}},
+        "bolt": {"b": {"substructure": "bolt", "axis": [0, 0, 1], "force": PRELOAD}},
+        "time": {"end": 1.0, "instants": 2, "quasi_static": True},
+        "output": {"stress": True},
+    }
+    if pull:
+        ramp = {"type": "table", "times": [0, 1], "values": [0, 1]}
+        data["load"] = {"pull": {"face": "upper.far", "traction": [0, 0, pull / RING], "law": ramp}}
+    return data | other
+
+
+def shank_stress(solution: Solution, reach: float) -> Array:
+    """Mean axial stress of the bolt's elements between -reach and reach, (n_time,), Pa."""
+    history = solution.substructures["bolt"]
+    middle = np.abs(history.nodes[history.cells][:, :, 2].mean(axis=1)) < reach
+    volume = Elements(Mesh.uniform(history.nodes, "hexahedron", history.cells)).volume[middle]
+    assert history.stress is not None
+    return np.asarray(history.stress[:, middle, 2] @ volume / volume.sum())
+
+
+def stressed(solution: Solution) -> Array:
+    """Stresses of the bar, (n_time, n_cell, 6), Pa."""
+    stress = solution.substructures["bar"].stress
+    assert stress is not None
+    return np.asarray(stress)
+
+
+# -- one body ---------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("point", [None, [0.005, 0.005, 0.012], [0.005, 0.005, 0.03]])
+def test_shortening_of_a_held_bar(point: list[float] | None) -> None:
+    """F = E A delta / L wherever the cut is; uniform stress in all elements, those at the cut too."""
+    bolt = {"shortening": 20e-6} | ({} if point is None else {"point": point})
+    solution = solve(scene_from_dict(bar(["zmin", "zmax"], bolt, poisson=0.0)))
+    force = E * 1e-4 * 20e-6 / 0.05
+    assert solution.bolts["b"].force == pytest.approx(force, rel=1e-10)
+    assert stressed(solution)[..., 2] == pytest.approx(force / 1e-4, rel=1e-9)
+    assert solution.bolts["b"].area == pytest.approx(1e-4, rel=1e-12)
+
+
+def test_shortening_of_a_free_end() -> None:
+    """No stress; the free end moves towards the held one by the shortening, in one piece."""
+    solution = solve(scene_from_dict(bar(["zmin"], {"shortening": 20e-6})))
+    assert np.abs(stressed(solution)).max() < 1e-12 * E
+    assert np.abs(solution.bolts["b"].force).max() < 1e-6
+    history = solution.substructures["bar"]
+    assert history.displacement is not None
+    moved = history.displacement[-1][history.nodes[:, 2] > 0.03]
+    assert moved == pytest.approx(np.tile([0.0, 0.0, -20e-6], (len(moved), 1)), abs=1e-15)
+
+
+def test_force_of_a_held_bar() -> None:
+    """The force is met, and its shortening is F L / (E A)."""
+    solution = solve(scene_from_dict(bar(["zmin", "zmax"], {"force": PRELOAD}, poisson=0.0)))
+    bolt = solution.bolts["b"]
+    assert bolt.force == pytest.approx(PRELOAD, rel=1e-10)
+    assert bolt.shortening == pytest.approx(PRELOAD * 0.05 / (E * 1e-4), rel=1e-10)
+    assert stressed(solution)[..., 2] == pytest.approx(PRELOAD / 1e-4, rel=1e-9)
+
+
+def test_recovered_fields_hold_the_cut() -> None:
+    """Strains and nodal stresses of a stretched shank are uniform across the cut, with bending modes too."""
+    data = bar(["zmin", "zmax"], {"force": PRELOAD}, poisson=0.0)
+    data["substructure"]["bar"]["bending_modes"] = True
+    data["output"] |= {"strain": True, "nodal_stress": True, "principal_stress": True}
+    tree = solve(scene_from_dict(data)).to_datatree()["substructures/bar"]
+    stress = PRELOAD / 1e-4
+    assert tree["strain"].sel(strain_component="zz").values == pytest.approx(stress / E, rel=1e-9)
+    assert tree["nodal_stress"].sel(stress_component="zz").values == pytest.approx(stress, rel=1e-9)
+    assert tree["principal_stress"].sel(principal=1).values == pytest.approx(stress, rel=1e-9)
+
+
+# -- two plates -------------------------------------------------------------------------------------------------------
+def test_two_plates_under_one_bolt(files: dict[str, Path]) -> None:
+    """Bolt force = clamp force on all three interfaces = 5000 N; mean stress of the shank 110.2 MPa."""
+    solution = solve(scene_from_dict(joint(files, mu=0.2)))
+    bolt = solution.bolts["b"]
+    assert bolt.force == pytest.approx(PRELOAD, rel=1e-8)
+    for history in solution.interfaces.values():
+        assert history.normal_resultant() == pytest.approx(PRELOAD, rel=1e-6)
+    assert bolt.area == pytest.approx(SHANK_AREA, rel=1e-9)
+    for reach in (3.1e-3, 10e-3):
+        assert shank_stress(solution, reach) == pytest.approx(110.2e6, rel=1e-4)
+    assert bolt.force / bolt.area == pytest.approx(110.2e6, rel=1e-6)
+    group = solution.to_datatree()["bolts/b"]
+    assert group["tightening_force"].values == pytest.approx([PRELOAD])
+    assert "tightened to" in solution.summary()
+    assert solution.report()["bolts"]["b"]["target_force"] == PRELOAD
+
+
+def test_plates_pulled_apart_after_the_lock(files: dict[str, Path]) -> None:
+    """The bolt force grows by phi F, phi the share of the shank in one linear body of the same parts (3 %)."""
+    pulled = solve(scene_from_dict(joint(files, pull=2000.0)))
+    load = pulled.outcome.resultants["upper"].loads[2]
+    whole = joint(files, pull=2000.0)
+    del whole["bolt"]
+    whole["interface"] = {
+        name: {"sides": table["sides"], "behaviour": "perfect"} for name, table in whole["interface"].items()
+    }
+    share = shank_stress(solve(scene_from_dict(whole)), 3.1e-3)[-1] * SHANK_AREA / load
+    growth = (pulled.bolts["b"].force - PRELOAD) / load
+    assert growth == pytest.approx([0.0, 0.5 * share, share], rel=0.03, abs=1e-9)
+    clamped = pulled.interfaces["plates"].normal_resultant()
+    assert clamped == pytest.approx(pulled.bolts["b"].force - load * np.array([0, 0.5, 1]), rel=1e-4)
