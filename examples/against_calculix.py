@@ -9,7 +9,8 @@ contact in several settings. First the decks are proven equal: with the interfac
 linear transient, and the displacements of all nodes at all instants must agree to the digits that CalculiX prints.
 
 CPU seconds of one thread from the scene, or the deck, to the end, assembly included; own kernels are compiled before.
-With --static also stacks of 4, 8 and 16 plates, pressed and then sheared, without inertia.
+With --static also stacks of 4, 8 and 16 plates, pressed and then sheared, without inertia. With --flange only a bolted
+flange of ten parts on one mesh, and by the package on meshes that do not match (gmsh makes them; some minutes).
 Writes against_calculix.png. Without ccx it only says so.
 """
 
@@ -22,6 +23,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import calculix_flange
 import calculix_static
 import numpy as np
 from benchmark_answers import Answer, of_calculix, of_package, reference
@@ -112,6 +114,7 @@ def options(argv: Sequence[str] | None) -> Namespace:
     parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="P1 and P2 only")
     parser.add_argument("--static", action="store_true", help="stacks of plates")
+    parser.add_argument("--flange", action="store_true", help="the bolted flange only, without a figure")
     parser.add_argument("--limit", type=float, default=300.0, help="seconds given to one run of CalculiX")
     parser.add_argument("-o", "--output", type=Path, default=Path("figures"), help="folder of the figure")
     return parser.parse_args(argv)
@@ -123,6 +126,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     if not installed():
         print(MISSING)
         return 0
+    if said.flange:
+        return calculix_flange.main(said.limit)
     begin = clock.perf_counter()
     cases = [bars((1, 1, 50), None), crushing(4, 0.3)] + ([] if said.quick else [tower(4, 4)])
     found = {f"{c.case}, {c.n_blocks} blocks": compare(c, said.limit) for c in cases}

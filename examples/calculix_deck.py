@@ -1,7 +1,8 @@
 """Input deck for CalculiX (ccx) from a scene: same mesh, materials, conditions, loads, steps.
 
-8-node hexahedra with full integration (C3D8); dynamics by the Hilber-Hughes-Taylor scheme of the scene, or statics;
-interfaces as face-to-face penalty contact with Coulomb friction, or bonded by merging their nodes. SI units.
+8-node hexahedra with full integration (C3D8) or 4-node tetrahedra (C3D4); dynamics by the Hilber-Hughes-Taylor scheme
+of the scene, or statics; interfaces as face-to-face penalty contact with Coulomb friction, or bonded by merging their
+nodes. SI units.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from calculix_cards import facet_area, facets, surface, wrapped
+from calculix_cards import ELEMENTS, facet_area, facets, surface, wrapped
 from calculix_conditions import held, laws, moved
 
 from latin_fmu.assembly.problem import DiscretisedProblem
@@ -87,8 +88,9 @@ class Deck:
                     seen.add(number)
                     yield f"{number}, " + ", ".join(f"{x:.11e}" for x in place)
         for name, body in self._bodies.items():
-            yield f"*ELEMENT, TYPE=C3D8, ELSET={name.upper()}"
-            numbered = self.node[name][body.mesh.blocks[0].cells]
+            block = body.mesh.blocks[0]
+            yield f"*ELEMENT, TYPE={ELEMENTS[block.cell_type]}, ELSET={name.upper()}"
+            numbered = self.node[name][block.cells]
             for i, nodes in enumerate(numbered.tolist(), self._element[name]):
                 yield ", ".join(map(str, (i, *nodes)))
 

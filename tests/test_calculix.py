@@ -90,12 +90,54 @@ def test_faces_have_the_area_of_the_block(modules: dict[str, ModuleType]) -> Non
     for axis, pair in enumerate((("xmin", "xmax"), ("ymin", "ymax"), ("zmin", "zmax"))):
         for side in pair:
             corners = [
-                mesh.nodes[[mesh.blocks[0].cells[e][k] for k in cards.FACES[n - 1]]]
+                mesh.nodes[[mesh.blocks[0].cells[e][k] for k in cards.FACES["hexahedron"][n - 1]]]
                 for e, n in cards.facets(mesh, side)
             ]
             area = sum(np.linalg.norm(np.cross(c[2] - c[0], c[3] - c[1])) / 2 for c in corners)
             assert area == pytest.approx(1e-4)
             assert np.ptp(np.concatenate(corners)[:, axis]) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_tetrahedra_of_the_flange_have_their_faces_in_the_deck(modules: dict[str, ModuleType], tmp_path: Path) -> None:
+    """Every face, with the numbers that CalculiX gives them: outward normals, areas, and a joint whose nodes match."""
+    pytest.importorskip("gmsh")
+    flange, cards = importlib.import_module("calculix_flange"), modules["calculix_cards"]
+    case = flange.Mesh(12.0, 12.0, 3.0).made(tmp_path / "flange.msh")
+    ready = discretise(latin_fmu.scene_from_dict(case.description))
+    assert [u.geometry.matching for u in ready.units] == [True] * 9
+    for name, side, normal in (("upper", "joint", (0, 0, -1)), ("lower_bolt1", "cut", (0, 0, 1)), ("upper", "rim", 0)):
+        mesh = ready.bodies[name].mesh
+        nodes = mesh.nodes[mesh.blocks[0].cells]
+        areas = np.zeros(3)
+        for element, number in cards.facets(mesh, side):
+            a, b, c = nodes[element][list(cards.FACES["tetra"][number - 1])]
+            inward = np.cross(b - a, c - a) / 2
+            assert inward @ (nodes[element].mean(axis=0) - a) > 0
+            areas -= inward
+        face = ready.bodies[name].face(side)
+        np.testing.assert_allclose(areas, face.areas.sum() * np.asarray(normal), atol=1e-2 * face.areas.sum())
+    pull = ready.scene.load["lower_bolt1"]
+    assert np.linalg.norm(pull.traction) * ready.bodies["lower_bolt1"].face("cut").areas.sum() == pytest.approx(8e3)
+    assert "TYPE=C3D4" in _deck(modules, ready)
+
+
+@pytest.mark.slow
+def test_flange_is_that_of_calculix(modules: dict[str, ModuleType], tmp_path: Path) -> None:
+    """Shear of the joint by equilibrium; displacements of one mesh in both codes; meshes that do not match."""
+    pytest.importorskip("gmsh")
+    flange = importlib.import_module("calculix_flange")
+    case = flange.Mesh(6.0, 6.0, 2.5).made(tmp_path / "flange.msh")
+    shear, here = flange.applied(case), flange.of_package(case, {})
+    assert here.force[0] == pytest.approx(shear, rel=1e-3)
+    other = flange.Mesh(8.0, 6.0, 2.5, matching=False, order=2).made(tmp_path / "other.msh")
+    assert flange.of_package(other, {}).force[0] == pytest.approx(flange.applied(other), rel=1e-3)
+    if not modules["calculix_run"].installed():
+        pytest.skip(modules["calculix_run"].MISSING)
+    there = flange.of_calculix(case, flange.PENALTY, 300.0)
+    assert there is not None
+    assert there.force[0] == pytest.approx(shear, rel=1e-3)
+    np.testing.assert_allclose(here.rim[[0, 2]], there.rim[[0, 2]], rtol=1e-2)
+    assert here.seconds < there.seconds
 
 
 def test_bonded_deck_shares_the_nodes_of_the_interface(modules: dict[str, ModuleType]) -> None:
