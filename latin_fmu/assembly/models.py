@@ -348,10 +348,11 @@ def _loads(scene: Scene, name: str, body: Body, layer: ContactLayer | None) -> l
         if substructure != name:
             continue
         face = body.face(face_name)
-        if load.pressure is not None:
-            nodal = -load.pressure * face.vector_areas
+        traction = load.uniform_traction(float(face.areas.sum()))
+        if traction is None:
+            nodal = -(load.pressure or 0.0) * face.vector_areas
         else:
-            nodal = face.areas[:, None] * np.asarray(load.traction)
+            nodal = face.areas[:, None] * np.asarray(traction)
         pattern = np.zeros((body.mesh.n_node, 3))
         pattern[face.nodes] = nodal
         terms.append(LoadTerm(load_name, pattern.ravel()))

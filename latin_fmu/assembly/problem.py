@@ -336,7 +336,7 @@ def settings_of(scene: Scene) -> Settings:
 
 def characteristic_traction(scene: Scene, bodies: dict[str, Body], time: Array) -> float:
     """Largest traction that loads, initial values and prescribed motions can bring, Pa."""
-    sizes = [0.0, *_load_tractions(scene, time)]
+    sizes = [0.0, *_load_tractions(scene, bodies, time)]
     impedances = _impact_impedances(bodies, float(time[1] - time[0]))
     for name, body in bodies.items():
         z_p, description = impedances[name], body.description
@@ -366,11 +366,11 @@ def _impact_impedances(bodies: dict[str, Body], dt: float) -> dict[str, float]:
     return impedances
 
 
-def _load_tractions(scene: Scene, time: Array) -> Iterator[float]:
+def _load_tractions(scene: Scene, bodies: Mapping[str, Body], time: Array) -> Iterator[float]:
     """Largest traction of each load, Pa; the amplitude of an input, known only later, counts as 1 at least."""
     for load in scene.load.values():
-        size = abs(load.pressure) if load.pressure is not None else float(np.linalg.norm(load.traction or 0.0))
-        yield size * _largest(load.law, time)
+        substructure, face = split_face(load.face)
+        yield load.size(float(bodies[substructure].face(face).areas.sum())) * _largest(load.law, time)
 
 
 def _body_tractions(scene: Scene, body: Body, time: Array) -> Iterator[float]:
@@ -430,7 +430,7 @@ def _length(body: Body, unit: InterfaceUnit) -> float:
 def static_traction(scene: Scene, bodies: dict[str, Body], time: Array) -> float:
     """Largest traction that loads and prescribed motions can bring, Pa: a motion counts as if it strained the softest
     body along its whole length."""
-    sizes = [*(i.preload for i in scene.interface.values()), *_load_tractions(scene, time)]
+    sizes = [*(i.preload for i in scene.interface.values()), *_load_tractions(scene, bodies, time)]
     softest = min(body.shape.material.young_modulus / body.mesh.size for body in bodies.values())
     travels = [0.0]
     for name, body in bodies.items():

@@ -17,7 +17,7 @@ import numpy as np
 from ..errors import InputError, Problem
 from ..latin.record import Array
 from ..latin.state_serialization import check_like, check_numbers, unlike
-from ..scene.laws import MAX_FILE_BYTES
+from ..scene.number_files import MAX_FILE_BYTES
 from ..scene.schema import Scene
 from .variable import is_motion, variable_of
 from .variables import HOLD, LINE, inputs_of

@@ -121,8 +121,9 @@ def _fastest(p: Prediction) -> float:
         return float("inf")
     speed = sum(2 * float(np.linalg.norm(s.initial_velocity)) for s in scene.substructure.values())
     for load in scene.load.values():
-        body = bodies[split_face(load.face)[0]]
-        size = abs(load.pressure) if load.pressure is not None else float(np.linalg.norm(load.traction or 0.0))
+        name, face = split_face(load.face)
+        body = bodies[name]
+        size = load.size(float(body.face(face).areas.sum()))
         amplitude = float(np.abs(load.law.sample(p.discretised.time)).max())
         # a face is driven at 2 p / rho c at most; every transit back and forth may add as much again
         shortest = float(body.mesh.extent().min())

@@ -13,8 +13,6 @@ The solver uses a(t_i) (``sampled``) at its instants and is linear in between, s
 the samples. `sampled_impulse_error` compares it with the exact integral of the law. With the rule of jumps, a
 pulse that starts and ends on instants has its exact impulse."""
 
-import math
-import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, Self
 
@@ -23,71 +21,13 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
 
 from .fields import Real, Series, Table, Text, about, refusal, tagged
-
-MAX_FILE_BYTES = 500_000_000
-_TWO_COLUMNS = "two columns, time and value, separated by a comma, semicolon, tab or blank"
+from .number_files import TIME_UNITS, VALUE_UNITS, Column, TimeUnit, ValueUnit, factor, is_column, read_columns
 
 
 def base_dir_of(context: Any) -> Path:
     """Folder that relative file names start from: that of the scene file, else the current one."""
     base_dir = context.get("base_dir") if isinstance(context, dict) else None
     return base_dir if isinstance(base_dir, Path) else Path()
-
-
-def read_law_file(base_dir: Path, name: str) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Times and values of a file; blank lines and lines starting with # are skipped, one header is allowed.
-
-    Raises the refusal of the field that names the file.
-    """
-    rows: list[tuple[float, float]] = []
-    seen_text = False
-    for number, line in enumerate(_text(base_dir, name).splitlines(), 1):
-        stripped = line.strip()
-        if not stripped or stripped.startswith("#"):
-            continue
-        row = _row(stripped)
-        if row is None and not seen_text:
-            seen_text = True  # the header
-            continue
-        seen_text = True
-        if row is None or not all(map(math.isfinite, row)):
-            wrong = next((n for n in row or () if not math.isfinite(n)), None)  # of the text nothing is quoted
-            raise refusal(
-                f"line {number} is not two finite numbers",
-                value=None if wrong is None else repr(wrong),
-                allowed=_TWO_COLUMNS,
-            )
-        rows.append(row)
-    return tuple(row[0] for row in rows), tuple(row[1] for row in rows)
-
-
-def _text(base_dir: Path, name: str) -> str:
-    try:
-        path = base_dir / name
-        if path.exists() and not path.is_file():
-            raise refusal("not a regular file", value=name, allowed="a file, no device, pipe or folder")
-        if path.stat().st_size > MAX_FILE_BYTES:
-            raise refusal("the file is too large", value=name, allowed=f"at most {MAX_FILE_BYTES} bytes")
-        return path.read_text(encoding="utf-8-sig")
-    except (FileNotFoundError, NotADirectoryError):
-        raise refusal(
-            "the file does not exist", value=name, remedy="file names are relative to the scene file"
-        ) from None
-    except UnicodeDecodeError:
-        raise refusal("not a text file", value=name, allowed=_TWO_COLUMNS) from None
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-        raise refusal(f"the file cannot be read ({reason})", value=name) from None
-
-
-def _row(line: str) -> tuple[float, float] | None:
-    cells = [cell for cell in re.split(r"\s*[,;\t]\s*|\s+", line) if cell]
-    if len(cells) != 2:
-        return None
-    try:
-        return float(cells[0]), float(cells[1])
-    except ValueError:
-        return None
 
 
 Array = NDArray[np.float64]
@@ -155,23 +95,44 @@ class TableLaw(_Points):
 
 
 class CsvLaw(_Points):
-    """Points read from a file of two columns, time (s) and value; linear in between, held at both ends.
+    """Points read from a file with columns of times and values; linear in between, held at both ends.
 
-    The points are kept with the scene (`times`, `values`), which no longer needs the file afterwards.
+    The points are kept with the scene in SI (`times`, `values`), which no longer needs the file afterwards.
     """
 
     type: Literal["csv"] = "csv"
     file: Annotated[Text, about("file, relative to the scene file; a header line is allowed")]
+    time_column: Annotated[
+        Column | None, about("column of the times: name in the header, or number from 1; the first where left out", "1")
+    ] = None
+    column: Annotated[
+        Column | None, about("column of the values; the second where left out, of a file that has two", "1")
+    ] = None
+    time_unit: Annotated[TimeUnit, about(f"unit of the times: {', '.join(TIME_UNITS)}, or the factor to s", "s")] = "s"
+    value_unit: Annotated[
+        ValueUnit,
+        about(
+            "unit of the values, of the quantity that the law multiplies (which then is 1 along its direction): "
+            f"{', '.join(VALUE_UNITS)}, or the factor to SI",
+            "1",
+        ),
+    ] = "1"
     times: Annotated[Series, about("filled from the file; where given, the file is not read", "s")] = ()
-    values: Annotated[Series, about("filled from the file", "1")] = ()
+    values: Annotated[Series, about("filled from the file, in SI", "1")] = ()
 
     @model_validator(mode="before")
     @classmethod
     def _load(cls, data: Any, info: ValidationInfo) -> Any:
-        if isinstance(data, dict) and isinstance(data.get("file"), str) and not {"times", "values"} & data.keys():
-            times, values = read_law_file(base_dir_of(info.context), data["file"])
-            return {**data, "times": times, "values": values}
-        return data
+        if not isinstance(data, dict) or not isinstance(data.get("file"), str) or {"times", "values"} & data.keys():
+            return data
+        named = data.get("time_column"), data.get("column")
+        if not all(column is None or is_column(column) for column in named):
+            return data
+        columns = None if named == (None, None) else [named[0] or 1, named[1] or 2]
+        rows = read_columns(base_dir_of(info.context), data["file"], columns)
+        scales = factor(data.get("time_unit")), factor(data.get("value_unit"))
+        times, values = (tuple(scale * row[i] for row in rows) for i, scale in enumerate(scales))
+        return {**data, "times": times, "values": values}
 
 
 _JUMP_ROUND_OFF = 1e-9

@@ -85,10 +85,12 @@ Reactions      Force of a support on its body, from the equation of motion at th
 Gravity        It acts where the mass of the body is: a free body falls without strain. Damping by rayleigh_mass and
                absorbing faces act on velocities: where the acceleration stands for that of a moving frame, on those
                relative to the frame.
-Signs          Pressure is positive in compression: traction -p n, n the outward normal. Tractions, body
-               forces and prescribed motions are along the global axes x, y, z.
+Signs          Pressure is positive in compression: traction -p n, n the outward normal. Tractions,
+               forces and prescribed motions are along the global axes x, y, z; those of a load along its axes, if it
+               has any.
 Laws           A law a(t) has no dimension and multiplies the load or the prescribed motion. Before its
-               first and after its last point a table keeps its end values.
+               first and after its last point a table keeps its end values. The values of a csv law may have the unit
+               of what they multiply, which then only gives the direction: force = [0, 0, -1], value_unit = "kN".
 Jumps          At a jump a law has the value before it. A step or a pulse that starts at 0 is 0
                at t = 0; a rectangular pulse is 1 for start < t <= start + duration. An instant closer to
                the jump than 1e-9 of its own value lies on it.

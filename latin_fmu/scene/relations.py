@@ -7,13 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from ..errors import Problem, shown
 from .attachments import attachment_problems
 from .boundaries import boundary_problems
 from .fields import GROUND
 from .interfaces import key_problems
+from .number_files import QUANTITIES, UNITS, si_unit
 from .raw_scene import (
     CENTRAL,
     RawTable,
@@ -46,6 +47,7 @@ def relation_problems(raw: Any, base_dir: Path) -> list[Problem]:
         *boundary_problems(raw),
         *_load_problems(raw),
         *_bolt_problems(raw),
+        *_unit_problems(raw),
         *sensor_problems(raw),
         *attachment_problems(raw),
         *_time_problems(single_table(raw, "time")),
@@ -68,11 +70,13 @@ def _output_problems(output: RawTable) -> Iterator[Problem]:
         )
 
 
-def _exactly_one(table: RawTable, where: str, first: str, second: str) -> Iterator[Problem]:
-    count = given(table, first) + given(table, second)
-    if count != 1:
-        what = f"both {first!r} and {second!r} are given" if count else f"neither {first!r} nor {second!r} is given"
-        yield Problem(where, what, None, f"exactly one of {first!r} and {second!r}")
+def _exactly_one(table: RawTable, where: str, *keys: str) -> Iterator[Problem]:
+    known, named = [f"{key!r}" for key in keys if given(table, key)], [f"{key!r}" for key in keys]
+    if len(known) != 1:
+        what = f"neither {' nor '.join(named)} is given"
+        if known:
+            what = f"both {known[0]} and {known[1]} are given"
+        yield Problem(where, what, None, f"exactly one of {', '.join(named[:-1])} and {named[-1]}")
 
 
 def _substructure_problems(raw: Any, base_dir: Path) -> Iterator[Problem]:
@@ -171,7 +175,10 @@ def _pair_problems(where: str, table: RawTable, sides: list[str]) -> Iterator[Pr
 
 def _load_problems(raw: Any) -> Iterator[Problem]:
     for name, table in named_tables(raw, "load").items():
-        yield from _exactly_one(table, f"load.{name}", "pressure", "traction")
+        yield from _exactly_one(table, f"load.{name}", "pressure", "traction", "force")
+        if given(table, "pressure") and given(table, "axes"):
+            what = "a pressure acts along the normal"
+            yield Problem(f"load.{name}.axes", what, None, "with 'traction' or 'force'", "leave the axes out")
         if isinstance(table.get("face"), str):
             yield from face_problems(raw, f"load.{name}.face", table["face"])
 
@@ -212,6 +219,33 @@ def _bolt_problems(raw: Any) -> Iterator[Problem]:
             '"static"',
             "leave time.start out, or remove the bolts",
         )
+
+
+_UNITS_OF: Final = {"velocity": "m s-1", "displacement": "m", "acceleration": "m s-2"}  # by type of boundary
+
+
+def _laws(raw: Any) -> Iterator[tuple[str, Any, str | None]]:
+    """Place of every law, the law as written, and the unit of what it multiplies."""
+    for name, load in named_tables(raw, "load").items():
+        yield f"load.{name}.law", load.get("law"), "N" if given(load, "force") else "Pa"
+    for name, boundary in named_tables(raw, "boundary").items():
+        yield f"boundary.{name}.law", boundary.get("law"), _UNITS_OF.get(str(boundary.get("type")))
+    for name, body in named_tables(raw, "substructure").items():
+        yield f"substructure.{name}.body_force_law", body.get("body_force_law"), "N m-3"
+    for name, interface in named_tables(raw, "interface").items():
+        ground = single_table(interface, "ground_velocity")
+        yield f"interface.{name}.ground_velocity.law", ground.get("law"), "m s-1"
+    yield "gravity.law", single_table(raw, "gravity").get("law"), "m s-2"
+
+
+def _unit_problems(raw: Any) -> Iterator[Problem]:
+    """Units of laws that are not those of what the law multiplies."""
+    for where, law, unit in _laws(raw):
+        name = law.get("value_unit") if isinstance(law, Mapping) else None
+        own = si_unit(name) if isinstance(name, str) else None
+        if own is not None and unit is not None and own not in (unit, "1"):
+            what = f"{QUANTITIES[own]}, but the law multiplies {QUANTITIES[unit]}"
+            yield Problem(f"{where}.value_unit", what, shown(name), ", ".join((*UNITS[unit], *UNITS["1"])))
 
 
 def _accuracy_problems(raw: Any) -> Iterator[Problem]:

@@ -4,6 +4,7 @@ import math
 import re
 from typing import Annotated, Final, Self
 
+import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from .fields import (
@@ -245,16 +246,67 @@ class Gravity(Table):
     law: Annotated[Law, about("time law a(t)")] = ConstantLaw()
 
 
-class Load(Table):
-    """A uniform load on a face, times a law. It has exactly one of `pressure` and `traction`.
+class LocalAxes(Table):
+    """Axes of a condition: x, then y made perpendicular to it in the plane of both, then z = x cross y."""
 
-    Loads on one face add up. A positive pressure p compresses: its traction is -p n, n the outward normal.
+    x: Annotated[Direction, about("direction of the local x axis (its length does not count)", "1")]
+    y: Annotated[Direction, about("a direction in the plane of local x and y, on the side of y", "1")]
+
+    @model_validator(mode="after")
+    def _check_plane(self) -> Self:
+        if not math.hypot(*self._across()) > 1e-6:
+            raise refusal("x and y are parallel", value=[*self.x, *self.y], allowed="directions that span a plane")
+        return self
+
+    def _across(self) -> tuple[float, float, float]:
+        """Direction of x cross y, of the length of the sine between them."""
+        (a, b, c), (d, e, f) = (_unit(v) for v in (self.x, self.y))
+        return (b * f - c * e, c * d - a * f, a * e - b * d)
+
+    @property
+    def rows(self) -> tuple[tuple[float, float, float], ...]:
+        """Unit vectors of the local axes, one a row."""
+        (a, b, c), (d, e, f) = _unit(self.x), _unit(self._across())
+        return (a, b, c), (e * c - f * b, f * a - d * c, d * b - e * a), (d, e, f)
+
+    def to_global(self, vector: tuple[float, float, float]) -> tuple[float, float, float]:
+        """Global components of a vector given along the local axes."""
+        x, y, z = (sum(v * row[i] for v, row in zip(vector, self.rows, strict=True)) for i in range(3))
+        return (x, y, z)
+
+
+def _unit(vector: tuple[float, float, float]) -> tuple[float, float, float]:
+    scale = max(map(abs, vector))  # keeps the squares from over- or underflowing
+    x, y, z = (v / scale for v in vector) if scale else vector
+    length = math.hypot(x, y, z) or 1.0
+    return (x / length, y / length, z / length)
+
+
+class Load(Table):
+    """A uniform load on a face, times a law. It has exactly one of `pressure`, `traction` and `force`.
+
+    Loads on one face add up. A positive pressure p compresses: its traction is -p n, n the outward normal. A force is
+    spread evenly over the face.
     """
 
     face: Annotated[Face, about('the loaded face, "substructure.face"')]
     pressure: Annotated[Real | None, about("pressure, positive in compression", "Pa")] = None
     traction: Annotated[Vector | None, about("traction along x, y, z", "Pa")] = None
+    force: Annotated[Vector | None, about("resultant force along x, y, z", "N")] = None
+    axes: Annotated[LocalAxes | None, about("axes of the traction or force; the global ones where left out")] = None
     law: Annotated[Law, about("time law a(t)")] = ConstantLaw()
+
+    def uniform_traction(self, area: float) -> tuple[float, float, float] | None:
+        """Traction along the global axes on a face of this area, m2; None for a pressure. Pa."""
+        if self.traction is None and self.force is None:
+            return None
+        x, y, z = self.traction or tuple(f / area for f in self.force or ())
+        return (x, y, z) if self.axes is None else self.axes.to_global((x, y, z))
+
+    def size(self, area: float) -> float:
+        """Size of the traction on a face of this area, m2, where the law is 1; Pa."""
+        traction = self.uniform_traction(area)
+        return abs(self.pressure or 0.0) if traction is None else float(np.linalg.norm(traction))
 
 
 class Bolt(Table):

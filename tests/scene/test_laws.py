@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -25,6 +26,7 @@ from latin_fmu.scene.laws import (
     sampled,
     sampled_impulse_error,
 )
+from latin_fmu.scene.number_files import factor
 
 LAWS: list[TimeLaw] = [
     ConstantLaw(),
@@ -142,6 +144,48 @@ def test_bad_csv_files(tmp_path: Path, content: bytes, part: str) -> None:
     (tmp_path / "law.csv").write_bytes(content)
     with pytest.raises(ValidationError, match=part):
         CsvLaw.model_validate({"type": "csv", "file": "law.csv"}, context={"base_dir": tmp_path})
+
+
+@pytest.mark.parametrize(
+    ("text", "keys"),
+    [
+        ("0,1\n1,2\n", {"time_unit": "ms", "value_unit": "kN"}),
+        ("1,0\n2,1\n", {"time_column": 2, "column": 1, "time_unit": 1e-3, "value_unit": 1000}),
+        ('t [ms];"unused";F [kN]\n0;-;1\n1;-;2\n', {"column": "F [kN]", "time_unit": "ms", "value_unit": "kN"}),
+        ("t\tF\tG\n0\t9\t1\n1\t9\t2\n", {"column": "G", "time_unit": "ms", "value_unit": "kN"}),
+        ("t F G\n0 9 1\n1 9 2\n", {"time_column": "t", "column": 3, "time_unit": "ms", "value_unit": 1e3}),
+    ],
+)
+def test_columns_and_units_of_csv_files(tmp_path: Path, text: str, keys: dict[str, Any]) -> None:
+    (tmp_path / "law.csv").write_text(text)
+    law = CsvLaw.model_validate({"type": "csv", "file": "law.csv", **keys}, context={"base_dir": tmp_path})
+    assert (law.times, law.values) == ((0.0, 1e-3), (1e3, 2e3))
+    (tmp_path / "law.csv").unlink()
+    assert CsvLaw.model_validate(law.model_dump()) == law  # not scaled again
+
+
+def test_units_are_those_of_their_definitions() -> None:
+    for name, size in (("g", 9.80665), ("bar", 1e5), ("psi", 6894.757293168361), ("km/h", 1 / 3.6), ("lbf", 4.4482216)):
+        assert factor(name) == pytest.approx(size, rel=1e-8), name
+
+
+@pytest.mark.parametrize(
+    ("keys", "part"),
+    [
+        ({"column": "force"}, "no column of this name"),
+        ({"column": 4}, "no such column"),
+        ({"column": 0}, "not a column"),
+        ({"column": 2.5}, "not a column"),
+        ({"column": 3, "time_unit": "sec"}, "unknown unit"),
+        ({"column": 3, "value_unit": 0}, "not a unit"),
+        ({"column": 2}, "line 3 is not 2 finite numbers"),
+        ({}, "line 2"),
+    ],
+)
+def test_bad_columns_and_units(tmp_path: Path, keys: dict[str, Any], part: str) -> None:
+    (tmp_path / "law.csv").write_text("t,F,G\n0,1,1\n1,,2\n")
+    with pytest.raises(ValidationError, match=part):
+        CsvLaw.model_validate({"type": "csv", "file": "law.csv", **keys}, context={"base_dir": tmp_path})
 
 
 @pytest.mark.parametrize("name", ["none.csv", ".", "a\0b", "x" * 5000, "law.csv/deeper"])

@@ -162,16 +162,33 @@ def test_a_free_body_falls_without_strain(scheme: str) -> None:
     assert off(body.displacement[:, 0, 2], -0.5e5 * t**2) < 1e-3  # the paths of the schemes are of second order
 
 
-def test_laws_come_from_files_and_inputs(tmp_path: Path) -> None:
-    """csv, table and input give one motion; a session in steps gives that of the whole run."""
-    rows = "\n".join(f"{t}, {a}" for t, a in zip(SHAKE["times"], SHAKE["values"], strict=True))
-    (tmp_path / "shake.csv").write_text(rows)
-    made = {}
-    for name, law in (("table", SHAKE), ("csv", {"type": "csv", "file": "shake.csv"})):
+def test_laws_come_from_files_with_units(tmp_path: Path) -> None:
+    """A record in microseconds and g moves the bodies as the same table in SI does."""
+    rows = [f"{i};{1e6 * t!r};{a!r}" for i, (t, a) in enumerate(zip(SHAKE["times"], SHAKE["values"], strict=True))]
+    (tmp_path / "shake.csv").write_text("\n".join(["number;t [us];a [g]", *rows]))
+    record = {"type": "csv", "file": "shake.csv", "time_column": "t [us]", "column": "a [g]"}
+    made = []
+    for size, law in ((9806.65, SHAKE), (1000.0, record | {"time_unit": "us", "value_unit": "g"})):
         tables = pair()
-        tables["gravity"] = {"acceleration": [1e5, 0.0, 0.0], "law": law}
-        made[name] = fields(solved(tables, tmp_path))
-    assert np.array_equal(made["table"], made["csv"])
+        tables["gravity"] = {"acceleration": [size, 0.0, 0.0], "law": law}
+        made.append(fields(solved(tables, tmp_path)))
+    assert off(*made) < EXACT
+
+
+def test_a_force_is_its_traction_times_the_area_also_along_local_axes() -> None:
+    """On a face of 4 cm2, along axes turned by 30 degrees about z."""
+    c, s = np.sqrt(0.75), 0.5
+    turned = {"x": [c, s, 0.0], "y": [-1.0, 1.0, 0.0]}
+    made = []
+    for load in (
+        {"traction": [1e6 * c - 2e6 * s, 1e6 * s + 2e6 * c, -3e6]},
+        {"force": [4e2, 8e2, -12e2], "axes": turned},
+        {"traction": [1e6, 2e6, -3e6], "axes": turned},
+    ):
+        tables = pair(instants=20)
+        tables["load"]["push"] = {"face": "b2.zmax", **load, "law": SHAKE}
+        made.append(fields(solved(tables)))
+    assert max(off(made[0], other) for other in made[1:]) < EXACT
 
 
 def test_inputs_of_a_session_shake_as_laws_do() -> None:
