@@ -293,6 +293,8 @@ def check(scene: Scene) -> list[str]:
 def _interface_line(unit: InterfaceUnit, by_search: bool) -> str:
     """Sizes of an interface: points, area, gap, where the points come from; ``by_search``: from a [contact.NAME]."""
     geometry = unit.geometry
+    if unit.attached:
+        return f"  {unit.attached}: {unit.behaviour.name} between {unit.sides[0]} and {unit.sides[1]}"
     area = geometry.areas.sum()
     line = f"  interface {unit.name}: {unit.behaviour.name}, {geometry.n_point} points, area {area:.6g} m2"
     if unit.behaviour.opens:

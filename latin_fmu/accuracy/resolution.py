@@ -112,9 +112,10 @@ def element_transit(scene: Scene, interface: str, spacing: float) -> float:
         if body is None or body.rigid:
             continue
         material = scene.material[body.material]
-        size = (
-            spacing if body.box is None else body.box.size[AXES.index(side[0])] / body.box.elements[AXES.index(side[0])]
-        )
+        size = spacing
+        if body.box is not None:
+            edges = np.divide(body.box.size, body.box.elements)
+            size = float(edges[AXES.index(side[0])] if side[0] in AXES else edges.max())
         speed = wave_speeds(material.young_modulus, material.poisson_ratio, material.density)[0]
         longest = max(longest, size / speed)
     return longest

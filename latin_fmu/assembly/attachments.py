@@ -1,4 +1,4 @@
-"""Point masses on substructures: their places on the meshes, and their mass matrices.
+"""Point masses and springs on substructures: their places on the meshes, mass matrices, and interfaces.
 
 With T the motion of the place and R the rotation of the mean motion of its face (``fem.location.MeanMotion``) the
 kinetic energy of a mass m with the moments of inertia J gives
@@ -6,11 +6,15 @@ kinetic energy of a mass m with the moments of inertia J gives
     M = m T^T T + R^T J R
 
 A mass spread evenly over a face has its share of it at every node.
+
+A spring is an interface with one point: the traces of its sides are the motions T of its ends, its laws those of a
+bonded layer. Its area, that of the face or of the side of an element, only scales tractions to those of other
+interfaces: the stiffness of the whole is kept.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
@@ -18,13 +22,18 @@ import scipy.sparse as sp
 from ..errors import Problems
 from ..fem.location import MeanMotion
 from ..fem.mesh import Array, Index
+from ..interface import BEHAVIOURS, Behaviour, InterfaceGeometry
+from ..interface.geometry import local_frames
+from ..latin.assembly import InterfaceUnit
 from ..propagator.model import diagonal_matrix
-from ..scene.attachments import Place, PointMass
+from ..scene.attachments import End, Place, PointMass
 from ..scene.fields import split_face
+from ..scene.interfaces import PARAMETERS, TAKES, Interface
 from ..scene.schema import Scene
 from .body import AddedMass, Body, located
 
 _NONE: Index = np.zeros(0, dtype=np.int64)
+_TOGETHER = 1e-9  # of the size of an end: ends closer to each other have no direction
 
 
 def with_masses(scene: Scene, bodies: dict[str, Body], problems: Problems) -> dict[str, Body]:
@@ -81,3 +90,67 @@ def _sum(masses: list[AddedMass]) -> AddedMass:
     matrix.indices, matrix.indptr = matrix.indices.astype(np.int64), matrix.indptr.astype(np.int64)
     lumped: Array = np.sum([m.lumped for m in masses], axis=0)
     return AddedMass(matrix, lumped, np.unique(np.concatenate([m.arms for m in masses])))
+
+
+@dataclass(frozen=True)
+class EndPoint:
+    """An end of a spring on its body.
+
+    Attributes
+    ----------
+    point : (3,), m. motion : that it follows; None for the ground. area : of the face, or of an element's side, m2.
+    """
+
+    point: Array
+    motion: MeanMotion | None
+    area: float
+
+
+def spring_units(scene: Scene, bodies: dict[str, Body], problems: Problems) -> list[InterfaceUnit]:
+    """Interfaces that stand for the springs of a scene (``Scene.joints``); bad places are added to ``problems``."""
+    units = []
+    for name, spring in scene.spring.items():
+        where = f"spring.{name}"
+        ends = [end_point(bodies, end, f"{where}.ends[{i}]", problems) for i, end in enumerate(spring.ends)]
+        first, second = ends
+        if first is None or second is None:
+            continue
+        line = second.point - first.point if spring.direction is None else np.asarray(spring.direction)
+        length = float(np.linalg.norm(line))
+        if length <= _TOGETHER * np.sqrt(first.area):
+            what = "the ends are at the same place, so that the spring has no direction"
+            problems.add(where, what, f"{length:.4g} m apart", remedy="give direction")
+            continue
+        area = min(end.area for end in ends if end is not None)
+        frames = local_frames((line / length)[None])
+        traces = tuple(None if end.motion is None else end.motion.at(end.point) for end in (first, second))
+        assert traces[0] is not None
+        geometry = InterfaceGeometry(
+            first.point[None], np.array([area]), frames, np.zeros(1), (traces[0], traces[1]), 0, False
+        )
+        units += [
+            InterfaceUnit(n, interface.sides, _law(interface, area), geometry, 0.0, where)
+            for n, interface in spring.interfaces(name).items()
+        ]
+    return units
+
+
+def end_point(bodies: dict[str, Body], end: End, where: str, problems: Problems) -> EndPoint | None:
+    """The end of a spring in terms of the nodes of its body; None, with a problem, where it has no place."""
+    if end.against_ground:
+        return EndPoint(np.zeros(3) if end.point is None else np.asarray(end.point, dtype=float), None, np.inf)
+    body = bodies[end.body]
+    place = motion_of(body, end, where, problems)
+    if place is None:
+        return None
+    if end.face is not None:
+        return EndPoint(*place, float(body.face(split_face(end.face)[1]).areas.sum()))
+    volumes = body.shape.elements.volume
+    return EndPoint(*place, float(volumes.mean()) ** (2 / 3))
+
+
+def _law(interface: Interface, area: float) -> Behaviour:
+    """The layer that has the stiffness, or viscosity, of the whole on this area, m2."""
+    keys = TAKES[interface.behaviour]
+    values = {key: getattr(interface, key) / area for key in PARAMETERS if key in keys}
+    return BEHAVIOURS[interface.behaviour](**values)

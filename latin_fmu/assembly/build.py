@@ -8,7 +8,7 @@ from dataclasses import replace
 from ..errors import Problems, SceneError
 from ..interface import Behaviour
 from ..scene.schema import Scene
-from .attachments import with_masses
+from .attachments import spring_units, with_masses
 from .body import build_bodies, sensor_places
 from .bolts import loose_bolts
 from .checks import (
@@ -80,6 +80,7 @@ def discretise(scene: Scene, behaviours: Mapping[str, Behaviour] | None = None) 
     sensors = sensor_places(scene, bodies, problems)
     conditions = {name: conditions_on(body, boundaries_of(scene, name), problems) for name, body in bodies.items()}
     made = [build_interface(n, i, bodies, conditions, problems, remarks) for n, i in scene.interface.items()]
+    made += spring_units(scene, bodies, problems)
     if problems:
         raise SceneError(problems, "the scene cannot be built")
     units = with_behaviours([unit for unit in made if unit is not None], behaviours or {}, problems)

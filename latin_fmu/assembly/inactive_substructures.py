@@ -96,8 +96,9 @@ def _face_sources(scene: Scene, units: Sequence[InterfaceUnit], time: Array) -> 
     for boundary in scene.boundary.values():
         if isinstance(boundary, Driven) and any(boundary.value):
             source(boundary.face, _onset(boundary.law, time))
+    joints = scene.joints
     for unit in units:
-        ground = scene.interface[unit.name].ground_velocity
+        ground = joints[unit.name].ground_velocity
         if ground is not None and any(ground.vector):
             source(unit.sides[0], _onset(ground.law, time))
     return onsets

@@ -287,7 +287,7 @@ def with_found(scene: Scene, bodies: dict[str, Body], problems: Problems) -> Sce
             area, depth = _common(one, other, table.search)
             if area > _LEAST * min(one.facet_area, other.facet_area):
                 taken.add(pair)
-                free = _free_name(f"{first}_{second}", {*scene.interface, *interfaces})
+                free = _free_name(f"{first}_{second}", {*scene.joints, *interfaces})
                 interfaces[free] = table.interface(first, second)
             elif depth > 0.0:
                 problems.add(
@@ -333,7 +333,7 @@ def _free_name(stem: str, taken: set[str]) -> str:
 
 def lonely_remarks(scene: Scene, bodies: dict[str, Body]) -> list[str]:
     """Substructures without an interface, beside others that have some."""
-    joined = {split_face(side)[0] for i in scene.interface.values() for side in i.sides if side != GROUND}
+    joined = {split_face(side)[0] for i in scene.joints.values() for side in i.sides if side != GROUND}
     if not joined:
         return []
     remarks = []

@@ -191,9 +191,9 @@ def constraints(units: Sequence[InterfaceUnit], where: dict[str, slice], n: int)
         if second is None:
             continue
         wide = sp.csr_array((first.shape[0], n))
-        for trace, side in zip((first, second), unit.sides, strict=True):
+        for number, (trace, side) in enumerate(zip((first, second), unit.sides, strict=True)):
             coo = sp.coo_array(trace)
-            sign = 1.0 if (side == unit.sides[unit.geometry.owner]) else -1.0
+            sign = 1.0 if number == unit.geometry.owner else -1.0
             columns = coo.coords[1] + where[split_face(side)[0]].start
             wide = wide + sp.coo_array((sign * coo.data, (coo.coords[0], columns)), shape=wide.shape).tocsr()
         blocks.append(sp.csr_array(wide))

@@ -96,7 +96,7 @@ class Timeline:
         for i, unit in enumerate(assembly.interfaces):
             if not unit.against_ground:
                 continue
-            moving = self._scene.interface[unit.name].ground_velocity
+            moving = self._scene.joints[unit.name].ground_velocity
             ground[i] = np.zeros((len(time), 3))
             if moving is not None:
                 amplitude = given.get(f"ground.{unit.name}", moving.law.sample(time))

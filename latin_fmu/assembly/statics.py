@@ -10,7 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
-from typing import Any
+from types import MappingProxyType
+from typing import Any, Final
 
 import numpy as np
 import scipy.linalg as la
@@ -41,6 +42,7 @@ from .problem import DiscretisedProblem, SolverReadyProblem, settings_of
 
 TIGHT = 1e-11, 1e-9  # tolerances of the static solution; that of the scene where round-off prevents both
 _MOST = 500  # iterations of an increment
+_NO_VISCOSITY: Final[Mapping[str, float]] = MappingProxyType({"viscosity": 0.0, "lateral_viscosity": 0.0})
 _Tables = dict[str, Any]
 Kept = dict[bytes, list[tuple[float, Any]]]
 
@@ -176,7 +178,7 @@ def static_problem(whole: DiscretisedProblem, scene: Scene, free: Collection[str
     problems = Problems()
     conditions = {n: conditions_on(b, boundaries_of(scene, n), problems) for n, b in bodies.items()}
     assert not problems, problems  # the same conditions stood before
-    units = [unit for unit in whole.units if unit.name in scene.interface]
+    units = [unit for unit in whole.units if unit.name in scene.joints]
     layers = {n: contact_layer(n, b, whole.units, whole.scheme, whole.dt) for n, b in bodies.items() if not b.rigid}
     moved = {n: layer for n, layer in layers.items() if layer is not None}  # the loads of the motion that follows
     return DiscretisedProblem.of(scene, bodies, conditions, units, moved, whole.cuts, free)
@@ -246,7 +248,7 @@ def static_interfaces(scene: Scene) -> list[str]:
     still = {GROUND, *resting(scene)}
     return [
         name
-        for name, interface in scene.interface.items()
+        for name, interface in scene.joints.items()
         if interface.behaviour != "viscous_joint" and all(split_face(side)[0] in still for side in interface.sides)
     ]
 
@@ -263,7 +265,9 @@ def static_scene(scene: Scene, amplitudes: Mapping[str, float], loaded: bool = T
     data, still = scene.tables(), resting(scene)
     data["substructure"] = {n: data["substructure"][n] for n in still}
     data["point_mass"] = {n: data["point_mass"][n] for n, m in scene.point_mass.items() if m.body in still}
-    data["interface"] = {n: data["interface"][n] for n in static_interfaces(scene)}
+    kept = static_interfaces(scene)
+    data["interface"] = {n: table for n, table in data["interface"].items() if n in kept}
+    data["spring"] = {n: {**table, **_NO_VISCOSITY} for n, table in data["spring"].items() if n in kept}
     for interface in data["interface"].values():
         interface.pop("ground_velocity", None)
     data["boundary"] = dict(_boundaries(scene, data["boundary"], still))

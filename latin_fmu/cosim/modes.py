@@ -44,7 +44,7 @@ class Windowed:
     def __init__(self, scene: Scene, settings: Settings) -> None:
         self.run = SegmentedRun(scene, settings.tolerance)
         self._rule, self._time_step = settings.interpolation, settings.step_of(scene)
-        self._impulse = np.zeros((len(scene.interface), 3))
+        self._impulse = np.zeros((len(scene.joints), 3))
         self.row = np.zeros(0)
         self.time = np.zeros(1)
         self.interfaces: dict[str, InterfaceHistory] = {}

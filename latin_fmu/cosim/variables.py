@@ -86,7 +86,7 @@ def scalar_table(scene: Scene) -> tuple[Variable, ...]:
     ]
     for name, law in inputs.items():
         rows += _inputs(name, law)
-    for name in scene.interface:
+    for name in scene.joints:
         rows += _interface(scene, name, depends)
     for name in scene.sensor:
         sensor = scene.sensor[name]
@@ -151,7 +151,7 @@ def _inputs(name: str, law: InputLaw) -> Iterator[Variable]:
 
 
 def _interface(scene: Scene, name: str, depends: tuple[str, ...]) -> Iterator[Variable]:
-    interface = scene.interface[name]
+    interface = scene.joints[name]
     first, second = interface.sides
     where = f"interface.{name}"
     yield from vector(
@@ -208,7 +208,7 @@ def _arrays(scene: Scene, loads: Sequence[str], n_point: Mapping[str, int]) -> I
         yield parameter(f"{stem}.history", "real", 0.0, about, unit="1", dimensions=size)
     yield output("window.count", "1", "number of instants of the window, its start included", minimum=0.0)
     yield output("window.time", "s", "instants of the window, NaN beyond the last", dimensions=_INSTANTS)
-    for name in scene.interface:
+    for name in scene.joints:
         yield from _interface_arrays(scene, name, n_point[name])
 
 
@@ -221,7 +221,7 @@ def _interface_arrays(scene: Scene, name: str, n_point: int) -> Iterator[Variabl
     points, both = f"{where}.points", (2, n_point, 3)
     yield output(f"{points}.traction", "Pa", "traction on the first side at the points", dimensions=(n_point, 3))
     yield output(f"{points}.velocity", "m s-1", "velocity of both sides at the points", dimensions=both)
-    if not scene.interface[name].behaves_open:
+    if not scene.joints[name].behaves_open:
         return
     yield output(f"{where}.window.gap", "m", f"mean gap {note}", dimensions=_INSTANTS)
     for key in _SHARES:

@@ -255,7 +255,7 @@ def _interface(
     share = 1 - (1 - n / max(p.run.n_flat, 1)) ** 2
     condensed = share * sum(24 * c.size.channels**2 for c in p.run.classes)
     memory = int(8 * n * (2 * p.run.n_instant + 30) + condensed)
-    why = tuple(f"interface.{u.name}.{key}" for u in units)
+    why = tuple(dict.fromkeys(u.attached or f"interface.{u.name}.{key}" for u in units))
     return Effect(name, True, why, reason, switch[1], (kernel,), _cost(p, units, n), n, memory)
 
 

@@ -30,7 +30,8 @@ class InterfaceUnit:
     Attributes
     ----------
     name : name in the scene. sides : faces, the second may be "ground". behaviour, geometry : see ``interface``.
-    preload : contact pressure at the start, Pa.
+    preload : contact pressure at the start, Pa. attached : key of the table in the scene, e.g. ``spring.NAME``, of what
+    joins points or mean motions of faces; "" for an interface of faces.
     """
 
     name: str
@@ -38,6 +39,7 @@ class InterfaceUnit:
     behaviour: Behaviour
     geometry: InterfaceGeometry
     preload: float
+    attached: str = ""
 
     @property
     def against_ground(self) -> bool:

@@ -89,7 +89,7 @@ def unresolved_sides(assembly: Assembly) -> list[str]:
     row = _row(assembly, normal_only=True)
     remarks = []
     for i, unit in enumerate(assembly.interfaces):
-        for side in (0, 1):
+        for side in () if unit.attached else (0, 1):
             channels = assembly.layout.channels(i, side)[:, 0]
             impedance = assembly.impedance[channels]
             if not impedance.any() or not row[channels].any():

@@ -1,13 +1,17 @@
-"""Tables [point_mass], [spring] and [coupling], by name: what is fixed to points and faces of substructures."""
+"""Tables [point_mass] and [spring], by name: what is fixed to points and faces of substructures."""
 
-from collections.abc import Iterator
-from typing import Annotated, Any, Self
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any, ClassVar, Final, Self
 
-from pydantic import model_validator
+from pydantic import BeforeValidator, model_validator
 
 from ..errors import Problem
-from .fields import Face, Name, Real, Table, Vector, about, refusal, split_face
+from .fields import GROUND, Direction, Face, Name, Real, Table, Vector, _as_list, about, refusal, split_face
+from .interfaces import Interface
 from .raw_scene import RawTable, face_problems, given, is_explicit, named_tables, unknown_name
+
+VISCOSITY: Final = "_viscosity"
+"""What the name of a spring gets for the interface of its viscosity, where it has a stiffness, too."""
 
 
 class Place(Table):
@@ -17,6 +21,8 @@ class Place(Table):
     arm.
     """
 
+    _on_ground: ClassVar[bool] = False  # whether the ground may be meant
+
     substructure: Annotated[Name | None, about("name of a [substructure.NAME] table, with `point`")] = None
     face: Annotated[Face | None, about('face whose mean motion counts, "substructure.face"')] = None
     point: Annotated[
@@ -25,6 +31,8 @@ class Place(Table):
 
     @model_validator(mode="after")
     def _check_place(self) -> Self:
+        if self._on_ground and self.substructure == GROUND and self.face is None:
+            return self
         if self.face is not None and self.substructure is not None:
             raise refusal("the face names its substructure already", value=self.substructure, remedy="remove the key")
         if self.face is None and (self.substructure is None or self.point is None):
@@ -67,10 +75,112 @@ class PointMass(Place):
         return self.face is not None and self.point is None and self.inertia is None
 
 
+class End(Place):
+    """A place on a substructure (a point, a face, a point on an arm from a face), or the ground.
+
+    "substructure.face" alone stands for a face, "ground" for the ground; the ground may have a point, too.
+    """
+
+    _on_ground: ClassVar[bool] = True
+
+    @property
+    def against_ground(self) -> bool:
+        """Whether this is the ground."""
+        return self.substructure == GROUND
+
+    @property
+    def side(self) -> str:
+        """Side of an interface: the face, the whole boundary of the substructure for a point, or the ground."""
+        return GROUND if self.against_ground else self.face or f"{self.substructure}.*"
+
+
+def _as_end(value: object) -> object:
+    if not isinstance(value, str):
+        return value
+    return {"substructure": GROUND} if value == GROUND else {"face": value}
+
+
+Ends = Annotated[
+    tuple[Annotated[End, BeforeValidator(_as_end)], Annotated[End, BeforeValidator(_as_end)]], BeforeValidator(_as_list)
+]
+
+
+class Spring(Table):
+    """A linear spring, a dashpot, or both side by side, without mass, between two places.
+
+    It acts along one direction, and by `lateral_stiffness` and `lateral_viscosity` equally across it. Its force is
+    proportional to the displacement (velocity) of the second end relative to the first one.
+    """
+
+    ends: Annotated[
+        Ends, about('two places: "substructure.face", {substructure, point}, {face, point}; the second may be "ground"')
+    ]
+    direction: Annotated[
+        Direction | None, about("direction of the stiffness; the line that joins the ends where left out", "1")
+    ] = None
+    stiffness: Annotated[Real, about("stiffness along the direction", "N m-1", ge=0)] = 0.0
+    lateral_stiffness: Annotated[Real, about("stiffness across the direction", "N m-1", ge=0)] = 0.0
+    viscosity: Annotated[Real, about("viscosity along the direction", "N s m-1", ge=0)] = 0.0
+    lateral_viscosity: Annotated[Real, about("viscosity across the direction", "N s m-1", ge=0)] = 0.0
+
+    @model_validator(mode="after")
+    def _check_spring(self) -> Self:
+        first, second = self.ends
+        if not (self.elastic or self.viscous):
+            raise refusal("without stiffness and viscosity the spring does nothing", allowed="one of them > 0")
+        if first.against_ground:
+            raise refusal("the first end cannot be the ground", remedy="name the ground second")
+        if self.direction is None and second.against_ground and second.point is None:
+            remedy = 'give direction, or {substructure = "ground", point = [...]}'
+            raise refusal("the ground has no place, so that the spring has no direction", remedy=remedy)
+        return self
+
+    @property
+    def elastic(self) -> bool:
+        """Whether it has a stiffness."""
+        return self.stiffness > 0 or self.lateral_stiffness > 0
+
+    @property
+    def viscous(self) -> bool:
+        """Whether it has a viscosity."""
+        return self.viscosity > 0 or self.lateral_viscosity > 0
+
+    def interfaces(self, name: str) -> dict[str, Interface]:
+        """The interfaces that stand for the spring, by name; stiffness and viscosity of the whole, per area 1."""
+        sides, made = (self.ends[0].side, self.ends[1].side), {}
+        if self.elastic:
+            made[name] = Interface(
+                sides=sides,
+                behaviour="elastic_layer",
+                normal_stiffness=self.stiffness,
+                tangential_stiffness=self.lateral_stiffness,
+            )
+        if self.viscous:
+            made[name + VISCOSITY * self.elastic] = Interface(
+                sides=sides,
+                behaviour="viscous_joint",
+                normal_viscosity=self.viscosity,
+                tangential_viscosity=self.lateral_viscosity,
+            )
+        return made
+
+
 def places_of(scene: Any) -> Iterator[tuple[str, Place]]:
-    """Key and place of all attachments of a `Scene`."""
+    """Key and place of all attachments of a `Scene` to its substructures."""
     for name, mass in scene.point_mass.items():
         yield f"point_mass.{name}", mass
+    for name, spring in scene.spring.items():
+        for i, end in enumerate(spring.ends):
+            if not end.against_ground:
+                yield f"spring.{name}.ends[{i}]", end
+
+
+def joints_of(scene: Any) -> dict[str, Interface]:
+    """Everything that a `Scene` solves as an interface: its interfaces, and those that stand for springs."""
+    joints: dict[str, Interface] = dict(scene.interface)
+    for name, spring in scene.spring.items():
+        joints |= spring.interfaces(name)
+    return joints
 
 
 def attachment_problems(raw: Any) -> Iterator[Problem]:
@@ -86,6 +196,19 @@ def attachment_problems(raw: Any) -> Iterator[Problem]:
                 "a mass at a point, or spread evenly over a face",
                 "leave out its point or inertia, or choose an implicit scheme",
             )
+    taken = dict.fromkeys(named_tables(raw, "interface"), "interface")
+    for name, table in named_tables(raw, "spring").items():
+        where, ends = f"spring.{name}", table.get("ends")
+        for i, end in enumerate(ends if isinstance(ends, list | tuple) else ()):
+            place = _as_end(end)
+            if isinstance(place, Mapping) and place.get("substructure") != GROUND:
+                yield from _place_problems(raw, f"{where}.ends[{i}]", place)
+        for used in (name, name + VISCOSITY):
+            if used in taken:
+                yield Problem(
+                    where, f"the results of {taken[used]} {used} have this name", name, None, "choose another name"
+                )
+            taken[used] = "spring"
 
 
 def _place_problems(raw: Any, where: str, place: RawTable) -> Iterator[Problem]:

@@ -78,6 +78,11 @@ Point masses   They are part of the mass of their substructure: in dynamics, mod
                that initial_spin turns about; body_force, per volume, does not act on them. On a face without point
                and inertia a mass is spread evenly; with either it is a rigid mass on the mean motion of the face,
                whose inertia forces spread over it without stiffening it (not with the explicit propagator).
+Springs        A spring has no mass. It acts on the motion of its ends: that of a point, or the mean motion of a face by
+               area, at its centre or at a point on a rigid arm from it; the force on a face spreads by area. It is an
+               interface with one point in the results, with the force in N on its first end; where it has stiffness
+               and viscosity, the part of the latter is NAME_viscosity. For stiffnesses that differ in three
+               directions, write three springs.
 Sensors        A point is interpolated in the element that holds it, a face has its mean by area; results keep
                displacement, velocity and acceleration at every instant. A filter adds the filtered motions. A
                spectrum is that of the unfiltered acceleration along x, y and z, the base at rest before t = 0.

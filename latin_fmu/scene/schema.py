@@ -8,7 +8,7 @@ from typing import Annotated, Any, Self
 from pydantic import Field, ModelWrapValidatorHandler, PrivateAttr, ValidationError, ValidationInfo, model_validator
 
 from ..errors import Problem, SceneError
-from .attachments import PointMass
+from .attachments import PointMass, Spring, joints_of
 from .boundaries import Boundary
 from .fields import BodyName, Name, Table, Text, about
 from .interfaces import MEANINGLESS, ContactSearch, Interface
@@ -108,6 +108,7 @@ class Scene(Table):
     ]
     gravity: Annotated[Gravity | None, about("acceleration that acts on every body")] = None
     bolt: Annotated[dict[Name, Bolt], about("bolts by name"), Field(default_factory=dict)]
+    spring: Annotated[dict[Name, Spring], about("springs and dashpots by name"), Field(default_factory=dict)]
     sensor: Annotated[dict[Name, Sensor], about("sensors by name"), Field(default_factory=dict)]
     time: Annotated[Time, about("interval, instants, time scheme")]
     solver: Annotated[Solver, about("settings of the iteration")] = Solver()
@@ -154,6 +155,11 @@ class Scene(Table):
         if self.gravity is not None and any(self.gravity.acceleration):
             laws[GRAVITY] = self.gravity.law
         return laws
+
+    @property
+    def joints(self) -> dict[str, Interface]:
+        """Interfaces, and those that stand for springs, by name."""
+        return joints_of(self)
 
     def text(self) -> str:
         """The effective scene as TOML, defaults written out; reading it back gives an equal scene."""
