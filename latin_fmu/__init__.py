@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from .api import Iteration, check, solve
     from .assembly.modes import vibration_modes
     from .errors import InputError, LatinError, MeshError, ResultsError, SceneError, SolverError
+    from .parametric.study import sweep
     from .reader import load_scene, scene_from_dict
     from .results.checkpoint import Checkpoint
     from .results.files import open_results
@@ -72,6 +73,7 @@ __all__ = [
     "scene_from_dict",
     "shock_response_spectrum",
     "solve",
+    "sweep",
     "vibration_modes",
 ]
 
@@ -92,6 +94,7 @@ _MODULES: Final = MappingProxyType(
         "scene_from_dict": "reader",
         "shock_response_spectrum": "results.spectra",
         "solve": "api",
+        "sweep": "parametric.study",
         "vibration_modes": "assembly.modes",
     }
 )

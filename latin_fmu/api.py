@@ -14,6 +14,7 @@ import numpy as np
 
 from .assembly.build import discretise, solver_ready
 from .assembly.checks import body_lines, size_remarks
+from .assembly.kept_operators import KeptOperators
 from .assembly.limit_load import loss_of_equilibrium
 from .assembly.problem import SolverReadyProblem
 from .assembly.run_checks import balance_words, resultants, run_remarks
@@ -27,7 +28,7 @@ from .latin.record import InterfaceHistory, Outcome, Timings
 from .latin.recorder import Recorder
 from .latin.solver import IterationEvent
 from .latin.status import drift_remarks
-from .latin.windows import Run
+from .latin.windows import Run, WindowFields
 from .machine import one_thread, peak_memory
 from .propagator.base import accuracy_remarks
 from .results.checkpoint import Checkpoint, scene_digest
@@ -118,6 +119,8 @@ def solve(
     behaviours: Mapping[str, Behaviour] | None = None,
     checkpoint: Checkpoint | None = None,
     stream: Path | None = None,
+    kept: KeptOperators | None = None,
+    fields: WindowFields | None = None,
 ) -> Solution:
     """Solve a scene.
 
@@ -132,6 +135,8 @@ def solve(
     stream : folder of the results: its free space is checked, and where the histories of the interfaces are large
         (64 MB) they go to a temporary file there: ``Solution.save`` writes them all, energies follow from all of them,
         everything else from at most 20,000 instants. ``Solution.outcome.stream.close()`` removes the file.
+    kept : operators of the scene solved before, used where they are equal, and replaced by those of this one.
+    fields : first guesses of windows of several instants; see ``latin.windows.WindowFields``.
 
     Raises
     ------
@@ -143,7 +148,7 @@ def solve(
     timings = Timings()
     start = clock.process_time()
     with one_thread():
-        discretised = discretise(scene, behaviours)
+        discretised = discretise(scene, behaviours, kept)
         prediction = Prediction(discretised)
         check_memory(prediction, stream is not None)
         if stream is not None:
@@ -153,7 +158,7 @@ def solve(
             problem.assembly.lost = loss_of_equilibrium(discretised)
     timings.setup = clock.process_time() - start
     digest = "" if checkpoint is None else scene_digest(scene, behaviours or ())
-    outcome = run(problem, timings, observer, progress, wall, checkpoint, digest, stream)
+    outcome = run(problem, timings, observer, progress, wall, checkpoint, digest, stream, fields)
     if outcome.converged:
         timings.predicted = prediction.march
     return Solution(
@@ -175,10 +180,11 @@ def run(
     checkpoint: Checkpoint | None = None,
     digest: str = "",
     stream: Path | None = None,
+    fields: WindowFields | None = None,
 ) -> Outcome:
     """Run a solver-ready problem over its whole interval (once: its assembly keeps the final state).
 
-    ``digest`` : of the scene, for the header of the ``checkpoint``. ``stream`` : as for ``solve``.
+    ``digest`` : of the scene, for the header of the ``checkpoint``. ``stream`` and ``fields`` : as for ``solve``.
     """
     timings = Timings() if timings is None else timings
     wall = clock.perf_counter() if wall_start is None else wall_start
@@ -199,18 +205,19 @@ def run(
             None if observer is None else observe,
             None if progress is None else progress.update,
             checkpoint,
+            fields,
         )
         with nullcontext() if checkpoint is None else checkpoint.of(march, digest):
             march.all()
     converged, sentence = march.status(energy := recorder.assembly_energy(assembly))
-    indicator, histories = march.named_indicator(), recorder.interfaces()
-    balance, time = resultants(problem, march.f_hat), assembly.time[: recorder.n_kept]
+    histories, balance = recorder.interfaces(), resultants(problem, march.f_hat)
+    time = assembly.time[: recorder.n_kept]
     outcome = Outcome(
         time=time,
         interfaces=histories,
         substructures=recorder.substructures(),
         windows=march.windows,
-        interface_indicator=indicator,
+        interface_indicator=march.named_indicator(),
         converged=converged,
         status=sentence + (balance_words(balance) if converged else ""),
         passes=(march.marched + march.condensed) / (assembly.n_substructure * assembly.n_instant),
@@ -234,8 +241,7 @@ def run(
         resultants=balance,
     )
     # the march is timed with the wall clock, which costs nothing to read, and has its share of the CPU time
-    cpu = clock.process_time() - begin
-    timings.march *= cpu / (clock.perf_counter() - begin_wall)
+    timings.march *= (cpu := clock.process_time() - begin) / (clock.perf_counter() - begin_wall)
     timings.other = cpu - timings.march
     timings.wall = clock.perf_counter() - wall
     timings.peak_memory = peak_memory()

@@ -30,6 +30,7 @@ COMMANDS: Final = MappingProxyType(
         "reference": "describe",
         "cost": "studies",
         "stress": "studies",
+        "sweep": "studies",
         "fmu": "fmu",
         "simulate": "fmu",
         "srs": "analyses",
@@ -54,6 +55,7 @@ examples:
   latin-fmu fmu models/two_specimen_crushing/scene.toml -o crushing.fmu
   latin-fmu simulate crushing.fmu -o out.csv
   latin-fmu stress --quick -o stability.md
+  latin-fmu sweep models/two_specimen_crushing/scene.toml --vary interface.crush.friction_coefficient=0:0.6:13
   latin-fmu srs out.nc --sensor tip
   latin-fmu modes models/lap_joint/scene.toml --joints open
   latin-fmu reference

@@ -30,9 +30,12 @@ def load_scene(path: str | Path, overrides: Sequence[str] = ()) -> Scene:
 
     Raises SceneError with every problem found, whatever the file holds.
     """
-    file = Path(path)
-    data = _parsed(file)
-    return scene_from_dict(apply_overrides(data, overrides), file.parent)
+    return scene_from_dict(read_tables(path, overrides), Path(path).parent)
+
+
+def read_tables(path: str | Path, overrides: Sequence[str] = ()) -> dict[str, Any]:
+    """Tables of a scene file with settings applied, as written: nothing else is checked (errors: ``load_scene``)."""
+    return apply_overrides(_parsed(Path(path)), overrides)
 
 
 def scene_from_dict(data: Any, base_dir: str | Path | None = None) -> Scene:

@@ -35,7 +35,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("pictures", "effects"),
     ("api",),
     ("accuracy",),
-    ("cosim", "stability"),
+    ("cosim", "stability", "parametric"),
     ("model_exchange",),
     ("commands",),
     ("cli",),

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import scipy.sparse as sp
@@ -27,6 +27,17 @@ from ..scene.substructures import Material, MeshFile, Substructure
 
 if TYPE_CHECKING:
     from ..mesh_files.content import MeshContent
+
+
+_OF_MOTION: Final = (
+    "rigid",
+    "initial_velocity",
+    "initial_spin",
+    "initial_displacement",
+    "body_force",
+    "body_force_law",
+)
+"""Keys of a substructure that its mesh and its matrices do not depend on."""
 
 
 class Shape:
@@ -153,6 +164,12 @@ class Body:
         """A face as flat pieces."""
         return Surface(self.mesh.nodes, self.facets(name))
 
+    def of(self, description: Substructure, material: Material) -> bool:
+        """Whether a substructure of this description and material has this mesh and these matrices."""
+        own = self.description
+        alike = description.model_copy(update={key: getattr(own, key) for key in _OF_MOTION})
+        return self.shape.material == material and alike == own
+
     @property
     def rigid(self) -> bool:
         """Whether the substructure is undeformable."""
@@ -246,14 +263,20 @@ class _MeshFiles:
             return None
 
 
-def build_bodies(scene: Scene, problems: Problems) -> dict[str, Body]:
-    """Bodies of every substructure whose mesh can be read; the errors of others are added to ``problems``."""
+def build_bodies(scene: Scene, problems: Problems, known: Mapping[str, Body] | None = None) -> dict[str, Body]:
+    """Bodies of every substructure whose mesh can be read; the errors of others are added to ``problems``.
+
+    known : bodies of another scene, whose meshes and matrices serve where the description is equal.
+    """
     bodies: dict[str, Body] = {}
     shapes: dict[tuple[object, ...], Shape] = {}
     files = _MeshFiles()
     for name, description in scene.substructure.items():
         material = scene.material[description.material]
-        if description.box is not None:
+        old = None if known is None else known.get(name)
+        if old is not None and old.of(description, material):
+            bodies[name] = Body(name, old.mesh, old.shape, description)
+        elif description.box is not None:
             box = description.box
             key: tuple[object, ...] = (box.size, box.elements, material, description.bending_modes)
             placed = box_mesh(np.asarray(box.origin), np.asarray(box.size), box.elements)

@@ -24,6 +24,7 @@ from .conditions import conditions_on
 from .inactive_substructures import arrival_times, cut_by_arrival, marched_share
 from .initial_state import InitialState
 from .interfaces import build_interface, lonely_remarks, with_behaviours, with_found
+from .kept_operators import KeptOperators
 from .models import scheme_remarks
 from .problem import DiscretisedProblem, SolverReadyProblem
 from .propagator_choice import box_memory
@@ -63,12 +64,18 @@ def starting_equilibrium(discretised: DiscretisedProblem, amplitudes: Mapping[st
     return static_state(discretised, amplitudes, tight, kept)
 
 
-def discretise(scene: Scene, behaviours: Mapping[str, Behaviour] | None = None) -> DiscretisedProblem:
-    """Meshes, matrices and interfaces of a scene, nothing factorised (parameters and errors: ``build``)."""
+def discretise(
+    scene: Scene, behaviours: Mapping[str, Behaviour] | None = None, kept: KeptOperators | None = None
+) -> DiscretisedProblem:
+    """Meshes, matrices and interfaces of a scene, nothing factorised (parameters and errors: ``build``).
+
+    kept : of the scene solved before, used where nothing they depend on has changed, then replaced by those of this
+        one.
+    """
     problems = Problems(box_memory(scene))
     if problems:
         raise SceneError(problems, "the scene cannot be built")
-    bodies = build_bodies(scene, problems)
+    bodies = build_bodies(scene, problems, None if kept is None else kept.bodies)
     check_faces(scene, bodies, problems)
     if problems:
         raise SceneError(problems, "the scene cannot be built")
@@ -93,7 +100,9 @@ def discretise(scene: Scene, behaviours: Mapping[str, Behaviour] | None = None) 
     problems += loose_bolts(cuts, conditions, units)
     if problems:
         raise SceneError(problems, "the scene cannot be built")
-    problem = DiscretisedProblem.of(scene, bodies, conditions, units, cuts=cuts)
+    problem = DiscretisedProblem.of(scene, bodies, conditions, units, cuts=cuts, kept=kept)
+    if kept is not None:
+        kept.bodies = bodies
     classes, time = problem.classes, problem.time
     if scene.solver.skip_at_rest == "tolerance" and units:
         arrival = arrival_times(scene, bodies, units, time)

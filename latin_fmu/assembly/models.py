@@ -24,6 +24,7 @@ from ..time_scheme import HHT, SCHEMES, GeneralizedAlpha, QuasiStatic, TimeSchem
 from .body import AddedMass, Body, body_sides
 from .bolts import BoltCut
 from .conditions import Conditions, RigidConditions, rigid_model, total
+from .kept_operators import KeptOperators
 
 NO_BOLTS: Final[Mapping[str, BoltCut]] = MappingProxyType({})
 _RESOLVED = 0.7  # Courant number from which the force of a landing is resolved with mass on the contact nodes
@@ -77,11 +78,13 @@ def model_classes(
     moved: Mapping[str, ContactLayer] | None = None,
     cuts: Mapping[str, BoltCut] = NO_BOLTS,
     free: Collection[str] = (),
+    kept: KeptOperators | None = None,
 ) -> list[ModelClass]:
     """Matrices of every substructure, grouped into classes of identical ones (of one each where the scene asks).
 
     moved : contact layers with which body forces act, where it is not those of ``scheme`` (static start).
     cuts : of the bolts. free : those whose tension is given, and not their shortening.
+    kept : operators of a scene solved before.
     """
     classes: dict[bytes, list[tuple[SubstructureModel, Index]]] = {}
     for name, body in bodies.items():
@@ -98,6 +101,8 @@ def model_classes(
     groups = []
     for key, members in classes.items():
         models = [m for m, _ in members]
+        if kept is not None:
+            kept.adopt(models[0])
         # with the matrices: no part of the factorisation
         _ = models[0].reduced_stiffness if models[0].mass is None else models[0].reduced
         groups.append(ModelClass(models, np.stack([c for _, c in members], axis=1), key=key))

@@ -10,7 +10,6 @@ from typing import Any, Final
 
 import numpy as np
 
-from ..errors import SceneError
 from ..fem.elasticity import lame
 from ..fem.mesh import padded_cells
 from ..latin.assembly import Array, Assembly, GroundState, InterfaceUnit, Layout
@@ -18,7 +17,7 @@ from ..latin.probes import SensorPlace
 from ..latin.recorder import OutputRequest, SubstructureInfo
 from ..latin.search_direction import inertial_impedance, unresolved_sides
 from ..latin.settings import SearchDirection, Settings
-from ..propagator import Histories, Propagator, StaticPropagator, SubstructureModel, make_propagator
+from ..propagator import Histories, SubstructureModel
 from ..results.dataset import Recovered
 from ..scene.boundaries import Driven
 from ..scene.fields import split_face
@@ -31,8 +30,9 @@ from .bolts import BoltCut, OpenedMesh, OpenedStress, load_name
 from .checks import boundaries_of
 from .conditions import Conditions, Motion, supports
 from .initial_state import InitialState, TightBolts
+from .kept_operators import KeptOperators
 from .models import NO_BOLTS, ContactLayer, ModelClass, chosen_scheme, model_classes
-from .propagator_choice import chosen_propagators, unstable_steps
+from .propagator_choice import made_propagators
 
 REST = 1e-2
 """Tractions below this share of tolerance x characteristic traction leave a substructure at rest inactive."""
@@ -151,6 +151,8 @@ class DiscretisedProblem:
     cuts: Mapping[str, BoltCut] = field(default_factory=dict)
     ramps: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """First and last amplitude of the load terms of the bolts while they are tightened."""
+    kept: KeptOperators | None = None
+    """Operators of a scene solved before, replaced by those of this one."""
 
     @staticmethod
     def of(
@@ -161,16 +163,17 @@ class DiscretisedProblem:
         moved: Mapping[str, ContactLayer] | None = None,
         cuts: Mapping[str, BoltCut] = NO_BOLTS,
         free: Collection[str] = (),
+        kept: KeptOperators | None = None,
     ) -> DiscretisedProblem:
         """The problem with the time scheme, instants and classes of identical substructures of the scene; ``moved``,
-        ``cuts`` and ``free`` as for ``model_classes``."""
+        ``cuts``, ``free`` and ``kept`` as for ``model_classes``."""
         layout = Layout(units)
         scheme, reason = chosen_scheme(scene, bodies, units)
         time = np.linspace(0.0, scene.time.end, scene.time.n_step + 1)
         dt = float(time[1] - time[0])
-        classes = model_classes(scene, bodies, conditions, units, layout, scheme, dt, moved, cuts, free)
+        classes = model_classes(scene, bodies, conditions, units, layout, scheme, dt, moved, cuts, free, kept)
         return DiscretisedProblem(
-            scene, bodies, conditions, units, layout, classes, scheme, time, scheme_reason=reason, cuts=cuts
+            scene, bodies, conditions, units, layout, classes, scheme, time, scheme_reason=reason, cuts=cuts, kept=kept
         )
 
     @property
@@ -250,21 +253,12 @@ class DiscretisedProblem:
         """
         scene, scheme, units = self.scene, self.scheme, self.units
         layout = self.layout if start is None else Layout(units)  # ``start`` changes its gaps
-        settings, without_factor = chosen_propagators(scene, self.classes)
         classes = self.classes if start is None else start.displaced(self.classes)
         static = isinstance(scheme, QuasiStatic)
         impedance = self.impedance.copy()
-        propagators: list[Propagator] = []
-        for c in classes:
-            twin = None if c.twin is None else propagators[c.twin]
-            known = None if kept is None else kept.setdefault(c.key, [])
-            propagators.append(
-                StaticPropagator(c.members, self.dt, scene.output.energy, impedance[c.channels[:, 0]], known)
-                if static
-                else make_propagator(c.members, scheme, self.dt, scene.output.energy, settings, twin)
-            )
-        if problems := unstable_steps(propagators, scene, self.dt):
-            raise SceneError(problems, "the scene cannot be built")
+        propagators, without_factor = made_propagators(
+            scene, classes, scheme, self.dt, impedance, self.kept if kept is None else None, kept
+        )
         assembly = Assembly(
             propagators, [c.channels for c in classes], units, layout, impedance, self.characteristic_traction, scheme
         )

@@ -8,20 +8,22 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
 from ..compiled import COMPILES
-from ..errors import Problem
+from ..errors import Problem, SceneError
 from ..machine import memory_room
-from ..propagator import Propagator
+from ..propagator import Propagator, StaticPropagator, make_propagator
 from ..propagator.explicit import ExplicitPropagator
-from ..propagator.model import SubstructureModel
+from ..propagator.model import Array, SubstructureModel
 from ..propagator.registry import Kind, PropagatorSettings
 from ..scene.raw_scene import CENTRAL
 from ..scene.schema import Scene
 from ..scene.solver_settings import AutomaticPropagator, ReducedPropagator
+from ..time_scheme import QuasiStatic, TimeScheme
+from .kept_operators import KeptOperators
 from .models import ModelClass
 
 AVAILABLE: Final = 0.7  # part of the memory of the machine that operators may take
@@ -116,6 +118,48 @@ def fitting(classes: list[ModelClass], settings: PropagatorSettings, memory: flo
         return settings
     needed = sum(operator_bytes(class_size(c.members[0], len(c.members)), settings) for c in classes)
     return replace(settings, kind="cg") if needed > room else settings
+
+
+def made_propagators(
+    scene: Scene,
+    classes: list[ModelClass],
+    scheme: TimeScheme,
+    dt: float,
+    springs: Array,
+    kept: KeptOperators | None = None,
+    statics: dict[bytes, list[tuple[float, Any]]] | None = None,
+) -> tuple[list[Propagator], list[str]]:
+    """Propagators of the classes, and remarks on the choice.
+
+    Parameters
+    ----------
+    dt : time step, s. springs : without inertia, stiffness per area of the side of every channel (n_flat,), Pa m-1.
+    kept : operators of a scene solved before, used where they are equal and replaced by those made here.
+    statics : operators of static problems by ``ModelClass.key``, used again and added to.
+
+    Raises
+    ------
+    SceneError : the step is longer than the stable one.
+    """
+    settings, remarks = chosen_propagators(scene, classes)
+    made_with = (scheme, dt, settings)
+    made: list[Propagator] = []
+    for c in classes:
+        twin = None if c.twin is None else made[c.twin]
+        if twin is None and kept is not None:
+            twin = kept.twin(c.members[0], made_with)
+        if not isinstance(scheme, QuasiStatic):
+            made.append(make_propagator(c.members, scheme, dt, scene.output.energy, settings, twin))
+            continue
+        own = springs[c.channels[:, 0]]
+        known = twin.shared(own) if isinstance(twin, StaticPropagator) else None
+        known = known if statics is None else statics.setdefault(c.key, [])
+        made.append(StaticPropagator(c.members, dt, scene.output.energy, own, known))
+    if kept is not None:
+        kept.replace([c.members[0] for c in classes], made, made_with)
+    if problems := unstable_steps(made, scene, dt):
+        raise SceneError(problems, "the scene cannot be built")
+    return made, remarks
 
 
 def chosen_propagators(scene: Scene, classes: list[ModelClass]) -> tuple[PropagatorSettings, list[str]]:

@@ -30,9 +30,11 @@ def register(add: AddParser) -> None:
 
 
 def _register_plot(add: AddParser) -> None:
-    text = "draw the assembly of a scene; forces, contact states and convergence of a results file; or its bodies"
+    text = (
+        "draw the assembly of a scene; forces, contact states and convergence of a results file; or its bodies; a study"
+    )
     parser = declare(add, "plot", text, _plot)
-    parser.add_argument("file", metavar="FILE", type=Path, help="scene (.toml), or results file written by run (.nc)")
+    parser.add_argument("file", metavar="FILE", type=Path, help="scene (.toml), or file written by run or sweep (.nc)")
     parser.add_argument(
         "-o", "--output", metavar="FIGURE", type=Path, help="png, pdf or svg (default: beside the file, as png)"
     )
@@ -41,6 +43,9 @@ def _register_plot(add: AddParser) -> None:
         "--bodies",
         action="store_true",
         help="of a results file: deformed bodies and the pressure on an interface (needs output.fields = true)",
+    )
+    parser.add_argument(
+        "--quantity", metavar="NAME", action="append", help="of a study: draw this quantity; may be repeated"
     )
     parser.add_argument("--interface", metavar="NAME", help="with --bodies: the interface (default: largest force)")
     parser.add_argument("--time", metavar="S", type=float, help="with --bodies: the instant (default: largest force)")
@@ -103,6 +108,10 @@ def _results_figure(arguments: argparse.Namespace) -> Figure:
     from ..results.plots import summary_figure
 
     with closing(open_results(arguments.file)) as tree:
+        if "kind" in tree.attrs:  # a parametric study
+            from ..parametric.figure import study_figure
+
+            return study_figure(tree.to_dataset(), arguments.quantity)
         if arguments.bodies:
             return result_figure(tree, arguments.interface, arguments.time, arguments.magnify)
         return summary_figure(tree)

@@ -1,4 +1,7 @@
-"""Subcommands that run many scenes: ``cost``, the work-precision study, and ``stress``, the hard cases."""
+"""Subcommands that run many scenes: ``cost``, ``stress`` and ``sweep``.
+
+``cost`` is the work-precision study, ``stress`` runs the hard cases, ``sweep`` solves one scene for many parameters.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import InputError, Problem
-from . import CONVERGED, NOT_CONVERGED, AddParser, add_settings, declare
+from . import CONVERGED, NOT_CONVERGED, AddParser, add_scene, add_settings, declare
 
 if TYPE_CHECKING:
     from ..accuracy.study import Study
@@ -34,13 +37,27 @@ examples:
 
 exit codes: 0 all cases hold, 1 some do not
 """
+_SWEEP_EXAMPLES = """\
+examples:
+  latin-fmu sweep scene.toml --vary interface.crush.friction_coefficient=0:0.6:13 -o study.nc
+  latin-fmu sweep scene.toml --vary interface.crush.friction_coefficient=0:0.6:13 --vary load.press.pressure=1e5,2e5
+  latin-fmu sweep scene.toml --vary solver.propagator=direct,explicit --scheduler tcp://127.0.0.1:8786
+  latin-fmu plot study.nc
+
+from:to:count gives equally spaced values, a list gives its own. All combinations are solved. Points that are done are
+kept in OUTPUT.points until the study is written: the same command continues after an interruption. A point that fails
+is marked in the study, with its message.
+
+exit codes: 0 all points converged, 1 some did not (the study is written), 2 bad input, 130 interrupted
+"""
 _BUDGET, _QUICK = 120.0, 20.0
 
 
 def register(add: AddParser) -> None:
-    """Declare the two subcommands."""
+    """Declare the three subcommands."""
     _register_cost(add)
     _register_stress(add)
+    _register_sweep(add)
 
 
 def _register_cost(add: AddParser) -> None:
@@ -79,6 +96,37 @@ def _register_stress(add: AddParser) -> None:
         type=Path,
         help="write the report (Markdown) here, and its figure beside it as png",
     )
+
+
+def _register_sweep(add: AddParser) -> None:
+    text = "solve a scene for all combinations of parameters, over processes or a dask cluster"
+    parser = declare(add, "sweep", text, _sweep, _SWEEP_EXAMPLES)
+    add_scene(parser)
+    parser.add_argument(
+        "--vary",
+        metavar="a.b.c=VALUES",
+        action="append",
+        required=True,
+        help="a key and its values, from:to:count or value,value,...; may be repeated",
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        metavar="STUDY.nc",
+        type=Path,
+        help="file of the study (default: <name of the scene file>_study.nc in the current folder)",
+    )
+    parser.add_argument(
+        "--jobs", metavar="N", type=int, help="processes, one thread each (default: as many as there are cores)"
+    )
+    parser.add_argument(
+        "--scheduler", metavar="ADDRESS", help="solve on the workers of this dask scheduler (needs latin-fmu[cluster])"
+    )
+    parser.add_argument("--histories", action="store_true", help="keep the forces of the interfaces over time")
+    parser.add_argument(
+        "--cold", action="store_true", help="no first guesses from neighbouring points (windows of several instants)"
+    )
+    parser.add_argument("--quiet", action="store_true", help="no progress")
 
 
 def _cost(arguments: argparse.Namespace) -> int:
@@ -152,6 +200,35 @@ def _stress(arguments: argparse.Namespace) -> int:
         _write_rows(rows, arguments.output, arguments.quick)
     print(as_json(rows) if arguments.json else verdict(rows))
     return CONVERGED if all(row.passed for row in rows) else NOT_CONVERGED
+
+
+def _sweep(arguments: argparse.Namespace) -> int:
+    with arguments.signals.deferred():
+        from ..parametric.point import STATES
+        from ..parametric.study import sweep
+        from ..parametric.workers import usable_cores
+    output = arguments.output or Path(f"{arguments.scene.stem}_study.nc")
+    default = usable_cores() if arguments.scheduler is None else 1
+    try:
+        study = sweep(
+            arguments.scene,
+            arguments.vary,
+            output,
+            settings=arguments.overrides,
+            jobs=default if arguments.jobs is None else arguments.jobs,
+            scheduler=arguments.scheduler,
+            histories=arguments.histories,
+            guesses=not arguments.cold,
+            tell=None if arguments.quiet else _log,
+        )
+    except KeyboardInterrupt:
+        _log(f"the points done so far are in {output}.points: the same command continues")
+        raise
+    states = study["state"].values
+    counts = {name.replace("_", " "): int((states == i).sum()) for i, name in enumerate(STATES)}
+    if not arguments.quiet:
+        print(f"study: {output} ({', '.join(f'{n} {name}' for name, n in counts.items() if n)})")
+    return CONVERGED if not states.any() else NOT_CONVERGED
 
 
 def _log_row(row: Row) -> None:

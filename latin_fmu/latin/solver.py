@@ -32,6 +32,7 @@ from .settings import Settings
 
 RELAXED, POINT_BY_POINT = "relaxation 1/2", "points one after the other"
 SOFTENED, FROM_REST = "softened start", "start from rest"
+COLD = "first guess of its own"  # where the one of other runs does not converge
 _AFTER_POINTS = 20  # iterations after the solution point by point
 
 

@@ -26,7 +26,7 @@ from .recorder import Recorder
 from .run_image import Stages, all_in_kernels, rules
 from .run_state import ONE, SAMPLED, RunState
 from .settings import Settings
-from .solver import FROM_REST, SOFTENED, Observer, WindowSolver, softened_start
+from .solver import COLD, FROM_REST, SOFTENED, Observer, WindowSolver, softened_start
 
 _PASS = 0.1  # of the tolerances, for the pass over the instants of a window that its iteration starts from
 # Stop the run if a window ends with sqrt(eta) above this value.
@@ -51,6 +51,17 @@ class Watch(Protocol):
         """Whether the run has to stop, inside a long window too."""
 
 
+class WindowFields(Protocol):
+    """Interface fields of windows of several instants, of this run and of runs with other parameters."""
+
+    def first_guess(self, first: int, n: int, n_flat: int) -> tuple[Array, Array] | None:
+        """Tractions and velocities (n, n_flat) to start the window of ``n`` instants from ``first`` with; None where
+        there are none."""
+
+    def keep(self, first: int, f_hat: Array, w_hat: Array) -> None:
+        """Keep the converged fields (n, n_flat) of the window that starts with instant ``first``."""
+
+
 class _StopError(Exception):
     """Raised inside a long window that is given up."""
 
@@ -62,7 +73,8 @@ class Run(RunState):
     ----------
     assembly, settings, recorder, timings : as for ``RunState``.
     observer : called after each iteration. progress : called after each iteration with window counts.
-    watch : looks at the run between windows.
+    watch : looks at the run between windows. fields : first guesses of windows of several instants, in the place of
+        those of ``settings.sequential_start``; it is given the converged fields.
 
     Attributes
     ----------
@@ -78,8 +90,9 @@ class Run(RunState):
         observer: Observer | None = None,
         progress: Progress | None = None,
         watch: Watch | None = None,
+        fields: WindowFields | None = None,
     ) -> None:
-        self._observer, self._progress, self._watch = observer, progress, watch
+        self._observer, self._progress, self._watch, self._fields = observer, progress, watch, fields
         self.interrupted = False
         super().__init__(assembly, settings, recorder, timings)
 
@@ -200,7 +213,10 @@ class Run(RunState):
             self._march_free(first, n, record)
             self._count(before)
             return record
-        guess = self._sequential_guess(n) if n > 1 and self.settings.sequential_start else None
+        guess = self._given_guess(first, n)
+        given = guess is not None
+        if not given:
+            guess = self._own_guess(n)
         self._use(n)
         stages = Stages(self.image, self.direction(n), n, first)
 
@@ -213,6 +229,13 @@ class Run(RunState):
         solver = WindowSolver(self.settings, self._observer, report, self._trial)
         self._begin_window(stages, guess)
         solver.solve(stages, record, number)
+        if given and not record.converged:
+            self.image.call(entries.REWIND)
+            record.fallbacks.append(COLD)
+            guess = self._own_guess(n)
+            self._use(n)
+            self._begin_window(stages, guess)
+            solver.solve(stages, record, number)
         if self.assembly.quasi_static and not record.converged:
             self._restart(stages, record)
             solver.solve(stages, record, number)
@@ -259,6 +282,8 @@ class Run(RunState):
         if n > 1:
             image.call(entries.REWIND)
             record.disagreement = stages.disagreement()
+            if self._fields is not None and record.converged:
+                self._fields.keep(first, stages.field("local_f").copy(), stages.field("local_w").copy())
         image.set({"first_row": first})
         self._march_accepted(stages, lambda i: self._record(1, i))
         self._sample()
@@ -331,6 +356,15 @@ class Run(RunState):
         record.accepted = record.iterations - 1
         self.windows.append(record)
         return record
+
+    def _given_guess(self, first: int, n: int) -> Array | None:
+        """First guess q (n, n_flat) from the fields of other runs; None where there are none."""
+        fields = self._fields.first_guess(first, n, self.image.n_flat) if self._fields is not None and n > 1 else None
+        return None if fields is None else self.direction(n).incoming(*fields)
+
+    def _own_guess(self, n: int) -> Array | None:
+        """First guess q (n, n_flat) by the settings of the run; None for the one of ``_begin_window``."""
+        return self._sequential_guess(n) if n > 1 and self.settings.sequential_start else None
 
     def _sequential_guess(self, n: int) -> Array | None:
         """First guess q (n, n_flat) from windows of one instant, to a tenth of the tolerances; restores the state. None

@@ -301,6 +301,10 @@ class SubstructureModel:
                 other.__dict__[key] = self.__dict__[key]
         return other
 
+    def share_operators(self, other: SubstructureModel) -> None:
+        """Give a model with equal matrices what was reduced already (loads may differ)."""
+        self._sharing(other, _KEPT - {"reduced_loads", "with_lumped_mass"})
+
     def node_values(self, full: Array) -> Array:
         """Vectors at the nodes (n_node, 3) of full dofs (n_full,)."""
         values = full if self.nodal is None else self.nodal @ full

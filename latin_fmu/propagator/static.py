@@ -150,6 +150,10 @@ class StaticPropagator(Propagator):
         super().__init__(members, QuasiStatic(), dt, energy, kept)
         self.spring_inverse = self.operators.factor.schur_inverse  # on the springs, until ``bind``
 
+    def shared(self, springs: Array) -> list[tuple[float, Any]] | None:
+        """Operators of this propagator for others of equal models, None where their springs (n_channel,) differ."""
+        return self._kept if np.array_equal(self._springs, springs) else None
+
     def _build(self, dt: float) -> StaticOperators:
         """One factor serves every length of increment."""
         if not self._kept:

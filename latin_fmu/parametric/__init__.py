@@ -1,0 +1,1 @@
+"""Parametric studies: one scene solved for all combinations of the values of some of its keys."""

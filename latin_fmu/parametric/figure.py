@@ -1,0 +1,146 @@
+"""The figure of a study: quantities against one parameter as curves, against two as curves or maps."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+import xarray as xr
+
+from ..errors import Problem, ResultsError, did_you_mean, listed
+from ..results.plots import colours
+from ..results.summary import prefix_for
+from .point import CONVERGED, FAILED, QUANTITIES, Quantity
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_SHOWN: Final = ("peak_force", "impulse", "first_contact", "largest_slip", "friction_work", "iterations", "cpu")
+"""Quantities that are drawn where none is named."""
+_MOST_CURVES: Final = 6  # values of a second parameter that are drawn as curves; more as a map
+_MOST_PARTS: Final = 6  # interfaces, sensors ... of one quantity that are drawn
+
+
+def study_figure(study: xr.Dataset, names: list[str] | None = None) -> Figure:
+    """Panels of the quantities ``names`` (some of all where None) against the first two parameters; of further
+    parameters the first value is taken, which the title says. Points that failed or did not converge are marked.
+
+    Raises
+    ------
+    ResultsError : the study has no quantity of such a name.
+    """
+    from matplotlib.figure import Figure
+
+    parameters = [str(dim) for dim in study["state"].dims]
+    study, rest = _first_values(study, parameters[2:])
+    panels = [panel for quantity in _chosen(study, names) for panel in _panels(study, quantity)]
+    columns = min(3, max(1, len(panels)))
+    rows = -(-max(1, len(panels)) // columns)
+    figure = Figure(figsize=(4.6 * columns, 3.5 * rows + 0.6), layout="constrained")
+    axes = list(figure.subplots(rows, columns, squeeze=False).flat)
+    for axis, (title, unit, values) in zip(axes, panels, strict=False):
+        _draw(axis, study, parameters[:2], title, unit, values)
+    for axis in axes[len(panels) :]:
+        axis.set_axis_off()
+    states = study["state"].values
+    counts = [f"{int((states == FAILED).sum())} failed", f"{int((states == 1).sum())} not converged"]
+    bad = (states != CONVERGED).any()
+    title = f"{study.attrs.get('scene_name', 'study')}: {states.size} points{rest}"
+    figure.suptitle(title + (f" ({', '.join(counts)})" if bad else ""), color="#B00000" if bad else "black")
+    return figure
+
+
+def _first_values(study: xr.Dataset, parameters: list[str]) -> tuple[xr.Dataset, str]:
+    """The study at the first values of parameters, and these in words."""
+    text = "".join(f", {name} = {study[name].values[0]}" for name in parameters)
+    return study.isel(dict.fromkeys(parameters, 0)), text
+
+
+def _chosen(study: xr.Dataset, names: list[str] | None) -> list[Quantity]:
+    """Quantities to draw.
+
+    Raises
+    ------
+    ResultsError : there is none of such a name.
+    """
+    known = {q.name: q for q in QUANTITIES if q.name in study}
+    if names is None:
+        return [known[name] for name in _SHOWN if name in known and np.isfinite(study[name].values).any()]
+    problems = [
+        Problem("--quantity", "the study has no quantity of this name", name, listed(known), did_you_mean(name, known))
+        for name in names
+        if name not in known
+    ]
+    if problems:
+        raise ResultsError(problems, "the figure cannot be drawn")
+    return [known[name] for name in names]
+
+
+def _panels(study: xr.Dataset, quantity: Quantity) -> list[tuple[str, str, xr.DataArray]]:
+    """Title, unit and values of the panels of a quantity: one for each of its parts."""
+    values = study[quantity.name]
+    title = quantity.name.replace("_", " ")
+    if not quantity.of:
+        return [(title, quantity.unit, values)]
+    parts = [str(part) for part in study[quantity.of].values][:_MOST_PARTS]
+    return [(f"{part}: {title}", quantity.unit, values.sel({quantity.of: part})) for part in parts]
+
+
+def _draw(axis: Axes, study: xr.Dataset, parameters: list[str], title: str, unit: str, values: xr.DataArray) -> None:
+    """One panel: curves over one parameter, one for each value of a second one; a map where these are many."""
+    largest = float(np.nanmax(np.abs(values.values))) if np.isfinite(values.values).any() else 0.0
+    divisor, label = (1.0, "") if unit == "1" else prefix_for(largest, unit, micro="µ")
+    if len(unit.split()) > 1:  # a prefix of a compound unit would stand for its first factor only
+        divisor, label = 1.0, unit
+    axis.set_title(f"{title} ({label})" if label else title, fontsize="medium")
+    axis.set_xlabel(parameters[0], fontsize="small")
+    numbers = values.transpose(*parameters).values / divisor
+    states = study["state"].transpose(*parameters).values
+    if len(parameters) == 1:
+        _curve(axis, study[parameters[0]].values, numbers, states, colours(1)[0], None)
+    elif len(study[parameters[1]]) <= _MOST_CURVES:
+        others = study[parameters[1]].values
+        for i, (other, colour) in enumerate(zip(others, colours(len(others)), strict=True)):
+            _curve(
+                axis,
+                study[parameters[0]].values,
+                numbers[:, i],
+                states[:, i],
+                colour,
+                f"{other:g}" if others.dtype.kind in "fiu" else str(other),
+            )
+        axis.legend(title=parameters[1], fontsize="x-small", title_fontsize="x-small")
+    else:
+        _map(axis, [study[name].values for name in parameters], numbers, states)
+        axis.set_ylabel(parameters[1], fontsize="small")
+
+
+def _places(axis: Any, values: np.ndarray) -> np.ndarray:
+    """Places along a matplotlib axis; texts are equally spaced."""
+    if values.dtype.kind in "fiu":
+        return values
+    axis.set_ticks(range(len(values)), [str(v) for v in values], fontsize="x-small")
+    return np.arange(len(values))
+
+
+def _curve(axis: Axes, x: np.ndarray, y: np.ndarray, states: np.ndarray, colour: Any, label: str | None) -> None:
+    """One curve; points that did not converge are crosses, failed ones crosses at the bottom."""
+    places = _places(axis.xaxis, x)
+    axis.ticklabel_format(axis="y", useOffset=False)
+    order = np.argsort(places)
+    axis.plot(places[order], y[order], "o-", color=colour, markersize=3, linewidth=1.2, label=label)
+    bad, lost = (states != CONVERGED) & np.isfinite(y), states == FAILED
+    axis.plot(places[bad], y[bad], "x", color="#B00000", markersize=7)
+    axis.plot(places[lost], np.full(int(lost.sum()), 0.02), "x", color="#B00000", transform=axis.get_xaxis_transform())
+
+
+def _map(axis: Axes, values: list[np.ndarray], numbers: np.ndarray, states: np.ndarray) -> None:
+    """One map over two parameters; points that failed or did not converge are crosses."""
+    x, y = _places(axis.xaxis, values[0]), _places(axis.yaxis, values[1])
+    along, across = np.argsort(x), np.argsort(y)
+    x, y, numbers, states = x[along], y[across], numbers[along][:, across], states[along][:, across]
+    mesh = axis.pcolormesh(x, y, np.ma.masked_invalid(numbers.T), shading="nearest", cmap="viridis")
+    axis.figure.colorbar(mesh, ax=axis)
+    i, j = np.nonzero(states != CONVERGED)
+    axis.plot(x[i], y[j], "x", color="#B00000", markersize=7)
