@@ -11,7 +11,15 @@ import numpy as np
 
 from ..fem.mesh import Array
 from ..latin.assembly import GroundState
-from ..latin.record import InterfaceHistory, ReactionHistory, SensorHistory, SubstructureHistory, Timings, WindowRecord
+from ..latin.record import (
+    BoltHistory,
+    InterfaceHistory,
+    ReactionHistory,
+    SensorHistory,
+    SubstructureHistory,
+    Timings,
+    WindowRecord,
+)
 from ..latin.recorder import Recorder
 from ..latin.state_serialization import check_like, check_numbers, decode, encode, unlike
 from ..latin.windows import Run
@@ -35,7 +43,7 @@ class Segment:
 
     Attributes
     ----------
-    time : (n + 1,), s. interfaces, substructures, sensors, reactions, windows : as in a whole run.
+    time : (n + 1,), s. interfaces, substructures, sensors, reactions, bolts, windows : as in a whole run.
     converged, status : whether every window converged, and a sentence. accepted : whether the state moved on.
     energy : terms of the assembly at the instants, accumulated since t = 0; None unless the scene asks for them.
     """
@@ -50,6 +58,7 @@ class Segment:
     energy: dict[str, Array] | None
     sensors: dict[str, SensorHistory]
     reactions: dict[str, ReactionHistory]
+    bolts: dict[str, BoltHistory]
 
     @property
     def iterations(self) -> int:
@@ -191,6 +200,7 @@ class SegmentedRun:
             energy,
             recorder.sensors(assembly),
             recorder.reactions(assembly),
+            recorder.bolt_histories(),
         )
 
     def _known_step(self, dt: float) -> float:

@@ -67,7 +67,8 @@ class Windowed:
         self._impulse = np.zeros_like(self._impulse)
         series, sensors = series_of(self.interfaces), recorder.sensors(assembly)
         energy = recorder.assembly_energy(assembly)
-        rows = output_rows(series, self._impulse[None], sensors, (0.0, 0.0, 1.0, 0.0), energy, 1)
+        bolts = recorder.bolt_histories()
+        rows = output_rows(series, self._impulse[None], sensors, bolts, (0.0, 0.0, 1.0, 0.0), energy, 1)
         self.row = rows[0]
         self.run.reset()
 
@@ -110,7 +111,7 @@ class Windowed:
         energy = None if segment.energy is None else {k: v[-1:] for k, v in segment.energy.items()}
         solver = (segment.iterations, segment.error_indicator, float(segment.converged), n)
         last = {name: s.last() for name, s in series.items()}
-        self.row = output_rows(last, impulse[-1:], segment.sensors, solver, energy, 1)[0]
+        self.row = output_rows(last, impulse[-1:], segment.sensors, segment.bolts, solver, energy, 1)[0]
         self._impulse = impulse[-1]
         self.time, self.interfaces, self.segment = segment.time, segment.interfaces, segment
 
@@ -293,4 +294,4 @@ def _rows(segment: Segment, n: int) -> Array:
     impulse = [history.impulse(segment.time) for history in segment.interfaces.values()]
     running = np.stack(impulse, axis=1) if impulse else impulses(series, 0.0, np.zeros((0, 3)))
     solver = (segment.iterations, segment.error_indicator, float(segment.converged), n)
-    return output_rows(series, running, segment.sensors, solver, segment.energy, n + 1)
+    return output_rows(series, running, segment.sensors, segment.bolts, solver, segment.energy, n + 1)

@@ -1,4 +1,4 @@
-"""Outputs of a co-simulation: resultants of the interfaces, motion of the sensors, rows and arrays of the table."""
+"""Outputs of a co-simulation: resultants of interfaces, sensors, bolts; rows and arrays of the table."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..interface.behaviour import SEPARATION, SLIP, STICK
-from ..latin.record import Array, InterfaceHistory, SensorHistory
+from ..latin.record import Array, BoltHistory, InterfaceHistory, SensorHistory
 from .variables import ENERGIES
 
 
@@ -120,19 +120,21 @@ def output_rows(
     series: Mapping[str, InterfaceSeries],
     impulse: Array,
     sensors: Mapping[str, SensorHistory],
+    bolts: Mapping[str, BoltHistory],
     solver: Sequence[float],
     energy: Mapping[str, Array] | None,
     n: int,
 ) -> Array:
     """Scalar outputs in the order of the variable table, (n, n_output), one row per instant.
 
-    impulse : (n, n_interface, 3). sensors : histories whose last n instants are taken.
+    impulse : (n, n_interface, 3). sensors, bolts : histories whose last n instants are taken.
     solver : iterations, indicator, converged, instants of the interval.
     energy : terms (n,), None where the scene asks for none.
     """
     parts = [s.columns(impulse[:, i]) for i, s in enumerate(series.values())]
     for sensor in sensors.values():
         parts += [sensor.displacement[-n:], sensor.velocity[-n:]]
+    parts += [bolt.force[-n:, None] for bolt in bolts.values()]
     parts.append(np.tile(np.asarray(solver, dtype=float), (n, 1)))
     if energy is not None:
         parts.append(np.stack([energy[term] for term in ENERGIES], axis=1))

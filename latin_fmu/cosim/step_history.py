@@ -143,6 +143,10 @@ def joined(segments: Sequence[Segment], timings: Timings, warnings: tuple[str, .
             name: replace(first.reactions[name], force=_joined_arrays([s.reactions[name].force for s in segments]))
             for name in first.reactions
         },
+        bolts={
+            name: replace(first.bolts[name], force=_joined_arrays([s.bolts[name].force for s in segments]))
+            for name in first.bolts
+        },
         timings=timings,
         warnings=warnings,
     )

@@ -93,6 +93,9 @@ def scalar_table(scene: Scene) -> tuple[Variable, ...]:
         about = f"of sensor {name}, " + (f"mean of {sensor.face}" if sensor.face else f"a point of {sensor.body}")
         rows += vector(f"sensor.{name}.displacement", "m", f"displacement {about}")
         rows += vector(f"sensor.{name}.velocity", "m s-1", f"velocity {about}")
+    for name, bolt in scene.bolt.items():
+        about = f"tension of bolt {name} in {bolt.substructure}"
+        rows.append(output(f"bolt.{name}.force", "N", about, initial_dependencies=depends))
     rows += _solver()
     if scene.output.energy:
         rows += [output(f"energy.{name}", "J", text) for name, text in ENERGIES.items()]

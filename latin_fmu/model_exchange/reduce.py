@@ -110,7 +110,10 @@ def _unknown(scene: Scene, n_mode: int, n_patch: int) -> Iterator[Problem]:
             yield Problem(what, "not a possible number", str(value), f"{least} to {most}")
     if scene.time.quasi_static:
         yield Problem("time.quasi_static", "a reduced model moves", "true", "false", "leave it out")
-    if scene.time.start.type == "static":
+    for name in scene.bolt:
+        remedy = "remove the bolt, or make an FMU for co-simulation (without --model-exchange)"
+        yield Problem(f"bolt.{name}", "a reduced model has no bolts", None, None, remedy)
+    if scene.time.start.type == "static" and not scene.bolt:
         yield Problem("time.start", "a reduced model starts from the values given", "static", "given", "leave it out")
     for name, interface in scene.interface.items():
         if interface.behaviour not in ("contact", "perfect"):
