@@ -17,9 +17,8 @@ While a bolt is tightened F is given and delta is not. Eliminated,
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 import scipy.sparse as sp
@@ -28,14 +27,9 @@ from ..errors import Problems
 from ..fem.elements import Elements
 from ..fem.mesh import Array, CellBlock, Index, Mesh
 from ..fem.stress import MeanStress, Recovery
-from ..latin.assembly import InterfaceUnit
 from ..propagator import LoadTerm
 from ..scene.substructures import Bolt, Material
-from .body import Body, Shape, body_sides
-from .conditions import Conditions
-
-ALONG: Final = 1e-6
-"""Motions along the axis of a bolt that count, for a unit motion."""
+from .body import Body, Shape
 
 
 @dataclass(frozen=True)
@@ -79,6 +73,11 @@ class BoltCut:
             )
         return (self.table.force or 0.0) / self.area
 
+    @property
+    def motion(self) -> Array:
+        """Motion (3 n_node,) of the part beyond the cut by 1 along the axis, the rest of the body at rest."""
+        return np.outer(self.moving, self.axis).ravel()
+
     def softening(self) -> sp.csr_array:
         """g g^T / k, (n_full, n_full): what the stiffness loses while delta is free."""
         at = np.flatnonzero(self.pattern)
@@ -98,32 +97,6 @@ class BoltCut:
 def load_name(bolt: str) -> str:
     """Name of the load term of a bolt; no load of a scene has a dot in its name."""
     return f"bolt.{bolt}"
-
-
-def loose_bolts(
-    cuts: Mapping[str, BoltCut], conditions: Mapping[str, Conditions], units: Sequence[InterfaceUnit]
-) -> Problems:
-    """A problem for every bolt with a force whose part beyond the cut nothing holds along the axis."""
-    problems = Problems()
-    for name, cut in cuts.items():
-        if cut.table.force is None or not cut.moving.any():
-            continue
-        body, held = cut.table.substructure, conditions[cut.table.substructure]
-        for moving in (cut.moving, ~cut.moving):
-            motion = np.outer(moving, cut.axis).ravel()
-            share = held.expansion.T @ motion / np.maximum(held.expansion.sum(axis=0), 1)
-            stays = np.abs(held.expansion @ share - motion).max() > ALONG
-            traces = [units[i].geometry.traces[side] for i, side, owner in body_sides(units) if owner == body]
-            if not stays and not any(trace is not None and (trace @ motion).any() for trace in traces):
-                problems.add(
-                    f"bolt.{name}.force",
-                    f"nothing holds one side of the cut of {body} along the axis, so that it cannot be under tension",
-                    f"{cut.table.force:g} N",
-                    "an interface or a boundary on both sides of the cut",
-                    "move the point, add the interface of head or nut, or give a shortening",
-                )
-                break
-    return problems
 
 
 def check_yield(name: str, force: float | None, cut: BoltCut, material: Material, problems: Problems) -> None:

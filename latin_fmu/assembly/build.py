@@ -10,7 +10,6 @@ from ..interface import Behaviour
 from ..scene.schema import Scene
 from .attachments import spring_units, with_masses
 from .body import build_bodies, sensor_places
-from .bolts import loose_bolts
 from .checks import (
     boundaries_of,
     check_faces,
@@ -29,7 +28,7 @@ from .models import scheme_remarks
 from .problem import DiscretisedProblem, SolverReadyProblem
 from .propagator_choice import box_memory
 from .shanks import cuts_of
-from .statics import Kept, start_problems, static_state, unheld
+from .statics import Kept, loose_bolts, start_problems, static_state, unheld
 from .tightening import tightened
 
 
@@ -97,7 +96,8 @@ def discretise(
     elif scene.time.start.type == "static" and not problems:
         problems += start_problems(scene, bodies, conditions, units)
     cuts = cuts_of(scene, bodies, conditions, units, problems)
-    problems += loose_bolts(cuts, conditions, units)
+    if cuts and not problems:
+        problems += loose_bolts(scene, bodies, conditions, units, cuts)
     if problems:
         raise SceneError(problems, "the scene cannot be built")
     problem = DiscretisedProblem.of(scene, bodies, conditions, units, cuts=cuts, kept=kept)

@@ -50,12 +50,14 @@ _NAMED = 3  # bodies of a mechanism that are named
 _TURNS = 0.3  # share of a rotation in the motion of a body from which on it turns
 
 
-def allowed_motions(body: Body, held: Conditions) -> Array:
-    """Rigid motions of the nodes that the conditions allow, prescribed ones at rest, (3 n_node, 0 ... 6)."""
+def allowed_motions(body: Body, held: Conditions, more: Array | None = None) -> Array:
+    """Rigid motions of the nodes that the conditions allow, prescribed ones at rest, (3 n_node, 0 ... 6); ``more``:
+    motions (3 n_node, n) which the body can make beside."""
     if isinstance(held, RigidConditions):
         return held.nodal[:, : held.expansion.shape[1]]
     nodes, p = body.mesh.nodes, held.expansion
     full = rigid_modes(nodes, nodes.mean(axis=0), body.mesh.size)
+    full = full if more is None else np.hstack([full, more])
     reduced = (p.T @ full) / np.maximum(p.sum(axis=0), 1)[:, None]
     against = full - p @ reduced  # what held and tied nodes do not allow
     values, vectors = la.eigh(against.T @ against / len(nodes))

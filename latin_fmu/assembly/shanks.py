@@ -24,11 +24,12 @@ from ..latin.assembly import InterfaceUnit
 from ..scene.schema import Scene
 from ..scene.substructures import Bolt
 from .body import Body, body_sides
-from .bolts import ALONG, BoltCut, check_yield
+from .bolts import BoltCut, check_yield
 from .conditions import Conditions
 
 _WIDEST: Final = 9  # nodes of a facet
 _SAME = 1e-9  # of the length of the body: levels that are equal
+_ALONG = 1e-6  # share of the axis along which a held direction counts
 _THIN = 1.1  # times the smallest section: sections of the same shank
 
 
@@ -68,7 +69,7 @@ def _held_nodes(held: Conditions, axis: Array, n_node: int) -> np.ndarray:
     free = (np.diff(held.expansion.indptr) > 0) & ~held.pattern.any(axis=1)
     tied = np.asarray(held.expansion.sum(axis=0) > 1).ravel()
     free &= ~np.asarray(held.expansion @ tied.astype(float), dtype=bool)
-    return np.asarray((~free.reshape(n_node, 3) & (np.abs(axis) > ALONG)).any(axis=1))
+    return np.asarray((~free.reshape(n_node, 3) & (np.abs(axis) > _ALONG)).any(axis=1))
 
 
 class _Section:

@@ -33,6 +33,7 @@ from ..scene.schema import BODY_FORCE, GRAVITY, Scene
 from ..scene.settings import StaticStart
 from ..scene.substructures import DAMPING_KEYS
 from .body import Body, body_sides
+from .bolts import BoltCut
 from .checks import boundaries_of
 from .conditions import Conditions, conditions_on
 from .initial_state import InitialState
@@ -41,6 +42,7 @@ from .models import contact_layer
 from .problem import DiscretisedProblem, SolverReadyProblem, settings_of
 
 TIGHT = 1e-11, 1e-9  # tolerances of the static solution; that of the scene where round-off prevents both
+_MOVES = 1e-6  # motion of a node that counts, for unit motions of bodies
 _MOST = 500  # iterations of an increment
 _NO_VISCOSITY: Final[Mapping[str, float]] = MappingProxyType({"viscosity": 0.0, "lateral_viscosity": 0.0})
 _Tables = dict[str, Any]
@@ -195,11 +197,56 @@ def unheld(
     that asks for statics.
     """
     motions = {name: allowed_motions(body, conditions[name]) for name, body in bodies.items()}
+    return _unheld_problems(_free_motions(motions, units), motions, because)
+
+
+def loose_bolts(
+    scene: Scene,
+    bodies: Mapping[str, Body],
+    conditions: Mapping[str, Conditions],
+    units: list[InterfaceUnit],
+    cuts: Mapping[str, BoltCut],
+) -> Problems:
+    """A problem for every bolt whose tension nothing resists while the bolts of its order are tightened: it could pull
+    bodies without relative motion at any interface, open or closed."""
+    still, kept = resting(scene), static_interfaces(scene)
+    units, problems = [unit for unit in units if unit.name in kept], Problems()
+    pulled = [cut for cut in cuts.values() if cut.table.force is not None and cut.moving.any()]
+    for order in sorted({cut.table.order for cut in pulled}):
+        group = [cut for cut in pulled if cut.table.order == order]
+        motions = {}
+        for name in still:
+            jumps = [cut.motion for cut in group if cut.table.substructure == name]
+            more = np.stack(jumps, axis=1) if jumps else None
+            motions[name] = allowed_motions(bodies[name], conditions[name], more)
+        free = _free_motions(motions, units)
+        moved = [n for n in still if free[n].size and np.abs(motions[n] @ free[n]).max() > _MOVES]
+        problems += [_loose(cut, moved) for cut in group if cut.table.substructure in moved]
+    return problems
+
+
+def _loose(cut: BoltCut, moved: list[str]) -> Problem:
+    """The problem of a bolt whose tension pulls the bodies ``moved`` without resistance."""
+    body = cut.table.substructure
+    others = ", ".join(name for name in moved if name != body)
+    return Problem(
+        f"bolt.{cut.name}.force",
+        f"nothing resists the tension: one side of the cut of {body} can be pulled along the axis"
+        + (f", with {others}" if others else ""),
+        f"{cut.table.force:g} N",
+        "interfaces or boundaries that hold both sides of the cut against each other",
+        "add what lies between head and nut, or give a shortening",
+    )
+
+
+def _free_motions(motions: Mapping[str, Array], units: list[InterfaceUnit]) -> dict[str, Array]:
+    """Factors (n_motion, n_free) of the motions of every body (3 n_node, n_motion) in the motions without relative
+    motion at any interface."""
     ends = np.cumsum([m.shape[1] for m in motions.values()])
     where = {n: slice(int(e) - m.shape[1], int(e)) for (n, m), e in zip(motions.items(), ends, strict=True)}
     total = int(ends[-1])
     if not total:
-        return Problems()
+        return {n: np.zeros((0, 0)) for n in motions}
     squares = np.zeros((total, total))
     for unit in units:
         relative = np.zeros((unit.geometry.n_point * unit.behaviour.n_component, total))
@@ -210,15 +257,15 @@ def unheld(
         squares += relative.T @ relative / unit.geometry.n_point
     values, vectors = la.eigh(squares)
     free = vectors[:, values < HELD * max(float(values[-1]), 1e-300)] if values[-1] > 0 else vectors
-    return _unheld_problems(free, where, motions, because)
+    return {name: free[rows] for name, rows in where.items()}
 
 
-def _unheld_problems(free: Array, where: dict[str, slice], motions: dict[str, Array], because: str) -> Problems:
+def _unheld_problems(free: Mapping[str, Array], motions: Mapping[str, Array], because: str) -> Problems:
     """One problem for each substructure that takes part in the free motions (columns)."""
     problems = Problems()
-    for name, rows in where.items():
-        own = motions[name] @ free[rows] if free.size else np.zeros((0, 0))
-        if not own.size or np.abs(own).max() < 1e-6:
+    for name, factors in free.items():
+        own = motions[name] @ factors if factors.size else np.zeros((0, 0))
+        if not own.size or np.abs(own).max() < _MOVES:
             continue
         ways = [f"along {axis}" for i, axis in enumerate("xyz") if _contains(own, i)]
         problems.add(
