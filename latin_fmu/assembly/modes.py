@@ -4,6 +4,7 @@
 
 C holds what joints keep together: all components of perfect interfaces; of contacts, at points that are closed at the
 start, the normal component and, with friction, the tangential ones (sticking); all components at all points (bonded).
+In a scene with bolts those points are closed that are under pressure when the bolts are tight.
 Springs of layers add to K. Held and prescribed directions do not move.
 
 Rows of C with one or two entries (nodes against nodes) make dofs one, or hold them: exact. Of other rows (mortar) each
@@ -33,6 +34,7 @@ from ..scene.settings import HHT, GivenStart
 from .build import discretise
 from .merged_assembly import tied
 from .problem import DiscretisedProblem
+from .tightening import tightened
 
 Joints = Literal["sticking", "open", "bonded"]
 _STIFF: Final = 1e4
@@ -53,12 +55,13 @@ def vibration_modes(scene: Scene, joints: Joints = "sticking", count: int = 10) 
     SceneError : the scene cannot be built.
     """
     plain = {"scheme": HHT(), "quasi_static": False, "start": GivenStart()}
+    pressed = _pressed(scene) if scene.bolt and joints == "sticking" else {}
     discretised = discretise(scene.model_copy(update={"time": scene.time.model_copy(update=plain)}))
     models = {m.name: m for c in discretised.classes for m in c.members}
     parts = _Parts.of([models[name] for name in discretised.bodies])
     rows, springs, remarks = [sp.csr_array((0, parts.n))], [], []
     for unit in discretised.units:
-        kept, stiffness, remark = _joint(unit, joints, parts)
+        kept, stiffness, remark = _joint(unit, joints, parts, pressed.get(unit.name))
         rows += [] if kept is None else [kept]
         springs += [] if stiffness is None else [stiffness]
         remarks.append(f"{unit.name} ({unit.behaviour.name}): {remark}")
@@ -71,6 +74,13 @@ def vibration_modes(scene: Scene, joints: Joints = "sticking", count: int = 10) 
     vibration = Vibration(k, m, shift=_shift(discretised), dense=0 if left.shape[0] else None)
     values, vectors, n_rigid = _lowest(vibration, k, count)
     return _named(discretised, parts, joints, values, expansion @ vectors, n_rigid, remarks)
+
+
+def _pressed(scene: Scene) -> dict[str, np.ndarray]:
+    """(n_point,) whether the points of each interface are under pressure when the bolts are tight, no load acting."""
+    discretised = discretise(scene)
+    state = tightened(discretised, {})
+    return {name: traction[:, 0] < 0.0 for name, traction in state.traction.items()}
 
 
 @dataclass(frozen=True)
@@ -116,8 +126,11 @@ class _Parts:
         return sp.csr_array(total)
 
 
-def _joint(unit: InterfaceUnit, joints: Joints, parts: _Parts) -> tuple[sp.csr_array | None, sp.csr_array | None, str]:
-    """Rows that the interface keeps at zero, stiffness of its layer (n, n), and a few words."""
+def _joint(
+    unit: InterfaceUnit, joints: Joints, parts: _Parts, pressed: np.ndarray | None
+) -> tuple[sp.csr_array | None, sp.csr_array | None, str]:
+    """Rows that the interface keeps at zero, stiffness of its layer (n, n), and a few words; ``pressed``: points that
+    are closed by bolts, None without bolts."""
     kind, geometry = unit.behaviour.name, unit.geometry
     if kind == "perfect" or (unit.behaviour.opens and joints == "bonded"):
         return parts.jump(unit, local=False), None, "joined"
@@ -128,9 +141,10 @@ def _joint(unit: InterfaceUnit, joints: Joints, parts: _Parts) -> tuple[sp.csr_a
         return None, None, "open: it has no stiffness"
     if joints == "open":
         return None, None, "open"
-    closed = geometry.gap <= _CLOSED * np.sqrt(geometry.areas.mean())
+    closed = geometry.gap <= _CLOSED * np.sqrt(geometry.areas.mean()) if pressed is None else pressed
     sticks = kind == "no_slip" or bool(coulomb_coefficient(unit.behaviour))
     share = f"{int(closed.sum())} of {geometry.n_point} points closed"
+    share += "" if pressed is None else " when the bolts are tight"
     words = f"{'sticking' if sticks else 'free to slide'}, {share}"
     layer = getattr(unit.behaviour, "normal_stiffness", None)
     if layer is None and sticks and closed.all():

@@ -157,3 +157,76 @@ def test_plates_pulled_apart_after_the_lock(files: dict[str, Path]) -> None:
     assert growth == pytest.approx([0.0, 0.5 * share, share], rel=0.03, abs=1e-9)
     clamped = pulled.interfaces["plates"].normal_resultant()
     assert clamped == pytest.approx(pulled.bolts["b"].force - load * np.array([0, 0.5, 1]), rel=1e-4)
+
+
+# -- several bolts ----------------------------------------------------------------------------------------------------
+BODIES = {"left": 0.0, "middle": 25e-3, "right": 50e-3}
+
+
+def frame(bolts: dict[str, dict[str, Any]], **other: Any) -> dict[str, Any]:
+    """Two beams of 60 mm on three columns of 50 mm, all bonded; ``bolts`` by column."""
+
+    def box(x: float, z: float, size: list[float], elements: list[int]) -> dict[str, Any]:
+        return {"material": "steel", "box": {"origin": [x, 0, z], "size": size, "elements": elements}}
+
+    beam = [60e-3, 10e-3, 10e-3], [12, 2, 2]
+    columns = {name: box(x, 10e-3, [10e-3, 10e-3, 50e-3], [2, 2, 5]) for name, x in BODIES.items()}
+    bonds = {f"{name}_foot": ["lower.zmax", f"{name}.zmin"] for name in BODIES}
+    bonds |= {f"{name}_top": [f"{name}.zmax", "upper.zmin"] for name in BODIES}
+    return {
+        "name": "frame",
+        "material": {"steel": {"young_modulus": E, "poisson_ratio": 0.3, "density": 7800.0}},
+        "substructure": {"lower": box(0.0, 0.0, *beam), "upper": box(0.0, 60e-3, *beam), **columns},
+        "interface": {name: {"sides": sides, "behaviour": "perfect"} for name, sides in bonds.items()},
+        "boundary": {"hold": {"type": "fixed", "face": "lower.zmin"}},
+        "bolt": {name: {"substructure": name, "axis": [0, 0, 1], **table} for name, table in bolts.items()},
+        "time": {"end": 1.0, "instants": 1, "quasi_static": True},
+        "solver": {"tolerance": 1e-8},
+        **other,
+    }
+
+
+@pytest.fixture(scope="module")
+def influence() -> Array:
+    """Tensions of the bolts left and right (rows) per shortening of one of them (columns), from two linear solves."""
+    columns = []
+    for name in ("left", "right"):
+        both = {n: {"shortening": 1e-5 if n == name else 1e-30} for n in ("left", "right")}
+        solved = solve(scene_from_dict(frame(both)))
+        columns.append([solved.bolts[n].force[-1] / 1e-5 for n in ("left", "right")])
+    return np.array(columns).T
+
+
+def test_second_bolt_changes_the_force_of_the_first(influence: Array) -> None:
+    """Elastic interaction: left to 4 kN, then right to 3 kN, against the influence coefficients."""
+    assert influence[0, 1] == pytest.approx(influence[1, 0], rel=1e-7)  # reciprocity
+    assert abs(influence[0, 1]) > 0.02 * influence[0, 0]
+    bolts = {"left": {"force": 4000.0, "order": 2}, "right": {"force": 3000.0, "order": 5}}
+    solved = solve(scene_from_dict(frame(bolts))).bolts
+    first = 4000.0 / influence[0, 0]
+    second = (3000.0 - influence[1, 0] * first) / influence[1, 1]
+    assert solved["left"].orders == (2, 5)
+    assert solved["left"].tightening == pytest.approx([4000.0, influence[0] @ [first, second]], rel=1e-6)
+    assert solved["right"].tightening == pytest.approx([influence[1, 0] * first, 3000.0], rel=1e-6)
+    assert [solved[n].shortening for n in ("left", "right")] == pytest.approx([first, second], rel=1e-6)
+    assert solved["left"].force[-1] == pytest.approx(solved["left"].tightening[-1], rel=1e-9)
+
+
+@pytest.mark.parametrize("identical", [True, False])
+def test_bolts_of_one_order_reach_their_forces_together(influence: Array, identical: bool) -> None:
+    """Both forces are met at once, of bodies that share their operators too."""
+    bolts = {"left": {"force": 4000.0}, "right": {"force": 3000.0}}
+    solver = {"tolerance": 1e-8, "share_identical": identical}
+    solved = solve(scene_from_dict(frame(bolts, solver=solver))).bolts
+    assert [solved[n].force[-1] for n in ("left", "right")] == pytest.approx([4000.0, 3000.0], rel=1e-8)
+    expected = np.linalg.solve(influence, [4000.0, 3000.0])
+    assert [solved[n].shortening for n in ("left", "right")] == pytest.approx(expected, rel=1e-6)
+
+
+def test_force_and_shortening_in_one_order(influence: Array) -> None:
+    """One bolt by its shortening, the other by its force, together."""
+    bolts = {"left": {"shortening": 10e-6}, "right": {"force": 3000.0}}
+    solved = solve(scene_from_dict(frame(bolts))).bolts
+    other = (3000.0 - influence[1, 0] * 10e-6) / influence[1, 1]
+    assert solved["right"].shortening == pytest.approx(other, rel=1e-6)
+    assert solved["left"].force[-1] == pytest.approx(influence[0] @ [10e-6, other], rel=1e-6)
