@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -60,12 +61,12 @@ class Segment:
     reactions: dict[str, ReactionHistory]
     bolts: dict[str, BoltHistory]
 
-    @property
+    @cached_property
     def iterations(self) -> int:
         """LATIN iterations over all windows."""
         return sum(w.iterations for w in self.windows)
 
-    @property
+    @cached_property
     def error_indicator(self) -> float:
         """Largest sqrt(eta) of the accepted iterates of the windows."""
         return max((w.final_error for w in self.windows), default=0.0)

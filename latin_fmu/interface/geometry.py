@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
@@ -11,6 +13,32 @@ from numpy.typing import NDArray
 from .behaviour import Array
 
 _ROUND_OFF = 1e-12
+
+
+class Rotation:
+    """Rotation of vectors (..., n_point, n_component) from the frames (n_point, n_component, 3) of their points into
+    global axes."""
+
+    def __init__(self, frames: Array) -> None:
+        self._frames = frames
+        self._one = frames[0] if len(frames) and (frames == frames[0]).all() else None
+        self._along: list[tuple[int, float]] = []  # per global axis, component and factor: frames along these axes
+        if self._one is not None and (np.count_nonzero(self._one, axis=0) <= 1).all():
+            rows = np.abs(self._one).argmax(axis=0)
+            self._along = [(int(row), float(self._one[row, axis])) for axis, row in enumerate(rows)]
+
+    def __call__(self, values: Array) -> Array:
+        """The vectors in global axes, (..., n_point, 3)."""
+        if self._along:  # no sums
+            vectors = np.empty((*values.shape[:-1], 3))
+            for axis, (row, factor) in enumerate(self._along):
+                np.multiply(values[..., row], factor, out=vectors[..., axis])
+            return vectors
+        if self._one is None:
+            turned: Array = np.einsum("...pc,pci->...pi", values, self._frames)
+            return turned
+        product: Array = values.reshape(-1, len(self._one)) @ self._one  # one product instead of one per instant
+        return product.reshape(*values.shape[:-1], 3)
 
 
 @dataclass(frozen=True)
@@ -41,6 +69,11 @@ class InterfaceGeometry:
     owner: int = 0
     matching: bool = True
     cells: NDArray[np.int64] | None = None
+
+    @cached_property
+    def global_axes(self) -> Mapping[int, Rotation]:
+        """Rotations into global axes of vectors with one component, along N, and with three."""
+        return {n: Rotation(self.frames[:, :n]) for n in (1, 3)}
 
     @property
     def n_point(self) -> int:

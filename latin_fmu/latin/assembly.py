@@ -215,13 +215,14 @@ class Assembly:
         self.time, self.dt = time, dt
         self.ground = dict(ground)
         self._travel = {
-            i: np.concatenate([np.zeros((1, 3)), np.cumsum(dt * self._mean(v), axis=0)]) for i, v in ground.items()
+            i: np.concatenate([np.zeros((1, 3)), np.cumsum(dt * self._mean(v), axis=0)]) if v.any() else v
+            for i, v in ground.items()
         }
         self.ground_start = dict(start)
-        impedance = self.impedance
-        yielding = np.divide(dt, impedance, out=np.zeros_like(impedance), where=impedance > 0)
         for group in self.layout.groups:
             if isinstance(group.behaviour, NoSlip):
+                impedance = self.impedance
+                yielding = np.divide(dt, impedance, out=np.zeros_like(impedance), where=impedance > 0)
                 compliance = group.block(yielding)[..., 0].sum(axis=0)
                 group.parameters[:, 0] = _TOUCH * self.characteristic_traction * compliance
 
@@ -290,6 +291,17 @@ class Assembly:
         flat = np.zeros(self.layout.n_flat)
         self._write_ground(flat, lambda i: self._ground_acceleration(i, 0))
         return flat
+
+    @property
+    def n_ground(self) -> int:
+        """Number of channels of the ground."""
+        return sum(channels.size for channels, _ in self._ground_frames.values())
+
+    @property
+    def ground_rests(self) -> bool:
+        """Whether the ground has not moved and does not move."""
+        starts = (field for state in self.ground_start.values() for field in state if field is not None)
+        return not any(field.any() for field in (*self.ground.values(), *starts))
 
     def ground_tables(self) -> tuple[Index, Array, Array, Array]:
         """Channels of the ground (n,), their velocities, displacements and accelerations (n_time, n) at all

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import BinaryIO
 
 import numpy as np
@@ -88,9 +87,8 @@ class InterfaceRows:
             group = layout.group(i)
             gap = self.gaps.get(layout.groups.index(group))
             own_gap = None if gap is None else gap[:n, group.members[i]]
-            fields = self.f_hat[:n], self.w_hat[:n], own_gap, self.slide.get(i)
-            history = interface_history(self._assembly, i, *fields)
-            histories[unit.name] = replace(history, peak_duration=peak_duration)
+            fields = self.f_hat[:n], self.w_hat[:n], own_gap, self.slide.get(i), peak_duration
+            histories[unit.name] = interface_history(self._assembly, i, *fields)
         return histories
 
 
@@ -146,7 +144,13 @@ class InterfaceStream:
 
 
 def interface_history(
-    assembly: Assembly, index: int, f_hat: Array, w_hat: Array, gap: Array | None = None, slide: Array | None = None
+    assembly: Assembly,
+    index: int,
+    f_hat: Array,
+    w_hat: Array,
+    gap: Array | None = None,
+    slide: Array | None = None,
+    peak_duration: float | None = None,
 ) -> InterfaceHistory:
     """History of interface ``index`` in global axes from local-frame fields.
 
@@ -154,6 +158,7 @@ def interface_history(
     ----------
     f_hat, w_hat : (n, n_flat) local-stage tractions and velocities. gap : (n, n_point) or None.
     slide : (n_time, 2, n_point, 3) velocities of the sides where tangential unknowns are absent, else None.
+    peak_duration : as in the request of output.
 
     A pressure below 1e-6 of the traction that the loads can bring (round-off, and the numerical precursor of a wave
     that has not arrived) does not count as contact; nor does a traction, for laws without a friction coefficient.
@@ -162,8 +167,8 @@ def interface_history(
     points = group.members[index]
     f_hat, w_hat = group.block(f_hat)[:, 0, points], group.block(w_hat)[:, :, points]
     behaviour, geometry, parameters = unit.behaviour, unit.geometry, group.parameters[points]
-    frames = geometry.frames[:, : behaviour.n_component]
-    traction, velocity = _in_global_axes(f_hat, frames), _in_global_axes(w_hat, frames)
+    in_global_axes = geometry.global_axes[behaviour.n_component]
+    traction, velocity = in_global_axes(f_hat), in_global_axes(w_hat)
     if slide is not None:
         normal = geometry.frames[:, 0]
         tangential = slide[: len(f_hat)]
@@ -202,25 +207,5 @@ def interface_history(
         joint_power=joint_power,
         cells=geometry.cells,
         quasi_static=assembly.quasi_static,
+        peak_duration=peak_duration,
     )
-
-
-def _in_global_axes(values: Array, frames: Array) -> Array:
-    """Vectors (..., n_point, n_component) given in the frames (n_point, n_component, 3) of their points, in global
-    axes."""
-    if len(frames) and (frames == frames[0]).all():
-        return _in_one_frame(values, frames[0])
-    vectors: Array = np.einsum("...pc,pci->...pi", values, frames)
-    return vectors
-
-
-def _in_one_frame(values: Array, frame: Array) -> Array:
-    """Vectors (..., n_component) given in one frame (n_component, 3), in global axes."""
-    if (np.count_nonzero(frame, axis=0) <= 1).all():  # along the global axes: no sums
-        vectors = np.empty((*values.shape[:-1], 3))
-        for axis, column in enumerate(frame.T):
-            row = int(np.argmax(np.abs(column)))
-            np.multiply(values[..., row], column[row], out=vectors[..., axis])
-        return vectors
-    product: Array = values.reshape(-1, len(frame)) @ frame  # one product instead of one per instant
-    return product.reshape(*values.shape[:-1], 3)

@@ -84,6 +84,7 @@ class Recorder:
         self._motions = {name: np.zeros((n_time, 3, 3)) for name in request.sensors}
         self._forces = {name: np.zeros((n_time, 2, 3)) for name in request.supports}
         self._tensions = {name: np.zeros(n_time) for name in request.bolts}
+        self._histories: tuple[int, dict[str, InterfaceHistory]] = -1, {}  # of so many instants
         self.n_kept = 0
         """Instants kept so far, t = 0 included."""
 
@@ -195,7 +196,10 @@ class Recorder:
     # -- histories --------------------------------------------------------------------------------------------
     def interfaces(self) -> dict[str, InterfaceHistory]:
         """Interface histories over the kept instants."""
-        return self.rows.histories(self.rows.row(self.n_kept), self._request.peak_duration)
+        if self._histories[0] != self.n_kept:
+            row = self.rows.row(self.n_kept)
+            self._histories = self.n_kept, self.rows.histories(row, self._request.peak_duration)
+        return self._histories[1]
 
     def sensors(self, assembly: Assembly) -> dict[str, SensorHistory]:
         """Histories of the sensors over the kept instants."""

@@ -150,7 +150,12 @@ def all_in_kernels(image: Image) -> bool:
 
 def histories(assembly: Assembly) -> dict[str, Array]:
     """Motion of the ground at the instants of the segment, and the ``continuation`` of the loads."""
-    scheme, dt = assembly.scheme, assembly.dt
+    scheme, dt, n_time = assembly.scheme, assembly.dt, len(assembly.time)
+    share = continuation(assembly) if assembly.quasi_static else np.ones(n_time)
+    if assembly.ground_rests:
+        rest = np.zeros((n_time, assembly.n_ground))
+        names = ("ground_velocity", "ground_displacement", "ground_acceleration", "ground_layer")
+        return {**dict.fromkeys(names, rest), "continuation": share}
     _, velocity, displacement, acceleration = assembly.ground_tables()
     displacement = displacement + scheme.gap_offset(dt) * velocity
     one, zero = np.ones(1), np.zeros(1)
@@ -160,7 +165,7 @@ def histories(assembly: Assembly) -> dict[str, Array]:
         "ground_displacement": displacement,
         "ground_acceleration": acceleration,
         "ground_layer": displacement + layer_v * velocity + layer_a * acceleration,
-        "continuation": continuation(assembly) if assembly.quasi_static else np.ones(len(assembly.time)),
+        "continuation": share,
     }
 
 

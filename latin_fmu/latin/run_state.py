@@ -121,9 +121,12 @@ class RunState:
 
     def _use(self, n: int) -> None:
         """Bind propagators and image to the search direction for windows of n instants."""
+        key = min(n, LONG)
+        if self.image.bound == key:
+            return
         direction = self.direction(n)
         direction.bind()
-        self.image.bind(min(n, LONG), direction.run_fields(), direction.group_fields())
+        self.image.bind(key, direction.run_fields(), direction.group_fields())
 
     def begin_segment(self, recorder: Recorder) -> None:
         """Continue after the assembly has begun a new segment of time."""

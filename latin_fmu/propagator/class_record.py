@@ -353,18 +353,19 @@ def work(block: Block, row: Row, window: int, stride: int) -> None:
     row["w_damped"] = block.reserve(c * m) if row["kind"] == STATIC else row["w_free"]
 
 
-def histories(block: Block, row: Row, propagator: Any) -> None:
-    """Loads and prescribed motions of the class over a segment of time."""
-    forcing, m = propagator.forcing, row["m"]
-    constant, terms = forcing.sums(propagator.members[0].trace, propagator.dashpots)
-    row["driven"] = int(row["kind"] == STATIC or forcing.moves or bool(constant.any()))
-    row["constant"] = block.put(constant)
+def histories(block: Block, constant: Row, propagator: Any) -> Row:
+    """Loads and prescribed motions of the class with the constants ``constant`` over a segment of time."""
+    forcing = propagator.forcing
+    force, terms = forcing.sums(propagator.members[0].trace, propagator.dashpots)
+    assert force.shape == (constant["n"], constant["m"])
+    driven = constant["kind"] == STATIC or forcing.moves or bool(force.any())
+    row: Row = {"driven": int(driven), "constant": block.put(force)}
     for name, sums in terms.items():
         put_terms(block, row, name, sums)
     row["work_loads"] = row["constant"]
-    if row["n_motion"]:
+    if constant["n_motion"]:
         row["motions"] = block.put(forcing.motion_table())
-    assert constant.shape == (row["n"], m)
+    return row
 
 
 def newton_sizes(run: Row, n: int) -> dict[str, int]:

@@ -148,7 +148,7 @@ class Image:
         self._rows = [class_record.constants(fixed, *given, normal, halves) for given in per_class]
         self.fixed = self.moving = np.zeros(0)  # room is made when their sizes are known
         self._n_fixed, self._waiting = fixed.size, [fixed]
-        self._current: int | None = None
+        self.bound: int | None = None  # key of the search direction in use
         self._half: dict[int, Array] = {}
         self._written = False
         self._lay_out_moving()
@@ -232,13 +232,15 @@ class Image:
     def begin(self, n_time: int, histories: Mapping[str, Array]) -> None:
         """Take over loads and prescribed motions of the classes in a segment of time, and ``histories`` of the run."""
         block = Block(self._tail)
-        self._run["n_time"] = n_time
-        for row, propagator in zip(self._rows, self.propagators, strict=True):
-            class_record.histories(block, row, propagator)
-        self._run |= {name: block.put(values) for name, values in histories.items()}
-        self.moving = class_record.grown(self.moving, block.size)
+        fields = [class_record.histories(block, row, p) for row, p in zip(self._rows, self.propagators, strict=True)]
+        fields.append({"n_time": n_time, **{name: block.put(values) for name, values in histories.items()}})
+        moving = self.moving
+        self.moving = class_record.grown(moving, block.size)
         block.fill(self.moving)
-        self._written = False
+        for row, new in zip((*self._rows, self._run), fields, strict=True):
+            if self.moving is not moving or not new.items() <= row.items():  # else the records hold them
+                row.update(new)
+                self._written = False
 
     # -- directions ---------------------------------------------------------------------------------------------
     def bind(
@@ -252,7 +254,7 @@ class Image:
         propagators with these fields of the records."""
         placed = old = self._directions.get(key)
         if placed is None or afresh:
-            self._current = None
+            self.bound = None
             placed, block = self._place(self._n_fixed if old is None else old.start, run or {}, groups)
             if old is not None and placed.end > old.end < self._n_fixed:  # longer than its place
                 placed, block = self._place(self._n_fixed, run or {}, groups)
@@ -261,12 +263,12 @@ class Image:
             self._directions[key] = placed
             self._n_fixed = max(self._n_fixed, placed.end)
             self._waiting.append(block)
-        if key != self._current:
-            self._current = key
+        if key != self.bound:
+            self.bound = key
             self._run |= placed.run
             for into, fields in zip((*self._rows, *self._groups), (*placed.rows, *placed.groups), strict=False):
                 into.update(fields)
-        self._written = False
+            self._written = False
 
     def _place(
         self, start: int, run: Mapping[str, Any], groups: Sequence[Mapping[str, Any]]

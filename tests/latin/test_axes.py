@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from latin_fmu.latin.interface_rows import _in_global_axes
+from latin_fmu.interface.geometry import Rotation
 from latin_fmu.latin.search_direction import _median
 
 Array = np.ndarray
@@ -23,12 +23,12 @@ def frames(kind: str, n_point: int) -> Array:
 
 @pytest.mark.parametrize("n_component", [1, 3])
 @pytest.mark.parametrize("kind", ["along the axes", "turned", "turning"])
-def test_in_global_axes(kind: str, n_component: int) -> None:
+def test_rotation_into_global_axes(kind: str, n_component: int) -> None:
     """A part of a larger array, as the histories of an interface are."""
     whole = np.random.default_rng(2).normal(size=(4, 2, 9, n_component))
     axes = frames(kind, 5)[:, :n_component]
     for values in (whole[:, :, 2:7], whole[:, 0, 2:7], whole[:0, 0, 2:7]):
-        actual = _in_global_axes(values, axes)
+        actual = Rotation(axes)(values)
         np.testing.assert_allclose(actual, np.einsum("...pc,pci->...pi", values, axes), atol=1e-15)
 
 
