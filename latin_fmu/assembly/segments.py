@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -12,17 +12,10 @@ import numpy as np
 
 from ..fem.mesh import Array
 from ..latin.assembly import GroundState
-from ..latin.record import (
-    BoltHistory,
-    InterfaceHistory,
-    ReactionHistory,
-    SensorHistory,
-    SubstructureHistory,
-    Timings,
-    WindowRecord,
-)
+from ..latin.record import BoltHistory, InterfaceHistory, ReactionHistory, SensorHistory, SubstructureHistory, Timings
 from ..latin.recorder import Recorder
 from ..latin.state_serialization import check_like, check_numbers, decode, encode, unlike
+from ..latin.window_list import WindowList
 from ..latin.windows import Run
 from ..machine import one_thread
 from ..propagator import Propagator
@@ -52,7 +45,7 @@ class Segment:
     time: Array
     interfaces: dict[str, InterfaceHistory]
     substructures: dict[str, SubstructureHistory]
-    windows: Sequence[WindowRecord]
+    windows: WindowList
     converged: bool
     accepted: bool
     status: str
@@ -64,12 +57,12 @@ class Segment:
     @cached_property
     def iterations(self) -> int:
         """LATIN iterations over all windows."""
-        return sum(w.iterations for w in self.windows)
+        return int(self.windows.counts()[:, 0].sum())
 
     @cached_property
     def error_indicator(self) -> float:
         """Largest sqrt(eta) of the accepted iterates of the windows."""
-        return max((w.final_error for w in self.windows), default=0.0)
+        return self.windows.largest_error()
 
 
 class SegmentedRun:
@@ -140,16 +133,16 @@ class SegmentedRun:
         end : s, > present time. n : number of steps. loads : amplitude (n + 1,) of loads by name.
         accept : move on even where a window did not converge (its best iterate); else the state is untouched.
         """
-        before = None if self._run is None else self._tree()
-        time = np.linspace(self.time, end, n + 1)
+        before = self._keep_state()
+        time = np.linspace(self.time, end, n + 1) if n > 1 else np.array([self.time, end])
         try:
             with one_thread():
                 segment = self._solve(time, loads or {})
         except Exception:  # of any kind: the state must not be half of the next one
-            self._return_to(before)
+            before()
             raise
         if not segment.converged and (not accept or (self._run is not None and self._run.stopped)):
-            self._return_to(before)
+            before()
             return replace(segment, accepted=False)
         self.time = end
         if segment.energy is not None:
@@ -159,12 +152,17 @@ class SegmentedRun:
         self._ground = self.problem.assembly.ground_end(n)
         return segment
 
-    def _return_to(self, before: dict[str, Any] | None) -> None:
-        """Restore the state of ``_tree``; None: that at t = 0."""
-        if before is None:
-            self.reset()
-        else:
-            self._resume(before)
+    def _keep_state(self) -> Callable[[], None]:
+        """A function that returns to the present state."""
+        if self._run is None:
+            return self.reset
+        own, state = (self._stored, list(self._steps)), self._run.keep_state()
+
+        def return_to() -> None:
+            self._stored, self._steps = own
+            state()
+
+        return return_to
 
     def _solve(self, time: Array, loads: Mapping[str, Array]) -> Segment:
         if self._run is None:

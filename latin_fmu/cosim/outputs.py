@@ -40,8 +40,9 @@ class InterfaceSeries:
             gap, smallest = history.gap @ share, history.gap.min(axis=1)
         if history.contact_status is not None:
             status = history.contact_status
-            states = (status != SEPARATION, status == STICK, status == SLIP)
-            shares = np.stack([state @ share for state in states], axis=1)
+            shares = np.empty((len(status), 3))
+            for i, state in enumerate((status != SEPARATION, status == STICK, status == SLIP)):
+                shares[:, i] = state @ share
         return cls(
             history.force(),
             np.einsum("p,tspc->tsc", share, history.velocity),
@@ -56,8 +57,8 @@ class InterfaceSeries:
         cut = (None if v is None else v[-1:] for v in (self.gap, self.smallest_gap, self.shares))
         return InterfaceSeries(self.force[-1:], self.velocity[-1:], self.normal_force[-1:], *cut)
 
-    def columns(self, impulse: Array) -> Array:
-        """(n, n_output): the scalar outputs of the interface in the order of the variable table.
+    def columns(self, impulse: Array) -> list[Array]:
+        """Scalar outputs (n, ...) of the interface in the order of the variable table.
 
         impulse : (n, 3), N s.
         """
@@ -65,7 +66,7 @@ class InterfaceSeries:
         parts = [self.force, impulse, self.velocity[:, 0], self.velocity[:, 1], relative, self.normal_force[:, None]]
         if self.gap is not None and self.smallest_gap is not None and self.shares is not None:
             parts += [self.gap[:, None], self.smallest_gap[:, None], self.shares]
-        return np.concatenate(parts, axis=1)
+        return parts
 
 
 def array_output(name: str, time: Array, interfaces: Mapping[str, InterfaceHistory], instant: int) -> Array:
@@ -110,9 +111,11 @@ def impulses(series: Mapping[str, InterfaceSeries], dt: float, start: Array) -> 
     """Running impulses (n, n_interface, 3), N s; ``start`` (n_interface, 3) at the first instant."""
     if not series:
         return np.zeros((1, 0, 3))
-    force = np.stack([s.force for s in series.values()], axis=1)
-    running = np.cumsum(0.5 * dt * (force[1:] + force[:-1]), axis=0)  # trapezoidal rule
-    total: Array = start + np.concatenate([np.zeros_like(force[:1]), running])
+    total = np.empty((len(next(iter(series.values())).force), len(series), 3))
+    for i, s in enumerate(series.values()):
+        total[0, i] = 0.0
+        np.cumsum(0.5 * dt * (s.force[1:] + s.force[:-1]), axis=0, out=total[1:, i])  # trapezoidal rule
+    total += start
     return total
 
 
@@ -131,11 +134,11 @@ def output_rows(
     solver : iterations, indicator, converged, instants of the interval.
     energy : terms (n,), None where the scene asks for none.
     """
-    parts = [s.columns(impulse[:, i]) for i, s in enumerate(series.values())]
+    parts = [column for i, s in enumerate(series.values()) for column in s.columns(impulse[:, i])]
     for sensor in sensors.values():
         parts += [sensor.displacement[-n:], sensor.velocity[-n:]]
     parts += [bolt.force[-n:, None] for bolt in bolts.values()]
-    parts.append(np.tile(np.asarray(solver, dtype=float), (n, 1)))
+    parts.append(np.broadcast_to(np.array(solver, dtype=float), (n, len(solver))))
     if energy is not None:
-        parts.append(np.stack([energy[term] for term in ENERGIES], axis=1))
+        parts += [energy[term][:, None] for term in ENERGIES]
     return np.concatenate(parts, axis=1)

@@ -176,6 +176,7 @@ class Assembly:
     ) -> None:
         self.propagators, self.channels = list(propagators), list(channels)
         self.interfaces, self.layout, self.scheme = list(interfaces), layout, scheme
+        self.quasi_static = isinstance(scheme, QuasiStatic)  # there is no inertia
         self._impedance = impedance
         self.characteristic_traction = characteristic_traction
         self.rest_traction = 0.0  # substructures stay inactive up to this traction, Pa; < 0: always marched
@@ -191,11 +192,6 @@ class Assembly:
         self.lost: NoEquilibrium | None = None
         """Where the loads of a run without inertia lose their equilibrium, if that is known."""
         self.rigid = self._rigid_channels()
-
-    @property
-    def quasi_static(self) -> bool:
-        """Whether there is no inertia."""
-        return isinstance(self.scheme, QuasiStatic)
 
     @property
     def impedance(self) -> Array:

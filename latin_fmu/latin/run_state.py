@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from ..kernels import entries
@@ -56,7 +56,6 @@ class RunState:
     def _set_up(self, traction: Array, velocity: Array, scales: Array | None) -> None:
         """Image and search directions for the present operators; ``scales``: largest norms met, None at the start."""
         assembly = self.assembly
-        self._operators = [p.operators for p in assembly.propagators]
         self._directions: dict[int, Direction] = {}
         self._direct_bonds = False
         # where the perfect interfaces are too many, or redundant, for one matrix in the kernels
@@ -73,6 +72,7 @@ class RunState:
         )
         self._threads = Threads([float(r["n_panels"] * r["m"]) for r in self.image.classes], self.settings.threads)
         self._per_instant, self._refused = 0.0, False
+        self._operators = [p.operators for p in assembly.propagators]
 
     @property
     def f_hat(self) -> Array:
@@ -94,6 +94,17 @@ class RunState:
         """Restore the fields of ``get_state``."""
         for name, values in fields.items():
             self.image.field(name, len(values))[:] = values
+
+    def keep_state(self) -> Callable[[], None]:
+        """A function that returns to the present state, from which the next segment starts."""
+        state, motions = self.image.state.copy(), [p.motions() for p in self.assembly.propagators]
+
+        def return_to() -> None:
+            self.image.state[:] = state  # of any image of this run: they have the same sizes
+            for c, (propagator, given) in enumerate(zip(self.assembly.propagators, motions, strict=True)):
+                propagator.resume(self.image, c, given)
+
+        return return_to
 
     def snapshot(self) -> dict[str, Any]:
         """All that the next window of this segment depends on, beside what has been recorded."""

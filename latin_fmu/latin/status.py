@@ -115,14 +115,13 @@ def _where(assembly: Assembly, interface_indicator: Array | None) -> str:
 def _converged(settings: Settings, windows: WindowList) -> str:
     """The sentence on a run without failed windows."""
     helped = windows.with_fallbacks()
-    sentence = (
-        f"converged: {len(windows)} window(s), at most {windows.most_iterations()} iteration(s) "
-        f"to sqrt(eta) <= {settings.tolerance:g}"
-    )
     iterations, steps = windows.counts().T
+    most = int(iterations.max(initial=0))
+    sentence = f"converged: {len(windows)} window(s), at most {most} iteration(s) "
+    sentence += f"to sqrt(eta) <= {settings.tolerance:g}"
     if steps.any():
         sentence += f", Newton steps in {np.count_nonzero(steps)} (at most {steps.max()}, counted as iterations)"
-    slow = np.count_nonzero((iterations > SLOW) & (steps == 0)) if settings.window == 1 else 0
+    slow = np.count_nonzero((iterations > SLOW) & (steps == 0)) if most > SLOW and settings.window == 1 else 0
     if slow:
         sentence += f"; {slow} of more than {SLOW} iterations without Newton steps: {_OFF}"
     if windows.disagreement() > settings.tolerance:

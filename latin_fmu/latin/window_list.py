@@ -78,10 +78,20 @@ class WindowList(Sequence[WindowRecord]):
         """Largest difference of the tractions of both stages in a window of several instants."""
         return max((record.disagreement for record in self._records.values()), default=0.0)
 
+    def largest_error(self) -> float:
+        """Largest sqrt(eta) of the accepted iterates."""
+        errors = [record.final_error for record in self._records.values()]
+        for _, _, _, ends, curve, _ in self._tables:
+            errors += curve[ends - 1].tolist()
+        return max(errors, default=0.0)
+
     def counts(self) -> Index:
         """Iterations and Newton steps among them of the windows, (n, 2), in any order."""
-        records = [(record.iterations, record.newton_steps) for record in self._records.values()]
-        return np.concatenate([np.array(records, dtype=np.int64).reshape(-1, 2), *(t[2] for t in self._tables)])
+        tables = [table[2] for table in self._tables]
+        if self._records or not tables:
+            records = [(record.iterations, record.newton_steps) for record in self._records.values()]
+            tables.insert(0, np.array(records, dtype=np.int64).reshape(-1, 2))
+        return np.concatenate(tables) if len(tables) > 1 else tables[0]
 
     def part(self, first: int) -> dict[str, Any]:
         """The windows from number ``first`` on as plain arrays, for ``extend``."""

@@ -167,8 +167,7 @@ class Propagator(ABC):
     def begin(self, histories: Sequence[Histories], dt: float) -> None:
         """Set the histories of a run, or of the segment that goes on from the present state; one per member."""
         if self._begun:
-            motions = self.forcing.motion_state(self.instant) if self._resumed is None else self._resumed
-            self.forcing.set_motion_state(motions)
+            self.forcing.set_motion_state(self.motions())
             self._resumed = None
         self._use(dt)
         self.forcing.begin(histories, dt)
@@ -404,10 +403,19 @@ class Propagator(ABC):
         self._begun, self._resumed = False, None
         self.forcing.set_motion_state([None] * len(self.members))
 
+    def motions(self) -> list[MotionState]:
+        """State of the prescribed motions that the next segment starts from."""
+        return self.forcing.motion_state(self.instant) if self._resumed is None else self._resumed
+
+    def resume(self, image: Image, number: int, motions: list[MotionState]) -> None:
+        """Go on from the state in an image, as its class ``number``, and from ``motions``; ``begin`` must follow."""
+        self._image, self._class, self._own, self._alone_since = image, number, {}, None
+        self.instant, self._resumed, self._opening = 0, motions, None
+
     def get_state(self) -> dict[str, object]:
         """The present state as plain arrays: all that the next segment needs."""
         account, motion = self._opened(), self.state
-        motions = [list(state) for state in self.forcing.motion_state(self.instant)]
+        motions = [list(state) for state in self.motions()]
         fields = {name: np.array(x) for name, x in zip(("u", "v", "a", "residual"), motion[1:], strict=True)}
         return {**fields, "motions": motions, "account": None if account is None else account.copy()}
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Final
 
 import numpy as np
 import scipy.sparse as sp
@@ -14,6 +15,7 @@ from .model import Array, Histories, Index, SubstructureModel
 
 MotionState = tuple[Array, Array, Array]
 """Displacement, acceleration and velocity of prescribed motions at an instant, (n_motion,) each."""
+_NONE: Final = np.zeros(0)
 
 
 @dataclass
@@ -70,8 +72,7 @@ class Forcing:
 
     def motion_state(self, instant: int) -> list[MotionState]:
         """State of the prescribed motions of each member at an instant, for the next segment."""
-        nothing = np.zeros(0)
-        return [(nothing, nothing, nothing) if m is None else m.at(instant) for m in self._motion]
+        return [(_NONE, _NONE, _NONE) if m is None else m.at(instant) for m in self._motion]
 
     def set_motion_state(self, motions: Sequence[MotionState | None]) -> None:
         """Where the prescribed motions go on from (``motion_state`` of the segment before); None: from their start."""

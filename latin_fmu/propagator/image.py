@@ -150,6 +150,7 @@ class Image:
         self._n_fixed, self._waiting = fixed.size, [fixed]
         self.bound: int | None = None  # key of the search direction in use
         self._half: dict[int, Array] = {}
+        self._views: dict[tuple[str, tuple[int, ...]], Array] = {}  # of fields of the run that were read
         self._written = False
         self._lay_out_moving()
         if histories is None:
@@ -234,11 +235,11 @@ class Image:
         block = Block(self._tail)
         fields = [class_record.histories(block, row, p) for row, p in zip(self._rows, self.propagators, strict=True)]
         fields.append({"n_time": n_time, **{name: block.put(values) for name, values in histories.items()}})
-        moving = self.moving
-        self.moving = class_record.grown(moving, block.size)
+        if block.size > len(self.moving):
+            self.moving, self._written, self._views = class_record.grown(self.moving, block.size), False, {}
         block.fill(self.moving)
         for row, new in zip((*self._rows, self._run), fields, strict=True):
-            if self.moving is not moving or not new.items() <= row.items():  # else the records hold them
+            if not new.items() <= row.items():  # else the records hold them
                 row.update(new)
                 self._written = False
 
@@ -410,8 +411,11 @@ class Image:
 
     def field(self, name: str, *shape: int) -> Array:
         """An array of the run in the moving block, a view of this shape."""
-        at = self._run[name]
-        return self.moving[at : at + prod(shape)].reshape(shape)
+        view = self._views.get((name, shape))
+        if view is None:
+            at = self._run[name]
+            view = self._views[name, shape] = self.moving[at : at + prod(shape)].reshape(shape)
+        return view
 
     def counts(self, name: str, n: int) -> Index:
         """The same for integers."""
