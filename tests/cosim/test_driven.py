@@ -86,6 +86,22 @@ def test_windowed(kind, instants):
 
 
 @pytest.mark.parametrize("kind", KINDS)
+def test_a_state_taken_right_after_a_restored_one_is_the_same(kind):
+    """No step is made between: the motion goes on from where the state has it, not from the steps made since."""
+    session = Session(bars({"type": "input"}, kind), Settings(keep=False))
+    windowed(kind, session, STEP, 5 * STEP)
+    state, row = session.snapshot(), []
+    for again in (False, True):
+        session.restore(session.snapshot() if again else state)
+        for i in range(5, 9):
+            session.set_load(name_of(kind), float(amplitude(kind, i * STEP)), GROWTH)
+            assert session.step(i * STEP, STEP)
+        row.append(session.row)
+        session.restore(state)
+    assert (row[0] == row[1]).all()
+
+
+@pytest.mark.parametrize("kind", KINDS)
 def test_prescribed_is_the_run_with_a_table(kind):
     t = np.linspace(0.0, END, round(END / STEP) + 1)
     table = {"type": "table", "times": t.tolist(), "values": amplitude(kind, t).tolist()}
