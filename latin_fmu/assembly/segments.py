@@ -37,14 +37,13 @@ class Segment:
 
     Attributes
     ----------
-    time : (n + 1,), s. interfaces, substructures, sensors, reactions, bolts, windows : as in a whole run.
+    time : (n + 1,), s. interfaces, substructures, sensors, reactions, bolts, windows : as in a whole run; histories are
+        made from the ``recorder`` when they are read.
     converged, status : whether every window converged, and a sentence. accepted : whether the state moved on.
     energy : terms of the assembly at the instants, accumulated since t = 0; None unless the scene asks for them.
     """
 
     time: Array
-    interfaces: dict[str, InterfaceHistory]
-    substructures: dict[str, SubstructureHistory]
     windows: WindowList
     converged: bool
     accepted: bool
@@ -53,6 +52,17 @@ class Segment:
     sensors: dict[str, SensorHistory]
     reactions: dict[str, ReactionHistory]
     bolts: dict[str, BoltHistory]
+    recorder: Recorder
+
+    @cached_property
+    def interfaces(self) -> dict[str, InterfaceHistory]:
+        """Histories of the interfaces."""
+        return self.recorder.interfaces()
+
+    @cached_property
+    def substructures(self) -> dict[str, SubstructureHistory]:
+        """Histories of the substructures for which some output is requested."""
+        return self.recorder.substructures()
 
     @cached_property
     def iterations(self) -> int:
@@ -190,8 +200,6 @@ class SegmentedRun:
         converged, sentence = run.status(energy, self._stored)
         return Segment(
             time[: recorder.n_kept],
-            recorder.interfaces(),
-            recorder.substructures(),
             run.windows,
             converged,
             True,
@@ -200,6 +208,7 @@ class SegmentedRun:
             recorder.sensors(assembly),
             recorder.reactions(assembly),
             recorder.bolt_histories(),
+            recorder,
         )
 
     def _known_step(self, dt: float) -> float:

@@ -23,7 +23,7 @@ from ..latin.windows import Run
 from ..machine import one_thread
 from ..scene.schema import Scene
 from .loads import Loads
-from .outputs import impulses, output_rows, series_of
+from .outputs import InterfaceSeries, impulses, output_rows, series_of
 from .settings import MAX_INSTANTS, SHORTEST, Settings, StepReport, refused
 from .step_history import INTERFACE_FIELDS
 from .variable import variable_of
@@ -38,7 +38,7 @@ class Windowed:
     Attributes
     ----------
     row : scalar outputs now, (n_output,). time : instants of the last step, (n + 1,), s, counted from the start.
-    interfaces : histories over these instants. segment : the last step, None before the first.
+    segment : the last step, None before the first.
     """
 
     def __init__(self, scene: Scene, settings: Settings) -> None:
@@ -47,8 +47,17 @@ class Windowed:
         self._impulse = np.zeros((len(scene.joints), 3))
         self.row = np.zeros(0)
         self.time = np.zeros(1)
-        self.interfaces: dict[str, InterfaceHistory] = {}
+        self._interfaces: dict[str, InterfaceHistory] | None = {}  # None: those of the segment
+        self._faces: dict[str, tuple[Array, Array]] = {}  # areas and normals by interface
         self.segment: Segment | None = None
+
+    @property
+    def interfaces(self) -> dict[str, InterfaceHistory]:
+        """Histories over the instants of the last step."""
+        if self._interfaces is None:
+            assert self.segment is not None
+            self._interfaces = self.segment.interfaces
+        return self._interfaces
 
     def start(self, loads: Loads) -> None:
         """Compute the outputs at t = 0 under the loads that are set."""
@@ -62,7 +71,8 @@ class Windowed:
         recorder = Recorder(assembly, problem.output, problem.info)
         with one_thread():
             Run(assembly, problem.settings, recorder, Timings())
-        self.interfaces = recorder.interfaces()
+        self._interfaces = recorder.interfaces()
+        self._faces = {name: (history.areas, history.normals) for name, history in self.interfaces.items()}
         self.time, self.segment = np.zeros(1), None
         self._impulse = np.zeros_like(self._impulse)
         series, sensors = series_of(self.interfaces), recorder.sensors(assembly)
@@ -106,14 +116,15 @@ class Windowed:
     def _take_outputs(self, segment: Segment) -> None:
         n = len(segment.time) - 1
         dt = (segment.time[-1] - segment.time[0]) / n
-        series = series_of(segment.interfaces)
+        points = segment.recorder.points()
+        series = {name: InterfaceSeries.of(points[name], *given) for name, given in self._faces.items()}
         impulse = impulses(series, float(dt), self._impulse)
         energy = None if segment.energy is None else {k: v[-1:] for k, v in segment.energy.items()}
         solver = (segment.iterations, segment.error_indicator, float(segment.converged), n)
         last = {name: s.last() for name, s in series.items()}
         self.row = output_rows(last, impulse[-1:], segment.sensors, segment.bolts, solver, energy, 1)[0]
         self._impulse = impulse[-1]
-        self.time, self.interfaces, self.segment = segment.time, segment.interfaces, segment
+        self.time, self.segment, self._interfaces = segment.time, segment, None
 
     def instant(self, _time: float) -> int:
         """Index in ``time`` of the present instant."""
@@ -151,7 +162,7 @@ class Windowed:
         if check:
             self.run.check_gaps({n: None if f["gap"] is None else f["gap"][-1] for n, f in state["fields"].items()})
         known = self.interfaces
-        self.interfaces = {name: replace(known[name], **f) for name, f in state["fields"].items()}
+        self._interfaces = {name: replace(known[name], **f) for name, f in state["fields"].items()}
         self.segment = None
 
     def _check(self, state: Mapping[str, Any]) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..interface.behaviour import SEPARATION, SLIP, STICK
-from ..latin.record import Array, BoltHistory, InterfaceHistory, SensorHistory
+from ..latin.record import Array, BoltHistory, InterfaceHistory, PointFields, SensorHistory
 from .variables import ENERGIES
 
 
@@ -32,21 +32,21 @@ class InterfaceSeries:
     shares: Array | None
 
     @classmethod
-    def of(cls, history: InterfaceHistory) -> InterfaceSeries:
-        """Resultants of a history."""
-        share = history.areas / history.areas.sum()
+    def of(cls, fields: PointFields, areas: Array, normals: Array) -> InterfaceSeries:
+        """Resultants of fields at points with these areas (n_point,) and normals (n_point, 3)."""
+        share = areas / areas.sum()
         gap = smallest = shares = None
-        if history.gap is not None:
-            gap, smallest = history.gap @ share, history.gap.min(axis=1)
-        if history.contact_status is not None:
-            status = history.contact_status
+        if fields.gap is not None:
+            gap, smallest = fields.gap @ share, fields.gap.min(axis=1)
+        if fields.contact_status is not None:
+            status = fields.contact_status
             shares = np.empty((len(status), 3))
             for i, state in enumerate((status != SEPARATION, status == STICK, status == SLIP)):
                 shares[:, i] = state @ share
         return cls(
-            history.force(),
-            np.einsum("p,tspc->tsc", share, history.velocity),
-            history.normal_resultant() + 0.0,  # no negative zero
+            np.einsum("p,tpc->tc", areas, fields.traction),
+            np.einsum("p,tspc->tsc", share, fields.velocity),
+            0.0 - np.einsum("p,tpc,pc->t", areas, fields.traction, normals),  # no negative zero
             gap,
             smallest,
             shares,
@@ -80,10 +80,11 @@ def array_output(name: str, time: Array, interfaces: Mapping[str, InterfaceHisto
     if interface not in interfaces:
         return np.zeros(0)
     history = interfaces[interface]
-    values = _over_window(InterfaceSeries.of(history), quantity) if group == "window" else _at_points(history, quantity)
+    window = group == "window"
+    values = _over_window(series_of({"": history})[""], quantity) if window else _at_points(history, quantity)
     if values is None:
         return np.zeros(0)
-    return values if group == "window" else np.asarray(values[instant], dtype=float)
+    return values if window else np.asarray(values[instant], dtype=float)
 
 
 def _over_window(series: InterfaceSeries, quantity: str) -> Array | None:
@@ -104,7 +105,7 @@ def _at_points(history: InterfaceHistory, quantity: str) -> Any:
 
 def series_of(interfaces: Mapping[str, InterfaceHistory]) -> dict[str, InterfaceSeries]:
     """Resultants of every interface at the instants of its history."""
-    return {name: InterfaceSeries.of(history) for name, history in interfaces.items()}
+    return {name: InterfaceSeries.of(h.points_over_time, h.areas, h.normals) for name, h in interfaces.items()}
 
 
 def impulses(series: Mapping[str, InterfaceSeries], dt: float, start: Array) -> Array:

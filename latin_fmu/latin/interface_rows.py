@@ -12,7 +12,7 @@ from ..interface.contact import coulomb_coefficient
 from ..propagator.image import Image
 from .assembly import Array, Assembly
 from .probes import Probes
-from .record import InterfaceHistory
+from .record import InterfaceHistory, PointFields
 
 _NO_CONTACT = 1e-6  # pressure that does not count as contact, over the traction the loads can bring
 _BLOCK = 4096  # rows of a stream that are read at a time
@@ -82,14 +82,23 @@ class InterfaceRows:
 
     def histories(self, n: int, peak_duration: float | None) -> dict[str, InterfaceHistory]:
         """Histories in global axes of the first n rows; ``peak_duration`` as in the request of output."""
-        layout, histories = self._assembly.layout, {}
-        for i, unit in enumerate(self._assembly.interfaces):
-            group = layout.group(i)
-            gap = self.gaps.get(layout.groups.index(group))
-            own_gap = None if gap is None else gap[:n, group.members[i]]
-            fields = self.f_hat[:n], self.w_hat[:n], own_gap, self.slide.get(i), peak_duration
-            histories[unit.name] = interface_history(self._assembly, i, *fields)
-        return histories
+        names = [unit.name for unit in self._assembly.interfaces]
+        return {
+            name: interface_history(self._assembly, i, *self._of(i, n), peak_duration) for i, name in enumerate(names)
+        }
+
+    def fields(self, n: int) -> dict[str, PointFields]:
+        """Fields of the interfaces in the first n rows, a part of the histories."""
+        names = [unit.name for unit in self._assembly.interfaces]
+        return {name: point_fields(self._assembly, i, *self._of(i, n)) for i, name in enumerate(names)}
+
+    def _of(self, interface: int, n: int) -> tuple[Array, Array, Array | None, Array | None]:
+        """What is kept of an interface in the first n rows."""
+        layout = self._assembly.layout
+        group = layout.group(interface)
+        gap = self.gaps.get(layout.groups.index(group))
+        own_gap = None if gap is None else gap[:n, group.members[interface]]
+        return self.f_hat[:n], self.w_hat[:n], own_gap, self.slide.get(interface)
 
 
 class InterfaceStream:
@@ -143,6 +152,33 @@ class InterfaceStream:
         self._file.close()
 
 
+def point_fields(
+    assembly: Assembly, index: int, f_hat: Array, w_hat: Array, gap: Array | None, slide: Array | None
+) -> PointFields:
+    """Fields of interface ``index`` at its points in global axes; arguments as for ``interface_history``.
+
+    A pressure below 1e-6 of the traction that the loads can bring (round-off, and the numerical precursor of a wave
+    that has not arrived) does not count as contact; nor does a traction, for laws without a friction coefficient.
+    """
+    unit, group = assembly.interfaces[index], assembly.layout.group(index)
+    points = group.members[index]
+    f_hat, w_hat = group.block(f_hat)[:, 0, points], group.block(w_hat)[:, :, points]
+    behaviour, geometry, status = unit.behaviour, unit.geometry, None
+    in_global_axes = geometry.global_axes[behaviour.n_component]
+    traction, velocity = in_global_axes(f_hat), in_global_axes(w_hat)
+    if slide is not None:
+        normal = geometry.frames[:, 0]
+        tangential = slide[: len(f_hat)]
+        velocity = velocity + tangential - np.einsum("tspi,pi,pj->tspj", tangential, normal, normal)
+    if behaviour.opens:
+        status = behaviour.status(f_hat, group.parameters[points])
+        carried = -f_hat[..., 0]
+        if coulomb_coefficient(behaviour) is None:  # such a law may hold shear without pressure
+            carried = np.maximum(carried, np.abs(f_hat).max(axis=-1))
+        status[carried <= _NO_CONTACT * assembly.characteristic_traction] = SEPARATION
+    return PointFields(traction, velocity, gap, status)
+
+
 def interface_history(
     assembly: Assembly,
     index: int,
@@ -159,21 +195,13 @@ def interface_history(
     f_hat, w_hat : (n, n_flat) local-stage tractions and velocities. gap : (n, n_point) or None.
     slide : (n_time, 2, n_point, 3) velocities of the sides where tangential unknowns are absent, else None.
     peak_duration : as in the request of output.
-
-    A pressure below 1e-6 of the traction that the loads can bring (round-off, and the numerical precursor of a wave
-    that has not arrived) does not count as contact; nor does a traction, for laws without a friction coefficient.
     """
     unit, group = assembly.interfaces[index], assembly.layout.group(index)
     points = group.members[index]
+    traction, velocity, gap, status = point_fields(assembly, index, f_hat, w_hat, gap, slide)
     f_hat, w_hat = group.block(f_hat)[:, 0, points], group.block(w_hat)[:, :, points]
     behaviour, geometry, parameters = unit.behaviour, unit.geometry, group.parameters[points]
-    in_global_axes = geometry.global_axes[behaviour.n_component]
-    traction, velocity = in_global_axes(f_hat), in_global_axes(w_hat)
-    if slide is not None:
-        normal = geometry.frames[:, 0]
-        tangential = slide[: len(f_hat)]
-        velocity = velocity + tangential - np.einsum("tspi,pi,pj->tspj", tangential, normal, normal)
-    friction_power = joint_power = status = None
+    friction_power = joint_power = None
     if behaviour.opens and behaviour.n_component > 1:
         density = np.zeros(f_hat.shape[:-1])
         for c in range(1, behaviour.n_component):
@@ -183,12 +211,6 @@ def interface_history(
     layer_energy = None if layer is None else layer.stored_energy(f_hat, parameters) @ geometry.areas
     if behaviour.compliant and layer is None:
         joint_power = (f_hat * (w_hat[:, 1] - w_hat[:, 0])).sum(axis=-1) @ geometry.areas
-    if behaviour.opens:
-        status = behaviour.status(f_hat, parameters)
-        carried = -f_hat[..., 0]
-        if coulomb_coefficient(behaviour) is None:  # such a law may hold shear without pressure
-            carried = np.maximum(carried, np.abs(f_hat).max(axis=-1))
-        status[carried <= _NO_CONTACT * assembly.characteristic_traction] = SEPARATION
     return InterfaceHistory(
         name=unit.name,
         behaviour=behaviour.name,

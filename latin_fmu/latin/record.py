@@ -8,12 +8,21 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+
+
+class PointFields(NamedTuple):
+    """Fields of one interface over n instants: those of the same name in its ``InterfaceHistory``."""
+
+    traction: Array
+    velocity: Array
+    gap: Array | None
+    contact_status: NDArray[np.int8] | None
 
 
 @dataclass(frozen=True)
@@ -65,6 +74,11 @@ class InterfaceHistory:
     def has_friction(self) -> bool:
         """Whether Coulomb friction acts (mu > 0)."""
         return bool(self.friction_coefficient)
+
+    @property
+    def points_over_time(self) -> PointFields:
+        """Those of its fields that are known at every point and instant."""
+        return PointFields(self.traction, self.velocity, self.gap, self.contact_status)
 
     def force(self) -> Array:
         """Resultant force on side E, (n_time, 3), N."""

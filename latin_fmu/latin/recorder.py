@@ -18,7 +18,7 @@ from .assembly import Array, Assembly
 from .interface_rows import InterfaceRows, InterfaceStream
 from .probes import BoltPlace, Probes, SensorPlace
 from .reactions import Support, reaction_histories
-from .record import BoltHistory, InterfaceHistory, ReactionHistory, SensorHistory, SubstructureHistory
+from .record import BoltHistory, InterfaceHistory, PointFields, ReactionHistory, SensorHistory, SubstructureHistory
 
 _NO_CONTACT = 1e-6  # pressure that does not count as contact, over the traction the loads can bring
 
@@ -200,6 +200,13 @@ class Recorder:
             row = self.rows.row(self.n_kept)
             self._histories = self.n_kept, self.rows.histories(row, self._request.peak_duration)
         return self._histories[1]
+
+    def points(self) -> dict[str, PointFields]:
+        """Fields of the interfaces at their points over the kept instants."""
+        known, histories = self._histories
+        if known != self.n_kept:
+            return self.rows.fields(self.rows.row(self.n_kept))
+        return {name: h.points_over_time for name, h in histories.items()}
 
     def sensors(self, assembly: Assembly) -> dict[str, SensorHistory]:
         """Histories of the sensors over the kept instants."""

@@ -188,14 +188,8 @@ class Image:
             group["layer"] = block.reserve(size if group["elastic"] else 0)
             group["first_point"], points = points, points + group["n_point"]
         run["n_point"] = points
-        for name, size in (
-            ("f_hat", n),
-            ("w_hat", n),
-            ("scales", 3),
-            ("carry", 1),
-            ("finish", 1),
-            ("worst", n_interface),
-        ):
+        sizes = {"f_hat": n, "w_hat": n, "scales": 3, "carry": 1, "finish": 1, "worst": n_interface}
+        for name, size in sizes.items():
             run[name] = block.reserve(size)
         self._n_state = block.size
         stride = isqrt(self.window) + 1
@@ -411,11 +405,10 @@ class Image:
 
     def field(self, name: str, *shape: int) -> Array:
         """An array of the run in the moving block, a view of this shape."""
-        view = self._views.get((name, shape))
-        if view is None:
+        if (name, shape) not in self._views:
             at = self._run[name]
-            view = self._views[name, shape] = self.moving[at : at + prod(shape)].reshape(shape)
-        return view
+            self._views[name, shape] = self.moving[at : at + prod(shape)].reshape(shape)
+        return self._views[name, shape]
 
     def counts(self, name: str, n: int) -> Index:
         """The same for integers."""
