@@ -193,8 +193,8 @@ class FmiInstance:
             return False
         before = {name: session.load(name) for name in session.loads}
         self._set_loads(session)
-        wanted = repr((t, h, [session.load(name) for name in session.loads]))
-        if wanted == self._discarded:  # some hosts repeat it for ever
+        wanted = (t, h, [session.load(name) for name in session.loads])
+        if self._discarded and repr(wanted) == self._discarded:  # some hosts repeat it for ever
             self.log(ERROR, "this very step was discarded before: make it shorter, or with another input")
             return False
         report = session.step(t, h)
@@ -205,7 +205,7 @@ class FmiInstance:
                 "; the step before was discarded: repeat it, shorter or with another input" if self._discarded else ""
             )
             self.log(DISCARD if report.again else ERROR, report.message + again)
-            self._discarded = wanted
+            self._discarded = repr(wanted)
             return False
         self._discarded = ""
         self._variables.update(session)

@@ -162,7 +162,7 @@ class Loads:
             return np.full(n + 1, value)
         if rule == LINE:
             return np.linspace(self._reached[name], value, n + 1)
-        line: Array = value + self.rate[name] * np.linspace(0.0, h, n + 1)
+        line: Array = value + self.rate[name] * (np.linspace(0.0, h, n + 1) if n > 1 else np.array([0.0, h]))
         return line
 
     def accept(self, amplitudes: Mapping[str, Array], dt: float) -> None:

@@ -139,7 +139,7 @@ def output_rows(
     for sensor in sensors.values():
         parts += [sensor.displacement[-n:], sensor.velocity[-n:]]
     parts += [bolt.force[-n:, None] for bolt in bolts.values()]
-    parts.append(np.broadcast_to(np.array(solver, dtype=float), (n, len(solver))))
+    parts.append(np.array([tuple(solver)] * n))
     if energy is not None:
         parts += [energy[term][:, None] for term in ENERGIES]
     return np.concatenate(parts, axis=1)

@@ -168,6 +168,11 @@ class Session:
             return np.zeros(0), {}
         return self._t0 + self._mode.time, self._mode.interfaces
 
+    @property
+    def n_instant(self) -> int:
+        """Number of instants in ``window``."""
+        return 0 if self._mode is None else len(self._mode.time)
+
     def instant(self) -> int:
         """Index of the present instant in ``window``."""
         return -1 if self._mode is None else self._mode.instant(self.time - self._t0)

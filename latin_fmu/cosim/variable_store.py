@@ -70,6 +70,7 @@ class VariableStore:
         self.table, self.log = tuple(table), log
         self.place = {v.name: i for i, v in enumerate(self.table)}
         self.outputs = [i for i, v in enumerate(self.table) if v.causality == "output" and not v.is_array]
+        self._output_places = np.array(self.outputs, dtype=np.int64)
         self._array_references = frozenset(i for i, v in enumerate(self.table) if v.is_array)
         self.clear()
 
@@ -178,12 +179,12 @@ class VariableStore:
     # -- from a session, states -----------------------------------------------------------------------------------
     def update(self, session: Session) -> None:
         """Take time and outputs from a session."""
-        self.numbers[self.outputs[: len(session.row)]] = session.row
+        self.numbers[self._output_places[: len(session.row)]] = session.row
         self.numbers[0] = session.time
         self.forget_arrays()
         if "window.count" in self.place:
             capacity = self.number("window.size")
-            self.numbers[self.place["window.count"]] = min(len(session.window()[0]), capacity)
+            self.numbers[self.place["window.count"]] = min(session.n_instant, capacity)
 
     def forget_arrays(self) -> None:
         """Read array outputs anew: the session has changed."""

@@ -12,7 +12,7 @@ from .instant_solve import PerfectInterfaceSolve
 from .probes import Probes
 from .record import Timings
 from .recorder import Recorder
-from .run_image import Threads, histories, make_image, negligible_scales
+from .run_image import Threads, all_in_kernels, histories, make_image, negligible_scales
 from .search_direction import Direction
 from .settings import Settings
 from .status import status, with_energy
@@ -71,7 +71,7 @@ class RunState:
             negligible_scales(self.image, one, self.settings.tolerance) if scales is None else scales
         )
         self._threads = Threads([float(r["n_panels"] * r["m"]) for r in self.image.classes], self.settings.threads)
-        self._per_instant, self._refused = 0.0, False
+        self._per_instant, self._refused, self._in_kernels = 0.0, False, all_in_kernels(self.image)
         self._operators = [p.operators for p in assembly.propagators]
 
     @property

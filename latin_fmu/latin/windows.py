@@ -23,7 +23,7 @@ from .assembly import Array, Assembly
 from .instant_solve import PerfectInterfaceSolve, all_perfect
 from .record import Timings, WindowRecord
 from .recorder import Recorder
-from .run_image import Stages, all_in_kernels, rules
+from .run_image import Stages, rules
 from .run_state import ONE, SAMPLED, RunState
 from .settings import Settings
 from .solver import COLD, FROM_REST, SOFTENED, Observer, WindowSolver, softened_start
@@ -144,7 +144,7 @@ class Run(RunState):
 
     def _compiles(self) -> bool:
         """Whether the kernels hold every factor and every law, and the bonds where those are solved directly."""
-        return self._bonds is None and all_in_kernels(self.image)
+        return self._bonds is None and self._in_kernels
 
     def _solve_bonds_directly(self) -> None:
         """Start every instant with the solution of its perfect interfaces, one linear solve; there are no others."""

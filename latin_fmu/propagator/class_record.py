@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from ..kernels.energy_parts import N_TERM
 from ..kernels.newton import SCRATCH
 from ..kernels.products import lower_count, lower_pattern, lower_values, pack_triangle, padded
 from ..kernels.records import DIRECT, EXPLICIT, LINE, STATIC
-from .forcing import Sum
+from .forcing import SUMS, Sum
 from .model import Array, Index
 
 Row = dict[str, int]
@@ -25,6 +26,7 @@ Halves = dict[int, tuple[int, int, int]]
 """Places of the row starts and columns of lower triangles and their numbers of entries, by the ``id`` of the column
 indices of the whole matrix, which lives as long."""
 _NONE = np.zeros(1, dtype=np.int64)
+_NO_TERMS = MappingProxyType({f"{name}_terms": 0 for name in SUMS})
 
 
 class Block:
@@ -121,15 +123,18 @@ def _fill_pattern(pattern: tuple[Any, Any], n: int, half: tuple[int, int, int], 
     lower_pattern(*pattern, data[starts : starts + n + 1].view(np.int64), data[columns:].view(np.uint32)[:count])
 
 
-def put_terms(block: Block, row: Row, name: str, sums: Sum) -> None:
+def put_terms(block: Block, sums: Sum) -> Row:
     """Patterns times histories: sum over t of amplitudes[instant, t] x values on rows (row x members + member)."""
-    row[f"{name}_terms"] = len(sums.patterns)
     if not sums.patterns:
-        return
-    row[f"{name}_starts"] = block.put(np.cumsum([0, *(len(rows) for rows, _ in sums.patterns)]), np.int64)
-    row[f"{name}_rows"] = block.put(np.concatenate([rows for rows, _ in sums.patterns]), np.int64)
-    row[f"{name}_values"] = block.put(np.concatenate([values for _, values in sums.patterns]))
-    row[f"{name}_amplitudes"] = block.put(np.stack(sums.amplitudes, axis=1))
+        return {"terms": 0}
+    starts, rows, values = sums.packed
+    return {
+        "terms": len(sums.patterns),
+        "starts": block.put(starts, np.int64),
+        "rows": block.put(rows, np.int64),
+        "values": block.put(values),
+        "amplitudes": block.put(np.stack(sums.amplitudes, axis=1)),
+    }
 
 
 def is_diagonal(matrix: Array) -> bool:
@@ -360,8 +365,11 @@ def histories(block: Block, constant: Row, propagator: Any) -> Row:
     assert force.shape == (constant["n"], constant["m"])
     driven = constant["kind"] == STATIC or forcing.moves or bool(force.any())
     row: Row = {"driven": int(driven), "constant": block.put(force)}
+    row |= _NO_TERMS
+    placed: dict[int, Row] = {}
     for name, sums in terms.items():
-        put_terms(block, row, name, sums)
+        fields = placed[id(sums)] if id(sums) in placed else placed.setdefault(id(sums), put_terms(block, sums))
+        row |= {f"{name}_{field}": value for field, value in fields.items()}
     row["work_loads"] = row["constant"]
     if constant["n_motion"]:
         row["motions"] = block.put(forcing.motion_table())

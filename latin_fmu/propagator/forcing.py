@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -15,6 +16,8 @@ from .model import Array, Histories, Index, SubstructureModel
 
 MotionState = tuple[Array, Array, Array]
 """Displacement, acceleration and velocity of prescribed motions at an instant, (n_motion,) each."""
+SUMS: Final = ("force", "inertia", "velocity", "displacement", "acceleration", "work")
+"""Sums of patterns times histories that a class may have; ``work`` : loads alone."""
 _NONE: Final = np.zeros(0)
 
 
@@ -24,6 +27,13 @@ class Sum:
 
     patterns: list[tuple[Index, Array]] = field(default_factory=list)
     amplitudes: list[Array] = field(default_factory=list)
+
+    @cached_property
+    def packed(self) -> tuple[Index, Index, Array]:
+        """First entry of each pattern, and rows and values of all patterns; read when there are all of them."""
+        starts = np.cumsum([0, *(len(rows) for rows, _ in self.patterns)])
+        rows, values = (np.concatenate(parts) for parts in zip(*self.patterns, strict=True))
+        return starts, rows, values
 
     def add(self, pattern: Array, column: int, members: int, amplitude: Array) -> None:
         """Add a pattern (n,) of one member."""
@@ -45,9 +55,12 @@ class Forcing:
         self._scheme = scheme
         self.n_full = members[0].n_full
         self._n = members[0].expansion.shape[1]
-        self._reduced = []  # per member and load: dofs and values
-        for member in members:
-            self._reduced.append([(np.flatnonzero(p).astype(np.int64), p) for p in member.reduced_loads])
+        self._reduced = []  # per member and load: the pattern, and its rows and values for the kernels
+        for column, member in enumerate(members):
+            dofs = [np.flatnonzero(p).astype(np.int64) for p in member.reduced_loads]
+            given = zip(member.reduced_loads, dofs, strict=True)
+            self._reduced.append([(p, (where * len(members) + column, p[where])) for p, where in given])
+        self._loads: dict[tuple[tuple[int, int], ...], Sum] = {}  # by member and number of the loads that vary
         self._motion = [_Motion(m, scheme) if m.imposed_pattern.shape[1] else None for m in members]
         self.moves = any(m is not None for m in self._motion)
         self._zero = np.zeros((self.n_full, len(members)))
@@ -59,13 +72,17 @@ class Forcing:
         self.n_time, self.token = len(histories[0].time), object()
         self.amplitudes = [history.amplitudes for history in histories]
         self._constant = np.zeros((self._n, len(self.members)))
-        self._terms: list[tuple[int, Index, Array, Array]] = []
+        varying: dict[tuple[int, int], Array] = {}
         for column, (loads, history) in enumerate(zip(self._reduced, histories, strict=True)):
-            for (dofs, pattern), amplitude in zip(loads, history.amplitudes, strict=True):
+            for k, ((pattern, (rows, _)), amplitude) in enumerate(zip(loads, history.amplitudes, strict=True)):
                 if (amplitude == amplitude[0]).all():
                     self._constant[:, column] += pattern * amplitude[0]
-                elif len(dofs):
-                    self._terms.append((column, dofs, pattern[dofs], amplitude))
+                elif len(rows):
+                    varying[column, k] = amplitude
+        self._varying = self._loads.setdefault(
+            tuple(varying), Sum([self._reduced[column][k][1] for column, k in varying])
+        )
+        self._varying.amplitudes = list(varying.values())
         for motion, history in zip(self._motion, histories, strict=True):
             if motion is not None:
                 motion.begin(history.imposed_velocity, dt, history.accelerated)
@@ -83,8 +100,8 @@ class Forcing:
     def loads(self, instant: int) -> Array:
         """Reduced loads (n, n_member) at an instant, prescribed motions not included, N (a fresh array)."""
         force = self._constant.copy()
-        for column, nodes, values, history in self._terms:
-            force[nodes, column] += history[instant] * values
+        for (rows, values), history in zip(self._varying.patterns, self._varying.amplitudes, strict=True):
+            force.reshape(-1)[rows] += history[instant] * values
         return force
 
     def at(self, instant: int) -> Array:
@@ -114,19 +131,17 @@ class Forcing:
 
         Returns
         -------
-        Constant force (n, n_member), and the sums ``force``, ``inertia``, ``velocity``, ``displacement``,
-        ``acceleration``, and ``work`` (loads alone). In an explicit scheme the forces that drive the step to an instant
-        are the mean of the loads over it, and those of motions in the middle of it.
+        Constant force (n, n_member), and those of the ``SUMS`` that are not empty. In an explicit scheme the forces
+        that drive the step to an instant are the mean of the loads over it, and those of motions in the middle of it.
         """
-        members, explicit = len(self.members), self._scheme.explicit
-        names = ("force", "inertia", "velocity", "displacement", "acceleration", "work")
-        sums = {name: Sum() for name in names}
-        for column, dofs, values, amplitude in self._terms:
-            rows = dofs * members + column
-            sums["work"].patterns.append((rows, values))
-            sums["work"].amplitudes.append(amplitude)
-            sums["force"].patterns.append((rows, values))
-            sums["force"].amplitudes.append(_mean_over_steps(amplitude) if explicit else amplitude)
+        members, loads = len(self.members), self._varying
+        sums = {"force": loads, "work": loads}
+        if self._scheme.explicit:
+            sums["force"] = Sum(loads.patterns, [_mean_over_steps(amplitude) for amplitude in loads.amplitudes])
+        if not self.moves:
+            return self._constant, sums
+        sums = {name: sums.get(name, Sum()) for name in SUMS}
+        sums["force"] = Sum(list(sums["force"].patterns), list(sums["force"].amplitudes))
         for column, (motion, member) in enumerate(zip(self._motion, self.members, strict=True)):
             if motion is not None:
                 lumped = None if dashpots is None else member.expansion.T @ (dashpots @ motion.pattern)
