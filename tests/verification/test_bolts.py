@@ -9,11 +9,16 @@ import numpy as np
 import pytest
 
 from latin_fmu import scene_from_dict, solve
+from latin_fmu.api import check
+from latin_fmu.assembly.modes import vibration_modes
+from latin_fmu.assembly.segments import SegmentedRun
+from latin_fmu.errors import SceneError
 from latin_fmu.fem.elements import Elements
 from latin_fmu.fem.mesh import Mesh
 from latin_fmu.results.solution import Solution
 
 from .bolted_meshes import SHANK_AREA, write_joint
+from .typed_meshes import turned, typed_box, write_mesh
 
 Array = np.ndarray
 E = 200e9
@@ -125,6 +130,23 @@ def test_recovered_fields_hold_the_cut() -> None:
     assert tree["principal_stress"].sel(principal=1).values == pytest.approx(stress, rel=1e-9)
 
 
+@pytest.mark.parametrize("cells", ["tetra", "tetra10", "wedge", "hexahedron20", "hexahedron27"])
+def test_cut_along_any_cells(cells: str, tmp_path: Path) -> None:
+    """A turned bar of any cells, whose cut is not plane: F = E A delta / L, uniform stress, the section projected."""
+    turn = turned(np.array([1.0, 2.0, 3.0]), 40.0)
+    mesh = typed_box(cells, np.zeros(3), np.array([0.01, 0.01, 0.05]), (2, 2, 5))
+    write_mesh(tmp_path / "bar.msh", mesh, lambda x: x @ turn.T)
+    axis = turn @ [0.0, 0.0, 1.0]
+    data = bar(["zmin", "zmax"], {"shortening": 20e-6, "axis": axis.tolist()}, poisson=0.0)
+    data["substructure"]["bar"] = {"material": "steel", "mesh": {"file": str(tmp_path / "bar.msh")}}
+    solution = solve(scene_from_dict(data))
+    force = E * 1e-4 * 20e-6 / 0.05
+    assert solution.bolts["b"].area == pytest.approx(1e-4, rel=1e-9)
+    assert solution.bolts["b"].force == pytest.approx(force, rel=1e-8)
+    along = np.einsum("i,j->ij", axis, axis)[(0, 1, 2, 1, 0, 0), (0, 1, 2, 2, 2, 1)] * [1, 1, 1, 2, 2, 2]
+    assert stressed(solution) @ along == pytest.approx(force / 1e-4, rel=1e-8)
+
+
 # -- two plates -------------------------------------------------------------------------------------------------------
 def test_two_plates_under_one_bolt(files: dict[str, Path]) -> None:
     """Bolt force = clamp force on all three interfaces = 5000 N; mean stress of the shank 110.2 MPa."""
@@ -230,3 +252,164 @@ def test_force_and_shortening_in_one_order(influence: Array) -> None:
     other = (3000.0 - influence[1, 0] * 10e-6) / influence[1, 1]
     assert solved["right"].shortening == pytest.approx(other, rel=1e-6)
     assert solved["left"].force[-1] == pytest.approx(influence[0] @ [10e-6, other], rel=1e-6)
+
+
+# -- in motion --------------------------------------------------------------------------------------------------------
+def moving(files: dict[str, Path], pull: float = 0.0, instants: int = 40, **other: Any) -> dict[str, Any]:
+    """The joint in motion for 40 us, a half sine of 20 us pulling the upper plate."""
+    data = joint(files, time={"end": 40e-6, "instants": instants}, solver={"tolerance": 1e-7}, output={})
+    if pull:
+        law = {"type": "half_sine", "duration": 20e-6}
+        data["load"] = {"pull": {"face": "upper.far", "traction": [0, 0, pull / RING], "law": law}}
+    return data | other
+
+
+def test_tight_joint_stays_at_rest(files: dict[str, Path]) -> None:
+    """Without loads nothing moves and the force of the bolt stays."""
+    solution = solve(scene_from_dict(moving(files)))
+    assert solution.bolts["b"].force == pytest.approx(PRELOAD, rel=1e-9)
+    for history in solution.interfaces.values():
+        assert np.abs(history.velocity).max() < 1e-9
+
+
+def test_force_returns_after_a_hit(files: dict[str, Path]) -> None:
+    """Damped ring-down: the force swings with the load and comes back to that of the lock."""
+    data = moving(files, pull=2000.0, time={"end": 300e-6, "instants": 150})
+    data["material"]["steel"]["rayleigh_mass"] = 6e4
+    force = solve(scene_from_dict(data)).bolts["b"].force
+    assert np.ptp(force) > 50.0
+    assert np.abs(force[-20:] - PRELOAD).max() < 0.01 * np.abs(force - PRELOAD).max()
+
+
+def test_reduced_bodies_carry_the_bolt(files: dict[str, Path]) -> None:
+    """Reduced run against the direct one: the change of the force within 2 %."""
+    modes = {"tolerance": 1e-7, "propagator": {"type": "reduced", "modes": 60}}
+    direct, reduced = (
+        solve(scene_from_dict(moving(files, pull=1000.0, **more))).bolts["b"].force - PRELOAD
+        for more in ({}, {"solver": modes})
+    )
+    assert reduced[0] == pytest.approx(0.0, abs=1e-6)
+    assert reduced == pytest.approx(direct, abs=0.02 * np.abs(direct).max())
+
+
+def test_explicit_run_carries_the_bolt(files: dict[str, Path]) -> None:
+    """The explicit run keeps the equilibrium; under a load its force follows that of a direct one with short steps
+    within 6 % of the largest change (its mass is lumped, and the mesh is coarse)."""
+    rest = moving(files, time={"end": 1e-6, "instants": 80})
+    rest["solver"] = {"tolerance": 1e-7, "propagator": "explicit"}
+    assert solve(scene_from_dict(rest)).bolts["b"].force == pytest.approx(PRELOAD, rel=1e-9)
+    short = moving(files, pull=1000.0, time={"end": 8e-6, "instants": 640})
+    direct = solve(scene_from_dict(short | {"time": {"end": 8e-6, "instants": 80}})).bolts["b"].force - PRELOAD
+    short["solver"] = {"tolerance": 1e-7, "propagator": "explicit"}
+    explicit = solve(scene_from_dict(short)).bolts["b"].force[::8] - PRELOAD
+    assert np.abs(direct).max() > 20.0
+    assert explicit == pytest.approx(direct, abs=0.06 * np.abs(direct).max())
+
+
+def test_load_that_acts_at_the_start(files: dict[str, Path]) -> None:
+    """A constant load comes after the tightening, before t = 0: the force at the start is that of the static run."""
+    static = solve(scene_from_dict(joint(files, pull=2000.0))).bolts["b"]
+    data = moving(files, time={"end": 2e-6, "instants": 2})
+    data["load"] = {"pull": {"face": "upper.far", "traction": [0, 0, 2000.0 / RING]}}
+    solution = solve(scene_from_dict(data))
+    assert solution.bolts["b"].force == pytest.approx(static.force[-1], rel=1e-7)
+    assert solution.bolts["b"].tightening == pytest.approx([PRELOAD], rel=1e-10)
+
+
+@pytest.mark.parametrize("quasi_static", [False, True])
+def test_segments_give_the_force_of_one_run(files: dict[str, Path], quasi_static: bool) -> None:
+    """A run in two segments, as an FMU makes them, and back to a snapshot between them."""
+    data = joint(files, pull=2000.0) if quasi_static else moving(files, pull=1000.0, instants=10)
+    scene = scene_from_dict(data)
+    end, n = scene.time.end, scene.time.n_step
+    whole = solve(scene).bolts["b"].force
+    run = SegmentedRun(scene)
+    first = run.advance(end / 2, n // 2)
+    kept = run.snapshot()
+    second = run.advance(end, n - n // 2)
+    run.restore(kept)
+    again = run.advance(end, n - n // 2)
+    parts = np.concatenate([first.bolts["b"].force, second.bolts["b"].force[1:]])
+    assert parts == pytest.approx(whole, rel=1e-7)
+    assert (again.bolts["b"].force == second.bolts["b"].force).all()
+
+
+def test_frequencies_of_the_tight_joint(files: dict[str, Path]) -> None:
+    """Points pressed by the bolt stick: those of the bonded parts; with a gap under the head left open they are not."""
+    scene = scene_from_dict(moving(files))
+    sticking, bonded = (vibration_modes(scene, joints, 3) for joints in ("sticking", "bonded"))
+    assert sticking.frequency == pytest.approx(bonded.frequency, rel=1e-6)
+    assert all("closed when the bolts are tight" in remark for remark in sticking.remarks)
+    data = moving(files)
+    data["interface"]["plates"] |= {"gap": 20e-6, "friction_coefficient": 0.0}
+    wide = vibration_modes(scene_from_dict(data), "sticking", 3)  # closed by the bolt, free to slide
+    assert "48 of 48" in wide.remarks[2]
+    assert wide.frequency[0] < 0.9 * bonded.frequency[0]
+
+
+# -- bad input --------------------------------------------------------------------------------------------------------
+REFUSED: list[tuple[str, dict[str, Any], tuple[str, ...]]] = [
+    ("bolt.b", {"shortening": 1e-5}, ("bolt.b:", "both 'force' and 'shortening'")),
+    ("bolt.b", {"force": None}, ("bolt.b:", "neither 'force' nor 'shortening'")),
+    ("bolt.b", {"substructure": "bold"}, ("bolt.b.substructure", "did you mean 'bolt'")),
+    ("bolt.b", {"axis": [1, 0, 0]}, ("bolt.b", "no section of bolt across the axis")),
+    ("bolt.b", {"axis": [1, 0, 0], "point": [0, 0, 0]}, ("bolt.b.axis", "no shank", "m wide", "m long")),
+    ("bolt.b", {"substructure": "upper"}, ("bolt.b.axis", "no shank", "0.032 m wide", "0.01 m long")),
+    ("bolt.b", {"point": [0, 0, 0.1]}, ("bolt.b", "meets no element", "plane at 0.1 m", "0.015 m")),
+    ("bolt.b", {"point": [0.03, 0, 0]}, ("bolt.b.point", "m away", "[0.03, 0.0, 0.0]")),
+    ("bolt.b", {"axis": [0, 0, 0]}, ("bolt.b.axis", "direction cannot be zero")),
+    ("bolt.b", {"order": 0}, ("bolt.b.order",)),
+    ("bolt.b", {"force": -5.0}, ("bolt.b.force",)),
+    ("substructure.bolt", {"rigid": True}, ("bolt.b.substructure", "rigid body cannot be stretched")),
+    ("substructure.bolt", {"initial_velocity": [0, 0, 1.0]}, ("bolt.b.substructure", "[0, 0, 1.0]", "at rest")),
+    ("time", {"start": "given"}, ("time.start", "bolts are tightened")),
+    ("material.steel", {"yield_stress": 100e6}, ("bolt.b", "5000 N / 4.53721e-05 m2", "1.102e+08 Pa", "1e+08 Pa")),
+    ("interface.plates", None, ("bolt.b.force", "nothing resists", "with upper")),
+]
+
+
+@pytest.mark.parametrize(("where", "change", "words"), REFUSED, ids=[" ".join(map(str, r[:2])) for r in REFUSED])
+def test_refused(files: dict[str, Path], where: str, change: dict[str, Any] | None, words: tuple[str, ...]) -> None:
+    """Bolts that cannot be: a sentence with the place and the numbers."""
+    data = moving(files)
+    *path, last = where.split(".")
+    table = data[path[0]] if path else data
+    if change is None:
+        del table[last]
+    else:
+        table[last] = {key: value for key, value in (table[last] | change).items() if value is not None}
+    with pytest.raises(SceneError) as error:
+        check(scene_from_dict(data))
+    for word in words:
+        assert word in str(error.value)
+
+
+def test_yield_stress_counts_for_a_shortening(files: dict[str, Path]) -> None:
+    """The tension that a shortening brings is checked, too; and a cut through a face with an interface is refused."""
+    data = moving(files)
+    data["bolt"]["b"] = {"substructure": "bolt", "axis": [0, 0, 1], "shortening": 16.61e-6}
+    data["material"]["steel"]["yield_stress"] = 100e6
+    with pytest.raises(SceneError, match=r"mean stress of the shank, 50\d\d.* N / 4.53721e-05 m2"):
+        check(scene_from_dict(data))
+    data["material"]["steel"]["yield_stress"] = 120e6
+    assert "1 bolt(s) tightened" in "\n".join(check(scene_from_dict(data)))
+
+
+def test_cut_on_an_interface_is_refused() -> None:
+    """A node of the cut that belongs to an interface, or is held along the axis, is counted in the sentence."""
+    data = bar(["zmin", "zmax"], {"force": PRELOAD, "point": [0.005, 0.005, 0.012]})
+    data["boundary"]["side"] = {"type": "fixed", "face": "bar.xmin", "components": ["z"]}
+    with pytest.raises(SceneError, match="3 of the 9 nodes of the cut of bar are held along the axis"):
+        check(scene_from_dict(data))
+    data["boundary"]["side"]["components"] = ["x"]  # a plane of symmetry through the axis
+    assert solve(scene_from_dict(data)).bolts["b"].force == pytest.approx(PRELOAD)
+
+
+def test_force_that_is_not_reached() -> None:
+    """A shank that only touches the beam cannot pull at it: which bolt, the force reached and the target."""
+    data = frame({"left": {"force": 4000.0}})
+    data["interface"]["left_top"] = {"sides": ["left.zmax", "upper.zmin"], "friction_coefficient": 0.0}
+    with pytest.raises(SceneError) as error:
+        check(scene_from_dict(data))
+    for word in ("bolt.left", "bolts of order 1 cannot be tightened", "left 0 of 4000 N"):
+        assert word in str(error.value)
