@@ -1,4 +1,4 @@
-"""Point masses and springs on substructures: their places on the meshes, mass matrices, and interfaces.
+"""Point masses, springs and couplings on substructures: their places on the meshes, mass matrices, and interfaces.
 
 With T the motion of the place and R the rotation of the mean motion of its face (``fem.location.MeanMotion``) the
 kinetic energy of a mass m with the moments of inertia J gives
@@ -10,6 +10,14 @@ A mass spread evenly over a face has its share of it at every node.
 A spring is an interface with one point: the traces of its sides are the motions T of its ends, its laws those of a
 bonded layer. Its area, that of the face or of the side of an element, only scales tractions to those of other
 interfaces: the stiffness of the whole is kept.
+
+A distributing coupling joins two rigid motions by six rods, two along each axis, that stand off the common point p by a
+length l: their elongations are the relative translation and rotation,
+
+    (u + theta x l e_j) . e_i,   (u - theta x l e_j) . e_i,      j next after i among x, y, z
+
+so that the forces of the rods are statically determinate and give the force and the moment of the coupling. A point of
+a solid has no rotation: it is joined by its three translations.
 """
 
 from __future__ import annotations
@@ -22,7 +30,7 @@ import scipy.sparse as sp
 from ..errors import Problems
 from ..fem.location import MeanMotion
 from ..fem.mesh import Array, Index
-from ..interface import BEHAVIOURS, Behaviour, InterfaceGeometry
+from ..interface import BEHAVIOURS, Behaviour, InterfaceGeometry, Perfect, Rods
 from ..interface.geometry import local_frames
 from ..latin.assembly import InterfaceUnit
 from ..propagator.model import diagonal_matrix
@@ -94,7 +102,7 @@ def _sum(masses: list[AddedMass]) -> AddedMass:
 
 @dataclass(frozen=True)
 class EndPoint:
-    """An end of a spring on its body.
+    """An end of a spring or coupling on its body.
 
     Attributes
     ----------
@@ -135,8 +143,62 @@ def spring_units(scene: Scene, bodies: dict[str, Body], problems: Problems) -> l
     return units
 
 
+def coupling_units(scene: Scene, bodies: dict[str, Body], problems: Problems) -> list[InterfaceUnit]:
+    """Interfaces that stand for the couplings of a scene; bad places are added to ``problems``."""
+    units = []
+    for name, coupling in scene.coupling.items():
+        where = f"coupling.{name}"
+        ends = [end_point(bodies, end, f"{where}.ends[{i}]", problems) for i, end in enumerate(coupling.ends)]
+        made = [end for end in ends if end is not None]
+        if len(made) < 2:
+            continue
+        (interface,) = coupling.interfaces(name).values()
+        solid = [end for end in made if end.motion is not None and end.motion.rotation is None]
+        point = (solid or made)[0].point
+        length = max(end.motion.radius for end in made if end.motion is not None)
+        area = min(end.area for end in made)
+        joined = coupling.rotations and not solid
+        geometry = _rods(made, point, length, area) if joined else _ball_joint(made, point, area)
+        law = Rods() if joined else Perfect()
+        units.append(InterfaceUnit(name, interface.sides, law, geometry, 0.0, where))
+    return units
+
+
+def _ball_joint(ends: list[EndPoint], point: Array, area: float) -> InterfaceGeometry:
+    """One point (3,), m, whose translations are joined."""
+    first, second = (None if end.motion is None else end.motion.at(point) for end in ends)
+    assert first is not None
+    return InterfaceGeometry(
+        point[None], np.array([area]), local_frames(np.eye(3)[:1]), np.zeros(1), (first, second), 0, False
+    )
+
+
+def _rods(ends: list[EndPoint], point: Array, length: float, area: float) -> InterfaceGeometry:
+    """Six rods about a point (3,), m (module docstring)."""
+    axes = np.eye(3)
+    directions = np.repeat(axes, 2, axis=0)
+    points = point + length * np.stack([s * axes[(i + 1) % 3] for i in range(3) for s in (1.0, -1.0)])
+    traces: list[sp.csr_array | None] = [
+        None if end.motion is None else sp.csr_array(sp.vstack([end.motion.at(p) for p in points])) for end in ends
+    ]
+    assert traces[0] is not None
+    return InterfaceGeometry(
+        points, np.full(6, area / 6), local_frames(directions), np.zeros(6), (traces[0], traces[1]), 0, False
+    )
+
+
+def with_rigid_faces(scene: Scene, bodies: dict[str, Body]) -> dict[str, Body]:
+    """The bodies with the faces that couplings make rigid; every face of a rigid body is so already."""
+    faces: dict[str, list[str]] = {}
+    for coupling in scene.coupling.values():
+        for end in coupling.ends if coupling.rigid else ():
+            if end.face is not None and not bodies[end.body].rigid:
+                faces.setdefault(end.body, []).append(split_face(end.face)[1])
+    return {n: replace(b, rigid_faces=tuple(dict.fromkeys(faces.get(n, ())))) for n, b in bodies.items()}
+
+
 def end_point(bodies: dict[str, Body], end: End, where: str, problems: Problems) -> EndPoint | None:
-    """The end of a spring in terms of the nodes of its body; None, with a problem, where it has no place."""
+    """The end of a spring or coupling in terms of its nodes; None, with a problem, where it has no place."""
     if end.against_ground:
         return EndPoint(np.zeros(3) if end.point is None else np.asarray(end.point, dtype=float), None, np.inf)
     body = bodies[end.body]

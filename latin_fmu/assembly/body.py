@@ -114,13 +114,14 @@ class AddedMass:
 
 @dataclass(frozen=True)
 class Body:
-    """One substructure: its mesh in its place, shape (shared by equal bodies), faces, point masses."""
+    """One substructure: its mesh in its place, shape (shared by equal bodies), faces, point masses, rigid faces."""
 
     name: str
     mesh: Mesh
     shape: Shape
     description: Substructure
     added: AddedMass | None = None
+    rigid_faces: tuple[str, ...] = ()
 
     @cached_property
     def mass(self) -> sp.csr_array:
@@ -169,6 +170,11 @@ class Body:
         own = self.description
         alike = description.model_copy(update={key: getattr(own, key) for key in _OF_MOTION})
         return self.shape.material == material and alike == own
+
+    @property
+    def rigid_nodes(self) -> Index:
+        """Nodes of the faces that move as rigid bodies."""
+        return np.unique(np.concatenate([np.zeros(0, np.int64), *(self.facets(f).nodes for f in self.rigid_faces)]))
 
     @property
     def rigid(self) -> bool:

@@ -8,7 +8,7 @@ from dataclasses import replace
 from ..errors import Problems, SceneError
 from ..interface import Behaviour
 from ..scene.schema import Scene
-from .attachments import spring_units, with_masses
+from .attachments import coupling_units, spring_units, with_masses, with_rigid_faces
 from .body import build_bodies, sensor_places
 from .checks import (
     boundaries_of,
@@ -78,7 +78,7 @@ def discretise(
     check_faces(scene, bodies, problems)
     if problems:
         raise SceneError(problems, "the scene cannot be built")
-    bodies = with_masses(scene, bodies, problems)
+    bodies = with_rigid_faces(scene, with_masses(scene, bodies, problems))
     remarks: list[str] = []
     if scene.contact:
         scene = with_found(scene, bodies, problems)
@@ -86,7 +86,7 @@ def discretise(
     sensors = sensor_places(scene, bodies, problems)
     conditions = {name: conditions_on(body, boundaries_of(scene, name), problems) for name, body in bodies.items()}
     made = [build_interface(n, i, bodies, conditions, problems, remarks) for n, i in scene.interface.items()]
-    made += spring_units(scene, bodies, problems)
+    made += spring_units(scene, bodies, problems) + coupling_units(scene, bodies, problems)
     if problems:
         raise SceneError(problems, "the scene cannot be built")
     units = with_behaviours([unit for unit in made if unit is not None], behaviours or {}, problems)

@@ -19,7 +19,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from ..errors import Problems
-from ..fem.elements import RigidBody
+from ..fem.elements import RigidBody, rigid_modes
 from ..fem.faces import changes_basis, consistent_dashpots, lumped_dashpots
 from ..fem.mesh import Array, Index, nearest
 from ..latin.reactions import Support
@@ -100,7 +100,8 @@ class Motion:
 class Conditions:
     """Kinematics and dashpots of a body.
 
-    expansion : (n_full, n) selection matrix. pattern : (n_full, n_motion). motions : what the columns follow.
+    expansion : (n_full, n) selection matrix, but for rigid faces, whose nodes follow six columns. pattern : (n_full,
+        n_motion). motions : what its columns follow.
     dashpots : (n_full, n_full) or None. lumped_dashpots : the same coupling the components of one node only.
     """
 
@@ -295,7 +296,43 @@ class RigidConditions(Conditions):
 def conditions_on(body: Body, boundaries: dict[str, Boundary], problems: Problems) -> Conditions:
     """Conditions of a body, elastic or rigid, from the boundaries on its faces."""
     nodal = _nodal_conditions(body, boundaries, problems)
-    return _rigid_conditions(body, nodal, boundaries, problems) if body.rigid else nodal
+    if body.rigid:
+        return _rigid_conditions(body, nodal, boundaries, problems)
+    return _with_rigid_faces(body, nodal, problems) if body.rigid_faces else nodal
+
+
+def _with_rigid_faces(body: Body, nodal: Conditions, problems: Problems) -> Conditions:
+    """The conditions with the nodes of each rigid face on the rigid motions that their held directions leave."""
+    expansion = nodal.expansion
+    copies = np.bincount(expansion.indices, minlength=expansion.shape[1])
+    taken = np.zeros(body.full_size(), dtype=bool)
+    blocks = []
+    for face in body.rigid_faces:
+        nodes = body.facets(face).nodes
+        dofs = (3 * nodes[:, None] + np.arange(3)).ravel()
+        rows = sp.csr_array(expansion[dofs])
+        busy = taken[dofs].any() or nodal.pattern[dofs].any() or (copies[rows.indices] > 1).any()
+        if busy:
+            problems.add(
+                "coupling",
+                "a rigid face shares nodes with another rigid face, a driven face or a periodic one",
+                f"{body.name}.{face}",
+                remedy="leave rigid out for this face: a distributing coupling may share nodes",
+            )
+            continue
+        taken[dofs] = True
+        places = body.mesh.nodes[nodes]
+        centre = places.mean(axis=0)
+        modes = rigid_modes(places, centre, float(np.abs(places - centre).max()))
+        columns = modes @ _null_space(modes[np.diff(rows.indptr) == 0])
+        columns[np.abs(columns) < _ROUND_OFF] = 0.0
+        wide = sp.coo_array(columns)
+        shape = (body.full_size(), columns.shape[1])
+        blocks.append(sp.coo_array((wide.data, (dofs[wide.coords[0]], wide.coords[1])), shape=shape))
+    free = np.ones(expansion.shape[1], dtype=bool)
+    free[expansion[taken].indices] = False
+    whole = sp.csr_array(sp.hstack([expansion[:, np.flatnonzero(free)], *blocks]))
+    return replace(nodal, expansion=whole)
 
 
 def supports(

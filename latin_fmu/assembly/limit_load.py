@@ -33,6 +33,7 @@ from ..fem.elements import rigid_modes
 from ..interface.contact import coulomb_coefficient
 from ..latin.assembly import Array, Index, InterfaceUnit, NoEquilibrium
 from ..propagator import SubstructureModel
+from ..propagator.model import closest_reduced
 from .body import Body, body_sides
 from .conditions import Conditions, RigidConditions
 from .problem import DiscretisedProblem
@@ -58,8 +59,7 @@ def allowed_motions(body: Body, held: Conditions, more: Array | None = None) -> 
     nodes, p = body.mesh.nodes, held.expansion
     full = rigid_modes(nodes, nodes.mean(axis=0), body.mesh.size)
     full = full if more is None else np.hstack([full, more])
-    reduced = (p.T @ full) / np.maximum(p.sum(axis=0), 1)[:, None]
-    against = full - p @ reduced  # what held and tied nodes do not allow
+    against = full - p @ closest_reduced(p, full)  # what held and tied nodes do not allow
     values, vectors = la.eigh(against.T @ against / len(nodes))
     return np.asarray(full @ vectors[:, values < HELD])
 

@@ -13,6 +13,7 @@ import scipy.sparse as sp
 
 from ..errors import SceneError
 from ..fem.contact_layer import blended_mass, landing_viscosity, layer_of, longest_edge, without_contact_mass
+from ..fem.location import MeanMotion
 from ..latin.assembly import Array, Index, InterfaceUnit, Layout
 from ..propagator import LoadTerm, SubstructureModel
 from ..propagator.model import diagonal_matrix, share_patterns
@@ -186,7 +187,7 @@ def contact_layer(
     speed = float(np.sqrt(m.young_modulus / m.density))
     share = scheme.consistent_share(speed * dt / longest_edge(shape.mesh))
     mass = blended_mass(shape.mass, shape.lumped_mass, share)
-    nodes, q = _contact_nodes(name, units), scheme.landing_damping
+    nodes, q = np.setdiff1d(_contact_nodes(name, units), body.rigid_nodes), scheme.landing_damping
     blends = scheme.consistent_share(0.0) < 1.0
     own, left = without_contact_mass(mass, shape.mesh, nodes, several_layers=blends and q == 0.0)
     moved = own
@@ -360,6 +361,10 @@ def _loads(scene: Scene, name: str, body: Body, layer: ContactLayer | None) -> l
             nodal = face.areas[:, None] * np.asarray(traction)
         pattern = np.zeros((body.mesh.n_node, 3))
         pattern[face.nodes] = nodal
+        motion = MeanMotion.of_face(body.mesh.nodes, face)
+        x, y, z = motion.centre.tolist()
+        if (moment := load.moment_about((x, y, z))) is not None and motion.rotation is not None:
+            pattern += (motion.rotation.T @ np.asarray(moment)).reshape(-1, 3)
         terms.append(LoadTerm(load_name, pattern.ravel()))
     return terms
 

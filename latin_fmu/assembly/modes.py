@@ -8,8 +8,8 @@ In a scene with bolts those points are closed that are under pressure when the b
 Springs of layers add to K. Held and prescribed directions do not move.
 
 Rows of C with one or two entries (nodes against nodes) make dofs one, or hold them: exact. Of other rows (mortar) each
-gives one dof by the others (``merged_assembly.tied``). Rows that depend on each other and are not of the first kind
-become springs ``_STIFF`` times as stiff as the stiffest dof.
+gives one dof by the others (``merged_assembly.tied``; where they depend on each other, by a dense elimination). Only
+a large number of dependent rows becomes springs ``_STIFF`` times as stiff as the stiffest dof.
 """
 
 from __future__ import annotations
@@ -19,10 +19,12 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
+import scipy.linalg as la
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
 from ..fem.elasticity import wave_speeds
+from ..interface import Rods
 from ..interface.contact import coulomb_coefficient
 from ..latin.assembly import Array, InterfaceUnit
 from ..propagator import SubstructureModel
@@ -38,6 +40,7 @@ from .tightening import tightened
 
 Joints = Literal["sticking", "open", "bonded"]
 _STIFF: Final = 1e4
+_DENSE: Final = 4_000_000  # entries of dependent rows up to which they are eliminated as a dense matrix
 _NOTHING = 1e-9  # entries of C below it are round-off
 _CLOSED = 1e-6  # gaps below this share of the spacing of the points are closed
 _SLOWEST = 0.01  # shift of the eigenvalues: this share of shear wave speed over size of the assembly, in Hz
@@ -132,6 +135,8 @@ def _joint(
     """Rows that the interface keeps at zero, stiffness of its layer (n, n), and a few words; ``pressed``: points that
     are closed by bolts, None without bolts."""
     kind, geometry = unit.behaviour.name, unit.geometry
+    if isinstance(unit.behaviour, Rods):
+        return parts.jump(unit, local=True)[::3], None, "joined"
     if kind == "perfect" or (unit.behaviour.opens and joints == "bonded"):
         return parts.jump(unit, local=False), None, "joined"
     if unit.behaviour.elastic and not unit.behaviour.opens:
@@ -169,13 +174,28 @@ def _kept_together(rows: sp.csr_array, expansion: sp.csr_array) -> tuple[sp.csr_
     if not len(touched):
         return expansion, sp.csr_array((0, expansion.shape[1]))
     others = np.setdiff1d(np.arange(expansion.shape[1]), touched)
+    block = sp.csr_array(left[:, touched])
     try:
         local = sp.csr_array(sp.eye_array(len(touched)))
-        own, _ = tied(sp.csr_array(left[:, touched]), local, np.zeros((len(touched), 0)))
-    except ValueError:  # they depend on each other
-        return expansion, left
+        own, _ = tied(block, local, np.zeros((len(touched), 0)))
+    except ValueError:  # they depend on each other, or share all their dofs
+        if block.shape[0] * block.shape[1] > _DENSE:
+            return expansion, left
+        own = _eliminated(block.toarray())
     both = sp.hstack([expansion[:, others], expansion[:, touched] @ own])
     return sp.csr_array(both), sp.csr_array((0, both.shape[1]))
+
+
+def _eliminated(rows: Array) -> sp.csr_array:
+    """Expansion (n, n - rank) that keeps dense rows (n_row, n) at zero, however they depend on each other: dofs chosen
+    by QR with pivoting follow the others."""
+    _, r, order = la.qr(rows, mode="economic", pivoting=True)
+    size = np.abs(np.diagonal(r))
+    rank = int((size > _NOTHING * size[0]).sum())
+    own = np.zeros((rows.shape[1], rows.shape[1] - rank))
+    own[order[:rank]] = -la.solve_triangular(r[:rank, :rank], r[:rank, rank:])
+    own[order[rank:]] = np.eye(rows.shape[1] - rank)
+    return sp.csr_array(np.where(np.abs(own) < _NOTHING, 0.0, own))
 
 
 def _cleaned(rows: sp.csr_array) -> sp.csr_array:

@@ -315,6 +315,9 @@ def static_scene(scene: Scene, amplitudes: Mapping[str, float], loaded: bool = T
     kept = static_interfaces(scene)
     data["interface"] = {n: table for n, table in data["interface"].items() if n in kept}
     data["spring"] = {n: {**table, **_NO_VISCOSITY} for n, table in data["spring"].items() if n in kept}
+    data["coupling"] = {
+        n: data["coupling"][n] for n, c in scene.coupling.items() if all(e.body in {GROUND, *still} for e in c.ends)
+    }
     for interface in data["interface"].values():
         interface.pop("ground_velocity", None)
     data["boundary"] = dict(_boundaries(scene, data["boundary"], still))

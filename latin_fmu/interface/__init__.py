@@ -11,9 +11,9 @@ from types import MappingProxyType
 from .behaviour import Behaviour, PointLaw
 from .contact import Contact, NoSlip, SoftContact
 from .geometry import InterfaceGeometry
-from .joints import ElasticLayer, Perfect, ViscousJoint
+from .joints import ElasticLayer, Perfect, Rods, ViscousJoint
 
-__all__ = ["BEHAVIOURS", "Behaviour", "Contact", "InterfaceGeometry", "Perfect", "PointLaw"]
+__all__ = ["BEHAVIOURS", "Behaviour", "Contact", "InterfaceGeometry", "Perfect", "PointLaw", "Rods"]
 
 BEHAVIOURS: Mapping[str, Callable[..., Behaviour]] = MappingProxyType(
     {law.name: law for law in (Perfect, Contact, NoSlip, ElasticLayer, SoftContact, ViscousJoint)}

@@ -41,6 +41,16 @@ class Perfect(PointLaw):
 
 
 @dataclass(frozen=True)
+class Rods(Perfect):
+    """Points bonded along N alone, as by rigid rods with hinges at their ends."""
+
+    @property
+    def n_component(self) -> int:
+        """Unknowns per point, the force of the rod."""
+        return 1
+
+
+@dataclass(frozen=True)
 class ElasticLayer(PointLaw):
     """Bonded elastic layer; stiffness per area in N m-3 (E / thickness, G / thickness of an adhesive)."""
 

@@ -173,7 +173,8 @@ def drift_remarks(assembly: Assembly, histories: Mapping[str, InterfaceHistory])
         if not bonds(unit.behaviour):
             continue
         first, second = (assembly.layout.channels(i, side) for side in (0, 1))
-        jump = np.einsum("pc,pjc->pj", np.diff(histories[unit.name].velocity[0], axis=0)[0], unit.geometry.frames)
+        frames = unit.geometry.frames[:, : unit.behaviour.n_component]
+        jump = np.einsum("pc,pjc->pj", np.diff(histories[unit.name].velocity[0], axis=0)[0], frames)
         drift = u[second] - u[first]
         apart, rest = (_longest(d[:, : jump.shape[1]]) for d in (drift, drift - 0.5 * assembly.dt * jump))
         share = f"{apart:.3g} m, {100 * apart / moved:.2g} % of the largest displacement of the interfaces"

@@ -127,8 +127,9 @@ def _unknown(scene: Scene, n_mode: int, n_patch: int) -> Iterator[Problem]:
                 ", ".join(interface.sides),
                 remedy='hold the face by a boundary of type "fixed"',
             )
-    for name in scene.spring:
-        yield Problem(f"spring.{name}", "a reduced model has no springs", remedy="use the FMU for co-simulation")
+    for key in ("spring", "coupling"):
+        for name in getattr(scene, key):
+            yield Problem(f"{key}.{name}", f"a reduced model has no {key}s", remedy="use the FMU for co-simulation")
     for name, body in scene.substructure.items():
         if body.rigid:
             yield Problem(f"substructure.{name}.rigid", "a rigid body has no modes", remedy="make it elastic")

@@ -209,8 +209,10 @@ def _arrows(axis: Axes, scene: Scene, bodies: Mapping[str, Body], view: View) ->
         if load.pressure is not None:
             direction, text = -np.sign(load.pressure or 1.0) * normal, readable(load.pressure, "Pa", 3)
         else:
-            direction = np.asarray(load.uniform_traction(1.0), dtype=float)
-            text = readable(float(np.linalg.norm(direction)), "Pa" if load.force is None else "N", 3)
+            turns = load.force is None and load.traction is None
+            direction = np.asarray(load.moment if turns else load.uniform_traction(1.0), dtype=float)
+            unit = "N m" if turns else "Pa" if load.force is None else "N"
+            text = readable(float(np.linalg.norm(direction)), unit, 3)
         ahead = float(((everything - centre) @ direction).max()) / max(float(np.linalg.norm(direction)), 1e-300)
         outwards = bool(direction @ normal > 0) and ahead < 0.1 * length  # it pulls, and nothing is in the way
         _arrow(axis, view, centre, direction, length, LOAD, f"{name}\n{text}", outwards)

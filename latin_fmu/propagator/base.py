@@ -34,7 +34,7 @@ from ..time_scheme import TimeScheme
 from .forcing import Forcing, MotionState
 from .image import Image
 from .interface_matrices import condensed
-from .model import Array, Histories, SubstructureModel
+from .model import Array, Histories, SubstructureModel, closest_reduced
 
 _STEPS_KEPT = 4
 
@@ -182,9 +182,8 @@ class Propagator(ABC):
         if not any(m.displacement.any() or m.velocity.any() for m in self.members) and not self.forcing.moves:
             return np.zeros((self.n_dof, len(self.members))), np.zeros((self.n_dof, len(self.members)))
         p = self.members[0].expansion
-        share = sp.csr_array(p.T.multiply(1 / np.maximum(p.sum(axis=0), 1)[:, None]))
-        u = share @ (np.stack([m.displacement for m in self.members], axis=1) - self.forcing.imposed_u(0))
-        v = share @ (np.stack([m.velocity for m in self.members], axis=1) - self.forcing.imposed_v(0))
+        u = closest_reduced(p, np.stack([m.displacement for m in self.members], axis=1) - self.forcing.imposed_u(0))
+        v = closest_reduced(p, np.stack([m.velocity for m in self.members], axis=1) - self.forcing.imposed_v(0))
         return u, v
 
     @abstractmethod

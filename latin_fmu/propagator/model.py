@@ -15,6 +15,7 @@ from typing import Literal
 
 import numpy as np
 import scipy.sparse as sp
+import scipy.sparse.linalg as spla
 from numpy.typing import NDArray
 
 from ..cholesky.factor import InterfaceFactor
@@ -309,6 +310,17 @@ class SubstructureModel:
         """Vectors at the nodes (n_node, 3) of full dofs (n_full,)."""
         values = full if self.nodal is None else self.nodal @ full
         return values.reshape(-1, 3)
+
+
+def closest_reduced(expansion: sp.csr_array, full: Array) -> Array:
+    """Reduced dofs (n, k) closest to full ones (n_full, k): means over the copies of each, where they are copies; least
+    squares where full dofs are sums of several (rigid faces)."""
+    if np.diff(expansion.indptr).max(initial=0) <= 1:
+        means: Array = (expansion.T @ full) / np.maximum(expansion.sum(axis=0), 1)[:, None]
+        return means
+    gram = sp.csc_array(expansion.T @ expansion)
+    solved: Array = spla.splu(gram).solve(np.asarray(expansion.T @ full))
+    return solved
 
 
 def reduced_rank(expansion: sp.csr_array, rank: Array) -> Array:

@@ -187,7 +187,7 @@ def reduced_members(members: Sequence[SubstructureModel], n_mode: int) -> tuple[
     weighted = model.inertia @ basis
 
     def own(member: SubstructureModel) -> SubstructureModel:
-        free = np.asarray(model.expansion.sum(axis=1)).ravel() > 0
+        free = np.diff(model.expansion.indptr) > 0
         start = [weighted.T @ np.where(free, field, 0.0) for field in (member.displacement, member.velocity)]
         rest = np.zeros(n_motion)
         return replace(

@@ -23,7 +23,7 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 
 from ..cholesky.factor import interface_factor
-from .model import Array, SubstructureModel, reduced_rank
+from .model import Array, SubstructureModel, closest_reduced, reduced_rank
 
 _EXCITED = 1e-9  # cosine between a mode and a force, below which the mode stays at rest
 _EQUAL = 1e-6  # relative difference of eigenvalues of one group
@@ -225,10 +225,9 @@ def reduce_model(
     if not mass.shape[0]:
         raise ValueError("nothing is free to move")
     body = Vibration(stiffness, mass, None if model.ordering is None else reduced_rank(e, model.ordering))
-    once = 1.0 / np.maximum(np.asarray(e.sum(axis=0)).ravel(), 1.0)
-    start = [once * (e.T @ model.displacement), once * (e.T @ model.velocity)]
+    start = closest_reduced(e, np.column_stack([model.displacement, model.velocity]))
     forces = _forces(model, shapes)
-    excited = _unit(np.column_stack([forces, mass @ np.column_stack(start)]))
+    excited = _unit(np.column_stack([forces, mass @ start]))
     if exciting is None:
         rigid, modes = lowest_modes(body, n_mode, excited)
     else:
@@ -247,8 +246,8 @@ def reduce_model(
         area=model.channel_area,
         loads=np.column_stack([np.zeros((q.shape[1], 0)), *(full.T @ load.pattern for load in model.loads)]),
         n_mode=modes.shape[1],
-        displacement=q.T @ (mass @ start[0]),
-        velocity=q.T @ (mass @ start[1]),
+        displacement=q.T @ (mass @ start[:, 0]),
+        velocity=q.T @ (mass @ start[:, 1]),
     )
 
 

@@ -1,12 +1,12 @@
-"""Tables [point_mass] and [spring], by name: what is fixed to points and faces of substructures."""
+"""Tables [point_mass], [spring] and [coupling], by name: what is fixed to points and faces of substructures."""
 
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, ClassVar, Final, Self
 
-from pydantic import BeforeValidator, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from ..errors import Problem
-from .fields import GROUND, Direction, Face, Name, Real, Table, Vector, _as_list, about, refusal, split_face
+from .fields import GROUND, Direction, Face, Flag, Name, Real, Table, Vector, _as_list, about, refusal, split_face
 from .interfaces import Interface
 from .raw_scene import RawTable, face_problems, given, is_explicit, named_tables, unknown_name
 
@@ -100,9 +100,9 @@ def _as_end(value: object) -> object:
     return {"substructure": GROUND} if value == GROUND else {"face": value}
 
 
-Ends = Annotated[
-    tuple[Annotated[End, BeforeValidator(_as_end)], Annotated[End, BeforeValidator(_as_end)]], BeforeValidator(_as_list)
-]
+OneEnd = Annotated[End, BeforeValidator(_as_end)]
+Ends = Annotated[tuple[OneEnd, OneEnd], BeforeValidator(_as_list)]
+OneOrTwoEnds = Annotated[tuple[OneEnd, ...], BeforeValidator(_as_list)]
 
 
 class Spring(Table):
@@ -165,21 +165,58 @@ class Spring(Table):
         return made
 
 
+class Coupling(Table):
+    """Two places that move as one, or a face that moves as a rigid body.
+
+    Distributing: the mean motions of both places are those of one rigid body; force and moment spread over the faces,
+    which still deform. With `rigid` the faces themselves move as rigid bodies; one end alone is a rigid face.
+    """
+
+    ends: Annotated[
+        OneOrTwoEnds,
+        about('two places, as for a spring; the second may be "ground"; one face alone with `rigid`'),
+        Field(min_length=1, max_length=2),
+    ]
+    rigid: Annotated[Flag, about("whether the faces move as rigid bodies")] = False
+    rotations: Annotated[
+        Flag, about("whether rotations are joined, too; else the point of the first end, as by a ball joint")
+    ] = True
+
+    @model_validator(mode="after")
+    def _check_coupling(self) -> Self:
+        if self.ends[0].against_ground:
+            raise refusal("the first end cannot be the ground", remedy="name the ground second")
+        if len(self.ends) == 1 and not self.rigid:
+            raise refusal("one end alone is joined to nothing", remedy="name a second end, or set rigid = true")
+        if len(self.ends) == 2 and all(end.face is None and not end.against_ground for end in self.ends):
+            raise refusal("two points have no rotation to keep them together", remedy="use a spring, or a face")
+        if self.rigid and all(end.face is None for end in self.ends):
+            raise refusal("no face that could be rigid", remedy="name a face, or leave rigid out")
+        return self
+
+    def interfaces(self, name: str) -> dict[str, Interface]:
+        """The interface that stands for the coupling of two places, by name."""
+        if len(self.ends) == 1:
+            return {}
+        return {name: Interface(sides=(self.ends[0].side, self.ends[1].side), behaviour="perfect")}
+
+
 def places_of(scene: Any) -> Iterator[tuple[str, Place]]:
     """Key and place of all attachments of a `Scene` to its substructures."""
     for name, mass in scene.point_mass.items():
         yield f"point_mass.{name}", mass
-    for name, spring in scene.spring.items():
-        for i, end in enumerate(spring.ends):
-            if not end.against_ground:
-                yield f"spring.{name}.ends[{i}]", end
+    for key in ("spring", "coupling"):
+        for name, joint in getattr(scene, key).items():
+            for i, end in enumerate(joint.ends):
+                if not end.against_ground:
+                    yield f"{key}.{name}.ends[{i}]", end
 
 
 def joints_of(scene: Any) -> dict[str, Interface]:
-    """Everything that a `Scene` solves as an interface: its interfaces, and those that stand for springs."""
+    """Everything that a `Scene` solves as an interface: its interfaces, and those of springs and couplings."""
     joints: dict[str, Interface] = dict(scene.interface)
-    for name, spring in scene.spring.items():
-        joints |= spring.interfaces(name)
+    for name, joint in (*scene.spring.items(), *scene.coupling.items()):
+        joints |= joint.interfaces(name)
     return joints
 
 
@@ -197,18 +234,22 @@ def attachment_problems(raw: Any) -> Iterator[Problem]:
                 "leave out its point or inertia, or choose an implicit scheme",
             )
     taken = dict.fromkeys(named_tables(raw, "interface"), "interface")
-    for name, table in named_tables(raw, "spring").items():
-        where, ends = f"spring.{name}", table.get("ends")
+    tables = [(key, *item) for key in ("spring", "coupling") for item in named_tables(raw, key).items()]
+    for key, name, table in tables:
+        where, ends = f"{key}.{name}", table.get("ends")
+        if key == "coupling" and table.get("rigid") is True and is_explicit(raw):
+            what = "a rigid face has no lumped mass, which central differences need"
+            yield Problem(f"{where}.rigid", what, "true", "false", "leave rigid out, or choose an implicit scheme")
         for i, end in enumerate(ends if isinstance(ends, list | tuple) else ()):
             place = _as_end(end)
             if isinstance(place, Mapping) and place.get("substructure") != GROUND:
                 yield from _place_problems(raw, f"{where}.ends[{i}]", place)
-        for used in (name, name + VISCOSITY):
+        for used in (name, name + VISCOSITY) if key == "spring" else (name,):
             if used in taken:
                 yield Problem(
                     where, f"the results of {taken[used]} {used} have this name", name, None, "choose another name"
                 )
-            taken[used] = "spring"
+            taken[used] = key
 
 
 def _place_problems(raw: Any, where: str, place: RawTable) -> Iterator[Problem]:

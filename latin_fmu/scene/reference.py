@@ -83,6 +83,12 @@ Springs        A spring has no mass. It acts on the motion of its ends: that of 
                interface with one point in the results, with the force in N on its first end; where it has stiffness
                and viscosity, the part of the latter is NAME_viscosity. For stiffnesses that differ in three
                directions, write three springs.
+Couplings      A distributing coupling gives the mean motions of two places, translation and rotation, those of one
+               rigid body; the faces still deform, and force and moment spread over them by area. With rigid = true
+               the faces move as rigid bodies, as far as their held directions let them. In the results a coupling is
+               an interface of six rods about the point of its first end, whose forces N have its resultant and its
+               moment; without rotations, or with a point of a solid, of one point. Loads with force, moment and point
+               act on a face as through a distributing coupling.
 Sensors        A point is interpolated in the element that holds it, a face has its mean by area; results keep
                displacement, velocity and acceleration at every instant. A filter adds the filtered motions. A
                spectrum is that of the unfiltered acceleration along x, y and z, the base at rest before t = 0.

@@ -175,7 +175,13 @@ def _pair_problems(where: str, table: RawTable, sides: list[str]) -> Iterator[Pr
 
 def _load_problems(raw: Any) -> Iterator[Problem]:
     for name, table in named_tables(raw, "load").items():
-        yield from _exactly_one(table, f"load.{name}", "pressure", "traction", "force")
+        if not given(table, "moment"):
+            yield from _exactly_one(table, f"load.{name}", "pressure", "traction", "force")
+        for key in ("moment", "point"):
+            others = [k for k in ("pressure", "traction") if given(table, k)]
+            if given(table, key) and others:
+                what = f"a {others[0]} has no {key}"
+                yield Problem(f"load.{name}.{key}", what, None, "with 'force'", f"leave out {key!r} or {others[0]!r}")
         if given(table, "pressure") and given(table, "axes"):
             what = "a pressure acts along the normal"
             yield Problem(f"load.{name}.axes", what, None, "with 'traction' or 'force'", "leave the axes out")

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Self
 from pydantic import Field, ModelWrapValidatorHandler, PrivateAttr, ValidationError, ValidationInfo, model_validator
 
 from ..errors import Problem, SceneError
-from .attachments import PointMass, Spring, joints_of
+from .attachments import Coupling, PointMass, Spring, joints_of
 from .boundaries import Boundary
 from .fields import BodyName, Name, Table, Text, about
 from .interfaces import MEANINGLESS, ContactSearch, Interface
@@ -109,6 +109,7 @@ class Scene(Table):
     gravity: Annotated[Gravity | None, about("acceleration that acts on every body")] = None
     bolt: Annotated[dict[Name, Bolt], about("bolts by name"), Field(default_factory=dict)]
     spring: Annotated[dict[Name, Spring], about("springs and dashpots by name"), Field(default_factory=dict)]
+    coupling: Annotated[dict[Name, Coupling], about("couplings by name"), Field(default_factory=dict)]
     sensor: Annotated[dict[Name, Sensor], about("sensors by name"), Field(default_factory=dict)]
     time: Annotated[Time, about("interval, instants, time scheme")]
     solver: Annotated[Solver, about("settings of the iteration")] = Solver()
@@ -158,7 +159,7 @@ class Scene(Table):
 
     @property
     def joints(self) -> dict[str, Interface]:
-        """Interfaces, and those that stand for springs, by name."""
+        """Interfaces, and those that stand for springs and couplings, by name."""
         return joints_of(self)
 
     def text(self) -> str:

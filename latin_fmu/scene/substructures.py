@@ -283,17 +283,23 @@ def _unit(vector: tuple[float, float, float]) -> tuple[float, float, float]:
 
 
 class Load(Table):
-    """A uniform load on a face, times a law. It has exactly one of `pressure`, `traction` and `force`.
+    """A load on a face, times a law. It has exactly one of `pressure`, `traction` and `force`; or a `moment`, alone or
+    with `force`.
 
     Loads on one face add up. A positive pressure p compresses: its traction is -p n, n the outward normal. A force is
-    spread evenly over the face.
+    spread evenly over the face; at a `point` off its centre, and a moment, by tractions that grow from the centre, as
+    through a distributing coupling.
     """
 
     face: Annotated[Face, about('the loaded face, "substructure.face"')]
     pressure: Annotated[Real | None, about("pressure, positive in compression", "Pa")] = None
     traction: Annotated[Vector | None, about("traction along x, y, z", "Pa")] = None
     force: Annotated[Vector | None, about("resultant force along x, y, z", "N")] = None
-    axes: Annotated[LocalAxes | None, about("axes of the traction or force; the global ones where left out")] = None
+    moment: Annotated[Vector | None, about("resultant moment about x, y, z at the point of the force", "N m")] = None
+    point: Annotated[Vector | None, about("point of the force; the centre of the face where left out", "m")] = None
+    axes: Annotated[
+        LocalAxes | None, about("axes of the traction, force and moment; the global ones where left out")
+    ] = None
     law: Annotated[Law, about("time law a(t)")] = ConstantLaw()
 
     def uniform_traction(self, area: float) -> tuple[float, float, float] | None:
@@ -303,10 +309,21 @@ class Load(Table):
         x, y, z = self.traction or tuple(f / area for f in self.force or ())
         return (x, y, z) if self.axes is None else self.axes.to_global((x, y, z))
 
+    def moment_about(self, centre: tuple[float, float, float]) -> tuple[float, float, float] | None:
+        """Moment about the centre of the face, m, along the global axes; None where there is none. N m."""
+        if self.moment is None and self.point is None:
+            return None
+        own, force = self.moment or (0.0, 0.0, 0.0), self.force or (0.0, 0.0, 0.0)
+        if self.axes is not None:
+            own, force = self.axes.to_global(own), self.axes.to_global(force)
+        x, y, z = np.add(own, np.cross(np.subtract(self.point or centre, centre), force)).tolist()
+        return (x, y, z)
+
     def size(self, area: float) -> float:
         """Size of the traction on a face of this area, m2, where the law is 1; Pa."""
         traction = self.uniform_traction(area)
-        return abs(self.pressure or 0.0) if traction is None else float(np.linalg.norm(traction))
+        uniform = abs(self.pressure or 0.0) if traction is None else float(np.linalg.norm(traction))
+        return float(uniform + np.linalg.norm(self.moment or 0.0) / area**1.5)
 
 
 class Bolt(Table):
