@@ -74,16 +74,27 @@ class ReducedPropagator(Propagator):
     Parameters
     ----------
     members : models with equal matrices and traces. scheme, dt : time scheme and step, s. energy : whether to account
-        for energies. n_mode : elastic modes of the basis.
+        for energies. n_mode : elastic modes of the basis. twin : propagator of substructures with the same matrices,
+        scheme, step and number of modes, to share them where loads and initial values are the same.
     """
 
     operators: ReducedOperators
 
     def __init__(
-        self, members: Sequence[SubstructureModel], scheme: TimeScheme, dt: float, energy: bool, n_mode: int
+        self,
+        members: Sequence[SubstructureModel],
+        scheme: TimeScheme,
+        dt: float,
+        energy: bool,
+        n_mode: int,
+        twin: ReducedPropagator | None = None,
     ) -> None:
-        reduced, self.n_mode = reduced_members(members, n_mode)
-        super().__init__(reduced, scheme, dt, energy)
+        self._given = list(members)
+        if twin is not None and _same_basis(twin._given, members):
+            reduced, self.n_mode, kept = twin.members, twin.n_mode, twin._kept
+        else:
+            (reduced, self.n_mode), kept = reduced_members(members, n_mode), None
+        super().__init__(reduced, scheme, dt, energy, kept)
 
     def _build(self, dt: float) -> ReducedOperators:
         model, scheme = self.members[0], self.scheme
@@ -149,6 +160,18 @@ class ReducedPropagator(Propagator):
             f"reduced to {self.n_mode} modes, {', '.join(self.names)}: estimated error of the interface velocities "
             f"{100 * share:.2g} % (root mean square over the run); that of contact forces is smaller"
         ]
+
+
+def _same_basis(first: Sequence[SubstructureModel], second: Sequence[SubstructureModel]) -> bool:
+    """Whether models with equal matrices have equal loads and initial values, which the Ritz vectors depend on."""
+
+    def own(model: SubstructureModel) -> list[Array]:
+        return [model.displacement, model.velocity, model.imposed_start, *(load.pattern for load in model.loads)]
+
+    names = [[(m.name, [load.name for load in m.loads]) for m in models] for models in (first, second)]
+    return names[0] == names[1] and all(
+        np.array_equal(a, b) for m, n in zip(first, second, strict=True) for a, b in zip(own(m), own(n), strict=True)
+    )
 
 
 def reduced_members(members: Sequence[SubstructureModel], n_mode: int) -> tuple[list[SubstructureModel], int]:

@@ -54,11 +54,17 @@ def _explicit(
 
 
 def _reduced(
-    members: Sequence[SubstructureModel], scheme: TimeScheme, dt: float, energy: bool, settings: PropagatorSettings
+    members: Sequence[SubstructureModel],
+    scheme: TimeScheme,
+    dt: float,
+    energy: bool,
+    settings: PropagatorSettings,
+    twin: Propagator | None = None,
 ) -> Propagator:
     if members[0].nodal is not None:  # a rigid body has nothing to reduce
         return DirectPropagator(members, scheme, dt, energy)
-    return ReducedPropagator(members, scheme, dt, energy, settings.modes)
+    twin = twin if isinstance(twin, ReducedPropagator) else None
+    return ReducedPropagator(members, scheme, dt, energy, settings.modes, twin)
 
 
 def _cg(
@@ -92,6 +98,7 @@ def make_propagator(
     ------
     KeyError : unknown name (the scene reader checks names first).
     """
-    if settings.kind == "direct":
-        return _direct(members, scheme, dt, energy, settings, twin)
+    if settings.kind in ("direct", "reduced"):
+        make = _direct if settings.kind == "direct" else _reduced
+        return make(members, scheme, dt, energy, settings, twin)
     return PROPAGATORS[settings.kind](members, scheme, dt, energy, settings)
