@@ -79,6 +79,7 @@ class ReducedPropagator(Propagator):
     """
 
     operators: ReducedOperators
+    n_mode: int
 
     def __init__(
         self,
