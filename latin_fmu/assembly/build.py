@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
+import numpy as np
+
 from ..errors import Problems, SceneError
 from ..interface import Behaviour
 from ..scene.schema import Scene
@@ -20,6 +22,7 @@ from .checks import (
     sampling_remarks,
 )
 from .conditions import conditions_on
+from .free_bodies import acting, free_groups, free_remarks, unheld, with_place
 from .inactive_substructures import arrival_times, cut_by_arrival, marched_share
 from .initial_state import InitialState
 from .interfaces import build_interface, lonely_remarks, with_behaviours, with_found
@@ -28,7 +31,7 @@ from .models import scheme_remarks
 from .problem import DiscretisedProblem, SolverReadyProblem
 from .propagator_choice import box_memory
 from .shanks import cuts_of
-from .statics import Kept, loose_bolts, start_problems, static_state, unheld
+from .statics import Kept, loose_bolts, start_groups, start_problems, static_state
 from .tightening import tightened
 
 
@@ -92,9 +95,15 @@ def discretise(
     units = with_behaviours([unit for unit in made if unit is not None], behaviours or {}, problems)
     initial_problems(scene, units, problems, remarks)
     if scene.time.quasi_static and not problems:
-        problems += unheld(bodies, conditions, units, "quasi_static")
+        groups = free_groups(bodies, conditions, units)
+        instants = np.linspace(0.0, scene.time.end, scene.time.n_step + 1)
+        problems += unheld(groups, acting(scene, bodies, instants[1:]), conditions, "quasi_static")
+        if groups and not problems:
+            conditions = with_place(groups, bodies, conditions, units)
+            remarks += free_remarks(groups)
     elif scene.time.start.type == "static" and not problems:
         problems += start_problems(scene, bodies, conditions, units)
+        remarks += [] if problems else free_remarks(start_groups(scene, bodies, conditions, units))
     cuts = cuts_of(scene, bodies, conditions, units, problems)
     if cuts and not problems:
         problems += loose_bolts(scene, bodies, conditions, units, cuts)

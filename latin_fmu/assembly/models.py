@@ -91,7 +91,7 @@ def model_classes(
     for name, body in bodies.items():
         layer = None if body.rigid else contact_layer(name, body, units, scheme, dt)
         loading = layer if moved is None else moved.get(name)
-        loads = _loads(scene, name, body, loading)
+        loads = load_terms(scene, name, body, loading)
         own = [cut for cut in cuts.values() if cut.table.substructure == name]
         loads += [cut.loads(cut.name in free) for cut in own]
         model, channels = _model(name, body, conditions[name], units, layout, scheme, layer, loads)
@@ -343,7 +343,8 @@ def _lumped_damping(body: Body, held: Conditions) -> sp.csr_array | None:
     return total(diagonal_matrix(body.shape.material.rayleigh[0] * mass), held.lumped_dashpots)
 
 
-def _loads(scene: Scene, name: str, body: Body, layer: ContactLayer | None) -> list[LoadTerm]:
+def load_terms(scene: Scene, name: str, body: Body, layer: ContactLayer | None) -> list[LoadTerm]:
+    """Loads of a scene on the nodes of a body; ``layer`` : the mass that body forces act with."""
     terms = []
     if any(body.description.body_force):
         terms.append(LoadTerm(f"{BODY_FORCE}{name}", _body_load(body, layer)))

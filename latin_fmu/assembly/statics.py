@@ -1,4 +1,4 @@
-"""Static equilibrium: substructures that nothing holds, and ``time.start = "static"``.
+"""Static equilibrium at t = 0: ``time.start = "static"``.
 
 A static start is the equilibrium under what acts at t = 0, as the initial state of the motion. The static problem is
 the scene without inertia: the same meshes and interfaces, loads raised in increments to their value at t = 0, faces
@@ -36,8 +36,9 @@ from .body import Body, body_sides
 from .bolts import BoltCut
 from .checks import boundaries_of
 from .conditions import Conditions, conditions_on
+from .free_bodies import FreeGroup, acting, free_groups, free_motions, unheld, with_place
 from .initial_state import InitialState
-from .limit_load import HELD, allowed_motions, loss_of_equilibrium
+from .limit_load import allowed_motions, loss_of_equilibrium
 from .models import contact_layer
 from .problem import DiscretisedProblem, SolverReadyProblem, settings_of
 
@@ -75,13 +76,17 @@ def start_problems(
                 None,
                 f"remove the velocity of {moving[0]}, or leave time.start out",
             )
-    kept = static_interfaces(scene)
-    yield from unheld(
-        {n: bodies[n] for n in still},
-        {n: conditions[n] for n in still},
-        [u for u in units if u.name in kept],
-        "time.start",
-    )
+    forces = acting(scene, {n: bodies[n] for n in still}, np.zeros(1))
+    yield from unheld(start_groups(scene, bodies, conditions, units), forces, conditions, "time.start")
+
+
+def start_groups(
+    scene: Scene, bodies: Mapping[str, Body], conditions: Mapping[str, Conditions], units: list[InterfaceUnit]
+) -> list[FreeGroup]:
+    """Substructures at rest that nothing holds in a static start."""
+    still, kept = resting(scene), static_interfaces(scene)
+    there, held = {n: bodies[n] for n in still}, {n: conditions[n] for n in still}
+    return free_groups(there, held, [u for u in units if u.name in kept])
 
 
 def static_state(
@@ -181,23 +186,10 @@ def static_problem(whole: DiscretisedProblem, scene: Scene, free: Collection[str
     conditions = {n: conditions_on(b, boundaries_of(scene, n), problems) for n, b in bodies.items()}
     assert not problems, problems  # the same conditions stood before
     units = [unit for unit in whole.units if unit.name in scene.joints]
+    conditions = with_place(free_groups(bodies, conditions, units), bodies, conditions, units)
     layers = {n: contact_layer(n, b, whole.units, whole.scheme, whole.dt) for n, b in bodies.items() if not b.rigid}
     moved = {n: layer for n, layer in layers.items() if layer is not None}  # the loads of the motion that follows
     return DiscretisedProblem.of(scene, bodies, conditions, units, moved, whole.cuts, free)
-
-
-def unheld(
-    bodies: dict[str, Body], conditions: dict[str, Conditions], units: list[InterfaceUnit], because: str
-) -> Problems:
-    """A problem for every group of substructures that could move as rigid bodies without relative motion at any
-    interface, open or closed: their static position is not unique.
-
-    The six motions of each body that its conditions allow, q, are free where all relative motions at the interfaces
-    (normal ones; tangential ones with friction) vanish: the null space of their sum of squares. ``because`` : the key
-    that asks for statics.
-    """
-    motions = {name: allowed_motions(body, conditions[name]) for name, body in bodies.items()}
-    return _unheld_problems(_free_motions(motions, units), motions, because)
 
 
 def loose_bolts(
@@ -214,15 +206,28 @@ def loose_bolts(
     pulled = [cut for cut in cuts.values() if cut.table.force is not None and cut.moving.any()]
     for order in sorted({cut.table.order for cut in pulled}):
         group = [cut for cut in pulled if cut.table.order == order]
-        motions = {}
+        motions, rigid = {}, {name: allowed_motions(bodies[name], conditions[name]) for name in still}
         for name in still:
             jumps = [cut.motion for cut in group if cut.table.substructure == name]
             more = np.stack(jumps, axis=1) if jumps else None
             motions[name] = allowed_motions(bodies[name], conditions[name], more)
-        free = _free_motions(motions, units)
-        moved = [n for n in still if free[n].size and np.abs(motions[n] @ free[n]).max() > _MOVES]
+        apart = _pulled_apart(motions, rigid, units)
+        moved = [n for n, u in apart.items() if np.abs(u).max(initial=0.0) > _MOVES]
         problems += [_loose(cut, moved) for cut in group if cut.table.substructure in moved]
     return problems
+
+
+def _pulled_apart(
+    motions: Mapping[str, Array], rigid: Mapping[str, Array], units: list[InterfaceUnit]
+) -> dict[str, Array]:
+    """Motions without relative motion at any interface (3 n_node, n) by substructure, but for those of all bodies as
+    rigid ones: what nothing holds moves with its bolts."""
+    free, whole = free_motions(motions, units), free_motions(rigid, units)
+    moving = np.concatenate([motions[n] @ free[n] for n in motions])
+    along = np.concatenate([rigid[n] @ whole[n] for n in motions])
+    apart = moving - along @ la.lstsq(along, moving)[0] if along.size and moving.size else moving
+    ends = np.cumsum([len(own) for own in motions.values()])[:-1]
+    return dict(zip(motions, np.split(apart, ends), strict=True))
 
 
 def _loose(cut: BoltCut, moved: list[str]) -> Problem:
@@ -237,52 +242,6 @@ def _loose(cut: BoltCut, moved: list[str]) -> Problem:
         "interfaces or boundaries that hold both sides of the cut against each other",
         "add what lies between head and nut, or give a shortening",
     )
-
-
-def _free_motions(motions: Mapping[str, Array], units: list[InterfaceUnit]) -> dict[str, Array]:
-    """Factors (n_motion, n_free) of the motions of every body (3 n_node, n_motion) in the motions without relative
-    motion at any interface."""
-    ends = np.cumsum([m.shape[1] for m in motions.values()])
-    where = {n: slice(int(e) - m.shape[1], int(e)) for (n, m), e in zip(motions.items(), ends, strict=True)}
-    total = int(ends[-1])
-    if not total:
-        return {n: np.zeros((0, 0)) for n in motions}
-    squares = np.zeros((total, total))
-    for unit in units:
-        relative = np.zeros((unit.geometry.n_point * unit.behaviour.n_component, total))
-        for _, side, name in body_sides([unit]):
-            trace = unit.geometry.local_trace(side, unit.behaviour.n_component)
-            if trace is not None:
-                relative[:, where[name]] += (1 - 2 * side) * (trace @ motions[name])
-        squares += relative.T @ relative / unit.geometry.n_point
-    values, vectors = la.eigh(squares)
-    free = vectors[:, values < HELD * max(float(values[-1]), 1e-300)] if values[-1] > 0 else vectors
-    return {name: free[rows] for name, rows in where.items()}
-
-
-def _unheld_problems(free: Mapping[str, Array], motions: Mapping[str, Array], because: str) -> Problems:
-    """One problem for each substructure that takes part in the free motions (columns)."""
-    problems = Problems()
-    for name, factors in free.items():
-        own = motions[name] @ factors if factors.size else np.zeros((0, 0))
-        if not own.size or np.abs(own).max() < _MOVES:
-            continue
-        ways = [f"along {axis}" for i, axis in enumerate("xyz") if _contains(own, i)]
-        problems.add(
-            f"substructure.{name}",
-            "nothing holds it, so that a static position does not exist",
-            f"it can move {', '.join(ways)}" if ways else "it can turn",
-            remedy="hold it with a boundary (fixed or symmetry with one component is enough), give it an interface "
-            f"with friction or a perfect one, or leave {because} out",
-        )
-    return problems
-
-
-def _contains(motions: Array, axis: int) -> bool:
-    """Whether a translation along an axis is a combination of the motions (3 n_node, n)."""
-    translation = np.tile(np.eye(3)[axis], len(motions) // 3)
-    rest = translation - motions @ la.lstsq(motions, translation)[0]
-    return bool(np.linalg.norm(rest) < 1e-6 * np.linalg.norm(translation))
 
 
 def resting(scene: Scene) -> list[str]:

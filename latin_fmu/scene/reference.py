@@ -110,14 +110,17 @@ Sampling       The solver takes a(t) at its instants, linear in between. Pulses 
 Instants       t_i = i end / n, i = 0 ... n, n = instants or end / step. Initial conditions hold at t = 0.
 Quasi-static   time.quasi_static = true leaves inertia out: every step is an equilibrium under the loads of
                its end. At t = 0 nothing acts but preloads; loads that do not start from zero come with the
-               first step. Time only orders the increments (only a viscous_joint depends on its rate). A
-               substructure that nothing holds is an error; where contact and friction cannot hold the loads, the run
-               stops.
+               first step. Time only orders the increments (only a viscous_joint depends on its rate). Where
+               contact and friction cannot hold the loads, the run stops.
+Nothing holds  Without inertia a substructure that nothing holds has an equilibrium where the loads on it, and on what
+               is joined to it, are in balance: as many displacements of its nodes are held as it has free motions,
+               without reactions. Loads out of balance by more than 1e-8 of their sum are an error, and so are those
+               of a rigid substructure. A load that is set from outside must be in balance by itself.
 Static start   time.start = "static" solves the equilibrium under what acts at t = 0 first: loads at a(0) (a step
                or pulse that starts at 0 is a shock and not in it), body forces, gravity, preloads, displaced
                faces; faces driven by a velocity or an acceleration and the ground stand still. The motion starts from
                its displacements, tractions, gaps, stick and slip. Substructures with an initial velocity are left out.
-               A substructure that nothing holds, or that friction cannot hold, is an error.
+               A substructure that friction cannot hold is an error.
 Boundaries     fixed and symmetry block displacement; velocity, displacement and acceleration prescribe value *
                a(t) along the components. A face with an acceleration starts at rest and moves as the time scheme would
                move a free body: after a pulse its velocity and path are the exact integrals of the straight lines

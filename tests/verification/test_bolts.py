@@ -254,6 +254,20 @@ def test_force_and_shortening_in_one_order(influence: Array) -> None:
     assert solved["left"].force[-1] == pytest.approx(influence[0] @ [10e-6, other], rel=1e-6)
 
 
+def test_bolts_are_tightened_on_what_nothing_holds() -> None:
+    """Free in space the tensions are reached, and then nothing moves."""
+    bolts = {"left": {"force": 4000.0}, "right": {"force": 4000.0}}
+    free = frame(bolts, time={"end": 1e-5, "instants": 20}, output={"fields": True})
+    del free["boundary"]
+    solved = solve(scene_from_dict(free))
+    shortening = solved.bolts["left"].shortening
+    for name in bolts:
+        assert solved.bolts[name].force == pytest.approx(4000.0, rel=1e-8)
+        assert solved.bolts[name].shortening == pytest.approx(shortening, rel=1e-8)  # the frame is symmetric
+    speed = max(float(np.abs(np.asarray(b.velocity)).max()) for b in solved.substructures.values())
+    assert speed < 1e-8 * shortening / 1e-5
+
+
 # -- in motion --------------------------------------------------------------------------------------------------------
 def moving(files: dict[str, Path], pull: float = 0.0, instants: int = 40, **other: Any) -> dict[str, Any]:
     """The joint in motion for 40 us, a half sine of 20 us pulling the upper plate."""

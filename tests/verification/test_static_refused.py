@@ -121,6 +121,7 @@ def test_held_by_one_node_less_than_needed_turns():
     add_block(made, "support", (-0.01, 0.0, -0.01), (0.01, 0.02, 0.01), (1, 2, 1))
     made["boundary"]["all"] = {"type": "fixed", "face": "support.zmin"}
     made["boundary"]["plane"] = {"type": "fixed", "face": "b.ymin", "components": ["y"]}
+    made["load"]["push"] = {"face": "b.xmax", "pressure": 1e6}
     with pytest.raises(SceneError) as caught:
         latin_fmu.solve(latin_fmu.scene_from_dict(made))
     assert "along x, along z" in str(caught.value.problems[0].value)
