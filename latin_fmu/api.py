@@ -289,6 +289,7 @@ def check(scene: Scene) -> list[str]:
         f"  {', '.join(p.names)}: {p.n_dof} unknowns, {p.n_channel} interface channels" for p in assembly.propagators
     ]
     lines += [_interface_line(u, u.name not in scene.interface) for u in assembly.interfaces]
+    lines += [cut.line(problem.start.bolts.shortening[name]) for name, cut in discretised.cuts.items() if problem.start]
     lines += [] if problem.start is None else [f"  start: {problem.start.message}"]
     lines.append(f"  {memory_line(prediction, stream=True)}")
     warnings = (*size_remarks(discretised.bodies), *problem.warnings)

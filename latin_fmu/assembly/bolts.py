@@ -73,6 +73,16 @@ class BoltCut:
             )
         return (self.table.force or 0.0) / self.area
 
+    def line(self, shortening: float) -> str:
+        """Section and place of the cut, target and shortening, m, for the command ``check``."""
+        at = ", ".join(f"{round(float(x), 9) + 0.0:.6g}" for x in self.point)
+        force = self.table.force
+        target = "" if force is None else f"{force:.6g} N, mean stress {force / self.area:.4g} Pa, "
+        return (
+            f"  bolt {self.name}: section {self.area:.6g} m2 of {self.table.substructure} at [{at}], {target}"
+            f"shortened by {shortening:.4g} m, order {self.table.order}"
+        )
+
     @property
     def motion(self) -> Array:
         """Motion (3 n_node,) of the part beyond the cut by 1 along the axis, the rest of the body at rest."""

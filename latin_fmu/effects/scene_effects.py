@@ -148,6 +148,13 @@ def loads(p: Prediction) -> Effect:
     return _driven(p, "surface loads", keys, "load", "nodal forces times their laws", "a [load.NAME]")
 
 
+def bolts(p: Prediction) -> Effect:
+    """Bolts: shortened shanks, tightened before t = 0."""
+    keys = [f"bolt.{n}" for n in p.scene.bolt]
+    reason = "shanks shortened before t = 0, nodal forces that keep them so"
+    return _driven(p, "bolts", keys, "bolt", reason, "a [bolt.NAME]")
+
+
 def initial_motion(p: Prediction) -> Effect:
     """Initial velocities, spins and displacements."""
     kinds = "initial_velocity", "initial_spin", "initial_displacement"
@@ -320,6 +327,7 @@ EFFECTS: tuple[Callable[[Prediction], Effect], ...] = (
     absorbing_ends,
     body_force,
     loads,
+    bolts,
     initial_motion,
     static_start,
     prescribed_motion,

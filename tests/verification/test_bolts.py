@@ -12,6 +12,7 @@ from latin_fmu import scene_from_dict, solve
 from latin_fmu.api import check
 from latin_fmu.assembly.modes import vibration_modes
 from latin_fmu.assembly.segments import SegmentedRun
+from latin_fmu.effects.explanation import explain
 from latin_fmu.errors import SceneError
 from latin_fmu.fem.elements import Elements
 from latin_fmu.fem.mesh import Mesh
@@ -359,6 +360,15 @@ def test_frequencies_of_the_tight_joint(files: dict[str, Path]) -> None:
     wide = vibration_modes(scene_from_dict(data), "sticking", 3)  # closed by the bolt, free to slide
     assert "48 of 48" in wide.remarks[2]
     assert wide.frequency[0] < 0.9 * bonded.frequency[0]
+
+
+def test_check_and_explain_tell_of_bolts(files: dict[str, Path]) -> None:
+    """Section, stress and shortening in the lines of the command check; an effect of the command explain."""
+    scene = scene_from_dict(moving(files))
+    line = next(line for line in check(scene) if line.startswith("  bolt b:"))
+    for word in ("section 4.53721e-05 m2", "at [0, 0, 0]", "5000 N", "1.102e+08 Pa", "shortened by 1.65", "order 1"):
+        assert word in line
+    assert {"bolts", "static start"} <= {effect.name for effect in explain(scene).effects if effect.on}
 
 
 # -- bad input --------------------------------------------------------------------------------------------------------
