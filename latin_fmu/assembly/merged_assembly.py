@@ -65,6 +65,8 @@ def merge(
     models = {m.name: m for m in members}
     if any(m.nodal is not None for m in members):
         raise ValueError("an assembly with rigid substructures cannot be merged")
+    if any(m.modal is not None for m in members):
+        raise ValueError("modal damping is that of one substructure, not of several bonded ones")
     names = list(models)
     ends = np.cumsum([models[n].n_full for n in names])
     where = {n: slice(int(e) - models[n].n_full, int(e)) for n, e in zip(names, ends, strict=True)}

@@ -142,6 +142,7 @@ def _model(
     if isinstance(held, RigidConditions):
         rigid = rigid_model(body, held, trace, area, loads)
         return (replace(rigid, mass=None) if isinstance(scheme, QuasiStatic) else rigid), flat
+    modal = body.description.modal_damping
     model = SubstructureModel(
         name=name,
         mass=None if layer is None else layer.mass,
@@ -159,6 +160,7 @@ def _model(
         lumped_mass=body.lumped_mass if scheme.explicit else None,
         lumped_damping=_lumped_damping(body, held) if scheme.explicit else None,
         landing=None if layer is None else layer.viscosity,
+        modal=None if modal is None else (modal.ratio, modal.below or np.inf),
     )
     return model, flat
 
@@ -394,7 +396,9 @@ def _signature(model: SubstructureModel, body: Body) -> bytes:
     """Equal for substructures whose operators are equal (loads, initial values and place do not count)."""
     digest = hashlib.sha256()
     size = body.mesh.size
-    digest.update(repr((body.shape.material, body.shape.bending_modes, body.mesh.cell_types, f"{size:.9e}")).encode())
+    digest.update(
+        repr((model.modal, body.shape.material, body.shape.bending_modes, body.mesh.cell_types, f"{size:.9e}")).encode()
+    )
     digest.update(np.round((body.mesh.nodes - body.mesh.nodes[0]) / size, 9).astype("f8").tobytes())
     for block in body.mesh.blocks:
         digest.update(block.cells.tobytes())

@@ -270,6 +270,8 @@ def static_scene(scene: Scene, amplitudes: Mapping[str, float], loaded: bool = T
     assert isinstance(scene.time.start, StaticStart)
     data, still = scene.tables(), resting(scene)
     data["substructure"] = {n: data["substructure"][n] for n in still}
+    for table in data["substructure"].values():
+        table.pop("modal_damping", None)
     data["point_mass"] = {n: data["point_mass"][n] for n, m in scene.point_mass.items() if m.body in still}
     kept = static_interfaces(scene)
     data["interface"] = {n: table for n, table in data["interface"].items() if n in kept}

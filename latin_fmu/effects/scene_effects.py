@@ -104,14 +104,15 @@ def rigidity(p: Prediction) -> Effect:
 
 
 def damping(p: Prediction) -> Effect:
-    """Rayleigh damping of the materials, whichever keys give it."""
+    """Damping of materials and modes, whichever keys give it."""
     used = {b.description.material for b in p.discretised.bodies.values()}
     materials = {n: m for n, m in p.scene.material.items() if n in used}
     keys = tuple(f"material.{n}.{key}" for n, m in materials.items() for key in m.damping_keys)
+    keys += tuple(f"substructure.{n}.modal_damping" for n, s in p.scene.substructure.items() if s.modal_damping)
     if not keys:
         why = [f"material.*.{key}" for key in DAMPING_KEYS]
         return _off("damping", why, "no material has any", "rayleigh_mass or rayleigh_stiffness > 0")
-    reason, memory = f"Rayleigh damping by {len(keys)} key(s)", p.total("damping")
+    reason, memory = f"damping by {len(keys)} key(s)", p.total("damping")
     layers = sum(
         len(c.members) * (m.expansion.T @ m.landing @ m.expansion).nnz
         for c in p.discretised.classes

@@ -210,6 +210,9 @@ class SubstructureModel:
     nodal: Array | None = field(default=None)
     """(3 n_node, n_full) displacements of the nodes per full dof, None where the full dofs are those of the nodes."""
 
+    modal: tuple[float, float] | None = field(default=None)
+    """Damping ratio of the elastic modes of a reduced basis, and the frequency up to which they have it, Hz."""
+
     @property
     def n_full(self) -> int:
         """Number of full dofs."""

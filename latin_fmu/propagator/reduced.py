@@ -24,7 +24,7 @@ from ..cholesky.factor import DiagonalFactor, InterfaceFactor, interface_factor
 from ..time_scheme import TimeScheme
 from .base import Propagator
 from .model import Array, Index, LoadTerm, SubstructureModel
-from .reduction import reduce_model
+from .reduction import modal_damping, reduce_model
 
 
 @dataclass(frozen=True)
@@ -197,6 +197,9 @@ def reduced_members(members: Sequence[SubstructureModel], n_mode: int) -> tuple[
     mass[:m, :m] = np.eye(m)  # but for round-off
     stiffness[:m, :m] = np.diag(reduction.eigenvalues)
     damping = None if model.damping is None else sp.csr_array(projected(model.damping))
+    if model.modal is not None:
+        modal = sp.csr_array(_modal_damping(model, reduction.eigenvalues, stiffness))
+        damping = modal if damping is None else sp.csr_array(damping + modal)
     common = replace(
         model,
         mass=sp.csr_array(mass),
@@ -207,6 +210,7 @@ def reduced_members(members: Sequence[SubstructureModel], n_mode: int) -> tuple[
         imposed_pattern=np.eye(m + n_motion)[:, m:],
         ordering=None,
         nodal=shapes,
+        modal=None,
     )
     weighted = model.inertia @ basis
 
@@ -224,6 +228,16 @@ def reduced_members(members: Sequence[SubstructureModel], n_mode: int) -> tuple[
         )
 
     return [own(member) for member in members], reduction.n_mode
+
+
+def _modal_damping(model: SubstructureModel, eigenvalues: Array, stiffness: Array) -> Array:
+    """Modal damping on Ritz coordinates and prescribed motions (n, n), from their stiffness (n, n): the rate of a mode
+    counts from its static response to the prescribed motions, -lambda^-1 phi^T K D."""
+    factors = modal_damping(model, eigenvalues)
+    rows = np.flatnonzero(factors)
+    relative = stiffness[rows] / eigenvalues[rows, None]
+    damping: Array = relative.T @ (factors[rows, None] * relative)
+    return damping
 
 
 def _together(members: Sequence[SubstructureModel]) -> SubstructureModel:

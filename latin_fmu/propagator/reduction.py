@@ -238,10 +238,11 @@ def reduce_model(
     q = np.column_stack([_excitable(rigid, excited), elastic @ turn])
     q = q * _signs(q)
     full = e @ q
+    values = np.concatenate([np.zeros(q.shape[1] - len(eigenvalues)), eigenvalues])
     return ReducedModel(
         basis=full,
-        eigenvalues=np.concatenate([np.zeros(q.shape[1] - len(eigenvalues)), eigenvalues]),
-        damping=None if model.damping is None else full.T @ (model.damping @ full),
+        eigenvalues=values,
+        damping=_damping(model, full, values),
         trace=model.trace @ full,
         area=model.channel_area,
         loads=np.column_stack([np.zeros((q.shape[1], 0)), *(full.T @ load.pattern for load in model.loads)]),
@@ -249,6 +250,21 @@ def reduce_model(
         displacement=q.T @ (mass @ start[:, 0]),
         velocity=q.T @ (mass @ start[:, 1]),
     )
+
+
+def modal_damping(model: SubstructureModel, eigenvalues: Array) -> Array:
+    """2 zeta omega (m,), s-1, of Ritz vectors with these eigenvalues, s-2; 0 for rigid motions and above the limit."""
+    ratio, below = model.modal or (0.0, 0.0)
+    omega = np.sqrt(eigenvalues)
+    return np.where(omega <= 2.0 * np.pi * below, 2.0 * ratio * omega, 0.0)
+
+
+def _damping(model: SubstructureModel, basis: Array, eigenvalues: Array) -> Array | None:
+    """Damping in Ritz coordinates (m, m), s-1, None where the model has none."""
+    if model.damping is None and model.modal is None:
+        return None
+    own = np.diag(modal_damping(model, eigenvalues))
+    return own if model.damping is None else np.asarray(basis.T @ (model.damping @ basis) + own)
 
 
 def _forces(model: SubstructureModel, shapes: Array | None) -> Array:

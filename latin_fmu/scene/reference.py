@@ -73,7 +73,8 @@ Rigid          A rigid substructure keeps its mass and its mesh, which gives its
 Damping        rayleigh_mass a and rayleigh_stiffness b give C = a M + b K, a damping ratio a / (2 w) + b w / 2 at
                the angular frequency w; damping_ratios gives both from the ratios at two frequencies. A loss factor
                has no exact counterpart in time: loss_factor = eta with at_frequency = f is b = eta / (2 pi f), exact
-               at f, smaller below and larger above in proportion to the frequency.
+               at f, smaller below and larger above in proportion to the frequency. modal_damping of a substructure
+               gives each of its elastic modes one ratio; only the reduced propagator has modes.
 Point masses   They are part of the mass of their substructure: in dynamics, modes, momentum, and the mass centre
                that initial_spin turns about; body_force, per volume, does not act on them. On a face without point
                and inertia a mass is spread evenly; with either it is a rigid mass on the mean motion of the face,

@@ -95,12 +95,29 @@ def _substructure_problems(raw: Any, base_dir: Path) -> Iterator[Problem]:
                 "hht or newmark",
                 "choose another scheme, or leave the body elastic",
             )
+        if given(table, "modal_damping"):
+            yield from _modal_problems(raw, where, table)
         mesh = table.get("mesh")
         file = mesh.get("file") if isinstance(mesh, dict) else None
         if isinstance(file, str) and not _is_file(base_dir, file):
             yield Problem(
                 f"{where}.mesh.file", "no such file", shown(file), None, "file names are relative to the scene file"
             )
+
+
+def _modal_problems(raw: Any, where: str, table: RawTable) -> Iterator[Problem]:
+    """Modal damping of a body that has no modes in the run."""
+    if table.get("rigid") is True:
+        yield Problem(f"{where}.modal_damping", "a rigid body has no elastic modes", None, None, "remove it")
+    kind = chosen_type(single_table(raw, "solver"), "propagator")
+    if kind != _REDUCED:
+        yield Problem(
+            f"{where}.modal_damping",
+            "modes are known to the reduced propagator only",
+            f"solver.propagator = {shown(kind or _AUTOMATIC)}",
+            'solver.propagator = "reduced"',
+            "choose it, or damp the material by damping_ratios at two frequencies",
+        )
 
 
 def _is_file(base_dir: Path, name: str) -> bool:

@@ -181,6 +181,19 @@ class MeshFile(Table):
     refine: Refinements = 0
 
 
+class ModalDamping(Table):
+    """Damping C = M Phi diag(2 zeta omega) Phi^T M of the elastic modes of a substructure, its interfaces free, held as
+    its boundaries hold it; rigid motions and the motion of driven faces lose nothing.
+
+    With the reduced propagator only; its static shapes count as modes of their own frequencies.
+    """
+
+    ratio: Annotated[Real, about("damping ratio zeta of each mode", "1", gt=0, lt=1)]
+    below: Annotated[
+        Real | None, about("frequency up to which modes are damped; all of the basis where left out", "Hz", gt=0)
+    ] = None
+
+
 class Substructure(Table):
     """An elastic body, or a rigid one. It has exactly one of `box` and `mesh`."""
 
@@ -193,6 +206,7 @@ class Substructure(Table):
     bending_modes: Annotated[
         Flag, about("incompatible modes, so that 8-node hexahedra represent bending; eliminated inside each element")
     ] = False
+    modal_damping: Annotated[ModalDamping | None, about("damping of the modes, with the reduced propagator")] = None
     initial_velocity: Annotated[Vector, about("uniform velocity at t = 0", "m s-1")] = (0.0, 0.0, 0.0)
     initial_spin: Annotated[
         Vector, about("angular velocity at t = 0, about the mass centre (small rotations)", "rad s-1")

@@ -183,6 +183,61 @@ def test_logarithmic_decrement(material: dict[str, Any], ratio: float) -> None:
     assert decrement / np.sqrt(4 * np.pi**2 + decrement**2) == pytest.approx(ratio, rel=1e-2)
 
 
+def modal_history(mode: int, damping: dict[str, float], periods: int = 6, n: int = 200) -> np.ndarray:
+    """Coordinate of a mode of a clamped bar in modal damping after a blow."""
+    frequency = (2 * mode - 1) * FIRST
+    blow = {"face": "bar.xmax", "traction": [1e6, 0.0, 0.0], "law": {"type": "half_sine", "duration": 0.25 / frequency}}
+    tables = {
+        "load": {"blow": blow},
+        "time": {"end": periods / frequency, "instants": n * periods, "scheme": "newmark"},
+        "output": {"fields": True},
+        "solver": {"propagator": {"type": "reduced", "modes": 8}},
+    }
+    fields = latin_fmu.solve(bar(body={"modal_damping": damping}, **tables)).substructures["bar"]
+    shape = np.zeros_like(fields.nodes)
+    shape[:, 0] = np.sin((2 * mode - 1) * np.pi * fields.nodes[:, 0] / (2 * L))
+    weights = discretise(bar()).bodies["bar"].mass @ shape.ravel()
+    return fields.displacement.reshape(n * periods + 1, -1) @ weights
+
+
+@pytest.mark.parametrize(
+    ("mode", "below", "ratio"), [(1, None, 0.02), (3, None, 0.02), (1, 2 * FIRST, 0.02), (3, 2 * FIRST, 0.0)]
+)
+def test_modal_damping(mode: int, below: float | None, ratio: float) -> None:
+    """One ratio for all modes, none above the limit."""
+    q = modal_history(mode, {"ratio": 0.02} | ({} if below is None else {"below": below}))
+    peaks = [i for i in range(120, len(q) - 1) if q[i] > max(q[i - 1], q[i + 1])]
+    decrement = np.log(q[peaks[0]] / q[peaks[-1]]) / (len(peaks) - 1)
+    assert len(peaks) >= 5
+    assert decrement / np.sqrt(4 * np.pi**2 + decrement**2) == pytest.approx(ratio, rel=1e-2, abs=1e-5)
+
+
+def test_modal_damping_leaves_driven_and_rigid_motions_alone() -> None:
+    """A bar whose end is driven at its own velocity goes on uniformly; so does a free one."""
+    driven = {"root": {"type": "velocity", "face": "bar.xmin", "components": ["x"], "value": [2.0]}}
+    body = {"initial_velocity": [2.0, 0.0, 0.0], "modal_damping": {"ratio": 0.3}}
+    solver = {"propagator": {"type": "reduced", "modes": 8}}
+    time = {"end": 2e-3, "instants": 200}
+    for boundary in (WALLS | driven, {}):
+        scene = bar(body=body, boundary=boundary, solver=solver, time=time, output={"fields": True, "energy": True})
+        velocity = latin_fmu.solve(scene).substructures["bar"].velocity[-1]
+        np.testing.assert_allclose(velocity[:, 0], 2.0, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("tables", "words"),
+    [
+        ({}, "modes are known to the reduced propagator only"),
+        ({"solver": {"propagator": "explicit"}}, "modes are known to the reduced propagator only"),
+        ({"body": {"rigid": True}}, "a rigid body has no elastic modes"),
+    ],
+)
+def test_modal_damping_needs_modes(tables: dict[str, Any], words: str) -> None:
+    body = {"modal_damping": {"ratio": 0.01}} | tables.get("body", {})
+    with pytest.raises(SceneError, match=words):
+        bar(**{**tables, "body": body})
+
+
 @pytest.mark.parametrize(
     ("material", "words"),
     [
