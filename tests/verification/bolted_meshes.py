@@ -91,25 +91,27 @@ SHANK_AREA = 5000.0 / 110.2e6
 """Section of the shank, m2."""
 
 
-def write_joint(folder: Path, heights: Sequence[float] | None = None) -> dict[str, Path]:
-    """Two plates of 10 mm under head and nut of one bolt: files ``bolt``, ``lower``, ``upper``.
+def write_joint(folder: Path) -> dict[str, Path]:
+    """Two plates of 10 mm under head and nut of one bolt: files ``bolt`` with its nut, ``lower``, ``upper``; and
+    ``screw`` and ``nut``, the same bolt in two parts.
 
     Faces: head and nut (under them), of the plates seat (opposite), joint (to the other plate, next to the bolt) and
-    far (outside, away from the joint), and foot, rim of the bolt's ends.
+    far (outside, away from the joint); thread between screw and nut.
     """
     r = shank_radius(SHANK_AREA, 4)
-    lattice = Lattice(
-        [r, 4.5e-3, 6.5e-3, 8e-3, 11e-3, 16e-3],
-        heights or [-16e-3, -13e-3, -10e-3, -6.5e-3, -3e-3, 0.0, 3e-3, 6.5e-3, 10e-3, 12.5e-3, 15e-3],
-    )
+    heights = [-16e-3, -13e-3, -10e-3, -6.5e-3, -3e-3, 0.0, 3e-3, 6.5e-3, 10e-3, 12.5e-3, 15e-3]
+    lattice = Lattice([r, 4.5e-3, 6.5e-3, 8e-3, 11e-3, 16e-3], heights)
+    under_nut = {"nut": lambda x, n: (np.abs(x[:, 2] + 10e-3) < 1e-6) & (n[:, 2] > 0.9)}
+    under_head = {"head": lambda x, n: (np.abs(x[:, 2] - 10e-3) < 1e-6) & (n[:, 2] < -0.9)}
+    thread = {
+        "thread": lambda x, n: (x[:, 2] < -10e-3) & (np.abs(n[:, 2]) < 0.1) & (np.hypot(x[:, 0], x[:, 1]) < r + 1e-6)
+    }
     parts = {
         "bolt": lattice.part(
-            lambda radius, z: (radius < r) | ((radius < 6.5e-3) & (np.abs(z) > 10e-3)),
-            {
-                "nut": lambda x, n: (np.abs(x[:, 2] + 10e-3) < 1e-6) & (n[:, 2] > 0.9),
-                "head": lambda x, n: (np.abs(x[:, 2] - 10e-3) < 1e-6) & (n[:, 2] < -0.9),
-            },
+            lambda radius, z: (radius < r) | ((radius < 6.5e-3) & (np.abs(z) > 10e-3)), under_nut | under_head
         ),
+        "screw": lattice.part(lambda radius, z: (radius < r) | ((radius < 6.5e-3) & (z > 10e-3)), under_head | thread),
+        "nut": lattice.part(lambda radius, z: (radius > r) & (radius < 6.5e-3) & (z < -10e-3), under_nut | thread),
         "lower": lattice.part(lambda radius, z: (radius > 4.5e-3) & (z < 0) & (z > -10e-3), _plate(-1)),
         "upper": lattice.part(lambda radius, z: (radius > 4.5e-3) & (z > 0) & (z < 10e-3), _plate(1)),
     }

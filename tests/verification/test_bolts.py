@@ -7,9 +7,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
+from scipy.sparse.linalg import spsolve
 
 from latin_fmu import scene_from_dict, solve
 from latin_fmu.api import check
+from latin_fmu.assembly.build import discretise, solver_ready
+from latin_fmu.assembly.merged_assembly import merge
 from latin_fmu.assembly.modes import vibration_modes
 from latin_fmu.assembly.segments import SegmentedRun
 from latin_fmu.effects.explanation import explain
@@ -58,7 +62,7 @@ def joint(files: dict[str, Path], pull: float = 0.0, mu: float = 0.8, **other: A
     data: dict[str, Any] = {
         "name": "joint",
         "material": {"steel": {"young_modulus": 210e9, "poisson_ratio": 0.3, "density": 7800.0}},
-        "substructure": {n: {"material": "steel", "mesh": {"file": str(f)}} for n, f in files.items()},
+        "substructure": {n: {"material": "steel", "mesh": {"file": str(files[n])}} for n in ("bolt", "lower", "upper")},
         "interface": {name: {"sides": pair, **contact} for name, pair in sides.items()},
         "boundary": {"hold": {"type": "fixed", "face": "lower.far"}},
         "bolt": {"b": {"substructure": "bolt", "axis": [0, 0, 1], "force": PRELOAD}},
@@ -166,6 +170,22 @@ def test_two_plates_under_one_bolt(files: dict[str, Path]) -> None:
     assert solution.report()["bolts"]["b"]["target_force"] == PRELOAD
 
 
+def test_thread_of_a_separate_nut(files: dict[str, Path]) -> None:
+    """A perfect interface bonds screw and nut: force and shortening are those of bolt and nut in one mesh."""
+    data = joint(files)
+    del data["substructure"]["bolt"]
+    for name in ("screw", "nut"):
+        data["substructure"][name] = {"material": "steel", "mesh": {"file": str(files[name])}}
+    data["interface"]["head"]["sides"] = ["upper.seat", "screw.head"]
+    data["interface"]["nut"]["sides"] = ["nut.nut", "lower.seat"]
+    data["interface"]["thread"] = {"sides": ["screw.thread", "nut.thread"], "behaviour": "perfect"}
+    data["bolt"]["b"]["substructure"] = "screw"
+    two, one = solve(scene_from_dict(data)), solve(scene_from_dict(joint(files)))
+    assert two.bolts["b"].force == pytest.approx(PRELOAD, rel=1e-8)
+    assert two.bolts["b"].shortening == pytest.approx(one.bolts["b"].shortening, rel=1e-6)
+    assert np.linalg.norm(two.interfaces["thread"].force(), axis=1) == pytest.approx(PRELOAD, rel=1e-6)
+
+
 def test_plates_pulled_apart_after_the_lock(files: dict[str, Path]) -> None:
     """The bolt force grows by phi F, phi the share of the shank in one linear body of the same parts (3 %)."""
     pulled = solve(scene_from_dict(joint(files, pull=2000.0)))
@@ -233,6 +253,22 @@ def test_second_bolt_changes_the_force_of_the_first(influence: Array) -> None:
     assert solved["right"].tightening == pytest.approx([influence[1, 0] * first, 3000.0], rel=1e-6)
     assert [solved[n].shortening for n in ("left", "right")] == pytest.approx([first, second], rel=1e-6)
     assert solved["left"].force[-1] == pytest.approx(solved["left"].tightening[-1], rel=1e-9)
+
+
+def test_merged_assembly_carries_the_bolts() -> None:
+    """Bonded to one body, the frame under the loads of its locked bolts has their forces."""
+    moving = {"end": 1e-6, "instants": 1}
+    scene = scene_from_dict(frame({"left": {"force": 4000.0}, "right": {"force": 3000.0}}, time=moving))
+    discretised = discretise(scene)
+    problem = solver_ready(discretised, {})
+    merged = merge([m for c in discretised.classes for m in c.members], discretised.units, problem.info)
+    amplitudes = merged.histories(problem.timeline, np.array([0.0, 1.0])).amplitudes
+    p, model = merged.model.expansion, merged.model
+    force = sum(history[-1] * load.pattern for history, load in zip(amplitudes, model.loads, strict=True))
+    u = p @ spsolve(sp.csc_array(p.T @ model.stiffness @ p), p.T @ force)
+    bolts = problem.output.bolts
+    forces = [bolts[n].force(bolts[n].pattern @ u[merged.where[n]]) for n in ("left", "right")]
+    assert forces == pytest.approx([4000.0, 3000.0], rel=1e-6)
 
 
 @pytest.mark.parametrize("identical", [True, False])
