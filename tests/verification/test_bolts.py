@@ -16,10 +16,12 @@ from latin_fmu.assembly.build import discretise, solver_ready
 from latin_fmu.assembly.merged_assembly import merge
 from latin_fmu.assembly.modes import vibration_modes
 from latin_fmu.assembly.segments import SegmentedRun
+from latin_fmu.cosim import Session, Settings
 from latin_fmu.effects.explanation import explain
 from latin_fmu.errors import SceneError
 from latin_fmu.fem.elements import Elements
 from latin_fmu.fem.mesh import Mesh
+from latin_fmu.model_exchange.reduce import reduced_system
 from latin_fmu.results.solution import Solution
 
 from .bolted_meshes import SHANK_AREA, write_joint
@@ -383,6 +385,21 @@ def test_segments_give_the_force_of_one_run(files: dict[str, Path], quasi_static
     parts = np.concatenate([first.bolts["b"].force, second.bolts["b"].force[1:]])
     assert parts == pytest.approx(whole, rel=1e-7)
     assert (again.bolts["b"].force == second.bolts["b"].force).all()
+
+
+def test_session_tells_the_force(files: dict[str, Path]) -> None:
+    """Output of an FMU for co-simulation: the force when initialized and after steps; reduced models refuse bolts."""
+    scene = scene_from_dict(moving(files, pull=1000.0, instants=10))
+    whole = solve(scene).bolts["b"].force
+    session = Session(scene, Settings())
+    session.initialize()
+    forces = [float(session.values(["bolt.b.force"])[0])]
+    for start in (0.0, 20e-6):
+        assert session.step(start, 20e-6)
+        forces.append(float(session.values(["bolt.b.force"])[0]))
+    assert forces == pytest.approx(whole[::5], rel=1e-7)
+    with pytest.raises(SceneError, match=r"bolt.b: a reduced model has no bolts"):
+        reduced_system(scene)
 
 
 def test_frequencies_of_the_tight_joint(files: dict[str, Path]) -> None:
