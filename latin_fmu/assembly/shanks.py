@@ -45,7 +45,8 @@ def cuts_of(
     for name, bolt in scene.bolt.items():
         body = bodies[bolt.substructure]
         joined = _joined_nodes(body, units)
-        axis = np.asarray(bolt.axis) / np.linalg.norm(bolt.axis)
+        axis = np.asarray(bolt.axis) / np.abs(bolt.axis).max()  # squares of any direction are numbers
+        axis /= np.linalg.norm(axis)
         blocked = joined | _held_nodes(conditions[body.name], axis, body.mesh.n_node)
         cut = _Section(name, bolt, body, axis).cut(blocked, joined, problems)
         if cut is not None:
