@@ -63,6 +63,8 @@ QUANTITIES: Final = (
     Quantity("peak_velocity", "sensor", "m s-1", "largest velocity of a sensor"),
     Quantity("peak_acceleration", "sensor", "m s-2", "largest acceleration of a sensor"),
     Quantity("peak_reaction", "boundary", "N", "largest force of a support on its body"),
+    Quantity("bolt_force", "bolt", "N", "tension of a bolt at the end"),
+    Quantity("largest_bolt_force", "bolt", "N", "largest tension of a bolt"),
     Quantity("energy", "energy_term", "J", "term of the energy balance at the end"),
     Quantity("penetration", "", "m", "largest penetration of all interfaces"),
     Quantity("iterations", "", "1", "iterations of all windows"),
@@ -182,6 +184,9 @@ def quantities_of(scene: Scene, solution: Solution) -> Record:
                 values.setdefault(f"peak_{key}", {})[name] = _largest(motion)
     for name, reaction in solution.reactions.items():
         values.setdefault("peak_reaction", {})[name] = _largest(reaction.force)
+    for name, bolt in solution.bolts.items():
+        values.setdefault("bolt_force", {})[name] = float(bolt.force[-1])
+        values.setdefault("largest_bolt_force", {})[name] = float(bolt.force.max())
     if solution.energy is not None:
         values["energy"] = {term: float(history[-1]) for term, history in solution.energy.items()}
     return {**values, **numbers, "penetration": outcome.penetration()}

@@ -22,6 +22,7 @@ from latin_fmu.errors import SceneError
 from latin_fmu.fem.elements import Elements
 from latin_fmu.fem.mesh import Mesh
 from latin_fmu.model_exchange.reduce import reduced_system
+from latin_fmu.parametric.study import sweep
 from latin_fmu.results.solution import Solution
 
 from .bolted_meshes import SHANK_AREA, write_joint
@@ -282,6 +283,16 @@ def test_bolts_of_one_order_reach_their_forces_together(influence: Array, identi
     assert [solved[n].force[-1] for n in ("left", "right")] == pytest.approx([4000.0, 3000.0], rel=1e-8)
     expected = np.linalg.solve(influence, [4000.0, 3000.0])
     assert [solved[n].shortening for n in ("left", "right")] == pytest.approx(expected, rel=1e-6)
+
+
+def test_study_over_the_force_of_a_bolt(influence: Array) -> None:
+    """A parametric study keeps the forces of the bolts: that of the other one is linear in the one that varies."""
+    bolts = {"left": {"force": 1000.0}, "right": {"shortening": 10e-6, "order": 2}}
+    study = sweep(scene_from_dict(frame(bolts)), {"bolt.left.force": [1000.0, 3000.0]})
+    forces = study["bolt_force"].transpose(..., "bolt").sel(bolt=["left", "right"]).values
+    left = np.array([1000.0, 3000.0])
+    shortenings = np.array([left / influence[0, 0], [10e-6, 10e-6]])
+    assert forces == pytest.approx((influence @ shortenings).T, rel=1e-5)
 
 
 def test_force_and_shortening_in_one_order(influence: Array) -> None:
