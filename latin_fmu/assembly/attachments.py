@@ -124,8 +124,8 @@ def spring_units(scene: Scene, bodies: dict[str, Body], problems: Problems) -> l
         if first is None or second is None:
             continue
         line = second.point - first.point if spring.direction is None else np.asarray(spring.direction)
-        length = float(np.linalg.norm(line))
-        if length <= _TOGETHER * np.sqrt(first.area):
+        length = float(np.abs(line).max())  # squares of a direction may over- or underflow
+        if spring.direction is None and length <= _TOGETHER * np.sqrt(first.area):
             what = "the ends are at the same place, so that the spring has no direction"
             problems.add(where, what, f"{length:.4g} m apart", remedy="give direction")
             continue

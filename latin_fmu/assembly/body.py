@@ -15,7 +15,7 @@ from ..errors import MeshError, Problem, Problems, shown
 from ..fem.elasticity import BENDING_CELLS, body_load, lumped_mass, mass, stiffness, wave_speeds
 from ..fem.elements import Elements, RigidBody, rigid_body
 from ..fem.faces import Face, face_of
-from ..fem.location import Location, locate, nearest_surface_point
+from ..fem.location import Location, MeanMotion, locate, nearest_surface_point
 from ..fem.mesh import Array, FacetSet, Index, Mesh, boundary, box_mesh, nested_dissection
 from ..fem.stress import MeanStress, Recovery
 from ..fem.surface import Surface
@@ -211,7 +211,11 @@ def sensor_places(scene: Scene, bodies: dict[str, Body], problems: Problems) -> 
         if sensor.face is not None:
             face = bodies[sensor.body].face(split_face(sensor.face)[1])
             mean = Location.of(face.nodes, face.areas / face.areas.sum())
-            places[name] = SensorPlace(sensor.body, mean, mean.weights @ mesh.nodes[mean.nodes], sensor.face)
+            centre, arm = mean.weights @ mesh.nodes[mean.nodes], None
+            if sensor.point is not None:
+                centre = np.asarray(sensor.point, dtype=float)
+                arm = MeanMotion.of_face(mesh.nodes, face).at(centre)
+            places[name] = SensorPlace(sensor.body, mean, centre, sensor.face, arm)
             continue
         point = np.asarray(sensor.point, dtype=float)
         location = located(bodies[sensor.body], point, f"sensor.{name}.point", problems)

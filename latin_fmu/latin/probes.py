@@ -26,15 +26,19 @@ class SensorPlace:
     ----------
     substructure : its body. location : nodes and weights. point : (3,) of a point sensor, the centre of the face for
         the mean over a face, reference configuration, m. face : the face of a mean over a face, else None.
+    arm : (3, 3 n_node) motion of a point that follows the mean motion of the face by a rigid arm, else None.
     """
 
     substructure: str
     location: Location
     point: Array
     face: str | None = None
+    arm: sp.csr_array | None = None
 
     def matrix(self, n_node: int) -> sp.csr_array:
         """Motion of the sensor (3,) from those of all nodes, (3, 3 n_node)."""
+        if self.arm is not None:
+            return self.arm
         nodes, weights = self.location.nodes, self.location.weights
         row = sp.coo_array((weights, (np.zeros(len(nodes), dtype=np.int64), nodes)), shape=(1, n_node))
         return sp.csr_array(sp.kron(row, sp.eye_array(3), format="csr"))

@@ -12,8 +12,8 @@ from scipy.sparse.csgraph import connected_components
 from ..assembly.merged_assembly import merge
 from ..assembly.problem import DiscretisedProblem
 from ..errors import Problem, SceneError
-from ..fem.location import Location
 from ..latin.assembly import Array, Index, InterfaceUnit
+from ..latin.probes import SensorPlace
 from ..propagator import SubstructureModel
 from ..propagator.reduction import ReducedModel, reduce_model
 from ..scene.fields import GROUND, split_face
@@ -268,12 +268,12 @@ class ReducedBody:
         scaled: Array = self.model.basis * np.sqrt(self.mass)
         return scaled
 
-    def rows(self, substructure: str, location: Location) -> Array:
-        """(3, size) displacement at a location in a substructure from the coordinates."""
-        if substructure not in self.body.where:
+    def rows(self, place: SensorPlace) -> Array:
+        """(3, size) displacement of a sensor from the coordinates, 0 where it is on another body."""
+        if place.substructure not in self.body.where:
             return np.zeros((3, self.size))
-        picked = self.basis[self.body.where[substructure]].reshape(-1, 3, self.size)[location.nodes]
-        return np.asarray(np.tensordot(location.weights, picked, axes=1))
+        here = self.basis[self.body.where[place.substructure]]
+        return np.asarray(place.matrix(len(here) // 3) @ here)
 
 
 def _transmits(cuts: Sequence[Cut]) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:

@@ -231,7 +231,7 @@ def _sensors(discretised: DiscretisedProblem, bodies: Sequence[ReducedBody]) -> 
     """(n_sensor, 3, n) displacement of the sensors from the coordinates, and their names."""
     blocks = [np.zeros((0, 3, sum(b.size for b in bodies)))]
     for place in discretised.sensors.values():
-        row = [b.rows(place.substructure, place.location) for b in bodies]
+        row = [b.rows(place) for b in bodies]
         blocks.append(np.hstack(row)[None])
     return np.concatenate(blocks), list(discretised.sensors)
 

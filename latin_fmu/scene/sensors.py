@@ -83,11 +83,14 @@ class Spectrum(Table):
 class Sensor(Table):
     """Displacement, velocity and acceleration of a point of a substructure, or their mean over a face.
 
-    It has exactly one of `point`, with `substructure`, and `face`.
+    It has `point` with `substructure`; or `face`, and then `point` is one that follows the mean motion of the face,
+    translation and rotation, by a rigid arm.
     """
 
     substructure: Annotated[Name | None, about("name of a [substructure.NAME] table, with `point`")] = None
-    point: Annotated[Vector | None, about("where to measure, in or on the body, before any motion", "m")] = None
+    point: Annotated[
+        Vector | None, about("where to measure, before any motion; in or on the body without `face`", "m")
+    ] = None
     face: Annotated[Face | None, about('face whose mean by area is measured, "substructure.face"')] = None
     filter: Annotated[Filter | None, about("low pass; the results keep the unfiltered motion, too")] = None
     spectrum: Annotated[Spectrum | None, about("shock response spectrum in the results ({}: with its defaults)")] = None
@@ -149,12 +152,10 @@ def sensor_problems(raw: Any) -> Iterator[Problem]:
     substructures, time = named_tables(raw, "substructure"), single_table(raw, "time")
     for name, table in named_tables(raw, "sensor").items():
         where, body = f"sensor.{name}", table.get("substructure")
-        if given(table, "point") == given(table, "face"):
-            what = (
-                "both 'point' and 'face' are given" if given(table, "face") else "neither 'point' nor 'face' is given"
-            )
-            yield Problem(where, what, None, "exactly one of 'point' and 'face'")
-        if given(table, "point") and not given(table, "substructure"):
+        if not given(table, "point") and not given(table, "face"):
+            allowed = "'face', or 'substructure' with 'point'"
+            yield Problem(where, "neither 'point' nor 'face' is given", None, allowed)
+        if given(table, "point") and not given(table, "substructure") and not given(table, "face"):
             allowed = "name of a [substructure.NAME] table"
             yield Problem(f"{where}.substructure", "a point needs its body", None, allowed)
         if given(table, "face") and given(table, "substructure"):

@@ -178,7 +178,7 @@ def test_a_sensor_changes_nothing_else() -> None:
             ("sensor.s.point", "outside upper, 0.0015 m from its surface", "[0.005, 0.005, 0.02]"),
         ),
         ({"substructure": "upper"}, ("neither 'point' nor 'face' is given",)),
-        ({"face": "upper.zmax", "point": [0, 0, 0.02], "substructure": "upper"}, ("both 'point' and 'face'",)),
+        ({"face": "upper.zmax", "point": [0, 0, 0.02], "substructure": "upper"}, ("the face names the body already",)),
         ({"face": "upper.top"}, ("no face of this name", "zmax")),
         ({"point": [0.0, 0.0, 0.0]}, ("sensor.s.substructure: a point needs its body",)),
         ({"face": "upper.zmax", "substructure": "upper"}, ("the face names the body already",)),

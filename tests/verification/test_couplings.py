@@ -151,6 +151,20 @@ def test_a_rigid_edge_on_a_symmetry_plane_keeps_what_the_plane_leaves() -> None:
     assert model.expansion.shape[1] == 3 * body.mesh.n_node - held - (3 * len(nodes) - 3) + 4
 
 
+def test_a_sensor_on_an_arm_follows_the_face() -> None:
+    """A rigid body that spins: velocity and displacement of a point off it; an elastic one: the mean motion's."""
+    sensor = {"s": {"face": "b0.zmax", "point": [0.3, 0.2, 0.5]}}
+    tables = {"boundary": {}, "time": {"end": 1e-5, "instants": 10}, "sensor": sensor, "solver": {}}
+    for rigid in (True, False):
+        scene = cubes({"ends": ["b0.xmax"], "rigid": True}, rigid=(rigid,), **tables)
+        data = scene.tables()
+        data["substructure"]["b0"] |= {"initial_spin": [0.0, 0.0, 20.0], "initial_velocity": [1.0, 2.0, 3.0]}
+        measured = latin_fmu.solve(latin_fmu.scene_from_dict(data)).sensors["s"]
+        exact = np.array([1.0, 2.0, 3.0]) + np.cross([0.0, 0.0, 20.0], [0.25, 0.15, 0.45])
+        np.testing.assert_allclose(measured.velocity, np.tile(exact, (11, 1)), rtol=1e-9)
+        np.testing.assert_allclose(measured.displacement[-1], 1e-5 * exact, rtol=1e-9)
+
+
 def test_momentum_through_a_coupling() -> None:
     """Two free cubes, one with a velocity: momentum and angular momentum of the pair stay."""
     tables = {"boundary": {}, "time": {"end": 1e-4, "instants": 100}, "solver": {"tolerance": 1e-8}}
