@@ -4,7 +4,8 @@
 
 C holds what joints keep together: all components of perfect interfaces; of contacts, at points that are closed at the
 start, the normal component and, with friction, the tangential ones (sticking); all components at all points (bonded).
-In a scene with bolts those points are closed that are under pressure when the bolts are tight.
+In a scene with bolts those points are closed that are under pressure when the bolts are tight; with open joints the
+bolts have no tension, and their shanks are free to slide in the thread (``bolts``).
 Springs of layers add to K. Held and prescribed directions do not move.
 
 Rows of C with one or two entries (nodes against nodes) make dofs one, or hold them: exact. Of other rows (mortar) each
@@ -68,6 +69,8 @@ def vibration_modes(scene: Scene, joints: Joints = "sticking", count: int = 10) 
         rows += [] if kept is None else [kept]
         springs += [] if stiffness is None else [stiffness]
         remarks.append(f"{unit.name} ({unit.behaviour.name}): {remark}")
+    if joints == "open":
+        springs += [-parts.of_body(cut.table.substructure, cut.softening()) for cut in discretised.cuts.values()]
     stiffness = sum(springs, parts.stiffness)
     expansion, left = _kept_together(sp.csr_array(sp.vstack(rows)), parts.expansion)
     k, m = (sp.csr_array(expansion.T @ matrix @ expansion) for matrix in (stiffness, parts.mass))
@@ -106,6 +109,12 @@ class _Parts:
             for matrices in zip(*((m.stiffness, m.inertia, m.expansion) for m in models), strict=True)
         ]
         return _Parts({m.name: m for m in models}, where, *blocks)
+
+    def of_body(self, name: str, matrix: sp.csr_array) -> sp.csr_array:
+        """A matrix (n_full, n_full) of a substructure among those of all, (n, n)."""
+        block, first = sp.coo_array(matrix), self.where[name].start
+        place = tuple(index + first for index in block.coords)
+        return sp.csr_array(sp.coo_array((block.data, place), shape=(self.n, self.n)))
 
     @property
     def n(self) -> int:

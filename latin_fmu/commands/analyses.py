@@ -32,8 +32,8 @@ examples:
   latin-fmu modes scene.toml --joints open --count 20 -o modes.nc --vtk shapes
 
 Joints of interfaces that may open: sticking joins points that are closed at the start (along the face, too, where
-there is friction), open joins none, bonded joins all. Perfect interfaces are always joined, elastic layers are springs;
-damping, viscous joints, absorbing boundaries and loads are left out, driven faces are held.
+there is friction), open joins none, bonded joins all. In a scene with bolts, sticking joins the points that they press,
+and open leaves the shanks free to slide. Perfect interfaces are always joined, elastic layers are springs; damping, viscous joints, absorbing boundaries and loads are left out, driven faces are held.
 """
 _MOST_MODES = 1000
 _OPTIONS = ("lowest", "highest", "per_octave", "quality")

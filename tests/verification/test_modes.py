@@ -170,3 +170,26 @@ def test_a_quasi_static_scene_has_frequencies() -> None:
     )
     assert modes.n_rigid == 0
     assert (modes.frequency > 0).all()
+
+
+def test_bolt_without_tension_slides_in_the_thread() -> None:
+    """A bar of three boxes, the one in the middle a bolt: open, its ends come apart along it, one zero mode more;
+    bending keeps its frequencies."""
+
+    def box(z: float, length: float, n: int) -> dict[str, Any]:
+        return {"material": "steel", "box": {"origin": [0, 0, z], "size": [0.01, 0.01, length], "elements": [2, 2, n]}}
+
+    sides = {"below": ["low.zmax", "bolt.zmin"], "above": ["bolt.zmax", "high.zmin"]}
+    scene = latin_fmu.scene_from_dict(
+        {
+            "name": "bolt",
+            "material": {"steel": {"young_modulus": 200e9, "poisson_ratio": 0.3, "density": 7800.0}},
+            "substructure": {"low": box(0.0, 0.03, 4), "bolt": box(0.03, 0.04, 6), "high": box(0.07, 0.03, 4)},
+            "interface": {name: {"sides": pair, "behaviour": "perfect"} for name, pair in sides.items()},
+            "bolt": {"b": {"substructure": "bolt", "axis": [0, 0, 1], "shortening": 1e-5}},
+            "time": {"end": 1e-5, "instants": 10},
+        }
+    )
+    slides, tight = (vibration_modes(scene, joints, 4) for joints in ("open", "bonded"))
+    assert (slides.n_rigid, tight.n_rigid) == (7, 6)
+    np.testing.assert_allclose(slides.frequency[7:9], tight.frequency[6:8], rtol=1e-6)
