@@ -18,7 +18,7 @@ import scipy.linalg as la
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from ..errors import Problems
+from ..errors import Problems, SceneError
 from ..fem.elements import RigidBody, rigid_modes
 from ..fem.faces import changes_basis, consistent_dashpots, lumped_dashpots
 from ..fem.mesh import Array, Index, nearest
@@ -354,6 +354,14 @@ def supports(
             components = [AXES.index(component) for component in boundary.components]
         dofs = (3 * body.face(face).nodes[:, None] + components).ravel()
         dofs = dofs[~taken[body.name][dofs]]
+        if np.isin(dofs // 3, body.rigid_nodes).any():
+            raise SceneError.of(
+                "the scene cannot be built",
+                "output.reactions",
+                f"boundary {name} holds nodes of a face that a coupling makes rigid: its force is not told from those "
+                "that keep the face rigid",
+                remedy="leave output.reactions out, or rigid",
+            )
         taken[body.name][dofs] = True
         if len(dofs):
             supported[name] = Support(body.name, boundary.face, dofs, models[body.name])

@@ -364,10 +364,11 @@ def load_terms(scene: Scene, name: str, body: Body, layer: ContactLayer | None) 
             nodal = face.areas[:, None] * np.asarray(traction)
         pattern = np.zeros((body.mesh.n_node, 3))
         pattern[face.nodes] = nodal
-        motion = MeanMotion.of_face(body.mesh.nodes, face)
-        x, y, z = motion.centre.tolist()
-        if (moment := load.moment_about((x, y, z))) is not None and motion.rotation is not None:
-            pattern += (motion.rotation.T @ np.asarray(moment)).reshape(-1, 3)
+        if load.moment is not None or load.point is not None:
+            motion = MeanMotion.of_face(body.mesh.nodes, face)
+            assert motion.rotation is not None
+            x, y, z = motion.centre.tolist()
+            pattern += (motion.rotation.T @ np.asarray(load.moment_about((x, y, z)))).reshape(-1, 3)
         terms.append(LoadTerm(load_name, pattern.ravel()))
     return terms
 

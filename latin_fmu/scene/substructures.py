@@ -323,10 +323,8 @@ class Load(Table):
         x, y, z = self.traction or tuple(f / area for f in self.force or ())
         return (x, y, z) if self.axes is None else self.axes.to_global((x, y, z))
 
-    def moment_about(self, centre: tuple[float, float, float]) -> tuple[float, float, float] | None:
-        """Moment about the centre of the face, m, along the global axes; None where there is none. N m."""
-        if self.moment is None and self.point is None:
-            return None
+    def moment_about(self, centre: tuple[float, float, float]) -> tuple[float, float, float]:
+        """Moment about the centre of the face, m, along the global axes; N m."""
         own, force = self.moment or (0.0, 0.0, 0.0), self.force or (0.0, 0.0, 0.0)
         if self.axes is not None:
             own, force = self.axes.to_global(own), self.axes.to_global(force)

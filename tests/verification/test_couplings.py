@@ -247,6 +247,13 @@ def test_bad_moments_are_refused(change: dict[str, Any], words: str) -> None:
         cubes({"ends": ["b0.xmax", "b1.xmin"]}, load={"l": {"face": "b1.xmax", **change}})
 
 
+def test_reactions_of_a_rigid_edge_are_refused() -> None:
+    boundary = {"half": {"type": "symmetry", "face": "b0.ymin"}, "wall": {"type": "fixed", "face": "b0.xmin"}}
+    tables = {"boundary": boundary, "output": {"reactions": True}, "time": {"end": 1e-5, "instants": 9}}
+    with pytest.raises(SceneError, match="boundary half holds nodes of a face that a coupling makes rigid"):
+        latin_fmu.check(cubes({"ends": ["b0.xmax"], "rigid": True}, rigid=(False,), **tables))
+
+
 def test_a_rigid_face_needs_an_implicit_scheme() -> None:
     with pytest.raises(SceneError, match="central differences need"):
         cubes(
