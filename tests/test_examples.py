@@ -50,6 +50,7 @@ def test_every_example_is_tested_here() -> None:
         "against_siconos",
         "static_friction",
         "landing",
+        "large_faces",
     }
 
 
@@ -187,3 +188,11 @@ def test_the_fit_finds_the_seconds_that_made_the_times(example: ModuleType, monk
         size = run_size(discretise(one))
         runs.append(example.Measured(size, operator_counts(size) @ per, march_counts(size) @ per, size.iterations))
     np.testing.assert_allclose(example.fitted(runs), per, rtol=1e-6)
+
+
+@pytest.mark.parametrize("example", ["large_faces"], indirect=True)
+def test_large_faces(example: ModuleType, tmp_path: Path) -> None:
+    costs = example.main(["--quick", "-o", str(tmp_path)])["exact"]
+    assert _figures(tmp_path) == {"large_faces.png"}
+    assert [c.points for c in costs] == [81, 169]
+    assert all(c.ratio > 1.0 and c.set_up > 0.0 and 2.0 < c.iterations < 5.0 for c in costs)

@@ -250,7 +250,7 @@ def test_json_keeps_its_keys(capsys: pytest.CaptureFixture[str]) -> None:
     path = MODELS / "two_specimen_crushing" / "scene.toml"
     assert main(["explain", str(path), "--json", "--set", "interface.crush.friction_coefficient=0"]) == 0
     report = json.loads(capsys.readouterr().out, parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))
-    assert report["schema_version"] == "1.1"
+    assert report["schema_version"] == "1.2"
     assert set(report) == {"schema_version", "scene", "effects", "choices", "prediction", "suggestions", "warnings"}
     assert set(report["effects"][0]) == {
         "name",
@@ -274,7 +274,7 @@ def test_json_keeps_its_keys(capsys: pytest.CaptureFixture[str]) -> None:
         "instants",
         "iterations_per_instant",
     }
-    assert set(report["choices"]) == {"window", "search direction", "acceleration", "propagator"}
+    assert set(report["choices"]) == {"window", "search direction", "acceleration", "interfaces", "propagator"}
     friction = next(e for e in report["effects"] if e["name"] == "friction")
     assert not friction["on"]
     assert all(set(s) == {"what", "settings", "cost_factor", "loss"} for s in report["suggestions"])

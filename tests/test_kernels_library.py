@@ -289,15 +289,10 @@ def test_every_entry_equals_its_python_function(monkeypatch):
         factor.solve(np.ones((400, 2)))
         shape, tile = factor.symbolic, np.random.default_rng(1).normal(size=400 * LANES)
         for sweep in (sweeps.forward_tile, sweeps.backward_tile):
-            sweep(
-                shape.first,
-                shape.row_start,
-                shape.rows,
-                shape.panel_start,
-                factor.panels,
-                tile,
-                np.zeros(SPARE * LANES),
-            )
+            pattern = (shape.first, shape.row_start, shape.rows, shape.panel_start, shape.face_start)
+            sweep(True, *pattern, factor.panels, tile, np.zeros(SPARE * LANES))
+        face = CholeskyFactor(chain, np.zeros(0, dtype=np.int64), dtype=kind, face=np.arange(300, 310))
+        face.face_inverse(sp.csr_array(sp.diags_array((np.arange(400) // 10 == 30).astype(float))))
     accelerated = Anderson(np.ones(7), 3, 0.8)
     for q in np.random.default_rng(2).normal(size=(3, 7)):
         accelerated.next(q, -0.1 * q)

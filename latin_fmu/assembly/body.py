@@ -16,7 +16,7 @@ from ..fem.elasticity import BENDING_CELLS, body_load, lumped_mass, mass, stiffn
 from ..fem.elements import Elements, RigidBody, rigid_body
 from ..fem.faces import Face, face_of
 from ..fem.location import Location, MeanMotion, locate, nearest_surface_point
-from ..fem.mesh import Array, FacetSet, Index, Mesh, boundary, box_mesh, nested_dissection
+from ..fem.mesh import Array, FacetSet, Index, Mesh, boundary, box_mesh, dissection
 from ..fem.stress import MeanStress, Recovery
 from ..fem.surface import Surface
 from ..latin.assembly import InterfaceUnit
@@ -69,9 +69,10 @@ class Shape:
         return stiffness(self.elements, m.young_modulus, m.poisson_ratio, self.bending_modes)
 
     @cached_property
-    def rank(self) -> Array:
-        """Elimination rank of the full dofs."""
-        return np.repeat(nested_dissection(self.mesh), 3)
+    def rank(self) -> tuple[Array, Array]:
+        """Elimination rank of the full dofs, and the rank behind the part of the dissection that each belongs to."""
+        rank, behind = dissection(self.mesh)
+        return np.repeat(rank, 3), np.repeat(behind, 3)
 
     @cached_property
     def stress(self) -> MeanStress:

@@ -17,6 +17,7 @@ from ..errors import Problem, SceneError
 from ..machine import memory_room
 from ..propagator import Propagator, StaticPropagator, make_propagator
 from ..propagator.explicit import ExplicitPropagator
+from ..propagator.interface_sweeps import Form, flops, in_form, swept_shape, takes_sweeps
 from ..propagator.model import Array, SubstructureModel
 from ..propagator.registry import Kind, PropagatorSettings
 from ..scene.raw_scene import CENTRAL
@@ -42,6 +43,7 @@ class ClassSize:
     unknowns, interface, channels : of one member: unknowns, those at interfaces, interface degrees of freedom.
     members : number of substructures. stiffness, mass, damping : entries of the matrices.
     factor, flops : entries of the Cholesky factor and multiplications that make it, interface block excluded.
+    swept : entries of the factor that a substitution on the interfaces reads; 0 where they have dense matrices.
     """
 
     unknowns: int
@@ -53,6 +55,7 @@ class ClassSize:
     damping: int
     factor: float
     flops: float
+    swept: float = 0.0
 
     @property
     def sparse(self) -> int:
@@ -69,8 +72,8 @@ def factor_bytes(unknowns: int) -> float:
     return float(8 * _ENTRIES * unknowns ** (4 / 3))
 
 
-def class_size(model: SubstructureModel, members: int) -> ClassSize:
-    """Sizes of a class of so many members like ``model``."""
+def class_size(model: SubstructureModel, members: int, form: Form = "dense") -> ClassSize:
+    """Sizes of a class of so many members like ``model``; ``form`` : how interfaces are solved with."""
     mass = damping = 0
     if model.mass is None:
         stiffness = model.reduced_stiffness
@@ -79,21 +82,26 @@ def class_size(model: SubstructureModel, members: int) -> ClassSize:
         mass, damping = reduced_mass.nnz, 0 if reduced_damping is None else reduced_damping.nnz
     n = stiffness.shape[0]
     last, trace, rank = model.at_interface
-    factor, flops = _ENTRIES * n ** (4 / 3), _FLOPS * float(n) ** 2
-    if COMPILES and n:
+    factor, multiplications = _ENTRIES * n ** (4 / 3), _FLOPS * float(n) ** 2
+    swept = 0.0
+    if takes_sweeps(model, form):
+        shape = swept_shape(model)
+        factor, multiplications, swept = float(shape.panel_start[-1]), flops(shape), float(shape.face_entries)
+    elif COMPILES and n:
         from ..cholesky.symbolic import Pattern, shared_analysis
 
         pattern = shared_analysis(Pattern(stiffness, last, rank))
-        width, below = np.diff(pattern.first).astype(float), np.diff(pattern.row_start).astype(float)
-        factor = float(pattern.panel_start[-1])
-        flops = float((width**3 / 3 + width**2 * below + width * below**2).sum())
-    return ClassSize(n, len(last), trace.shape[0], members, stiffness.nnz, mass, damping, factor, flops)
+        factor, multiplications = float(pattern.panel_start[-1]), flops(pattern)
+    sizes = n, len(last), trace.shape[0], members, stiffness.nnz, mass, damping
+    return ClassSize(*sizes, factor, multiplications, swept)
 
 
 def operator_bytes(size: ClassSize, settings: PropagatorSettings) -> float:
     """Memory of the operators and states of a class, bytes."""
     factor = (4.0 if settings.precision == "float32" else 8.0) * size.factor
     interface, condensed = 8.0 * size.interface**2, 8.0 * size.channels**2
+    if size.swept and settings.kind == "direct":
+        interface, condensed = 0.5 * factor, 0.0
     own = {
         "direct": factor + 2 * interface,
         "explicit": 0.0,
@@ -116,7 +124,9 @@ def fitting(classes: list[ModelClass], settings: PropagatorSettings, memory: flo
         return settings
     if sum(factor_bytes(c.members[0].expansion.shape[1]) for c in classes) < 0.3 * room:  # far from the limit
         return settings
-    needed = sum(operator_bytes(class_size(c.members[0], len(c.members)), settings) for c in classes)
+    needed = sum(
+        operator_bytes(class_size(c.members[0], len(c.members), settings.interface), settings) for c in classes
+    )
     return replace(settings, kind="cg") if needed > room else settings
 
 
@@ -154,7 +164,8 @@ def made_propagators(
         own = springs[c.channels[:, 0]]
         known = twin.shared(own) if isinstance(twin, StaticPropagator) else None
         known = known if statics is None else statics.setdefault(c.key, [])
-        made.append(StaticPropagator(c.members, dt, scene.output.energy, own, known))
+        members = in_form(c.members, interface_form(scene))
+        made.append(StaticPropagator(members, dt, scene.output.energy, own, known))
     if kept is not None:
         kept.replace([c.members[0] for c in classes], made, made_with)
     if problems := unstable_steps(made, scene, dt):
@@ -175,15 +186,22 @@ def chosen_propagators(scene: Scene, classes: list[ModelClass]) -> tuple[Propaga
     ]
 
 
+def interface_form(scene: Scene) -> Form:
+    """How the interfaces of directly marched substructures are solved with; dense where none are."""
+    asked = scene.solver.propagator.type
+    direct = asked == "direct" or (asked == "automatic" and scene.time.scheme.type != CENTRAL)
+    return scene.solver.interface_operator if direct or scene.time.quasi_static else "dense"
+
+
 def propagator_settings(scene: Scene) -> PropagatorSettings:
     """Settings of the propagators that the scene asks for, whether they fit or not."""
     asked = scene.solver.propagator
     if isinstance(asked, AutomaticPropagator):
         kind: Kind = "explicit" if scene.time.scheme.type == CENTRAL else "direct"
-        return PropagatorSettings(kind, precision=scene.solver.precision)
+        return PropagatorSettings(kind, precision=scene.solver.precision, interface=scene.solver.interface_operator)
     if isinstance(asked, ReducedPropagator):
         return PropagatorSettings("reduced", modes=asked.modes)
-    return PropagatorSettings(asked.type, precision=scene.solver.precision)
+    return PropagatorSettings(asked.type, precision=scene.solver.precision, interface=scene.solver.interface_operator)
 
 
 def box_memory(scene: Scene) -> list[Problem]:

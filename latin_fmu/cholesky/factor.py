@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ..errors import SolverError
 from .numeric import OUTSIDE_PATTERN, factorise, invert, mirror, routines
+from .selected_inverse import selected_inverse
 from .substitution import LANES, SPARE, TILED, backward_one, backward_tile, forward_one, forward_tile
 from .symbolic import Analyses, Array, Index, Pattern, Symbolic, shared_analysis
 
@@ -96,6 +97,7 @@ class CholeskyFactor:
         minimum degree. dtype : float64, or float32 to store the factor in half the memory (S stays in float64).
     symbolic : analysis of another matrix with the same pattern and interface, to be used again.
     analyses : those made so far for matrices with this pattern.
+    face : sorted dofs that ``face_solve`` and ``face_inverse`` are for; none of them in ``last``.
 
     Attributes
     ----------
@@ -115,14 +117,16 @@ class CholeskyFactor:
         dtype: Any = np.float64,
         symbolic: Symbolic | None = None,
         analyses: Analyses | None = None,
+        face: Index | None = None,
     ) -> None:
         if symbolic is None and analyses is not None:
-            symbolic = analyses.find(last, rank)
+            symbolic = analyses.find(last, rank, face)
         if symbolic is None:
-            symbolic = shared_analysis(Pattern(matrix, last, rank))
+            symbolic = shared_analysis(Pattern(matrix, last, rank, face))
             if analyses is not None:
-                analyses.add(last, rank, symbolic)
+                analyses.add(last, rank, symbolic, face)
         self.symbolic = shape = symbolic
+        self.face = np.zeros(0, dtype=np.int64) if face is None else face
         self.dtype: np.dtype[Any] = np.dtype(dtype)
         if self.dtype not in (np.float64, np.float32):
             raise ValueError(f"dtype of the factor: {self.dtype}; allowed: float64, float32")
@@ -167,32 +171,55 @@ class CholeskyFactor:
         n, _ = b.shape
         n_interior = self.symbolic.n_interior
         self._check_rows("b", n, n_interior + len(self.last))
-        x = self._swept(b[self.symbolic.order], forward_one, forward_tile)
+        x = self._swept(b[self.symbolic.order], forward_one, forward_tile, True)
         return x[:n_interior], x[n_interior:]
 
     def backward(self, y: Array, x_last: Array) -> Array:
         """Full solution (n, m) from ``forward`` and the interface values (n_last, m)."""
         self._check_rows("y", len(y), self.symbolic.n_interior)
         self._check_rows("x_last", len(x_last), len(self.last))
-        x = self._swept(np.concatenate([y, x_last]), backward_one, backward_tile)
+        x = self._swept(np.concatenate([y, x_last]), backward_one, backward_tile, True)
         out = np.empty_like(x)
         out[self.symbolic.order] = x
         return out
 
-    def _swept(self, x: Array, one: Callable[..., None], tile: Callable[..., None]) -> Array:
+    def face_solve(self, b: Array) -> Array:
+        """Rows of A^-1 b of the face (n_face, m) for b (n_face, m) on the face, zero elsewhere."""
+        place = self.symbolic.position[self.face]
+        x = np.zeros((len(self.symbolic.order), b.shape[1]))
+        x[place] = b
+        x = self._swept(x, forward_one, forward_tile, False)
+        return self._swept(x, backward_one, backward_tile, False)[place]
+
+    def face_inverse(self, pattern: sp.csr_array) -> sp.csr_array:
+        """Entries of A^-1 on a symmetric pattern (n, n) that is part of the matrix's, rows and columns of the face."""
+        position = self.symbolic.position
+        rows = position[np.repeat(np.arange(pattern.shape[0]), np.diff(pattern.indptr))]
+        columns = position[pattern.indices]
+        lower = np.flatnonzero(rows >= columns)
+        lower = lower[np.lexsort((rows[lower], columns[lower]))]
+        starts = np.searchsorted(columns[lower], np.arange(len(position) + 1)).astype(np.int64)
+        entries = selected_inverse(self.symbolic, self.panels, starts, np.ascontiguousarray(rows[lower]))
+        i, j = self.symbolic.order[rows[lower]], self.symbolic.order[columns[lower]]
+        apart = i != j
+        both = (np.concatenate([i, j[apart]]), np.concatenate([j, i[apart]]))
+        return sp.csr_array(sp.coo_array((np.concatenate([entries, entries[apart]]), both), shape=pattern.shape))
+
+    def _swept(self, x: Array, one: Callable[..., None], tile: Callable[..., None], whole: bool) -> Array:
         """One substitution for x (n, m) in elimination order: members one by one, or eight at a time."""
+        pattern = (*self._pattern, self.symbolic.face_start)
         n, m = x.shape
         if m < TILED:
             columns = np.ascontiguousarray(x.T, dtype=float)
             for column in columns:
-                one(self.grouped, *self._pattern, self.panels, column)
+                one(self.grouped, whole, *pattern, self.panels, column)
             return np.ascontiguousarray(columns.T)
         out, tail = np.empty((n, m)), np.empty(SPARE * LANES)
         for first in range(0, m, LANES):
             lanes = min(m - first, LANES)
             part = np.zeros((n, LANES))
             part[:, :lanes] = x[:, first : first + lanes]
-            tile(*self._pattern, self.panels, part.reshape(-1), tail)
+            tile(whole, *pattern, self.panels, part.reshape(-1), tail)
             out[:, first : first + lanes] = part[:, :lanes]
         return out
 

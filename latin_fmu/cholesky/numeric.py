@@ -23,15 +23,16 @@ from ..compiled import entry, kernel, lazy_intrinsic
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-LEFT, UPPER = np.uint8(ord("L")), np.uint8(ord("U"))
+LEFT, RIGHT, UPPER = np.uint8(ord("L")), np.uint8(ord("R")), np.uint8(ord("U"))
 PLAIN, TRANSPOSED = np.uint8(ord("N")), np.uint8(ord("T"))
-POTRF, TRSM, SYRK, TRTRI, POTRI = range(5)
+POTRF, TRSM, SYRK, TRTRI, POTRI, TRMM, SYMM, GEMM = range(8)
 
 
 @cache
 def routines() -> Index:
-    """Addresses (5,) of dpotrf, dtrsm, dsyrk, dtrtri and dpotri of BLAS and LAPACK."""
-    names = ("lapack:dpotrf", "blas:dtrsm", "blas:dsyrk", "lapack:dtrtri", "lapack:dpotri")
+    """Addresses (8,) of the routines of BLAS and LAPACK that ``POTRF`` ... number."""
+    first = ("lapack:dpotrf", "blas:dtrsm", "blas:dsyrk", "lapack:dtrtri", "lapack:dpotri")
+    names = (*first, "blas:dtrmm", "blas:dsymm", "blas:dgemm")
     pairs = (name.split(":") for name in names)
     return np.array([_address(f"scipy.linalg.cython_{library}", routine) for library, routine in pairs], dtype=np.int64)
 

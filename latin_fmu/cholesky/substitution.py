@@ -3,6 +3,9 @@
 Vectors are in elimination order, the interface dofs last: forward leaves [L^-1 b_I ; b_G - L_GI L^-1 b_I], backward
 turns [y ; x_G] into [L^-T (y - L_GI^T x_G) ; x_G]. One vector, or a tile of eight side by side. Four rows at a time are
 faster where the factor is in the cache; one after the other is faster from memory, which is then read in order.
+
+Not ``whole``, a substitution is that of a face alone (``Symbolic.face_start``): forward for vectors that are zero
+elsewhere, backward for the values on the face. It reads the columns of the supernodes from ``face_start`` on.
 """
 
 from __future__ import annotations
@@ -22,19 +25,32 @@ TILED: Final = 3
 SPARE: Final = 4
 """Rows of eight that scratch has beyond those of the dofs."""
 
-_SWEEP = "i8[::1], i8[::1], i8[::1], i8[::1]"
+_SWEEP = "b1, i8[::1], i8[::1], i8[::1], i8[::1], i8[::1]"
 
 
 @entry(f"b1, {_SWEEP}, f8[::1], f8[::1]", f"b1, {_SWEEP}, f4[::1], f8[::1]")
-def forward_one(grouped: bool, first: Any, row_start: Any, rows: Any, panel_start: Any, panels: Any, x: Array) -> None:
+def forward_one(
+    grouped: bool,
+    whole: bool,
+    first: Any,
+    row_start: Any,
+    rows: Any,
+    panel_start: Any,
+    face_start: Any,
+    panels: Any,
+    x: Array,
+) -> None:
     """x (n,) := [L^-1 x_I ; x_G - L_GI L^-1 x_I]; ``grouped``: four rows of a panel at a time."""
     for s in range(len(first) - 1):
-        xs = x[first[s] : first[s + 1]]
+        width, c = first[s + 1] - first[s], 0 if whole else face_start[s]
+        if c >= width:
+            continue
+        xs = x[first[s] + c : first[s + 1]]
         own = rows[row_start[s] : row_start[s + 1]]
-        panel = panels[panel_start[s] : panel_start[s + 1]]
-        width, below = len(xs), len(own)
-        for i in range(width - 1, -1, -1):
-            line = panel[i * width : i * width + i + 1]
+        panel = panels[panel_start[s] + c : panel_start[s + 1]]
+        used, below = len(xs), len(own)
+        for i in range(used - 1, -1, -1):
+            line = panel[(i + c) * width : (i + c) * width + i + 1]
             total = 0.0
             for j in range(i + 1):
                 total += line[j] * xs[j]
@@ -42,10 +58,10 @@ def forward_one(grouped: bool, first: Any, row_start: Any, rows: Any, panel_star
         at = width * width
         i = 0
         while grouped and i + 4 <= below:
-            l0, l1 = panel[at : at + width], panel[at + width : at + 2 * width]
-            l2, l3 = panel[at + 2 * width : at + 3 * width], panel[at + 3 * width : at + 4 * width]
+            l0, l1 = panel[at : at + used], panel[at + width : at + width + used]
+            l2, l3 = panel[at + 2 * width : at + 2 * width + used], panel[at + 3 * width : at + 3 * width + used]
             t0 = t1 = t2 = t3 = 0.0
-            for j in range(width):
+            for j in range(used):
                 value = xs[j]
                 t0 += l0[j] * value
                 t1 += l1[j] * value
@@ -58,9 +74,9 @@ def forward_one(grouped: bool, first: Any, row_start: Any, rows: Any, panel_star
             at += 4 * width
             i += 4
         while i < below:
-            line = panel[at : at + width]
+            line = panel[at : at + used]
             total = 0.0
-            for j in range(width):
+            for j in range(used):
                 total += line[j] * xs[j]
             x[own[i]] -= total
             at += width
@@ -68,32 +84,45 @@ def forward_one(grouped: bool, first: Any, row_start: Any, rows: Any, panel_star
 
 
 @entry(f"b1, {_SWEEP}, f8[::1], f8[::1]", f"b1, {_SWEEP}, f4[::1], f8[::1]")
-def backward_one(grouped: bool, first: Any, row_start: Any, rows: Any, panel_start: Any, panels: Any, x: Array) -> None:
+def backward_one(
+    grouped: bool,
+    whole: bool,
+    first: Any,
+    row_start: Any,
+    rows: Any,
+    panel_start: Any,
+    face_start: Any,
+    panels: Any,
+    x: Array,
+) -> None:
     """x (n,) := [L^-T (x_I - L_GI^T x_G) ; x_G]."""
     for s in range(len(first) - 2, -1, -1):
-        xs = x[first[s] : first[s + 1]]
+        width, c = first[s + 1] - first[s], 0 if whole else face_start[s]
+        if c >= width:
+            continue
+        xs = x[first[s] + c : first[s + 1]]
         own = rows[row_start[s] : row_start[s + 1]]
-        panel = panels[panel_start[s] : panel_start[s + 1]]
-        width, below = len(xs), len(own)
+        panel = panels[panel_start[s] + c : panel_start[s + 1]]
+        used, below = len(xs), len(own)
         at = width * width
         i = 0
         while grouped and i + 4 <= below:
-            l0, l1 = panel[at : at + width], panel[at + width : at + 2 * width]
-            l2, l3 = panel[at + 2 * width : at + 3 * width], panel[at + 3 * width : at + 4 * width]
+            l0, l1 = panel[at : at + used], panel[at + width : at + width + used]
+            l2, l3 = panel[at + 2 * width : at + 2 * width + used], panel[at + 3 * width : at + 3 * width + used]
             a0, a1, a2, a3 = x[own[i]], x[own[i + 1]], x[own[i + 2]], x[own[i + 3]]
-            for j in range(width):
+            for j in range(used):
                 xs[j] -= (l0[j] * a0 + l1[j] * a1) + (l2[j] * a2 + l3[j] * a3)
             at += 4 * width
             i += 4
         while i < below:
-            line = panel[at : at + width]
+            line = panel[at : at + used]
             a0 = x[own[i]]
-            for j in range(width):
+            for j in range(used):
                 xs[j] -= line[j] * a0
             at += width
             i += 1
-        for i in range(width):
-            line = panel[i * width : i * width + i + 1]
+        for i in range(used):
+            line = panel[(i + c) * width : (i + c) * width + i + 1]
             a0 = xs[i]
             xs[i] = 0.0
             for j in range(i + 1):
@@ -101,22 +130,36 @@ def backward_one(grouped: bool, first: Any, row_start: Any, rows: Any, panel_sta
 
 
 @entry(f"{_SWEEP}, f8[::1], f8[::1], f8[::1]", f"{_SWEEP}, f4[::1], f8[::1], f8[::1]")
-def forward_tile(first: Any, row_start: Any, rows: Any, panel_start: Any, panels: Any, x: Array, tail: Array) -> None:
+def forward_tile(
+    whole: bool,
+    first: Any,
+    row_start: Any,
+    rows: Any,
+    panel_start: Any,
+    face_start: Any,
+    panels: Any,
+    x: Array,
+    tail: Array,
+) -> None:
     """Forward substitution of a tile x (n, 8) in elimination order, in place; tail (4, 8) is scratch."""
     for s in range(len(first) - 1):
-        width = first[s + 1] - first[s]
-        own, panel = x[LANES * first[s] : LANES * first[s + 1]], panels[panel_start[s] : panel_start[s + 1]]
-        for i in range(width - 1, -1, -1):
-            one_row(panel[width * i :], i + 1, own, tail)
+        width, c = first[s + 1] - first[s], 0 if whole else face_start[s]
+        if c >= width:
+            continue
+        used = width - c
+        own = x[LANES * (first[s] + c) : LANES * first[s + 1]]
+        panel = panels[panel_start[s] + c : panel_start[s + 1]]
+        for i in range(used - 1, -1, -1):
+            one_row(panel[width * (i + c) :], i + 1, own, tail)
             for j in range(LANES):
                 own[LANES * i + j] = tail[j]
         at, i, last = width * width, row_start[s], row_start[s + 1]
         while i < last:
-            together = 4 if i + 4 <= last else 1
+            together = 4 if c == 0 and i + 4 <= last else 1
             if together == 4:
                 four_rows(panel[at:], width, own, tail)
             else:
-                one_row(panel[at:], width, own, tail)
+                one_row(panel[at:], used, own, tail)
             for r in range(together):
                 line = x[rows[i + r] * LANES : rows[i + r] * LANES + LANES]
                 for j in range(LANES):
@@ -126,13 +169,27 @@ def forward_tile(first: Any, row_start: Any, rows: Any, panel_start: Any, panels
 
 
 @entry(f"{_SWEEP}, f8[::1], f8[::1], f8[::1]", f"{_SWEEP}, f4[::1], f8[::1], f8[::1]")
-def backward_tile(first: Any, row_start: Any, rows: Any, panel_start: Any, panels: Any, x: Array, tail: Array) -> None:
+def backward_tile(
+    whole: bool,
+    first: Any,
+    row_start: Any,
+    rows: Any,
+    panel_start: Any,
+    face_start: Any,
+    panels: Any,
+    x: Array,
+    tail: Array,
+) -> None:
     """Backward substitution of a tile x (n, 8) in elimination order, in place; tail (4, 8) is scratch."""
     for s in range(len(first) - 2, -1, -1):
-        width = first[s + 1] - first[s]
-        own, panel = x[LANES * first[s] : LANES * first[s + 1]], panels[panel_start[s] : panel_start[s + 1]]
+        width, c = first[s + 1] - first[s], 0 if whole else face_start[s]
+        if c >= width:
+            continue
+        used = width - c
+        own = x[LANES * (first[s] + c) : LANES * first[s + 1]]
+        panel = panels[panel_start[s] + c : panel_start[s + 1]]
         at, i, last = width * width, row_start[s], row_start[s + 1]
-        while i + 4 <= last:
+        while c == 0 and i + 4 <= last:
             for r in range(4):
                 line = x[rows[i + r] * LANES : rows[i + r] * LANES + LANES]
                 for j in range(LANES):
@@ -142,15 +199,15 @@ def backward_tile(first: Any, row_start: Any, rows: Any, panel_start: Any, panel
             i += 4
         while i < last:
             tail[:LANES] = x[rows[i] * LANES : rows[i] * LANES + LANES]
-            subtract_one(panel[at:], width, tail, own)
+            subtract_one(panel[at:], used, tail, own)
             at += width
             i += 1
-        for i in range(width):  # L11^-T in place: row i of L11^-1 brings x_i to the rows above and to itself
+        for i in range(used):  # L11^-T in place: row i of L11^-1 brings x_i to the rows above and to itself
             line = own[LANES * i : LANES * i + LANES]
             for j in range(LANES):
                 tail[j] = -line[j]
                 line[j] = 0.0
-            subtract_one(panel[width * i :], i + 1, tail, own)
+            subtract_one(panel[width * (i + c) :], i + 1, tail, own)
 
 
 @ordered_kernel

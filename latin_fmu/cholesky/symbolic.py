@@ -35,6 +35,8 @@ class Symbolic:
     first : (n_super + 1,) first column of each supernode. row_start, rows : positions below each supernode.
     panel_start : (n_super + 1,) where the panel of each begins. n_children : children with rows below them.
     is_root : whether a supernode has no parent but the interface. stack_size : updates held at one time.
+    face_start : (n_super,) first of the columns of each supernode that loads and solutions on the face pass through,
+    its width where none do.
     """
 
     order: Index
@@ -47,18 +49,27 @@ class Symbolic:
     n_children: Index
     is_root: NDArray[np.bool_]
     stack_size: int
+    face_start: Index
+
+    @property
+    def face_entries(self) -> int:
+        """Entries of the factor that a substitution for the face alone reads."""
+        width, below = np.diff(self.first), np.diff(self.row_start)
+        used = width - self.face_start
+        return int((used * (used + below)).sum())
 
 
 class Pattern:
     """What an analysis depends on; equal patterns share theirs (``shared_analysis``)."""
 
-    def __init__(self, matrix: sp.csr_array, last: Index, rank: Array | None) -> None:
+    def __init__(self, matrix: sp.csr_array, last: Index, rank: Array | None, face: Index | None = None) -> None:
         digest = hashlib.blake2b(digest_size=16)
-        for array in (matrix.indptr, matrix.indices, last, np.zeros(0) if rank is None else rank):
+        nothing = np.zeros(0)
+        for array in (matrix.indptr, matrix.indices, last, *(nothing if x is None else x for x in (rank, face))):
             digest.update(f"{array.dtype}{array.shape}".encode())
             digest.update(np.ascontiguousarray(array).data)
         self._digest = digest.digest()
-        self._given: tuple[sp.csr_array, Index, Array | None] | None = (matrix, last, rank)
+        self._given: tuple[sp.csr_array, Index, Array | None, Index | None] | None = (matrix, last, rank, face)
 
     def analyse(self) -> Symbolic:
         """The analysis; the matrix is let go."""
@@ -79,8 +90,9 @@ def shared_analysis(pattern: Pattern) -> Symbolic:
     return pattern.analyse()
 
 
-def analyse(matrix: sp.csr_array, last: Index, rank: Array | None = None) -> Symbolic:
-    """Pattern of the factor of ``matrix`` (n, n) with the dofs ``last`` kept, ``rank`` (n,) the elimination order."""
+def analyse(matrix: sp.csr_array, last: Index, rank: Array | None = None, face: Index | None = None) -> Symbolic:
+    """Pattern of the factor of ``matrix`` (n, n) with the dofs ``last`` kept, ``rank`` (n,) the elimination order;
+    ``face`` : dofs of the face, the last columns of their supernodes."""
     quotient = quotient_graph(matrix, last, rank)
     pointers, neighbours, weight = quotient.pointers, quotient.neighbours, quotient.weight
     parent = elimination_tree(pointers, neighbours, quotient.n_interior)
@@ -94,11 +106,30 @@ def analyse(matrix: sp.csr_array, last: Index, rank: Array | None = None) -> Sym
     turn[sequence] = np.arange(len(sequence))
     tree = np.where(tree[sequence] >= 0, turn[tree[sequence]], -1)
     owner = turn[owner]
-    quotient = quotient.reordered(np.argsort(owner, kind="stable"))
-    return _expand(quotient, np.sort(owner), tree)
+    on_face = np.zeros(len(quotient.weight), dtype=bool)
+    if face is not None and len(face):
+        vertex = np.repeat(np.arange(len(on_face)), quotient.weight)
+        on_face[vertex[np.isin(quotient.order, face)]] = True
+    quotient = quotient.reordered(np.lexsort((on_face[: len(owner)], owner)))
+    return _expand(quotient, np.sort(owner), tree, face)
 
 
-def _expand(quotient: Quotient, owner: Index, tree: Index) -> Symbolic:
+def _face_start(first: Index, tree: Index, order: Index, face: Index | None) -> Index:
+    """``Symbolic.face_start`` of supernodes with these first columns and parents."""
+    start = np.diff(first)
+    if face is None or not len(face):
+        return start
+    position = np.flatnonzero(np.isin(order[: first[-1]], face))[::-1]  # the first one of each supernode wins
+    owner = np.searchsorted(first, position, side="right") - 1
+    start[owner] = position - first[owner]
+    width = np.diff(first)
+    for s in range(len(tree)):  # what comes from a child passes through all columns
+        if start[s] < width[s] and tree[s] >= 0:
+            start[tree[s]] = 0
+    return start
+
+
+def _expand(quotient: Quotient, owner: Index, tree: Index, face: Index | None) -> Symbolic:
     """From vertices to dofs; ``owner`` : supernode of each interior vertex, ``tree`` : parent of each supernode."""
     pointers, neighbours, weight = quotient.pointers, quotient.neighbours, quotient.weight
     n_vertex, n_super = len(weight), len(tree)
@@ -131,6 +162,7 @@ def _expand(quotient: Quotient, owner: Index, tree: Index) -> Symbolic:
         n_children,
         tree < 0,
         _stack_size(below, tree, n_children),
+        _face_start(first, tree, quotient.order, face),
     )
 
 
@@ -240,24 +272,24 @@ def _minimum_degree(graph: sp.csr_array) -> Index:
 
 
 class Analyses:
-    """Symbolic analyses of one pattern, by the dofs kept for last and the order of the others."""
+    """Symbolic analyses of one pattern, by the dofs kept for last, the order of the others and the face."""
 
     def __init__(self) -> None:
-        self._known: list[tuple[Index, Array | None, Any]] = []
+        self._known: list[tuple[Index, Array | None, Index | None, Any]] = []
 
-    def find(self, last: Index, rank: Array | None) -> Any | None:
+    def find(self, last: Index, rank: Array | None, face: Index | None = None) -> Any | None:
         """The analysis for these, None where there is none yet."""
-        for kept, order, analysis in self._known:
-            if np.array_equal(kept, last) and _same(order, rank):
+        for kept, order, faces, analysis in self._known:
+            if np.array_equal(kept, last) and _same(order, rank) and _same(faces, face):
                 return analysis
         return None
 
-    def add(self, last: Index, rank: Array | None, analysis: Any) -> None:
+    def add(self, last: Index, rank: Array | None, analysis: Any, face: Index | None = None) -> None:
         """Keep the analysis for these dofs and this order."""
-        self._known.append((last, rank, analysis))
+        self._known.append((last, rank, face, analysis))
 
 
-def _same(first: Array | None, second: Array | None) -> bool:
+def _same(first: NDArray[Any] | None, second: NDArray[Any] | None) -> bool:
     if first is None or second is None:
         return first is second
     return np.array_equal(first, second)

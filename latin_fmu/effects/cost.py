@@ -18,10 +18,11 @@ import numpy as np
 from ..assembly.build import discretise
 from ..assembly.inactive_substructures import arrival_times, marched_share
 from ..assembly.problem import DiscretisedProblem
-from ..assembly.propagator_choice import ClassSize, chosen_propagators, class_size, operator_bytes
+from ..assembly.propagator_choice import ClassSize, chosen_propagators, class_size, interface_form, operator_bytes
 from ..errors import InputError
 from ..interface.behaviour import bonds
 from ..latin.assembly import Array, InterfaceUnit
+from ..propagator.interface_sweeps import SET_UP
 from ..propagator.registry import PropagatorSettings
 from ..reader import scene_from_dict
 from ..scene.overrides import apply_overrides
@@ -118,7 +119,7 @@ def run_size(discretised: DiscretisedProblem) -> RunSize:
     for c in discretised.classes:
         body = discretised.bodies[c.members[0].name]
         marched = float(np.mean([share[m.name] for m in c.members]))
-        size = class_size(c.members[0], len(c.members))
+        size = class_size(c.members[0], len(c.members), interface_form(scene))
         classes.append(RunClass(size, body.mesh.n_node, body.mesh.n_cell, body.rigid, marched))
     return RunSize(
         classes=tuple(classes),
@@ -189,6 +190,7 @@ def operator_counts(run: RunSize) -> Array:
     total = numbers(call=_CALLS * len(run.classes))
     for size in (c.size for c in run.classes):
         dense = size.flops + size.interface**3 + 3.0 * size.channels**3
+        dense = SET_UP * size.flops if size.swept else dense
         if kind == "direct":
             total += numbers(flop=dense)
         elif kind == "explicit":
@@ -238,7 +240,7 @@ def _march(run: RunSize, size: ClassSize, iterations: float) -> Array:
     """One instant of one substructure: half solves, sparse products, one condensed product per iteration."""
     kind, n, condensed = run.propagator.kind, float(size.unknowns), (iterations + 1.0) * size.channels**2
     factor = size.factor if run.propagator.precision == "float64" else 0.5 * size.factor
-    dense = 2.0 * size.interface**2 + condensed
+    dense = (4.0 + 2.0 * iterations) * size.swept if size.swept else 2.0 * size.interface**2 + condensed
     if run.static:
         return numbers(entry=2.0 * factor + dense)
     if kind == "direct":
@@ -341,4 +343,6 @@ class Prediction:
     def _fewer(self, gone: int) -> RunSize:
         """The run with ``gone`` interface unknowns less."""
         share = 1.0 - gone / max(self.run.n_flat, 1)
-        return replace(self.run.scaled(channels=share, interface=share), n_flat=round(share * self.run.n_flat))
+        return replace(
+            self.run.scaled(channels=share, interface=share, swept=share), n_flat=round(share * self.run.n_flat)
+        )

@@ -16,7 +16,7 @@ from .cost import Prediction
 from .scene_effects import EFFECTS, Effect
 from .suggestions import Suggestion, suggestions
 
-SCHEMA_VERSION = "1.1"
+SCHEMA_VERSION = "1.2"
 """Of ``Explanation.report``: the first number changes when a key changes or goes, the second when one is added."""
 _WIDTH = 118
 _SHOWN = 2  # keys that are named before "and so many more"
@@ -138,6 +138,21 @@ def explain(scene: Scene, text: str = "") -> Explanation:
     return Explanation(scene.name, effects, choices(p), predicted, proposed, discretised.remarks, key_lines(text))
 
 
+def _interfaces(p: Prediction) -> str:
+    """How each class of substructures solves with its interfaces."""
+    large = [c.size for c in p.run.classes if c.size.swept]
+    names = [c.members[0].name for c, own in zip(p.discretised.classes, p.run.classes, strict=True) if own.size.swept]
+    if not large:
+        return "dense matrices"
+    read, whole = (readable(8.0 * max(x), "B", 3) for x in ([s.swept for s in large], [s.factor for s in large]))
+    dense = readable(8.0 * max(0.5 * s.channels**2 for s in large), "B", 3)
+    others = "" if len(large) == len(p.run.classes) else "; dense matrices in the others"
+    return (
+        f"exact, by substitution through at most {read} of a factor of {whole} (a dense matrix: {dense}) in "
+        f"{', '.join(names[:_SHOWN])}{' ...' if len(names) > _SHOWN else ''}{others}"
+    )
+
+
 def choices(p: Prediction) -> dict[str, str]:
     """Window, search direction, acceleration and propagator, in words."""
     solver, run = p.scene.solver, p.run
@@ -159,5 +174,6 @@ def choices(p: Prediction) -> dict[str, str]:
         "window": window,
         "search direction": direction + (f", times {factor:g}" if factor != 1 else ""),
         "acceleration": acceleration,
+        "interfaces": _interfaces(p),
         "propagator": f"{run.propagator.kind}, scheme {p.discretised.scheme_in_words}",
     }

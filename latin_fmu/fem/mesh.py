@@ -223,17 +223,25 @@ def nearest(points: Array, candidates: Array) -> tuple[Array, Index]:
 
 def nested_dissection(mesh: Mesh) -> Array:
     """Elimination rank of each node, (n_node,): halves first, the nodes between them last, recursively."""
+    return dissection(mesh)[0]
+
+
+def dissection(mesh: Mesh) -> tuple[Array, Array]:
+    """The rank of ``nested_dissection``, and for each node the rank behind the leaf or separator that it belongs to,
+    (n_node,) each: nodes of one part may be eliminated in any order among themselves."""
     n = mesh.n_node
     rows = np.concatenate([np.repeat(b.cells, b.cells.shape[1], axis=1).ravel() for b in mesh.blocks])
     columns = np.concatenate([np.tile(b.cells, (1, b.cells.shape[1])).ravel() for b in mesh.blocks])
     graph = sp.coo_array((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(n, n)).tocsr()
     order = np.empty(n, dtype=np.int64)
+    behind = np.empty(n)
     side = np.zeros(n, dtype=np.int8)  # 1 and 2: the halves at hand
     stack: list[tuple[Index, int]] = [(np.arange(n, dtype=np.int64), n)]
     while stack:  # each entry fills order[end - len : end]
         part, end = stack.pop()
         if len(part) <= _LEAF:
             order[end - len(part) : end] = part
+            behind[part] = end
             continue
         x = mesh.nodes[part]
         axis = int(np.argmax(np.ptp(x, axis=0)))
@@ -246,9 +254,10 @@ def nested_dissection(mesh: Mesh) -> Array:
         side[high] = 0
         between, low = low[touches], low[~touches]
         order[end - len(between) : end] = between
+        behind[between] = end
         end -= len(between)
         stack.append((high, end))
         stack.append((low, end - len(high)))
     rank = np.empty(n)
     rank[order] = np.arange(n)
-    return rank
+    return rank, behind

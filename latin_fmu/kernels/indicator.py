@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 
 from ..cholesky.substitution import LANES, SPARE, TILED
 from ..compiled import kernel
+from .half_solves import forward_on_face, gain_of
 from .products import product, symmetric_size, two_norms
 
 Array = NDArray[np.float64]
@@ -76,6 +77,9 @@ def force_residual(pools: Any, window: int) -> float:
         for c in range(len(pools.classes)):
             row = pools.classes[c]
             start, at = 0, 0
+            if row.swept == 1:
+                _add_swept_norms(pools, c, i, parts)
+                continue
             for part in range(parts):
                 n = row.n_normal if part == 0 else row.n_live - row.n_normal
                 if n > 0:
@@ -125,6 +129,41 @@ def _add_norms(pools: Any, c: int, i: int, start: int, n: int, compliance: int, 
             half += x[2 * e + 1] * y[2 * e + 1]
     work[run.norms + into] += force
     work[run.norms + into + 1] += half
+
+
+@kernel
+def _add_swept_norms(pools: Any, c: int, i: int, parts: int) -> None:
+    """The same for all parts by forward substitution on the face, x C x = gain |L^-1 T^T x|^2: for each member its
+    forces and half residuals, normal and tangential, eight vectors at a time."""
+    row, run, work, numbers = pools.classes[c], pools.run[0], pools.moving, pools.fixed_int
+    n, m, count = row.n, row.m, 2 * parts * row.m
+    channels, normal = numbers[row.channels : row.channels + row.n_channel * m], numbers[row.component :]
+    face, starts = numbers[row.face : row.face + row.n_inner], numbers[row.spread_starts :]
+    columns, values = pools.fixed_col[row.spread_columns :], pools.fixed[row.spread_values :]
+    area = pools.fixed[run.area : run.area + run.n_flat]
+    f_hat = work[run.local_f + i * run.n_flat : run.local_f + (i + 1) * run.n_flat]
+    r = work[run.r + i * run.n_flat : run.r + (i + 1) * run.n_flat]
+    x, tail = work[row.face_vector : row.face_vector + LANES * n], work[row.tile : row.tile + SPARE * LANES]
+    gain = gain_of(row, run)
+    for first in range(0, count, LANES):
+        x[:] = 0.0
+        for lane in range(min(LANES, count - first)):
+            part, member = (first + lane) // (2 * m), (first + lane) % m
+            half = (first + lane) // m % 2 == 1
+            for d in range(row.n_inner):
+                total = 0.0
+                for e in range(starts[d], starts[d + 1]):
+                    if normal[columns[e]] == part:
+                        at = channels[np.int64(columns[e]) * m + member]
+                        total += values[e] * area[at] * (0.5 * r[at] if half else f_hat[at])
+                x[LANES * face[d] + lane] = total
+        forward_on_face(pools, c, x, tail)
+        for lane in range(min(LANES, count - first)):
+            total = 0.0
+            for d in range(n):
+                total += x[LANES * d + lane] ** 2
+            part, half = (first + lane) // (2 * m), (first + lane) // m % 2
+            work[run.norms + 2 * part + half] += gain * total
 
 
 @kernel

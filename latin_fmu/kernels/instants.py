@@ -85,11 +85,25 @@ def first_guess(pools: Any, instant: int) -> None:
         q[j] = f_hat[j] + k[j] * carry * w_hat[j]
         touched = touched or f_hat[j] != 0.0
     if touched or run.static == 1:
+        guess_from_reference(pools, q)
         return
     w = work[run.w : run.w + n]
     free_motion(pools, instant, w)
     for j in range(n):
         q[j] = k[j] * w[j]
+
+
+@kernel
+def guess_from_reference(pools: Any, q: Array) -> None:
+    """q of the last tractions and of the velocities that they give at the channels of swept classes with inertia."""
+    run, work = pools.run[0], pools.moving
+    for c in range(len(pools.classes)):
+        row = pools.classes[c]
+        if row.swept == 0 or run.static == 1:
+            continue
+        for at in range(row.n_channel * row.m):
+            j = pools.fixed_int[row.channels + at]
+            q[j] = work[row.reference + at] + pools.fixed[run.k + j] * work[row.w_free + at]
 
 
 @kernel

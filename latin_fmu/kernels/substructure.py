@@ -30,8 +30,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cholesky.substitution import LANES, SPARE, TILED, backward_one, backward_tile, forward_one, forward_tile
 from ..compiled import kernel
+from .half_solves import (
+    add_on_face,
+    add_reference,
+    backward,
+    forward,
+    from_face,
+    march_panels,
+    substitute,
+    swept_response,
+)
 from .matrices import (
     DAMPING,
     FORCES,
@@ -56,6 +65,8 @@ Array = NDArray[np.float64]
 def predict(pools: Any, c: int, instant: int) -> None:
     """Free response of the new ``instant``; leaves w_free, free_a and the half solution of the load."""
     free_load(pools, c, instant)
+    if pools.classes[c].swept == 1:
+        add_reference(pools, c)
     if pools.moving[pools.classes[c].passed] == 0.0:
         forward(pools, c)
         free_velocity(pools, c, instant)
@@ -125,52 +136,6 @@ def free_load(pools: Any, c: int, instant: int) -> None:
 
 
 @kernel
-def forward(pools: Any, c: int) -> None:
-    """Forward substitution of the load: its interior part stays in ``half_solution`` (in tiles from TILED members on),
-    the interface part goes to ``inner``."""
-    row, work, numbers = pools.classes[c], pools.moving, pools.fixed_int
-    n, m, n_interior, n_inner, n_super = row.n, row.m, row.n_interior, row.n_inner, row.n_super
-    first, row_start = (
-        numbers[row.first : row.first + n_super + 1],
-        numbers[row.row_start : row.row_start + n_super + 1],
-    )
-    panel_start = numbers[row.panel_start : row.panel_start + n_super + 1]
-    rows, order = numbers[row.rows : row.rows + row.n_rows], numbers[row.order : row.order + n]
-    panels = pools.fixed[row.panels : row.panels + (0 if row.single == 1 else row.n_panels)]
-    single = pools.fixed_single[row.panels : row.panels + (row.n_panels if row.single == 1 else 0)]
-    load, inner = work[row.load : row.load + n * m], work[row.inner : row.inner + n_inner * m]
-    if m < TILED:
-        for j in range(m):
-            x = work[row.half_solution + n * j : row.half_solution + n * (j + 1)]
-            for i in range(n):
-                x[i] = load[order[i] * m + j]
-            if row.single == 1:
-                forward_one(row.grouped == 1, first, row_start, rows, panel_start, single, x)
-            else:
-                forward_one(row.grouped == 1, first, row_start, rows, panel_start, panels, x)
-            for i in range(n_inner):
-                inner[i * m + j] = x[n_interior + i]
-        return
-    tail = work[row.tile : row.tile + SPARE * LANES]
-    for start in range(0, m, LANES):
-        x = work[row.half_solution + n * start : row.half_solution + n * (start + LANES)]
-        lanes = min(m - start, LANES)
-        for i in range(n):
-            at = order[i] * m + start
-            for j in range(lanes):
-                x[i * LANES + j] = load[at + j]
-            for j in range(lanes, LANES):
-                x[i * LANES + j] = 0.0
-        if row.single == 1:
-            forward_tile(first, row_start, rows, panel_start, single, x, tail)
-        else:
-            forward_tile(first, row_start, rows, panel_start, panels, x, tail)
-        for i in range(n_inner):
-            for j in range(lanes):
-                inner[i * m + start + j] = x[(n_interior + i) * LANES + j]
-
-
-@kernel
 def free_velocity(pools: Any, c: int, instant: int) -> None:
     """Velocities of the channels without tractions, from the interface part of the half solution in ``inner``."""
     row, run, work, state = pools.classes[c], pools.run[0], pools.moving, pools.moving
@@ -183,10 +148,18 @@ def free_velocity(pools: Any, c: int, instant: int) -> None:
     dofs = pools.fixed_int[row.dofs : row.dofs + n_inner]
     tile = tile_of(row, work)
     w_free[:] = 0.0
+    if row.swept == 1:
+        half = work[row.half_solution : row.half_solution + row.n * tile_width(m)]
+        vector = work[row.face_vector : row.face_vector + row.n * tile_width(m)]
+        for i in range(len(half)):
+            vector[i] = half[i]
+        substitute(pools, c, row.face_vector, march_panels(pools, c), True, False)
+        from_face(pools, c, reached if row.kind == STATIC else free_a)
     if row.kind == STATIC:
-        for i in range(n_inner * m):
-            free_a[i] = inner[i]  # the load condensed on the interface
-        springs(pools, c, inner, reached)
+        if row.swept == 0:
+            for i in range(n_inner * m):
+                free_a[i] = inner[i]  # the load condensed on the interface
+            springs(pools, c, inner, reached)
         dt = run.dt
         for i in range(n_inner * m):
             reached[i] /= dt
@@ -197,8 +170,9 @@ def free_velocity(pools: Any, c: int, instant: int) -> None:
         for i in range(size):
             w_free[i] += damped[i]
         return
-    inverse = pools.fixed[row.schur_inverse : row.schur_inverse + symmetric_size(n_inner, row.plain_inverse, m)]
-    product(n_inner, inverse, row.plain_inverse, m, inner, free_a, tile)
+    if row.swept == 0:
+        inverse = pools.fixed[row.schur_inverse : row.schur_inverse + symmetric_size(n_inner, row.plain_inverse, m)]
+        product(n_inner, inverse, row.plain_inverse, m, inner, free_a, tile)
     u, u_free = state[row.u : row.u + row.n * m], work[row.u_free : row.u_free + row.n * m]
     v_free = work[row.v_free : row.v_free + row.n * m]
     of_old, of_u, of_v, gain = run.w_u_old, run.w_u, run.w_v, run.interface_gain
@@ -265,6 +239,9 @@ def linear_response(pools: Any, c: int, q: Array, w: Array) -> None:
         for j in range(m):
             at = live[i] * m + j
             incoming[i * m + j] = area[live[i]] * (q[channels[at]] - k[live[i]] * damped[at])
+    if row.swept == 1:
+        swept_response(pools, c, q, w)
+        return
     plain = row.plain_response
     product(
         n_live,
@@ -295,7 +272,8 @@ def commit(pools: Any, c: int, instant: int, flat: Array) -> int:
 
 @kernel
 def interface_load(pools: Any, c: int, flat: Array) -> bool:
-    """Interface values of the solution in ``inner_answer``; False where the class stays at rest."""
+    """Interface values of the solution in ``inner_answer``, or, where the interface dofs are not kept for last, the
+    forward substitution of the forces on them added to ``half_solution``; False where the class stays at rest."""
     row, run, work = pools.classes[c], pools.run[0], pools.moving
     m, n_inner, size = row.m, row.n_inner, row.n_channel * row.m
     channels, area = (
@@ -308,6 +286,10 @@ def interface_load(pools: Any, c: int, flat: Array) -> bool:
             now = flat[channels[i * m + j]]
             nodal[i * m + j] = area[i] * now
             largest = max(largest, abs(now))
+    if row.swept == 1:
+        for i in range(n_channel):
+            for j in range(m):
+                nodal[i * m + j] -= area[i] * work[row.reference + i * m + j]
     if work[row.passed] == 1.0:
         if largest <= run.rest_traction:
             return False
@@ -325,6 +307,9 @@ def interface_load(pools: Any, c: int, flat: Array) -> bool:
             for j in range(m):
                 nodal[i * m + j] -= area[i] * k[i] * moved[i * m + j]
         add_spread(pools, c, nodal, inner)
+        if row.swept == 1:
+            add_on_face(pools, c, inner)
+            return True
         for i in range(n_inner * m):
             inner[i] += free_a[i]
         springs(pools, c, inner, last)
@@ -333,53 +318,14 @@ def interface_load(pools: Any, c: int, flat: Array) -> bool:
     for i in range(size):
         nodal[i] *= weight
     add_spread(pools, c, nodal, inner)
+    if row.swept == 1:
+        add_on_face(pools, c, inner)
+        return True
     inverse = pools.fixed[row.schur_inverse : row.schur_inverse + symmetric_size(n_inner, row.plain_inverse, m)]
     product(n_inner, inverse, row.plain_inverse, m, inner, last, tile)
     for i in range(n_inner * m):
         last[i] += free_a[i]
     return True
-
-
-@kernel
-def backward(pools: Any, c: int) -> None:
-    """Full solution in ``load`` from ``half_solution`` and the interface values in ``inner_answer``."""
-    row, work, numbers = pools.classes[c], pools.moving, pools.fixed_int
-    n, m, n_interior, n_inner, n_super = row.n, row.m, row.n_interior, row.n_inner, row.n_super
-    first, row_start = (
-        numbers[row.first : row.first + n_super + 1],
-        numbers[row.row_start : row.row_start + n_super + 1],
-    )
-    panel_start = numbers[row.panel_start : row.panel_start + n_super + 1]
-    rows, order = numbers[row.rows : row.rows + row.n_rows], numbers[row.order : row.order + n]
-    panels = pools.fixed[row.panels : row.panels + (0 if row.single == 1 else row.n_panels)]
-    single = pools.fixed_single[row.panels : row.panels + (row.n_panels if row.single == 1 else 0)]
-    out, last = work[row.load : row.load + n * m], work[row.inner_answer : row.inner_answer + n_inner * m]
-    if m < TILED:
-        for j in range(m):
-            x = work[row.half_solution + n * j : row.half_solution + n * (j + 1)]
-            for i in range(n_inner):
-                x[n_interior + i] = last[i * m + j]
-            if row.single == 1:
-                backward_one(row.grouped == 1, first, row_start, rows, panel_start, single, x)
-            else:
-                backward_one(row.grouped == 1, first, row_start, rows, panel_start, panels, x)
-            for i in range(n):
-                out[order[i] * m + j] = x[i]
-        return
-    tail = work[row.tile : row.tile + SPARE * LANES]
-    for start in range(0, m, LANES):
-        x = work[row.half_solution + n * start : row.half_solution + n * (start + LANES)]
-        lanes = min(m - start, LANES)
-        for i in range(n_inner):
-            for j in range(lanes):
-                x[(n_interior + i) * LANES + j] = last[i * m + start + j]
-        if row.single == 1:
-            backward_tile(first, row_start, rows, panel_start, single, x, tail)
-        else:
-            backward_tile(first, row_start, rows, panel_start, panels, x, tail)
-        for i in range(n):
-            for j in range(lanes):
-                out[order[i] * m + start + j] = x[i * LANES + j]
 
 
 @kernel

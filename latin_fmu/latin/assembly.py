@@ -194,6 +194,11 @@ class Assembly:
         self.rigid = self._rigid_channels()
 
     @property
+    def swept(self) -> bool:
+        """Whether interfaces of a substructure are solved with by substitution (``propagator.interface_sweeps``)."""
+        return any(p.swept for p in self.propagators)
+
+    @property
     def impedance(self) -> Array:
         """Impedance of the side of every channel (n_flat,), Pa s m-1: of its material, without inertia of its stiffness
         over an increment."""
@@ -230,7 +235,7 @@ class Assembly:
         """Channels of points where a side cannot move at all (ground, or every direction held)."""
         moves = np.zeros(self.layout.n_flat, dtype=bool)
         for propagator, channels in zip(self.propagators, self.channels, strict=True):
-            moves[channels] = (np.diag(propagator.operators.compliance) > 0)[:, None]
+            moves[channels] = (propagator.operators.compliance.diagonal() > 0)[:, None]
         rigid = np.zeros(self.layout.n_flat, dtype=bool)
         for group in self.layout.groups:
             group.block(rigid)[...] = ~group.block(moves).any(axis=-1, keepdims=True)

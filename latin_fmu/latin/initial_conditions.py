@@ -17,6 +17,7 @@ with a = a_free + T M^-1 T^T lambda; solved point by point.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import scipy.sparse.linalg as spla
@@ -94,9 +95,9 @@ def _compliant_tractions(assembly: Assembly, groups: list[Group], traction: Arra
 
 def _free_accelerations(
     assembly: Assembly, unbalance: Sequence[Array], factors: Sequence[MassFactor]
-) -> tuple[Array, list[Array]]:
+) -> tuple[Array, list[Any]]:
     """Accelerations (n_flat,) of the channels under the forces ``unbalance``, and per class the accelerations
-    (n_channel, n_channel) due to unit forces on its channels."""
+    (n_channel, n_channel) due to unit forces on its channels (``Propagator.initial_channels``)."""
     acceleration, compliances = assembly.initial_ground_acceleration(), []
     for propagator, channels, force, factor in zip(
         assembly.propagators, assembly.channels, unbalance, factors, strict=True
@@ -120,7 +121,7 @@ def _perfect_tractions(assembly: Assembly, unbalance: list[Array], factors: list
     free, compliances = _free_accelerations(assembly, unbalance, factors)
     diagonal = np.zeros_like(flat)
     for channels, compliance in zip(assembly.channels, compliances, strict=True):
-        diagonal[channels] = np.diag(compliance)[:, None]
+        diagonal[channels] = compliance.diagonal()[:, None]
 
     def jump(x: Array) -> Array:
         """Jump of the accelerations due to tractions x, weighted by areas, which makes it symmetric."""
@@ -178,7 +179,10 @@ def _contact_tractions(
         return added
     velocity = assembly.velocity()
     free, compliances = _free_accelerations(assembly, unbalance, factors)
-    admittances = [c * p.operators.area for c, p in zip(compliances, assembly.propagators, strict=True)]
+    areas = [p.operators.area for p in assembly.propagators]
+    # of swept classes too, for this one solution
+    dense = [c if isinstance(c, np.ndarray) else c @ np.eye(len(a)) for c, a in zip(compliances, areas, strict=True)]
+    admittances = [c * a for c, a in zip(dense, areas, strict=True)]
     solver = PointByPoint(assembly, admittances, points)
     known = np.zeros_like(traction)
     known[solver.channels] = traction[solver.channels]

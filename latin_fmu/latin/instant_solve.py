@@ -41,8 +41,13 @@ _LARGEST = 200_000_000  # entries of S (an upper bound) up to which its factoris
 
 
 def all_perfect(assembly: Assembly) -> bool:
-    """Whether there are interfaces, all of them perfect, and S has at most 2e8 entries."""
-    if assembly.quasi_static or not assembly.interfaces or not all(bonds(u.behaviour) for u in assembly.interfaces):
+    """Whether there are interfaces, all of them perfect, with dense matrices, and S has at most 2e8 entries."""
+    if (
+        assembly.quasi_static
+        or assembly.swept
+        or not assembly.interfaces
+        or not all(bonds(u.behaviour) for u in assembly.interfaces)
+    ):
         return False
     return sum(int(c.shape[0]) ** 2 * int(c.shape[1]) for c in assembly.channels) <= _LARGEST
 

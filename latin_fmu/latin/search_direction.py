@@ -35,7 +35,9 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
+from ..propagator.base import Propagator
 from ..propagator.interface_matrices import resistance
+from ..propagator.interface_sweeps import applied
 from ..propagator.static import StaticPropagator
 from .assembly import Array, Assembly, Index, InterfaceUnit
 from .instant_solve import PointByPoint
@@ -219,7 +221,7 @@ class CoarseProblem:
                 own = channels[:, member]
                 load = self._incoming[own]
                 touched = np.unique(load.indices)
-                responses[own[:, None], touched] = propagator.response @ load[:, touched].toarray()
+                responses[own[:, None], touched] = _responses(propagator, load[:, touched].toarray())
         self._response = sp.csr_array(responses)
         operator = (self._balance @ (self._incoming - sp.diags_array(k) @ self._response)).toarray()
         self._inverse = _pseudo_inverse(0.5 * (operator + operator.T))
@@ -237,6 +239,14 @@ class CoarseProblem:
             "coarse_incoming": self._incoming,
             "coarse_answer": self._response,
         }
+
+
+def _responses(propagator: Propagator, traction: Array) -> Array:
+    """Y times tractions (n_channel, m) for the k that the propagator is bound to, m s-1."""
+    if not propagator.swept:
+        return np.asarray(propagator.response @ traction)
+    ops = propagator.operators
+    return applied(propagator.condensed, ops.trace, ops.compliance.gain, ops.area[:, None] * traction)
 
 
 def _motions(assembly: Assembly, k: Array) -> sp.csr_array:
@@ -287,6 +297,7 @@ def _pseudo_inverse(matrix: Array) -> Array:
     return inverse
 
 
+_LONG = 10.0  # k over the impedance, from which on a step is long
 FLOOR = 1e-3
 """Fields below this fraction of the characteristic traction are negligible."""
 _PROXIMAL, _PROXIMAL_STATIC = 1e-2, 1e-4  # of z in the relative operator; z of the static k is far above its diagonal
@@ -310,10 +321,18 @@ class Direction:
         self.metric = assembly.layout.area * self.z
         self.coarse: CoarseProblem | None = None  # without inertia, from ``bind``
         wanted = settings.newton and n == 1 and settings.anderson_depth > 0
+        wanted &= not assembly.swept or assembly.quasi_static or self._long_steps()
         self.relative = relative_operator(assembly) if wanted else {}
         numbers = self.relative.get("n_matrix", 0)
         largest = LARGEST_STATIC if assembly.quasi_static else LARGEST
         self.newton, self.too_large = 0 < numbers <= largest, numbers > largest
+
+    def _long_steps(self) -> bool:
+        """Whether steps are so long that Newton steps are worth the dense matrix that they take: k is the stiffness of
+        the faces times the step then, many times the impedance."""
+        impedance = self.assembly.impedance
+        known = (impedance > 0) & (self.k > 0)
+        return bool(known.any()) and _median(self.k[known] / impedance[known]) > _LONG
 
     @cached_property
     def points(self) -> PointByPoint:

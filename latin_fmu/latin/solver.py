@@ -137,8 +137,9 @@ class WindowSolver:
         enough = self._settings.max_iterations >= PATIENCE  # fewer: a study of the iteration, not of its solution
         if RELAXED not in used and not exhausted:
             return RELAXED
-        # without inertia a floating body has no admittance, which the solution point by point needs
-        usable = enough and stages.n == 1 and not static
+        # without inertia a floating body has no admittance, which the solution point by point needs; large interfaces
+        # have no matrix of theirs
+        usable = enough and stages.n == 1 and not static and not stages.direction.assembly.swept
         return POINT_BY_POINT if usable and POINT_BY_POINT not in used else None
 
     def _point_by_point(self, stages: Stages, best: Iterate) -> None:

@@ -34,6 +34,7 @@ from ..time_scheme import TimeScheme
 from .forcing import Forcing, MotionState
 from .image import Image
 from .interface_matrices import condensed
+from .interface_sweeps import MassCompliance
 from .model import Array, Histories, SubstructureModel, closest_reduced
 
 _STEPS_KEPT = 4
@@ -71,12 +72,12 @@ class Propagator(ABC):
     instant : time index of the present state. operators : constant for the step: area (n_channel,), m2; dofs
         (n_gamma,) of the interface; trace (n_channel, n_gamma); compliance (n_channel, n_channel), velocities of the
         channels per nodal force on them, m s-1 N-1; admittance, the same per traction.
-    condensed : Y per nodal force for the k of the last ``bind``, (n_channel, n_channel).
+    condensed : Y per nodal force for the k of the last ``bind``, (n_channel, n_channel), made when first used.
+    swept : whether interfaces are solved with by substitution; then ``condensed`` is a factor (``interface_sweeps``).
     dashpots : lumped damping (n_full, n_full) of an explicit propagator, else None.
     """
 
     dashpots: sp.csr_array | None = None
-    spring_inverse: Array
     operators: Any
     dt: float
 
@@ -90,7 +91,7 @@ class Propagator(ABC):
     ) -> None:
         self.members = list(members)
         self.names = [m.name for m in members]
-        self.scheme, self.energy = scheme, energy
+        self.scheme, self.energy, self.swept = scheme, energy, members[0].swept
         self.forcing = Forcing(members, scheme)
         self._kept: list[tuple[float, Any]] = [] if kept is None else kept
         self._image: Image | None = None
@@ -126,24 +127,33 @@ class Propagator(ABC):
         self.dt, self.operators = dt, operators
         self._detach()
         self.k: Array = np.zeros((self.n_channel, 1))
-        self.condensed: Array = operators.compliance  # for k = 0 until ``bind``
+        self._condensed: Any = operators.factor if self.swept else operators.compliance  # for k = 0
         self._response: Array | None = None
 
     def bind(self, k: Array) -> None:
         """Search direction k (n_channel,), Pa s m-1: Y = (1 + C a k)^-1 C a, symmetrised through sqrt(a k)."""
         if np.array_equal(k, self.k[:, 0]):
             return
-        self.k, self._response = k[:, None], None
-        self.condensed = self._condense(k)
+        self.k, self._condensed, self._response = k[:, None], None, None
 
-    def _condense(self, k: Array) -> Array:
+    @property
+    def condensed(self) -> Any:
+        """See the class."""
+        self._condensed = self._condense(self.k[:, 0]) if self._condensed is None else self._condensed
+        return self._condensed
+
+    def release(self) -> None:
+        """Drop the factor with the dashpots of a swept class, which is in the image now."""
+        self._condensed = None
+
+    def _condense(self, k: Array) -> Any:
         """Y per nodal force."""
         ops = self.operators
         return condensed(ops.compliance, ops.area * k)
 
     def relative_compliance(self) -> Array:
         """Velocities of the channels per nodal force for Newton's method, (n_channel, n_channel): D."""
-        compliance: Array = self.operators.compliance
+        compliance: Array = self.operators.compliance.dense() if self.swept else self.operators.compliance
         return compliance
 
     @property
@@ -194,12 +204,14 @@ class Propagator(ABC):
     def mass_factor(self) -> MassFactor:
         """Solver with the mass matrix, for the accelerations at t = 0."""
 
-    def initial_channels(self, factor: Any, unbalance: Array) -> tuple[Array, Array]:
-        """Channel accelerations (n_channel, n_member) at t = 0, and T M^-1 T^T (n_channel, n_channel)."""
+    def initial_channels(self, factor: Any, unbalance: Array) -> tuple[Array, Any]:
+        """Channel accelerations (n_channel, n_member) at t = 0, and what multiplies by T M^-1 T^T."""
         ops = self.operators
-        spread = np.zeros((self.n_dof, self.n_channel))
-        spread[ops.dofs] = ops.trace.T if isinstance(ops.trace, np.ndarray) else ops.trace.T.toarray()
-        compliance: Array = ops.trace @ factor.solve(spread)[ops.dofs]
+        compliance: Any = MassCompliance(factor, ops)
+        if not self.swept:
+            spread = np.zeros((self.n_dof, self.n_channel))
+            spread[ops.dofs] = ops.trace.T if isinstance(ops.trace, np.ndarray) else ops.trace.T.toarray()
+            compliance = ops.trace @ factor.solve(spread)[ops.dofs]
         free: Array = ops.trace @ factor.solve(unbalance)[ops.dofs]
         imposed = self.forcing.channel_acceleration(0)
         return free if imposed is None else free + imposed, compliance
@@ -315,6 +327,7 @@ class Propagator(ABC):
             image.field("f_hat", *self._opening.shape)[:] = self._opening
             image.set({"first_row": self.instant})
             image.call(entries.OPEN_ACCOUNTS)
+            image.field("f_hat", *self._opening.shape)[:] = 0.0  # no reference: ``predict`` is without tractions
             self._opening = None
         return image
 

@@ -210,6 +210,15 @@ def constants(
     put_matrix(block, row, "sensor", sensor)
     if propagator.energy:
         _borders(block, row, propagator)
+    is_normal = normal[flat]
+    assert (is_normal == is_normal[:, :1]).all(), "identical substructures with unlike interfaces"
+    if propagator.swept:
+        shape = factor.symbolic
+        row |= {"swept": 1, "face_start": block.put(shape.face_start, np.int64)}
+        row["face"] = block.put(shape.position[ops.dofs], np.int64)
+        row["component"] = block.put((~is_normal[:, 0]).astype(np.int64), np.int64)
+        _put_traces(block, row, ops)
+        return row
     inverse = factor.inverse if isinstance(factor, DiagonalFactor) else factor.schur_inverse
     if not static:
         row["plain_inverse"] = plain = int(inverse.ndim == 1 or is_diagonal(inverse))
@@ -218,9 +227,7 @@ def constants(
             block.put(inverse) if inverse.ndim == 1 else put_dense(block, inverse, [every], m, bool(plain))
         )
     row["plain_response"] = plain = int(is_diagonal(propagator.condensed) and is_diagonal(ops.compliance))
-    is_normal = normal[flat[live]]
-    assert (is_normal == is_normal[:, :1]).all(), "identical substructures with unlike interfaces"
-    blocks = [live[is_normal[:, 0]], live[~is_normal[:, 0]]] if len(live) else [live, live]
+    blocks = [live[is_normal[live, 0]], live[~is_normal[live, 0]]]
     row["n_normal"] = len(blocks[0])
     row["measured"] = block.put(np.concatenate(blocks), np.int64)
     row["compliance"] = put_dense(block, ops.compliance, blocks, m, bool(plain))
@@ -229,11 +236,16 @@ def constants(
         row["trace_table"], row["spread_table"] = (block.put(ops.trace), block.put(np.ascontiguousarray(ops.trace.T)))
         row["normal_table"] = block.put(ops.trace[blocks[0]])
     else:
-        put_matrix(block, row, "trace", ops.trace)
-        put_matrix(block, row, "spread", ops.spread)
-        row.setdefault("trace_starts", block.put(np.zeros(row["n_channel"] + 1, dtype=np.int64), np.int64))
-        row.setdefault("spread_starts", block.put(np.zeros(row["n_inner"] + 1, dtype=np.int64), np.int64))
+        _put_traces(block, row, ops)
     return row
+
+
+def _put_traces(block: Block, row: Row, ops: Any) -> None:
+    """Sparse traces from interface dofs to channels and back."""
+    put_matrix(block, row, "trace", ops.trace)
+    put_matrix(block, row, "spread", ops.spread)
+    row.setdefault("trace_starts", block.put(np.zeros(row["n_channel"] + 1, dtype=np.int64), np.int64))
+    row.setdefault("spread_starts", block.put(np.zeros(row["n_inner"] + 1, dtype=np.int64), np.int64))
 
 
 def _factor(block: Block, row: Row, factor: Any) -> None:
@@ -302,6 +314,16 @@ def direction(block: Block, propagator: Any, constant: Row, run: Row) -> Row:
     m, row = constant["m"], {}
     live = np.flatnonzero(propagator.operators.compliance.diagonal())
     row["k"] = block.put(propagator.k[:, 0].copy())
+    if propagator.swept:
+        factor = propagator.condensed
+        numbers = 8 // factor.dtype.itemsize
+        at = block.reserve(-(-factor.panels.size // numbers))
+        block.fill_later(partial(_copy, at, factor.panels))
+        row["k_panels"] = numbers * at
+        propagator.release()
+        if run.get("newton"):
+            row["admittance"] = put_dense(block, propagator.relative_compliance(), [live], m, False)
+        return row
     row["response"] = put_dense(block, propagator.condensed, [live], m, bool(constant["plain_response"]))
     if run.get("newton"):
         table = propagator.relative_compliance()
@@ -338,6 +360,8 @@ def work(block: Block, row: Row, window: int, stride: int) -> None:
         "mass_a": n * m,
         "weighted_v": n * m * row["accounted"],
         "half_solution": padded(m) * n,
+        "face_vector": max(padded(m), LANES) * n * row.get("swept", 0),
+        "reference": c * m * row.get("swept", 0),
         "inner": g * m,
         "inner_answer": g * m,
         "free_a": g * m,

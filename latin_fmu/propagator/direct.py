@@ -6,18 +6,19 @@ identical substructures are members of one class and are solved together.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 
-from ..cholesky.factor import InterfaceFactor, interface_factor
+from ..cholesky.factor import CholeskyFactor, InterfaceFactor, interface_factor
 from ..time_scheme import TimeScheme
 from .base import MassFactor, Propagator
 from .conjugate_gradients import ConjugateGradients, IterativeFactor
 from .interface_matrices import projected, with_dashpots
+from .interface_sweeps import DashpotPattern, InterfaceCompliance
 from .model import Array, Operators, SubstructureModel
 
 
@@ -25,10 +26,12 @@ from .model import Array, Operators, SubstructureModel
 class ImplicitOperators(Operators):
     """Operators of one class at one time step; ``factor`` : of A.
 
-    gain : velocities of the interface dofs per S^-1 times force, of the time scheme.
+    gain : velocities of the interface dofs per S^-1 times force, of the time scheme. with_dashpots : of a swept class
+    its factor for dashpots (n_channel,), N s m-1.
     """
 
     gain: float
+    with_dashpots: Callable[[Array], CholeskyFactor] | None = None
 
 
 def build_operators(model: SubstructureModel, scheme: TimeScheme, dt: float) -> ImplicitOperators:
@@ -39,14 +42,31 @@ def build_operators(model: SubstructureModel, scheme: TimeScheme, dt: float) -> 
     factors, matrices = [c_mass, c_stiffness], [mass, stiffness]
     if damping is not None:
         factors, matrices = [*factors, c_damping], [*matrices, damping]
-    pattern = model.operator_pattern
-    matrix = pattern.sum(factors, matrices)
+    gain = scheme.interface_gain(dt) * scheme.traction_weight
+    if model.swept:
+        pattern = DashpotPattern(model)
+        swept = pattern.factor(factors, np.zeros(len(model.channel_area)), model.factor)
+        return ImplicitOperators(
+            mass,
+            damping,
+            stiffness,
+            swept,
+            dofs,
+            trace,
+            model.spread,
+            model.channel_area,
+            InterfaceCompliance(swept, dofs, trace, gain, pattern.on_interface),
+            model.massless,
+            gain,
+            lambda dashpots: pattern.factor(factors, gain * dashpots, model.factor),
+        )
+    union = model.operator_pattern
+    matrix = union.sum(factors, matrices)
     factor: InterfaceFactor
     if model.factor == "cg":
         factor = IterativeFactor(matrix, dofs)
     else:
-        factor = interface_factor(matrix, dofs, rank, np.dtype(model.factor), pattern.analyses)
-    gain = scheme.interface_gain(dt) * scheme.traction_weight
+        factor = interface_factor(matrix, dofs, rank, np.dtype(model.factor), union.analyses)
     return ImplicitOperators(
         mass,
         damping,
@@ -111,8 +131,10 @@ class DirectPropagator(Propagator):
             mass = mass + sp.diags_array(heavy)
         return spla.splu(sp.csc_matrix(mass), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
 
-    def _condense(self, k: Array) -> Array:
+    def _condense(self, k: Array) -> Array | CholeskyFactor:
         ops = self.operators
+        if ops.with_dashpots is not None:
+            return ops.with_dashpots(ops.area * k)
         return with_dashpots(ops.trace, ops.gain, ops.factor.schur, ops.area * k)
 
 

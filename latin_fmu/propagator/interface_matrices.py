@@ -11,6 +11,8 @@ The right-hand side takes a solution with many right-hand sides, the left-hand s
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import scipy.linalg as la
 import scipy.linalg.lapack as lapack
@@ -100,8 +102,10 @@ def with_dashpots(trace: sp.csr_array, gain: float, schur: Array, dashpots: Arra
     return projected(trace, gain, inverse)
 
 
-def resistance(compliance: Array, rows: Index) -> float:
+def resistance(compliance: Any, rows: Index) -> float:
     """Force for a uniform velocity 1 of these channels, 1^T C^-1 1 over those that can move, N s m-1."""
+    if not isinstance(compliance, np.ndarray):
+        return float(compliance.resistance(rows))
     diagonal = compliance.diagonal()
     moving = rows[diagonal[rows] > _STILL * diagonal.max(initial=0.0)]
     if not len(moving):

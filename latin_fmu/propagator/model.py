@@ -11,7 +11,7 @@ import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import scipy.sparse as sp
@@ -34,6 +34,7 @@ _KEPT = frozenset(
         "at_interface",
         "spread",
         "operator_pattern",
+        "reduced_parts",
         "massless",
         "with_lumped_mass",
     )
@@ -199,8 +200,12 @@ class SubstructureModel:
     imposed_start: Array
     ordering: Array | None = field(default=None)
     """(n_full,) elimination rank of each full dof (nested dissection of the mesh), or None."""
+    parts: Array | None = field(default=None)
+    """(n_full,) rank behind the leaf or separator that each full dof belongs to, given with ``ordering``, or None."""
     factor: FactorKind = "float64"
     """How the operator of the march is factorised: Cholesky stored in that precision, or not ("cg")."""
+    swept: bool = field(default=False)
+    """Whether interfaces are solved with by substitution (``interface_sweeps``), not by dense matrices."""
     lumped_mass: Array | None = field(default=None)
     """(n_full,) masses > 0, kg, of explicit schemes where the row sums of ``mass`` are not positive, else None."""
     lumped_damping: sp.csr_array | None = field(default=None)
@@ -276,6 +281,15 @@ class SubstructureModel:
 
     def _reduce(self, matrix: sp.csr_array) -> sp.csr_array:
         return sp.csr_array(self.expansion.T @ matrix @ self.expansion)
+
+    @cached_property
+    def reduced_parts(self) -> Array | None:
+        """``parts`` of the reduced dofs, (n,)."""
+        return None if self.parts is None else reduced_rank(self.expansion, self.parts)
+
+    def with_sweeps(self) -> SubstructureModel:
+        """The same model without dense matrices of its interfaces; what was reduced already is kept."""
+        return self._sharing(replace(self, swept=True))
 
     def with_factor(self, kind: FactorKind) -> SubstructureModel:
         """The same model, factorised in another way; what was reduced already is kept."""
@@ -371,7 +385,7 @@ class Operators:
     factor : of the operator of the march, interface dofs last. dofs : (n_gamma,) interface dofs.
     trace : (n_channel, n_gamma) from interface dofs to channels. spread : its transpose. area : (n_channel,).
     compliance : (n_channel, n_channel) velocities of the channels at the new instant per unit of nodal force
-        on the channels, m s-1 N-1, symmetric: T D T^T.
+        on the channels, m s-1 N-1, symmetric: T D T^T; of a swept class an ``InterfaceCompliance``.
     massless : dofs without mass.
     """
 
@@ -383,10 +397,11 @@ class Operators:
     trace: sp.csr_array
     spread: sp.csr_array
     area: Array
-    compliance: Array
+    compliance: Any
     massless: Index
 
     @property
     def admittance(self) -> Array:
         """Velocities of the channels per unit of traction, m3 N-1 s-1: T D T^T diag(area)."""
-        return self.compliance * self.area
+        admittance: Array = self.compliance * self.area
+        return admittance

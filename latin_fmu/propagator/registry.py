@@ -11,6 +11,7 @@ from ..time_scheme import TimeScheme
 from .base import Propagator
 from .direct import CgPropagator, DirectPropagator
 from .explicit import ExplicitPropagator
+from .interface_sweeps import Form, in_form
 from .model import SubstructureModel
 from .reduced import ReducedPropagator
 
@@ -24,11 +25,13 @@ class PropagatorSettings:
     Attributes
     ----------
     kind : registry key. modes : elastic modes of each reduced substructure. precision : of the direct factors.
+    interface : how direct propagators solve with interfaces (``interface_sweeps.Form``).
     """
 
     kind: Kind = "direct"
     modes: int = 50
     precision: Literal["float64", "float32"] = "float64"
+    interface: Form = "automatic"
 
 
 Maker = Callable[[Sequence[SubstructureModel], TimeScheme, float, bool, PropagatorSettings], Propagator]
@@ -44,6 +47,7 @@ def _direct(
 ) -> Propagator:
     if settings.precision != "float64":
         members = [m.with_factor(settings.precision) for m in members]
+    members = in_form(members, settings.interface)
     return DirectPropagator(members, scheme, dt, energy, twin if isinstance(twin, DirectPropagator) else None)
 
 

@@ -22,7 +22,7 @@ Neither depends on the time step.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final, NoReturn
 
@@ -31,9 +31,11 @@ import scipy.linalg as la
 import scipy.linalg.lapack as lapack
 import scipy.sparse as sp
 
-from ..cholesky.factor import InterfaceFactor, interface_factor
+from ..cholesky.factor import CholeskyFactor, InterfaceFactor, interface_factor
+from ..errors import SolverError
 from ..time_scheme import QuasiStatic
 from .base import Propagator
+from .interface_sweeps import DashpotPattern, InterfaceCompliance, all_columns, face_stiffness
 from .model import Array, Index, SubstructureModel, reduced_rank
 
 WEAK: Final = 1e-6
@@ -54,6 +56,7 @@ class StaticOperators:
         others held, Pa m-1.
     compliance : (n_channel, n_channel) velocities of the channels per unit of nodal force, m s-1 N-1, of the body on
         its springs: D of one instant does not exist for a floating body, (D^-1 + k_0)^-1 always does.
+    factor_on : of a swept class, its factor on other springs (n_channel,), Pa m-1.
     """
 
     stiffness: sp.csr_array
@@ -64,7 +67,8 @@ class StaticOperators:
     area: Array
     springs: Array
     diagonal: Array
-    compliance: Array
+    compliance: Any
+    factor_on: Callable[[Array], CholeskyFactor] | None = None
 
     @property
     def massless(self) -> Index:
@@ -74,7 +78,8 @@ class StaticOperators:
     @property
     def admittance(self) -> Array:
         """Velocities of the channels per unit of traction, on the springs, m3 N-1 s-1."""
-        return self.compliance * self.area
+        admittance: Array = self.compliance * self.area
+        return admittance
 
     def on_springs(self, k: Array) -> Array:
         """(S + T^T a k T)^-1 for springs k (n_channel,), Pa m-1: displacements of the interface dofs, m N-1.
@@ -97,6 +102,8 @@ class StaticOperators:
 
 def build_static_operators(model: SubstructureModel, springs: Array, dt: float) -> StaticOperators:
     """Reduce, factorise and condense (once per class); ``springs`` (n_channel,), Pa m-1."""
+    if model.swept:
+        return _swept_operators(model, springs, dt)
     p = model.expansion
     stiffness = model.reduced_stiffness
     trace = sp.csc_array(model.trace @ p)
@@ -119,6 +126,27 @@ def build_static_operators(model: SubstructureModel, springs: Array, dt: float) 
         springs,
         diagonal,
         0.5 * (compliance + compliance.T),
+    )
+
+
+def _swept_operators(model: SubstructureModel, springs: Array, dt: float) -> StaticOperators:
+    """The same without dense matrices (``interface_sweeps``)."""
+    dofs, trace, _ = model.at_interface
+    pattern, area = DashpotPattern(model), model.channel_area
+    factor = pattern.factor([1.0], area * springs, np.float64)
+    own = face_stiffness(model.reduced_stiffness, dofs, trace) / area
+    moves = np.diff(trace.indptr) > 0
+    return StaticOperators(
+        model.reduced_stiffness,
+        factor,
+        dofs,
+        trace,
+        model.spread,
+        area,
+        springs,
+        np.where(moves, np.maximum(own, springs), 0.0),
+        InterfaceCompliance(factor, dofs, trace, 1.0 / dt, pattern.on_interface),
+        lambda own_springs: pattern.factor([1.0], area * own_springs, np.float64),
     )
 
 
@@ -148,7 +176,13 @@ class StaticPropagator(Propagator):
     ) -> None:
         self._springs = springs
         super().__init__(members, QuasiStatic(), dt, energy, kept)
-        self.spring_inverse = self.operators.factor.schur_inverse  # on the springs, until ``bind``
+        self._spring_inverse = self.operators.factor.schur_inverse  # on the springs, until ``bind``
+
+    @property
+    def spring_inverse(self) -> Array:
+        """See the class."""
+        _ = self.condensed
+        return self._spring_inverse
 
     def shared(self, springs: Array) -> list[tuple[float, Any]] | None:
         """Operators of this propagator for others of equal models, None where their springs (n_channel,) differ."""
@@ -180,6 +214,9 @@ class StaticPropagator(Propagator):
     def relative_compliance(self) -> Array:
         """The same on dashpots of WEAK times k, as D of a floating body does not exist; where those are lost in
         round-off, on longer ones."""
+        factor_on = self.operators.factor_on
+        if factor_on is not None:
+            return all_columns(self._weak_factor(factor_on), self.operators.trace, 1.0 / self.dt)
         for share in (WEAK, _LESS_WEAK):
             try:
                 inverse = self.operators.on_springs(share * self.k[:, 0] / self.dt)
@@ -190,9 +227,20 @@ class StaticPropagator(Propagator):
         compliance: Array = trace @ (trace @ inverse).T / self.dt
         return 0.5 * (compliance + compliance.T)
 
-    def _condense(self, k: Array) -> Array:
+    def _weak_factor(self, factor_on: Callable[[Array], CholeskyFactor]) -> CholeskyFactor:
+        """Factor on the dashpots of ``relative_compliance``."""
+        for share in (WEAK, _LESS_WEAK):
+            try:
+                return factor_on(share * self.k[:, 0] / self.dt)
+            except SolverError:  # those are lost in round-off
+                continue
+        return self.operators.factor  # type: ignore[return-value]
+
+    def _condense(self, k: Array) -> Array | CholeskyFactor:
         """Y = T (S + T^T a k/dt T)^-1 T^T / dt."""
+        if self.operators.factor_on is not None:
+            return self.operators.factor_on(k / self.dt)
         trace = self.operators.trace
-        self.spring_inverse = self.operators.on_springs(k / self.dt)
-        condensed: Array = trace @ (trace @ self.spring_inverse).T / self.dt
+        self._spring_inverse = self.operators.on_springs(k / self.dt)
+        condensed: Array = trace @ (trace @ self._spring_inverse).T / self.dt
         return 0.5 * (condensed + condensed.T)

@@ -363,6 +363,15 @@ def propagator_problems(raw: Any) -> Iterator[Problem]:
             'solver.propagator = "direct" or "automatic"',
             "leave out solver.precision",
         )
+    form = single_table(raw, "solver").get("interface_operator")
+    if form == "exact" and (scheme == CENTRAL or kind in (_EXPLICIT, _REDUCED, "cg")):
+        yield Problem(
+            "solver.interface_operator",
+            "interfaces are solved with by substitution through factors, which only the direct propagator has",
+            shown(form),
+            'solver.propagator = "direct" or "automatic"',
+            "leave out solver.interface_operator",
+        )
     if scheme == CENTRAL and kind not in (None, "automatic", _EXPLICIT):
         yield Problem(
             "time.scheme",

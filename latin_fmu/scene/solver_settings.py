@@ -177,6 +177,14 @@ class Solver(Table):
         Literal["float64", "float32"],
         about("of the factors of the direct propagator; float32 halves their memory and moves results by 1e-8 to 1e-6"),
     ] = "float64"
+    interface_operator: Annotated[
+        Literal["automatic", "dense", "exact"],
+        about(
+            "how direct propagators solve with the interfaces of a substructure: by dense matrices, which suits small "
+            "interfaces; exactly, by substitution through the part of its factor next to them, which suits large ones; "
+            "or by what costs less. The converged result is the same"
+        ),
+    ] = "automatic"
     share_identical: Annotated[
         bool, about("identical substructures share one factorisation and are solved together: faster, same results")
     ] = True

@@ -19,7 +19,7 @@ from latin_fmu.errors import LatinError, SolverError
 from latin_fmu.fem.elasticity import mass, stiffness
 from latin_fmu.fem.elements import Elements
 from latin_fmu.fem.faces import face
-from latin_fmu.fem.mesh import box_mesh, nested_dissection
+from latin_fmu.fem.mesh import box_mesh, dissection, nested_dissection
 
 if os.environ.get("LATIN_FMU_COMPILE", "1") == "0":
     pytest.skip("the Cholesky factor is compiled", allow_module_level=True)
@@ -310,3 +310,51 @@ def test_wrong_sizes_are_refused(m: int) -> None:
         factor.backward(np.ones((25, m)), np.ones((4, m)))
     with pytest.raises(ValueError, match="y has 30 rows; allowed: 25"):
         factor.backward(np.ones((30, m)), np.ones((5, m)))
+
+
+def on_face(elements: tuple[int, int, int], name: str) -> tuple[sp.csr_array, Index, Array]:
+    """Operator M + c K of a box, dofs of a face, and the elimination order with the face last in every part."""
+    mesh = box_mesh(np.zeros(3), np.asarray(elements, dtype=float), elements)
+    matrix = sp.csr_array(mass(Elements(mesh), 1.0) + 0.4 * stiffness(Elements(mesh), 1.0, 0.3))
+    nodes = np.unique(np.concatenate([face(mesh, part).nodes for part in name.split("+")]))
+    rank, parts = dissection(mesh)
+    late = np.isin(np.arange(mesh.n_node), nodes)
+    order = np.empty(mesh.n_node)
+    order[np.lexsort((rank, late, parts))] = np.arange(mesh.n_node)
+    return matrix, np.sort((3 * nodes[:, None] + np.arange(3)).ravel()), np.repeat(order, 3)
+
+
+NONE = np.zeros(0, dtype=np.int64)
+
+
+@pytest.mark.parametrize("name", ["zmin", "zmax", "xmin", "zmin+xmax"])
+@pytest.mark.parametrize(("kind", "close"), [(np.float64, 1e-13), (np.float32, 1e-5)], ids=["float64", "float32"])
+def test_solutions_on_a_face(name: str, kind: type, close: float) -> None:
+    """Loads and values on the face alone, through a part of the factor, against all of it; and its diagonal blocks."""
+    matrix, dofs, rank = on_face((7, 6, 4), name)
+    factor = CholeskyFactor(matrix, NONE, rank, kind, face=dofs)
+    assert factor.symbolic.face_entries < 0.9 * factor.panels.size
+    load = np.random.default_rng(3).normal(size=(len(dofs), 11))
+    for m in (1, 2, 3, 11):
+        whole = np.zeros((matrix.shape[0], m))
+        whole[dofs] = load[:, :m]
+        expected = factor.solve(whole)[dofs]
+        assert np.abs(factor.face_solve(load[:, :m]) - expected).max() <= 1e-13 * np.abs(expected).max()
+    unit = sp.csr_array(np.isin(np.arange(matrix.shape[0]), dofs)[:, None] * matrix.toarray())
+    pattern = sp.csr_array(unit[:, dofs] @ sp.csr_array(np.eye(matrix.shape[0])[dofs]))
+    inverse = np.linalg.inv(matrix.toarray())
+    entries = factor.face_inverse(pattern).tocoo()
+    assert entries.nnz > 3 * len(dofs)
+    wanted = inverse[entries.coords[0], entries.coords[1]]
+    assert np.abs(entries.data - wanted).max() <= close * np.abs(inverse).max()
+
+
+def test_a_face_without_an_order_of_its_own() -> None:
+    """Minimum degree, dofs without neighbours, and no face at all."""
+    matrix = scattered(120, 0.03, seed=4)
+    dofs = np.array([0, 5, 6, 50, 119])
+    factor = CholeskyFactor(matrix, NONE, face=dofs)
+    load = np.random.default_rng(1).normal(size=(5, 2))
+    expected = np.linalg.inv(matrix.toarray())[np.ix_(dofs, dofs)] @ load
+    np.testing.assert_allclose(factor.face_solve(load), expected, atol=1e-13)
+    assert CholeskyFactor(matrix, NONE).symbolic.face_entries == 0

@@ -118,7 +118,7 @@ def test_half_solves(m: int, single: bool) -> None:
     matrix, last = definite(60), np.array([3, 17, 44, 59])
     factor = CholeskyFactor(matrix, last)
     shape, loads, ends = factor.symbolic, RNG.normal(size=(60, m)), RNG.normal(size=(4, m))
-    pattern = (shape.first, shape.row_start, shape.rows, shape.panel_start)
+    pattern = (True, shape.first, shape.row_start, shape.rows, shape.panel_start, shape.face_start)
     panels = factor.panels.astype(np.float32) if single else factor.panels
     close = 1e-5 if single else 1e-13
     spare, out = np.full(SPARE * LANES, np.nan), np.full((60, m), np.nan)

@@ -1,0 +1,158 @@
+"""Cost of contact against the number of points of a face: two plates of m x m x h elements with friction.
+
+    python examples/large_faces.py [--quick] [-o FOLDER] [--dense]
+
+Aluminium on steel, elements of 1 mm, mu = 0.3, steps of 0.15 us (a wave passes 0.95 element), a half sine of pressure
+on top. Printed for every case, CPU time of one thread and peak memory of a process of its own:
+
+    set-up    both bodies, factors, diagonal of the compliance, seconds
+    march     milliseconds per instant, and over those of the same plates without contact between them
+    growth    exponent p in points^p from the case before
+
+With ``--dense`` also with dense matrices of the interfaces. Figure: cost against points.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import subprocess
+import sys
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+from example_tools import BLUE, VERMILION, options, save, tidy
+from matplotlib.figure import Figure
+
+import latin_fmu
+from latin_fmu.stability.scenes import ALUMINIUM, STEEL, Box, Description, column, half_sine
+
+CASES = ((24, 2), (40, 2), (70, 2), (40, 6))
+QUICK = ((8, 2), (12, 2))
+INSTANTS = 60
+ROUNDS = 2
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Cost of a case: points of the face, unknowns, set-up (s), march and contact-free march (s per instant),
+    iterations per instant, peak memory (bytes)."""
+
+    points: int
+    unknowns: int
+    set_up: float
+    march: float
+    free: float
+    iterations: float
+    peak: int
+
+    @property
+    def ratio(self) -> float:
+        """March over contact-free march."""
+        return self.march / self.free
+
+
+def plates(m: int, h: int, form: str, contact: bool = True) -> latin_fmu.Scene:
+    """Two plates of m x m x h elements; without ``contact`` they do not meet."""
+    size, elements = (1e-3 * m, 1e-3 * m, 1e-3 * h), (m, m, h)
+    tables: Description = column(
+        {"lower": Box(ALUMINIUM, size, elements), "upper": Box(STEEL, size, elements)},
+        {"crush": {"friction_coefficient": 0.3}},
+        {"end": 1.5e-7 * INSTANTS, "step": 1.5e-7, "scheme": "hht"},
+        load={"press": {"face": "upper.zmax", "pressure": 2e8, "law": half_sine(1e-5)}},
+        solver={"share_identical": False, "interface_operator": form},
+        output={"fields": False},
+    )
+    tables["boundary"] = {"base": {"type": "symmetry", "face": "lower.zmin"}}
+    for side in ("xmin", "ymin"):
+        tables["boundary"] |= {f"{b}_{side}": {"type": "symmetry", "face": f"{b}.{side}"} for b in ("lower", "upper")}
+    if not contact:
+        del tables["interface"]
+    return latin_fmu.scene_from_dict(tables)
+
+
+def measured(m: int, h: int, form: str) -> Cost:
+    """Cost of one case in this process: the better of ``ROUNDS`` marches with contact and without, in turn."""
+    runs: dict[bool, list[latin_fmu.Solution]] = {True: [], False: []}
+    peak = 0
+    for _ in range(ROUNDS):
+        for contact in (True, False):
+            runs[contact].append(latin_fmu.solve(plates(m, h, form, contact)))
+            peak = peak or 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    march, free = (min(s.timings.march for s in runs[contact]) / INSTANTS for contact in (True, False))
+    solution = runs[True][0]
+    return Cost(
+        (m + 1) ** 2,
+        6 * (m + 1) ** 2 * (h + 1),
+        min(s.timings.setup for s in runs[True]),
+        march,
+        free,
+        float(np.mean([w.iterations for w in solution.windows])),
+        peak,
+    )
+
+
+def in_a_process(m: int, h: int, form: str) -> Cost:
+    """The same in a process of its own, of one thread."""
+    environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    command = [sys.executable, __file__, "--case", str(m), str(h), form]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    return Cost(**json.loads(done.stdout.splitlines()[-1]))
+
+
+def line(cost: Cost, name: str, before: Cost | None) -> str:
+    """A line of the table."""
+    growth = ""
+    if before is not None and before.points < cost.points:
+        grown = np.log(cost.points / before.points)
+        exponents = [np.log(a / b) / grown for a, b in ((cost.set_up, before.set_up), (cost.march, before.march))]
+        growth = "  ".join(f"{p:4.2f}" for p in exponents)
+    return (
+        f"{name:>20} {cost.points:6d} {cost.unknowns:8d} {cost.set_up:7.2f} {1e3 * cost.march:8.2f} "
+        f"{1e3 * cost.free:8.2f} {cost.ratio:6.2f} {cost.iterations:5.2f} {cost.peak / 1e6:7.0f}  {growth}"
+    )
+
+
+def drawn(costs: dict[str, list[Cost]]) -> Figure:
+    """Figure of the cost against points."""
+    figure = Figure(figsize=(7.0, 3.2), layout="constrained")
+    march, set_up = figure.subplots(1, 2)
+    for (form, own), colour in zip(costs.items(), (BLUE, VERMILION), strict=False):
+        points = [c.points for c in own]
+        march.loglog(points, [1e3 * c.march for c in own], "o-", color=colour, label=form)
+        set_up.loglog(points, [c.set_up for c in own], "o-", color=colour, label=form)
+    first = next(iter(costs.values()))
+    march.loglog([c.points for c in first], [1e3 * c.free for c in first], "k:", label="without contact")
+    for axis, label in ((march, "CPU ms per instant"), (set_up, "CPU s of the set-up")):
+        axis.set_xlabel("points of the face")
+        axis.set_ylabel(label)
+        axis.legend(frameon=False)
+        tidy(axis)
+    return figure
+
+
+def main(argv: list[str] | None = None) -> dict[str, list[Cost]]:
+    """Print the table and draw the figure; the costs of the thin plates by form."""
+    arguments = sys.argv[1:] if argv is None else argv
+    if arguments[:1] == ["--case"]:
+        print(json.dumps(asdict(measured(int(arguments[1]), int(arguments[2]), arguments[3]))))
+        return {}
+    chosen = options([a for a in arguments if a != "--dense"], __doc__)
+    forms = ("exact", "dense") if "--dense" in arguments else ("exact",)
+    print(f"{'case':>20} points unknowns  set-up  ms/inst     free  ratio  iter peak MB  growth of set-up, march")
+    costs: dict[str, list[Cost]] = {form: [] for form in forms}
+    for form in forms:
+        for m, h in QUICK if chosen.quick else CASES:
+            own = costs[form]
+            cost = in_a_process(m, h, form)
+            print(line(cost, f"{m} x {m} x {h} {form}", own[-1] if own and h == 2 else None), flush=True)
+            if h == 2:
+                own.append(cost)
+    save(drawn(costs), Path(chosen.folder), "large_faces")
+    return costs
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,251 @@
+"""Substitution through the factor of a class: half solves of an instant, and interfaces without dense matrices.
+
+``forward`` and ``backward`` are the halves of the solution with the operator of the march. A class with dense matrices
+keeps its interface dofs for last, between the two. Of a ``swept`` class the factor holds all dofs, and solves with its
+interfaces are substitutions through the part of it next to them (``propagator.interface_sweeps``); with the tractions
+F_0 of the last instant as reference,
+
+    w_free    velocities of the channels under the loads and F_0
+    W = w_free + Y area (q - q_0),  q_0 = F_0 + k w_free      the linear stage, Y with the dashpots k in the factor
+    half_solution += L^-1 T^T area (F - F_0)                  before ``backward`` ends the instant
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..cholesky.substitution import LANES, SPARE, TILED, backward_one, backward_tile, forward_one, forward_tile
+from ..compiled import kernel
+from .matrices import add_spread, add_trace
+from .products import tile_width
+from .records import STATIC
+
+Array = NDArray[np.float64]
+
+ROUND_OFF = 1e-14
+"""Change of q, over its largest value, that counts as none."""
+
+
+@kernel
+def place_of(n: int, m: int, i: int, j: int) -> int:
+    """Place of entry i of member j among the vectors of ``substitute``."""
+    if m < TILED:
+        return n * j + i
+    return n * (j - j % LANES) + LANES * i + j % LANES
+
+
+@kernel
+def march_panels(pools: Any, c: int) -> int:
+    """Place of the factor with which the class is marched: without inertia that on the springs of the search
+    direction, where the interface dofs are not kept for last."""
+    row = pools.classes[c]
+    return int(row.k_panels if row.swept == 1 and row.kind == STATIC else row.panels)
+
+
+@kernel
+def gain_of(row: Any, run: Any) -> float:
+    """Velocities of the interface dofs per solution with the operator of the march."""
+    return float(1.0 / run.dt if row.kind == STATIC else run.interface_gain * run.traction_weight)
+
+
+@kernel
+def substitute(pools: Any, c: int, at: int, panels_at: int, backwards: bool, whole: bool) -> None:
+    """Forward or backward substitution of the vectors of all members in elimination order, in place: from ``at`` on,
+    one after the other or in tiles from TILED members on. Not ``whole``: for the face alone."""
+    row, work, numbers = pools.classes[c], pools.moving, pools.fixed_int
+    n, m, n_super = row.n, row.m, row.n_super
+    first, row_start = (
+        numbers[row.first : row.first + n_super + 1],
+        numbers[row.row_start : row.row_start + n_super + 1],
+    )
+    panel_start = numbers[row.panel_start : row.panel_start + n_super + 1]
+    face_start = numbers[row.face_start : row.face_start + (n_super if row.swept == 1 else 0)]
+    rows = numbers[row.rows : row.rows + row.n_rows]
+    panels = pools.fixed[panels_at : panels_at + (0 if row.single == 1 else row.n_panels)]
+    single = pools.fixed_single[panels_at : panels_at + (row.n_panels if row.single == 1 else 0)]
+    grouped = row.grouped == 1
+    if m < TILED:
+        for j in range(m):
+            x = work[at + n * j : at + n * (j + 1)]
+            if row.single == 1:
+                if backwards:
+                    backward_one(grouped, whole, first, row_start, rows, panel_start, face_start, single, x)
+                else:
+                    forward_one(grouped, whole, first, row_start, rows, panel_start, face_start, single, x)
+            elif backwards:
+                backward_one(grouped, whole, first, row_start, rows, panel_start, face_start, panels, x)
+            else:
+                forward_one(grouped, whole, first, row_start, rows, panel_start, face_start, panels, x)
+        return
+    tail = work[row.tile : row.tile + SPARE * LANES]
+    for start in range(0, m, LANES):
+        x = work[at + n * start : at + n * (start + LANES)]
+        if row.single == 1:
+            if backwards:
+                backward_tile(whole, first, row_start, rows, panel_start, face_start, single, x, tail)
+            else:
+                forward_tile(whole, first, row_start, rows, panel_start, face_start, single, x, tail)
+        elif backwards:
+            backward_tile(whole, first, row_start, rows, panel_start, face_start, panels, x, tail)
+        else:
+            forward_tile(whole, first, row_start, rows, panel_start, face_start, panels, x, tail)
+
+
+@kernel
+def forward(pools: Any, c: int) -> None:
+    """Forward substitution of the load: its interior part stays in ``half_solution`` (in tiles from TILED members on),
+    the interface part, where it is kept for last, goes to ``inner``."""
+    row, work = pools.classes[c], pools.moving
+    n, m, n_interior = row.n, row.m, row.n_interior
+    order = pools.fixed_int[row.order : row.order + n]
+    load, inner = work[row.load : row.load + n * m], work[row.inner : row.inner + row.n_inner * m]
+    x = work[row.half_solution : row.half_solution + n * tile_width(m)]
+    if m >= TILED:
+        x[:] = 0.0
+    for i in range(n):
+        for j in range(m):
+            x[place_of(n, m, i, j)] = load[order[i] * m + j]
+    substitute(pools, c, row.half_solution, march_panels(pools, c), False, True)
+    for i in range(n - n_interior):
+        for j in range(m):
+            inner[i * m + j] = x[place_of(n, m, n_interior + i, j)]
+
+
+@kernel
+def backward(pools: Any, c: int) -> None:
+    """Full solution in ``load`` from ``half_solution`` and, where the interface dofs are kept for last, their values in
+    ``inner_answer``."""
+    row, work = pools.classes[c], pools.moving
+    n, m, n_interior = row.n, row.m, row.n_interior
+    order = pools.fixed_int[row.order : row.order + n]
+    out, last = work[row.load : row.load + n * m], work[row.inner_answer : row.inner_answer + row.n_inner * m]
+    x = work[row.half_solution : row.half_solution + n * tile_width(m)]
+    for i in range(n - n_interior):
+        for j in range(m):
+            x[place_of(n, m, n_interior + i, j)] = last[i * m + j]
+    substitute(pools, c, row.half_solution, march_panels(pools, c), True, True)
+    for i in range(n):
+        for j in range(m):
+            out[order[i] * m + j] = x[place_of(n, m, i, j)]
+
+
+@kernel
+def to_face(pools: Any, c: int, values: Array) -> None:
+    """Values (g, m) on the interface dofs, zero elsewhere, into ``face_vector`` in elimination order."""
+    row, work = pools.classes[c], pools.moving
+    n, m = row.n, row.m
+    face = pools.fixed_int[row.face : row.face + row.n_inner]
+    x = work[row.face_vector : row.face_vector + n * tile_width(m)]
+    x[:] = 0.0
+    for i in range(row.n_inner):
+        for j in range(m):
+            x[place_of(n, m, face[i], j)] = values[i * m + j]
+
+
+@kernel
+def from_face(pools: Any, c: int, values: Array) -> None:
+    """Values (g, m) on the interface dofs from ``face_vector``."""
+    row = pools.classes[c]
+    n, m = row.n, row.m
+    face = pools.fixed_int[row.face : row.face + row.n_inner]
+    x = pools.moving[row.face_vector : row.face_vector + n * tile_width(m)]
+    for i in range(row.n_inner):
+        for j in range(m):
+            values[i * m + j] = x[place_of(n, m, face[i], j)]
+
+
+@kernel
+def add_reference(pools: Any, c: int) -> None:
+    """Add the tractions of the last instant, as the reference of the new ones, to the load of a swept class; none where
+    it rests, and without inertia."""
+    row, run, work = pools.classes[c], pools.run[0], pools.moving
+    m, n_inner, size = row.m, row.n_inner, row.n_channel * row.m
+    reference, nodal = work[row.reference : row.reference + size], work[row.channel : row.channel + size]
+    inner, load = work[row.inner : row.inner + n_inner * m], work[row.load : row.load + row.n * m]
+    reference[:] = 0.0
+    if work[row.passed] == 1.0 or row.kind == STATIC:
+        return
+    channels = pools.fixed_int[row.channels : row.channels + size]
+    area, dofs = pools.fixed[row.area : row.area + row.n_channel], pools.fixed_int[row.dofs : row.dofs + n_inner]
+    f_hat, weight = work[run.f_hat : run.f_hat + run.n_flat], run.traction_weight
+    for i in range(row.n_channel):
+        for j in range(m):
+            at = i * m + j
+            reference[at] = f_hat[channels[at]]
+            nodal[at] = weight * area[i] * reference[at]
+    inner[:] = 0.0
+    add_spread(pools, c, nodal, inner)
+    for i in range(n_inner):
+        for j in range(m):
+            load[dofs[i] * m + j] += inner[i * m + j]
+
+
+@kernel
+def swept_response(pools: Any, c: int, q: Array, w: Array) -> None:
+    """``linear_response`` by substitution on the face with the factor that has the dashpots k on the interfaces. With
+    the reference F_0 among the loads, w_free is the velocity under these tractions, W = w_free + Y area (q - q_0) with
+    q_0 = F_0 + k w_free, and W = w_free for q_0 itself, the first guess of an instant."""
+    row, run, work = pools.classes[c], pools.run[0], pools.moving
+    m, n_inner, size = row.m, row.n_inner, row.n_channel * row.m
+    channels = pools.fixed_int[row.channels : row.channels + size]
+    area, k = pools.fixed[row.area : row.area + row.n_channel], pools.fixed[row.k : row.k + row.n_channel]
+    w_free, damped = work[row.w_free : row.w_free + size], work[row.w_damped : row.w_damped + size]
+    incoming, answer = work[row.channel : row.channel + size], work[row.answer : row.answer + size]
+    inner = work[row.inner : row.inner + n_inner * m]
+    reference, largest, apart = work[row.reference : row.reference + size], 0.0, 0.0
+    gain = gain_of(row, run)
+    for i in range(row.n_channel):
+        for j in range(m):
+            at = i * m + j
+            now = q[channels[at]]
+            change = now - reference[at] - k[i] * damped[at]
+            largest, apart = max(largest, abs(now)), max(apart, abs(change))
+            incoming[at] = gain * area[i] * change
+            answer[at] = w_free[at]
+    if apart <= ROUND_OFF * largest:
+        for at in range(size):
+            w[channels[at]] = answer[at]
+        return
+    inner[:] = 0.0
+    add_spread(pools, c, incoming, inner)
+    to_face(pools, c, inner)
+    substitute(pools, c, row.face_vector, row.k_panels, False, False)
+    substitute(pools, c, row.face_vector, row.k_panels, True, False)
+    from_face(pools, c, inner)
+    add_trace(pools, c, inner, answer, False)
+    for at in range(size):
+        w[channels[at]] = answer[at]
+
+
+@kernel
+def add_on_face(pools: Any, c: int, forces: Array) -> None:
+    """Add the forward substitution of forces (g, m) on the interface dofs to ``half_solution``."""
+    row, work = pools.classes[c], pools.moving
+    to_face(pools, c, forces)
+    substitute(pools, c, row.face_vector, march_panels(pools, c), False, False)
+    size = row.n * tile_width(row.m)
+    half, vector = work[row.half_solution : row.half_solution + size], work[row.face_vector : row.face_vector + size]
+    for i in range(size):
+        half[i] += vector[i]
+
+
+@kernel
+def forward_on_face(pools: Any, c: int, x: Array, tail: Array) -> None:
+    """Forward substitution of a tile on the face with the factor without dashpots."""
+    row, numbers = pools.classes[c], pools.fixed_int
+    n_super = row.n_super
+    first, row_start, panel_start = (
+        numbers[row.first : row.first + n_super + 1],
+        numbers[row.row_start : row.row_start + n_super + 1],
+        numbers[row.panel_start : row.panel_start + n_super + 1],
+    )
+    face_start, rows = numbers[row.face_start : row.face_start + n_super], numbers[row.rows : row.rows + row.n_rows]
+    if row.single == 1:
+        panels = pools.fixed_single[row.panels : row.panels + row.n_panels]
+        forward_tile(False, first, row_start, rows, panel_start, face_start, panels, x, tail)
+    else:
+        numbers_of = pools.fixed[row.panels : row.panels + row.n_panels]
+        forward_tile(False, first, row_start, rows, panel_start, face_start, numbers_of, x, tail)

@@ -1,0 +1,272 @@
+"""Interfaces of a substructure without dense matrices: substitution through the part of the factor above the interface.
+
+The dense form of an interface is that of its Schur complement S, which is full where the interface dofs are eliminated
+last. In nested dissection of *all* dofs the factor of the operator A of the march is small, and it serves the interface
+exactly: (A^-1) on the interface dofs is S^-1, so that with the trace T and the gain g of the time scheme
+
+    C = g T A^-1 T^T,        Y = g T A_k^-1 T^T,    A_k = A + g T^T diag(a k) T,
+
+where the dashpots a k change blocks of the interface alone. A load on the interface enters, and its solution leaves,
+through the columns of the elimination tree that interface nodes are in or below. Interface nodes come last in the
+leaves and separators of the dissection, so that a pair of such substitutions reads two thirds to three quarters of the
+factor of a thin plate, and a quarter of that of a body with one small face.
+
+Both factors have one pattern. The diagonal of C comes from the entries of A^-1 on it (``cholesky.selected_inverse``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import copy
+from typing import Any, Final, Literal
+
+import numpy as np
+import scipy.sparse as sp
+
+from ..cholesky.factor import CholeskyFactor
+from ..cholesky.numeric import mirror
+from ..cholesky.symbolic import Pattern, Symbolic, shared_analysis
+from ..compiled import COMPILES
+from .model import Array, Index, OperatorPattern, SubstructureModel, with_data
+
+Form = Literal["automatic", "dense", "exact"]
+"""How interfaces are solved with: by dense matrices, by substitution (exact too), or by what costs less."""
+
+NONE = np.zeros(0, dtype=np.int64)
+_SMALL: Final = 1200
+"""Channels of a substructure below which dense matrices are taken without comparison: 400 points with friction."""
+SET_UP: Final = 4.0
+"""Multiplications of both factors and of the diagonal of C, over those of one factor."""
+_SMALL_STATIC: Final = 4000
+"""The same without inertia, where Newton steps take a dense matrix in either case."""
+_INSTANTS, _ITERATIONS = 500.0, 4.0  # of the march that the two forms are compared in
+_FLOP, _ENTRY = 3.5e-11, 1.8e-10  # CPU time of a multiplication, and of an entry that is read, s
+_STILL = 1e-12  # compliances below this share of the largest are round-off of held directions
+_COLUMNS = 128  # solved at a time
+_ENOUGH, _MOST = 1e-4, 200  # residual and iterations of the conjugate gradients of a resistance
+
+
+def in_form(members: Sequence[SubstructureModel], form: Form) -> list[SubstructureModel]:
+    """Identical substructures, with sweeps where the form is "exact", or where that costs less than dense matrices."""
+    return [m.with_sweeps() for m in members] if takes_sweeps(members[0], form) else list(members)
+
+
+def takes_sweeps(model: SubstructureModel, form: Form) -> bool:
+    """Whether the interfaces of a directly marched model are solved with by substitution.
+
+    Per instant dense matrices are read g^2 + 2.75 c^2 entries (g interface dofs, c channels), and take about 4 c^3
+    multiplications to make; the substitutions of four iterations read the part of the factor for the interface twelve
+    times. Compared over a march of 500 instants.
+    """
+    channels = model.channel_area.size
+    if not COMPILES or form == "dense" or model.nodal is not None or model.factor == "cg" or not channels:
+        return False
+    if form == "exact":
+        return True
+    if channels < (_SMALL if model.mass is not None else _SMALL_STATIC):
+        return False
+    g, c = float(len(model.at_interface[0])), float(channels)
+    dense = _INSTANTS * _ENTRY * (g**2 + (0.75 + 0.5 * _ITERATIONS) * c**2) + _FLOP * 4.0 * c**3
+    shape = swept_shape(model)
+    return swept_entries(shape, _ITERATIONS) * _INSTANTS * _ENTRY + _FLOP * flops(shape) * SET_UP < dense
+
+
+def swept_shape(model: SubstructureModel) -> Symbolic:
+    """Pattern of the factor of a model whose interfaces are solved with by substitution."""
+    return DashpotPattern(model).symbolic
+
+
+def swept_entries(shape: Symbolic, iterations: float) -> float:
+    """Entries that the substitutions of an instant on the interfaces read: two of the march, two per iteration, and
+    those of the force residual, eight vectors at a time."""
+    return (4.0 + 2.0 * iterations) * shape.face_entries
+
+
+def flops(shape: Symbolic) -> float:
+    """Multiplications of a factorisation."""
+    width, below = np.diff(shape.first).astype(float), np.diff(shape.row_start).astype(float)
+    return float((width**3 / 3 + width**2 * below + width * below**2).sum())
+
+
+class InterfaceCompliance:
+    """C of the module docstring: velocities of the channels per nodal force on them, m s-1 N-1.
+
+    Parameters
+    ----------
+    factor : of A, with the interface dofs as its face. dofs : these. trace : (n_channel, n_gamma) from them to the
+    channels. gain : velocities per solution with A. pattern : (n, n) of T^T T.
+    """
+
+    def __init__(
+        self, factor: CholeskyFactor, dofs: Index, trace: sp.csr_array, gain: float, pattern: sp.csr_array
+    ) -> None:
+        self.factor, self._trace, self.gain = factor, trace, gain
+        inverse = factor.face_inverse(pattern)[dofs][:, dofs]
+        self._diagonal: Array = gain * np.asarray((trace @ inverse).multiply(trace).sum(axis=1)).ravel()
+
+    def diagonal(self) -> Array:
+        """Entries (n_channel,) of the diagonal."""
+        return self._diagonal
+
+    def __matmul__(self, force: Array) -> Array:
+        """Velocities (n_channel,) or (n_channel, m) under nodal forces on the channels."""
+        return applied(self.factor, self._trace, self.gain, force)
+
+    def dense(self) -> Array:
+        """All entries (n_channel, n_channel), symmetric to the last bit."""
+        return all_columns(self.factor, self._trace, self.gain)
+
+    def __mul__(self, factor: float) -> InterfaceCompliance:
+        """The same for another length of increment without inertia."""
+        other = copy(self)
+        other.gain, other._diagonal = factor * self.gain, factor * self._diagonal
+        return other
+
+    def resistance(self, rows: Index) -> float:
+        """1^T C^-1 1 of the rows that can move, by conjugate gradients; see ``interface_matrices.resistance``."""
+        moving = rows[self._diagonal[rows] > _STILL * self._diagonal.max(initial=0.0)]
+        x, rest = np.zeros(len(moving)), np.ones(len(moving))
+        direction, size, full = np.zeros(len(moving)), 0.0, np.zeros(len(self._diagonal))
+        for _ in range(_MOST):
+            if not np.linalg.norm(rest) > _ENOUGH * np.sqrt(len(moving)):
+                break
+            scaled = rest / self._diagonal[moving]
+            last, size = size, float(rest @ scaled)
+            direction = scaled + (size / last * direction if last else 0.0)
+            full[moving] = direction
+            image = (self @ full)[moving]
+            step = size / float(direction @ image)
+            x += step * direction
+            rest -= step * image
+        return float(x.sum())
+
+
+def face_stiffness(stiffness: sp.csr_array, dofs: Index, trace: sp.csr_array) -> Array:
+    """Stiffness (n_channel,) at each channel with the others held, N m-1: an upper bound, with the inside free where it
+    touches the dofs of the channel."""
+    inside = np.ones(stiffness.shape[0], dtype=bool)
+    inside[dofs] = False
+    own, known = np.zeros(trace.shape[0]), dict[bytes, Array]()
+    for i in range(trace.shape[0]):
+        part = slice(trace.indptr[i], trace.indptr[i + 1])
+        touched, weights = dofs[trace.indices[part]], trace.data[part]
+        if not len(touched):
+            continue
+        key = touched.tobytes()
+        if key not in known:
+            rows = stiffness[touched]
+            near = np.unique(rows.indices)
+            near = near[inside[near]]
+            coupling = rows[:, near].toarray()
+            block = rows[:, touched].toarray()
+            if len(near):
+                block -= coupling @ np.linalg.solve(stiffness[near][:, near].toarray(), coupling.T)
+            known = {key: block}  # the components of a point follow each other
+        own[i] = weights @ known[key] @ weights
+    return own
+
+
+class MassCompliance:
+    """T M^-1 T^T: accelerations of the channels per nodal force on them at t = 0, kg-1.
+
+    Parameters
+    ----------
+    factor : solver with M. operators : of the class.
+    """
+
+    def __init__(self, factor: Any, operators: Any) -> None:
+        self._factor, self._operators = factor, operators
+
+    def diagonal(self) -> Array:
+        """Estimate (n_channel,) of the diagonal, from that of M."""
+        ops = self._operators
+        inverse = 1.0 / np.maximum(ops.mass.diagonal()[ops.dofs], np.finfo(float).tiny)
+        return np.asarray(ops.trace.multiply(ops.trace) @ inverse)
+
+    def __matmul__(self, force: Array) -> Array:
+        """Accelerations (n_channel,) or (n_channel, m) under nodal forces on the channels."""
+        ops, columns = self._operators, force.reshape(len(force), -1)
+        spread = np.zeros((ops.mass.shape[0], columns.shape[1]))
+        spread[ops.dofs] = ops.spread @ columns
+        answer: Array = ops.trace @ self._factor.solve(spread)[ops.dofs]
+        return answer.reshape(force.shape)
+
+
+def applied(factor: CholeskyFactor, trace: sp.csr_array, gain: float, force: Array) -> Array:
+    """``gain`` T A^-1 T^T times forces (n_channel,) or (n_channel, m), A of the factor."""
+    columns = force.reshape(len(force), -1)
+    answer: Array = gain * (trace @ factor.face_solve(np.asarray(trace.T @ columns)))
+    return answer.reshape(force.shape)
+
+
+def all_columns(factor: CholeskyFactor, trace: sp.csr_array, gain: float) -> Array:
+    """``gain`` T A^-1 T^T with all its entries, (n_channel, n_channel), symmetric to the last bit."""
+    n = trace.shape[0]
+    out = np.empty((n, n))
+    for start in range(0, n, _COLUMNS):
+        part = slice(start, min(start + _COLUMNS, n))
+        out[:, part] = gain * (trace @ factor.face_solve(trace[part].T.toarray()))
+    mirror(out)
+    return out
+
+
+class DashpotPattern:
+    """Pattern of A with T^T diag(.) T on it, and the sums of matrices on it, for one model.
+
+    Attributes
+    ----------
+    rank : (n,) elimination order, interface nodes last in their parts, or None. on_interface : (n, n) pattern of T^T T.
+    """
+
+    def __init__(self, model: SubstructureModel) -> None:
+        if model.mass is None:
+            matrices = [model.reduced_stiffness]
+        else:
+            mass, damping, stiffness = model.reduced
+            matrices = [mass, stiffness] if damping is None else [mass, stiffness, damping]
+        self._matrices = matrices
+        self._trace = model.reduced_trace
+        size = sp.csr_array((np.ones(self._trace.nnz), self._trace.indices, self._trace.indptr), self._trace.shape)
+        self.on_interface = sp.csr_array(size.T @ size)  # as entries of T^T T may cancel
+        self.on_interface.sort_indices()
+        self._numbers = with_data(self.on_interface, np.arange(1.0, self.on_interface.nnz + 1))
+        self._pattern = OperatorPattern([*matrices, self.on_interface])
+        self._dofs, _, rank = model.at_interface
+        self.rank = None if rank is None else interface_last(rank, model.reduced_parts, self._dofs)
+
+    @property
+    def symbolic(self) -> Symbolic:
+        """Pattern of the factor, interface dofs its face."""
+        some = self.sum([1.0] * len(self._matrices))
+        return shared_analysis(Pattern(some, NONE, self.rank, self._dofs))
+
+    def factor(self, factors: Sequence[float], dashpots: Array, dtype: Any) -> CholeskyFactor:
+        """Factor of ``sum``, interface dofs its face."""
+        matrix = self.sum(factors, dashpots)
+        return CholeskyFactor(matrix, NONE, dtype=np.dtype(dtype), symbolic=self.symbolic, face=self._dofs)
+
+    def sum(self, factors: Sequence[float], dashpots: Array | None = None) -> sp.csr_array:
+        """Sum of factors times M, K and C, where there are (without inertia K alone), plus T^T diag(``dashpots``) T for
+        (n_channel,) numbers."""
+        values = np.zeros(self.on_interface.nnz)
+        if dashpots is not None:
+            part = sp.csr_array(self._trace.T @ sp.diags_array(dashpots) @ self._trace)
+            part.sort_indices()
+            at = self._numbers.multiply(with_data(part, np.ones(part.nnz))).tocsr()
+            at.sort_indices()
+            values[at.data.astype(np.int64) - 1] = part.data
+        return self._pattern.sum([*factors, 1.0], [*self._matrices, with_data(self.on_interface, values)])
+
+
+def interface_last(rank: Array, parts: Array | None, dofs: Index) -> Array:
+    """Elimination order (n,) with the nodes of the interface ``dofs`` last among those of equal ``parts``; dofs of a
+    node have equal ranks, before and after."""
+    if parts is None:
+        return rank
+    values, first, node = np.unique(rank, return_index=True, return_inverse=True)
+    late = np.zeros(len(values), dtype=bool)
+    late[node[dofs]] = True
+    turned = np.empty(len(values))
+    turned[np.lexsort((values, late, parts[first]))] = np.arange(len(values))
+    order: Array = turned[node]
+    return order

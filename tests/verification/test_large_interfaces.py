@@ -1,0 +1,221 @@
+"""Interfaces solved with by substitution against dense matrices: equal answers, whatever a scene has in it."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+import latin_fmu
+from latin_fmu.assembly.build import discretise
+from latin_fmu.assembly.segments import SegmentedRun
+from latin_fmu.compiled import COMPILES, PLAIN
+from latin_fmu.effects.cost import Prediction
+from latin_fmu.effects.explanation import choices
+from latin_fmu.errors import SceneError
+from latin_fmu.stability.scenes import ALUMINIUM, STEEL, Box, column, half_sine
+
+pytestmark = pytest.mark.skipif(not COMPILES or PLAIN, reason="the factor and the kernels are not compiled")
+
+Tables = dict[str, Any]
+TIGHT = {"tolerance": 1e-11, "force_tolerance": 1e-11, "max_iterations": 900, "newton": False}
+
+
+def stack(n: int = 3, instants: int = 24, time: Tables | None = None, **solver: Any) -> Tables:
+    """Blocks pressed and sheared on moving ground; those of one material are members of a class."""
+    names = [f"b{i}" for i in range(n)]
+    box = Box(STEEL, (0.01,) * 3, (3, 2, 2))
+    soft = Box(ALUMINIUM, (0.01,) * 3, (3, 2, 2))
+    tables = column(
+        {name: soft if i == 0 else box for i, name in enumerate(names)},
+        {f"i{i}": {"friction_coefficient": 0.3} for i in range(n - 1)},
+        time or {"end": 5e-6, "instants": instants, "scheme": "hht"},
+        load={
+            "press": {"face": f"{names[-1]}.zmax", "pressure": 2e8, "law": half_sine(5e-6)},
+            "shear": {"face": f"{names[-1]}.zmax", "traction": [3e7, 1e7, 0.0], "law": {"type": "step"}},
+        },
+        solver={**TIGHT, **solver},
+        output={"fields": True, "energy": True},
+    )
+    floor = {"sides": ["b0.zmin", "ground"], "friction_coefficient": 0.3}
+    tables["interface"] = {"floor": floor, **tables["interface"]}
+    return tables
+
+
+def plain(_: Tables) -> None:
+    """Three blocks on the ground, two of one class."""
+
+
+def many_members(tables: Tables) -> None:
+    """Four members of a class, each between two interfaces: tiles of eight vectors."""
+    tables.clear()
+    tables.update(stack(6))
+
+
+def non_matching(tables: Tables) -> None:
+    tables["substructure"]["b2"]["box"]["elements"] = [2, 3, 2]
+
+
+def damped(tables: Tables) -> None:
+    for material in tables["material"].values():
+        material |= {"rayleigh_mass": 1e3, "rayleigh_stiffness": 1e-8}
+    tables["boundary"] = {"quiet": {"type": "absorbing", "face": "b2.xmax"}}
+
+
+def driven(tables: Tables) -> None:
+    tables["boundary"] = {
+        "drive": {
+            "type": "velocity",
+            "face": "b0.xmin",
+            "components": ["x"],
+            "value": [2.0],
+            "law": {"type": "half_sine", "duration": 3e-6},
+        },
+        "held": {"type": "symmetry", "face": "b2.ymin"},
+    }
+
+
+def thrown(tables: Tables) -> None:
+    tables["time"].pop("scheme")
+    tables["substructure"]["b2"]["initial_velocity"] = [1.0, 0.0, -5.0]
+    tables["interface"]["i1"]["gap"] = 2e-6
+
+
+def bonded(tables: Tables) -> None:
+    tables["interface"]["i0"] = {"sides": tables["interface"]["i0"]["sides"], "behaviour": "perfect"}
+
+
+def all_bonded(tables: Tables) -> None:
+    for name, interface in tables["interface"].items():
+        tables["interface"][name] = {"sides": interface["sides"], "behaviour": "perfect"}
+    tables["solver"]["bonds"] = "iterate"
+
+
+def windows_of_six(tables: Tables) -> None:
+    tables["solver"] |= {"window": 6, "tolerance": 1e-9, "force_tolerance": 1e-9}
+
+
+def long_steps(tables: Tables) -> None:
+    tables["time"] = {"end": 1e-4, "instants": 10, "scheme": "hht"}
+
+
+def single_precision(tables: Tables) -> None:
+    tables["solver"] |= {"precision": "float32", "tolerance": 1e-6, "force_tolerance": 1e-6}
+
+
+LIMITS = {single_precision: 1e-4, windows_of_six: 1e-7}
+CASES = [
+    plain,
+    many_members,
+    non_matching,
+    damped,
+    driven,
+    thrown,
+    bonded,
+    all_bonded,
+    windows_of_six,
+    long_steps,
+    single_precision,
+]
+
+
+def solved(tables: Tables, form: str) -> latin_fmu.Solution:
+    """Solution with one form of the interfaces."""
+    tables = copy.deepcopy(tables)
+    tables["solver"]["interface_operator"] = form
+    return latin_fmu.solve(latin_fmu.scene_from_dict(tables))
+
+
+def apart(first: latin_fmu.Solution, second: latin_fmu.Solution, name: str) -> float:
+    """Largest relative difference of a field of the interfaces, over the largest value of all."""
+    trees = first.to_datatree(), second.to_datatree()
+    pairs = [[tree[f"interfaces/{i}"][name].to_numpy() for tree in trees] for i in first.interfaces]
+    scale = max(float(np.abs(b).max()) for _, b in pairs)
+    return max(float(np.abs(a - b).max()) for a, b in pairs) / scale
+
+
+@pytest.mark.parametrize("change", CASES, ids=lambda change: change.__name__)
+def test_equal_answers(change: Callable[[Tables], None]) -> None:
+    tables = stack()
+    change(tables)
+    exact, dense = solved(tables, "exact"), solved(tables, "dense")
+    assert exact.converged
+    assert dense.converged
+    limit = LIMITS.get(change, 1e-9)
+    assert apart(exact, dense, "traction") < limit
+    assert apart(exact, dense, "velocity") < limit
+    assert exact.energy is not None
+    assert dense.energy is not None
+
+
+def test_quasi_static() -> None:
+    """Pressed and sheared without inertia, bodies that float at first; with and without Newton steps."""
+    for newton in (False, True):
+        tables = stack(time={"end": 1.0, "instants": 6, "quasi_static": True})
+        tables["solver"] |= {"tolerance": 1e-9, "force_tolerance": 1e-9, "newton": newton}
+        tables["load"]["press"]["law"] = {"type": "step"}
+        tables["load"]["shear"] |= {"traction": [2e7, 5e6, 0.0], "law": half_sine(1.5)}
+        tables["output"]["energy"] = False
+        exact, dense = solved(tables, "exact"), solved(tables, "dense")
+        assert exact.converged
+        assert dense.converged
+        assert apart(exact, dense, "traction") < 1e-6
+
+
+def test_static_start() -> None:
+    """Motion from an equilibrium with tractions, which are the first reference."""
+    tables = stack()
+    tables["load"]["press"]["law"] = {"type": "step"}
+    del tables["load"]["shear"]
+    tables["time"]["start"] = {"type": "static"}
+    exact, dense = solved(tables, "exact"), solved(tables, "dense")
+    assert apart(exact, dense, "traction") < 1e-6
+
+
+def test_segments_and_snapshots() -> None:
+    """A run in two segments, the second one repeated from a snapshot: the same to the last bit."""
+    tables = stack()
+    tables["solver"] |= {"interface_operator": "exact", "tolerance": 1e-4, "force_tolerance": 1e-3}
+    scene = latin_fmu.scene_from_dict(tables)
+    run = SegmentedRun(scene)
+    run.advance(scene.time.end / 3, 8)
+    snapshot = run.snapshot()
+    first = run.advance(scene.time.end, 16)
+    run.restore(snapshot)
+    again = run.advance(scene.time.end, 16)
+    for name in first.interfaces:
+        np.testing.assert_array_equal(first.interfaces[name].traction, again.interfaces[name].traction)
+
+
+def plates(m: int, **solver: Any) -> latin_fmu.Scene:
+    """Two plates of m x m x 2 elements."""
+    box = Box(STEEL, (1e-3 * m, 1e-3 * m, 2e-3), (m, m, 2))
+    tables = column(
+        {"lower": box, "upper": box},
+        {"crush": {"friction_coefficient": 0.3}},
+        {"end": 1.5e-6, "instants": 10, "scheme": "hht"},
+        load={"press": {"face": "upper.zmax", "pressure": 2e8, "law": half_sine(1e-5)}},
+        solver={"share_identical": False, **solver},
+    )
+    return latin_fmu.scene_from_dict(tables)
+
+
+def test_the_form_is_chosen_by_cost_and_told() -> None:
+    told = [choices(Prediction(discretise(plates(m))))["interfaces"] for m in (8, 24)]
+    assert told[0] == "dense matrices"
+    assert told[1].startswith("exact, by substitution through at most")
+    assert told[1].endswith("in lower, upper")
+    forced = choices(Prediction(discretise(plates(8, interface_operator="exact"))))["interfaces"]
+    assert forced.startswith("exact")
+    large = [Prediction(discretise(plates(24, interface_operator=form))) for form in ("exact", "dense")]
+    assert large[0].memory < large[1].memory
+    assert large[0].operators < large[1].operators
+
+
+@pytest.mark.parametrize("propagator", ["explicit", "reduced", "cg"])
+def test_refused_without_a_factor_of_all_dofs(propagator: str) -> None:
+    with pytest.raises(SceneError, match=r"solver\.interface_operator.*only the direct propagator has"):
+        plates(4, interface_operator="exact", propagator=propagator)
