@@ -18,7 +18,7 @@ import scipy.linalg as la
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from ..errors import Problems, SceneError
+from ..errors import Problem, Problems, SceneError
 from ..fem.elements import RigidBody, rigid_modes
 from ..fem.faces import changes_basis, consistent_dashpots, lumped_dashpots
 from ..fem.mesh import Array, Index, nearest
@@ -311,14 +311,10 @@ def _with_rigid_faces(body: Body, nodal: Conditions, problems: Problems) -> Cond
         nodes = body.facets(face).nodes
         dofs = (3 * nodes[:, None] + np.arange(3)).ravel()
         rows = sp.csr_array(expansion[dofs])
-        busy = taken[dofs].any() or nodal.pattern[dofs].any() or (copies[rows.indices] > 1).any()
-        if busy:
-            problems.add(
-                "coupling",
-                "a rigid face shares nodes with another rigid face, a driven face or a periodic one",
-                f"{body.name}.{face}",
-                remedy="leave rigid out for this face: a distributing coupling may share nodes",
-            )
+        if taken[dofs].any() or nodal.pattern[dofs].any() or (copies[rows.indices] > 1).any():
+            what = "a rigid face shares nodes with another rigid face, a driven face or a periodic one"
+            remedy = "leave rigid out for this face: a distributing coupling may share nodes"
+            problems.add("coupling", what, f"{body.name}.{face}", remedy=remedy)
             continue
         taken[dofs] = True
         places = body.mesh.nodes[nodes]
@@ -355,13 +351,9 @@ def supports(
         dofs = (3 * body.face(face).nodes[:, None] + components).ravel()
         dofs = dofs[~taken[body.name][dofs]]
         if np.isin(dofs // 3, body.rigid_nodes).any():
-            raise SceneError.of(
-                "the scene cannot be built",
-                "output.reactions",
-                f"boundary {name} holds nodes of a face that a coupling makes rigid: its force is not told from those "
-                "that keep the face rigid",
-                remedy="leave output.reactions out, or rigid",
-            )
+            what = f"boundary {name} holds nodes of a face that a coupling makes rigid, which carry its forces, too"
+            problem = Problem("output.reactions", what, remedy="leave output.reactions out, or rigid")
+            raise SceneError([problem], "the scene cannot be built")
         taken[body.name][dofs] = True
         if len(dofs):
             supported[name] = Support(body.name, boundary.face, dofs, models[body.name])
