@@ -11,7 +11,7 @@ Rules
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -134,3 +134,59 @@ class TimeScheme(Protocol):
     def inertia_drift(self, dt: float) -> float:
         """Factor of (v_old + v_new)/2 . M (a_new - a_old) in the energy identity, s."""
         return 0.0
+
+
+def coefficients(scheme: Any, dt: float) -> dict[str, float]:
+    """Numbers of ``kernels.records.RUN_NUMBERS`` that belong to a time scheme and a step: the factors of its linear recursions,
+    which are the values of its own functions for unit arguments."""
+    nothing, (first, second, third) = np.zeros(3), np.eye(3)
+    # half of an explicit step is made before the forces are known, half after
+    late = 0.5 * dt if scheme.explicit else 0.0
+    u, v = scheme.predict(nothing, first, second, dt)
+    w = scheme.interface_velocity(first, second, third, dt)
+    layer, span = scheme.layer_jump(nothing, first, second, dt)
+    opening, rate = scheme.advance_opening(nothing, first, second, third, dt)
+    forces, accelerations = scheme.energy_weights()
+    tractions = scheme.traction_weights()
+    mass_old, force_old = scheme.old_weights
+    numbers = {
+        "dt": dt,
+        "u_v": u[0] - late,
+        "u_a": u[1],
+        "v_a": v[1],
+        "velocity_gain": scheme.velocity_gain(dt),
+        "displacement_gain": scheme.displacement_gain(dt),
+        "interface_gain": scheme.interface_gain(dt),
+        "force_weight": scheme.force_weight,
+        "memory_weight": scheme.memory_weight,
+        "mass_weight": scheme.operator(dt)[0],
+        "mass_old": mass_old,
+        "force_old": force_old,
+        "traction_weight": scheme.traction_weight,
+        "w_u_old": w[0],
+        "w_u": w[1],
+        "w_v": w[2],
+        "u_late": late,
+        "gap_offset": scheme.gap_offset(dt),
+        "layer_v": layer[0],
+        "layer_a": layer[1],
+        "layer_rate": 1 / span,
+        "opening_v": opening[0],
+        "opening_a": opening[1],
+        "opening_new": opening[2],
+        "rate_v": rate[0],
+        "rate_a": rate[1],
+        "rate_new": rate[2],
+        "energy_before": forces[0],
+        "energy_old": forces[1],
+        "energy_new": forces[2],
+        "traction_before": tractions[0],
+        "traction_old": tractions[1],
+        "traction_new": tractions[2],
+        "energy_a_old": accelerations[0],
+        "energy_a_new": accelerations[1],
+        "inertia_dissipation": scheme.inertia_dissipation(dt),
+        "inertia_drift": scheme.inertia_drift(dt),
+        "one_step": float(scheme.one_step_energy),
+    }
+    return {name: float(value) for name, value in numbers.items()}
