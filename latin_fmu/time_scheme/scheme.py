@@ -137,8 +137,8 @@ class TimeScheme(Protocol):
 
 
 def coefficients(scheme: Any, dt: float) -> dict[str, float]:
-    """Numbers of ``kernels.records.RUN_NUMBERS`` that belong to a time scheme and a step: the factors of its linear recursions,
-    which are the values of its own functions for unit arguments."""
+    """Numbers of ``kernels.records.RUN_NUMBERS`` that belong to a time scheme and a step: the factors of its linear
+    recursions, which are the values of its own functions for unit arguments."""
     nothing, (first, second, third) = np.zeros(3), np.eye(3)
     # half of an explicit step is made before the forces are known, half after
     late = 0.5 * dt if scheme.explicit else 0.0
