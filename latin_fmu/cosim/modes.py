@@ -23,7 +23,7 @@ from ..latin.windows import Run
 from ..machine import one_thread
 from ..scene.schema import Scene
 from .loads import Loads
-from .outputs import InterfaceSeries, impulses, output_rows, series_of
+from .outputs import InterfaceSeries, faces_of, impulses, output_rows, series_of
 from .settings import MAX_INSTANTS, SHORTEST, Settings, StepReport, refused
 from .step_history import INTERFACE_FIELDS
 from .variable import variable_of
@@ -48,7 +48,7 @@ class Windowed:
         self.row = np.zeros(0)
         self.time = np.zeros(1)
         self._interfaces: dict[str, InterfaceHistory] | None = {}  # None: those of the segment
-        self._faces: dict[str, tuple[Array, Array]] = {}  # areas and normals by interface
+        self._faces: dict[str, tuple[Array, Array, Array]] = {}  # ``faces_of`` each interface
         self.segment: Segment | None = None
 
     @property
@@ -72,7 +72,7 @@ class Windowed:
         with one_thread():
             Run(assembly, problem.settings, recorder, Timings())
         self._interfaces = recorder.interfaces()
-        self._faces = {name: (history.areas, history.normals) for name, history in self.interfaces.items()}
+        self._faces = {name: faces_of(history) for name, history in self.interfaces.items()}
         self.time, self.segment = np.zeros(1), None
         self._impulse = np.zeros_like(self._impulse)
         series, sensors = series_of(self.interfaces), recorder.sensors(assembly)

@@ -32,9 +32,9 @@ class InterfaceSeries:
     shares: Array | None
 
     @classmethod
-    def of(cls, fields: PointFields, areas: Array, normals: Array) -> InterfaceSeries:
-        """Resultants of fields at points with these areas (n_point,) and normals (n_point, 3)."""
-        share = areas / areas.sum()
+    def of(cls, fields: PointFields, areas: Array, share: Array, normals: Array) -> InterfaceSeries:
+        """Resultants of fields at points with these areas, their shares of the whole area (n_point,), and normals
+        (n_point, 3)."""
         gap = smallest = shares = None
         if fields.gap is not None:
             gap, smallest = fields.gap @ share, fields.gap.min(axis=1)
@@ -105,7 +105,12 @@ def _at_points(history: InterfaceHistory, quantity: str) -> Any:
 
 def series_of(interfaces: Mapping[str, InterfaceHistory]) -> dict[str, InterfaceSeries]:
     """Resultants of every interface at the instants of its history."""
-    return {name: InterfaceSeries.of(h.points_over_time, h.areas, h.normals) for name, h in interfaces.items()}
+    return {name: InterfaceSeries.of(h.points_over_time, *faces_of(h)) for name, h in interfaces.items()}
+
+
+def faces_of(history: InterfaceHistory) -> tuple[Array, Array, Array]:
+    """Areas of the points of an interface, their shares of the whole area, and normals."""
+    return history.areas, history.areas / history.areas.sum(), history.normals
 
 
 def impulses(series: Mapping[str, InterfaceSeries], dt: float, start: Array) -> Array:

@@ -148,6 +148,11 @@ def all_in_kernels(image: Image) -> bool:
     return image.factored and all(g["law"] >= 0 for g in image.groups)
 
 
+def still(assembly: Assembly) -> bool:
+    """Whether the ``histories`` of a segment follow from its number of instants alone."""
+    return assembly.ground_rests and not assembly.quasi_static
+
+
 def histories(assembly: Assembly) -> dict[str, Array]:
     """Motion of the ground at the instants of the segment, and the ``continuation`` of the loads."""
     scheme, dt, n_time = assembly.scheme, assembly.dt, len(assembly.time)

@@ -12,7 +12,7 @@ from .instant_solve import PerfectInterfaceSolve
 from .probes import Probes
 from .record import Timings
 from .recorder import Recorder
-from .run_image import Threads, all_in_kernels, histories, make_image, negligible_scales
+from .run_image import Threads, all_in_kernels, histories, make_image, negligible_scales, still
 from .search_direction import Direction
 from .settings import Settings
 from .status import status, with_energy
@@ -72,7 +72,7 @@ class RunState:
         )
         self._threads = Threads([float(r["n_panels"] * r["m"]) for r in self.image.classes], self.settings.threads)
         self._per_instant, self._refused, self._in_kernels = 0.0, False, all_in_kernels(self.image)
-        self._operators = [p.operators for p in assembly.propagators]
+        self._operators, self._still = [p.operators for p in assembly.propagators], still(assembly)
 
     @property
     def f_hat(self) -> Array:
@@ -149,7 +149,9 @@ class RunState:
             self._set_up(kept["f_hat"], kept["w_hat"], kept["scales"])
             self.set_state(kept)
         else:
-            self.image.begin(len(self.assembly.time), histories(self.assembly))
+            alike, self._still = self._still, still(self.assembly)
+            if not (alike and self._still and self.image.begin_alike(len(self.assembly.time))):
+                self.image.begin(len(self.assembly.time), histories(self.assembly))
         self.image.field("worst", len(self.assembly.interfaces))[:] = 0.0
         self._begin_recording()
 

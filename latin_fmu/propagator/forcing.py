@@ -79,13 +79,24 @@ class Forcing:
                     self._constant[:, column] += pattern * amplitude[0]
                 elif len(rows):
                     varying[column, k] = amplitude
-        self._varying = self._loads.setdefault(
-            tuple(varying), Sum([self._reduced[column][k][1] for column, k in varying])
-        )
+        self._varying_loads = tuple(varying)
+        if self._varying_loads not in self._loads:
+            self._loads[self._varying_loads] = Sum([self._reduced[column][k][1] for column, k in varying])
+        self._varying = self._loads[self._varying_loads]
         self._varying.amplitudes = list(varying.values())
         for motion, history in zip(self._motion, histories, strict=True):
             if motion is not None:
                 motion.begin(history.imposed_velocity, dt, history.accelerated)
+
+    @property
+    def kind(self) -> tuple[bool, tuple[tuple[int, int], ...]] | None:
+        """Whether there are constant loads, and which loads vary (by member and number); None where more than the
+        amplitudes of these at the instants goes into the sums."""
+        return None if self.moves or self._scheme.explicit else (bool(self._constant.any()), self._varying_loads)
+
+    def loads_over_time(self) -> tuple[Array, Sum]:
+        """Constant loads (n, n_member), N, and those that vary."""
+        return self._constant, self._varying
 
     def motion_state(self, instant: int) -> list[MotionState]:
         """State of the prescribed motions of each member at an instant, for the next segment."""

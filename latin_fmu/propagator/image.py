@@ -173,6 +173,7 @@ class Image:
         """Take over loads and prescribed motions of the classes in a segment of time, and ``histories`` of the run."""
         block = Block(self._tail)
         fields = [class_record.histories(block, row, p) for row, p in zip(self._rows, self.propagators, strict=True)]
+        self._kinds = [propagator.forcing.kind for propagator in self.propagators]
         fields.append({"n_time": n_time, **{name: block.put(values) for name, values in histories.items()}})
         if block.size > len(self.moving):
             self.moving, self._written, self._views = class_record.grown(self.moving, block.size), False, {}
@@ -181,6 +182,20 @@ class Image:
             if not new.items() <= row.items():  # else the records hold them
                 row.update(new)
                 self._written = False
+
+    def begin_alike(self, n_time: int) -> bool:
+        """Begin a segment in which, but for the amplitudes of the loads, nothing differs from the last one; False where
+        more differs than that, in the loads or the number of instants: it needs ``begin``."""
+        forcings = [propagator.forcing for propagator in self.propagators]
+        kinds = [forcing.kind for forcing in forcings]
+        if n_time != self._run.get("n_time") or kinds != self._kinds or None in kinds:
+            return False
+        for c, (row, forcing) in enumerate(zip(self._rows, forcings, strict=True)):
+            constant, loads = forcing.loads_over_time()
+            self._of(c, "constant", row["n"], row["m"])[:] = constant
+            for t, amplitude in enumerate(loads.amplitudes):
+                self._of(c, "force_amplitudes", n_time, len(loads.amplitudes))[:, t] = amplitude
+        return True
 
     # -- directions ---------------------------------------------------------------------------------------------
     def bind(
