@@ -85,7 +85,7 @@ def compiled(target: str, folder: Path, compiler: Sequence[str]) -> Path:
     with tempfile.TemporaryDirectory(dir=folder) as place:
         made = Path(place) / library.name
         options = ["-std=c99", "-D_GNU_SOURCE", "-O2", *_WARNINGS, "-shared", "-fPIC", "-fvisibility=hidden", "-s"]
-        libraries = [] if target.startswith("windows") else ["-ldl", "-lpthread"]
+        libraries = [] if target.startswith("windows") else ["-ldl"]
         command = [*compiler, *options, "-o", str(made), *map(str, sources()), *libraries]
         environment = dict.fromkeys(("ZIG_GLOBAL_CACHE_DIR", "ZIG_LOCAL_CACHE_DIR"), str(folder / "zig"))
         done = subprocess.run(command, capture_output=True, text=True, check=False, env={**os.environ, **environment})

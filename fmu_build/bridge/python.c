@@ -9,7 +9,6 @@
 #define pclose _pclose
 #else
 #include <dlfcn.h>
-#include <pthread.h>
 #endif
 
 #define FUNCTIONS(F)                                                                                                   \
@@ -178,21 +177,25 @@ static int found_python(void)
     return bound(library) && started(library, executable);
 }
 
-#ifdef _WIN32
-static INIT_ONCE once = INIT_ONCE_STATIC_INIT;
-static BOOL CALLBACK first(INIT_ONCE *o, void *p, void **c) { (void)o, (void)p, (void)c; return found_python(); }
-static int ready(void) { return InitOnceExecuteOnce(&once, first, NULL, NULL); }
-#else
-static pthread_mutex_t guard = PTHREAD_MUTEX_INITIALIZER;
-static int known;
+/* Every FMU has a copy of this library, and all of them one interpreter: it is found under a lock of the process. */
 static int ready(void)
 {
-    pthread_mutex_lock(&guard);
+    static int known;
+#ifdef _WIN32
+    char name[40];
+    snprintf(name, sizeof name, "latin_fmu_python_%lu", (unsigned long)GetCurrentProcessId());
+    HANDLE mutex = CreateMutexA(NULL, FALSE, name);
+    WaitForSingleObject(mutex, INFINITE);
     if (!known) known = found_python();
-    pthread_mutex_unlock(&guard);
+    ReleaseMutex(mutex);
+    CloseHandle(mutex);
+#else
+    flockfile(stderr); /* a lock that all copies know; another thread that writes there waits */
+    if (!known) known = found_python();
+    funlockfile(stderr);
+#endif
     return known;
 }
-#endif
 
 int lock(void) { return PyGILState_Ensure(); }
 void unlock(int state) { PyGILState_Release(state); }

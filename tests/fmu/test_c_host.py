@@ -33,7 +33,8 @@ def host(tmp_path_factory) -> Path:
         pytest.skip("no C compiler")
     target = tmp_path_factory.mktemp("host") / "host"
     source = Path(__file__).with_name("host.c")
-    subprocess.run([*compiler, "-std=c99", "-O1", "-o", str(target), str(source), "-ldl"], check=True)
+    options = ["-std=c99", "-D_GNU_SOURCE", "-O1", "-ldl", "-lpthread"]
+    subprocess.run([*compiler, str(source), "-o", str(target), *options], check=True)
     return target
 
 
@@ -89,6 +90,18 @@ def test_two_fmus_in_one_process(host, fmus, tmp_path):
     done = ran(host, 3, 2e-6, H, 0.1e-6, "-", *first, *second)
     assert done.returncode == 0, done.stderr
     assert all(line.startswith("[1]") for line in done.stderr.splitlines())  # warnings about the scene only
+
+
+def test_fmus_in_threads_that_begin_at_once(host, fmus, tmp_path):
+    """Each FMU has a copy of the C library: one of them alone starts the interpreter, the others wait for it."""
+    other = build_fmu(bar(), tmp_path / "bar.fmu", "2")
+    given = []
+    for i in range(2):
+        given += extracted(fmus["2"], tmp_path / f"first {i}", "timeStep")
+        given += extracted(other, tmp_path / f"second {i}", "timeStep")
+    done = ran(host, 0, 2e-6, H, 0.1e-6, "-", *given)
+    assert done.returncode == 0, done.stderr
+    assert all(line.startswith("[1]") for line in done.stderr.splitlines())
 
 
 @pytest.mark.slow
