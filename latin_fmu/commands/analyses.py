@@ -33,7 +33,8 @@ examples:
 
 Joints of interfaces that may open: sticking joins points that are closed at the start (along the face, too, where
 there is friction), open joins none, bonded joins all. In a scene with bolts, sticking joins the points that they press,
-and open leaves the shanks free to slide. Perfect interfaces are always joined, elastic layers are springs; damping, viscous joints, absorbing boundaries and loads are left out, driven faces are held.
+and open leaves the shanks free to slide. Perfect interfaces and couplings are always joined, elastic layers and springs
+have their stiffness; damping, viscous joints, absorbing boundaries and loads are left out, driven faces are held.
 """
 _MOST_MODES = 1000
 _OPTIONS = ("lowest", "highest", "per_octave", "quality")
