@@ -15,11 +15,13 @@ which makes uniform strain exact on distorted elements (patch test). The mass is
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 import scipy.sparse as sp
 
 from .elements import Elements, Points
-from .mesh import Array
+from .mesh import Array, Index
 from .reference_cells import cell_rule
 
 BENDING_CELLS = ("hexahedron",)
@@ -102,11 +104,13 @@ def stiffness(
     bending_modes : 8-node hexahedra get the incompatible modes of the module docstring.
     """
     constants = lame(young_modulus, poisson_ratio)
-    parts = []
-    for block, points in elements.points():
-        matrix = element_stiffness(points, *constants, bending_modes and block.cell_type in BENDING_CELLS)
-        parts.append(matrix.transpose(0, 1, 3, 2, 4).reshape(-1, 3, 3))
-    return elements.matrix(np.concatenate(parts))
+
+    def parts() -> Iterator[tuple[Array, Index]]:
+        for cell_type, points, of_cell in elements.distinct():
+            matrices = element_stiffness(points, *constants, bending_modes and cell_type in BENDING_CELLS)
+            yield matrices.transpose(0, 1, 3, 2, 4), of_cell
+
+    return elements.matrix(parts())
 
 
 def element_stiffness(points: Points, first: float, shear: float, bending_modes: bool) -> Array:
@@ -118,11 +122,14 @@ def element_stiffness(points: Points, first: float, shear: float, bending_modes:
 
 def mass(elements: Elements, density: float) -> sp.csr_array:
     """Consistent mass M (3 n_node, 3 n_node), kg."""
-    parts = []
-    for _, points in elements.points(of_products=True):
-        products = points.values[:, :, None] * points.values[:, None, :]
-        parts.append((density * points.volumes @ products.reshape(len(products), -1)).ravel())
-    return elements.matrix(np.concatenate(parts))
+
+    def parts() -> Iterator[tuple[Array, Index]]:
+        for _, points, of_cell in elements.distinct(of_products=True):
+            products = points.values[:, :, None] * points.values[:, None, :]
+            n = points.values.shape[1]
+            yield (density * points.volumes @ products.reshape(len(products), -1)).reshape(-1, n, n), of_cell
+
+    return elements.matrix(parts())
 
 
 def lumped_mass(elements: Elements, density: float) -> Array | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -70,11 +70,8 @@ class Elements:
 
     def points(self, of_products: bool = False) -> Iterator[tuple[CellBlock, Points]]:
         """Integration points of all cells, block by block in pieces that fit into memory (see ``cell_rule``)."""
-        for block in self.mesh.blocks:
-            rule = cell_rule(block.cell_type, of_products, is_curved(self.mesh.nodes, block))
-            size = max(1, _AT_ONCE // (3 * len(rule.weights) * block.cells.shape[1]))
-            for first in range(0, len(block.cells), size):
-                piece = CellBlock(block.cell_type, block.cells[first : first + size])
+        for _, rule, pieces in self._pieces(of_products):
+            for piece in pieces:
                 yield piece, points_in(self.mesh.nodes, piece, rule)
 
     @cached_property
@@ -82,35 +79,78 @@ class Elements:
         """Volume of every cell, (n_cell,), m3."""
         return np.concatenate([p.volumes.sum(axis=1) for _, p in self.points()])
 
+    def distinct(self, of_products: bool = False) -> Iterator[tuple[str, Points, Index]]:
+        """Type, integration points of the different cells, and which of them each cell of the mesh is, piece by piece.
+
+        Cells are equal where all their nodes have the same places relative to the first one, to the last bit.
+        """
+        for block, rule, pieces in self._pieces(of_products):
+            for piece in pieces:
+                cells, of_cell = _different(self.mesh.nodes, piece.cells)
+                yield block.cell_type, points_in(self.mesh.nodes, CellBlock(block.cell_type, cells), rule), of_cell
+
+    def _pieces(self, of_products: bool) -> Iterator[tuple[CellBlock, Rule, list[CellBlock]]]:
+        """Blocks of the mesh with their rule, in pieces that fit into memory."""
+        for block in self.mesh.blocks:
+            rule = cell_rule(block.cell_type, of_products, is_curved(self.mesh.nodes, block))
+            size = max(1, _AT_ONCE // (3 * len(rule.weights) * block.cells.shape[1]))
+            firsts = range(0, len(block.cells), size)
+            yield block, rule, [CellBlock(block.cell_type, block.cells[i : i + size]) for i in firsts]
+
     @cached_property
-    def _pattern(self) -> tuple[Index, Index, Index]:
-        """Pairs of nodes that share a cell, as compressed rows; and where the pairs of every cell are among them."""
+    def _pattern(self) -> tuple[Index, Index, Index, Index]:
+        """Rows and columns of the matrices, compressed rows; where the entries of every pair of nodes begin in the rows
+        of the three components of its first node (3, n_pair); which pair those of every cell are, cell by cell."""
         n = self.mesh.n_node
         keys = np.concatenate([(b.cells[:, :, None] * n + b.cells[:, None, :]).ravel() for b in self.mesh.blocks])
         pairs, where = np.unique(keys, return_inverse=True)
-        starts = np.searchsorted(pairs, n * np.arange(n + 1, dtype=np.int64))
-        return starts.astype(np.int64), pairs % n, where.ravel()
+        del keys
+        starts = np.searchsorted(pairs, n * np.arange(n + 1, dtype=np.int64)).astype(np.int64)
+        counts = np.diff(starts)
+        indptr = np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(np.repeat(3 * counts, 3))])
+        row = np.repeat(np.arange(n), counts)
+        within = 3 * (np.arange(len(pairs)) - starts[row])
+        first = np.stack([indptr[3 * row + i] + within for i in range(3)])
+        columns = np.empty(9 * len(pairs), dtype=np.int64)
+        for i in range(3):
+            for j in range(3):
+                columns[first[i] + j] = 3 * (pairs % n) + j
+        return indptr, columns, first, where.ravel()
 
-    def matrix(self, entries: Array) -> sp.csr_array:
+    def matrix(self, parts: Iterable[tuple[Array, Index]]) -> sp.csr_array:
         """Sum of element matrices (3 n_node, 3 n_node), dofs numbered 3 * node + component.
 
         Parameters
         ----------
-        entries : (n_pair, 3, 3), or (n_pair,) for the same entry on all three components; the pairs of nodes (a, b)
-            of every cell, row by row, cell by cell.
+        parts : for the cells in their order, matrices (n, m, m, 3, 3) of different cells, or (n, m, m) for the same
+            entry on all three components, and which of them each cell has.
         """
-        starts, columns, where = self._pattern
-        data = np.zeros((len(columns), 3, 3))
-        if entries.ndim == 1:
-            data[:, [0, 1, 2], [0, 1, 2]] = np.bincount(where, entries, len(columns))[:, None]
-        else:
+        indptr, columns, first, where = self._pattern
+        data, done = np.zeros(len(columns)), 0
+        for matrices, of_cell in parts:
+            pairs = where[done : done + len(of_cell) * matrices.shape[1] ** 2]
+            here, done = first[:, pairs], done + len(pairs)
+            if matrices.ndim == 3:
+                entries = matrices[of_cell].ravel()
+                for i in range(3):
+                    np.add.at(data, here[i] + i, entries)
+                continue
             for i in range(3):
                 for j in range(3):
-                    data[:, i, j] = np.bincount(where, entries[:, i, j], len(columns))
+                    np.add.at(data, here[i] + j, np.ascontiguousarray(matrices[..., i, j])[of_cell].ravel())
         n = 3 * self.mesh.n_node
-        total = sp.csr_array(sp.bsr_array((data, columns, starts), shape=(n, n)).tocsr())
-        total.indices, total.indptr = total.indices.astype(np.int64), total.indptr.astype(np.int64)
-        return total
+        return sp.csr_array((data, columns, indptr), shape=(n, n))
+
+
+def _different(nodes: Array, cells: Index) -> tuple[Index, Index]:
+    """Different ones of some cells (n, n_node), and which of them each cell is; see ``Elements.distinct``."""
+    corners = nodes[cells]
+    arms = (corners[:, 1:] - corners[:, :1] + 0.0).reshape(len(cells), -1)
+    weights = np.random.default_rng(0).integers(1, 2**63, arms.shape[1], dtype=np.uint64) | np.uint64(1)
+    _, chosen, of_cell = np.unique(arms.view(np.uint64) @ weights, return_index=True, return_inverse=True)
+    if np.array_equal(arms, arms[chosen[of_cell]]):
+        return cells[chosen], of_cell.ravel()
+    return cells, np.arange(len(cells))  # two different cells with one sum
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 import scipy.sparse.linalg as spla
 
-from latin_fmu.fem.elasticity import body_load, lame, lumped_mass, mass, stiffness
+from latin_fmu.fem import elements as elements_module
+from latin_fmu.fem.elasticity import body_load, element_stiffness, lame, lumped_mass, mass, stiffness
 from latin_fmu.fem.elements import Elements
-from latin_fmu.fem.mesh import Mesh, boundary
+from latin_fmu.fem.mesh import Mesh, boundary, box_mesh
 from latin_fmu.fem.stress import MeanStress, Recovery, hooke, principal
 
 from .meshes import ORIGIN, QUADRATIC, SIZE, TYPES, inner_nodes, reference_cell, skewed, typed_box
@@ -239,3 +240,50 @@ def test_principal_values() -> None:
     np.testing.assert_allclose(principal(tensors), wanted, atol=1e-14)
     turn, _ = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))
     np.testing.assert_allclose(principal(six(turn @ np.diag([4.0, -7.0, 1.0]) @ turn.T)), [4, 1, -7], rtol=1e-13)
+
+
+def summed(mesh: Mesh, bending: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Stiffness and mass (n, n), dense: each cell by itself, one after the other."""
+    n = 3 * mesh.n_node
+    total, masses = np.zeros((n, n)), np.zeros((n, n))
+    for block in mesh.blocks:
+        for cell in block.cells:
+            alone = Elements(Mesh(mesh.nodes, (replace(block, cells=cell[None]),), {}))
+            dofs = (3 * cell[:, None] + np.arange(3)).ravel()
+            ((_, p),) = alone.points()
+            own = element_stiffness(p, *lame(E, NU), bending and block.cell_type == "hexahedron")
+            total[np.ix_(dofs, dofs)] += own.reshape(len(dofs), -1)
+            ((_, p),) = alone.points(of_products=True)
+            pairs = RHO * np.einsum("p,pa,pb->ab", p.volumes[0], p.values, p.values)
+            masses[np.ix_(dofs, dofs)] += np.kron(pairs, np.eye(3))
+    return total, masses
+
+
+@pytest.mark.parametrize(("cell_type", "bending"), KINDS)
+@pytest.mark.parametrize("one_piece", [True, False])
+def test_matrices_are_sums_of_those_of_the_cells(
+    cell_type: str, bending: bool, one_piece: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With equal cells, whose matrices are made once, and with different ones; in one piece and in several."""
+    if not one_piece:
+        monkeypatch.setattr(elements_module, "_AT_ONCE", 2000)
+    for mesh in (typed_box(cell_type), distorted(cell_type)):
+        elements, (total, masses) = Elements(mesh), summed(mesh, bending)
+        whole, inertia = stiffness(elements, E, NU, bending), mass(elements, RHO)
+        np.testing.assert_allclose(whole.toarray(), total, atol=1e-13 * np.abs(total).max())
+        np.testing.assert_allclose(inertia.toarray(), masses, atol=1e-13 * np.abs(masses).max())
+        for matrix in (whole, inertia):
+            assert matrix.has_canonical_format
+            assert matrix.indices.dtype == matrix.indptr.dtype == np.int64
+
+
+def test_equal_cells_are_found() -> None:
+    mesh = box_mesh(np.zeros(3), np.array([8.0, 4.0, 2.0]), (8, 8, 8))
+    ((_, points, of_cell),) = Elements(mesh).distinct()
+    assert len(points.cells) == 1
+    assert of_cell.tolist() == 512 * [0]
+    moved = replace(mesh, nodes=mesh.nodes + 1e-9 * (np.arange(mesh.n_node) == 364)[:, None])
+    ((_, points, of_cell),) = Elements(moved).distinct()
+    assert len(points.cells) == 9  # one inner node has eight cells
+    assert np.bincount(of_cell).max() == 504
+    np.testing.assert_array_equal(np.sort(np.bincount(of_cell)), 8 * [1] + [504])

@@ -11,7 +11,7 @@ import scipy.sparse as sp
 
 from latin_fmu.cholesky.factor import interface_factor
 from latin_fmu.cholesky.symbolic import Analyses
-from latin_fmu.propagator.model import OperatorPattern, reduced_rank, share_patterns
+from latin_fmu.propagator.model import OperatorPattern, SubstructureModel, reduced_rank, share_patterns
 
 Make = Callable[..., Any]
 
@@ -82,3 +82,33 @@ def test_factor_of_an_operator(model: Make, kind: str) -> None:
     np.testing.assert_allclose(factor.solve(b), inverse @ b, atol=1e-12 * np.abs(inverse @ b).max())
     expected = inverse[np.ix_(dofs, dofs)]
     np.testing.assert_allclose(factor.schur_inverse, expected, atol=1e-12 * np.abs(expected).max())
+
+
+def reduced(matrix: sp.csr_array, expansion: sp.csr_array) -> sp.csr_array:
+    """Reduced stiffness of a model that has these matrices and no interfaces."""
+    n, nothing = matrix.shape[0], np.zeros(0)
+    zeros = np.zeros(n)
+    trace, motions = sp.csr_array((0, n)), np.zeros((n, 0))
+    model = SubstructureModel("a", None, None, matrix, expansion, trace, nothing, [], zeros, zeros, motions, nothing)
+    return model.reduced_stiffness
+
+
+@pytest.mark.parametrize("held", [(), (0, 1, 5, 11), tuple(range(1, 12))])
+def test_dofs_that_are_some_of_all_are_reduced_by_their_rows_and_columns(held: tuple[int, ...]) -> None:
+    """The same arrays as those of the product P^T A P, which leaves stored zeros out."""
+    random = np.random.default_rng(1)
+    dense = random.standard_normal((12, 12)) * (random.random((12, 12)) < 0.4)
+    dense[3] = 0.0  # a row without entries
+    matrix = sp.csr_array(dense)
+    matrix.data[::5] = 0.0
+    expansion = sp.csr_array(np.eye(12)[:, np.setdiff1d(np.arange(12), held)])
+    wanted, actual = sp.csr_array(expansion.T @ matrix @ expansion), reduced(matrix, expansion)
+    for name in ("data", "indices", "indptr"):
+        np.testing.assert_array_equal(getattr(actual, name), getattr(wanted, name))
+    assert actual.has_canonical_format
+
+
+def test_tied_dofs_are_reduced_by_the_product() -> None:
+    matrix = sp.csr_array(np.arange(9.0).reshape(3, 3))
+    expansion = sp.csr_array(np.array([[1.0, 0.0], [0.0, 1.0], [1.0, 0.0]]))
+    np.testing.assert_array_equal(reduced(matrix, expansion).toarray(), [[16.0, 8.0], [8.0, 4.0]])
