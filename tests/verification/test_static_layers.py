@@ -80,3 +80,38 @@ def test_constant_load_is_held_at_once():
     assert u[0] == pytest.approx(np.zeros_like(u[0]))
     assert u[3] == pytest.approx(u[1], abs=1e-7 * np.abs(u[1]).max())
     assert solution.windows[2].iterations <= 3
+
+
+def test_work_of_loads_of_preloaded_columns():
+    """Two columns of two blocks, the second with three times the preload and twice the pressure. A body takes the work
+    of its load and of the initial stresses that balance the preload p0: p0 A p L / E less on the foot, more on the
+    head, which a ramp presses by p^2 A L / E besides; strain energy and the work of the joint balance it."""
+    steps = 2
+    made = scene(steps, tolerance=1e-10)
+    area, height = SIZE[0] * SIZE[1], SIZE[2]
+    for i in range(2):
+        for j, name in enumerate((f"foot{i}", f"head{i}")):
+            add_block(made, name, (0.1 * i, 0.0, j * height), SIZE, ELEMENTS)
+            for axis in "xy":
+                made["boundary"][f"{axis}{name}"] = {"type": "symmetry", "face": f"{name}.{axis}min"}
+        made["boundary"][f"base{i}"] = {"type": "symmetry", "face": f"foot{i}.zmin"}
+        made["interface"][f"joint{i}"] = {"sides": [f"foot{i}.zmax", f"head{i}.zmin"], "preload": (0.4, 1.2)[i] * PRESSURE}
+        made["load"][f"press{i}"] = {
+            "face": f"head{i}.zmax",
+            "pressure": (i + 1) * PRESSURE,
+            "law": ramp((0, 0), (1, 1)),
+        }
+    made["output"] = {"energy": True}
+    solution = solve(made)
+    assert solution.time.size == steps + 1
+    for i in range(2):
+        pressure = (i + 1) * PRESSURE * np.linspace(0.0, 1.0, steps + 1)
+        of_preload = (0.4, 1.2)[i] * PRESSURE * area * pressure * height / E
+        of_load = pressure**2 * area * height / E
+        size = of_load.max()
+        foot, head = (solution.substructures[f"{name}{i}"].energy for name in ("foot", "head"))
+        assert foot["work_of_loads"] == pytest.approx(of_preload * -1.0, abs=1e-6 * size)
+        assert head["work_of_loads"] == pytest.approx(of_load + of_preload, abs=1e-6 * size)
+        for terms in (foot, head):
+            assert terms["elastic"] == pytest.approx(0.5 * of_load, abs=1e-6 * size)
+            assert terms["work_of_loads"] + terms["interface_work"] == pytest.approx(terms["elastic"], abs=1e-6 * size)
