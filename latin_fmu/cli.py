@@ -14,6 +14,7 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from importlib import import_module
+from pathlib import Path
 from types import MappingProxyType
 from typing import Final, TextIO
 
@@ -66,6 +67,9 @@ exit codes: 0 converged, 1 not converged (results are written and marked), 2 bad
 """
 _LESS = "use a coarser mesh, fewer instants or fewer outputs; `latin-fmu check` tells what a scene needs"
 
+_NO_MEMORY = ("cannot allocate memory", "failed to map segment")  # of the system, and of its loader of libraries
+_INPUTS = ("scene", "scenes", "results", "file", "fmu", "input")  # arguments that name a file which is read
+
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line ``argv`` (default: that of the process) and return its exit code."""
@@ -85,7 +89,9 @@ def main(argv: Sequence[str] | None = None) -> int:
                 return _told("interrupted", signals.exit_code)
             if not _lacks_memory(error):
                 raise
-            return _told(f"the memory does not suffice: {error or 'an array could not be created'}; {_LESS}", NO_MEMORY)
+            return _told(
+                f"the memory does not suffice: {str(error) or 'an array could not be created'}; {_LESS}", NO_MEMORY
+            )
 
 
 def _run(words: list[str], signals: Signals) -> int:
@@ -96,8 +102,27 @@ def _run(words: list[str], signals: Signals) -> int:
         arguments = parser.parse_args(words, argparse.Namespace(signals=signals))
     except SystemExit as stop:  # argparse has printed the help, the version or what is wrong
         return stop.code if isinstance(stop.code, int) else BAD_INPUT
+    _check_paths(arguments)
     code: int = arguments.command(arguments)
     return code
+
+
+def _check_paths(arguments: argparse.Namespace) -> None:
+    """Make sure that there is a current folder, and that the output does not take the place of an input."""
+    try:
+        Path.cwd()
+    except OSError as error:
+        what = f"cannot be used: {error.strerror or error}"
+        raise InputError.of(
+            "bad surroundings", "current folder", what, remedy="change to a folder that is there"
+        ) from None
+    output = getattr(arguments, "output", None)
+    for name in _INPUTS if output is not None else ():
+        given = getattr(arguments, name, None)
+        for path in given if isinstance(given, list) else [given]:
+            if path is not None and Path(output).is_file() and path.is_file() and output.samefile(path):
+                what = "this file is an input, the output would replace it"
+                raise InputError.of("bad argument", str(output), what, remedy="name another file")
 
 
 def _code(error: LatinError) -> int:
@@ -120,7 +145,7 @@ def _lacks_memory(error: BaseException | None) -> bool:
     while error is not None:
         if isinstance(error, MemoryError) or getattr(error, "errno", None) == errno.ENOMEM:
             return True
-        if "cannot allocate memory" in str(error).lower():
+        if any(text in str(error).lower() for text in _NO_MEMORY):
             return True
         error = error.__cause__ or error.__context__
     return False

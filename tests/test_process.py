@@ -132,3 +132,79 @@ def test_a_clock_that_jumps_changes_no_number(place: Path) -> None:
         assert first[path].to_dataset(inherit=False).equals(second[path].to_dataset(inherit=False)), path
     first.close()
     second.close()
+
+
+@pytest.mark.parametrize(
+    ("command", "output"),
+    [
+        ("run scene.toml -o link.nc", "link.nc"),
+        ("modes scene.toml -o scene.toml", "scene.toml"),
+        ("plot scene.toml -o scene.toml", "scene.toml"),
+        ("fmu scene.toml -o ./scene.toml", "scene.toml"),
+        ("simulate x.fmu --input scene.toml -o scene.toml", "scene.toml"),
+        ("simulate out.csv", "out.csv"),
+    ],
+)
+def test_no_output_takes_the_place_of_an_input(place: Path, command: str, output: str) -> None:
+    (place / "link.nc").symlink_to(place / "scene.toml")
+    (place / "out.csv").write_text("an input")
+    done = shell(place, f"latin-fmu {command}")
+    assert done.returncode == 2
+    assert f"{output}: this file is an input, the output would replace it; name another file" in done.stderr
+    assert (place / "scene.toml").read_text() == SCENE
+    assert (place / "out.csv").read_text() == "an input"
+
+
+def test_places_that_are_no_file(place: Path) -> None:
+    """A folder that is not there yet, a pipe under the name of the standard output, a current folder that is gone."""
+    done = shell(place, "latin-fmu run scene.toml -o new/")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "'new/' names a folder; name a file in it" in done.stderr
+    done = shell(place, "(latin-fmu run scene.toml -o /dev/stdout; echo $? >&2) | cat")
+    assert "/dev/stdout: this is a pipe, a file is needed; name a file, e.g. " in done.stderr
+    assert done.stderr.endswith("\n2\n")
+    (place / "gone").mkdir()
+    done = shell(place, "cd gone; rmdir ../gone; latin-fmu run ../scene.toml")
+    assert done.returncode == 2
+    assert "current folder: cannot be used: No such file or directory; change to a folder that is there" in done.stderr
+    assert [path.name for path in place.iterdir()] == ["scene.toml"]
+
+
+def test_files_that_may_not_grow(place: Path) -> None:
+    """Checkpoints that cannot be written cost nothing; results that cannot be are told."""
+    settings = "--set solver.window=1 --checkpoint 5"
+    done = shell(place, f"ulimit -f 4; latin-fmu run scene.toml -o a.nc {settings}")
+    assert done.returncode == 4, done.stderr
+    assert "the checkpoint could not be written, the run goes on: " in done.stderr
+    assert "a.nc: writing failed: " in done.stderr
+    assert "Traceback" not in done.stderr
+    assert "converged: " in done.stdout
+
+
+def test_little_memory_is_a_sentence(place: Path) -> None:
+    """Libraries that cannot be loaded, arrays that cannot be made: where it happens depends on the system."""
+    codes = set()
+    for limit in range(120_000, 420_000, 60_000):
+        done = shell(place, f"ulimit -v {limit}; latin-fmu run scene.toml -o a.nc --quiet --no-estimate")
+        assert "Traceback" not in done.stderr, done.stderr
+        assert done.returncode in (0, 2, 5), (limit, done.stderr)
+        assert done.returncode != 5 or "latin-fmu: the memory does not suffice: " in done.stderr
+        codes.add(done.returncode)
+    assert 5 in codes
+
+
+def test_names_beyond_ascii_in_the_locale_c(place: Path) -> None:
+    """Written under the bytes of the name; reading is refused, for the netCDF library cannot write the name."""
+    env = environment(LC_ALL="C", PYTHONUTF8="0", PYTHONCOERCECLOCALE="0")
+    folder = place / "Zürich 衝撃"
+    folder.mkdir()
+    (folder / "szene é.toml").write_text(SCENE)
+    os.rename(place / "scene.toml", folder / "b.toml")
+    for name in ("b", "szene é"):
+        done = shell(folder, f"latin-fmu run '../{folder.name}/{name}.toml' -o '../{folder.name}/{name}.nc'", env)
+        assert done.returncode == 0, done.stderr
+        assert converged(folder / f"{name}.nc")
+    done = shell(folder, "latin-fmu plot 'szene é.nc' -o b.png", env)
+    assert done.returncode == 2
+    assert "szene" in done.stderr
+    assert "cannot write this name in the encoding of the locale (ascii); set LC_ALL=C.UTF-8" in done.stderr

@@ -8,6 +8,7 @@ not handle (bad input, an interruption) into an exit code. A subcommand imports 
 from __future__ import annotations
 
 import argparse
+import os
 import signal
 import threading
 from collections.abc import Callable, Iterator
@@ -98,6 +99,18 @@ def add_scene(parser: argparse.ArgumentParser) -> None:
 def add_settings(parser: argparse.ArgumentParser, text: str) -> None:
     """Declare ``--set`` with its help ``text``."""
     parser.add_argument("--set", metavar="a.b.c=value", action="append", default=[], dest="overrides", help=text)
+
+
+def output_file(text: str) -> Path:
+    """Path of a file to be written.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError : the text names a folder.
+    """
+    if text.endswith(("/", os.sep)):
+        raise argparse.ArgumentTypeError(f"{text!r} names a folder; name a file in it")
+    return Path(text)
 
 
 def read_scene(arguments: argparse.Namespace) -> Scene:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError, Problem, ResultsError, did_you_mean, listed
-from . import CONVERGED, AddParser, add_scene, declare, read_scene
+from . import CONVERGED, AddParser, add_scene, declare, output_file, read_scene
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -64,7 +64,9 @@ def _register_modes(add: AddParser) -> None:
         "--joints", choices=("sticking", "open", "bonded"), default="sticking", help="default: sticking"
     )
     parser.add_argument("--count", metavar="N", type=int, default=10, help="elastic modes (default: 10)")
-    parser.add_argument("-o", "--output", metavar="MODES.nc", type=Path, help="also write frequencies and shapes")
+    parser.add_argument(
+        "-o", "--output", metavar="MODES.nc", type=output_file, help="also write frequencies and shapes"
+    )
     parser.add_argument("--vtk", metavar="FOLDER", type=Path, help="also write files for ParaView to this folder")
 
 

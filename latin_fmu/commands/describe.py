@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import Problem, ResultsError
-from . import CONVERGED, AddParser, add_scene, add_settings, declare, read_scene
+from . import CONVERGED, AddParser, add_scene, add_settings, declare, output_file, read_scene
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -36,7 +36,7 @@ def _register_plot(add: AddParser) -> None:
     parser = declare(add, "plot", text, _plot)
     parser.add_argument("file", metavar="FILE", type=Path, help="scene (.toml), or file written by run or sweep (.nc)")
     parser.add_argument(
-        "-o", "--output", metavar="FIGURE", type=Path, help="png, pdf or svg (default: beside the file, as png)"
+        "-o", "--output", metavar="FIGURE", type=output_file, help="png, pdf or svg (default: beside the file, as png)"
     )
     add_settings(parser, "of a scene: change one setting; may be repeated")
     parser.add_argument(

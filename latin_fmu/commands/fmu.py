@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError, Problem
-from . import BAD_INPUT, CONVERGED, SOLVER_FAILED, AddParser, add_scene, declare, read_scene
+from . import BAD_INPUT, CONVERGED, SOLVER_FAILED, AddParser, add_scene, declare, output_file, read_scene
 
 _BUILD_EXAMPLES = """\
 examples:
@@ -48,7 +48,7 @@ def _register_fmu(add: AddParser) -> None:
     parser = declare(add, "fmu", text, _fmu, _BUILD_EXAMPLES)
     add_scene(parser)
     parser.add_argument(
-        "-o", "--output", metavar="X.fmu", type=Path, help="file to write (default: <name of the scene>.fmu)"
+        "-o", "--output", metavar="X.fmu", type=output_file, help="file to write (default: <name of the scene>.fmu)"
     )
     parser.add_argument("--fmi", choices=("2", "3"), help="version of the FMI (default: 2; of a reduced model 3)")
     parser.add_argument(
@@ -71,7 +71,14 @@ def _register_simulate(add: AddParser) -> None:
         "fmu", metavar="X.fmu", type=Path, help="FMU for co-simulation, or for model exchange (by CVode)"
     )
     parser.add_argument("--input", metavar="IN.csv", type=Path, help="inputs over time")
-    parser.add_argument("-o", "--output", metavar="OUT.csv", type=Path, help="outputs at every step (default: out.csv)")
+    parser.add_argument(
+        "-o",
+        "--output",
+        metavar="OUT.csv",
+        type=output_file,
+        default=Path("out.csv"),
+        help="outputs at every step (default: out.csv)",
+    )
     parser.add_argument("--step", metavar="H", type=float, help="communication step, s (default: that of the FMU)")
     parser.add_argument("--stop", metavar="T", type=float, help="end, s (default: that of the FMU)")
     parser.add_argument(
@@ -139,7 +146,7 @@ def _simulate(arguments: argparse.Namespace) -> int:
         return BAD_INPUT
     from ..results.writing import check_target
 
-    target = arguments.output or Path("out.csv")
+    target = arguments.output
     check_target(target)
     inputs = None if arguments.input is None else read_columns(arguments.input)
     drive = opened(arguments.fmu, dict(_pair(text) for text in arguments.start), inputs)

@@ -18,7 +18,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final, TextIO
 
 from ..errors import InputError, Problem, SolverError
-from . import CONVERGED, NOT_CONVERGED, AddParser, Signals, add_scene, declare, read_scene
+from . import CONVERGED, NOT_CONVERGED, AddParser, Signals, add_scene, declare, output_file, read_scene
 
 if TYPE_CHECKING:
     from ..accuracy.adaptive_resolution import Choice
@@ -48,7 +48,7 @@ def register(add: AddParser) -> None:
         "-o",
         "--output",
         metavar="OUT.nc",
-        type=Path,
+        type=output_file,
         help="results file (default: <name of the scene>.nc in the current folder)",
     )
     parser.add_argument("--json", action="store_true", help="print a JSON report, and nothing else, on stdout")

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import InputError, Problem
-from . import CONVERGED, NOT_CONVERGED, AddParser, add_scene, add_settings, declare
+from . import CONVERGED, NOT_CONVERGED, AddParser, add_scene, add_settings, declare, output_file
 
 if TYPE_CHECKING:
     from ..accuracy.study import Study
@@ -93,7 +93,7 @@ def _register_stress(add: AddParser) -> None:
         "-o",
         "--output",
         metavar="REPORT.md",
-        type=Path,
+        type=output_file,
         help="write the report (Markdown) here, and its figure beside it as png",
     )
 

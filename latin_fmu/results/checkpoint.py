@@ -90,7 +90,8 @@ class Checkpoint:
             yield
         finally:
             if self._file is not None:
-                self._file.close()
+                with suppress(OSError):  # a full disk: what its buffer still holds belongs to no checkpoint
+                    self._file.close()
                 self._file = None
 
     # -- called by the run ------------------------------------------------------------------------------------------
@@ -202,7 +203,10 @@ class Checkpoint:
 
     def _continue(self, run: Run) -> None:
         """Bring a run at t = 0 to the state of the checkpoint."""
-        tree = decode(opened(self.path.read_bytes(), _KIND, self._digest, self._machine), _KIND)
+        try:
+            tree = decode(opened(self.path.read_bytes(), _KIND, self._digest, self._machine), _KIND)
+        except SolverError as error:
+            raise SolverError(f"{self.path}: {error}; or run without --resume") from error
         for part in self._parts(tree["bytes"], tree["checksum"]):
             run.recorder.append(part["recorder"], part["first"])
             run.windows.extend(part["windows"])

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import errno
+import os
+import sys
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -55,7 +57,8 @@ def write_groups(groups: Mapping[str, Group], path: str | Path, blocks: Blocks |
 
     def write(draft: Path) -> None:
         try:
-            with Dataset(draft, "w", format="NETCDF4") as file:
+            # the bytes of the name as the system has them: the library would encode it for the locale, ASCII for C
+            with Dataset(os.fsencode(draft).decode("latin-1"), "w", format="NETCDF4", encoding="latin-1") as file:
                 parts = iter(() if blocks is None else blocks())
                 for where, group in with_labels({**groups, **next(parts, {})}):
                     _write_group(file if where == "/" else file.createGroup(where), where, group, blocks is not None)
@@ -168,6 +171,11 @@ def open_results(path: str | Path) -> xr.DataTree:
         raise _unreadable(source, what, remedy="give the .nc file written by a run")
     try:
         tree = xr.open_datatree(source, engine="netcdf4", decode_times=False, decode_timedelta=False)
+    except UnicodeEncodeError as error:
+        what = (
+            f"the netCDF library cannot write this name in the encoding of the locale ({sys.getfilesystemencoding()})"
+        )
+        raise _unreadable(source, what, remedy="set LC_ALL=C.UTF-8, or rename file and folders") from error
     except (OSError, ValueError, RuntimeError) as error:
         remedy = "give the .nc file written by a run"
         raise _unreadable(source, f"this is not a readable netCDF-4 file: {error}", remedy=remedy) from error

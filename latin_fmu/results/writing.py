@@ -69,6 +69,8 @@ def _behind_links(path: str | Path) -> tuple[Path, int | None]:
     try:
         return target, target.lstat().st_mode
     except FileNotFoundError:
+        with suppress(OSError):  # /dev/stdout leads to a pipe that has no name
+            return Path(path), Path(path).stat().st_mode
         return target, None
     except NotADirectoryError:
         return target, None  # told by the check of the folder

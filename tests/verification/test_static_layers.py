@@ -95,7 +95,10 @@ def test_work_of_loads_of_preloaded_columns():
             for axis in "xy":
                 made["boundary"][f"{axis}{name}"] = {"type": "symmetry", "face": f"{name}.{axis}min"}
         made["boundary"][f"base{i}"] = {"type": "symmetry", "face": f"foot{i}.zmin"}
-        made["interface"][f"joint{i}"] = {"sides": [f"foot{i}.zmax", f"head{i}.zmin"], "preload": (0.4, 1.2)[i] * PRESSURE}
+        made["interface"][f"joint{i}"] = {
+            "sides": [f"foot{i}.zmax", f"head{i}.zmin"],
+            "preload": (0.4, 1.2)[i] * PRESSURE,
+        }
         made["load"][f"press{i}"] = {
             "face": f"head{i}.zmax",
             "pressure": (i + 1) * PRESSURE,
