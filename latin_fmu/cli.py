@@ -68,6 +68,7 @@ exit codes: 0 converged, 1 not converged (results are written and marked), 2 bad
 _LESS = "use a coarser mesh, fewer instants or fewer outputs; `latin-fmu check` tells what a scene needs"
 
 _NO_MEMORY = ("cannot allocate memory", "failed to map segment")  # of the system, and of its loader of libraries
+_LIBRARIES = 320_000_000  # bytes of address space
 _INPUTS = ("scene", "scenes", "results", "file", "fmu", "input")  # arguments that name a file which is read
 
 
@@ -96,6 +97,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _run(words: list[str], signals: Signals) -> int:
     """Parse and run a command."""
+    _check_address_space()
     try:
         with signals.deferred():
             parser = _parser(words)
@@ -105,6 +107,23 @@ def _run(words: list[str], signals: Signals) -> int:
     _check_paths(arguments)
     code: int = arguments.command(arguments)
     return code
+
+
+def _check_address_space() -> None:
+    """Make sure that the libraries can be loaded: where its buffer does not fit, OpenBLAS tries for ever to get it.
+
+    Raises
+    ------
+    MemoryError : a limit (``ulimit -v``) below what they take.
+    """
+    try:
+        import resource
+    except ImportError:  # Windows
+        return
+    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+    if limit != resource.RLIM_INFINITY and limit < _LIBRARIES:
+        taken = f"{_LIBRARIES / 1e6:.0f} MB of address space"
+        raise MemoryError(f"loading the libraries takes {taken}, allowed: {limit / 1e6:.0f} MB (RLIMIT_AS, ulimit -v)")
 
 
 def _check_paths(arguments: argparse.Namespace) -> None:

@@ -37,8 +37,16 @@ def test_peak_memory_is_that_of_this_process() -> None:
 
 @pytest.mark.parametrize("every", [7, 40, 300])
 def test_thinned_histories_are_those_of_every_so_many_instants(every: int, tmp_path: Path) -> None:
-    """Also where tangential velocities are read from the substructures, and where the last instant is not kept."""
-    (tmp_path / "scene.toml").write_text(SCENE)
+    """Also where tangential velocities are read from the substructures, with a part that is prescribed, and where the
+    last instant is not kept."""
+    driven = """[boundary.drive]
+type = "velocity"
+face = "left.xmin"
+components = ["x"]
+value = [0.01]
+law = { type = "table", times = [0.0, 40e-6], values = [0.0, 1.0] }
+"""
+    (tmp_path / "scene.toml").write_text(SCENE + driven)
     whole, thinned = (
         solve(load_scene(tmp_path / "scene.toml", ["time.instants=100", f"output.interfaces_every={n}"]))
         for n in (1, every)
@@ -46,6 +54,7 @@ def test_thinned_histories_are_those_of_every_so_many_instants(every: int, tmp_p
     a, b = whole.interfaces["meet"], thinned.interfaces["meet"]
     for name in ("traction", "velocity", "gap", "contact_status"):
         np.testing.assert_array_equal(getattr(a, name)[::every], getattr(b, name))
+    assert a.velocity[50, 0, 0, 0] != 0.0
     np.testing.assert_array_equal(thinned.outcome.interface_time, whole.time[::every])
     assert len(thinned.time) == 101
     assert any("output.interfaces_every" in warning for warning in thinned.warnings)

@@ -137,10 +137,11 @@ def test_modes_that_matter_are_taken_before_lower_ones():
     assert np.abs(low.eigenvalues / axial[2] - 1.0).min() > 1e-4
 
 
-def test_sparse_eigenvalues_are_the_dense_ones(monkeypatch):
-    dense = reduce_model(bar(held=False), 4, np.ones((4, 1)))
+@pytest.mark.parametrize("exciting", [None, np.ones((4, 1))], ids=["lowest", "strongest"])
+def test_sparse_eigenvalues_are_the_dense_ones(monkeypatch, exciting):
+    dense = reduce_model(bar(held=False), 4, np.ones((4, 1)), exciting=exciting)
     monkeypatch.setattr(reduction, "DENSE", 10)
-    sparse = reduce_model(bar(held=False), 4, np.ones((4, 1)))
+    sparse = reduce_model(bar(held=False), 4, np.ones((4, 1)), exciting=exciting)
     np.testing.assert_allclose(sparse.eigenvalues, dense.eigenvalues, rtol=1e-7)
     np.testing.assert_allclose(np.abs(sparse.loads), np.abs(dense.loads), rtol=1e-6, atol=1e-9)
 
