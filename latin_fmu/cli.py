@@ -135,11 +135,13 @@ def _check_paths(arguments: argparse.Namespace) -> None:
         raise InputError.of(
             "bad surroundings", "current folder", what, remedy="change to a folder that is there"
         ) from None
-    output = getattr(arguments, "output", None)
-    for name in _INPUTS if output is not None else ():
+    output: Path | None = getattr(arguments, "output", None)
+    if output is None or not output.is_file():
+        return
+    for name in _INPUTS:
         given = getattr(arguments, name, None)
         for path in given if isinstance(given, list) else [given]:
-            if path is not None and Path(output).is_file() and path.is_file() and output.samefile(path):
+            if path is not None and path.is_file() and output.samefile(path):
                 what = "this file is an input, the output would replace it"
                 raise InputError.of("bad argument", str(output), what, remedy="name another file")
 
