@@ -169,7 +169,7 @@ class Scene(Table):
     def tables(self) -> dict[str, Any]:
         """The effective scene as tables (fresh ones), of the shape that ``scene_from_dict`` reads."""
         data = self.model_dump(exclude_none=True)
-        for interface in data["interface"].values():
-            for key in MEANINGLESS.get(interface["behaviour"], ()):
-                interface.pop(key, None)
+        for table in (*data["interface"].values(), *data["contact"].values()):
+            for key in MEANINGLESS.get(table["behaviour"], ()):
+                table.pop(key, None)
         return data
