@@ -28,8 +28,8 @@ class Pair:
 
 
 def models() -> dict[str, latin_fmu.Scene]:
-    """Every shipped scene."""
-    files = sorted(MODELS.glob("*/*.toml"))
+    """Every shipped scene but one of minutes."""
+    files = sorted(file for file in MODELS.glob("*/*.toml") if file.parent.name != "bolted_beam")
     return {f"{file.parent.name}/{file.stem}": latin_fmu.load_scene(file) for file in files}
 
 

@@ -49,7 +49,7 @@ def opened(pressed):
         host.close()
 
 
-@pytest.mark.parametrize("name", sorted(path.parent.name for path in MODELS.glob("*/scene.toml")))
+@pytest.mark.parametrize("name", sorted({path.parent.name for path in MODELS.glob("*/scene.toml")} - {"bolted_beam"}))
 def test_every_model_that_moves_gives_a_valid_fmu(name, tmp_path):
     if name == "stacked_blocks":
         pytest.skip("many substructures: the same code, more time")

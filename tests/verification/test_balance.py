@@ -8,7 +8,9 @@ import pytest
 from .blocks import solve, stack
 from .scenes import MODELS, solved
 
-SHIPPED = sorted(str(p.relative_to(MODELS).with_suffix("")) for p in MODELS.glob("*/*.toml"))
+SHIPPED = sorted(
+    str(p.relative_to(MODELS).with_suffix("")) for p in MODELS.glob("*/*.toml") if p.parent.name != "bolted_beam"
+)  # which takes minutes
 # sqrt(eta) is an energy norm over all interfaces; the residual of the work is bounded by it times the work exchanged
 MULTIPLE = 10.0
 INCREMENTS = 3e-3
