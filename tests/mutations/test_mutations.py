@@ -76,6 +76,11 @@ def test_every_site_of_the_package_can_be_changed() -> None:
             ast.parse(changed)
 
 
+def test_explained_mutants_are_there() -> None:
+    """Expressions change: an explanation goes with its own."""
+    assert explained().keys() <= {mutant.key for site in all_sites(PACKAGE) for mutant in site}
+
+
 def test_mutants_are_judged_by_the_tests(tmp_path: Path) -> None:
     """The first of two kinds in the time schemes, which need no compiler; the file is as before after each."""
     every = [m for site in all_sites(PACKAGE) for m in site if m.function.endswith("predict")]
