@@ -159,7 +159,7 @@ class Copy:
             text=True,
             errors="replace",
             check=False,
-            timeout=4 * seconds,
+            timeout=20 * seconds,  # of a process that sleeps; on a busy machine one that computes gets its time
             preexec_fn=lambda: _limit(int(seconds)),
         )
 
