@@ -296,6 +296,8 @@ def _held_axes(boundary: Boundary) -> NDArray[np.bool_]:
     if isinstance(boundary, Symmetry):
         return np.ones(3, dtype=bool)  # along the normal of the face, whichever axis that is
     if isinstance(boundary, Fixed | Driven):
+        if boundary.axes is not None:
+            return np.full(3, len(boundary.components) == len(AXES))
         return np.isin(AXES, boundary.components)
     return np.zeros(3, dtype=bool)
 

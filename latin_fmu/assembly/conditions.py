@@ -9,7 +9,7 @@ motions. The motions left free by all of them and one motion per prescribed hist
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Final, Literal
 
@@ -18,18 +18,16 @@ import scipy.linalg as la
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from ..errors import Problem, Problems, SceneError
+from ..errors import Problems
 from ..fem.elements import RigidBody, rigid_modes
-from ..fem.faces import changes_basis, consistent_dashpots, lumped_dashpots
 from ..fem.mesh import Array, Index, nearest
-from ..latin.reactions import Support
 from ..propagator import LoadTerm, SubstructureModel
 from ..scene.boundaries import AXES, Absorbing, Boundary, Driven, Fixed, Periodic, Symmetry
 from ..scene.fields import split_face
 from ..scene.laws import InputLaw, TimeLaw
 from .body import Body
+from .supports import FLAT, HELD, Directions, absorbing_dashpots, inclined_directions, with_directions
 
-_FLAT = 1e-6  # a symmetry face may leave its plane by this fraction
 _PAIRING = 1e-3  # periodic faces: lateral distance of a pair over the spacing of points
 _ROUND_OFF = 1e-9
 
@@ -103,6 +101,8 @@ class Conditions:
     expansion : (n_full, n) selection matrix, but for rigid faces, whose nodes follow six columns. pattern : (n_full,
         n_motion). motions : what its columns follow.
     dashpots : (n_full, n_full) or None. lumped_dashpots : the same coupling the components of one node only.
+    turned : conditions along directions that are no axes: directions (n_row, n_full), shares of the motions along them
+        (n_row, n_motion), and the dofs of their nodes; None where there are none.
     """
 
     expansion: sp.csr_array
@@ -110,6 +110,7 @@ class Conditions:
     motions: tuple[Motion, ...]
     dashpots: sp.csr_array | None
     lumped_dashpots: sp.csr_array | None
+    turned: tuple[sp.csr_array, Array, Index] | None = field(default=None, kw_only=True)
 
     @property
     def held(self) -> NDArray[np.bool_]:
@@ -141,6 +142,7 @@ class _Dofs:
         self.driver = np.full(n_full, -1)
         self.motions: list[Motion] = []
         self.tied: list[tuple[Index, Index]] = []
+        self.turned = Directions()
 
     def roots(self) -> Index:
         """First of the dofs that each dof is tied to, itself where there are none, (n_full,)."""
@@ -171,7 +173,10 @@ def _nodal_conditions(body: Body, boundaries: dict[str, Boundary], problems: Pro
             _tie(body, name, boundary, dofs, problems)
             continue
         nodes = body.face(split_face(boundary.face)[1]).nodes
-        if isinstance(boundary, Fixed):
+        inclined = inclined_directions(body, boundary)
+        if inclined is not None:
+            _incline(name, boundary, nodes, inclined, dofs)
+        elif isinstance(boundary, Fixed):
             for component in boundary.components:
                 dofs.held[3 * nodes + AXES.index(component)] = True
         elif isinstance(boundary, Symmetry):
@@ -179,22 +184,44 @@ def _nodal_conditions(body: Body, boundaries: dict[str, Boundary], problems: Pro
             if axis is not None:
                 dofs.held[3 * nodes + axis] = True
         elif isinstance(boundary, Absorbing):
-            dashpots.append(_absorb(body, split_face(boundary.face)[1]))
+            dashpots.append(absorbing_dashpots(body, split_face(boundary.face)[1]))
         else:
             _drive(name, boundary, nodes, dofs, problems)
-    return _finish(dofs, dashpots)
+    return _turned(_finish(dofs, dashpots), dofs, problems)
+
+
+def _incline(name: str, boundary: Boundary, nodes: Index, directions: Array, dofs: _Dofs) -> None:
+    numbers = [HELD] * len(directions)
+    if isinstance(boundary, Driven):
+        first = len(dofs.motions)
+        numbers = list(range(first, first + len(directions)))
+        dofs.motions += [Motion(boundary.law, v, boundary.type, f"boundary.{name}") for v in boundary.value]
+    dofs.turned.add(nodes, directions, numbers, name)
+
+
+def _turned(plain: Conditions, dofs: _Dofs, problems: Problems) -> Conditions:
+    """Conditions along axes, with those along other directions and whatever holds or drives the same nodes."""
+    tied = np.concatenate([np.zeros(0, dtype=np.int64), *(side for pair in dofs.tied for side in pair)])
+    dofs.turned.add_axes(dofs.held, dofs.driver)
+    solved = dofs.turned.solved(len(dofs.motions), tied // 3, problems)
+    if not solved:
+        return plain
+    expansion, pattern = with_directions(plain.expansion, plain.pattern, solved)
+    rows, values = dofs.turned.matrices(len(dofs.held), len(dofs.motions))
+    where = (3 * np.fromiter(solved, dtype=np.int64)[:, None] + np.arange(3)).ravel()
+    return replace(plain, expansion=expansion, pattern=pattern, turned=(rows, values, where))
 
 
 def _normal_axis(body: Body, name: str, boundary: Symmetry, problems: Problems) -> int | None:
     normals = body.face(split_face(boundary.face)[1]).normals
     axis = int(np.argmax(np.abs(normals[0])))
-    if np.abs(np.abs(normals[:, axis]) - 1).max() > _FLAT:
+    if np.abs(np.abs(normals[:, axis]) - 1).max() > FLAT:
         problems.add(
             f"boundary.{name}.face",
-            "a symmetry face must be plane and face an axis",
+            "a symmetry face must be plane",
             boundary.face,
-            "a plane face normal to x, y or z",
-            'turn the mesh, or use type = "fixed" with components',
+            "a face whose normals are all the same",
+            'use type = "fixed" with components, and axes where they are not the global ones',
         )
         return None
     return axis
@@ -232,15 +259,6 @@ def _tie(body: Body, name: str, boundary: Periodic, dofs: _Dofs, problems: Probl
         f"{len(first.nodes)} and {len(second.nodes)} nodes",
         remedy="mesh opposite faces alike",
     )
-
-
-def _absorb(body: Body, face_name: str) -> tuple[sp.csr_array, sp.csr_array]:
-    """Dashpots of an absorbing face, and the same lumped."""
-    facets, impedances = body.facets(face_name), body.shape.impedances
-    lumped = lumped_dashpots(body.mesh.nodes, facets, *impedances)
-    if not changes_basis(facets):
-        return lumped, lumped
-    return consistent_dashpots(body.mesh.nodes, facets, *impedances), lumped
 
 
 def _finish(dofs: _Dofs, dashpots: list[tuple[sp.csr_array, sp.csr_array]]) -> Conditions:
@@ -311,8 +329,9 @@ def _with_rigid_faces(body: Body, nodal: Conditions, problems: Problems) -> Cond
         nodes = body.facets(face).nodes
         dofs = (3 * nodes[:, None] + np.arange(3)).ravel()
         rows = sp.csr_array(expansion[dofs])
-        if taken[dofs].any() or nodal.pattern[dofs].any() or (copies[rows.indices] > 1).any():
-            what = "a rigid face shares nodes with another rigid face, a driven face or a periodic one"
+        inclined = nodal.turned is not None and bool(np.isin(dofs, nodal.turned[2]).any())
+        if taken[dofs].any() or nodal.pattern[dofs].any() or (copies[rows.indices] > 1).any() or inclined:
+            what = "a rigid face shares nodes with another rigid face, a driven face, an inclined or a periodic one"
             remedy = "leave rigid out for this face: a distributing coupling may share nodes"
             problems.add("coupling", what, f"{body.name}.{face}", remedy=remedy)
             continue
@@ -331,35 +350,6 @@ def _with_rigid_faces(body: Body, nodal: Conditions, problems: Problems) -> Cond
     return replace(nodal, expansion=whole)
 
 
-def supports(
-    boundaries: Mapping[str, Boundary], bodies: Mapping[str, Body], models: Mapping[str, SubstructureModel]
-) -> dict[str, Support]:
-    """Supports of the elastic bodies: the dofs that each boundary holds or drives. A dof at the edge of two supports
-    counts for the first one that holds it."""
-    taken = {name: np.zeros(body.full_size(), dtype=bool) for name, body in bodies.items()}
-    supported = {}
-    for name, boundary in boundaries.items():
-        if isinstance(boundary, Absorbing | Periodic):
-            continue
-        body, face = bodies[split_face(boundary.face)[0]], split_face(boundary.face)[1]
-        if body.rigid:
-            continue
-        if isinstance(boundary, Symmetry):
-            components = [int(np.argmax(np.abs(body.face(face).normals[0])))]
-        else:
-            components = [AXES.index(component) for component in boundary.components]
-        dofs = (3 * body.face(face).nodes[:, None] + components).ravel()
-        dofs = dofs[~taken[body.name][dofs]]
-        if np.isin(dofs // 3, body.rigid_nodes).any():
-            what = f"boundary {name} holds nodes of a face that a coupling makes rigid, which carry its forces, too"
-            problem = Problem("output.reactions", what, remedy="leave output.reactions out, or rigid")
-            raise SceneError([problem], "the scene cannot be built")
-        taken[body.name][dofs] = True
-        if len(dofs):
-            supported[name] = Support(body.name, boundary.face, dofs, models[body.name])
-    return supported
-
-
 def _rigid_conditions(body: Body, nodal: Conditions, boundaries: dict[str, Boundary], problems: Problems) -> Conditions:
     """Conditions of the nodes, ``nodal``, on the rigid motions of ``body``."""
     for name, boundary in boundaries.items():
@@ -373,9 +363,15 @@ def _rigid_conditions(body: Body, nodal: Conditions, boundaries: dict[str, Bound
             )
             return nodal
     rigid = body.rigid_motions
-    held, driven = nodal.held, nodal.pattern.any(axis=1)
+    held, driven = nodal.held, np.asarray(nodal.pattern.any(axis=1))
+    if nodal.turned is not None:
+        for flags in (held, driven):
+            flags[nodal.turned[2]] = False
     rows = np.concatenate([rigid.modes[held], rigid.modes[driven]])
     values = np.concatenate([np.zeros((int(held.sum()), len(nodal.motions))), nodal.pattern[driven]])
+    if nodal.turned is not None:
+        rows = np.concatenate([rows, nodal.turned[0] @ rigid.modes])
+        values = np.concatenate([values, nodal.turned[1]])
     motions = la.lstsq(rows, values)[0] if values.size else np.zeros((6, len(nodal.motions)))
     if values.size and np.abs(rows @ motions - values).max() > _ROUND_OFF:
         problems.add(

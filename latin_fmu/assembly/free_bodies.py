@@ -20,6 +20,7 @@ from scipy.sparse.csgraph import connected_components
 from ..errors import Problems
 from ..fem.mesh import Array, Index
 from ..latin.assembly import InterfaceUnit
+from ..propagator.model import closest_reduced
 from ..scene.laws import InputLaw
 from ..scene.schema import Scene
 from .body import Body, body_sides
@@ -190,7 +191,7 @@ def with_place(
     held = dict(conditions)
     for group in groups:
         elastic = {n: m for n, m in group.motions.items() if not isinstance(conditions[n], RigidConditions)}
-        moved = {n: _reduced(conditions[n].expansion, motions) for n, motions in elastic.items()}
+        moved = {n: closest_reduced(conditions[n].expansion, motions) for n, motions in elastic.items()}
         inner = {n: _off_interfaces(bodies[n], conditions[n].expansion, units) for n in moved}
         chosen = _pivots({n: (inner[n], m[inner[n]]) for n, m in moved.items()}, group.n, _WELL_HELD)
         if chosen is None:
@@ -201,12 +202,6 @@ def with_place(
             kept = np.setdiff1d(np.arange(expansion.shape[1]), columns)
             held[name] = replace(conditions[name], expansion=sp.csr_array(expansion[:, kept]))
     return held
-
-
-def _reduced(expansion: sp.csr_array, motions: Array) -> Array:
-    """Values of the reduced dofs (n, n_motion) in motions of the nodes that the conditions allow."""
-    squares = np.asarray(expansion.power(2).sum(axis=0)).ravel()
-    return np.asarray((expansion.T @ motions) / np.maximum(squares, 1e-300)[:, None])
 
 
 def _off_interfaces(body: Body, expansion: sp.csr_array, units: Sequence[InterfaceUnit]) -> Index:

@@ -22,6 +22,7 @@ from ..fem.mesh import Array, CellBlock, Index, Mesh, cell_blocks, nested_dissec
 from ..latin.assembly import InterfaceUnit
 from ..latin.recorder import SubstructureInfo
 from ..propagator import Histories, LoadTerm, SubstructureModel
+from ..propagator.model import is_selection as copies
 from ..scene.fields import split_face
 from .problem import Timeline
 
@@ -60,13 +61,15 @@ def merge(
     Raises
     ------
     ValueError : a substructure is rigid (its dofs are not those of its nodes); bonds of non-matching faces that cannot
-        be written as constraints, or that join bodies which start with a spin.
+        be written as constraints, or that join bodies which start with a spin; conditions that couple directions.
     """
     models = {m.name: m for m in members}
     if any(m.nodal is not None for m in members):
         raise ValueError("an assembly with rigid substructures cannot be merged")
     if any(m.modal is not None for m in members):
         raise ValueError("modal damping is that of one substructure, not of several bonded ones")
+    if not all(copies(m.expansion) for m in members):
+        raise ValueError("faces held along directions that are no axes, or rigid ones")
     names = list(models)
     ends = np.cumsum([models[n].n_full for n in names])
     where = {n: slice(int(e) - models[n].n_full, int(e)) for n, e in zip(names, ends, strict=True)}

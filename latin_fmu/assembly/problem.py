@@ -28,11 +28,12 @@ from ..time_scheme import QuasiStatic, TimeScheme
 from .body import Body, body_sides
 from .bolts import BoltCut, OpenedMesh, OpenedStress, load_name
 from .checks import boundaries_of
-from .conditions import Conditions, Motion, supports
+from .conditions import Conditions, Motion
 from .initial_state import InitialState, TightBolts
 from .kept_operators import KeptOperators
 from .models import NO_BOLTS, ContactLayer, ModelClass, chosen_scheme, model_classes
 from .propagator_choice import made_propagators
+from .supports import supports
 
 REST = 1e-2
 """Tractions below this share of tolerance x characteristic traction leave a substructure at rest inactive."""

@@ -30,16 +30,20 @@ class Support:
     ----------
     substructure, face : its body and face. dofs : held or driven full dofs, each in one support only.
     model : of the substructure, with the matrices of its mesh.
+    parts : (3, n_full) sum of the parts of nodal vectors along the directions of the support, where they are no axes.
     """
 
     substructure: str
     face: str
     dofs: Index
     model: SubstructureModel
+    parts: sp.csr_array | None = None
 
     @property
     def sum(self) -> sp.csr_array:
         """e (3, n_full): sum of the held dofs, component by component."""
+        if self.parts is not None:
+            return self.parts
         entries = (np.ones(len(self.dofs)), (self.dofs % 3, self.dofs))
         return sp.csr_array(sp.coo_array(entries, shape=(3, self.model.n_full)))
 

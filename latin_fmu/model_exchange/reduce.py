@@ -134,6 +134,9 @@ def _unknown(scene: Scene, n_mode: int, n_patch: int) -> Iterator[Problem]:
         if body.rigid:
             yield Problem(f"substructure.{name}.rigid", "a rigid body has no modes", remedy="make it elastic")
     for name, boundary in scene.boundary.items():
+        if getattr(boundary, "axes", None) is not None:
+            what, remedy = "a reduced model holds faces along the global axes", "use the FMU for co-simulation"
+            yield Problem(f"boundary.{name}.axes", what, remedy=remedy)
         if isinstance(boundary, Driven):
             yield Problem(
                 f"boundary.{name}.type",

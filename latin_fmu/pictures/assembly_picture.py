@@ -221,6 +221,8 @@ def _arrows(axis: Axes, scene: Scene, bodies: Mapping[str, Body], view: View) ->
             centre, _ = _middle(bodies, boundary.face)
             direction = np.zeros(3)
             direction[["xyz".index(c) for c in boundary.components]] = boundary.value
+            if boundary.axes is not None:
+                direction = np.array(boundary.axes.rows).T @ direction
             unit = {"velocity": "m/s", "displacement": "m", "acceleration": "m/s²"}[boundary.type]
             text = readable(float(np.linalg.norm(direction)), unit, 3)
             _arrow(axis, view, centre, direction, length, SUPPORTS[boundary.type], f"{name}\n{text}", True)

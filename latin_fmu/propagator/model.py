@@ -41,6 +41,8 @@ _KEPT = frozenset(
 )
 _OF_MASS = frozenset(("reduced", "operator_pattern", "massless", "with_lumped_mass"))
 
+_ROUND_OFF = 1e-14  # of a trace: share of a unit direction
+
 FactorKind = Literal["float64", "float32", "cg"]
 
 
@@ -258,7 +260,11 @@ class SubstructureModel:
     @cached_property
     def reduced_trace(self) -> sp.csr_array:
         """Trace from all reduced dofs to the channels, (n_channel, n)."""
-        return sp.csr_array(self.trace @ self.expansion)
+        trace = sp.csr_array(self.trace @ self.expansion)
+        if not is_selection(self.expansion):  # what a channel cannot move along is round-off
+            trace.data[np.abs(trace.data) < _ROUND_OFF] = 0.0
+            trace.eliminate_zeros()
+        return trace
 
     @cached_property
     def reduced_spread(self) -> sp.csr_array:
@@ -338,10 +344,15 @@ class SubstructureModel:
         return values.reshape(-1, 3)
 
 
+def is_selection(expansion: sp.csr_array) -> bool:
+    """Whether every full dof is a copy of one reduced dof at most."""
+    return bool(np.diff(expansion.indptr).max(initial=0) <= 1 and (expansion.data == 1.0).all())
+
+
 def closest_reduced(expansion: sp.csr_array, full: Array) -> Array:
     """Reduced dofs (n, k) closest to full ones (n_full, k): means over the copies of each, where they are copies; least
     squares where full dofs are sums of several (rigid faces)."""
-    if np.diff(expansion.indptr).max(initial=0) <= 1:
+    if is_selection(expansion):
         means: Array = (expansion.T @ full) / np.maximum(expansion.sum(axis=0), 1)[:, None]
         return means
     gram = sp.csc_array(expansion.T @ expansion)

@@ -106,7 +106,7 @@ def build_static_operators(model: SubstructureModel, springs: Array, dt: float) 
         return _swept_operators(model, springs, dt)
     p = model.expansion
     stiffness = model.reduced_stiffness
-    trace = sp.csc_array(model.trace @ p)
+    trace = sp.csc_array(model.reduced_trace)
     dofs = np.flatnonzero(np.diff(trace.indptr)).astype(np.int64)
     rank = None if model.ordering is None else reduced_rank(p, model.ordering)
     held = sp.csr_array(trace.T @ sp.diags_array(model.channel_area * springs) @ trace)

@@ -8,8 +8,8 @@ from pydantic import AfterValidator, BeforeValidator, Field
 from ..errors import Problem, shown
 from .fields import Face, Series, Table, _as_list, about, refusal
 from .laws import ConstantLaw, Law
-from .raw_scene import RawTable, face_problems, is_box, named_tables, parsed_face, text_list
-from .substructures import BOX_FACES
+from .raw_scene import RawTable, face_problems, given, is_box, named_tables, parsed_face, text_list
+from .substructures import BOX_FACES, LocalAxes
 
 Axis = Literal["x", "y", "z"]
 AXES: tuple[Axis, ...] = ("x", "y", "z")
@@ -24,6 +24,7 @@ def _check_axes(axes: tuple[Axis, ...]) -> tuple[Axis, ...]:
 Axes = Annotated[tuple[Axis, ...], BeforeValidator(_as_list), AfterValidator(_check_axes)]
 FacePair = Annotated[tuple[Face, Face], BeforeValidator(_as_list)]
 _FACE = 'the face, "substructure.face"'
+_AXES = "axes of the components; the global ones where left out"
 
 
 class Fixed(Table):
@@ -32,10 +33,11 @@ class Fixed(Table):
     type: Literal["fixed"] = "fixed"
     face: Annotated[Face, about(_FACE)]
     components: Annotated[Axes, about("blocked components")] = AXES
+    axes: Annotated[LocalAxes | None, about(_AXES)] = None
 
 
 class Symmetry(Table):
-    """Plane of symmetry: no displacement along the normal of a plane face that faces an axis."""
+    """Plane of symmetry: no displacement along the normal of a plane face, however inclined."""
 
     type: Literal["symmetry"] = "symmetry"
     face: Annotated[Face, about(_FACE)]
@@ -49,6 +51,7 @@ class PrescribedVelocity(Table):
     components: Annotated[Axes, about("components driven")]
     value: Annotated[Series, about("one number per component", "m s-1")]
     law: Annotated[Law, about("time law a(t)")] = ConstantLaw()
+    axes: Annotated[LocalAxes | None, about(_AXES)] = None
 
 
 class PrescribedDisplacement(Table):
@@ -59,6 +62,7 @@ class PrescribedDisplacement(Table):
     components: Annotated[Axes, about("components driven")]
     value: Annotated[Series, about("one number per component", "m")]
     law: Annotated[Law, about("time law a(t)")] = ConstantLaw()
+    axes: Annotated[LocalAxes | None, about(_AXES)] = None
 
 
 class PrescribedAcceleration(Table):
@@ -70,6 +74,7 @@ class PrescribedAcceleration(Table):
     components: Annotated[Axes, about("components driven")]
     value: Annotated[Series, about("one number per component", "m s-2")]
     law: Annotated[Law, about("time law a(t)")] = ConstantLaw()
+    axes: Annotated[LocalAxes | None, about(_AXES)] = None
 
 
 class Absorbing(Table):
@@ -163,4 +168,4 @@ def _imposed(raw: Any, table: RawTable) -> Iterator[tuple[str, str]]:
         default = list(AXES) if kind == "fixed" else []
         for component in dict.fromkeys(text_list(table.get("components")) or default):
             if component in AXES:
-                yield face, component
+                yield face, f"local {component}" if given(table, "axes") else component

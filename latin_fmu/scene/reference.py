@@ -98,8 +98,8 @@ Gravity        It acts where the mass of the body is: a free body falls without 
                absorbing faces act on velocities: where the acceleration stands for that of a moving frame, on those
                relative to the frame.
 Signs          Pressure is positive in compression: traction -p n, n the outward normal. Tractions,
-               forces and prescribed motions are along the global axes x, y, z; those of a load along its axes, if it
-               has any.
+               forces and prescribed motions are along the global axes x, y, z; those of a load or boundary with axes
+               along these.
 Laws           A law a(t) has no dimension and multiplies the load or the prescribed motion. Before its
                first and after its last point a table keeps its end values. The values of a csv law may have the unit
                of what they multiply, which then only gives the direction: force = [0, 0, -1], value_unit = "kN".
@@ -126,7 +126,8 @@ Boundaries     fixed and symmetry block displacement; velocity, displacement and
                a(t) along the components. A face with an acceleration starts at rest and moves as the time scheme would
                move a free body: after a pulse its velocity and path are the exact integrals of the straight lines
                between the instants. In the frame of that face the same motion is [gravity] with the opposite
-               acceleration. One condition per face and component. Loads on one face add up.
+               acceleration. With axes, components and values are along these. One condition per face and
+               component; nodes of a common edge follow all conditions on them. Loads on one face add up.
 Absorbing      Half of a traction on an absorbing face goes into its dashpots: a traction 2 t launches a
                wave t."""
 

@@ -1,0 +1,233 @@
+"""Supports: conditions along directions that are no global axes, and the dofs whose forces are reactions.
+
+A condition holds or drives the displacement of a node along unit directions, one row each, R u = V m (m the
+prescribed motions, V zero where it holds). With all rows of a node together
+
+    u = Z q + D m,    Z orthonormal, R Z = 0,    D = R^+ V
+
+are the free displacements along the columns of Z and those that follow the motions. The columns of Z are orthonormal,
+so that a mass that is equal along all directions of a node stays diagonal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from ..errors import Problem, Problems, SceneError
+from ..fem.faces import changes_basis, consistent_dashpots, lumped_dashpots
+from ..fem.mesh import Array, Index
+from ..latin.reactions import Support
+from ..propagator import SubstructureModel
+from ..scene.boundaries import AXES, Absorbing, Boundary, Driven, Fixed, Periodic, Symmetry
+from ..scene.fields import split_face
+from .body import Body
+
+FLAT = 1e-6
+"""Deviation of the normals of a plane face."""
+HELD = -1
+"""Number of the motion of a direction that is held."""
+_DEPENDENT = 1e-6  # sine between a direction and those before it, below which it depends on them
+_AGREES = 1e-9  # deviation of a motion along a direction that is set twice
+
+
+def inclined_directions(body: Body, boundary: Boundary) -> Array | None:
+    """Unit directions (n, 3) that a condition holds or drives, where they are no global axes; else None."""
+    if isinstance(boundary, Symmetry):
+        normals = body.face(split_face(boundary.face)[1]).normals
+        mean = normals.mean(axis=0) / np.linalg.norm(normals.mean(axis=0))
+        plane = np.abs(normals - mean).max() <= FLAT
+        return mean[None, :] if plane and np.abs(mean).max() < 1 - FLAT else None
+    if isinstance(boundary, Fixed | Driven) and boundary.axes is not None:
+        return np.array(boundary.axes.rows)[[AXES.index(component) for component in boundary.components]]
+    return None
+
+
+@dataclass
+class Directions:
+    """Directions of nodes that are held or driven.
+
+    Attributes
+    ----------
+    rows : by node: unit directions (3,), the number of the motion that drives them, and the name of the condition.
+    """
+
+    rows: dict[int, list[tuple[Array, int, str]]] = field(default_factory=dict)
+
+    def add(self, nodes: Index, directions: Array, motions: list[int], name: str) -> None:
+        """Set directions (n, 3) of nodes; ``motions`` : numbers of motions (n,), ``HELD`` where they are held."""
+        for node in nodes.tolist():
+            own = self.rows.setdefault(node, [])
+            own += [(d, m, name) for d, m in zip(directions, motions, strict=True)]
+
+    def add_axes(self, held: NDArray[np.bool_], driver: Index) -> None:
+        """Add the global axes along which the same nodes are held or driven, (n_full,)."""
+        for node, own in self.rows.items():
+            dofs = 3 * node + np.flatnonzero(held[3 * node : 3 * node + 3] | (driver[3 * node : 3 * node + 3] >= 0))
+            own += [(np.eye(3)[dof % 3], HELD if held[dof] else int(driver[dof]), "") for dof in dofs.tolist()]
+
+    def solved(self, n_motion: int, tied: Index, problems: Problems) -> dict[int, tuple[Array, Array]]:
+        """Z (3, n_free) and D (3, n_motion) by node; empty, with a problem, where conditions contradict each other or
+        nodes are ``tied`` to others."""
+        known: dict[bytes, tuple[Array, Array] | None] = {}
+        found: dict[int, tuple[Array, Array]] = {}
+        for node, rows in self.rows.items():
+            key = np.concatenate([np.append(d, m) for d, m, _ in rows]).tobytes()
+            solution = known[key] if key in known else known.setdefault(key, _solved(rows, n_motion))
+            if solution is None:
+                problems.add(
+                    f"boundary.{[name for _, _, name in rows if name][-1]}",
+                    "drives nodes already held or driven by another condition",
+                    remedy="shared edges belong to one condition: leave the component out of one of them",
+                )
+                return {}
+            found[node] = solution
+        if shared := set(found) & set(tied.tolist()):
+            problems.add(
+                f"boundary.{self.rows[min(shared)][0][2]}",
+                "turns nodes of a periodic face",
+                remedy="periodic faces take no conditions along axes of their own",
+            )
+            return {}
+        return found
+
+    def matrices(self, n_full: int, n_motion: int) -> tuple[sp.csr_array, Array]:
+        """All rows R (n_row, n_full) and V (n_row, n_motion)."""
+        every = [(node, d, m) for node, rows in self.rows.items() for d, m, _ in rows]
+        places = (
+            np.repeat(np.arange(len(every)), 3),
+            (3 * np.array([e[0] for e in every])[:, None] + range(3)).ravel(),
+        )
+        values = np.concatenate([e[1] for e in every])
+        given = np.zeros((len(every), n_motion))
+        for i, (_, _, motion) in enumerate(every):
+            if motion != HELD:
+                given[i, motion] = 1.0
+        return sp.coo_array((values, places), shape=(len(every), n_full)).tocsr(), given
+
+
+def _solved(rows: list[tuple[Array, int, str]], n_motion: int) -> tuple[Array, Array] | None:
+    """Z and D of one node, None where its conditions contradict each other."""
+    basis, values = np.zeros((0, 3)), np.zeros((0, n_motion))  # orthonormal rows and the motions along them
+    for direction, motion, _ in rows:
+        given = np.zeros(n_motion)
+        if motion != HELD:
+            given[motion] = 1.0
+        share = basis @ direction
+        rest, left = direction - share @ basis, given - share @ values
+        size = float(np.linalg.norm(rest))
+        if size > _DEPENDENT:
+            basis, values = np.vstack([basis, rest / size]), np.vstack([values, left / size])
+        elif np.abs(left).max(initial=0.0) > _AGREES:
+            return None
+    free: list[Array] = []
+    for axis in np.argsort(np.linalg.norm(basis, axis=0), kind="stable"):  # the axes that are least held come first
+        rest = np.eye(3)[axis]
+        for taken in (*basis, *free, *basis, *free):  # twice is enough for round-off
+            rest = rest - (taken @ rest) * taken
+        if len(free) < 3 - len(basis) and np.linalg.norm(rest) > 0.1:
+            free.append(rest / np.linalg.norm(rest))
+    directions = np.array(free).reshape(-1, 3).T
+    return np.where(np.abs(directions) < 1e-15, 0.0, directions), basis.T @ values
+
+
+def with_directions(
+    expansion: sp.csr_array, pattern: Array, solved: Mapping[int, tuple[Array, Array]]
+) -> tuple[sp.csr_array, Array]:
+    """Expansion and pattern of a body whose other nodes have theirs, with those of nodes of ``Directions.solved``."""
+    dofs = (3 * np.fromiter(solved, dtype=np.int64)[:, None] + np.arange(3)).ravel()
+    kept = np.ones(expansion.shape[0], dtype=bool)
+    kept[dofs] = False
+    rest = sp.csr_array(sp.diags_array(kept.astype(float)) @ expansion)
+    rest.eliminate_zeros()
+    rest = sp.csr_array(rest[:, np.flatnonzero(np.bincount(rest.indices, minlength=rest.shape[1]))])
+    block = sp.coo_array(sp.block_diag([z for z, _ in solved.values()]))
+    shape = (expansion.shape[0], block.shape[1])
+    turned = sp.coo_array((block.data, (dofs[block.coords[0]], block.coords[1])), shape=shape).tocsr()
+    moved = pattern.copy()
+    moved[dofs] = np.concatenate([d for _, d in solved.values()])
+    whole = sp.csr_array(sp.hstack([rest, turned], format="csr"))
+    whole.eliminate_zeros()
+    return whole, moved
+
+
+def projections(
+    nodes: Index, directions: Array, taken: dict[int, Array], n_full: int
+) -> tuple[sp.csr_array, NDArray[np.bool_]]:
+    """Sum (3, n_full) of the parts of nodal vectors along directions (n, 3) that no support has ``taken`` yet (by node,
+    (n, 3) orthonormal), and whether each node has any; ``taken`` is extended."""
+    entries: list[tuple[int, Array]] = []
+    for node in nodes.tolist():
+        basis = taken.get(node, np.zeros((0, 3)))
+        first = len(basis)
+        for direction in directions:
+            rest = direction - (basis @ direction) @ basis
+            size = float(np.linalg.norm(rest))
+            if size > _DEPENDENT:
+                basis = np.vstack([basis, rest / size])
+        taken[node] = basis
+        entries.append((node, basis[first:].T @ basis[first:]))
+    own = np.array([part.any() for _, part in entries])
+    rows = np.tile(np.repeat(np.arange(3), 3), len(entries))
+    columns = (3 * np.array([node for node, _ in entries])[:, None] + np.tile(np.arange(3), 3)).ravel()
+    data = np.concatenate([part.ravel() for _, part in entries])
+    whole = sp.coo_array((data, (rows, columns)), shape=(3, n_full)).tocsr()
+    whole.eliminate_zeros()
+    return whole, own
+
+
+def supports(
+    boundaries: Mapping[str, Boundary], bodies: Mapping[str, Body], models: Mapping[str, SubstructureModel]
+) -> dict[str, Support]:
+    """Supports of the elastic bodies: the dofs that each boundary holds or drives. A dof at the edge of two supports
+    counts for the first one that holds it."""
+    taken = {name: np.zeros(body.full_size(), dtype=bool) for name, body in bodies.items()}
+    inclined: dict[str, dict[int, Array]] = {}
+    for boundary in boundaries.values():
+        if not isinstance(boundary, Absorbing | Periodic):
+            body = bodies[split_face(boundary.face)[0]]
+            if not body.rigid and inclined_directions(body, boundary) is not None:
+                inclined[body.name] = {}
+    supported = {}
+    for name, boundary in boundaries.items():
+        if isinstance(boundary, Absorbing | Periodic):
+            continue
+        body, face = bodies[split_face(boundary.face)[0]], split_face(boundary.face)[1]
+        if body.rigid:
+            continue
+        if np.isin(body.face(face).nodes, body.rigid_nodes).any():
+            what = f"boundary {name} holds nodes of a face that a coupling makes rigid, which carry its forces, too"
+            problem = Problem("output.reactions", what, remedy="leave output.reactions out, or rigid")
+            raise SceneError([problem], "the scene cannot be built")
+        if isinstance(boundary, Symmetry):
+            components = [int(np.argmax(np.abs(body.face(face).normals[0])))]
+        else:
+            components = [AXES.index(component) for component in boundary.components]
+        if body.name in inclined:
+            directions = inclined_directions(body, boundary)
+            directions = np.eye(3)[components] if directions is None else directions
+            nodes = body.face(face).nodes
+            parts, own = projections(nodes, directions, inclined[body.name], body.full_size())
+            if own.any():
+                where = (3 * nodes[own][:, None] + np.arange(3)).ravel()
+                supported[name] = Support(body.name, boundary.face, where, models[body.name], parts)
+            continue
+        dofs = (3 * body.face(face).nodes[:, None] + components).ravel()
+        dofs = dofs[~taken[body.name][dofs]]
+        taken[body.name][dofs] = True
+        if len(dofs):
+            supported[name] = Support(body.name, boundary.face, dofs, models[body.name])
+    return supported
+
+
+def absorbing_dashpots(body: Body, face_name: str) -> tuple[sp.csr_array, sp.csr_array]:
+    """Dashpots of an absorbing face, and the same lumped."""
+    facets, impedances = body.facets(face_name), body.shape.impedances
+    lumped = lumped_dashpots(body.mesh.nodes, facets, *impedances)
+    if not changes_basis(facets):
+        return lumped, lumped
+    return consistent_dashpots(body.mesh.nodes, facets, *impedances), lumped
