@@ -297,7 +297,7 @@ def _pseudo_inverse(matrix: Array) -> Array:
     return inverse
 
 
-_LONG = 10.0  # k over the impedance, from which on a step is long
+_LONG = 100.0  # diagonals of the stiffness over those of the mass in the operator: Courant number of about 7
 FLOOR = 1e-3
 """Fields below this fraction of the characteristic traction are negligible."""
 _PROXIMAL, _PROXIMAL_STATIC = 1e-2, 1e-4  # of z in the relative operator; z of the static k is far above its diagonal
@@ -328,11 +328,15 @@ class Direction:
         self.newton, self.too_large = 0 < numbers <= largest, numbers > largest
 
     def _long_steps(self) -> bool:
-        """Whether steps are so long that Newton steps are worth the dense matrix that they take: k is the stiffness of
-        the faces times the step then, many times the impedance."""
-        impedance = self.assembly.impedance
-        known = (impedance > 0) & (self.k > 0)
-        return bool(known.any()) and _median(self.k[known] / impedance[known]) > _LONG
+        """Whether steps are so long that Newton steps are worth the dense matrix that they take: the stiffness in the
+        operator of a swept class is many times its mass."""
+        of_mass, _, of_stiffness = self.assembly.scheme.operator(self.assembly.dt)
+        for p in self.assembly.propagators:
+            mass, stiffness = p.operators.mass.diagonal(), p.operators.stiffness.diagonal()
+            heavy = mass > 0.0
+            if p.swept and _median(of_stiffness * stiffness[heavy] / (of_mass * mass[heavy])) > _LONG:
+                return True
+        return False
 
     @cached_property
     def points(self) -> PointByPoint:

@@ -33,8 +33,9 @@ Form = Literal["automatic", "dense", "exact"]
 """How interfaces are solved with: by dense matrices, by substitution (exact too), or by what costs less."""
 
 NONE = np.zeros(0, dtype=np.int64)
-_SMALL: Final = 1200
-"""Channels of a substructure below which dense matrices are taken without comparison: 400 points with friction."""
+_SMALL: Final = 2100
+"""Channels of a substructure below which dense matrices are taken without comparison: 700 points with friction, up to
+which Newton steps take them where steps are long."""
 SET_UP: Final = 4.0
 """Multiplications of both factors and of the diagonal of C, over those of one factor."""
 _SMALL_STATIC: Final = 4000

@@ -204,7 +204,7 @@ def plates(m: int, **solver: Any) -> latin_fmu.Scene:
 
 
 def test_the_form_is_chosen_by_cost_and_told() -> None:
-    told = [choices(Prediction(discretise(plates(m))))["interfaces"] for m in (8, 24)]
+    told = [choices(Prediction(discretise(plates(m))))["interfaces"] for m in (8, 28)]
     assert told[0] == "dense matrices"
     assert told[1].startswith("exact, by substitution through at most")
     assert told[1].endswith("in lower, upper")
