@@ -16,12 +16,13 @@ from ..fem.elasticity import BENDING_CELLS, body_load, lumped_mass, mass, stiffn
 from ..fem.elements import Elements, RigidBody, rigid_body
 from ..fem.faces import Face, face_of
 from ..fem.location import Location, MeanMotion, locate, nearest_surface_point
-from ..fem.mesh import Array, FacetSet, Index, Mesh, boundary, box_mesh, dissection
+from ..fem.mesh import Array, FacetSet, Index, Mesh, boundary, box_mesh, dissection, nearest
 from ..fem.stress import MeanStress, Recovery
 from ..fem.surface import Surface
 from ..latin.assembly import InterfaceUnit
 from ..latin.probes import SensorPlace
 from ..scene.fields import ALL_OF_IT, GROUND, split_face
+from ..scene.initial_fields import DISPLACEMENT_FIELDS, VELOCITY_FIELDS, DisplacementFile, Gradient, VelocityFile
 from ..scene.schema import Scene
 from ..scene.substructures import Material, MeshFile, Substructure
 
@@ -34,6 +35,8 @@ _OF_MOTION: Final = (
     "initial_velocity",
     "initial_spin",
     "initial_displacement",
+    *VELOCITY_FIELDS,
+    *DISPLACEMENT_FIELDS,
     "body_force",
     "body_force_law",
 )
@@ -189,7 +192,35 @@ class Body:
         if any(description.initial_spin):
             arm = self.mesh.nodes - self.rigid_motions.centre
             velocity += np.cross(np.asarray(description.initial_spin), arm)
-        return velocity.ravel()
+        return velocity.ravel() if self.velocity_field is None else (velocity + self.velocity_field).ravel()
+
+    def initial_displacement(self) -> Array:
+        """Displacement of the nodes at t = 0, (3 n_node,), m."""
+        uniform = np.tile(np.asarray(self.description.initial_displacement, dtype=float), self.mesh.n_node)
+        return uniform if self.displacement_field is None else uniform + self.displacement_field.ravel()
+
+    @cached_property
+    def velocity_field(self) -> Array | None:
+        """Part of the velocity at t = 0 by a gradient and a file, (n_node, 3), m s-1; None without these."""
+        return self._field(self.description.initial_velocity_gradient, self.description.initial_velocity_field)
+
+    @cached_property
+    def displacement_field(self) -> Array | None:
+        """Part of the displacement at t = 0 by a gradient and a file, (n_node, 3), m; None without these."""
+        description = self.description
+        return self._field(description.initial_displacement_gradient, description.initial_displacement_field)
+
+    def _field(self, gradient: Gradient | None, file: VelocityFile | DisplacementFile | None) -> Array | None:
+        """G (x - centre) plus the values of the points of a file nearest to the nodes."""
+        if gradient is None and file is None:
+            return None
+        field = np.zeros((self.mesh.n_node, 3))
+        if gradient is not None:
+            field += (self.mesh.nodes - self.rigid_motions.centre) @ np.asarray(gradient, dtype=float).T
+        if file is not None:
+            _, number = nearest(self.mesh.nodes, np.asarray(file.points, dtype=float))
+            field += np.asarray(file.values, dtype=float)[number]
+        return field
 
     def full_size(self) -> int:
         """Number of dofs of the nodes."""

@@ -12,18 +12,11 @@ from ..interface import Behaviour
 from ..scene.schema import Scene
 from .attachments import coupling_units, spring_units, with_masses, with_rigid_faces
 from .body import build_bodies, sensor_places
-from .checks import (
-    boundaries_of,
-    check_faces,
-    initial_problems,
-    locking_remarks,
-    lumping_remarks,
-    redundancy_remarks,
-    sampling_remarks,
-)
+from .checks import boundaries_of, check_faces, locking_remarks, lumping_remarks, redundancy_remarks, sampling_remarks
 from .conditions import conditions_on
 from .free_bodies import acting, free_groups, free_remarks, unheld, with_place
 from .inactive_substructures import arrival_times, cut_by_arrival, marched_share
+from .initial_fields import check_fields, field_remarks, initial_problems
 from .initial_state import InitialState
 from .interfaces import build_interface, lonely_remarks, with_behaviours, with_found
 from .kept_operators import KeptOperators
@@ -86,6 +79,7 @@ def discretise(
     if scene.contact:
         scene = with_found(scene, bodies, problems)
         remarks += lonely_remarks(scene, bodies)
+    check_fields(bodies, problems)
     sensors = sensor_places(scene, bodies, problems)
     conditions = {name: conditions_on(body, boundaries_of(scene, name), problems) for name, body in bodies.items()}
     made = [build_interface(n, i, bodies, conditions, problems, remarks) for n, i in scene.interface.items()]
@@ -93,7 +87,8 @@ def discretise(
     if problems:
         raise SceneError(problems, "the scene cannot be built")
     units = with_behaviours([unit for unit in made if unit is not None], behaviours or {}, problems)
-    initial_problems(scene, units, problems, remarks)
+    initial_problems(scene, bodies, units, problems, remarks)
+    remarks += field_remarks(scene, bodies, conditions)
     if scene.time.quasi_static and not problems:
         groups = free_groups(bodies, conditions, units)
         instants = np.linspace(0.0, scene.time.end, scene.time.n_step + 1)

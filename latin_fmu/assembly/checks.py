@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 from ..errors import Problems
 from ..fem.elasticity import BENDING_CELLS
 from ..fem.mesh import Array, FacetSet, Mesh
-from ..latin.assembly import InterfaceUnit
 from ..scene.attachments import places_of
 from ..scene.boundaries import (
     AXES,
@@ -143,48 +142,6 @@ def sampling_remarks(scene: Scene, time: Array) -> list[str]:
                 "(jumps between instants): place the jumps on instants, or use smaller steps"
             )
     return remarks
-
-
-def initial_problems(scene: Scene, units: list[InterfaceUnit], problems: Problems, remarks: list[str]) -> None:
-    """Overlaps, open preloads and torn bonds that initial displacements make; velocity jumps of bonds are remarks."""
-    for unit in units:
-        first, second = (None if side == GROUND else scene.substructure[split_face(side)[0]] for side in unit.sides)
-        assert first is not None
-        zero = (0.0, 0.0, 0.0)
-        jump = np.subtract(zero if second is None else second.initial_displacement, first.initial_displacement)
-        where = f"interface.{unit.name}"
-        if unit.behaviour.compliant:
-            continue
-        if not unit.behaviour.opens:
-            if jump.any():
-                problems.add(
-                    where,
-                    "initial displacements tear a bonded interface",
-                    str(jump.tolist()),
-                    remedy="give both sides the same initial displacement",
-                )
-            if second is not None and first.initial_velocity != second.initial_velocity:
-                remarks.append(
-                    f"interface {unit.name}: bonded sides start with different velocities; the jump is lost in the "
-                    "first step, with its energy"
-                )
-            continue
-        gap = unit.geometry.gap + unit.geometry.frames[:, 0] @ jump
-        size = float(np.ptp(unit.geometry.points, axis=0).max())
-        if gap.min() < -1e-9 * max(size, float(np.abs(jump).max())):
-            problems.add(
-                where,
-                "the sides overlap at the start",
-                f"by {-gap.min():.6g} m in all",
-                remedy="change initial_displacement, or move the meshes apart",
-            )
-        elif unit.preload > 0 and gap.max() > 1e-9 * size and not unit.geometry.gap.any():
-            problems.add(
-                f"{where}.preload",
-                "a preloaded interface cannot be open",
-                f"{gap.max():.6g} m",
-                remedy="leave out the initial displacement that opens it, or the preload",
-            )
 
 
 def _mass(body: Body) -> float:

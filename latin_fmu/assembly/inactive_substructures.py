@@ -78,7 +78,7 @@ def marched_share(arrival: float, time: Array) -> float:
 def _inside(scene: Scene, name: str, time: Array) -> float:
     """Instant at which the whole body is disturbed, s; infinite where it never is."""
     described, laws = scene.substructure[name], scene.force_laws
-    if any(any(v) for v in (described.initial_velocity, described.initial_spin, described.initial_displacement)):
+    if described.initial_keys:
         return 0.0
     return min((_onset(laws[n], time) for n in (f"{BODY_FORCE}{name}", GRAVITY) if n in laws), default=np.inf)
 

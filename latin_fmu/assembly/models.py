@@ -152,7 +152,7 @@ def _model(
         trace=trace,
         channel_area=area,
         loads=loads,
-        displacement=np.tile(body.description.initial_displacement, body.mesh.n_node),
+        displacement=body.initial_displacement(),
         velocity=body.initial_velocity(),
         imposed_pattern=held.pattern,
         imposed_start=held.start(),

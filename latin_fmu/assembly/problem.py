@@ -29,6 +29,7 @@ from .body import Body, body_sides
 from .bolts import BoltCut, OpenedMesh, OpenedStress, load_name
 from .checks import boundaries_of
 from .conditions import Conditions, Motion
+from .initial_fields import field_tractions
 from .initial_state import InitialState, TightBolts
 from .kept_operators import KeptOperators
 from .models import NO_BOLTS, ContactLayer, ModelClass, chosen_scheme, model_classes
@@ -337,6 +338,7 @@ def characteristic_traction(scene: Scene, bodies: dict[str, Body], time: Array) 
         z_p, description = impedances[name], body.description
         spin = float(np.linalg.norm(description.initial_spin)) * body.mesh.size
         sizes.append(z_p * (float(np.linalg.norm(description.initial_velocity)) + spin))
+        sizes += field_tractions(body, z_p)
         sizes += _body_tractions(scene, body, time)
         sizes += [z_p * motion.largest_speed(time) for motion in _motions(scene, name)]
     stiffest = max(impedances.values())

@@ -254,7 +254,7 @@ def _loose(cut: BoltCut, moved: list[str]) -> Problem:
 
 def resting(scene: Scene) -> list[str]:
     """Substructures without a velocity of their own."""
-    return [n for n, s in scene.substructure.items() if not (any(s.initial_velocity) or any(s.initial_spin))]
+    return [n for n, s in scene.substructure.items() if not s.motion_keys]
 
 
 def static_interfaces(scene: Scene) -> list[str]:

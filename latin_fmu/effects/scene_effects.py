@@ -158,8 +158,7 @@ def bolts(p: Prediction) -> Effect:
 
 def initial_motion(p: Prediction) -> Effect:
     """Initial velocities, spins and displacements."""
-    kinds = "initial_velocity", "initial_spin", "initial_displacement"
-    keys = tuple(f"substructure.{n}.{k}" for n, s in p.scene.substructure.items() for k in kinds if any(getattr(s, k)))
+    keys = tuple(f"substructure.{n}.{k}" for n, s in p.scene.substructure.items() for k in s.initial_keys)
     if not keys:
         switch = "initial_velocity, initial_spin or initial_displacement"
         return _off("initial motion", ["substructure.*.initial_velocity"], "everything starts at rest", switch)

@@ -115,7 +115,7 @@ def _fastest(p: Prediction) -> float:
     scene, bodies = p.scene, p.discretised.bodies
     driven = any(isinstance(b, Driven) for b in scene.boundary.values())
     driven |= any(i.ground_velocity is not None for i in scene.interface.values())
-    driven |= any(s.rigid or any(s.initial_spin) for s in scene.substructure.values())
+    driven |= any(s.rigid or set(s.motion_keys) - {"initial_velocity"} for s in scene.substructure.values())
     laws = scene.force_laws
     if driven or laws.keys() != scene.load.keys() or any(isinstance(law, InputLaw) for law in laws.values()):
         return float("inf")
@@ -195,7 +195,7 @@ def _stored(p: Prediction, effects: list[Effect]) -> Iterator[Suggestion]:
 def _slow(p: Prediction, _: list[Effect]) -> Iterator[Suggestion]:
     """Loads that are slow against the waves."""
     scene = p.scene
-    moving = any(any(s.initial_velocity) or any(s.initial_spin) for s in scene.substructure.values())
+    moving = any(s.motion_keys for s in scene.substructure.values())
     laws = list(scene.force_laws.values())
     laws += [b.law for b in scene.boundary.values() if isinstance(b, Driven)]
     sudden = any(isinstance(law, StepLaw | RectangularPulseLaw | InputLaw) for law in laws)

@@ -11,6 +11,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticCustomError
 
 GROUND = "ground"
+BOX_FACES = ("xmin", "xmax", "ymin", "ymax", "zmin", "zmax")
 ALL_OF_IT = "*"  # the face that is the whole boundary of a substructure
 NAME_PATTERN = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,99}")
 FACE_PATTERN = re.compile(r"[A-Za-z][A-Za-z0-9_]*\.[^\s.](?:[^.]*\S)?")

@@ -90,6 +90,8 @@ def _check_column(value: object) -> object:
 Column = Annotated[str | int, BeforeValidator(_check_column)]
 TimeUnit = Annotated[str | float, BeforeValidator(lambda value: _check_unit(value, TIME_UNITS))]
 ValueUnit = Annotated[str | float, BeforeValidator(lambda value: _check_unit(value, VALUE_UNITS))]
+LengthUnit = Annotated[str | float, BeforeValidator(lambda value: _check_unit(value, tuple(UNITS["m"])))]
+SpeedUnit = Annotated[str | float, BeforeValidator(lambda value: _check_unit(value, tuple(UNITS["m s-1"])))]
 
 
 def read_columns(base_dir: Path, name: str, columns: Sequence[str | int] | None = None) -> list[tuple[float, ...]]:

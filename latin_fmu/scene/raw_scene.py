@@ -11,8 +11,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from ..errors import Problem, did_you_mean, shown
-from .fields import ALL_OF_IT, FACE_PATTERN, NAME_PATTERN, split_face
-from .substructures import BOX_FACES
+from .fields import ALL_OF_IT, BOX_FACES, FACE_PATTERN, NAME_PATTERN, split_face
 
 RawTable = Mapping[str, Any]
 CENTRAL = "central_difference"

@@ -117,6 +117,12 @@ Nothing holds  Without inertia a substructure that nothing holds has an equilibr
                is joined to it, are in balance: as many displacements of its nodes are held as it has free motions,
                without reactions. Loads out of balance by more than 1e-8 of their sum are an error, and so are those
                of a rigid substructure. A load that is set from outside must be in balance by itself.
+Initial fields The initial values of a body add up: a uniform one, a spin, gradients G (u = G (x - mass centre)), and
+               the fields of a file with a row x, y, z, u, v, w for every node of the mesh, in any order; rows of other
+               bodies may be there. Supports win over a field, with a warning. Gaps follow from the displacements;
+               no traction is taken over from an earlier run. newmark with gamma = 0.5, massless_contact and
+               central_difference continue a vibration from its displacements and velocities as if it had not been
+               interrupted; hht and generalized_alpha start with another acceleration than that run had.
 Static start   time.start = "static" solves the equilibrium under what acts at t = 0 first: loads at a(0) (a step
                or pulse that starts at 0 is a shock and not in it), body forces, gravity, preloads, displaced
                faces; faces driven by a velocity or an acceleration and the ground stand still. The motion starts from

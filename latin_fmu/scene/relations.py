@@ -13,6 +13,7 @@ from ..errors import Problem, shown
 from .attachments import attachment_problems
 from .boundaries import boundary_problems
 from .fields import GROUND
+from .initial_fields import field_problems
 from .interfaces import key_problems
 from .number_files import QUANTITIES, UNITS, si_unit
 from .raw_scene import (
@@ -54,6 +55,7 @@ def relation_problems(raw: Any, base_dir: Path) -> list[Problem]:
         *propagator_problems(raw),
         *_accuracy_problems(raw),
         *static_problems(raw),
+        *field_problems(raw),
         *_output_problems(single_table(raw, "output")),
     ]
 

@@ -2,7 +2,7 @@
 
 import math
 import re
-from typing import Annotated, Final, Self
+from typing import Annotated, Any, Final, Self
 
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
@@ -24,6 +24,7 @@ from .fields import (
     about,
     refusal,
 )
+from .initial_fields import DISPLACEMENT_FIELDS, VELOCITY_FIELDS, DisplacementFile, Gradient, VelocityFile
 from .laws import ConstantLaw, Law
 
 
@@ -112,7 +113,6 @@ class Material(Table):
 DAMPING_KEYS: Final = ("rayleigh_mass", "rayleigh_stiffness", "damping_ratios", "loss_factor")
 """Keys of a material, each of which makes it lose energy."""
 
-BOX_FACES = ("xmin", "xmax", "ymin", "ymax", "zmin", "zmax")
 MAX_ELEMENTS = 20_000_000
 LARGEST_ASPECT = 1e6
 
@@ -212,8 +212,35 @@ class Substructure(Table):
         Vector, about("angular velocity at t = 0, about the mass centre (small rotations)", "rad s-1")
     ] = (0.0, 0.0, 0.0)
     initial_displacement: Annotated[Vector, about("uniform displacement at t = 0", "m")] = (0.0, 0.0, 0.0)
+    initial_velocity_gradient: Annotated[
+        Gradient | None, about("velocity at t = 0 per distance from the mass centre; a row for each component", "s-1")
+    ] = None
+    initial_displacement_gradient: Annotated[
+        Gradient | None, about("displacement at t = 0 per distance from the mass centre; likewise", "1")
+    ] = None
+    initial_velocity_field: Annotated[VelocityFile | None, about("velocities of the nodes at t = 0 from a file")] = None
+    initial_displacement_field: Annotated[
+        DisplacementFile | None, about("displacements of the nodes at t = 0 from a file")
+    ] = None
     body_force: Annotated[Vector, about("force per unit volume", "N m-3")] = (0.0, 0.0, 0.0)
     body_force_law: Annotated[Law, about("time law a(t) of the body force")] = ConstantLaw()
+
+    @property
+    def motion_keys(self) -> tuple[str, ...]:
+        """Keys of velocities at t = 0 that are not zero."""
+        return self._initial("initial_velocity", "initial_spin", *VELOCITY_FIELDS)
+
+    @property
+    def initial_keys(self) -> tuple[str, ...]:
+        """Keys of velocities and displacements at t = 0 that are not zero."""
+        return *self.motion_keys, *self._initial("initial_displacement", *DISPLACEMENT_FIELDS)
+
+    def _initial(self, *keys: str) -> tuple[str, ...]:
+        return tuple(key for key in keys if (value := getattr(self, key)) is not None and np.any(_numbers_of(value)))
+
+
+def _numbers_of(value: Any) -> Any:
+    return getattr(value, "values", value)
 
 
 ALL = "*"
