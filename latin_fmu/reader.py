@@ -7,11 +7,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from pydantic import ValidationError
 
 from .errors import MeshError, Problem, SceneError, listed, shown
+from .scene.fields import split_face
+from .scene.initial_fields import InitialState
 from .scene.overrides import apply_overrides
-from .scene.raw_scene import given, named_tables
+from .scene.raw_scene import given, named_tables, single_table
 from .scene.schema import Scene
 from .scene.substructures import ALL, MeshParts, part_name
 
@@ -50,7 +53,7 @@ def scene_from_dict(data: Any, base_dir: str | Path | None = None) -> Scene:
     if _deeper_than(MOST_LEVELS, data):
         raise SceneError([Problem("scene", "nested too deeply")], "the scene cannot be used")
     try:
-        return Scene.model_validate(data, context={"base_dir": Path(base_dir or ""), "with_parts": with_parts})
+        return Scene.model_validate(data, context={"base_dir": Path(base_dir or ""), "with_parts": with_files})
     except RecursionError:
         raise SceneError([Problem("scene", "nested too deeply")], "the scene cannot be used") from None
 
@@ -95,6 +98,12 @@ def _text(file: Path) -> str:
 
 def _unreadable(file: Path, what: str, remedy: str | None = None) -> SceneError:
     return SceneError([Problem(repr(str(file))[1:-1], what, None, None, remedy)], "the scene cannot be read")
+
+
+def with_files(raw: Any, base_dir: Path) -> tuple[Any, list[Problem]]:
+    """The scene with the content of its mesh and results files, and what is wrong with them (see ``with_parts``)."""
+    written, problems = with_parts(raw, base_dir)
+    return (raw, problems) if problems else _with_initial_state(written, base_dir)
 
 
 def with_parts(raw: Any, base_dir: Path) -> tuple[Any, list[Problem]]:
@@ -206,3 +215,125 @@ def _substructure(part: str, group: str | None, table: MeshParts, own: Any, prob
             remedy = f"leave this key out, or the group {group!r} out of the parts of that file"
             problems.append(Problem(f"substructure.{part}.{key}", what, remedy=remedy))
     return {**default, **own, "mesh": mesh}
+
+
+_INITIAL = (
+    "initial_velocity",
+    "initial_spin",
+    "initial_displacement",
+    "initial_velocity_gradient",
+    "initial_displacement_gradient",
+    "initial_velocity_field",
+    "initial_displacement_field",
+)
+_INSTANT = 1e-6  # of the time between stored instants
+
+
+def _with_initial_state(raw: Any, base_dir: Path) -> tuple[Any, list[Problem]]:
+    """The scene with the fields of its [initial_state] in the substructures and without this table; what is wrong."""
+    if not isinstance(raw, Mapping) or raw.get("initial_state") is None:
+        return raw, []
+    try:
+        table = InitialState.model_validate(raw["initial_state"])
+    except ValidationError:
+        return raw, []  # the check of the fields reports it
+    bodies, problems = named_tables(raw, "substructure"), []
+    chosen = list(bodies) if table.bodies is None else list(table.bodies)
+    for name in chosen:
+        if name not in bodies:
+            what = "no substructure of this name"
+            problems.append(Problem("initial_state.bodies", what, shown(name), listed(bodies)))
+            continue
+        for key in _INITIAL:
+            if given(bodies[name], key):
+                what = "the body starts from the state of [initial_state]"
+                remedy = f"leave one of the two out: list in initial_state.bodies all bodies but {name}, or remove it"
+                problems.append(Problem(f"substructure.{name}.{key}", what, remedy=remedy))
+        if bodies[name].get("rigid") is True:
+            remedy = "list the elastic bodies in initial_state.bodies, and give it initial_velocity and initial_spin"
+            problems.append(Problem("initial_state", "a rigid body takes no fields", shown(name), remedy=remedy))
+    if single_table(raw, "time").get("start") == "static" or named_tables(raw, "bolt"):
+        what = "the scene starts from a static equilibrium (time.start, bolts)"
+        remedy = 'leave [initial_state] out, or set time.start = "given" in a scene without bolts'
+        problems.append(Problem("initial_state", what, remedy=remedy))
+    fields = {} if problems else _fields_of(table, chosen, base_dir, problems)
+    if problems:
+        return raw, problems
+    rest = {key: value for key, value in raw.items() if key != "initial_state"}
+    own = {name: {**body, **fields.get(name, {})} for name, body in bodies.items()}
+    return {**rest, "substructure": {**raw["substructure"], **own}}, []
+
+
+def _fields_of(table: InitialState, bodies: Sequence[str], base_dir: Path, problems: list[Problem]) -> dict[str, Any]:
+    """Keys of the initial fields by substructure, from the results file."""
+    from netCDF4 import Dataset
+
+    path, fields = base_dir / table.file, dict[str, Any]()
+    if not path.is_file():
+        remedy = "file names are relative to the scene file"
+        problems.append(Problem("initial_state.file", "no such file", shown(table.file), remedy=remedy))
+        return fields
+    try:
+        with Dataset(str(path)) as file:
+            stored = file.groups["substructures"].groups if "substructures" in file.groups else {}
+            for name in bodies:
+                keys = {"time", "node_x", "node_y", "node_z", "displacement", "velocity"}
+                if name not in stored or not keys <= set(stored[name].variables):
+                    what = f"no displacements and velocities of {name} in the file"
+                    allowed = f"bodies with fields there: {listed([n for n in stored if stored[n].variables])}"
+                    remedy = "run that scene with output.fields = true, or list other bodies in initial_state.bodies"
+                    problems.append(Problem("initial_state.file", what, shown(table.file), allowed, remedy))
+                elif (made := _at_instant(table, name, stored[name].variables, problems)) is not None:
+                    fields[name] = made
+            if not problems and "interfaces" in file.groups:
+                _refuse_loaded_contacts(table, bodies, file.groups["interfaces"].groups, problems)
+    except (OSError, RuntimeError, ValueError, IndexError) as error:
+        what = f"not a readable results file ({error})"
+        problems.append(Problem("initial_state.file", what, shown(table.file), "the .nc file of a run"))
+    return fields
+
+
+def _refuse_loaded_contacts(
+    table: InitialState, bodies: Sequence[str], interfaces: Mapping[str, Any], problems: list[Problem]
+) -> None:
+    """Problems of contacts of these bodies that carry tractions at the instant, which displacements do not give."""
+    for name, group in interfaces.items():
+        sides = {split_face(str(getattr(group, side, "")))[0] for side in ("face_E", "face_Ep")}
+        if str(getattr(group, "behaviour", "")) not in ("contact", "no_slip") or not sides & set(bodies):
+            continue
+        i = int(np.argmin(np.abs(np.asarray(group.variables["time"][:], dtype=float) - table.time)))
+        largest = float(np.abs(np.asarray(group.variables["traction"][i], dtype=float)).max(initial=0.0))
+        if largest > 0.0:
+            what = (
+                f"the contact {name} carries tractions up to {largest:.4g} Pa at this instant, and they would be lost"
+            )
+            remedy = "choose an instant at which it is open, or continue that run itself from a checkpoint"
+            problems.append(Problem("initial_state.time", what, f"{table.time:.9g} s", "contacts without load", remedy))
+
+
+def _at_instant(
+    table: InitialState, name: str, stored: Mapping[str, Any], problems: list[Problem]
+) -> dict[str, Any] | None:
+    """Both fields of one body at the instant; None, with a problem, where the file does not have them."""
+    times = np.asarray(stored["time"][:], dtype=float)
+    i = int(np.argmin(np.abs(times - table.time)))
+    step = float(times[-1] - times[0]) / max(len(times) - 1, 1)
+    if abs(times[i] - table.time) > _INSTANT * step:
+        near = ", ".join(f"{t:.9g}" for t in times[max(i - 1, 0) : i + 2])
+        what = f"the fields of {name} are not stored at this instant"
+        allowed = f"one of {len(times)} instants, the nearest are {near} s"
+        remedy = "choose one of these, or store more of them (output.every)"
+        problems.append(Problem("initial_state.time", what, f"{table.time:.9g} s", allowed, remedy))
+        return None
+    points = np.stack([np.asarray(stored[f"node_{axis}"][:], dtype=float) for axis in "xyz"], axis=1)
+    made: dict[str, Any] = {}
+    for kind in ("displacement", "velocity"):
+        values: Any = np.ma.filled(np.ma.asarray(stored[kind][i], dtype=float), np.nan)
+        if not np.isfinite(values).all():
+            what = f"the {kind} of {name} holds values that are not finite numbers at this instant"
+            remedy = "choose an instant before the run broke off"
+            problems.append(Problem("initial_state.time", what, f"{table.time:.9g} s", remedy=remedy))
+            return None
+        field = {"file": table.file, "time": table.time, "points": points.tolist(), "values": values.tolist()}
+        made[f"initial_{kind}_field"] = field
+    return made

@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from ..errors import Problems
+from ..errors import Problem, Problems
 from ..fem.mesh import Array, nearest
 from ..latin.assembly import InterfaceUnit
 from ..propagator.model import closest_reduced
@@ -31,6 +31,12 @@ def check_fields(bodies: Mapping[str, Body], problems: Problems) -> None:
         for key in ("initial_velocity_field", "initial_displacement_field"):
             file = getattr(body.description, key)
             if file is None:
+                continue
+            if file.time is not None and len(file.points) != body.mesh.n_node:
+                what = f"the mesh of {name} in the results file has {len(file.points)} nodes, that of the scene"
+                what += f" {body.mesh.n_node}"
+                remedy = "take the results of a run with the same mesh, or write the field at the nodes of this one"
+                problems.append(Problem("initial_state.file", what, file.file, "the same mesh", remedy))
                 continue
             distance, number = nearest(body.mesh.nodes, np.asarray(file.points, dtype=float))
             spacing = _smallest_distance(body.mesh.nodes)
@@ -141,7 +147,8 @@ def initial_problems(
                 where,
                 "the sides overlap at the start",
                 f"by {-gap.min():.6g} m in all",
-                remedy="change initial_displacement, or move the meshes apart",
+                remedy="change the initial displacements (with [initial_state], choose an instant at which the "
+                "contact is open), or move the meshes apart",
             )
         elif unit.preload > 0 and gap.max() > 1e-9 * size and not unit.geometry.gap.any():
             problems.add(

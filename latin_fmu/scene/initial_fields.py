@@ -6,7 +6,7 @@ from typing import Annotated, Any, Final, Self
 from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
 
 from ..errors import Problem, shown
-from .fields import Table, Text, Vector, _as_list, about, refusal
+from .fields import BodyName, Real, Table, Text, Vector, _as_list, about, refusal
 from .laws import base_dir_of
 from .number_files import Column, LengthUnit, SpeedUnit, factor, is_column, read_columns
 from .raw_scene import RawTable, chosen_type, given, named_tables, single_table
@@ -33,6 +33,9 @@ class _FieldFile(Table):
         about("columns of x, y, z and of the three components: names in the header, or numbers from 1", "1"),
     ] = (1, 2, 3, 4, 5, 6)
     length_unit: Annotated[LengthUnit, about("unit of x, y, z: m, cm, mm, um, in, ft, or the factor to m", "m")] = "m"
+    time: Annotated[
+        Real | None, about("instant of a results file, where [initial_state] took the values from one", "s")
+    ] = None
     points: Annotated[
         tuple[Vector, ...], BeforeValidator(_as_list), about("filled from the file; where given, it is not read", "m")
     ] = ()
@@ -45,6 +48,9 @@ class _FieldFile(Table):
     def _load(cls, data: Any, info: ValidationInfo) -> Any:
         if not isinstance(data, dict) or not isinstance(data.get("file"), str) or {"points", "values"} & data.keys():
             return data
+        if data.get("time") is not None:
+            what = "no points with the values of an instant"
+            raise refusal(what, value=data["file"], remedy="name the results file and the instant in [initial_state]")
         columns = _as_list(data.get("columns", [1, 2, 3, 4, 5, 6]))
         if not isinstance(columns, list | tuple) or len(columns) != _COLUMNS or not all(map(is_column, columns)):
             return data
@@ -60,6 +66,22 @@ class _FieldFile(Table):
             counts = f"{len(self.points)} points, {len(self.values)} values"
             raise refusal("the field needs one value for each point", value=counts, allowed="one row or more")
         return self
+
+
+class InitialState(Table):
+    """Displacements and velocities of bodies at t = 0 from an instant of a results file with fields.
+
+    The effective scene has them as `initial_displacement_field` and `initial_velocity_field` of the substructures. The
+    file keeps them in single precision.
+    """
+
+    file: Annotated[Text, about("results file (.nc) of a run with output.fields = true, relative to the scene file")]
+    time: Annotated[Real, about("instant of that run at which its fields were stored", "s", ge=0)]
+    bodies: Annotated[
+        tuple[BodyName, ...] | None,
+        BeforeValidator(_as_list),
+        about("substructures that start so, of the same names and meshes in that run; all of them where left out"),
+    ] = None
 
 
 class VelocityFile(_FieldFile):

@@ -11,6 +11,7 @@ from ..errors import Problem, SceneError
 from .attachments import Coupling, PointMass, Spring, joints_of
 from .boundaries import Boundary
 from .fields import BodyName, Name, Table, Text, about
+from .initial_fields import InitialState
 from .interfaces import MEANINGLESS, ContactSearch, Interface
 from .laws import TimeLaw, base_dir_of
 from .problems import field_problems, path_text
@@ -35,7 +36,7 @@ def toml_text(data: Mapping[str, Any]) -> str:
     return "\n\n".join(blocks) + "\n"
 
 
-_SINGLE = ("gravity", "time", "solver", "output", "accuracy")
+_SINGLE = ("gravity", "initial_state", "time", "solver", "output", "accuracy")
 
 
 def _block(header: str, table: Mapping[str, Any]) -> str:
@@ -77,7 +78,9 @@ def _with_parts(raw: Any, base_dir: Path, context: Any) -> tuple[Any, list[Probl
         written, problems = reader(raw, base_dir)
         return written, problems
     remedy = "make the scene with load_scene or scene_from_dict"
-    return raw, [Problem("mesh", "mesh files are not read here", remedy=remedy)] if named_tables(raw, "mesh") else []
+    files = {"mesh": "mesh", "initial_state": "results"}
+    unread = [key for key in files if isinstance(raw, Mapping) and raw.get(key)]
+    return raw, [Problem(key, f"{files[key]} files are not read here", remedy=remedy) for key in unread]
 
 
 class Scene(Table):
@@ -111,6 +114,7 @@ class Scene(Table):
     spring: Annotated[dict[Name, Spring], about("springs and dashpots by name"), Field(default_factory=dict)]
     coupling: Annotated[dict[Name, Coupling], about("couplings by name"), Field(default_factory=dict)]
     sensor: Annotated[dict[Name, Sensor], about("sensors by name"), Field(default_factory=dict)]
+    initial_state: Annotated[InitialState | None, about("state of an earlier run that bodies start from")] = None
     time: Annotated[Time, about("interval, instants, time scheme")]
     solver: Annotated[Solver, about("settings of the iteration")] = Solver()
     output: Annotated[Output, about("what the results keep")] = Output()
@@ -135,7 +139,7 @@ class Scene(Table):
             if named_tables(written, "mesh"):  # its parts are not known, so neither are names and faces
                 problems = [p for p in problems if not _of_parts(p)] + unreadable
             else:
-                problems += relation_problems(written, base_dir)
+                problems += relation_problems(written, base_dir) + unreadable
             raise SceneError(problems, _HEADING) from None
         if problems := unreadable or relation_problems(written, base_dir):
             raise SceneError(problems, _HEADING)

@@ -216,3 +216,88 @@ def test_a_torn_bond_and_an_overlap_are_refused():
         with pytest.raises(latin_fmu.SceneError) as caught:
             discretise(latin_fmu.scene_from_dict(scene))
         assert words in str(caught.value)
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    """Folder with the results of the stretched bar: trapezoidal rule, fields at every second instant."""
+    folder = tmp_path_factory.mktemp("results")
+    scene = stretched(output={"fields": True, "every": 2})
+    scene["time"] = {**scene["time"], "scheme": TRAPEZOIDAL}
+    solution = solved(scene)
+    solution.save(folder / "out.nc")
+    return folder, fields(solution)
+
+
+TRAPEZOIDAL = {"type": "newmark", "gamma": 0.5}
+
+
+def continued(**state):
+    scene = bar(end=4e-4, instants=400)
+    scene["time"]["scheme"] = TRAPEZOIDAL
+    return {**scene, "boundary": stretched()["boundary"], "initial_state": {"file": "out.nc", "time": 4e-4, **state}}
+
+
+def test_a_run_continues_from_a_results_file(results):
+    """The file has single precision: 1e-6 of the uninterrupted run in displacement, 1e-5 in velocity, to which the
+    rounding of displacements contributes by the highest frequency of the mesh."""
+    folder, (_, u, v) = results
+    scene = latin_fmu.scene_from_dict(continued(), folder)
+    assert scene.initial_state is None  # the effective scene holds the fields and needs no file
+    _, later_u, later_v = fields(latin_fmu.solve(latin_fmu.scene_from_dict(scene.tables())))
+    assert np.abs(later_u[::2] - u[200:]).max() < 1e-6 * np.abs(u).max()
+    assert np.abs(later_v[::2] - v[200:]).max() < 1e-5 * np.abs(v).max()
+
+
+@pytest.mark.parametrize(
+    ("state", "change", "words"),
+    [
+        ({"file": "none.nc"}, {}, "no such file"),
+        ({"file": "text.nc"}, {}, "not a readable results file"),
+        ({"time": 4.01e-4}, {}, "one of 401 instants, the nearest are 0.0004, 0.000402"),
+        ({"time": 1.0}, {}, "not stored at this instant"),
+        ({"bodies": ["rod"]}, {}, "no substructure of this name"),
+        ({}, {"name": "rod"}, "no displacements and velocities of rod in the file"),
+        ({}, {"rigid": True}, "a rigid body takes no fields"),
+        ({}, {"initial_velocity": [1.0, 0.0, 0.0]}, "the body starts from the state of [initial_state]"),
+        ({}, {"elements": [20, 1, 1]}, "has 164 nodes, that of the scene 84"),
+        ({}, {"size": [0.2, 0.01, 0.01]}, "nodes have no point of the file"),
+        ({}, {"start": "static"}, "starts from a static equilibrium"),
+    ],
+)
+def test_a_state_that_does_not_fit_is_refused(results, state, change, words):
+    folder, _ = results
+    (folder / "text.nc").write_text("no results\n")
+    scene = continued(**state)
+    body = scene["substructure"]["bar"]
+    for key, value in change.items():
+        if key == "name":
+            del scene["boundary"]
+            scene["substructure"] = {value: body}
+        elif key == "start":
+            scene["time"]["start"] = value
+        else:
+            (body["box"] if key in body["box"] else body)[key] = value
+    with pytest.raises(latin_fmu.SceneError) as caught:
+        discretise(latin_fmu.scene_from_dict(scene, folder))
+    assert words in str(caught.value)
+
+
+def test_bars_after_an_impact_continue_and_those_in_contact_are_refused(tmp_path):
+    """Two bars of one length swap their velocities in 2 L / c; the contact carries rho c v / 2 until then."""
+    scene = bar(20, 300, 3e-4)
+    right = {"material": "stuff", "box": {**scene["substructure"]["bar"]["box"], "origin": [0.4, 0.0, 0.0]}}
+    scene["substructure"]["right"] = right
+    scene["interface"] = {"joint": {"sides": ["bar.xmax", "right.xmin"], "behaviour": "contact"}}
+    scene["time"]["scheme"] = "massless_contact"
+    first = {**scene, "substructure": {**scene["substructure"]}}
+    first["substructure"]["bar"] = {**scene["substructure"]["bar"], "initial_velocity": [1.0, 0.0, 0.0]}
+    solution = solved(first)
+    solution.save(tmp_path / "out.nc")
+    with pytest.raises(latin_fmu.SceneError, match=r"the contact joint carries tractions up to 5\.0.*e\+05 Pa"):
+        latin_fmu.scene_from_dict({**scene, "initial_state": {"file": "out.nc", "time": 5e-5}}, tmp_path)
+    scene["time"] = {**scene["time"], "end": 2e-5, "instants": 20}
+    later = solved({**scene, "initial_state": {"file": "out.nc", "time": 2.8e-4}}, tmp_path)
+    assert not later.outcome.interfaces["joint"].traction.any()
+    gap = later.outcome.interfaces["joint"].gap[-1]
+    assert gap == pytest.approx(solution.outcome.interfaces["joint"].gap[-1], rel=1e-4)
