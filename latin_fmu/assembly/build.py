@@ -76,10 +76,10 @@ def discretise(
         raise SceneError(problems, "the scene cannot be built")
     bodies = with_rigid_faces(scene, with_masses(scene, bodies, problems))
     remarks: list[str] = []
+    check_fields(bodies, problems, remarks)
     if scene.contact:
         scene = with_found(scene, bodies, problems)
         remarks += lonely_remarks(scene, bodies)
-    check_fields(bodies, problems)
     sensors = sensor_places(scene, bodies, problems)
     conditions = {name: conditions_on(body, boundaries_of(scene, name), problems) for name, body in bodies.items()}
     made = [build_interface(n, i, bodies, conditions, problems, remarks) for n, i in scene.interface.items()]

@@ -25,19 +25,22 @@ _TEARS: Final = 1e-3  # of the largest displacement: meshes that do not match in
 _CHANGED: Final = 1e-9  # of the largest value of a field: round-off of conditions along inclined axes
 
 
-def check_fields(bodies: Mapping[str, Body], problems: Problems) -> None:
-    """Refuse files without a point at a node."""
+def check_fields(bodies: Mapping[str, Body], problems: Problems, remarks: list[str]) -> None:
+    """Refuse files without a point at a node, as those of a coarser mesh are; a finer mesh is a remark."""
     for name, body in bodies.items():
         for key in ("initial_velocity_field", "initial_displacement_field"):
             file = getattr(body.description, key)
             if file is None:
                 continue
             if file.time is not None and len(file.points) != body.mesh.n_node:
-                what = f"the mesh of {name} in the results file has {len(file.points)} nodes, that of the scene"
-                what += f" {body.mesh.n_node}"
-                remedy = "take the results of a run with the same mesh, or write the field at the nodes of this one"
-                problems.append(Problem("initial_state.file", what, file.file, "the same mesh", remedy))
-                continue
+                counts = f"the mesh of {name} in {file.file} has {len(file.points)} nodes, that of the scene "
+                counts += f"{body.mesh.n_node}"
+                if len(file.points) < body.mesh.n_node:
+                    remedy = "take the results of a run with the same mesh, or write the field at the nodes of this one"
+                    problems.append(Problem("initial_state.file", counts, None, "the same mesh", remedy))
+                    break
+                if key == "initial_velocity_field":
+                    remarks.append(f"initial state: {counts}: it starts from the values at the nodes of both")
             distance, number = nearest(body.mesh.nodes, np.asarray(file.points, dtype=float))
             spacing = _smallest_distance(body.mesh.nodes)
             worst = int(np.argmax(distance))

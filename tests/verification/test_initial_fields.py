@@ -260,7 +260,8 @@ def test_a_run_continues_from_a_results_file(results):
         ({}, {"name": "rod"}, "no displacements and velocities of rod in the file"),
         ({}, {"rigid": True}, "a rigid body takes no fields"),
         ({}, {"initial_velocity": [1.0, 0.0, 0.0]}, "the body starts from the state of [initial_state]"),
-        ({}, {"elements": [20, 1, 1]}, "has 164 nodes, that of the scene 84"),
+        ({}, {"elements": [80, 1, 1]}, "has 164 nodes, that of the scene 324"),
+        ({}, {"elements": [30, 1, 1]}, "nodes have no point of the file"),
         ({}, {"size": [0.2, 0.01, 0.01]}, "nodes have no point of the file"),
         ({}, {"start": "static"}, "starts from a static equilibrium"),
     ],
@@ -281,6 +282,18 @@ def test_a_state_that_does_not_fit_is_refused(results, state, change, words):
     with pytest.raises(latin_fmu.SceneError) as caught:
         discretise(latin_fmu.scene_from_dict(scene, folder))
     assert words in str(caught.value)
+
+
+def test_a_coarser_mesh_starts_from_the_common_nodes(results):
+    """So do the coarser runs of an error estimate."""
+    folder, (nodes, u, _) = results
+    scene = continued()
+    scene["substructure"]["bar"]["box"]["elements"] = [20, 1, 1]
+    solution = solved(scene, folder)
+    coarse, start, _ = fields(solution)
+    both = [np.flatnonzero(np.linalg.norm(nodes - node, axis=1) < 1e-9)[0] for node in coarse]
+    assert np.abs(start[0] - u[200][both]).max() < 1e-6 * np.abs(u).max()
+    assert any("has 164 nodes, that of the scene 84" in warning for warning in solution.warnings)
 
 
 def test_bars_after_an_impact_continue_and_those_in_contact_are_refused(tmp_path):
