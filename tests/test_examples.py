@@ -49,6 +49,7 @@ def test_every_example_is_tested_here() -> None:
         "against_calculix",
         "against_siconos",
         "static_friction",
+        "joint_damping",
         "landing",
         "large_faces",
     }
@@ -196,3 +197,23 @@ def test_large_faces(example: ModuleType, tmp_path: Path) -> None:
     assert _figures(tmp_path) == {"large_faces.png"}
     assert [c.points for c in costs] == [81, 169]
     assert all(c.ratio > 1.0 and c.set_up > 0.0 and 2.0 < c.iterations < 5.0 for c in costs)
+
+
+@pytest.mark.parametrize("example", ["joint_damping"], indirect=True)
+def test_fit_of_a_ring_down(example: ModuleType) -> None:
+    time = np.linspace(0.0, 12e-3, 400)
+    for zeta in (1e-4, 3e-2):
+        w = 2 * np.pi * 163.0
+        bending = 1e-5 * np.exp(-zeta * w * time) * np.cos(w * time - 0.7) + 2e-6 + 1e-4 * time
+        np.testing.assert_allclose(example.fit(time, bending), (1e-5, 163.0, zeta), rtol=1e-5)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("example", ["joint_damping"], indirect=True)
+def test_joint_damping(example: ModuleType, tmp_path: Path) -> None:
+    """A hard hit: friction in the joint takes several per cent of a cycle, and the frequency is below that of small
+    motions, 174 Hz."""
+    numbers = example.main(["--quick", "-o", str(tmp_path)])
+    assert _figures(tmp_path) == {"joint_damping.png"}
+    assert 0.02 < numbers["damping_1000_N"] < 0.08
+    assert 155.0 < numbers["frequency_Hz_1000_N"] < 168.0
