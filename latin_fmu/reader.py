@@ -14,7 +14,7 @@ from .errors import MeshError, Problem, SceneError, listed, shown
 from .scene.fields import split_face
 from .scene.initial_fields import InitialState
 from .scene.overrides import apply_overrides
-from .scene.raw_scene import given, named_tables, single_table
+from .scene.raw_scene import chosen_type, given, named_tables, single_table
 from .scene.schema import Scene
 from .scene.substructures import ALL, MeshParts, part_name
 
@@ -233,6 +233,8 @@ def _with_initial_state(raw: Any, base_dir: Path) -> tuple[Any, list[Problem]]:
     """The scene with the fields of its [initial_state] in the substructures and without this table; what is wrong."""
     if not isinstance(raw, Mapping) or raw.get("initial_state") is None:
         return raw, []
+    if not isinstance(raw.get("substructure"), Mapping):
+        return raw, []  # the check of the fields reports it
     try:
         table = InitialState.model_validate(raw["initial_state"])
     except ValidationError:
@@ -252,7 +254,7 @@ def _with_initial_state(raw: Any, base_dir: Path) -> tuple[Any, list[Problem]]:
         if bodies[name].get("rigid") is True:
             remedy = "list the elastic bodies in initial_state.bodies, and give it initial_velocity and initial_spin"
             problems.append(Problem("initial_state", "a rigid body takes no fields", shown(name), remedy=remedy))
-    if single_table(raw, "time").get("start") == "static" or named_tables(raw, "bolt"):
+    if chosen_type(single_table(raw, "time"), "start") == "static" or named_tables(raw, "bolt"):
         what = "the scene starts from a static equilibrium (time.start, bolts)"
         remedy = 'leave [initial_state] out, or set time.start = "given" in a scene without bolts'
         problems.append(Problem("initial_state", what, remedy=remedy))

@@ -119,7 +119,10 @@ def _kind(annotation: Any) -> str:
         return " | ".join(f'"{part}"' if isinstance(part, str) else str(part) for part in parts)
     if get_origin(annotation) is tuple:
         item = _kind(parts[0])
-        item = item if item.startswith('"') else f"{item}s" if item != "text" else "texts"
+        if item.startswith("list of"):
+            item = f"lists{item.removeprefix('list')}"
+        elif not item.startswith('"'):
+            item = f"{item}s"
         return f"list of {item}" if parts[-1] is Ellipsis else f"list of {len(parts)} {item}"
     if hasattr(annotation, "__metadata__"):
         return _kind(parts[0])
@@ -130,7 +133,13 @@ def allowed_text(field: FieldInfo | None, item: bool = False) -> str | None:
     """Kind, range and unit of a field (or of an item of a list) in a few words."""
     if field is None:
         return None
-    kind = re.sub(r"^list of (\d+ )?(.*?)s?$", r"\2", kind_of(field)) if item else kind_of(field)
+    kind = kind_of(field)
+    if item:
+        kind = re.sub(r"^list of (\d+ )?lists (.*)$|^list of (\d+ )?(.*?)s?$", _one_item, kind)
     text = ", ".join(part for part in (kind, range_of(field)) if part)
     unit = unit_of(field)
     return f"{text} [{unit}]" if unit not in (None, "1") else text
+
+
+def _one_item(kind: re.Match[str]) -> str:
+    return f"list {kind[2]}" if kind[2] else kind[4]

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from typing import Annotated, Any, Final, Self
 
-from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
+from pydantic import BeforeValidator, ValidationInfo, model_validator
 
 from ..errors import Problem, shown
 from .fields import BodyName, Real, Table, Text, Vector, _as_list, about, refusal
@@ -29,7 +29,6 @@ class _FieldFile(Table):
     columns: Annotated[
         tuple[Column, ...],
         BeforeValidator(_as_list),
-        Field(min_length=_COLUMNS, max_length=_COLUMNS),
         about("columns of x, y, z and of the three components: names in the header, or numbers from 1", "1"),
     ] = (1, 2, 3, 4, 5, 6)
     length_unit: Annotated[LengthUnit, about("unit of x, y, z: m, cm, mm, um, in, ft, or the factor to m", "m")] = "m"
@@ -62,6 +61,8 @@ class _FieldFile(Table):
 
     @model_validator(mode="after")
     def _check_points(self) -> Self:
+        if len(self.columns) != _COLUMNS:
+            raise refusal("not six columns", value=list(self.columns), allowed="x, y, z and the three components")
         if not self.points or len(self.points) != len(self.values):
             counts = f"{len(self.points)} points, {len(self.values)} values"
             raise refusal("the field needs one value for each point", value=counts, allowed="one row or more")

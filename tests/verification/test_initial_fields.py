@@ -193,6 +193,7 @@ def quasi_static(scene):
         (FILE, None, "0,0,0,1\n", "no such column"),
         (FILE, None, "x,y,z,u,v,w\n", "one value for each point"),
         (FILE, None, "0.3,0,0,1,1,1\n", "19 of 20 nodes have no point of the file"),
+        ({"initial_velocity_field": {"file": "v.csv", "columns": [1, 2]}}, None, "0,0\n", "not six columns"),
         ({"initial_velocity_field": {"file": "v.csv", "unit": "mm"}}, None, "0,0,0,1,1,1\n", "unknown unit"),
     ],
 )
@@ -314,3 +315,8 @@ def test_bars_after_an_impact_continue_and_those_in_contact_are_refused(tmp_path
     assert not later.outcome.interfaces["joint"].traction.any()
     gap = later.outcome.interfaces["joint"].gap[-1]
     assert gap == pytest.approx(solution.outcome.interfaces["joint"].gap[-1], rel=1e-4)
+
+
+def test_a_state_beside_a_broken_table_is_reported(results):
+    with pytest.raises(latin_fmu.SceneError, match="substructure: must be a table"):
+        latin_fmu.scene_from_dict({**continued(), "substructure": 7}, results[0])
