@@ -218,9 +218,10 @@ class Recorder:
         if kernel.symbol == ACTIONS or seen >= self._each or not in_python(kernel):
             return self._call(kernel, *arguments)
         copies, moved = copied(arguments), copied(arguments)
-        for array in flat(moved):  # how far round-off in the arguments goes
-            if isinstance(array, np.ndarray) and array.dtype.kind == "f":
-                array *= 1.0 + 1e-14 * np.random.default_rng(0).standard_normal(array.shape)
+        with np.errstate(all="ignore"):  # memory between the fields holds anything, signalling NaN too
+            for array in flat(moved):  # how far round-off in the arguments goes
+                if isinstance(array, np.ndarray) and array.dtype.kind == "f":
+                    array *= 1.0 + 1e-14 * np.random.default_rng(0).standard_normal(array.shape)
         actual = self._call(kernel, *arguments)
         self._inside = True
         with np.errstate(all="ignore"):
