@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from math import prod
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from latin_fmu.cosim.variable import UNITS, Variable
@@ -178,8 +179,12 @@ def fmi3_description(facts: Facts) -> Element:
     root = _root(facts, "3.0", "CoSimulation", abilities)
     places = facts.references()
     variables = SubElement(root, "ModelVariables")
+    counts = {v.name: int(v.start or 0) for v in facts.table if v.kind == "count"}
     for variable in facts.table:
         _add_variable(variables, places, variable)
+        if variable.is_array and variable.start is not None:  # one start value an element: some hosts need them all
+            n = prod(size if isinstance(size, int) else counts[size] for size in variable.dimensions)
+            variables[-1].set("start", " ".join([_text(variable.start)] * n))
     structure = SubElement(root, "ModelStructure")
     outputs = [variable for variable in facts.table if variable.causality == "output"]
     for tag in ("Output", "InitialUnknown"):

@@ -21,9 +21,19 @@ _USE = """\
 <li><b>Windowed</b> (<code>mode = 0</code>): set <code>load.NAME.value</code> and <code>load.NAME.rate</code>, make a
 step of any length; it is cut into equal time steps no longer than <code>timeStep</code>. The state is carried on.
 Saving and restoring the state (serialised or not) is exact to the last bit.</li>
-<li><b>Prescribed</b> (<code>mode = 1</code>): load histories are given up front by <code>historyFile</code> (CSV with a
-header <code>time,NAME,...</code>, or netCDF) or, in FMI 3, by the arrays <code>load.NAME.history</code>; the whole
-interval [0, <code>endTime</code>] is solved when initialization ends and played back at any communication step.</li>
+<li>A host that sets no rate sets <code>load.NAME.value</code> at the start of every step. The load then goes on as the
+straight line through its last two values (<code>inputInterpolation = 3</code>). It is held over the first step, which
+has no value before it, and over a step at whose start it leaves a value that was held over the step before: a jump. A
+load with kinks or jumps at other places overshoots there by one step: hold it (0), or set rates. Once a rate other than
+0 was set, the rates of this load count.</li>
+<li><b>Prescribed</b> (<code>mode = 1</code>): load histories are given up front by <code>historyFile</code> (a CSV file
+with a header <code>time,NAME,...</code>, a netCDF file, or the CSV table itself with semicolons or line breaks between
+its rows, <code>time,NAME;0,0;1e-6,1</code>) or, in FMI 3, by the arrays <code>history.time</code> and
+<code>load.NAME.history</code>, whose last row is repeated up to their size; the whole interval
+[0, <code>endTime</code>] is solved when initialization ends and played back at any communication step. The arrays
+<code>interface.NAME.window</code> of FMI 3 hold the whole interval before the first step. In FMI 2 play back in steps
+of the time step, which solves nothing, or name a <code>resultsFile</code>: it is written at termination and holds the
+whole interval, too.</li>
 <li>A step that was not made where a shorter one or another input may help (no convergence, an input that is not
 finite, a changed input in prescribed mode) is <b>discarded</b>: the status is Discard, the simulation is not reported
 as terminated, a message in the log gives the reason, the state is as before. A host that goes on as if the step had

@@ -1,7 +1,12 @@
 """Loads and motions set from outside: values and rates over a step, or whole histories.
 
-A load may jump where a step begins. A motion goes on from the amplitude it has reached: a jump of its value takes the
-first time step. A displacement enters through its rate.
+Causal line: a load whose rate is not set goes on as the straight line through its last two values,
+
+    u(t) = u_k + (u_k - u_(k-1)) / (t_k - t_(k-1)) (t - t_k),    u_k set at the start t_k of step k.
+
+It is held over the first step, which has no value before it, and over a step at whose start it leaves a value that was
+held before (u_(k-1) = u_(k-2)): a jump. A load may jump where a step begins. A motion goes on from the amplitude it has
+reached: a jump of its value takes the first time step. A displacement enters through its rate.
 """
 
 from __future__ import annotations
@@ -20,7 +25,7 @@ from ..latin.state_serialization import check_like, check_numbers, unlike
 from ..scene.number_files import MAX_FILE_BYTES
 from ..scene.schema import Scene
 from .variable import is_motion, variable_of
-from .variables import HOLD, LINE, inputs_of
+from .variables import CAUSAL, HOLD, LINE, inputs_of
 
 Curve = tuple[tuple[float, ...], tuple[float, ...]]
 """Times, s, strictly increasing, and amplitudes between which a load was linear."""
@@ -55,6 +60,10 @@ class Loads:
         self.rate = dict.fromkeys(self._start, 0.0)
         self._reached = dict(self._start)  # at the end of the last step
         self._slope = dict.fromkeys(self._start, 0.0)  # there
+        self._before = dict(self._start)  # at the start of the last step
+        self._span = 0.0  # length of the last step, s; 0 before the first
+        self._still = dict.fromkeys(self._start, 0.0)  # 1: the last step began with the value of the one before it
+        self._rated = dict.fromkeys(self._start, 0.0)  # 1: a rate other than 0 was set: rates count
         self._initial: dict[str, tuple[float, float]] = {}  # value and rate when the simulation began
         self.histories: Histories = {}
 
@@ -96,6 +105,8 @@ class Loads:
     def begin(self) -> None:
         """Start a simulation with the present values."""
         self._reached, self._slope = dict(self.value), dict(self.rate)
+        self._span = 0.0
+        self._still, self._rated = (dict.fromkeys(self._start, 0.0) for _ in range(2))
         self._initial = {name: self.get(name) for name in self._start}
 
     def changed(self) -> str:
@@ -125,7 +136,7 @@ class Loads:
         return held | {name: np.full(n, self.rate[name]) for name in self._displacements}
 
     def amplitudes(self, h: float, n: int, rule: int) -> dict[str, Array]:
-        """Amplitudes (n + 1,) over a step of h, s, in n parts. rule : HOLD, RATE or LINE."""
+        """Amplitudes (n + 1,) over a step of h, s, in n parts. rule : HOLD, RATE, LINE or CAUSAL."""
         lines = {name: self._amplitude(name, h, n, rule) for name in self._start}
         for name, line in lines.items():
             if is_motion(name):
@@ -162,11 +173,26 @@ class Loads:
             return np.full(n + 1, value)
         if rule == LINE:
             return np.linspace(self._reached[name], value, n + 1)
-        line: Array = value + self.rate[name] * (np.linspace(0.0, h, n + 1) if n > 1 else np.array([0.0, h]))
+        line: Array = value + self.rates(rule)[name] * (np.linspace(0.0, h, n + 1) if n > 1 else np.array([0.0, h]))
         return line
 
-    def accept(self, amplitudes: Mapping[str, Array], dt: float) -> None:
-        """Keep the amplitudes and their rates at the end of an accepted step; ``dt`` : time step, s."""
+    def rates(self, rule: int) -> dict[str, float]:
+        """Rates over the next step, 1/s: those set; under the rule CAUSAL of a load that never had one, that of the
+        causal line."""
+        if rule != CAUSAL:
+            return dict(self.rate)
+        return {n: rate if rate or self._rated[n] else self._causal_rate(n) for n, rate in self.rate.items()}
+
+    def _causal_rate(self, name: str) -> float:
+        change = self.value[name] - self._before[name]
+        return 0.0 if self._span == 0.0 or self._still[name] else change / self._span
+
+    def accept(self, amplitudes: Mapping[str, Array], h: float, n: int) -> None:
+        """Keep the amplitudes and their rates at the end of an accepted step of h, s, in n parts."""
+        dt = h / n
+        self._still = {m: float(self._span > 0.0 and v == self._before[m]) for m, v in self.value.items()}
+        self._rated = {m: float(self._rated[m] or rate != 0.0) for m, rate in self.rate.items()}
+        self._before, self._span = dict(self.value), h
         self._reached = {name: float(a[-1]) for name, a in amplitudes.items()}
         self._slope = {name: float(a[-1] - a[-2]) / dt for name, a in amplitudes.items()}
 
@@ -178,6 +204,10 @@ class Loads:
             "rate": self.rate,
             "reached": self._reached,
             "slope": self._slope,
+            "before": self._before,
+            "span": self._span,
+            "still": self._still,
+            "rated": self._rated,
             "initial": {name: list(pair) for name, pair in self._initial.items()},
             "histories": {name: list(pair) for name, pair in self.histories.items()},
         }
@@ -200,35 +230,32 @@ class Loads:
         """Restore what ``get_state`` returned."""
         self.value, self.rate = state["value"], state["rate"]
         self._reached, self._slope = state["reached"], state["slope"]
+        self._before, self._span = state["before"], state["span"]
+        self._still, self._rated = state["still"], state["rated"]
         self._initial = {name: (a, b) for name, (a, b) in state["initial"].items()}
         self.histories = {name: (t, a) for name, (t, a) in state["histories"].items()}
 
 
-# -- histories from a file ----------------------------------------------------------------------------------------
-def read_histories(path: str | Path, loads: Sequence[str]) -> Histories:
+# -- histories from a table ---------------------------------------------------------------------------------------
+def read_histories(source: str | Path, loads: Sequence[str]) -> Histories:
     """Times and amplitudes of loads, by name.
 
-    path : CSV with a header ``time,NAME,...``, or netCDF (.nc) with variables NAME(time).
+    source : path of a CSV file with a header ``time,NAME,...`` or of a netCDF file (.nc) with variables NAME(time); or
+        the CSV table itself, a text whose rows end in line breaks or semicolons.
     loads : names a column may have; a load without a column keeps its start value.
 
     Raises
     ------
-    InputError : the file cannot be read, a column belongs to no load, numbers are missing or not finite, times do
-        not increase.
+    InputError : the file or table cannot be read, a column belongs to no load, numbers are missing or not finite,
+        times do not increase.
     """
-    file = Path(path)
-    if not file.is_file():
-        what = "not a regular file" if file.exists() else "no such file"
-        raise _bad(file, what, "give the path of a CSV or netCDF file")
-    if file.stat().st_size > MAX_FILE_BYTES:
-        raise _bad(file, f"larger than {MAX_FILE_BYTES} bytes")
-    columns = _netcdf(file) if file.suffix in (".nc", ".nc4", ".cdf") else _csv(file)
+    where, columns = _columns(source)
     if "time" not in columns:
-        raise _bad(file, "no time column", "call the column of times 'time'")
+        raise _bad(where, "no time column", "call the column of times 'time'")
     times = columns.pop("time")
     problems = [
         Problem(
-            f"{file}: column {name[:40]!r}" if name.isidentifier() else f"{file}: a column",
+            f"{where}: column {name[:40]!r}" if name.isidentifier() else f"{where}: a column",
             "no load of this name is set from outside",
             None,
             ", ".join(loads) or "none",
@@ -238,7 +265,33 @@ def read_histories(path: str | Path, loads: Sequence[str]) -> Histories:
     ]
     if problems:
         raise InputError(problems, _HEADING)
-    return {name: check_history(f"{file}: {name}", times, values) for name, values in columns.items()}
+    return {name: check_history(f"{where}: {name}", times, values) for name, values in columns.items()}
+
+
+def _columns(source: str | Path) -> tuple[str, dict[str, Array]]:
+    """What messages call a table, and its columns by name."""
+    if isinstance(source, str) and any(mark in source for mark in "\n\r;"):
+        where = "historyFile, the table itself"
+        if len(source) > MAX_FILE_BYTES:
+            raise _bad(where, f"longer than {MAX_FILE_BYTES} characters")
+        return where, _csv(source.lstrip("\ufeff").replace(";", "\n").splitlines(), where)
+    file = Path(source)
+    try:
+        what = "" if file.is_file() else "not a regular file" if file.exists() else "no such file"
+    except (OSError, ValueError) as error:  # a text that can be no path
+        raise _bad(f"historyFile {str(source)[:40]!r}...", f"no path of a file ({error.args[-1]})") from None
+    if what:
+        remedy = "give the path of a CSV or netCDF file, or the table itself: 'time,NAME;0,0;1e-6,1'"
+        raise _bad(str(file), what, remedy)
+    if file.stat().st_size > MAX_FILE_BYTES:
+        raise _bad(str(file), f"larger than {MAX_FILE_BYTES} bytes")
+    if file.suffix in (".nc", ".nc4", ".cdf"):
+        return str(file), _netcdf(file)
+    try:
+        lines = file.read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise _bad(str(file), f"cannot be read ({error})") from None
+    return str(file), _csv(lines, str(file))
 
 
 def check_history(where: str, times: Array, values: Array) -> tuple[Array, Array]:
@@ -259,20 +312,47 @@ def check_history(where: str, times: Array, values: Array) -> tuple[Array, Array
     return t, a
 
 
-def _csv(file: Path) -> dict[str, Array]:
+def given_rows(times: Array, amplitudes: Mapping[str, Array]) -> Histories:
+    """Histories by load from arrays of a fixed size, without the rows at the end that repeat the last one.
+
+    amplitudes : of one size with ``times``. All times equal and no amplitude that varies: no history is given.
+
+    Raises
+    ------
+    InputError : the times do not increase, or rows after the last instant have another amplitude than there.
+    """
+    repeated = int(np.cumprod(times[::-1] == times[-1]).sum())
+    n = len(times) - max(repeated - 1, 0)
+    if n == 1 and not any((values != values[0]).any() for values in amplitudes.values()):
+        return {}
+    if n == 1:
+        allowed = "instants that increase, the last row repeated up to the size of the array"
+        raise InputError([Problem("history.time", "all instants are equal", f"{times[0]:g}", allowed)], _HEADING)
+    for name, values in amplitudes.items():
+        if (values[n:] != values[n - 1]).any():
+            where, what = f"{variable_of(name)}.history", f"element {n} and those after it belong to one instant"
+            raise InputError([Problem(where, what, None, "one amplitude", "repeat the last one")], _HEADING)
+    return {
+        name: check_history(f"{variable_of(name)}.history", times[:n], values[:n])
+        for name, values in amplitudes.items()
+    }
+
+
+def _csv(lines: Sequence[str], where: str) -> dict[str, Array]:
     try:
-        with file.open(newline="", encoding="utf-8-sig") as stream:
-            rows = [row for row in csv.reader(stream) if row]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise _bad(file, f"cannot be read ({error})") from None
+        rows = [row for row in csv.reader(lines) if any(cell.strip() for cell in row)]
+    except csv.Error as error:
+        raise _bad(where, f"cannot be read ({error})") from None
     if len(rows) < 2:
-        raise _bad(file, "no rows of numbers", "a header line, then one line per instant")
+        raise _bad(where, "no rows of numbers", "a header line, then one line per instant")
     names = [name.strip() for name in rows[0]]
+    if len(set(names)) < len(names):
+        raise _bad(where, "two columns have the same name")
     for number, row in enumerate(rows[1:], 2):
         if len(row) != len(names):
-            raise _bad(file, f"row {number} has {len(row)} columns, the header {len(names)}")
+            raise _bad(where, f"row {number} has {len(row)} columns, the header {len(names)}")
         if not all(is_number(cell) for cell in row):  # of the text nothing is quoted
-            raise _bad(file, f"row {number} is not a row of numbers")
+            raise _bad(where, f"row {number} is not a row of numbers")
     table = np.array([[float(cell) for cell in row] for row in rows[1:]])
     return {name: table[:, i] for i, name in enumerate(names)}
 
@@ -295,9 +375,9 @@ def _netcdf(file: Path) -> dict[str, Array]:
             if "time" in dataset.coords:
                 columns["time"] = np.asarray(dataset["time"].values, dtype=float)
     except (OSError, ValueError, RuntimeError) as error:
-        raise _bad(file, f"cannot be read ({error})") from None
+        raise _bad(str(file), f"cannot be read ({error})") from None
     return columns
 
 
-def _bad(file: Path, what: str, remedy: str | None = None) -> InputError:
-    return InputError([Problem(str(file), what, None, None, remedy)], _HEADING)
+def _bad(where: str, what: str, remedy: str | None = None) -> InputError:
+    return InputError([Problem(where, what, None, None, remedy)], _HEADING)

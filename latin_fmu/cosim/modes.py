@@ -101,7 +101,7 @@ class Windowed:
         segment = self._advance(t + h - t0, n, loads.driving(amplitudes, dt))
         if not segment.accepted:
             return refused(f"no convergence in the step of {h:g} s at {t:g} s: {segment.status}", again=True)
-        loads.accept(amplitudes, dt)
+        loads.accept(amplitudes, h, n)
         self._take_outputs(segment)
         return StepReport(True, "", n, segment.iterations, segment.error_indicator)
 

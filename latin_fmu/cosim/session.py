@@ -135,6 +135,7 @@ class Session:
             return refused(trouble)
         if bad := self._loads.not_finite():
             return refused(f"{bad} is not a finite number", again=True)
+        rates = self._loads.rates(self.settings.interpolation)
         try:
             report = mode.step(self._loads, t, h, self._t0)
         except LatinError as error:
@@ -142,13 +143,12 @@ class Session:
         if report.accepted:
             self.time, self.row = t + h, mode.row
             if self.settings.keep:
-                self._keep(t, h, mode)
+                self._keep(t, h, mode, rates)
         return report
 
-    def _keep(self, t: float, h: float, mode: Windowed | Prescribed) -> None:
+    def _keep(self, t: float, h: float, mode: Windowed | Prescribed, rates: dict[str, float]) -> None:
         segment = mode.segment if isinstance(mode, Windowed) else None
-        value, rate = dict(self._loads.value), dict(self._loads.rate)
-        self.step_history.append(AcceptedStep(t, t + h, self.row, value, rate, segment))
+        self.step_history.append(AcceptedStep(t, t + h, self.row, dict(self._loads.value), rates, segment))
 
     # -- outputs --------------------------------------------------------------------------------------------------
     def value(self, name: str) -> float:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from ..errors import InputError, Problem
 from ..scene.schema import Scene
-from .variables import HOLD, LINE, PRESCRIBED, RATE, WINDOWED
+from .variables import CAUSAL, PRESCRIBED, WINDOWED
 
 SHORTEST = 1e-9  # of a time step: shorter communication steps are round-off
 MAX_INSTANTS = 1_000_000  # of one communication step, or of the interval of prescribed mode
@@ -20,14 +20,15 @@ class Settings:
 
     Attributes
     ----------
-    mode : WINDOWED (0) or PRESCRIBED (1). interpolation : of loads inside a step, HOLD (0), RATE (1), LINE (2).
+    mode : WINDOWED (0) or PRESCRIBED (1). interpolation : of loads inside a step, HOLD (0), RATE (1), LINE (2),
+        CAUSAL (3: RATE for a load that was given a rate, else the straight line through its last two values).
     time_step : longest time step inside a communication step, s. end_time : end of the interval solved in
         prescribed mode, s. tolerance : on sqrt(eta). max_iterations : of a window.
     keep : keep the accepted steps in memory, for ``Session.dataset``.
     """
 
     mode: int = WINDOWED
-    interpolation: int = RATE
+    interpolation: int = CAUSAL
     time_step: float | None = None
     end_time: float | None = None
     tolerance: float | None = None
@@ -44,12 +45,12 @@ class Settings:
 
     def problems(self) -> list[Problem]:
         """Problems of the settings that are out of range."""
-        modes, rules = "0 (windowed) or 1 (prescribed)", "0 (hold), 1 (rate), 2 (line)"
+        modes, rules = "0 (windowed) or 1 (prescribed)", "0 (hold), 1 (rate), 2 (line), 3 (causal line)"
         tolerance, n, span = self.tolerance, self.max_iterations, ("must be a time span", "a finite number > 0")
         in_range = tolerance is None or 1e-14 <= tolerance < 1.0
         checks = (
             ("mode", self.mode, self.mode in (WINDOWED, PRESCRIBED), "no such mode", modes),
-            ("inputInterpolation", self.interpolation, self.interpolation in (HOLD, RATE, LINE), "no such rule", rules),
+            ("inputInterpolation", self.interpolation, self.interpolation in range(CAUSAL + 1), "no such rule", rules),
             ("timeStep", self.time_step, _is_span(self.time_step), *span),
             ("endTime", self.end_time, _is_span(self.end_time), *span),
             ("tolerance", tolerance, in_range, "out of range", "1e-14 <= tolerance < 1"),

@@ -17,7 +17,7 @@ import numpy as np
 from ..assembly.segments import Segment
 from ..latin.record import Array, InterfaceHistory, Outcome, SensorHistory, SubstructureHistory, Timings, WindowRecord
 from .loads import Curve
-from .variables import LINE, RATE
+from .variables import HOLD, LINE
 
 INTERFACE_FIELDS: Final = (
     "traction",
@@ -35,7 +35,8 @@ _JUMP: Final = 1e-7  # of a step: distance of the two times at which a jump is w
 
 @dataclass(frozen=True)
 class AcceptedStep:
-    """A step: from ``start`` to ``end``, s; outputs at its end; loads during it; its segment (windowed mode)."""
+    """A step: from ``start`` to ``end``, s; outputs at its end; loads at its start and their rates over it, 1/s; its
+    segment (windowed mode)."""
 
     start: float
     end: float
@@ -104,7 +105,7 @@ def curves_of(steps: Sequence[AcceptedStep], rule: int, before: Mapping[str, Cur
 
     Parameters
     ----------
-    rule : HOLD, RATE or LINE. before : curves whose last value is that of the start.
+    rule : HOLD, RATE, LINE or CAUSAL. before : curves whose last value is that of the start.
     """
     t0 = steps[0].start
     curves: dict[str, Curve] = {}
@@ -116,7 +117,7 @@ def curves_of(steps: Sequence[AcceptedStep], rule: int, before: Mapping[str, Cur
                 times.append(times[-1] + _JUMP * h)
                 values.append(value)
             times.append(step.end - t0)
-            values.append(value + step.rate[name] * h if rule == RATE else value)
+            values.append(value if rule in (HOLD, LINE) else value + step.rate[name] * h)
         curves[name] = (tuple(times), tuple(values))
     return curves
 

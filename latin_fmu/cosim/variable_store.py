@@ -155,7 +155,8 @@ class VariableStore:
         """Elements of an array in row-major order; outputs are kept until they change."""
         variable, shape = self.table[reference], self._shape(reference)
         if variable.causality == "parameter":
-            return _fitted(self._array_parameters.get(reference, np.zeros(0)), shape, 0.0)
+            start = float(variable.start or 0.0)
+            return _fitted(self._array_parameters.get(reference, np.zeros(0)), shape, start)
         if reference not in self._array_outputs:
             values = np.zeros(0)
             if session is not None:
@@ -166,15 +167,17 @@ class VariableStore:
         return self._array_outputs[reference]
 
     def histories(self) -> dict[str, tuple[Array, Array]]:
-        """Times and amplitudes given as arrays, by load; none where ``history.size`` is 1."""
-        if "history.time" not in self.place or self.number("history.size") < 2.0:
+        """Times and amplitudes given as arrays, by load; none where the host set no instants."""
+        if "history.time" not in self.place:
             return {}
-        times = np.array(self.get([self.place["history.time"]]))
-        return {
-            input_of(self.table[reference].name)[0]: (times, np.array(self.get([reference])))
+        from .loads import given_rows
+
+        amplitudes = {
+            input_of(self.table[reference].name)[0]: np.array(self.get([reference]))
             for reference in sorted(self._array_parameters)
-            if self.table[reference].name not in ("history.time", "history.size")
+            if self.table[reference].name != "history.time"
         }
+        return given_rows(np.array(self.get([self.place["history.time"]])), amplitudes)
 
     # -- from a session, states -----------------------------------------------------------------------------------
     def update(self, session: Session) -> None:

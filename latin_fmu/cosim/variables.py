@@ -6,7 +6,7 @@ components are counted from 1.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
 from ..scene.boundaries import Driven
@@ -15,8 +15,9 @@ from ..scene.schema import BODY_FORCE, GRAVITY, Scene
 from .variable import Kind, Variable, output, parameter, variable_of, vector
 
 WINDOWED, PRESCRIBED = 0, 1
-HOLD, RATE, LINE = 0, 1, 2
+HOLD, RATE, LINE, CAUSAL = 0, 1, 2, 3
 MAX_WINDOW = 100_000  # instants
+HISTORY = 101  # instants of the load histories, where the host does not say: one array element each
 _INSTANTS = ("window.size",)
 _SHARES: Final[Mapping[str, str]] = {
     "closed": "in contact",
@@ -106,13 +107,16 @@ _MEANINGS: Final[Mapping[str, str]] = {
     "mode": "0: windowed, every step solves its own interval with the inputs given; 1: prescribed, the whole interval "
     "is solved from given histories when initialization ends and played back",
     "inputInterpolation": "load inside a step. 0: held at the value; 1: value + rate x time since the start of the "
-    "step; 2: straight line from the end of the last step to the value, reached at the end of this step",
+    "step; 2: straight line from the end of the last step to the value, reached at the end of this step; 3: as 1 "
+    "for a load once a rate other than 0 was set, else the straight line through its last two values; held over the "
+    "first step and where a value that was held jumps",
     "timeStep": "longest time step inside a communication step, which is cut into equal parts",
     "endTime": "end of the interval solved in prescribed mode, a whole number of timeStep",
     "tolerance": "tolerance on the error indicator sqrt(eta); a fifth of the importer's, if any, goes first",
     "maxIterations": "largest number of iterations of a window",
     "historyFile": "prescribed mode: CSV or netCDF file with a time column or coordinate and one column or variable "
-    "per input: name of the load, body_force.SUBSTRUCTURE, gravity.acceleration, boundary.NAME, or ground.INTERFACE",
+    "per input: name of the load, body_force.SUBSTRUCTURE, gravity.acceleration, boundary.NAME, or ground.INTERFACE; "
+    "or the CSV table itself, its rows separated by line breaks or semicolons: time,NAME;0,0;1e-6,1",
     "resultsFile": "netCDF file written when the simulation is terminated, holding accepted steps only; nothing where "
     "empty",
     "estimateError": "1: the error of each quantity, from coarser runs made when the simulation is terminated, is "
@@ -125,7 +129,7 @@ def _parameters(scene: Scene) -> Iterator[Variable]:
     time, solver = scene.time, scene.solver
     rows: tuple[tuple[str, Kind, float | int | str, str | None, float | None, float | None], ...] = (
         ("mode", "integer", WINDOWED, None, 0, 1),
-        ("inputInterpolation", "integer", RATE, None, 0, 2),
+        ("inputInterpolation", "integer", CAUSAL, None, 0, 3),
         ("timeStep", "real", time.time_step, "s", 0.0, None),
         ("endTime", "real", time.end, "s", 0.0, None),
         ("tolerance", "real", solver.tolerance, "1", 0.0, 1.0),
@@ -185,30 +189,33 @@ def _solver() -> Iterator[Variable]:
 
 def table_of(scene: Scene, n_point: Mapping[str, int] | None = None) -> tuple[Variable, ...]:
     """The variable table: scalars, and arrays where the number of points of each interface is given."""
-    arrays = () if n_point is None else _arrays(scene, list(inputs_of(scene)), n_point)
+    arrays = () if n_point is None else _arrays(scene, inputs_of(scene), n_point)
     return (*scalar_table(scene), *arrays)
 
 
 # -- arrays (FMI 3) ----------------------------------------------------------------------------------------------
-def _arrays(scene: Scene, loads: Sequence[str], n_point: Mapping[str, int]) -> Iterator[Variable]:
+def _arrays(scene: Scene, loads: Mapping[str, InputLaw], n_point: Mapping[str, int]) -> Iterator[Variable]:
     """Arrays of a scene: load histories, instants of a window, fields of points.
 
-    loads : those set from outside. n_point : number of points of each interface.
+    loads : laws of those set from outside. n_point : number of points of each interface.
     """
     for name, start, meaning in (
         ("window.size", scene.time.n_step + 1, "number of instants the arrays of a window can hold"),
-        ("history.size", 1, "number of instants of the load histories of prescribed mode; 1: none given"),
+        ("history.size", HISTORY, "number of elements of the load histories of prescribed mode"),
     ):
         yield Variable(
             name, "structuralParameter", "fixed", "count", meaning, None, start, minimum=1, maximum=MAX_WINDOW
         )
     size = ("history.size",)
     if loads:
-        yield parameter("history.time", "real", 0.0, "instants of the load histories", unit="s", dimensions=size)
-    for name in loads:
+        about = (
+            "instants of the load histories, increasing; the last is repeated up to the size of the array; all equal"
+        )
+        yield parameter("history.time", "real", 0.0, f"{about}: none given", unit="s", dimensions=size)
+    for name, law in loads.items():
         stem = variable_of(name)
-        about = f"amplitudes of {stem.replace('.', ' ', 1)}"
-        yield parameter(f"{stem}.history", "real", 0.0, about, unit="1", dimensions=size)
+        about = f"amplitudes of {stem.replace('.', ' ', 1)} at history.time"
+        yield parameter(f"{stem}.history", "real", law.start_value, about, unit="1", dimensions=size)
     yield output("window.count", "1", "number of instants of the window, its start included", minimum=0.0)
     yield output("window.time", "s", "instants of the window, NaN beyond the last", dimensions=_INSTANTS)
     for name in scene.joints:

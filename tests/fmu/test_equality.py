@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fmpy
 import numpy as np
 import pytest
 from fmpy.fmi1 import FMICallException
@@ -50,6 +51,28 @@ def test_prescribed_from_a_file(opened, fmi, tmp_path):
     assert "endTime" in host.messages[-1][2]
 
 
+def test_prescribed_from_a_table_in_place_of_a_path(opened, fmi):
+    """For hosts without a file system of their own: the string is the table."""
+    session = Session(blocks(), Settings(mode=1))
+    session.set_history("press", [0.0, 2e-6, 6e-6], [0.0, 1.0, 0.3])
+    session.initialize()
+    assert session.step(0.0, 4e-6)
+    for mark in (";", "\n"):
+        host = opened(fmi)
+        host.set(mode=1, historyFile=mark.join(["time,press", "0,0", "2e-6,1", "6e-6,0.3"]))
+        host.start()
+        assert host.step(0.0, 4e-6), host.messages
+        assert np.array_equal(host.read(list(session.outputs)), session.row)
+
+
+def test_a_table_that_cannot_be_used_is_an_error(opened, fmi):
+    host = opened(fmi)
+    host.set(mode=1, historyFile="time,pres;0,0;1e-6,1")
+    with pytest.raises(FMICallException):
+        host.start()
+    assert "column 'pres': no load of this name is set from outside; allowed: press" in host.messages[-1][2]
+
+
 def test_prescribed_from_netcdf(opened, tmp_path):
     import xarray as xr
 
@@ -78,6 +101,7 @@ def test_prescribed_from_arrays(opened):
     host.fmu.exitConfigurationMode()
     host.set(mode=1, history__time=times, load__press__history=values)
     host.start()
+    assert host.read(["window.count"]) == 31
     assert host.step(0.0, 4e-6), host.messages
     session.step(0.0, 4e-6)
     assert np.array_equal(host.read(list(session.outputs)), session.row)
@@ -89,6 +113,49 @@ def test_prescribed_from_arrays(opened):
     assert np.array_equal(
         host.array("interface.crush.points.traction", 27).reshape(9, 3), interfaces["crush"].traction[20]
     )
+
+
+def padded(values: list[float], size: int = 101) -> list[float]:
+    """An array of the size a host finds: the last value repeated."""
+    return values + [values[-1]] * (size - len(values))
+
+
+def test_arrays_of_the_size_they_have(fmus, opened):
+    """A host without structural parameters sets whole arrays; the whole window is there before the first step."""
+    times, values = padded([0.0, 1e-6, 3e-6]), padded([0.0, 0.8, 0.1])
+    session = Session(blocks(), Settings(mode=1))
+    session.set_history("press", times[:3], values[:3])
+    session.initialize()
+    host = opened("3")
+    host.set(mode=1, history__time=times, load__press__history=values)
+    host.start()
+    time, interfaces = session.window()
+    assert host.read(["window.count"]) == len(time) == 31
+    assert np.array_equal(host.array("window.time", 31), time)
+    assert np.array_equal(host.array("interface.crush.window.force", 93).reshape(31, 3), interfaces["crush"].force())
+    assert host.array("interface.crush.window.closed", 31)[0] == session.value("interface.crush.closed")
+    given = {"mode": 1, "history.time": times, "load.press.history": values}
+    assert session.step(0.0, 3e-6)
+    for defaults in (False, True):
+        result = fmpy.simulate_fmu(
+            str(fmus["3"]),
+            stop_time=3e-6,
+            output_interval=1e-6,
+            start_values=given,
+            apply_default_start_values=defaults,
+            output=["interface.crush.force[3]"],
+        )
+        assert result["interface.crush.force[3]"][-1] == session.value("interface.crush.force[3]")
+
+
+def test_arrays_nobody_sets_are_no_histories(fmus):
+    result = fmpy.simulate_fmu(
+        str(fmus["3"]), stop_time=3e-6, output_interval=3e-6, start_values={"mode": 1}, apply_default_start_values=True
+    )
+    session = Session(blocks(), Settings(mode=1))
+    session.initialize()
+    assert session.step(0.0, 3e-6)
+    assert result["interface.crush.force[3]"][-1] == session.value("interface.crush.force[3]") != 0.0
 
 
 def test_arrays_of_a_windowed_step(opened):
@@ -119,6 +186,19 @@ def test_a_host_without_arrays_reads_their_first_elements(opened):
     assert "reads 4 values of variables that have 37" in host.messages[-1][-1]
 
 
+def test_a_host_that_sets_values_alone_gets_the_causal_line(opened, fmi):
+    host, session = opened(fmi), Session(blocks())
+    host.start()
+    session.initialize()
+    for i, value in enumerate((0.25, 0.4, 0.7, 0.9)):
+        host.set(load__press__value=value)
+        session.set_load("press", value)
+        assert host.step(i * H, H)
+        assert session.step(i * H, H)
+    assert np.array_equal(host.read(list(session.outputs)), session.row)
+    assert session.step_history.head.step.rate["press"] == pytest.approx(0.2 / H)
+
+
 def test_the_tolerance_of_the_host_is_taken(opened):
     host, session = opened("2"), Session(blocks(), Settings(tolerance=1e-6))
     host.start(tolerance=5e-6)  # a relative accuracy: the iteration leaves a tenth of it
@@ -132,8 +212,6 @@ def test_the_tolerance_of_the_host_is_taken(opened):
 
 
 def test_simulate_fmu_runs_without_a_stop_time_in_the_setup(fmus, fmi):
-    import fmpy
-
     result = fmpy.simulate_fmu(
         str(fmus[fmi]),
         stop_time=3e-6,

@@ -1,0 +1,196 @@
+"""Inputs of hosts that set values only: the causal line; histories as tables."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import latin_fmu
+from latin_fmu.cosim import Session, Settings
+from latin_fmu.cosim.loads import Loads, given_rows, read_histories
+from latin_fmu.cosim.variables import CAUSAL, HOLD, PRESCRIBED, RATE
+from latin_fmu.errors import InputError
+from latin_fmu.scene.schema import Scene
+from latin_fmu.stability.scenes import Box, Material, column
+
+from .scenes import blocks
+
+H = 1e-6
+SOFT = Material(1.0, 1.0)
+
+
+# -- the causal line ----------------------------------------------------------------------------------------------
+def over(values: list[float], spans: list[float], rates: dict[int, float] | None = None) -> list[tuple[float, float]]:
+    """Amplitudes of ``press`` at the start and the end of steps, the value set at the start of each."""
+    loads, ends = Loads(blocks()), []
+    for i, (value, h) in enumerate(zip(values, spans, strict=True)):
+        loads.set("press", value, (rates or {}).get(i, 0.0))
+        if i == 0:
+            loads.begin()
+        amplitudes = loads.amplitudes(h, 4, CAUSAL)
+        loads.accept(amplitudes, h, 4)
+        ends.append((float(amplitudes["press"][0]), float(amplitudes["press"][-1])))
+    return ends
+
+
+def test_a_load_goes_on_straight_through_its_last_two_values() -> None:
+    """Unequal steps: a load that is linear in time is met from the second step on; the first one is held."""
+    spans = [1.0, 2.0, 0.5, 3.0]
+    starts = np.concatenate([[0.0], np.cumsum(spans)[:-1]])
+    ends = over([0.5 + 0.25 * t for t in starts], spans)
+    assert ends[0] == (0.5, 0.5)
+    for start, h, (first, last) in list(zip(starts, spans, ends, strict=True))[1:]:
+        assert (first, last) == pytest.approx((0.5 + 0.25 * start, 0.5 + 0.25 * (start + h)))
+
+
+def test_a_value_that_was_held_jumps() -> None:
+    """A staircase of treads of two steps or more is met as it is, from its first jump after two equal values on."""
+    values = [1.0, 1.0, 3.0, 3.0, -2.0]
+    assert over(values, [1.0] * 5) == [(value, value) for value in values]
+
+
+def test_a_rate_counts_from_the_first_that_is_not_zero_on() -> None:
+    ends = over([1.0, 2.0, 5.0, 9.0], [1.0] * 4, {2: -1.0})
+    assert ends == [(1.0, 1.0), (2.0, 3.0), (5.0, 4.0), (9.0, 9.0)]
+
+
+def pulse(t: np.ndarray) -> np.ndarray:
+    """Raised cosine over the first 0.8 of the time 1."""
+    return np.where(t < 0.8, 0.5 - 0.5 * np.cos(2.0 * np.pi * np.minimum(t, 0.8) / 0.8), 0.0)
+
+
+def long_blocks() -> Scene:
+    """The two blocks with friction under the pulse, 240 time steps."""
+    return blocks(time={"end": 48e-6, "step": 0.2e-6})
+
+
+def squeezed_bars() -> Scene:
+    """Two equal bars between a wall and the pulse, 240 time steps in six transits."""
+    bar = Box(SOFT, (0.2, 0.2, 1.0), (1, 1, 20))
+    wall = {"wall": {"type": "fixed", "face": "low.zmin", "components": ["z"]}}
+    load = {"press": {"face": "up.zmax", "pressure": 0.1, "law": {"type": "input"}}}
+    time = {"end": 12.0, "step": 0.05}
+    return latin_fmu.scene_from_dict(
+        column({"low": bar, "up": bar}, {"meet": {}}, time, name="squeezed", boundary=wall, load=load)
+    )
+
+
+def force_error(scene: Scene, rule: int) -> float:
+    """L2 norm over time of the error of the interface force, relative, at steps of five time steps."""
+    end, n = scene.time.end, scene.time.n_step
+    name = next(iter(scene.joints))
+    times = np.linspace(0.0, end, 20 * n + 1)
+    true = Session(scene, Settings(mode=PRESCRIBED, keep=False))
+    true.set_history("press", times, pulse(times / end))
+    true.initialize()
+    expected = true.window()[1][name].force()[1:]
+    session, forces, h = Session(scene, Settings(interpolation=rule, keep=False)), [], 5 * end / n
+    session.set_load("press", 0.0)
+    session.initialize()
+    for i in range(n // 5):
+        session.set_load("press", float(pulse(np.array(i * h / end))))
+        assert session.step(i * h, h)
+        forces.append(session.window()[1][name].force()[1:])
+    return float(np.linalg.norm(np.concatenate(forces) - expected) / np.linalg.norm(expected))
+
+
+@pytest.mark.parametrize("make", [long_blocks, squeezed_bars])
+def test_the_force_is_five_times_nearer_than_under_a_staircase(make) -> None:
+    line, staircase = force_error(make(), CAUSAL), force_error(make(), HOLD)
+    assert staircase < 0.5
+    assert staircase >= 5.0 * line, (staircase, line)
+
+
+def test_the_values_before_belong_to_the_state() -> None:
+    """A step taken back leaves no trace, and another session goes on from the bytes of the state."""
+    straight, other = Session(blocks()), Session(blocks())
+    for session in (straight, other):
+        session.initialize()
+        for i in range(3):
+            session.set_load("press", 0.3 + 0.1 * i**2)
+            assert session.step(i * H, H)
+    saved = other.snapshot()
+    other.set_load("press", -0.7, 1e5)
+    assert other.step(3 * H, 0.4 * H)
+    other.restore(saved)
+    third = Session(blocks())
+    third.restore(saved, check=True)
+    for session in (straight, other, third):
+        session.set_load("press", 1.2)
+        assert session.step(3 * H, H)
+        assert session._loads.get_state()["rated"] == {"press": 0.0}
+    assert straight.snapshot() == other.snapshot() == third.snapshot()
+
+
+def test_steps_keep_the_rates_of_the_line() -> None:
+    """What the results file holds is what was solved: the same steps with these rates give the same numbers."""
+    first, second = Session(blocks()), Session(blocks(), Settings(interpolation=RATE))
+    for session in (first, second):
+        session.initialize()
+    for i in range(4):
+        first.set_load("press", math.sin(0.4 * i))
+        assert first.step(i * H, H)
+    for i, step in enumerate(first.step_history):
+        second.set_load("press", step.value["press"], step.rate["press"])
+        assert second.step(i * H, H)
+    assert np.array_equal(first.row, second.row)
+    assert first.dataset()["exchange"]["load_press_rate"].values[2] > 0.0
+
+
+# -- tables -------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("mark", ["\n", ";", "\r\n", " ; "])
+def test_a_text_is_a_table(tmp_path, mark) -> None:
+    rows = ["time, press", "0.0,0.5", "1e-6,1.5"]
+    times, values = read_histories(mark.join(rows), ["press"])["press"]
+    file = tmp_path / "loads.csv"
+    file.write_text("\n".join(rows))
+    expected = read_histories(file, ["press"])["press"]
+    assert np.array_equal(times, expected[0])
+    assert np.array_equal(values, expected[1])
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("time,press;", "no rows of numbers"),
+        ("t,press;0,1;1,2", "no time column"),
+        ("time,pres;0,1;1,2", "column 'pres': no load of this name is set from outside; allowed: press"),
+        ("time,press;0,1;1", "row 3 has 1 columns, the header 2"),
+        ("time,press;0,1;1,x", "row 3 is not a row of numbers"),
+        ("time,press;0,1;1,nan", "not a finite number"),
+        ("time,press;0,1;0,2", "times do not increase strictly"),
+        ("time,press,press;0,1,1;1,2,2", "two columns have the same name"),
+        ("time,press", "or the table itself"),
+        ("x" * 5000, "no path of a file"),
+    ],
+)
+def test_a_table_that_cannot_be_used_says_why(text, words) -> None:
+    with pytest.raises(InputError) as caught:
+        read_histories(text, ["press"])
+    assert words in str(caught.value)
+
+
+def test_arrays_repeat_their_last_row() -> None:
+    times, values = np.array([0.0, 1.0, 3.0, 3.0, 3.0]), np.array([0.1, 0.2, 0.3, 0.3, 0.3])
+    given = given_rows(times, {"press": values})["press"]
+    assert [list(part) for part in given] == [[0.0, 1.0, 3.0], [0.1, 0.2, 0.3]]
+    whole = given_rows(times[:3], {"press": values[:3]})["press"]
+    assert [list(part) for part in whole] == [[0.0, 1.0, 3.0], [0.1, 0.2, 0.3]]
+    assert given_rows(np.zeros(5), {"press": np.full(5, 0.25)}) == {}
+    assert given_rows(np.zeros(5), {}) == {}
+
+
+@pytest.mark.parametrize(
+    ("times", "values", "words"),
+    [
+        ([0.0, 0.0, 0.0], [0.0, 1.0, 1.0], "history.time: all instants are equal"),
+        ([0.0, 1.0, 1.0], [0.0, 1.0, 0.0], "element 2 and those after it belong to one instant"),
+        ([0.0, 1.0, 0.0], [0.0, 1.0, 0.0], "do not increase strictly"),
+        ([0.0, 1.0, math.nan], [0.0, 1.0, 0.0], "not a finite number"),
+    ],
+)
+def test_arrays_that_cannot_be_used_say_why(times, values, words) -> None:
+    with pytest.raises(InputError, match=words):
+        given_rows(np.array(times), {"press": np.array(values)})
