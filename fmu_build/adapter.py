@@ -137,6 +137,12 @@ class Adapter:
         self.fmi_instance.set(self._array(references, "u4").tolist(), self._array(values).tolist())
         return self._status() if self._messages else OK
 
+    def directional_derivative(
+        self, _unknowns: memoryview, _knowns: memoryview, _seed: memoryview, _values: memoryview
+    ) -> int:
+        """Write a directional derivative."""
+        return self._refused("this FMU has no directional derivatives")
+
     def get_texts(self, _references: memoryview, _texts: list[bytes]) -> int:
         """Append the strings of variables."""
         return self._refused("this FMU has no strings")
@@ -230,6 +236,20 @@ class CoSimulationAdapter(Adapter):
         """Return to the state after instantiation; operators are kept."""
         self.fmi_instance.clear()
         return self._status()
+
+    def directional_derivative(
+        self, unknowns: memoryview, knowns: memoryview, seed: memoryview, values: memoryview
+    ) -> int:
+        """Write the derivatives of scalar outputs at the end of the last step by inputs over it, times the seed."""
+        n, m = unknowns.nbytes // 4, knowns.nbytes // 4
+        if seed.nbytes != 8 * m or values.nbytes != 8 * n:
+            sizes = f"{seed.nbytes // 8} numbers for {m} inputs and {values.nbytes // 8} for {n} outputs"
+            return self._refused(f"directional derivative: the host gives {sizes}; scalars alone have derivatives")
+        places = self._array(unknowns, "u4").tolist(), self._array(knowns, "u4").tolist()
+        read = self.fmi_instance.directional_derivative(*places, self._array(seed).tolist())
+        if len(read) == n:
+            self._array(values)[:] = read
+        return self._status() if self._messages else OK
 
     def step(self, current_time: float, step_size: float) -> int:
         """Advance by one communication step."""

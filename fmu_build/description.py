@@ -150,6 +150,7 @@ def fmi2_description(facts: Facts) -> Element:
         "canNotUseMemoryManagementFunctions": "true",
         "canGetAndSetFMUstate": "true",
         "canSerializeFMUstate": "true",
+        "providesDirectionalDerivative": "true",
     }
     root = _root(facts, "2.0", "CoSimulation", abilities)
     variables = SubElement(root, "ModelVariables")
@@ -175,6 +176,7 @@ def fmi3_description(facts: Facts) -> Element:
         "canGetAndSetFMUState": "true",
         "canSerializeFMUState": "true",
         "canHandleVariableCommunicationStepSize": "true",
+        "providesDirectionalDerivatives": "true",
     }
     root = _root(facts, "3.0", "CoSimulation", abilities)
     places = facts.references()

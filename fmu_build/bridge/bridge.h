@@ -52,6 +52,8 @@ int get_texts(Instance *, const uint32_t *references, size_t n, const char **val
 int set_texts(Instance *, const uint32_t *references, size_t n, const char *const *values, size_t size);
 int write_vector(Instance *, const char *method, const double *values, size_t size);
 int read_vector(Instance *, const char *method, double *values, size_t size);
+int directional_derivative(Instance *, const uint32_t *unknowns, size_t n, const uint32_t *knowns, size_t m,
+                           const double *seed, size_t size_of_seed, double *values, size_t size);
 int step(Instance *, double t, double h);
 int unsupported(Instance *, const char *function);
 

@@ -183,8 +183,7 @@ EXPORT int fmi2DeSerializeFMUstate(Instance *c, const char bytes[], size_t size,
 EXPORT int fmi2GetDirectionalDerivative(Instance *c, const uint32_t unknown[], size_t n_unknown, const uint32_t known[],
                                         size_t n_known, const double dv[], double dz[])
 {
-    (void)unknown, (void)n_unknown, (void)known, (void)n_known, (void)dv, (void)dz;
-    return unsupported(c, "fmi2GetDirectionalDerivative");
+    return directional_derivative(c, unknown, n_unknown, known, n_known, dv, n_known, dz, n_unknown);
 }
 
 EXPORT int fmi2SetRealInputDerivatives(Instance *c, const uint32_t vr[], size_t n, const int order[], const double v[])

@@ -88,6 +88,12 @@ EXPORT int fmi3SetFloat64(Instance *c, const Reference vr[], size_t n, const dou
     return set_numbers(c, vr, n, v, size);
 }
 
+EXPORT int fmi3GetDirectionalDerivative(Instance *c, const Reference unknowns[], size_t n, const Reference knowns[],
+                                        size_t m, const double seed[], size_t size_of_seed, double values[], size_t size)
+{
+    return directional_derivative(c, unknowns, n, knowns, m, seed, size_of_seed, values, size);
+}
+
 #define NUMBERS(kind, type)                                                                                            \
     EXPORT int fmi3Get##kind(Instance *c, const Reference vr[], size_t n, type v[], size_t size)                       \
     {                                                                                                                  \
@@ -228,8 +234,6 @@ NOT_SUPPORTED(fmi3GetClock, const Reference a[], size_t n, bool v[])
 NOT_SUPPORTED(fmi3SetClock, const Reference a[], size_t n, const bool v[])
 NOT_SUPPORTED(fmi3GetNumberOfVariableDependencies, Reference a, size_t *n)
 NOT_SUPPORTED(fmi3GetVariableDependencies, Reference a, size_t b[], Reference r[], size_t e[], int k[], size_t n)
-NOT_SUPPORTED(fmi3GetDirectionalDerivative, const Reference u[], size_t n, const Reference k[], size_t m,
-              const double s[], size_t ns, double v[], size_t nv)
 NOT_SUPPORTED(fmi3GetAdjointDerivative, const Reference u[], size_t n, const Reference k[], size_t m, const double s[],
               size_t ns, double v[], size_t nv)
 NOT_SUPPORTED(fmi3GetIntervalDecimal, const Reference a[], size_t n, double v[], int q[])

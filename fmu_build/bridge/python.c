@@ -366,6 +366,17 @@ int set_numbers(Instance *c, const uint32_t *references, size_t n, const double 
     return status;
 }
 
+int directional_derivative(Instance *c, const uint32_t *unknowns, size_t n, const uint32_t *knowns, size_t m,
+                           const double *seed, size_t size_of_seed, double *values, size_t size)
+{
+    if (n == 0) return OK;
+    int state = lock();
+    int status = call(c, "directional_derivative", "(NNNN)", readable(unknowns, 4 * n), readable(knowns, 4 * m),
+                      readable(seed, 8 * size_of_seed), writable(values, 8 * size));
+    unlock(state);
+    return status;
+}
+
 int get_texts(Instance *c, const uint32_t *references, size_t n, const char **values, size_t size)
 {
     if (n == 0) return OK;

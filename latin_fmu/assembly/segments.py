@@ -135,19 +135,27 @@ class SegmentedRun:
         start = np.zeros(1)
         return {n: float(amplitudes[n] if n in amplitudes else law.sample(start)[0]) for n, law in self._laws.items()}
 
-    def advance(self, end: float, n: int, loads: Mapping[str, Array] | None = None, accept: bool = False) -> Segment:
+    def advance(
+        self,
+        end: float,
+        n: int,
+        loads: Mapping[str, Array] | None = None,
+        accept: bool = False,
+        solve: Callable[[Run], None] = Run.all,
+    ) -> Segment:
         """Solve n steps from the present time to ``end``.
 
         Parameters
         ----------
         end : s, > present time. n : number of steps. loads : amplitude (n + 1,) of loads by name.
         accept : move on even where a window did not converge (its best iterate); else the state is untouched.
+        solve : solves the windows of the segment.
         """
-        before = self._keep_state()
+        before = self.keep_state()
         time = np.linspace(self.time, end, n + 1) if n > 1 else np.array([self.time, end])
         try:
             with one_thread():
-                segment = self._solve(time, loads or {})
+                segment = self._solve(time, loads or {}, solve)
         except Exception:  # of any kind: the state must not be half of the next one
             before()
             raise
@@ -162,19 +170,21 @@ class SegmentedRun:
         self._ground = self.problem.assembly.ground_end(n)
         return segment
 
-    def _keep_state(self) -> Callable[[], None]:
+    def keep_state(self) -> Callable[[], None]:
         """A function that returns to the present state."""
         if self._run is None:
             return self.reset
-        own, state = (self._stored, list(self._steps)), self._run.keep_state()
+        own = (self.time, self._running.copy(), self._ground, self._stored, list(self._steps), self._run)
+        state = self._run.keep_state()
 
         def return_to() -> None:
-            self._stored, self._steps = own
+            self.time, running, self._ground, self._stored, self._steps, self._run = own
+            self._running = dict(running)
             state()
 
         return return_to
 
-    def _solve(self, time: Array, loads: Mapping[str, Array]) -> Segment:
+    def _solve(self, time: Array, loads: Mapping[str, Array], solve: Callable[[Run], None]) -> Segment:
         if self._run is None:
             self.settle({name: float(values[0]) for name, values in loads.items()})
             for propagator in self.problem.assembly.propagators:
@@ -188,7 +198,7 @@ class SegmentedRun:
         else:
             self._run.begin_segment(recorder)
         run = self._run
-        run.all()
+        solve(run)
         energy = recorder.assembly_energy(assembly)
         if energy is not None:
             for term in _RUNNING:

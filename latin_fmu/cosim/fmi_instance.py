@@ -211,6 +211,18 @@ class FmiInstance:
         self._variables.update(session)
         return True
 
+    @exception_barrier(())
+    def directional_derivative(
+        self, unknowns: Sequence[int], knowns: Sequence[int], seed: Sequence[float]
+    ) -> Sequence[float]:
+        """Derivatives of outputs at the end of the last step by inputs over it, by value reference (see
+        ``Session.derivative``); empty, and an error is logged, where there are none."""
+        if not self._variables.fixed or self._session is None:
+            raise InputError([Problem("directional derivative", "asked for before initialization")])
+        outputs, inputs = ([self.table[reference].name for reference in group] for group in (unknowns, knowns))
+        product: list[float] = self._session.derivative(outputs, inputs, seed).tolist()
+        return product
+
     @exception_barrier(False)
     def terminate(self) -> bool:
         """Write the results file, where one is named.

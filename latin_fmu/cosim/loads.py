@@ -14,6 +14,7 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Mapping, Sequence
+from copy import copy
 from pathlib import Path
 from typing import Any
 
@@ -195,6 +196,12 @@ class Loads:
         self._before, self._span = dict(self.value), h
         self._reached = {name: float(a[-1]) for name, a in amplitudes.items()}
         self._slope = {name: float(a[-1] - a[-2]) / dt for name, a in amplitudes.items()}
+
+    def copy(self) -> Loads:
+        """The same loads, independent of these."""
+        twin = copy(self)
+        twin.value, twin.rate = dict(self.value), dict(self.rate)
+        return twin
 
     # -- state ----------------------------------------------------------------------------------------------------
     def get_state(self) -> dict[str, Any]:

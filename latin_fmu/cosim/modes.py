@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -32,24 +32,38 @@ from .variables import scalar_table
 ROUND_OFF = 1e-9  # of a time step: times closer than this are one instant
 
 
+class LastStep(NamedTuple):
+    """What the last step started from: a function that returns to the state, the loads, impulses (n_interface, 3);
+    ``end``, s, ``h``, s, and number of time steps."""
+
+    before: Callable[[], None]
+    loads: Loads
+    end: float
+    h: float
+    n: int
+    impulse: Array
+
+
 class Windowed:
     """A run advanced by communication steps.
 
     Attributes
     ----------
     row : scalar outputs now, (n_output,). time : instants of the last step, (n + 1,), s, counted from the start.
-    segment : the last step, None before the first.
+    rule : of interpolation. segment : the last step, None before the first and after a state was restored.
+    last_step : what it started from.
     """
 
     def __init__(self, scene: Scene, settings: Settings) -> None:
         self.run = SegmentedRun(scene, settings.tolerance)
-        self._rule, self._time_step = settings.interpolation, settings.step_of(scene)
+        self.rule, self._time_step = settings.interpolation, settings.step_of(scene)
         self._impulse = np.zeros((len(scene.joints), 3))
         self.row = np.zeros(0)
         self.time = np.zeros(1)
         self._interfaces: dict[str, InterfaceHistory] | None = {}  # None: those of the segment
         self._faces: dict[str, tuple[Array, Array, Array]] = {}  # ``faces_of`` each interface
         self.segment: Segment | None = None
+        self.last_step: LastStep | None = None
 
     @property
     def interfaces(self) -> dict[str, InterfaceHistory]:
@@ -90,18 +104,20 @@ class Windowed:
         SolverError : the solver cannot continue; nothing has changed.
         """
         n = max(1, math.ceil(h / self._time_step * (1.0 - SHORTEST)))
+        before, given = self.run.keep_state(), loads.copy()
         if n > MAX_INSTANTS:
             return refused(
                 f"a step of {h:g} s would take {n} time steps of {self._time_step:g} s; at most {MAX_INSTANTS}: "
                 "make shorter steps, or a longer timeStep",
                 again=True,
             )
-        amplitudes = loads.amplitudes(h, n, self._rule)
+        amplitudes = loads.amplitudes(h, n, self.rule)
         dt = h / n
         segment = self._advance(t + h - t0, n, loads.driving(amplitudes, dt))
         if not segment.accepted:
             return refused(f"no convergence in the step of {h:g} s at {t:g} s: {segment.status}", again=True)
         loads.accept(amplitudes, h, n)
+        self.last_step = LastStep(before, given, t + h - t0, h, n, self._impulse)
         self._take_outputs(segment)
         return StepReport(True, "", n, segment.iterations, segment.error_indicator)
 
@@ -114,17 +130,21 @@ class Windowed:
             raise SolverError(f"the solver cannot make this step: {error}") from error
 
     def _take_outputs(self, segment: Segment) -> None:
+        self.row, self._impulse = self.outputs_of(segment, self._impulse)
+        self.time, self.segment, self._interfaces = segment.time, segment, None
+
+    def outputs_of(self, segment: Segment, start: Array) -> tuple[Array, Array]:
+        """Scalar outputs (n_output,) and impulses (n_interface, 3) at the end of a segment; ``start`` : impulses
+        before."""
         n = len(segment.time) - 1
         dt = (segment.time[-1] - segment.time[0]) / n
         points = segment.recorder.points()
         series = {name: InterfaceSeries.of(points[name], *given) for name, given in self._faces.items()}
-        impulse = impulses(series, float(dt), self._impulse)
+        impulse = impulses(series, float(dt), start)
         energy = None if segment.energy is None else {k: v[-1:] for k, v in segment.energy.items()}
         solver = (segment.iterations, segment.error_indicator, float(segment.converged), n)
         last = {name: s.last() for name, s in series.items()}
-        self.row = output_rows(last, impulse[-1:], segment.sensors, segment.bolts, solver, energy, 1)[0]
-        self._impulse = impulse[-1]
-        self.time, self.segment, self._interfaces = segment.time, segment, None
+        return output_rows(last, impulse[-1:], segment.sensors, segment.bolts, solver, energy, 1)[0], impulse[-1]
 
     def instant(self, _time: float) -> int:
         """Index in ``time`` of the present instant."""
@@ -137,6 +157,7 @@ class Windowed:
     def reset(self) -> None:
         """Return to t = 0; operators are kept."""
         self.run.reset()
+        self.last_step = None
 
     def get_state(self) -> dict[str, Any]:
         """Everything that determines the next steps and the present outputs."""
@@ -163,7 +184,7 @@ class Windowed:
             self.run.check_gaps({n: None if f["gap"] is None else f["gap"][-1] for n, f in state["fields"].items()})
         known = self.interfaces
         self._interfaces = {name: replace(known[name], **f) for name, f in state["fields"].items()}
-        self.segment = None
+        self.segment = self.last_step = None
 
     def _check(self, state: Mapping[str, Any]) -> None:
         """Compare a state that came from outside with this run. Raises InputError."""

@@ -24,6 +24,7 @@ from ..latin.state_serialization import check_like, decode, encode, unlike
 from ..results.estimates import ErrorEstimate
 from ..scene.laws import InputLaw
 from ..scene.schema import Scene
+from .derivatives import Derivatives
 from .loads import Loads
 from .modes import Prescribed, Windowed
 from .settings import Settings, StepReport, refused, why_not
@@ -57,6 +58,7 @@ class Session:
         self._kind = hashlib.sha256((self.scene.text() + repr(self.settings.choices())).encode()).hexdigest()
         self._mode: Windowed | Prescribed | None = None
         self._starts: dict[str, float] = {}
+        self._derivatives: Derivatives | None = None  # about the last step, once they are asked for
         self.step_history = StepHistory()
         self.reset()
 
@@ -149,6 +151,24 @@ class Session:
     def _keep(self, t: float, h: float, mode: Windowed | Prescribed, rates: dict[str, float]) -> None:
         segment = mode.segment if isinstance(mode, Windowed) else None
         self.step_history.append(AcceptedStep(t, t + h, self.row, dict(self._loads.value), rates, segment))
+
+    def derivative(self, unknowns: Sequence[str], knowns: Sequence[str], seed: Sequence[float]) -> Array:
+        """Directional derivative (n_unknown,) of outputs at the end of the last step by inputs over it: the sum over
+        ``knowns`` (``load.NAME.value``, ``load.NAME.rate``, ...) of d unknown / d known times ``seed``.
+
+        Exact, for the solution at hand, while a small change of the inputs changes the contact state of no point; it
+        solves the step anew, once and three times for each input. Windowed mode.
+
+        Raises
+        ------
+        InputError : other variables, prescribed mode, no step so far. SolverError : no unique derivative.
+        """
+        if not isinstance(self._mode, Windowed) or not self.started:
+            what = "not available in prescribed mode, or before initialization"
+            raise InputError([Problem("directional derivative", what, None, "mode = 0 (windowed)")])
+        if self._derivatives is None or not self._derivatives.of(self._mode.last_step):
+            self._derivatives = Derivatives(self._mode, self.outputs)
+        return self._derivatives.product(unknowns, knowns, seed)
 
     # -- outputs --------------------------------------------------------------------------------------------------
     def value(self, name: str) -> float:

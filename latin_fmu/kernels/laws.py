@@ -214,6 +214,31 @@ def apply_to_points(law: int, jump: Any, z: Any, reach: Any, rate: float, parame
         apply(law, jump[p], z[p], reach[p], rate, parameters[p], traction[p])
 
 
+@entry("i8, f8[:, ::1], f8[:, ::1], f8[:, ::1], f8, f8[:, ::1], f8[:, ::1], f8[:, :, ::1]")
+def tangents_of_points(
+    law: int, jump: Any, z: Any, reach: Any, rate: float, parameters: Any, scratch: Any, out: Any
+) -> None:
+    """J = dF_hat / djump (n_point, h, h) of the law at all points; ``scratch`` (3, 9)."""
+    columns, rows, softness = scratch[0], scratch[1], scratch[2]
+    h = jump.shape[1]
+    for p in range(len(jump)):
+        made = tangent(law, jump[p], z[p], reach[p], rate, parameters[p], softness, 0.0, columns, rows, softness)
+        for i in range(made):
+            own = z[p, 0] if rows[3 * i] != 0.0 else z[p, 1]
+            for a in range(h):
+                for b in range(h):
+                    out[p, a, b] += columns[3 * i + a] * rows[3 * i + b] / (own + softness[4 * i])
+
+
+def law_tangents(law: int, jump: Array, z: Array, reach: Array, rate: float, parameters: Array) -> Array:
+    """Derivatives (n_point, h, h) of the tractions of ``apply_law`` by ``jump``; arguments as there."""
+    out, scratch = np.zeros((*jump.shape, jump.shape[1])), np.zeros((3, 9))
+    reach = reach if reach.ndim == 2 else reach[:, None]
+    jump, z, reach, parameters = (np.ascontiguousarray(x, dtype=float) for x in (jump, z, reach, parameters))
+    tangents_of_points(law, jump, z, reach, float(rate), parameters, scratch, out)
+    return out
+
+
 def apply_law(law: int, jump: Array, z: Array, reach: Array, rate: float, parameters: Array) -> Array:
     """Tractions (n_point, n_component) on side E by the law with this code; arguments as for
     ``interface.behaviour.Behaviour.local``."""

@@ -318,8 +318,13 @@ class Stages:
         image, group = self.image, self._groups[g]
         shape, elastic = (group.n_point, group.n_component), group.behaviour.elastic
         gap = image.group_field(g, "reach", *(shape if elastic else shape[:1])).copy()
-        rate = float(image.run[0]["layer_rate"] if elastic else 1.0 / image.run[0]["dt"])
-        return group.behaviour.local(jump, self.direction.group_fields()[g]["z_sum"], gap, rate, group.parameters)
+        z = self.direction.group_fields()[g]["z_sum"]
+        return group.behaviour.local(jump, z, gap, self.rate(g), group.parameters)
+
+    def rate(self, g: int) -> float:
+        """The argument ``rate`` of the law of a group (``kernels.laws``), s-1."""
+        run, elastic = self.image.run[0], self._groups[g].behaviour.elastic
+        return float(run["layer_rate"] if elastic else 1.0 / run["dt"])
 
     # -- a Newton step with laws that Python calls: ``kernels.iteration.newton_step`` -----------------------------
     def _newton_step(self, iteration: int) -> bool:

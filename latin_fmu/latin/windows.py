@@ -107,8 +107,18 @@ class Run(RunState):
         return False, f"interrupted at t = {time:.6g} s (instant {instant} of {end}), until then {sentence}"
 
     # -- windows ------------------------------------------------------------------------------------------------
-    def all(self) -> None:
-        """Solve every window of the segment; stops after one whose best iterate is far from a solution (HOPELESS)."""
+    def all(self, watch: Watch | None = None) -> None:
+        """Solve every window of the segment; stops after one whose best iterate is far from a solution (HOPELESS).
+
+        watch : looks at the windows of this segment in the place of the one that the run was made with.
+        """
+        own, self._watch = self._watch, self._watch if watch is None else watch
+        try:
+            self._all()
+        finally:
+            self._watch = own
+
+    def _all(self) -> None:
         if not self._direct_bonds and self.settings.direct_bonds and all_perfect(self.assembly):
             self._solve_bonds_directly()
         total = self.assembly.n_instant if self.assembly.lost is None else self.assembly.lost.instant - 1
@@ -303,6 +313,15 @@ class Run(RunState):
                 image.end_window_instant(first + i, i)
             self._set_instant(first + i)
             after(i)
+
+    def use_single_instants(self) -> None:
+        """Bind the search direction of windows of one instant."""
+        self._use(1)
+
+    def end_instant(self, stages: Stages) -> None:
+        """Move the substructures over a window of one instant with the fields of its local stage, and record it."""
+        self.image.set({"first_row": stages.first})
+        self._march_accepted(stages, lambda i: self._record(1, i))
 
     def _trial(self, stages: Stages, after: Callable[[int], None]) -> None:
         """March the linear stage of the last iterate, and restore the state before it."""

@@ -1,0 +1,183 @@
+"""Directional derivatives of a step against differences of sessions, whose iteration is converged to 1e-11."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from latin_fmu.cosim import Session, Settings
+from latin_fmu.errors import InputError, LatinError
+from latin_fmu.scene.schema import Scene
+
+from .scenes import blocks
+from .test_driven import bars
+
+PRECISE = Settings(tolerance=1e-11, keep=False)
+EXACT, SLIP = 1e-8, 1e-5  # of the largest derivative of a quantity
+COUNTED = ("solver", "closed", "sticking", "slipping")
+
+
+def sliding(**changes: Any) -> Scene:
+    """The upper block held by friction, and pushed until it slides."""
+    tables = blocks().tables()
+    push = {"face": "upper.xmin", "traction": [10e6, 0.0, 0.0], "law": {"type": "input", "start_value": 0.0}}
+    tables["load"] = {"press": tables["load"]["press"], "push": push}
+    return blocks(load=tables["load"], **changes)
+
+
+SOFT = {"crush": {"sides": ["lower.zmax", "upper.zmin"], "behaviour": "soft_contact", "friction_coefficient": 0.2}}
+SOFT["crush"]["normal_stiffness"] = 1e14
+OPEN = {"crush": {"sides": ["lower.zmax", "upper.zmin"], "friction_coefficient": 0.2, "gap": 3e-6}}
+STATIC = {"end": 6e-6, "step": 1e-6, "quasi_static": True}
+SCENES = {
+    "stick": (sliding, {"press": 2.0, "push": 0.3}, 3e-6, EXACT),
+    "slip": (sliding, {"press": 0.5, "push": 20.0}, 1e-6, SLIP),
+    "energy off": (lambda: sliding(output={"energy": False}), {"press": 2.0, "push": 0.3}, 1e-6, EXACT),
+    "layer": (lambda: sliding(interface=SOFT), {"press": 2.0, "push": 0.3}, 1e-6, EXACT),
+    "landing": (lambda: sliding(interface=OPEN), {"press": 2.0, "push": 0.3}, 1e-6, EXACT),
+    "static": (lambda: sliding(time=STATIC), {"press": 2.0, "push": 0.3}, 1e-6, EXACT),
+    "static slip": (lambda: sliding(time=STATIC), {"press": 0.5, "push": 0.6}, 2e-6, SLIP),
+    "velocity": (lambda: bars({"type": "input"}), {"boundary.end": 3.0}, 0.25, EXACT),
+    "displacement": (lambda: bars({"type": "input"}, "displacement"), {"boundary.end": 0.2}, 0.25, EXACT),
+    "ground": (lambda: bars({"type": "input"}, "ground"), {"ground.wall": 3.0}, 0.25, EXACT),
+    **{
+        kind: (lambda kind=kind: sliding(solver={"propagator": kind}), {"press": 2.0, "push": 0.3}, 1e-6, EXACT)
+        for kind in ("explicit", "reduced")
+    },
+}
+
+
+def stepped(scene: Scene, loads: dict[str, float], h: float, steps: int = 3) -> tuple[Session, bytes]:
+    """A session after equal steps with growing loads, and its state before the last one."""
+    session = Session(scene, PRECISE)
+    session.initialize()
+    before = b""
+    for i in range(steps):
+        before = session.snapshot()
+        for name, value in loads.items():
+            session.set_load(name, value * (i + 1) / steps, 0.1 * value / h)
+        report = session.step(i * h, h)
+        assert report.accepted, report.message
+    return session, before
+
+
+def difference(session: Session, scene: Scene, before: bytes, h: float, name: str, what: str, small: float) -> Any:
+    """Central difference of the outputs by sessions of their own, and whether the contact state stayed."""
+    value, rate = session.load(name)
+    rows = []
+    t = session.time - h
+    for sign in (1.0, -1.0):
+        other = Session(scene, PRECISE)
+        other.initialize()
+        other.restore(before)
+        for given in session.loads:
+            other.set_load(given, *session.load(given))
+        other.set_load(name, value + sign * small * (what == "value"), rate + sign * small * (what == "rate"))
+        assert other.step(t, h)
+        rows.append(other.row.copy())
+    counted = [i for i, output in enumerate(session.outputs) if output.rpartition(".")[2] in COUNTED]
+    alike = np.array_equal(rows[0][counted], rows[1][counted])
+    return (rows[0] - rows[1]) / (2.0 * small), alike
+
+
+@pytest.mark.parametrize("case", SCENES)
+def test_derivatives_are_those_of_differences(case):
+    make, loads, h, limit = SCENES[case]
+    scene = make()
+    session, before = stepped(scene, loads, h)
+    after = session.snapshot()
+    if case == "landing":
+        assert session.value("interface.crush.closed") == 1.0  # 0 before the last step
+    if case == "slip":
+        assert session.value("interface.crush.slipping") > 0.5
+    if case == "stick":
+        assert session.value("interface.crush.sticking") > 0.5
+    for name, value in loads.items():
+        # without inertia a value moves both ends of an increment: the velocity over it does not change
+        for what in ("rate",) if case.startswith("static") else ("value", "rate"):
+            size = abs(value) / (1.0 if what == "value" else h)
+            told = session.derivative(session.outputs, [f"{_stem(name)}.{what}"], [1.0])
+            small = {"slip": 1e-4, "static slip": 1e-4, "layer": 1e-3, "landing": 1e-4, "explicit": 1e-3}.get(
+                case, 1e-2
+            )  # some points slip there
+            known, alike = difference(session, scene, before, h, name, what, small * size)
+            assert alike, "the contact state changes: choose another case"
+            _compare(session, size * told, size * known, limit)
+    assert session.snapshot() == after
+
+
+def _stem(name: str) -> str:
+    return name if "." in name else f"load.{name}"
+
+
+def _compare(session: Session, told: np.ndarray, known: np.ndarray, limit: float) -> None:
+    """Derivatives of all quantities of one unit, relative to the largest."""
+    units = {v.name: v.unit for v in session.table}
+    for unit in ("N", "N s", "m s-1", "m", "J", "1"):
+        own = [i for i, output in enumerate(session.outputs) if units[output] == unit and "solver" not in output]
+        size = np.abs(known[own]).max(initial=0.0)
+        if unit == "m":  # gaps of closed points change by round-off of the coordinates alone
+            size = max(size, 1e-5 * (10.0 if session.scene.name == "driven" else 0.02))
+        assert np.abs(told[own] - known[own]).max(initial=0.0) <= limit * size, (unit, told[own], known[own])
+
+
+def test_the_simulation_goes_on_as_if_nobody_had_asked():
+    rows = []
+    for asks in (False, True):
+        session, _ = stepped(sliding(), {"press": 0.5, "push": 20.0}, 1e-6)
+        if asks:
+            session.derivative(["interface.crush.force[1]"], ["load.push.value", "load.press.rate"], [1.0, 2.0])
+        assert session.step(session.time, 1e-6)
+        rows.append(session.row.copy())
+    np.testing.assert_array_equal(*rows)
+
+
+def test_a_seed_sums_the_inputs():
+    session, _ = stepped(sliding(), {"press": 2.0, "push": 0.3}, 1e-6)
+    names = ["interface.crush.force[1]", "interface.crush.force[3]"]
+    inputs = ["load.press.value", "load.push.rate"]
+    one, two = (session.derivative(names, [name], [1.0]) for name in inputs)
+    np.testing.assert_array_equal(session.derivative(names, inputs, [2.0, 3e5]), 2.0 * one + 3e5 * two)
+    assert np.abs(one).max() > 0.0
+    assert np.abs(two).max() > 0.0
+
+
+def test_after_the_next_step_the_derivatives_are_its_own():
+    session, _ = stepped(sliding(), {"press": 2.0, "push": 0.3}, 1e-6, steps=1)
+    first = session.derivative(["sensor.head.velocity[3]"], ["load.press.value"], [1.0])
+    session.set_load("press", 2.0)
+    assert session.step(session.time, 3e-6)
+    assert session.derivative(["sensor.head.velocity[3]"], ["load.press.value"], [1.0]) != first
+
+
+def test_refusals():
+    session = Session(sliding(), PRECISE)
+    asked = (["interface.crush.force[3]"], ["load.press.value"], [1.0])
+    with pytest.raises(InputError, match="before initialization"):
+        session.derivative(*asked)
+    session.initialize()
+    with pytest.raises(InputError, match="no step was made"):
+        session.derivative(*asked)
+    kept = session.snapshot()
+    assert session.step(0.0, 1e-6)
+    for unknown, known, words in (
+        ("interface.none.force", "load.press.value", "not an output"),
+        ("interface.crush.force[3]", "load.none.value", "not an input"),
+        ("interface.crush.force[3]", "load.press.history", "not an input"),
+    ):
+        with pytest.raises(InputError, match=words):
+            session.derivative([unknown], [known], [1.0])
+    session.restore(kept)
+    with pytest.raises(InputError, match="no step was made"):
+        session.derivative(*asked)
+    whole = Session(sliding(solver={"window": "whole"}), PRECISE)
+    whole.initialize()
+    assert whole.step(0.0, 1e-6)
+    with pytest.raises(LatinError, match=r"solver\.window"):
+        whole.derivative(*asked)
+    played = Session(sliding(), Settings(mode=1))
+    played.initialize()
+    with pytest.raises(InputError, match="prescribed"):
+        played.derivative(*asked)
