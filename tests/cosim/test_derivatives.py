@@ -49,15 +49,18 @@ SCENES = {
 }
 
 
-def stepped(scene: Scene, loads: dict[str, float], h: float, steps: int = 3) -> tuple[Session, bytes]:
-    """A session after equal steps with growing loads, and its state before the last one."""
+def stepped(
+    scene: Scene, loads: dict[str, float], h: float, steps: int = 3, growth: float = 0.1
+) -> tuple[Session, bytes]:
+    """A session after equal steps with growing loads, and its state before the last one; ``growth`` in a step by the
+    rate, relative."""
     session = Session(scene, PRECISE)
     session.initialize()
     before = b""
     for i in range(steps):
         before = session.snapshot()
         for name, value in loads.items():
-            session.set_load(name, value * (i + 1) / steps, 0.1 * value / h)
+            session.set_load(name, value * (i + 1) / steps, growth * value / h)
         report = session.step(i * h, h)
         assert report.accepted, report.message
     return session, before
@@ -121,6 +124,31 @@ def _compare(session: Session, told: np.ndarray, known: np.ndarray, limit: float
         if unit == "m":  # gaps of closed points change by round-off of the coordinates alone
             size = max(size, 1e-5 * (10.0 if session.scene.name == "driven" else 0.02))
         assert np.abs(told[own] - known[own]).max(initial=0.0) <= limit * size, (unit, told[own], known[own])
+
+
+@pytest.mark.parametrize("what", ["value", "rate"])
+def test_without_rates_a_value_turns_the_causal_line(what):
+    scene, h = sliding(), 3e-6
+    session, before = stepped(scene, {"press": 2.0, "push": 0.3}, h, growth=0.0)
+    told = session.derivative(session.outputs, [f"load.press.{what}"], [1.0])
+    line = session.derivative(session.outputs, ["load.press.rate"], [1.0]) / h
+    if what == "rate":  # a rate of its own takes the place of that of the line: the jump is no derivative
+        rows, rate = [], (2.0 - 4.0 / 3.0) / h
+        for sign in (1.0, -1.0):
+            other = Session(scene, PRECISE)
+            other.initialize()
+            other.restore(before)
+            other.set_load("press", 2.0, rate * (1.0 + sign * 1e-2))
+            other.set_load("push", 0.3, 0.1 / h)
+            assert other.step(session.time - h, h)
+            rows.append(other.row.copy())
+        known = (rows[0] - rows[1]) / (2e-2 * rate)
+        _compare(session, told / h, known / h, EXACT)
+        return
+    known, alike = difference(session, scene, before, h, "press", what, 1e-2)
+    assert alike
+    _compare(session, told, known, EXACT)
+    assert np.abs(line).max() > 0.1 * np.abs(told).max()
 
 
 def test_the_simulation_goes_on_as_if_nobody_had_asked():
