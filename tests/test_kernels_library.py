@@ -27,6 +27,7 @@ from latin_fmu.compiled import COMPILES, declare, fields, library, with_numba
 from latin_fmu.compiled.declare import Entry, MismatchError, Signature, address
 from latin_fmu.interface import BEHAVIOURS
 from latin_fmu.kernels.acceleration import Anderson
+from latin_fmu.kernels.laws import LAWS, law_tangents
 from latin_fmu.propagator import stable_step
 from latin_fmu.stability.scenes import ALUMINIUM, Box, column, half_sine
 
@@ -303,6 +304,8 @@ def test_every_entry_equals_its_python_function(monkeypatch):
         normalised_gap = jump[:, : behaviour.n_component] if behaviour.elastic else np.abs(jump[:, 0])
         points = behaviour.point_parameters(6)
         behaviour.local(jump[:, : behaviour.n_component], np.ones((6, 2)), normalised_gap, 2.0, points)
+        if law.name in LAWS:
+            law_tangents(LAWS[law.name], jump, np.ones((6, 2)), normalised_gap, 2.0, points)
     runnable = {item.symbol for item in declared() if isinstance(item, Entry) and in_python(item)} - {ACTIONS}
     assert len(runnable) > 10
     assert runnable <= recorder.checked.keys(), runnable - recorder.checked.keys()
