@@ -42,10 +42,8 @@ from typing import ClassVar
 
 import numpy as np
 
+from ..kernels.laws import ON_CONE
 from .behaviour import SEPARATION, SLIP, STICK, Array, Behaviour, PointLaw, Status
-
-# A stuck point whose traction is this close to the cone counts as slipping.
-_ON_CONE = 1 - 1e-10
 
 
 def coulomb_coefficient(behaviour: Behaviour) -> float | None:
@@ -70,7 +68,7 @@ class Contact(PointLaw):
         status = np.full(pressure.shape, SLIP, dtype=np.int8)
         if traction.shape[-1] > 1:
             shear2 = traction[..., 1] ** 2 + traction[..., 2] ** 2
-            limit = _ON_CONE * parameters[:, 0] * pressure
+            limit = ON_CONE * parameters[:, 0] * pressure
             status[(shear2 < limit * limit) & (limit > 0)] = STICK
         status[pressure <= 0] = SEPARATION
         return status

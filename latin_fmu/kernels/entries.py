@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import Any, Final
 
 from ..compiled import entry, fields, kernel, share
+from .communication import communicate, present
 from .indicator import accept, force_residual
 from .instants import (
     after_class,
@@ -66,7 +67,9 @@ from .substructure import advance, commit, free_load, free_velocity, interface_l
     TRIAL_SIZE,
     COUNT_STEP,
     LEAVE,
-) = range(37)
+    COMMUNICATE,
+    PRESENT,
+) = range(39)
 """Actions of ``call``."""
 
 _ITEM: Final = "f8[::1], i8[::1]"
@@ -98,6 +101,9 @@ share(
     accept,
     end_class,
     end_instant,
+    march_instants,
+    open_accounts,
+    read_start,
 )
 
 
@@ -111,6 +117,10 @@ def call(pools: Any, action: int, a: int, b: int, c: int, d: int) -> int:
         return int(solve_instant(pools, a, b))
     if action == JUDGE:
         return judge(pools, a, b, c, d == 1)
+    if action == COMMUNICATE:
+        return communicate(pools, a, b, c, d)
+    if action == PRESENT:
+        return present(pools)
     if action == END_INSTANT:
         end_instant(pools, a)
     elif action == FIRST_GUESS:

@@ -33,6 +33,8 @@ LAWS: Final = {
     "viscous_joint": VISCOUS_JOINT,
 }
 """Code of each compiled law, by its name in the registry of behaviours."""
+ON_CONE: Final = 1 - 1e-10
+"""A stuck point whose traction is this close to the cone counts as slipping."""
 
 
 @kernel
@@ -114,6 +116,23 @@ def apply(law: int, jump: Array, z: Array, reach: Array, rate: float, parameters
         soft_contact(jump, z, reach, rate, parameters, traction)
     else:
         viscous_joint(jump, z, parameters, traction)
+
+
+@kernel
+def contact_status(law: int, traction: Array, parameters: Array, no_contact: float) -> int:
+    """Separation 0, stick 1, slip 2 of a point of a contact from F_hat (h,): separation up to a pressure
+    ``no_contact`` (``no_slip``: a traction), slip on the friction cone."""
+    pressure, carried = -traction[0], -traction[0]
+    if law == NO_SLIP:
+        for i in range(len(traction)):
+            carried = max(carried, abs(traction[i]))
+        return 1 if carried > no_contact else 0
+    if carried <= no_contact or pressure <= 0.0:
+        return 0
+    limit = ON_CONE * parameters[0] * pressure
+    if len(traction) == 1 or limit <= 0.0:
+        return 2
+    return 1 if traction[1] * traction[1] + traction[2] * traction[2] < limit * limit else 2
 
 
 @kernel

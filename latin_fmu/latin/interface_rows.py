@@ -14,7 +14,7 @@ from .assembly import Array, Assembly
 from .probes import Probes
 from .record import InterfaceHistory, PointFields
 
-_NO_CONTACT = 1e-6  # pressure that does not count as contact, over the traction the loads can bring
+NO_CONTACT = 1e-6  # pressure that does not count as contact, over the traction the loads can bring
 _BLOCK = 4096  # rows of a stream that are read at a time
 
 
@@ -90,7 +90,11 @@ class InterfaceRows:
     def fields(self, n: int) -> dict[str, PointFields]:
         """Fields of the interfaces in the first n rows, a part of the histories."""
         names = [unit.name for unit in self._assembly.interfaces]
-        return {name: point_fields(self._assembly, i, *self._of(i, n)) for i, name in enumerate(names)}
+        return {name: self.fields_of(i, n) for i, name in enumerate(names)}
+
+    def fields_of(self, interface: int, n: int) -> PointFields:
+        """Fields of one interface in the first n rows."""
+        return point_fields(self._assembly, interface, *self._of(interface, n))
 
     def _of(self, interface: int, n: int) -> tuple[Array, Array, Array | None, Array | None]:
         """What is kept of an interface in the first n rows."""
@@ -175,7 +179,7 @@ def point_fields(
         carried = -f_hat[..., 0]
         if coulomb_coefficient(behaviour) is None:  # such a law may hold shear without pressure
             carried = np.maximum(carried, np.abs(f_hat).max(axis=-1))
-        status[carried <= _NO_CONTACT * assembly.characteristic_traction] = SEPARATION
+        status[carried <= NO_CONTACT * assembly.characteristic_traction] = SEPARATION
     return PointFields(traction, velocity, gap, status)
 
 

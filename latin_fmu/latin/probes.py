@@ -50,13 +50,14 @@ class SensorProbes:
     Attributes
     ----------
     rows : per class (n_row, n_dof) from the dofs of a member to its sensors, x y z of one after the other.
+    places : sensor, class, member and rows of each sensor. shapes : per class (n_row, n_motion) of prescribed motions.
     massless : sensors on nodes without mass.
     """
 
     def __init__(self, assembly: Assembly, places: Mapping[str, SensorPlace]) -> None:
-        self._places: list[tuple[str, int, int, slice]] = []  # sensor, class, member, rows
+        self.places: list[tuple[str, int, int, slice]] = []  # sensor, class, member, rows
         self.rows: list[sp.csr_array] = []
-        self._shapes: list[Array] = []  # per class (n_row, n_motion) of prescribed motions
+        self.shapes: list[Array] = []  # per class (n_row, n_motion) of prescribed motions
         self.massless: set[str] = set()
         for c, propagator in enumerate(assembly.propagators):
             model = propagator.members[0]
@@ -69,24 +70,24 @@ class SensorProbes:
             without_mass = rows[:, propagator.operators.massless]
             for i, (name, place) in enumerate(here.items()):
                 part = slice(3 * i, 3 * i + 3)
-                self._places.append((name, c, propagator.names.index(place.substructure), part))
+                self.places.append((name, c, propagator.names.index(place.substructure), part))
                 if without_mass[part].nnz:
                     self.massless.add(name)
             self.rows.append(rows)
-            self._shapes.append(np.asarray(full @ model.imposed_pattern))
+            self.shapes.append(np.asarray(full @ model.imposed_pattern))
 
     def read(
         self, assembly: Assembly, sensed: Sequence[Array | None], instants: slice, motions: Mapping[str, Array]
     ) -> None:
         """Write the motions at these instants into ``motions``: (n_time, 3, 3) by sensor, displacement, velocity and
         acceleration. ``sensed`` : per class (n, 3, n_row, n_member) those of ``rows``."""
-        for name, c, member, part in self._places:
+        for name, c, member, part in self.places:
             kept = sensed[c]
             assert kept is not None
             values = kept[:, :, part, member]
             imposed = assembly.propagators[c].forcing.motion_histories(member)
             if imposed is not None:
-                shapes = self._shapes[c][part]
+                shapes = self.shapes[c][part]
                 values = values + np.stack([field[instants] @ shapes.T for field in imposed], axis=1)
             motions[name][instants] = values
 
@@ -135,12 +136,13 @@ class BoltProbes:
 
     Attributes
     ----------
-    rows : per class (n_row, n_dof), one for each bolt.
+    rows : per class (n_row, n_dof), one for each bolt. places : bolt, class, member, row, and (n_motion,) what
+        prescribed motions add.
     """
 
     def __init__(self, assembly: Assembly, bolts: Mapping[str, BoltPlace]) -> None:
         self.rows: list[sp.csr_array] = []
-        self._places: list[tuple[str, int, int, int, Array]] = []  # bolt, class, member, row, shapes of motions
+        self.places: list[tuple[str, int, int, int, Array]] = []  # bolt, class, member, row, shapes of motions
         for c, propagator in enumerate(assembly.propagators):
             model = propagator.members[0]
             blocks = [np.zeros((0, model.n_full))]
@@ -148,7 +150,7 @@ class BoltProbes:
                 if bolt.substructure in propagator.names:
                     full = bolt.pattern if model.nodal is None else bolt.pattern @ model.nodal
                     member = propagator.names.index(bolt.substructure)
-                    self._places.append((name, c, member, len(blocks) - 1, full @ model.imposed_pattern))
+                    self.places.append((name, c, member, len(blocks) - 1, full @ model.imposed_pattern))
                     blocks.append(full[None])
             self.rows.append(sp.csr_array(sp.csr_array(np.concatenate(blocks)) @ model.expansion))
 
@@ -162,7 +164,7 @@ class BoltProbes:
     ) -> None:
         """Write the tensions at these instants into ``tensions``, (n_time,) by bolt; ``sensed`` : as for
         ``SensorProbes.read``."""
-        for name, c, member, row, shapes in self._places:
+        for name, c, member, row, shapes in self.places:
             kept = sensed[c]
             assert kept is not None
             values = kept[:, 0, row, member]
@@ -242,14 +244,16 @@ class SlideProbes:
     ----------
     rows : per class (n_probe, n_dof) rows of the nodes of those faces, x y z of one point after the other; None
         where a class has none.
+    places : class, member, rows, interface and side. traces : per class (n_probe, n_full) from all dofs. ground : those
+        against ground.
     """
 
     def __init__(self, assembly: Assembly, interfaces: Sequence[int]) -> None:
         propagators = self._propagators = assembly.propagators
-        self._ground = [i for i in interfaces if assembly.interfaces[i].against_ground]
-        self._places: list[tuple[int, int, slice, int, int]] = []  # class, member, rows, interface, side
+        self.ground = [i for i in interfaces if assembly.interfaces[i].against_ground]
+        self.places: list[tuple[int, int, slice, int, int]] = []  # class, member, rows, interface, side
         faces: list[list[sp.csr_array]] = [[] for _ in propagators]
-        self._traces: list[sp.csr_array | None] = []
+        self.traces: list[sp.csr_array | None] = []
         for c, propagator in enumerate(propagators):
             for member, name in enumerate(propagator.names):
                 at = 0
@@ -261,14 +265,14 @@ class SlideProbes:
                             continue
                         if member == 0:
                             faces[c].append(trace)
-                        self._places.append((c, member, slice(at, at + trace.shape[0]), i, side))
+                        self.places.append((c, member, slice(at, at + trace.shape[0]), i, side))
                         at += trace.shape[0]
             full = sp.csr_array(sp.vstack(faces[c])) if faces[c] else None
             nodal = propagator.members[0].nodal
-            self._traces.append(full if full is None or nodal is None else sp.csr_array(full @ nodal))
+            self.traces.append(full if full is None or nodal is None else sp.csr_array(full @ nodal))
         self.rows = [
             None if full is None else sp.csr_array(full @ propagator.members[0].expansion)
-            for full, propagator in zip(self._traces, propagators, strict=True)
+            for full, propagator in zip(self.traces, propagators, strict=True)
         ]
 
     def read(
@@ -276,9 +280,9 @@ class SlideProbes:
     ) -> None:
         """Write the velocities ``probed`` (n, n_probe, n_member) per class at n instants into rows of ``slide``,
         (n_row, 2, n_point, 3) per interface."""
-        for c, member, rows, i, side in self._places:
+        for c, member, rows, i, side in self.places:
             values = probed[c][:, rows, member]
-            forcing, trace = self._propagators[c].forcing, self._traces[c]
+            forcing, trace = self._propagators[c].forcing, self.traces[c]
             if forcing.moves and trace is not None:
                 part = sp.csr_array(trace[rows])
                 imposed = [
@@ -286,5 +290,5 @@ class SlideProbes:
                 ]
                 values = values + np.stack(imposed) if imposed else values
             slide[i][into, side] = values.reshape(len(values), values.shape[1] // 3, 3)
-        for i in self._ground:
+        for i in self.ground:
             slide[i][into, 1] = assembly.ground[i][instants][:, None]

@@ -20,8 +20,6 @@ from .probes import BoltPlace, Probes, SensorPlace
 from .reactions import Support, reaction_histories
 from .record import BoltHistory, InterfaceHistory, PointFields, ReactionHistory, SensorHistory, SubstructureHistory
 
-_NO_CONTACT = 1e-6  # pressure that does not count as contact, over the traction the loads can bring
-
 
 @dataclass(frozen=True)
 class OutputRequest:

@@ -8,7 +8,7 @@ on its thread, so that results are equal to the last bit with any number of thre
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, Final
@@ -53,8 +53,11 @@ def reuse_bound(settings: Settings) -> float:
     return (REUSE * min(settings.tolerance, 0.1 * settings.force_tolerance)) ** 2
 
 
-def make_image(assembly: Assembly, settings: Settings, direction: Direction, probes: Probes) -> Image:
-    """Image of an assembly whose propagators have their initial state and are bound to ``direction``."""
+def make_image(
+    assembly: Assembly, settings: Settings, direction: Direction, probes: Probes, more: Mapping[str, Any]
+) -> Image:
+    """Image of an assembly whose propagators have their initial state and are bound to ``direction``; ``more``: further
+    fields of the record of the run."""
     layout, static = assembly.layout, assembly.quasi_static
     ground = assembly.ground_tables()[0]
     run: dict[str, Any] = {
@@ -78,6 +81,7 @@ def make_image(assembly: Assembly, settings: Settings, direction: Direction, pro
         **rules(settings),
         "rest_traction": assembly.rest_traction,
         "amplified": max(1.0, _OF_MOTION / settings.tolerance) ** 2,
+        **more,
     }
     groups = [
         {

@@ -28,6 +28,7 @@ class RunState:
     Parameters
     ----------
     assembly, settings : the problem and the rules of its solution. recorder : keeps the accepted fields.
+    communication : fields of the record of the run for communication steps in kernels.
 
     Attributes
     ----------
@@ -36,7 +37,15 @@ class RunState:
     stopped : whether a window ended so far from a solution that the run cannot continue.
     """
 
-    def __init__(self, assembly: Assembly, settings: Settings, recorder: Recorder, timings: Timings) -> None:
+    def __init__(
+        self,
+        assembly: Assembly,
+        settings: Settings,
+        recorder: Recorder,
+        timings: Timings,
+        communication: Mapping[str, Any] | None = None,
+    ) -> None:
+        self._communication = {} if communication is None else communication
         self.assembly, self.settings, self.recorder, self.timings = assembly, settings, recorder, timings
         self.marched = self.condensed = 0
         self._clear()
@@ -64,7 +73,7 @@ class RunState:
         one.bind()
         recorder = self.recorder
         self._probes = Probes(assembly, recorder.sliding, recorder.places, recorder.supports, recorder.bolts)
-        self.image = make_image(assembly, self.settings, one, self._probes)
+        self.image = make_image(assembly, self.settings, one, self._probes, self._communication)
         self.f_hat[:], self.w_hat[:] = traction, velocity
         self._use(1)
         self.image.field("scales", 3)[:] = (

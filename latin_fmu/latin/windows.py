@@ -14,7 +14,7 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -71,7 +71,7 @@ class Run(RunState):
 
     Parameters
     ----------
-    assembly, settings, recorder, timings : as for ``RunState``.
+    assembly, settings, recorder, timings, communication : as for ``RunState``.
     observer : called after each iteration. progress : called after each iteration with window counts.
     watch : looks at the run between windows. fields : first guesses of windows of several instants, in the place of
         those of ``settings.sequential_start``; it is given the converged fields.
@@ -91,10 +91,11 @@ class Run(RunState):
         progress: Progress | None = None,
         watch: Watch | None = None,
         fields: WindowFields | None = None,
+        communication: Mapping[str, Any] | None = None,
     ) -> None:
         self._observer, self._progress, self._watch, self._fields = observer, progress, watch, fields
         self.interrupted = False
-        super().__init__(assembly, settings, recorder, timings)
+        super().__init__(assembly, settings, recorder, timings, communication)
 
     def status(self, energy: Mapping[str, Array] | None = None, stored: float | None = None) -> tuple[bool, str]:
         """Whether the run is complete and every window converged, and a sentence on it; ``energy`` and
@@ -119,17 +120,21 @@ class Run(RunState):
             self._watch = own
 
     def _all(self) -> None:
-        if not self._direct_bonds and self.settings.direct_bonds and all_perfect(self.assembly):
-            self._solve_bonds_directly()
+        self.open_bonds()
         total = self.assembly.n_instant if self.assembly.lost is None else self.assembly.lost.instant - 1
         length = self.settings.window or total
         self._use(length)
         self._solve(total, length)
 
+    def open_bonds(self) -> None:
+        """Solve perfect interfaces directly from here on, where there are no others."""
+        if not self._direct_bonds and self.settings.direct_bonds and all_perfect(self.assembly):
+            self._solve_bonds_directly()
+
     def _solve(self, total: int, length: int) -> None:
         """Solve the instants up to ``total`` in windows of ``length``."""
         count, number = -(-total // length), len(self.windows)
-        compiled = length == 1 and self._observer is None and self._compiles()
+        compiled = length == 1 and self._observer is None and self.compiles()
         while number < count and not self.stopped and not self._looked():
             done = self._march(count - number) if compiled else 0
             number += done
@@ -152,7 +157,7 @@ class Run(RunState):
             self.interrupted = self._watch.look(self)
         return self.interrupted
 
-    def _compiles(self) -> bool:
+    def compiles(self) -> bool:
         """Whether the kernels hold every factor and every law, and the bonds where those are solved directly."""
         return self._bonds is None and self._in_kernels
 

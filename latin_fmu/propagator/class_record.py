@@ -414,6 +414,22 @@ def newton_sizes(run: Row, n: int) -> dict[str, int]:
     )
 
 
+def communication_state(run: Row, n_interface: int) -> dict[str, int]:
+    """Numbers of the arrays of the state of a co-simulation; none elsewhere."""
+    if not run.get("n_output", 0):
+        return {}
+    inputs, motion, outputs = (run.get(name, 0) for name in ("n_input", "n_motion_state", "n_output"))
+    sizes = {"reached": inputs, "slope": inputs, "motion_state": motion, "impulse": 3 * n_interface}
+    return sizes | {"present": outputs, "progress": 8}
+
+
+def communication_work(run: Row) -> dict[str, int]:
+    """Numbers of the work arrays of a co-simulation but those with a row an instant."""
+    sizes = dict.fromkeys(("input_value", "input_rate", "work_input"), run.get("n_input", 0))
+    sizes |= {"next_state": run.get("n_motion_state", 0), "signal": run.get("n_signal", 0)}
+    return sizes | {"column": run.get("n_column", 0), "opening": run.get("n_opening", 0)}
+
+
 def grown(data: Array, size: int) -> Array:
     """The block with room for ``size`` numbers: itself where it has it, else a copy that has, zeros behind it."""
     if size <= len(data):

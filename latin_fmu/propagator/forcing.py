@@ -35,10 +35,10 @@ class Sum:
         rows, values = (np.concatenate(parts) for parts in zip(*self.patterns, strict=True))
         return starts, rows, values
 
-    def add(self, pattern: Array, column: int, members: int, amplitude: Array) -> None:
-        """Add a pattern (n,) of one member."""
+    def add(self, pattern: Array, column: int, members: int, amplitude: Array, always: bool = False) -> None:
+        """Add a pattern (n,) of one member, unless it stays zero; ``always``: even then."""
         rows = np.flatnonzero(pattern)
-        if len(rows) and amplitude.any():
+        if len(rows) and (always or amplitude.any()):
             self.patterns.append((rows.astype(np.int64) * members + column, pattern[rows]))
             self.amplitudes.append(amplitude)
 
@@ -66,6 +66,9 @@ class Forcing:
         self._zero = np.zeros((self.n_full, len(members)))
         self.n_time, self.token = 0, object()  # instants of the segment, and a mark of its own
         self.amplitudes: list[list[Array]] = [[] for _ in members]  # (n_time,) of each load of a member
+        self.sources: frozenset[str] | None = None
+        """Names of the loads that get terms of the sums whatever their histories are, and only they; prescribed motions
+        get all of theirs. None: what varies does."""
 
     def begin(self, histories: Sequence[Histories], dt: float) -> None:
         """Set what drives the members over the instants of a run or segment; motions go on where they are."""
@@ -74,8 +77,10 @@ class Forcing:
         self._constant = np.zeros((self._n, len(self.members)))
         varying: dict[tuple[int, int], Array] = {}
         for column, (loads, history) in enumerate(zip(self._reduced, histories, strict=True)):
+            names = [load.name for load in self.members[column].loads]
             for k, ((pattern, (rows, _)), amplitude) in enumerate(zip(loads, history.amplitudes, strict=True)):
-                if (amplitude == amplitude[0]).all():
+                constant = (amplitude == amplitude[0]).all() if self.sources is None else names[k] not in self.sources
+                if constant:
                     self._constant[:, column] += pattern * amplitude[0]
                 elif len(rows):
                     varying[column, k] = amplitude
@@ -156,7 +161,7 @@ class Forcing:
         for column, (motion, member) in enumerate(zip(self._motion, self.members, strict=True)):
             if motion is not None:
                 lumped = None if dashpots is None else member.expansion.T @ (dashpots @ motion.pattern)
-                motion.add_to(sums, trace @ motion.pattern, column, members, lumped)
+                motion.add_to(sums, trace @ motion.pattern, (column, members), lumped, self.sources is not None)
         return self._constant, sums
 
     def motion_table(self) -> Array:
@@ -254,9 +259,12 @@ class _Motion:
             force += self._damping @ v
         return force
 
-    def add_to(self, sums: dict[str, Sum], at_channels: Array, column: int, members: int, lumped: Array | None) -> None:
-        """Add the parts of this motion; ``at_channels`` (n_channel, n_motion) its shapes at the channels, ``lumped``
-        (n, n_motion) the lumped damping of an explicit class on them."""
+    def add_to(
+        self, sums: dict[str, Sum], at_channels: Array, of: tuple[int, int], lumped: Array | None, always: bool
+    ) -> None:
+        """Add the parts of this motion; ``at_channels`` (n_channel, n_motion) its shapes at the channels, ``of`` number
+        of the member and of all, ``lumped`` (n, n_motion) the lumped damping of an explicit class on them, ``always``
+        as for ``Sum.add``."""
         u, v, a = self.histories
         w = np.concatenate([v[:1], self._scheme.interface_velocity(u[:-1], u[1:], v[1:], self._dt)])
         before, middle, step = v, u, np.zeros_like(v)
@@ -265,16 +273,16 @@ class _Motion:
             middle = np.concatenate([u[:1], u[:-1]]) + 0.5 * self._dt * before
             step = 0.5 * (v - before)
         for k in range(self.pattern.shape[1]):
-            sums["force"].add(-self._stiffness[:, k], column, members, middle[:, k])
+            sums["force"].add(-self._stiffness[:, k], *of, middle[:, k], always)
             if self._damping is not None:
-                sums["force"].add(-self._damping[:, k], column, members, before[:, k])
+                sums["force"].add(-self._damping[:, k], *of, before[:, k], always)
             if lumped is not None:
-                sums["force"].add(-lumped[:, k], column, members, step[:, k])
+                sums["force"].add(-lumped[:, k], *of, step[:, k], always)
             if self._mass is not None and not self._scheme.explicit:
-                sums["inertia"].add(self._mass[:, k], column, members, a[:, k])
-            sums["velocity"].add(at_channels[:, k], column, members, w[:, k])
-            sums["displacement"].add(at_channels[:, k], column, members, u[:, k])
-            sums["acceleration"].add(at_channels[:, k], column, members, a[:, k])
+                sums["inertia"].add(self._mass[:, k], *of, a[:, k], always)
+            sums["velocity"].add(at_channels[:, k], *of, w[:, k], always)
+            sums["displacement"].add(at_channels[:, k], *of, u[:, k], always)
+            sums["acceleration"].add(at_channels[:, k], *of, a[:, k], always)
 
     def full(self, instant: int, kind: int) -> Array:
         moved: Array = self.pattern @ self.histories[kind][instant]

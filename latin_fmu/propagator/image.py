@@ -134,6 +134,7 @@ class Image:
             group["first_point"], points = points, points + group["n_point"]
         run["n_point"] = points
         sizes = {"f_hat": n, "w_hat": n, "scales": 3, "carry": 1, "finish": 1, "worst": n_interface}
+        sizes |= class_record.communication_state(run, n_interface)
         for name, size in sizes.items():
             run[name] = block.reserve(size)
         self._n_state = block.size
@@ -152,10 +153,10 @@ class Image:
         sizes |= {"dq": depth * wide, "dr": depth * wide, "gram": depth * depth, "least": (depth + 3) * depth}
         sizes |= {"coarse": 2 * int(run.get("n_coarse", 0)), "displacement": n, "layer": n}
         sizes |= {"shares": n_interface, "norms": 4, "merits": 6 * most + 128, "measure": 8, "counts": 2, "course": 8}
-        sizes |= class_record.newton_sizes(run, n)
+        sizes |= class_record.newton_sizes(run, n) | class_record.communication_work(run)
         for name, size in sizes.items():
             run[name] = block.reserve(size)
-        per_row = 2 * n + run["n_point"] + 2 * most + 2
+        per_row = 2 * n + run["n_point"] + 2 * most + 2 + run.get("n_drive", 0) + run.get("n_output", 0)
         for row in self._rows:
             per_row += row["m"] * (row["n_probe"] + 3 * row["n_sensor"] + N_TERM * row["accounted"])
         self.rows = max(min(max(_OUTPUT // max(per_row, 1), _ROWS[0]), _ROWS[1]), self.window)
@@ -165,6 +166,7 @@ class Image:
             row["energies"] = block.reserve(self.rows * N_TERM * row["m"] * row["accounted"])
         sizes = {"errors": most, "force_residuals": most, "iterations": 1, "newton_steps": 1}
         sizes |= {"history_f": n, "history_w": n, "history_gap": run["n_point"]}
+        sizes |= {"drive": run.get("n_drive", 0), "output": run.get("n_output", 0)}
         for name, size in sizes.items():
             run[name] = block.reserve(self.rows * size)
         self._tail = block.size

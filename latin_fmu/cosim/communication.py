@@ -1,0 +1,242 @@
+"""A run whose communication steps are kernels, and its image as one file that any program can map or read.
+
+The file holds records and blocks as the kernels take them.
+
+Little endian throughout. Numbers are counted in words of 8 bytes; a place is the number of a word in the moving block.
+
+======================  ==============================================================================================
+bytes                   content
+======================  ==============================================================================================
+0 to 7                  ``LATINIMG``
+8 to 8 + 8 x 32         int64 words, ``WORDS`` in their order, zeros behind them
+264 to 264 + 8 x 8      float64 words, ``NUMBERS`` in their order, zeros behind them
+from 328 on             the record of the run, the records of the classes, those of the groups (each array padded to
+                        8 bytes), the fixed block, the moving block
+======================  ==============================================================================================
+
+The entry of the library of kernels, ``kernels_entries_call_0(slots, result)``, takes slots of 8 bytes: nine arrays,
+each an address and a length (run 1, classes, groups, fixed block as float64, int64, uint32, float32, moving block as
+float64, int64; uint32 and float32 have twice as many numbers), then five int64: action, a, b, c, d. It writes one int64
+and returns 0. The fixed block and the records are read only: instances share them. All that the next step depends on
+are the first ``n_state`` words of the moving block.
+
+``COMMUNICATE`` (a time steps to make, at most ``most_steps``; b rule of interpolation; c time steps of the
+communication step made before; d time steps of the whole one) reads value and rate of the inputs, which stay the same
+during a communication step, and returns the time steps that converged, or a negative status
+(``kernels.communication``). After fewer than a, or a negative status, the caller restores the state. ``PRESENT`` puts
+the present outputs into row 0; where no time step has been made it begins the simulation with the inputs as they are.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..assembly.segments import SegmentedRun
+from ..errors import InputError, Problem
+from ..kernels import entries
+from ..kernels.records import CLASS, GROUP, RUN, Pools
+from ..latin.record import Array, Timings
+from ..latin.recorder import Recorder
+from ..latin.windows import Run
+from ..machine import one_thread
+from ..propagator.image import Image
+from ..scene.schema import Scene
+from .drives import Drives, Sources, history_fields, opening_fields
+from .signals import Signals
+
+_STEPS = 64  # time steps in one call at most
+
+MAGIC: Final = b"LATINIMG"
+VERSION: Final = 1
+WORDS: Final = (
+    "version",
+    "run_size",  # bytes of the record of the run
+    "n_class",
+    "class_size",  # bytes of one record
+    "n_group",
+    "group_size",
+    "n_fixed",  # words of the fixed block
+    "n_moving",
+    "n_state",
+    "n_input",
+    "n_output",
+    "n_row",  # rows of outputs, fields and drives
+    "most_steps",  # of one call
+    "input_value",  # places: (n_input,)
+    "input_rate",
+    "output",  # (n_row, n_output)
+    "progress",  # (3,): time steps made, iterations and largest indicator of the communication step
+    "last_step",  # time steps that laws of the scene are tabulated for, -1 where any number can be made
+    "n_flat",
+    "n_point",
+    "history_f",  # (n_row, n_flat)
+    "history_w",
+    "history_gap",  # (n_row, n_point)
+    "communicate",  # number of the action
+    "present",
+    "run_digest",  # of the names of the fields of the records
+)
+"""Words of the header."""
+NUMBERS: Final = ("dt", "end")
+"""Time step and end of the scene, s."""
+_N_WORD, _N_NUMBER = 32, 8
+
+
+class CommunicationRun:
+    """A run advanced by communication steps in one call of the kernels each.
+
+    Parameters
+    ----------
+    scene : with names for its interfaces (``assembly.interfaces.completed``). tolerance : replaces that of the scene.
+
+    Attributes
+    ----------
+    image : of the run. sources : inputs and own laws. steps : time steps that one call can make at most.
+
+    Raises
+    ------
+    InputError : a scene that the kernels do not hold; SceneError : it cannot be built.
+    """
+
+    def __init__(self, scene: Scene, tolerance: float | None = None) -> None:
+        _check(scene)
+        self.scene, self.sources = scene, Sources.of(scene)
+        self._segmented = SegmentedRun(scene, tolerance)
+        self._segmented.settle({})
+        problem = self._segmented.problem
+        with one_thread():
+            drives = Drives(self._segmented, self.sources)
+            recorder = Recorder(problem.assembly, problem.output, problem.info)
+            signals = Signals(drives, recorder)
+            fields = signals.fields(scene) | history_fields(drives)
+            fields |= opening_fields(drives, scene.time.start.type != "static")
+            self._make(drives, fields)
+
+    def _make(self, drives: Drives, fields: Mapping[str, Any]) -> None:
+        problem, start = self._segmented.problem, self.sources.initial()
+        amplitudes = np.concatenate([start, np.ones((_STEPS - 1, start.shape[1]))])  # the last rows lay out what varies
+        drives.begin(amplitudes)
+        settings = replace(problem.settings, window=1, threads=1)
+        recorder = Recorder(problem.assembly, problem.output, problem.info)
+        self.run = Run(problem.assembly, settings, recorder, Timings(), communication=fields)
+        self.run.open_bonds()
+        if not self.run.compiles():
+            raise _refused("substructures or laws that Python solves", "use laws of the package and solver.threads = 1")
+        self.image: Image = self.run.image
+        self.image.set({"first_row": 0})
+        self.steps = min(self.image.rows, len(amplitudes)) - 1
+        self.image.call(entries.PRESENT)
+
+    def set(self, name: str, value: float, rate: float) -> None:
+        """Set value and rate of an input for the next communication step."""
+        e = self.sources.inputs.index(name)
+        n = len(self.sources.inputs)
+        self.image.field("input_value", n)[e], self.image.field("input_rate", n)[e] = value, rate
+
+    def outputs(self, row: int = 0) -> Array:
+        """A row of outputs of the last call, a view."""
+        n = int(self.image.run[0]["n_output"])
+        values: Array = self.image.field("output", self.image.rows, n)[row]
+        return values
+
+
+def _check(scene: Scene) -> None:
+    if scene.time.quasi_static:
+        raise _refused("a scene without inertia", "give it inertia (time.quasi_static = false)")
+    if scene.output.energy:
+        raise _refused("the energies", "set output.energy = false")
+
+
+def _refused(what: str, remedy: str) -> InputError:
+    problem = Problem("scene", f"{what} cannot be had in a compiled FMU", None, None, remedy)
+    return InputError([problem], "the FMU cannot be compiled")
+
+
+# -- the file ---------------------------------------------------------------------------------------------------
+def write(run: CommunicationRun) -> bytes:
+    """The file of a run in its present state."""
+    image = run.image
+    record = image.run[0]
+    words: dict[str, int] = {
+        "version": VERSION,
+        "run_size": RUN.itemsize,
+        "n_class": len(image.classes),
+        "class_size": CLASS.itemsize,
+        "n_group": len(image.groups),
+        "group_size": GROUP.itemsize,
+        "n_fixed": len(image.fixed),
+        "n_moving": len(image.moving),
+        "n_state": len(image.state),
+        "n_row": image.rows,
+        "most_steps": run.steps,
+        "last_step": int(record["law_end"]),
+        "communicate": entries.COMMUNICATE,
+        "present": entries.PRESENT,
+        "run_digest": _digest(),
+    }
+    words |= {name: int(record[name]) for name in WORDS if name not in words}
+    header = np.zeros(_N_WORD, dtype="<i8")
+    header[: len(WORDS)] = [words[name] for name in WORDS]
+    numbers = np.zeros(_N_NUMBER, dtype="<f8")
+    numbers[: len(NUMBERS)] = record["dt"], run.scene.time.end
+    parts = (image.run, image.classes, image.groups, image.fixed, image.moving)
+    return b"".join([MAGIC, header.tobytes(), numbers.tobytes(), *(part.tobytes() for part in parts)])
+
+
+def read(content: bytes) -> tuple[dict[str, int], dict[str, float], Pools]:
+    """Words and numbers of the header, and the arrays of the kernels (fresh copies).
+
+    Raises
+    ------
+    InputError : bytes that are no such file, or one of another version of the package.
+    """
+    start = len(MAGIC) + 8 * (_N_WORD + _N_NUMBER)
+    if len(content) < start or content[: len(MAGIC)] != MAGIC:
+        raise _unreadable("is no image of a run")
+    header = np.frombuffer(content, "<i8", len(WORDS), len(MAGIC))
+    words = dict(zip(WORDS, map(int, header), strict=True))
+    if (words["version"], words["run_digest"]) != (VERSION, _digest()):
+        raise _unreadable("was written by another version of this package")
+    numbers = np.frombuffer(content, "<f8", len(NUMBERS), len(MAGIC) + 8 * _N_WORD)
+    sizes: tuple[tuple[Any, int], ...] = (
+        (RUN, 1),
+        (CLASS, words["n_class"]),
+        (GROUP, words["n_group"]),
+        (np.dtype(np.float64), words["n_fixed"]),
+        (np.dtype(np.float64), words["n_moving"]),
+    )
+    if len(content) != start + sum(kind.itemsize * n for kind, n in sizes):
+        raise _unreadable("is cut off or too long")
+    arrays: list[NDArray[Any]] = []
+    for kind, n in sizes:
+        arrays.append(np.frombuffer(content, kind, n, start).copy())
+        start += kind.itemsize * n
+    fixed, moving = arrays[3:]
+    run, classes, groups = arrays[:3]
+    pools = Pools(
+        run,
+        classes,
+        groups,
+        fixed,
+        fixed.view(np.int64),
+        fixed.view(np.uint32),
+        fixed.view(np.float32),
+        moving,
+        moving.view(np.int64),
+    )
+    return words, dict(zip(NUMBERS, map(float, numbers), strict=True)), pools
+
+
+def _digest() -> int:
+    """A number for the names and places of the fields of the records."""
+    return zlib.crc32(repr((RUN.descr, CLASS.descr, GROUP.descr)).encode())
+
+
+def _unreadable(what: str) -> InputError:
+    return InputError([Problem("image of a run", what, None, None, "export the FMU again")], "the image cannot be read")

@@ -1,0 +1,190 @@
+"""Outputs of a run by communication steps: their matrix over the signals of an instant (``kernels.communication``).
+
+The outputs of an interface are determined from ``InterfaceSeries`` by unit fields, so that its formulas are written
+once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from ..latin.interface_rows import NO_CONTACT, InterfaceRows
+from ..latin.probes import Probes
+from ..latin.recorder import Recorder
+from ..scene.schema import Scene
+from .drives import Drives
+from .outputs import InterfaceSeries
+from .variables import scalar_table
+
+_UNITS = 256  # unit fields that are read at a time
+
+
+class Signals:
+    """Places of the signals of an assembly, and the outputs that follow from them."""
+
+    def __init__(self, drives: Drives, recorder: Recorder) -> None:
+        self._drives, assembly = drives, drives.assembly
+        self._assembly, self._recorder = assembly, recorder
+        self.probes = Probes(assembly, recorder.sliding, recorder.places, recorder.supports, recorder.bolts)
+        n = assembly.layout.n_flat
+        at = 2 * n + sum(g.n_point for g in assembly.layout.groups)
+        self._sensed: list[int] = []
+        self._probed: list[int] = []
+        self._n_sensor: list[int] = []
+        self._motions: list[int] = []
+        of_motion = 0
+        for c, propagator in enumerate(assembly.propagators):
+            m, rows, slides = len(propagator.members), self.probes.rows[c], self.probes.slide.rows[c]
+            self._n_sensor.append(0 if rows is None else rows.shape[0])
+            self._sensed.append(at)
+            self._probed.append(at + 3 * self._n_sensor[-1] * m)
+            at = self._probed[-1] + (0 if slides is None else slides.shape[0] * m)
+            self._motions.append(of_motion)
+            of_motion += 3 * propagator.members[0].imposed_pattern.shape[1] * m
+        self._drive = at
+        self.n = at + drives.n_state + 2 * len(drives.sources) + 1
+
+    def _sensor(self, c: int, kind: int, row: int, member: int) -> int:
+        """Place of the displacement, velocity or acceleration of a sensor row of a class."""
+        m = len(self._assembly.propagators[c].members)
+        return int(self._sensed[c] + (kind * self._n_sensor[c] + row) * m + member)
+
+    def _motion(self, c: int, kind: int, k: int, member: int) -> int:
+        """Place of the displacement, velocity or acceleration of a prescribed motion."""
+        members = self._assembly.propagators[c].members
+        row = kind * members[0].imposed_pattern.shape[1] + k
+        return int(self._drive + self._motions[c] + row * len(members) + member)
+
+    def _kept(self) -> sp.csr_array:
+        """Numbers of a row of ``InterfaceRows`` from the signals."""
+        layout, n = self._assembly.layout, self._assembly.layout.n_flat
+        width = InterfaceRows.width_of(self._assembly)
+        table = InterfaceRows(self._assembly, np.arange(float(width))[None])
+        cells: list[tuple[int, int, float]] = [(j, j, 1.0) for j in range(2 * n)]
+        first = 2 * n
+        for g, group in enumerate(layout.groups):
+            if g in table.gaps:
+                cells += [(int(to), first + p, 1.0) for p, to in enumerate(table.gaps[g][0])]
+            first += group.n_point
+        slide = self.probes.slide
+        for c, member, rows, i, side in slide.places:
+            to = table.slide[i][0, side].ravel().astype(int)
+            m, trace = len(self._assembly.propagators[c].members), slide.traces[c]
+            for row, place in zip(range(rows.start, rows.stop), to, strict=True):
+                cells.append((int(place), self._probed[c] + row * m + member, 1.0))
+            if self._assembly.propagators[c].forcing.moves and trace is not None:
+                moved = sp.csr_array(trace[rows]) @ self._assembly.propagators[c].members[member].imposed_pattern
+                for own, k in np.argwhere(moved):
+                    cells.append((int(to[own]), self._motion(c, 1, int(k), member), float(moved[own, k])))
+        where = np.array([*cells, *self._ground_entries(table)])
+        places = where[:, 0].astype(np.int64), where[:, 1].astype(np.int64)
+        return sp.csr_array(sp.coo_array((where[:, 2], places), shape=(width, self.n)))
+
+    def _ground_entries(self, table: InterfaceRows) -> list[tuple[int, int, float]]:
+        """Velocities of the ground at the points of frictionless interfaces."""
+        made: list[tuple[int, int, float]] = []
+        drives, n_x, n_s = self._drives, self._drives.n_state, len(self._drives.sources)
+        for e in range(2 * n_s if self.probes.slide.ground else 0):
+            amplitudes = np.zeros(2 * n_s)
+            amplitudes[e] = 1.0
+            drives.begin(amplitudes.reshape(2, n_s))
+            for i, velocity in drives.slides().items():
+                if i in self.probes.slide.ground and velocity.any():
+                    to = table.slide[i][0, 1].astype(int)
+                    made += [(int(row[k]), self._drive + n_x + e, float(velocity[k])) for row in to for k in range(3)]
+        return made
+
+    def _interface_rows(self, i: int, kept: sp.csr_array) -> tuple[sp.csr_array, list[int]]:
+        """Outputs of an interface from the signals, and the numbers of columns of its parts."""
+        assembly, width = self._assembly, kept.shape[0]
+        layout, group = assembly.layout, assembly.layout.group(i)
+        table = InterfaceRows(assembly, np.arange(float(width))[None])
+        of_gap = [table.gaps[g][0, group.members[i]] for g in table.gaps if layout.groups[g] is group]
+        of_slide = [table.slide[i].ravel()] if i in table.slide else []
+        flat = [layout.channels(i, side).ravel() for side in (0, 1)]
+        own = np.concatenate([flat[0], *(f + layout.n_flat for f in flat), *of_gap, *of_slide]).astype(int)
+        unit = assembly.interfaces[i]
+        faces = (unit.geometry.areas, unit.geometry.areas / unit.geometry.areas.sum(), unit.geometry.frames[:, 0])
+        blocks, sizes = [], list[int]()
+        for start in range(0, len(own), _UNITS):
+            part = own[start : start + _UNITS]
+            rows = np.zeros((len(part), width))
+            rows[np.arange(len(part)), part] = 1.0
+            fields = InterfaceRows(assembly, rows).fields_of(i, len(part))
+            columns = InterfaceSeries.of(fields, *faces).columns(np.zeros((len(part), 3)))
+            sizes = [column.shape[1] for column in columns]
+            if len(columns) > 6:  # read point by point
+                columns[7][:], columns[8][:] = 0.0, 0.0
+            blocks.append(sp.csr_array(np.concatenate(columns, axis=1)))
+        picked = sp.csr_array(sp.csc_array(sp.vstack(blocks)).T)
+        return sp.csr_array(picked @ kept[own]), sizes
+
+    def _sensor_rows(self) -> Iterator[sp.csr_array]:
+        """Displacement and velocity of each sensor (6, n)."""
+        sensors = self.probes.sensors
+        for _, c, member, part in sorted(sensors.places, key=lambda p: [*self._recorder.places].index(p[0])):
+            rows = sp.lil_array((6, self.n))
+            for kind in range(2):
+                for axis, row in enumerate(range(part.start, part.stop)):
+                    rows[3 * kind + axis, self._sensor(c, kind, row, member)] = 1.0
+                    for k, shape in enumerate(sensors.shapes[c][row]):
+                        if shape != 0.0:
+                            rows[3 * kind + axis, self._motion(c, kind, k, member)] = shape
+            yield sp.csr_array(rows)
+
+    def _bolt_rows(self) -> Iterator[sp.csr_array]:
+        """Tension of each bolt (1, n)."""
+        places = {place[0]: place for place in self.probes.bolts.places}
+        for name, bolt in self._recorder.bolts.items():
+            _, c, member, row, shapes = places[name]
+            first = self.probes.sensors.rows[c].shape[0] + self.probes.supports.rows[c].shape[0]
+            rows = sp.lil_array((1, self.n))
+            rows[0, self._sensor(c, 0, first + row, member)] = -1.0
+            for k, shape in enumerate(shapes):
+                rows[0, self._motion(c, 0, k, member)] = -shape
+            rows[0, self.n - 1] = float(bolt.force(np.zeros(())))
+            yield sp.csr_array(rows)
+
+    def fields(self, scene: Scene) -> dict[str, Any]:
+        """Fields of the record of the run: outputs from the signals, and what is read point by point."""
+        assembly = self._assembly
+        kept, blocks, at = self._kept(), [sp.csr_array((0, self.n))], 0
+        summary = np.full((len(assembly.interfaces), 6), -1, dtype=np.int64)
+        share = np.zeros(sum(g.n_point for g in assembly.layout.groups))
+        groups = assembly.layout.groups
+        first = np.cumsum([0, *(g.n_point for g in groups)])
+        for i, unit in enumerate(assembly.interfaces):
+            group = assembly.layout.group(i)
+            points = group.members[i]
+            matrix, sizes = self._interface_rows(i, kept)
+            places = at + np.cumsum([0, *sizes])
+            opens = len(sizes) > 6
+            summary[i] = (
+                places[0],
+                places[1],
+                places[7] if opens else -1,
+                assembly.layout.groups.index(group),
+                *(points.start, points.stop),
+            )
+            begun = first[groups.index(group)]
+            share[begun + points.start : begun + points.stop] = unit.geometry.areas / unit.geometry.areas.sum()
+            blocks.append(matrix)
+            at += sum(sizes)
+        for rows in (*self._sensor_rows(), *self._bolt_rows()):
+            blocks.append(rows)
+            at += rows.shape[0]
+        n_output = sum(v.causality == "output" for v in scalar_table(scene))
+        blocks.append(sp.csr_array((n_output - at, self.n)))
+        return {
+            "output": sp.csr_array(sp.vstack(blocks)),
+            "n_output": n_output,
+            "n_signal": self.n,
+            "of_solver": at,
+            "summary": summary,
+            "area_share": share,
+            "no_contact": NO_CONTACT * assembly.characteristic_traction,
+        }
