@@ -3,12 +3,14 @@
 The step is solved anew from the state before it, once for the tangents of the interfaces and twice for each input, with
 a little more and a little less of it (``latin.linearised_step``). While the contact state of no point changes, fields
 are affine in the inputs and energies quadratic, so that the central difference is exact but for round-off. What counts
-points (shares, iterations) does not change then: its derivative is 0.
+points (shares, iterations) does not change then: its derivative is 0. Counters and instants of events count as
+constant, too.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import chain
 
 import numpy as np
 
@@ -19,10 +21,11 @@ from ..latin.record import Array
 from ..latin.windows import Run
 from .modes import LastStep, Windowed
 from .variable import input_of
+from .variables import EVENTS
 
 _EFFECT = 1e-2  # on the tractions, relative: smaller ones are enlarged, as far as round-off says what they are
 _LARGEST = 1e8  # factor
-_CONSTANT = ("closed", "sticking", "slipping")
+_CONSTANT = ("closed", "sticking", "slipping", *chain.from_iterable((n, last) for n, (last, _) in EVENTS.items()))
 
 
 class Derivatives:
@@ -147,7 +150,7 @@ class Derivatives:
 
     def _row(self, segment: Segment) -> Array:
         """Scalar outputs at the end of a linearised step."""
-        row, _ = self._mode.outputs_of(segment, self._step.impulse)
+        row, *_ = self._mode.outputs_of(segment, self._step.impulse)
         points = segment.recorder.points()
         for name, point in self._lowest.items():
             gap = points[name].gap

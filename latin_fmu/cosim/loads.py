@@ -138,7 +138,8 @@ class Loads:
 
     def amplitudes(self, h: float, n: int, rule: int) -> dict[str, Array]:
         """Amplitudes (n + 1,) over a step of h, s, in n parts. rule : HOLD, RATE, LINE or CAUSAL."""
-        lines = {name: self._amplitude(name, h, n, rule) for name in self._start}
+        rates = self.rates(rule)
+        lines = {name: self._amplitude(name, h, n, rule, rate) for name, rate in rates.items()}
         for name, line in lines.items():
             if is_motion(name):
                 line[0] = self._reached[name]
@@ -168,13 +169,13 @@ class Loads:
             driving[name] = (at(name, after) - at(name, before)) / span
         return driving
 
-    def _amplitude(self, name: str, h: float, n: int, rule: int) -> Array:
+    def _amplitude(self, name: str, h: float, n: int, rule: int, rate: float) -> Array:
         value = self.value[name]
         if rule == HOLD:
             return np.full(n + 1, value)
         if rule == LINE:
             return np.linspace(self._reached[name], value, n + 1)
-        line: Array = value + self.rates(rule)[name] * (np.linspace(0.0, h, n + 1) if n > 1 else np.array([0.0, h]))
+        line: Array = value + rate * (np.linspace(0.0, h, n + 1) if n > 1 else np.array([0.0, h]))
         return line
 
     def rates(self, rule: int) -> dict[str, float]:

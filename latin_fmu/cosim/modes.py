@@ -22,12 +22,13 @@ from ..latin.state_serialization import check_like, check_numbers, encode, unlik
 from ..latin.windows import Run
 from ..machine import one_thread
 from ..scene.schema import Scene
+from .events import COLUMNS, ContactEvents, between, first_event, shifted
 from .loads import Loads
 from .outputs import InterfaceSeries, faces_of, impulses, output_rows, series_of
 from .settings import MAX_INSTANTS, SHORTEST, Settings, StepReport, refused
 from .step_history import INTERFACE_FIELDS
 from .variable import variable_of
-from .variables import scalar_table
+from .variables import LINE, opening, scalar_table
 
 ROUND_OFF = 1e-9  # of a time step: times closer than this are one instant
 
@@ -58,6 +59,7 @@ class Windowed:
         self.run = SegmentedRun(scene, settings.tolerance)
         self.rule, self._time_step = settings.interpolation, settings.step_of(scene)
         self._impulse = np.zeros((len(scene.joints), 3))
+        self._events = ContactEvents(opening(scene))
         self.row = np.zeros(0)
         self.time = np.zeros(1)
         self._interfaces: dict[str, InterfaceHistory] | None = {}  # None: those of the segment
@@ -89,15 +91,18 @@ class Windowed:
         self._faces = {name: faces_of(history) for name, history in self.interfaces.items()}
         self.time, self.segment = np.zeros(1), None
         self._impulse = np.zeros_like(self._impulse)
+        self._events.reset()
         series, sensors = series_of(self.interfaces), recorder.sensors(assembly)
         energy = recorder.assembly_energy(assembly)
         bolts = recorder.bolt_histories()
         rows = output_rows(series, self._impulse[None], sensors, bolts, (0.0, 0.0, 1.0, 0.0), energy, 1)
-        self.row = rows[0]
+        self.row = np.concatenate([rows[0], self._events.row])
         self.run.reset()
 
-    def step(self, loads: Loads, t: float, h: float, t0: float) -> StepReport:
+    def step(self, loads: Loads, t: float, h: float, t0: float, early: bool = False) -> StepReport:
         """Solve from t to t + h, s; ``t0`` is the start of the simulation.
+
+        early : where there is a contact event, solve up to the end of its time step alone.
 
         Raises
         ------
@@ -112,14 +117,23 @@ class Windowed:
                 again=True,
             )
         amplitudes = loads.amplitudes(h, n, self.rule)
-        dt = h / n
+        dt, early_end = h / n, None
         segment = self._advance(t + h - t0, n, loads.driving(amplitudes, dt))
+        if early and n > 1 and segment.accepted:
+            event = first_event(self._resultants(segment)[1])
+            if event is not None and event < n:
+                before()
+                h, n, early_end = event * dt, event, t + event * dt
+                amplitudes = {name: line[: n + 1] for name, line in amplitudes.items()}
+                segment = self._advance(early_end - t0, n, loads.driving(amplitudes, dt))
         if not segment.accepted:
             return refused(f"no convergence in the step of {h:g} s at {t:g} s: {segment.status}", again=True)
         loads.accept(amplitudes, h, n)
-        self.last_step = LastStep(before, given, t + h - t0, h, n, self._impulse)
-        self._take_outputs(segment)
-        return StepReport(True, "", n, segment.iterations, segment.error_indicator)
+        self.last_step = LastStep(before, given, (t + h if early_end is None else early_end) - t0, h, n, self._impulse)
+        if early_end is not None and self.rule == LINE:
+            self.last_step = None  # these loads over this step are other lines
+        self._take_outputs(segment, t0)
+        return StepReport(True, "", n, segment.iterations, segment.error_indicator, early=early_end)
 
     def _advance(self, end: float, n: int, loads: Mapping[str, Array]) -> Segment:
         """Solve n time steps up to ``end``, s; nothing changes where the segment is not accepted."""
@@ -129,22 +143,32 @@ class Windowed:
         except (ArithmeticError, ValueError, RuntimeError, np.linalg.LinAlgError) as error:
             raise SolverError(f"the solver cannot make this step: {error}") from error
 
-    def _take_outputs(self, segment: Segment) -> None:
-        self.row, self._impulse = self.outputs_of(segment, self._impulse)
+    def _take_outputs(self, segment: Segment, t0: float) -> None:
+        row, self._impulse, self._events.state = self.outputs_of(segment, self._impulse)
+        k = len(row) - len(self._events.row)
+        self.row = np.concatenate([row[:k], shifted(row[k:], t0)])
         self.time, self.segment, self._interfaces = segment.time, segment, None
 
-    def outputs_of(self, segment: Segment, start: Array) -> tuple[Array, Array]:
-        """Scalar outputs (n_output,) and impulses (n_interface, 3) at the end of a segment; ``start`` : impulses
-        before."""
+    def outputs_of(self, segment: Segment, start: Array) -> tuple[Array, Array, Array]:
+        """Scalar outputs (n_output,), impulses (n_interface, 3) and state of the events at the end of a segment.
+
+        start : impulses before. The instants of events are counted from the start of the simulation.
+        """
         n = len(segment.time) - 1
         dt = (segment.time[-1] - segment.time[0]) / n
-        points = segment.recorder.points()
-        series = {name: InterfaceSeries.of(points[name], *given) for name, given in self._faces.items()}
+        series, events, state = self._resultants(segment)
         impulse = impulses(series, float(dt), start)
         energy = None if segment.energy is None else {k: v[-1:] for k, v in segment.energy.items()}
         solver = (segment.iterations, segment.error_indicator, float(segment.converged), n)
         last = {name: s.last() for name, s in series.items()}
-        return output_rows(last, impulse[-1:], segment.sensors, segment.bolts, solver, energy, 1)[0], impulse[-1]
+        row = output_rows(last, impulse[-1:], segment.sensors, segment.bolts, solver, energy, 1)[0]
+        return np.concatenate([row, events[-1]]), impulse[-1], state
+
+    def _resultants(self, segment: Segment) -> tuple[dict[str, InterfaceSeries], Array, Array]:
+        """Resultants over a segment, outputs of the events at its instants, and their state at its end."""
+        points = segment.recorder.points()
+        series = {name: InterfaceSeries.of(points[name], *given) for name, given in self._faces.items()}
+        return series, *self._events.follow(segment.time, points, series, self._faces)
 
     def instant(self, _time: float) -> int:
         """Index in ``time`` of the present instant."""
@@ -164,6 +188,7 @@ class Windowed:
         return {
             "run": np.frombuffer(self.run.snapshot(), dtype=np.uint8),
             "impulse": self._impulse,
+            "events": self._events.state,
             "row": self.row,
             "time": self.time,
             "fields": self._fields(),
@@ -180,6 +205,7 @@ class Windowed:
             self._check(state)
         self.run.restore(state["run"].tobytes(), check)
         self._impulse, self.row, self.time = state["impulse"], state["row"], state["time"]
+        self._events.state = state["events"]
         if check:
             self.run.check_gaps({n: None if f["gap"] is None else f["gap"][-1] for n, f in state["fields"].items()})
         known = self.interfaces
@@ -213,6 +239,7 @@ class Prescribed:
     def __init__(self, scene: Scene, settings: Settings) -> None:
         self._scene, self._tolerance = scene, settings.tolerance
         self._n_output = sum(v.causality == "output" for v in scalar_table(scene))
+        self._first_event = self._n_output - COLUMNS * len(opening(scene))
         self._solved_for = ""
         self.run: SegmentedRun | None = None
         self.segment: Segment | None = None
@@ -247,11 +274,14 @@ class Prescribed:
             raise SolverError(f"the solver cannot continue: {error}") from error
         if not segment.converged:
             raise SolverError(segment.status)
-        self._table = _rows(segment, n)
+        self._table = _rows(segment, n, ContactEvents(opening(self._scene)))
         self.run, self.segment, self._solved_for = run, segment, key
 
-    def step(self, loads: Loads, t: float, h: float, t0: float) -> StepReport:
-        """Play back from t to t + h, s; ``t0`` is the start of the simulation."""
+    def step(self, loads: Loads, t: float, h: float, t0: float, early: bool = False) -> StepReport:
+        """Play back from t to t + h, s; ``t0`` is the start of the simulation.
+
+        early : up to the first instant after a contact event.
+        """
         if changed := loads.changed():
             return refused(
                 f"{variable_of(changed)} was changed after initialization, which has no effect in prescribed mode: "
@@ -262,8 +292,17 @@ class Prescribed:
         end = float(self.time[-1])
         if t + h - t0 > end * (1.0 + ROUND_OFF):
             return refused(f"the interval solved ends at {t0 + end:g} s: set endTime before initialization", again=True)
-        self.row = self._row_at(t + h - t0)
-        return StepReport(True, "", len(self.time) - 1, self.segment.iterations, self.segment.error_indicator)
+        stop, ended = t + h - t0, None
+        if early:
+            first = self.instant(t - t0)
+            event = first_event(self._table[first : self.instant(stop) + 1, self._first_event :])
+            if event is not None and self.time[first + event] < stop - ROUND_OFF * h:
+                stop = float(self.time[first + event])
+                ended = t0 + stop
+        row, k = self._row_at(stop), self._first_event
+        self.row = np.concatenate([row[:k], shifted(row[k:], t0)])
+        n, iterations, indicator = len(self.time) - 1, self.segment.iterations, self.segment.error_indicator
+        return StepReport(True, "", n, iterations, indicator, early=ended)
 
     @property
     def time(self) -> Array:
@@ -285,6 +324,8 @@ class Prescribed:
         i = int(np.clip(np.floor(place), 0, len(self._table) - 2))
         share = place - i
         mixed: Array = (1.0 - share) * self._table[i] + share * self._table[i + 1]
+        k = self._first_event
+        mixed[k:] = between(self._table[i, k:], self._table[i + 1, k:], time)
         return mixed
 
     def _place(self, time: float) -> float:
@@ -320,10 +361,13 @@ class Prescribed:
         self.row = state["row"]
 
 
-def _rows(segment: Segment, n: int) -> Array:
-    """Scalar outputs at every instant, (n + 1, n_output)."""
+def _rows(segment: Segment, n: int, events: ContactEvents) -> Array:
+    """Scalar outputs at every instant, (n + 1, n_output); ``events`` : none so far."""
     series = series_of(segment.interfaces)
     impulse = [history.impulse(segment.time) for history in segment.interfaces.values()]
     running = np.stack(impulse, axis=1) if impulse else impulses(series, 0.0, np.zeros((0, 3)))
     solver = (segment.iterations, segment.error_indicator, float(segment.converged), n)
-    return output_rows(series, running, segment.sensors, segment.bolts, solver, segment.energy, n + 1)
+    rows = output_rows(series, running, segment.sensors, segment.bolts, solver, segment.energy, n + 1)
+    points = {name: history.points_over_time for name, history in segment.interfaces.items()}
+    faces = {name: faces_of(history) for name, history in segment.interfaces.items()}
+    return np.concatenate([rows, events.follow(segment.time, points, series, faces)[0]], axis=1)

@@ -128,8 +128,11 @@ class Session:
             self._mode, self._starts = (Prescribed if self.prescribed else Windowed)(scene, self.settings), starts
         return self._mode
 
-    def step(self, t: float, h: float) -> StepReport:
-        """Advance from t by h, s, with the loads set before. A step that is refused changes nothing."""
+    def step(self, t: float, h: float, early: bool = False) -> StepReport:
+        """Advance from t by h, s, with the loads set before. A step that is refused changes nothing.
+
+        early : end the step with the first time step in which there is a contact event (``cosim.events``).
+        """
         mode = self._mode
         if mode is None or not self.started:
             return refused("the session is not initialized")
@@ -139,18 +142,18 @@ class Session:
             return refused(f"{bad} is not a finite number", again=True)
         rates = self._loads.rates(self.settings.interpolation)
         try:
-            report = mode.step(self._loads, t, h, self._t0)
+            report = mode.step(self._loads, t, h, self._t0, early)
         except LatinError as error:
             return refused(str(error), again=True)
         if report.accepted:
-            self.time, self.row = t + h, mode.row
+            self.time, self.row = t + h if report.early is None else report.early, mode.row
             if self.settings.keep:
-                self._keep(t, h, mode, rates)
+                self._keep(t, mode, rates)
         return report
 
-    def _keep(self, t: float, h: float, mode: Windowed | Prescribed, rates: dict[str, float]) -> None:
+    def _keep(self, t: float, mode: Windowed | Prescribed, rates: dict[str, float]) -> None:
         segment = mode.segment if isinstance(mode, Windowed) else None
-        self.step_history.append(AcceptedStep(t, t + h, self.row, dict(self._loads.value), rates, segment))
+        self.step_history.append(AcceptedStep(t, self.time, self.row, dict(self._loads.value), rates, segment))
 
     def derivative(self, unknowns: Sequence[str], knowns: Sequence[str], seed: Sequence[float]) -> Array:
         """Directional derivative (n_unknown,) of outputs at the end of the last step by inputs over it: the sum over

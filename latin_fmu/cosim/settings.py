@@ -99,7 +99,8 @@ def _is_span(value: float | None) -> bool:
 class StepReport:
     """Result of a communication step; where it is not accepted, ``message`` says why and the state is as before.
 
-    ``again``: a shorter step, or the same with another input, may be accepted.
+    ``again``: a shorter step, or the same with another input, may be accepted. ``early``: time, s, at which the step
+    ended before its end, after a contact event; None where it did not.
     """
 
     accepted: bool
@@ -108,6 +109,7 @@ class StepReport:
     iterations: int = 0
     error_indicator: float = 0.0
     again: bool = False
+    early: float | None = None
 
     def __bool__(self) -> bool:
         return self.accepted

@@ -25,6 +25,13 @@ _SHARES: Final[Mapping[str, str]] = {
     "slipping": "in contact and slipping",
 }
 
+EVENTS: Final[Mapping[str, tuple[str, str]]] = {
+    "touches": ("lastTouch", "in contact, after none of its points was"),
+    "separations": ("lastSeparation", "open at all points, after one was in contact"),
+    "slips": ("lastSlip", "slipping at all points in contact, after one stuck"),
+}
+"""Output that counts a contact event of an interface: output of its last instant, and what the interface becomes."""
+
 ENERGIES: Final[Mapping[str, str]] = {
     "kinetic": "kinetic energy",
     "elastic": "elastic energy",
@@ -77,8 +84,8 @@ def _with_law(table: Any, law: TimeLaw | None) -> Any:
     return table if law is None else table.model_copy(update={"law": law})
 
 
-def scalar_table(scene: Scene) -> tuple[Variable, ...]:
-    """Scalar variables of a scene (all of FMI 2)."""
+def scalar_table(scene: Scene, events: bool = True) -> tuple[Variable, ...]:
+    """Scalar variables of a scene (all of FMI 2); ``events`` : contact events, the last of them, among them."""
     inputs = inputs_of(scene)
     depends = tuple(f"{variable_of(name)}.value" for name in inputs)
     rows: list[Variable] = [
@@ -100,7 +107,15 @@ def scalar_table(scene: Scene) -> tuple[Variable, ...]:
     rows += _solver()
     if scene.output.energy:
         rows += [output(f"energy.{name}", "J", text) for name, text in ENERGIES.items()]
+    if events:
+        for name in opening(scene):
+            rows += _events(name)
     return tuple(rows)
+
+
+def opening(scene: Scene) -> list[str]:
+    """Names of the interfaces that can open, which have contact events."""
+    return [name for name, interface in scene.joints.items() if interface.behaves_open]
 
 
 _MEANINGS: Final[Mapping[str, str]] = {
@@ -179,6 +194,13 @@ def _interface(scene: Scene, name: str, depends: tuple[str, ...]) -> Iterator[Va
         )
 
 
+def _events(name: str) -> Iterator[Variable]:
+    for count, (instant, text) in EVENTS.items():
+        where = f"interface.{name}"
+        yield output(f"{where}.{count}", "1", f"number of times that the interface became {text}", minimum=0.0)
+        yield output(f"{where}.{instant}", "s", f"instant of the last of {where}.{count}; 0 before the first")
+
+
 def _solver() -> Iterator[Variable]:
     yield output("solver.iterations", "1", "iterations of the last step, over all its windows", minimum=0.0)
     yield output("solver.errorIndicator", "1", "largest error indicator sqrt(eta) of the windows of the last step")
@@ -187,10 +209,10 @@ def _solver() -> Iterator[Variable]:
     yield output("solver.instants", "1", "number of time steps the last communication step was cut into", minimum=0.0)
 
 
-def table_of(scene: Scene, n_point: Mapping[str, int] | None = None) -> tuple[Variable, ...]:
+def table_of(scene: Scene, n_point: Mapping[str, int] | None = None, events: bool = True) -> tuple[Variable, ...]:
     """The variable table: scalars, and arrays where the number of points of each interface is given."""
     arrays = () if n_point is None else _arrays(scene, inputs_of(scene), n_point)
-    return (*scalar_table(scene), *arrays)
+    return (*scalar_table(scene, events), *arrays)
 
 
 # -- arrays (FMI 3) ----------------------------------------------------------------------------------------------
