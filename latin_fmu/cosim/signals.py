@@ -177,7 +177,7 @@ class Signals:
         for rows in (*self._sensor_rows(), *self._bolt_rows()):
             blocks.append(rows)
             at += rows.shape[0]
-        n_output = sum(v.causality == "output" for v in scalar_table(scene))
+        n_output = sum(v.causality == "output" for v in scalar_table(scene, events=False))
         blocks.append(sp.csr_array((n_output - at, self.n)))
         return {
             "output": sp.csr_array(sp.vstack(blocks)),
