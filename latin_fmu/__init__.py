@@ -51,6 +51,7 @@ if TYPE_CHECKING:
     from .results.files import open_results
     from .results.solution import Solution
     from .results.spectra import shock_response_spectrum
+    from .results.views import amplitude_spectrum, pressure_map, resultant, sensor_spectrum, skin
     from .scene.schema import Scene
 
 __version__ = "0.1.0"
@@ -66,12 +67,17 @@ __all__ = [
     "SceneError",
     "Solution",
     "SolverError",
+    "amplitude_spectrum",
     "check",
     "estimate_error",
     "load_scene",
     "open_results",
+    "pressure_map",
+    "resultant",
     "scene_from_dict",
+    "sensor_spectrum",
     "shock_response_spectrum",
+    "skin",
     "solve",
     "sweep",
     "vibration_modes",
@@ -96,6 +102,9 @@ _MODULES: Final = MappingProxyType(
         "solve": "api",
         "sweep": "parametric.study",
         "vibration_modes": "assembly.modes",
+        **dict.fromkeys(
+            ("amplitude_spectrum", "pressure_map", "resultant", "sensor_spectrum", "skin"), "results.views"
+        ),
     }
 )
 

@@ -12,7 +12,8 @@
     /substructures/<name>  only fields that the scene requests: displacement, velocity (time, node, component);
                            stress (time, cell, stress_component); strain (time, cell, strain_component);
                            nodal_stress (time, node, stress_component); principal_stress (time, cell, principal),
-                           nodal_principal_stress (time, node, principal); and with any of them the mesh
+                           nodal_principal_stress (time, node, principal); and with any of them the mesh:
+                           cell_nodes (cell, cell_node), cell_shape (cell), node_x, node_y, node_z (node)
     /substructures/<name>/energy   terms of the substructure (time), where requested
     /sensors/<name>        displacement, velocity, acceleration (time, component), with ..._filtered where
                            requested; x, y, z of the place
@@ -62,6 +63,7 @@ from .groups import (
     Columns,
     Group,
     annotated,
+    describe_mesh,
 )
 from .quantities_of_interest import Force, InterfaceFields, normal_resultant
 from .sensors import bolt_groups, reaction_groups, sensor_groups
@@ -358,22 +360,6 @@ def substructure_group(history: SubstructureHistory, recovered: Recovered | None
     group = annotated(Group.of(columns, {**labels, **positions}), SUBSTRUCTURE)
     describe_mesh(group, history.cell_type)
     return group
-
-
-def describe_mesh(group: Group, cell_type: str, along: str = "time") -> None:
-    """UGRID attributes of a three-dimensional unstructured mesh, and of the fields on it, which have a dimension
-    ``along``."""
-    group.variables["mesh"].attrs.update(
-        cf_role="mesh_topology",
-        topology_dimension=np.int32(3),
-        node_coordinates="node_x node_y node_z",
-        volume_node_connectivity="cell_nodes",
-        cell_type=cell_type,
-    )
-    group.variables["cell_nodes"].attrs.update(cf_role="volume_node_connectivity", start_index=np.int32(0))
-    for name, variable in group.variables.items():
-        if along in variable.dims and name not in group.labels:
-            variable.attrs.update(mesh="mesh", location="volume" if "cell" in variable.dims else "node")
 
 
 def _convergence(outcome: Outcome, first: int = 0, last: int | None = None) -> Group:

@@ -57,7 +57,7 @@ class Group:
     def of_dataset(cls, dataset: xr.Dataset) -> Group:
         """The group of an xarray dataset."""
         variables = {
-            str(name): Variable(tuple(map(str, v.dims)), v.values, dict(v.attrs))
+            str(name): Variable(tuple(map(str, v.dims)), _read_as(v.values, name in dataset.coords), dict(v.attrs))
             for name, v in dataset.variables.items()
         }
         return cls(variables, frozenset(map(str, dataset.coords)), dict(dataset.attrs))
@@ -66,7 +66,7 @@ class Group:
         """The group as an xarray dataset."""
         import xarray as xr
 
-        made = {name: (v.dims, v.values, v.attrs) for name, v in self.variables.items()}
+        made = {name: (v.dims, _written_as(v.values), v.attrs) for name, v in self.variables.items()}
         data = {name: v for name, v in made.items() if name not in self.labels}
         return xr.Dataset(data, {name: made[name] for name in made if name in self.labels}, self.attrs)
 
@@ -80,6 +80,16 @@ class Group:
         for variable in self.variables.values():
             sizes.update(zip(variable.dims, variable.values.shape, strict=True))
         return sizes
+
+
+def _written_as(values: NDArray[Any]) -> NDArray[Any]:
+    """The values; texts as objects, for which zarr has a stable type (of text of one length it has none)."""
+    return values.astype(object) if values.dtype.kind == "U" else values
+
+
+def _read_as(values: NDArray[Any], label: bool) -> NDArray[Any]:
+    """The values; labels that are texts of any type as texts of one length."""
+    return values.astype(str) if label and values.dtype.kind in "OT" else values
 
 
 def _by_depth(paths: Iterable[str]) -> list[str]:
@@ -105,7 +115,7 @@ def with_labels(groups: Mapping[str, Group]) -> Iterator[tuple[str, Group]]:
 
 
 CONVENTIONS = "CF-1.11 UGRID-1.0"
-SCHEMA_VERSION = "1.3"
+SCHEMA_VERSION = "1.4"
 """Changes its first number when a name or meaning changes, the second when something is added."""
 
 
@@ -296,3 +306,35 @@ def annotated(group: Group, meanings: Mapping[str, Meaning]) -> Group:
 
 def _unexplained(name: str, meanings: Mapping[str, Meaning]) -> Meaning:
     return Meaning("J" if meanings is ENERGY else None, name.replace("_", " "))
+
+
+# -- volume meshes by UGRID ------------------------------------------------------------
+_FEWEST: Final = np.array([4, 5, 6, 8])  # corners
+_CORNERS: Final = np.zeros(28, dtype=np.int64)  # by number of nodes
+_CORNERS[[4, 10]], _CORNERS[[5, 13]], _CORNERS[[6, 15, 18]], _CORNERS[[8, 20, 27]] = _FEWEST
+_SHAPES: Final[Mapping[str, Any]] = {
+    "long_name": "shape of the element",
+    "flag_values": np.arange(4, dtype=np.int8),
+    "flag_meanings": "tetrahedron pyramid wedge hexahedron",
+}
+"""UGRID's names of the shapes, by the number of corners."""
+
+
+def describe_mesh(group: Group, cell_type: str, along: str = "time") -> None:
+    """UGRID attributes of a three-dimensional unstructured mesh, and of the fields on it, which have a dimension
+    ``along``."""
+    group.variables["mesh"].attrs.update(
+        cf_role="mesh_topology",
+        topology_dimension=np.int32(3),
+        node_coordinates="node_x node_y node_z",
+        volume_node_connectivity="cell_nodes",
+        volume_shape_type="cell_shape",
+        cell_type=cell_type,
+    )
+    nodes = (group.variables["cell_nodes"].values >= 0).sum(axis=1)
+    shape = np.searchsorted(_FEWEST, _CORNERS[nodes]).astype(np.int8)
+    group.variables["cell_shape"] = Variable(("cell",), shape, dict(_SHAPES))
+    group.variables["cell_nodes"].attrs.update(cf_role="volume_node_connectivity", start_index=np.int32(0))
+    for name, variable in group.variables.items():
+        if along in variable.dims and name not in group.labels:
+            variable.attrs.update(mesh="mesh", location="volume" if "cell" in variable.dims else "node")

@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from ..latin.record import Array
 from ..latin.recorder import SubstructureInfo
-from .dataset import AXES, datatree, describe_mesh, provenance
+from .dataset import AXES, datatree, provenance
 from .files import write_groups
-from .groups import CONVENTIONS, MODES, SCHEMA_VERSION, Columns, Group, annotated
+from .groups import CONVENTIONS, MODES, SCHEMA_VERSION, Columns, Group, annotated, describe_mesh
 from .summary import aligned, readable
 from .vtk import export_vtu
 

@@ -137,7 +137,7 @@ def _fields(instant: xr.Dataset, place: str) -> dict[str, NDArray[Any]]:
         for tensor in ("stress_component", "strain_component"):
             if tensor in values.dims:
                 values = values.sel({tensor: _VTK_TENSOR})
-        if name != "cell_nodes":
+        if name not in ("cell_nodes", "cell_shape"):
             fields[name] = _plain(values)
         if "stress_component" in values.dims:
             fields[name.replace("stress", "von_mises")] = _von_mises(fields[name])

@@ -91,11 +91,18 @@ def test_only_what_is_asked_for(tmp_path: Path) -> None:
     tables = pulled(tmp_path, "hexahedron")
     tables["output"] = {"stress": True, "principal_stress": True}
     dataset = api.solve(scene_from_dict(tables)).to_datatree()["substructures/cube"].to_dataset()
-    assert {str(n) for n in dataset.data_vars} == {"stress", "principal_stress", "cell_nodes", "mesh"}
+    assert {str(n) for n in dataset.data_vars} == {"stress", "principal_stress", "cell_nodes", "cell_shape", "mesh"}
     tables["output"] = {"strain": True}
     scene = scene_from_dict(tables)
     dataset = api.solve(scene).to_datatree()["substructures/cube"].to_dataset()
-    assert {str(n) for n in dataset.data_vars} == {"displacement", "velocity", "strain", "cell_nodes", "mesh"}
+    assert {str(n) for n in dataset.data_vars} == {
+        "displacement",
+        "velocity",
+        "strain",
+        "cell_nodes",
+        "cell_shape",
+        "mesh",
+    }
     (history,) = (e for e in explain(scene).effects if e.name == "interior history")
     assert history.on
     assert history.switch == "output.strain = false"

@@ -25,6 +25,7 @@ DIMENSIONS = {
     "substructures/lower/energy/kinetic": ("time",),
     "substructures/lower/node_z": ("node",),
     "substructures/lower/cell_nodes": ("cell", "cell_node"),
+    "substructures/lower/cell_shape": ("cell",),
     "convergence/error_indicator": ("window", "iteration"),
     "convergence/iterations": ("window",),
     "energy/kinetic": ("time",),
@@ -54,7 +55,16 @@ def test_values_are_those_of_the_histories(crushing: Solution) -> None:
 
 
 def test_every_variable_says_what_it_is_and_in_which_unit(crushing: Solution) -> None:
-    without_unit = {"component", "side", "stress_component", "contact_status", "converged", "cell_nodes", "mesh"}
+    without_unit = {
+        "component",
+        "side",
+        "stress_component",
+        "contact_status",
+        "converged",
+        "cell_nodes",
+        "cell_shape",
+        "mesh",
+    }
     for node in crushing.to_datatree().subtree:
         for name, variable in node.to_dataset().variables.items():
             assert variable.attrs["long_name"], f"{node.path}/{name}"

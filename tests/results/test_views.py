@@ -1,0 +1,143 @@
+"""Resultants, maps, skins and spectra from results, by closed forms; UGRID meshes for xugrid; zarr."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import latin_fmu
+from latin_fmu.errors import InputError
+from latin_fmu.results import views
+
+from .test_sensors import pressed
+
+
+@pytest.fixture(scope="module")
+def solved() -> latin_fmu.Solution:
+    return latin_fmu.solve(pressed(output={"surfaces": True, "fields": True, "stress": True}))
+
+
+@pytest.fixture(scope="module")
+def tree(solved: latin_fmu.Solution, tmp_path_factory: pytest.TempPathFactory) -> xr.DataTree:
+    file = tmp_path_factory.mktemp("views") / "out.nc"
+    solved.save(file)
+    return latin_fmu.open_results(file)
+
+
+def test_resultant(solved: latin_fmu.Solution, tree: xr.DataTree) -> None:
+    history, made = solved.interfaces["crush"], views.resultant(tree, "crush")
+    assert np.array_equal(made["force"].values, history.force())
+    assert made["normal"].values == pytest.approx(-history.force()[:, 2], rel=1e-12)
+    assert made["friction"].values == pytest.approx(np.hypot(*history.force()[:, :2].T), rel=1e-9, abs=1e-9)
+    assert float(made["normal"].max()) > 1e3
+    assert {v.attrs["units"] for v in made.data_vars.values()} == {"N"}
+
+
+def test_pressure_map_has_the_resultant(tree: xr.DataTree) -> None:
+    normal = views.resultant(tree, "crush")["normal"]
+    for time in (None, float(normal["time"][3])):
+        made = views.pressure_map(tree, "crush", time)
+        expected = normal.max() if time is None else normal[3]
+        assert float((made["pressure"] * made["area"]).sum()) == pytest.approx(float(expected), rel=1e-9)
+    assert made.attrs["time"] == float(normal["time"][3])
+
+
+def test_skin_is_the_boundary_of_the_box(solved: latin_fmu.Solution, tree: xr.DataTree) -> None:
+    made, body = views.skin(tree, "upper"), solved.substructures["upper"]
+    corners = np.stack([made[f"node_{axis}"].values for axis in "xyz"], axis=1)[made["faces"].values]
+    normals = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1]) / 2
+    low, high = body.nodes.min(axis=0), body.nodes.max(axis=0)
+    a, b, c = high - low
+    assert np.linalg.norm(normals, axis=1).sum() == pytest.approx(2 * (a * b + b * c + c * a))
+    assert normals.sum(axis=0) == pytest.approx(np.zeros(3), abs=1e-18)
+    volume = np.einsum("fi,fi->", corners.mean(axis=1), normals) / 3
+    assert volume == pytest.approx(a * b * c)
+    place = np.stack([made[f"node_{axis}"].values for axis in "xyz"], axis=1)
+    same = [int(np.flatnonzero((body.nodes == p).all(axis=1))[0]) for p in place]
+    scale = np.abs(body.velocity).max()  # the file holds fields in single precision
+    assert made["velocity"].values == pytest.approx(body.velocity[:, same], abs=1e-6 * scale)
+
+
+@pytest.mark.filterwarnings("ignore:No standard_name", "ignore:No CRS", "ignore:Using")
+@pytest.mark.parametrize("what", ["pressure", "velocity"])
+def test_xugrid_opens_and_plots(tree: xr.DataTree, what: str) -> None:
+    xugrid = pytest.importorskip("xugrid")
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    if what == "pressure":
+        grid = xugrid.UgridDataset(views.pressure_map(tree, "crush"))
+        values = grid["pressure"]
+    else:
+        grid = xugrid.UgridDataset(views.skin(tree, "upper"))
+        values = grid["velocity"].isel(time=-1, component=2)
+    assert values.ugrid.plot() is not None
+    assert float(np.abs(values).max()) > 0.0
+
+
+def test_shapes_of_cells(tree: xr.DataTree) -> None:
+    group = tree["substructures/upper"]
+    shape = group[group["mesh"].attrs["volume_shape_type"]]
+    meaning = shape.attrs["flag_meanings"].split()
+    assert {meaning[int(value)] for value in shape.values} == {"hexahedron"}
+    assert shape.dims == ("cell",)
+
+
+def harmonic() -> xr.DataTree:
+    """Results with one sensor: 3 m/s2 at 50 Hz and 1 m/s2 at rest, over 0.1 s."""
+    time = np.arange(1000) * 1e-4
+    values = np.stack([3.0 * np.sin(2 * np.pi * 50.0 * time) + 1.0, 0.0 * time, 0.0 * time], axis=1)
+    data = xr.Dataset(
+        {"acceleration": (("time", "component"), values, {"units": "m s-2"})},
+        {"time": time, "component": ["x", "y", "z"]},
+    )
+    return xr.DataTree.from_dict({"/sensors/head": data})
+
+
+def test_amplitudes_of_a_harmonic() -> None:
+    made = views.amplitude_spectrum(harmonic(), "head")
+    assert float(made.sel(frequency=50.0, component="x")) == pytest.approx(3.0, rel=1e-9)
+    assert float(made.sel(frequency=0.0, component="x")) == pytest.approx(1.0, rel=1e-9)
+    rest = made.sel(component="x").where(~made["frequency"].isin([0.0, 50.0]), drop=True)
+    assert float(rest.max()) < 1e-9
+    assert made.attrs["units"] == "m s-2"
+
+
+def test_response_spectrum_is_that_of_the_samples() -> None:
+    tree, frequencies = harmonic(), [20.0, 80.0]
+    made = views.sensor_spectrum(tree, "head", frequencies, quality=25.0)
+    samples = tree["sensors/head/acceleration"].values
+    known = latin_fmu.shock_response_spectrum(samples, 1e-4, frequencies, 25.0)
+    assert np.array_equal(made["acceleration"].values, known.acceleration)
+    assert np.array_equal(made["pseudo_velocity"].values, known.pseudo_velocity)
+    assert made["acceleration"].sel(response="maximax").shape == (2, 3)
+
+
+def test_names_that_are_not_there(tree: xr.DataTree) -> None:
+    for call, words in (
+        (lambda: views.resultant(tree, "none"), "crush"),
+        (
+            lambda: views.skin(latin_fmu.solve(pressed(output={"fields": False})).to_datatree(), "upper"),
+            r"output\.fields = true",
+        ),
+        (lambda: views.amplitude_spectrum(tree, "none"), "not in the results"),
+        (lambda: views.amplitude_spectrum(harmonic(), "head", "force"), "acceleration"),
+    ):
+        with pytest.raises(InputError, match=words):
+            call()
+
+
+def test_zarr_round_trip_without_warnings(solved: latin_fmu.Solution, tmp_path: Path) -> None:
+    pytest.importorskip("zarr")
+    tree = solved.to_datatree()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warnings.filterwarnings("ignore", message="Consolidated metadata")  # of the format, whatever is written
+        tree.to_zarr(tmp_path / "out.zarr")
+        back = xr.open_datatree(tmp_path / "out.zarr", engine="zarr").load()
+    for node in tree.subtree:
+        xr.testing.assert_identical(node.to_dataset(), back[node.path].to_dataset())
