@@ -10,7 +10,6 @@ constant, too.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from itertools import chain
 
 import numpy as np
 
@@ -25,7 +24,8 @@ from .variables import EVENTS
 
 _EFFECT = 1e-2  # on the tractions, relative: smaller ones are enlarged, as far as round-off says what they are
 _LARGEST = 1e8  # factor
-_CONSTANT = ("closed", "sticking", "slipping", *chain.from_iterable((n, last) for n, (last, _) in EVENTS.items()))
+_CONSTANT = ("closed", "sticking", "slipping", *EVENTS)
+_INSTANTS = tuple(last for last, _ in EVENTS.values())
 
 
 class Derivatives:
@@ -67,6 +67,11 @@ class Derivatives:
         InputError : a variable that is no output, or no input. SolverError : the linear system has no solution.
         """
         problems = [Problem(name, "is not an output of this model") for name in unknowns if name not in self._outputs]
+        problems += [
+            Problem(name, "is the instant of an event, whose derivative is not available", remedy="leave it out")
+            for name in unknowns
+            if name.rpartition(".")[2] in _INSTANTS
+        ]
         problems += [Problem(name, "is not an input of this model") for name in knowns if not self._is_input(name)]
         if problems:
             raise InputError(problems, "there is no directional derivative")
