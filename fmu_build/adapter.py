@@ -256,6 +256,12 @@ class CoSimulationAdapter(Adapter):
         self.fmi_instance.step(current_time, step_size)
         return self._status() if self._messages else OK
 
+    def step_early(self, current_time: float, step_size: float, end: memoryview) -> int:
+        """Advance by one communication step, which may end before its end; write where it ended, s."""
+        if self.fmi_instance.step(current_time, step_size, True):
+            self._array(end)[0] = self.fmi_instance.time
+        return self._status() if self._messages else OK
+
     def terminate(self) -> int:
         """End the simulation; the results file is written where one is named."""
         self.fmi_instance.terminate()

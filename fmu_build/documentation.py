@@ -53,6 +53,11 @@ instant, which can take longer than the solution itself.</li>
 contact instants, ...): the exchanged loads are run again with a coarser mesh and time step, which takes a fifth of the
 simulation time for solids, the whole of it for bars. Outputs have no estimate of their own: it needs the whole
 history.</li>
+<li>An interface that can open counts its contact events: <code>touches</code>, <code>separations</code>, and
+<code>slips</code> (all points in contact slip after one stuck). <code>lastTouch</code>, <code>lastSeparation</code> and
+<code>lastSlip</code> are the instants of the last ones, found inside the time step by a straight line through gap,
+normal force, or ratio of tangential to normal force; 0 before the first. In FMI 3 a step ends early, with the time step
+of the first event in it, where the host allows it (<code>earlyReturnAllowed</code>).</li>
 <li>A load in the scene should have the expected size, so that its amplitude is about 1: tolerances are relative to the
 loads of the scene, and a load of 1 Pa times 10<sup>8</sup> needs more digits than double precision has.</li>
 <li>The scene's own time laws count from the start of the simulation.</li>

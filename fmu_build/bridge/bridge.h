@@ -32,6 +32,7 @@ struct Instance {
     Object *fmu;       /* None of Python's objects is used without the lock of the interpreter */
     Object *texts;     /* list of bytes: strings that the host may read until the next call for strings */
     double time;       /* end of the last accepted step, s */
+    int early;         /* whether the host lets a step end before its end */
     int last;          /* status of the last step */
 };
 

@@ -25,8 +25,8 @@ EXPORT Instance *fmi3InstantiateCoSimulation(const char *name, const char *token
                                              bool logging, bool events, bool early, const Reference intermediate[],
                                              size_t n, void *environment, Logger3 *logger, void *update)
 {
-    (void)visible, (void)logging, (void)events, (void)early, (void)intermediate, (void)n, (void)update;
-    Instance given = {.tell = tell3, .environment = environment, .logger = (void *)logger};
+    (void)visible, (void)logging, (void)events, (void)intermediate, (void)n, (void)update;
+    Instance given = {.tell = tell3, .environment = environment, .logger = (void *)logger, .early = early};
     return opened(&given, "3", name, token, resources);
 }
 
@@ -156,8 +156,9 @@ EXPORT int fmi3DoStep(Instance *c, double t, double h, bool no_set_state, bool *
 {
     (void)no_set_state;
     int status = step(c, t, h);
-    *event = *ended = *early = false; /* a discarded step is a step that was not made: the simulation has not ended */
+    *event = *ended = false; /* a discarded step is a step that was not made: the simulation has not ended */
     *reached = c->time;
+    *early = status < DISCARD && c->time < t + h; /* after a contact event, where the host allows it */
     return status;
 }
 

@@ -430,8 +430,15 @@ int write_vector(Instance *c, const char *method, const double *values, size_t s
 
 int step(Instance *c, double t, double h)
 {
-    c->last = call(c, "step", "(dd)", t, h);
-    if (c->last < DISCARD) c->time = t + h;
+    double end = t + h;
+    if (c->early) {
+        int state = lock();
+        c->last = call(c, "step_early", "(ddN)", t, h, writable(&end, sizeof end));
+        unlock(state);
+    } else {
+        c->last = call(c, "step", "(dd)", t, h);
+    }
+    if (c->last < DISCARD) c->time = end;
     return c->last;
 }
 

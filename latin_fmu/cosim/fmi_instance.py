@@ -56,6 +56,11 @@ class FmiInstance:
         """The variables; their place is the value reference."""
         return self._variables.table
 
+    @property
+    def time(self) -> float:
+        """Present time, s."""
+        return float(self._variables.numbers[0])
+
     def log_error(self, message: str) -> None:
         """Log a message with the level of an error."""
         self.log(ERROR, message)
@@ -182,9 +187,10 @@ class FmiInstance:
             session.set_history(name, *history)
 
     @exception_barrier(False)
-    def step(self, t: float, h: float) -> bool:
+    def step(self, t: float, h: float, early: bool = False) -> bool:
         """Advance from t by h, s; False, and the reason is logged, where the step is not made.
 
+        early : end the step after a contact event, at ``time``.
         The level is DISCARD where a shorter step or another input may help, else ERROR. The state is as before.
         """
         session = self._session
@@ -197,7 +203,7 @@ class FmiInstance:
         if self._discarded and repr(wanted) == self._discarded:  # some hosts repeat it for ever
             self.log(ERROR, "this very step was discarded before: make it shorter, or with another input")
             return False
-        report = session.step(t, h)
+        report = session.step(t, h, early)
         if not report.accepted:
             for name, (value, rate) in before.items():
                 session.set_load(name, value, rate)

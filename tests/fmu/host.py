@@ -22,9 +22,10 @@ def hosts_folder() -> Path | None:
 
 
 class Host:
-    """An instance of an FMU in a folder of its own."""
+    """An instance of an FMU in a folder of its own; ``early``: steps may end before their end (FMI 3)."""
 
-    def __init__(self, fmu: Path, folder: Path, name: str = "instance") -> None:
+    def __init__(self, fmu: Path, folder: Path, name: str = "instance", early: bool = False) -> None:
+        self.early = early
         self.messages: list[tuple[int, str, str]] = []
         self.folder = Path(fmpy.extract(str(fmu), unzipdir=str(folder)))
         self.description = fmpy.read_model_description(str(fmu))
@@ -45,7 +46,7 @@ class Host:
 
     def _instantiate(self) -> None:
         if self.three:
-            self.fmu.instantiate(loggingOn=True, logMessage=self._three_hears)
+            self.fmu.instantiate(loggingOn=True, logMessage=self._three_hears, earlyReturnAllowed=self.early)
         else:
             self._callbacks = fmi2CallbackFunctions()
             self._callbacks.logger = fmi2CallbackLoggerTYPE(self._two_hears)

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import fmpy
 import numpy as np
 import pytest
 from fmpy.fmi1 import FMICallException
 
 import latin_fmu
+from fmu_build.build import build_fmu
 from latin_fmu.cosim import Session, Settings
 
-from .scenes import blocks
+from .host import Host
+from .scenes import bar, blocks
 
 H = 0.6e-6
 
@@ -220,3 +224,45 @@ def test_simulate_fmu_runs_without_a_stop_time_in_the_setup(fmus, fmi):
         output=["interface.crush.force[3]"],
     )
     assert len(result) == 4
+
+
+def early_steps(fmu: Any, stop: float, h: float) -> list[tuple[bool, float]]:
+    """Whether a step of FMI 3 ended early and where, step by step."""
+    ends, t = [], 0.0
+    while t < stop - 1e-12:
+        event, terminated, early, reached = fmu.doStep(t, min(h, stop - t))
+        assert not event
+        assert not terminated
+        ends.append((early, reached))
+        t = reached
+    return ends
+
+
+@pytest.mark.parametrize("mode", [0, 1])
+def test_a_step_ends_early_where_the_host_allows_it(tmp_path, mode):
+    """The bar touches the wall at 0.05 s and leaves it: each time the step ends with its time step of 0.02 s."""
+    path = build_fmu(bar(), tmp_path / "bar.fmu", "3")
+    host, refusing = Host(path, tmp_path / "early", early=True), Host(path, tmp_path / "plain")
+    for h in (host, refusing):
+        h.set(mode=mode)
+        h.start()
+    ends = early_steps(host.fmu, 1.0, 0.3)
+    assert [end for early, end in ends if early] == pytest.approx([0.06, 0.74])
+    assert [end for early, end in ends if not early] == pytest.approx([0.36, 0.66, 1.0])
+    plain = early_steps(refusing.fmu, 1.0, 0.2)
+    assert [early for early, _ in plain] == [False] * 5
+    names = [
+        f"interface.wall.{name}" for name in ("touches", "lastTouch", "separations", "lastSeparation", "impulse[3]")
+    ]
+    assert host.read(names) == pytest.approx(refusing.read(names), rel=1e-6)
+    assert host.read(names)[:2] == pytest.approx([1.0, 0.05])
+    host.close()
+    refusing.close()
+
+
+def test_simulate_fmu_records_the_early_ends(tmp_path):
+    path = build_fmu(bar(), tmp_path / "bar.fmu", "3")
+    result = fmpy.simulate_fmu(str(path), stop_time=1.0, output_interval=0.2, early_return_allowed=True)
+    times = [0.0, 0.06, 0.2, 0.4, 0.6, 0.74, 0.8, 1.0]
+    assert result["time"] == pytest.approx(times)
+    assert result["interface.wall.touches"] == pytest.approx([float(t > 0.05) for t in times])
