@@ -17,7 +17,7 @@ import numpy as np
 
 from latin_fmu.cosim.session import Session
 from latin_fmu.cosim.settings import Settings
-from latin_fmu.cosim.variable import variable_of
+from latin_fmu.cosim.variable import input_variable
 from latin_fmu.cosim.variables import inputs_of
 from latin_fmu.errors import InputError, Problem, SolverError
 from latin_fmu.latin.settings import accuracy_of
@@ -95,9 +95,9 @@ def cross_check_files(inputs: Inputs) -> Files:
     }
     if histories:
         columns = {
-            f"{variable_of(name)}.{what}": column
+            input_variable(name, what): column
             for name, pair in histories.items()
-            for what, column in zip(("value", "rate"), pair, strict=True)
+            for what, column in (("value", pair[0]), ("rate", pair[1]))
         }
         files[f"{stem}_in.csv"] = _table(["time", *columns], zip(times, *columns.values(), strict=True))
     return files

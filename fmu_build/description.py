@@ -256,11 +256,11 @@ def _local(reference: int, local: Local) -> dict[str, str]:
 
 
 # -- terminals ----------------------------------------------------------------------------------------------------
-_TERMINAL = re.compile(r"(load|interface|sensor|bolt)\.(\w+)\.(.+)")
+_TERMINAL = re.compile(r"(load|interface|sensor|port|bolt)\.(\w+)\.(.+)")
 
 
 def terminals(facts: Facts) -> Element:
-    """terminalsAndIcons.xml (FMI 3.0): one terminal per load, interface, sensor and bolt, matched by name."""
+    """terminalsAndIcons.xml (FMI 3.0): one terminal per load, interface, sensor, port and bolt, matched by name."""
     root = Element("fmiTerminalsAndIcons", {"fmiVersion": "3.0"})
     picture = SubElement(root, "GraphicalRepresentation")
     square = {"x1": "-100", "y1": "-100", "x2": "100", "y2": "100"}

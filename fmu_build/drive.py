@@ -16,7 +16,7 @@ from fmpy.fmi2 import FMU2Slave
 from fmpy.fmi3 import FMU3Slave
 
 from latin_fmu.cosim.settings import StepReport, refused
-from latin_fmu.cosim.variable import variable_of
+from latin_fmu.cosim.variable import input_of, input_variable
 from latin_fmu.errors import InputError, Problem
 
 Columns = Mapping[str, Sequence[float]]
@@ -174,8 +174,9 @@ class Drive:
         for name, column in self._inputs.items():
             value = self._at(column, t)
             self.set(name, value)
-            rate = f"{name.removesuffix('.value')}.rate"
-            if name.endswith(".value") and rate in self._by_name and rate not in self._inputs:
+            source, what = input_of(name)
+            rate = input_variable(source, "rate")
+            if what == "value" and rate in self._by_name and rate not in self._inputs:
                 self.set(rate, (self._at(column, t + h) - value) / h)
 
     def _at(self, column: Sequence[float], t: float) -> float:
@@ -325,8 +326,8 @@ class FmuPeer(Drive):
 
     def set_load(self, name: str, value: float, rate: float = 0.0) -> None:
         """Amplitude of a load at the start of the next step and its rate, 1/s."""
-        self.set(f"{variable_of(name)}.value", value)
-        self.set(f"{variable_of(name)}.rate", rate)
+        self.set(input_variable(name, "value"), value)
+        self.set(input_variable(name, "rate"), rate)
 
     def value(self, name: str) -> float:
         """Value of a scalar output."""

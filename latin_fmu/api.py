@@ -16,6 +16,7 @@ from .assembly.build import discretise, solver_ready
 from .assembly.checks import body_lines, size_remarks
 from .assembly.kept_operators import KeptOperators
 from .assembly.limit_load import loss_of_equilibrium
+from .assembly.ports import port_lines
 from .assembly.problem import SolverReadyProblem
 from .assembly.run_checks import balance_words, resultants, run_remarks
 from .effects.cost import Prediction
@@ -289,6 +290,7 @@ def check(scene: Scene) -> list[str]:
         f"  {', '.join(p.names)}: {p.n_dof} unknowns, {p.n_channel} interface channels" for p in assembly.propagators
     ]
     lines += [_interface_line(u, u.name not in scene.interface) for u in assembly.interfaces]
+    lines += port_lines(scene, discretised.bodies)
     lines += [cut.line(problem.start.bolts.shortening[name]) for name, cut in discretised.cuts.items() if problem.start]
     lines += [] if problem.start is None else [f"  start: {problem.start.message}"]
     lines.append(f"  {memory_line(prediction, stream=True)}")

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..errors import Problems, SceneError
 from ..interface import Behaviour
+from ..scene.raw_scene import CENTRAL
 from ..scene.schema import Scene
 from .attachments import coupling_units, spring_units, with_masses, with_rigid_faces
 from .body import build_bodies, sensor_places
@@ -21,6 +22,7 @@ from .initial_state import InitialState
 from .interfaces import build_interface, lonely_remarks, with_behaviours, with_found
 from .kept_operators import KeptOperators
 from .models import scheme_remarks
+from .ports import port_places, ports_of
 from .problem import DiscretisedProblem, SolverReadyProblem
 from .propagator_choice import box_memory
 from .shanks import cuts_of
@@ -80,8 +82,12 @@ def discretise(
     if scene.contact:
         scene = with_found(scene, bodies, problems)
         remarks += lonely_remarks(scene, bodies)
-    sensors = sensor_places(scene, bodies, problems)
-    conditions = {name: conditions_on(body, boundaries_of(scene, name), problems) for name, body in bodies.items()}
+    sensors = sensor_places(scene, bodies, problems) | port_places(scene, bodies)
+    explicit = scene.time.scheme.type == CENTRAL
+    conditions = {
+        name: conditions_on(body, boundaries_of(scene, name), problems, ports_of(scene, name), explicit)
+        for name, body in bodies.items()
+    }
     made = [build_interface(n, i, bodies, conditions, problems, remarks) for n, i in scene.interface.items()]
     made += spring_units(scene, bodies, problems) + coupling_units(scene, bodies, problems)
     if problems:

@@ -68,6 +68,8 @@ def _faces_named(scene: Scene) -> Iterator[tuple[str, str]]:
     for name, sensor in scene.sensor.items():
         if sensor.face is not None:
             yield f"sensor.{name}.face", sensor.face
+    for name, port in scene.port.items():
+        yield f"port.{name}.face", port.face
     for where, place in places_of(scene):
         if place.face is not None:
             yield f"{where}.face", place.face

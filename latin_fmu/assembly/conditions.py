@@ -10,8 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from types import MappingProxyType
-from typing import Final, Literal
 
 import numpy as np
 import scipy.linalg as la
@@ -24,74 +22,13 @@ from ..fem.mesh import Array, Index, nearest
 from ..propagator import LoadTerm, SubstructureModel
 from ..scene.boundaries import AXES, Absorbing, Boundary, Driven, Fixed, Periodic, Symmetry
 from ..scene.fields import split_face
-from ..scene.laws import InputLaw, TimeLaw
+from ..scene.ports import Port
 from .body import Body
-from .supports import FLAT, HELD, Directions, absorbing_dashpots, inclined_directions, with_directions
+from .ports import port_dashpots, port_motions, port_shapes
+from .supports import FLAT, HELD, NOTHING, Directions, Motion, absorbing_dashpots, inclined_directions, with_directions
 
 _PAIRING = 1e-3  # periodic faces: lateral distance of a pair over the spacing of points
 _ROUND_OFF = 1e-9
-
-NOTHING: Final[Mapping[str, Array]] = MappingProxyType({})  # no motion is set from outside
-
-
-@dataclass(frozen=True)
-class Motion:
-    """A prescribed velocity, displacement or acceleration, ``value`` times a law.
-
-    ``kind``: which of the three. ``source``: name of a motion set from outside, ``boundary.NAME``, whose histories are
-    those of ``velocity``.
-    """
-
-    law: TimeLaw
-    value: float
-    kind: Literal["velocity", "displacement", "acceleration"]
-    source: str = ""
-
-    def velocity(self, time: Array, given: Mapping[str, Array] = NOTHING) -> Array:
-        """Velocity at the instants, (n_time,), m s-1; of a displacement law by central differences over one step. Of an
-        acceleration law the acceleration, m s-2, which the time scheme integrates.
-
-        given : by source: amplitude (n_time,) of a velocity or acceleration, or its rate, 1/s, of a displacement.
-        """
-        if self.source in given:
-            known: Array = self.value * given[self.source]
-            return known
-        if self.kind != "displacement":
-            return self.value * self.law.sample(time)
-        step = time[1] - time[0]
-        before, after = np.maximum(time - step, 0.0), time + step
-        difference: Array = (self.law.sample(after) - self.law.sample(before)) / (after - before)
-        return self.value * difference
-
-    def step_velocity(self, time: Array, given: Mapping[str, Array] = NOTHING) -> Array:
-        """Mean velocity over each step that ends at the instants (that of the first is the one at the start).
-
-        given : as for ``velocity``; the rate of a displacement is that over the steps.
-        """
-        if self.kind == "displacement" and self.source in given:
-            return np.concatenate([[0.0], self.value * given[self.source][1:]])
-        if self.kind == "displacement":
-            place = self.value * self.law.sample(time)
-            return np.concatenate([[0.0], np.diff(place) / np.diff(time)])
-        at = self.velocity(time, given)
-        return np.concatenate([at[:1], 0.5 * (at[1:] + at[:-1])])
-
-    def start(self) -> float:
-        """Displacement at t = 0, m."""
-        return self.value * float(self.law.sample(np.zeros(1))[0]) if self.kind == "displacement" else 0.0
-
-    def largest_speed(self, time: Array) -> float:
-        """Largest velocity at the instants, m s-1; an input counts as 1 at least, its displacement as if it took the
-        whole time."""
-        size = abs(self.value)
-        if isinstance(self.law, InputLaw):
-            size *= max(abs(self.law.start_value), 1.0)
-            end = float(time[-1])
-            return {"velocity": size, "displacement": size / end, "acceleration": size * end}[self.kind]
-        given = self.velocity(time)
-        if self.kind == "acceleration":
-            given = np.cumsum(0.5 * (given[1:] + given[:-1]) * np.diff(time))
-        return float(np.abs(given).max())
 
 
 @dataclass(frozen=True)
@@ -143,6 +80,7 @@ class _Dofs:
         self.motions: list[Motion] = []
         self.tied: list[tuple[Index, Index]] = []
         self.turned = Directions()
+        self.moved: list[tuple[Index, Array, int]] = []  # dofs of a face, shapes, first motion
 
     def roots(self) -> Index:
         """First of the dofs that each dof is tied to, itself where there are none, (n_full,)."""
@@ -163,8 +101,10 @@ class _Dofs:
         return np.flatnonzero(np.isin(roots, roots[some]))
 
 
-def _nodal_conditions(body: Body, boundaries: dict[str, Boundary], problems: Problems) -> Conditions:
-    """Conditions on ``body`` from the boundaries that name one of its faces."""
+def _nodal_conditions(
+    body: Body, boundaries: dict[str, Boundary], problems: Problems, ports: Mapping[str, Port], explicit: bool
+) -> Conditions:
+    """Conditions on ``body`` from the boundaries and ports that name one of its faces."""
     dofs = _Dofs(body.full_size())
     dashpots: list[tuple[sp.csr_array, sp.csr_array]] = []
     # motions last: what they drive must be neither held nor driven already, whatever the order in the scene
@@ -187,6 +127,11 @@ def _nodal_conditions(body: Body, boundaries: dict[str, Boundary], problems: Pro
             dashpots.append(absorbing_dashpots(body, split_face(boundary.face)[1]))
         else:
             _drive(name, boundary, nodes, dofs, problems)
+    for name, port in ports.items():
+        if port.causality == "wave":
+            dashpots.append((port_dashpots(body, port, explicit),) * 2)
+        elif port.causality == "motion_in":
+            _move(body, name, port, dofs, problems)
     return _turned(_finish(dofs, dashpots), dofs, problems)
 
 
@@ -243,6 +188,24 @@ def _drive(name: str, boundary: Driven, nodes: Index, dofs: _Dofs, problems: Pro
         dofs.motions.append(Motion(boundary.law, value, boundary.type, source))
 
 
+def _move(body: Body, name: str, port: Port, dofs: _Dofs, problems: Problems) -> None:
+    """Drive a face as a rigid body by the velocities of a port."""
+    driven, shapes = port_shapes(body, name, port, problems)
+    tied = len(dofs.with_tied(driven)) > len(driven) or not dofs.turned.rows.keys().isdisjoint((driven // 3).tolist())
+    if tied or (dofs.driver[driven] >= 0).any() or dofs.held[driven].any():
+        problems.add(
+            f"port.{name}",
+            "moves nodes already held, driven, tied or turned by a boundary or another port",
+            port.face,
+            remedy="let the face share no node with those of other conditions along the same component",
+        )
+        return
+    first = len(dofs.motions)
+    dofs.driver[driven] = first
+    dofs.moved.append((driven, shapes, first))
+    dofs.motions += port_motions(body, name, port)
+
+
 def _tie(body: Body, name: str, boundary: Periodic, dofs: _Dofs, problems: Problems) -> None:
     first, second = (body.face(split_face(f)[1]) for f in boundary.faces)
     shift = body.mesh.nodes[second.nodes].mean(axis=0) - body.mesh.nodes[first.nodes].mean(axis=0)
@@ -276,6 +239,9 @@ def _finish(dofs: _Dofs, dashpots: list[tuple[sp.csr_array, sp.csr_array]]) -> C
     pattern = np.zeros((n_full, len(dofs.motions)))
     driven = np.flatnonzero((driver >= 0) & ~held)
     pattern[driven, driver[driven]] = 1.0
+    for moved, shapes, first in dofs.moved:
+        pattern[moved] = 0.0
+        pattern[moved, first : first + shapes.shape[1]] = shapes
     consistent, lumped = (total(*(pair[i] for pair in dashpots)) for i in (0, 1))
     return Conditions(expansion, pattern, tuple(dofs.motions), consistent, lumped)
 
@@ -311,9 +277,12 @@ class RigidConditions(Conditions):
         return np.concatenate([own, driven])
 
 
-def conditions_on(body: Body, boundaries: dict[str, Boundary], problems: Problems) -> Conditions:
-    """Conditions of a body, elastic or rigid, from the boundaries on its faces."""
-    nodal = _nodal_conditions(body, boundaries, problems)
+def conditions_on(
+    body: Body, boundaries: dict[str, Boundary], problems: Problems, ports: Mapping[str, Port], explicit: bool = False
+) -> Conditions:
+    """Conditions of a body, elastic or rigid, from the boundaries and ports on its faces; ``explicit``: for central
+    differences."""
+    nodal = _nodal_conditions(body, boundaries, problems, ports, explicit)
     if body.rigid:
         return _rigid_conditions(body, nodal, boundaries, problems)
     return _with_rigid_faces(body, nodal, problems) if body.rigid_faces else nodal

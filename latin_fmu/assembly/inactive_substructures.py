@@ -91,11 +91,13 @@ def _face_sources(scene: Scene, units: Sequence[InterfaceUnit], time: Array) -> 
         port = split_face(face)
         onsets[port] = min(onsets.get(port, np.inf), onset)
 
-    for load in scene.load.values():
+    for load in scene.loads.values():
         source(load.face, _onset(load.law, time))
     for boundary in scene.boundary.values():
         if isinstance(boundary, Driven) and any(boundary.value):
             source(boundary.face, _onset(boundary.law, time))
+    for port in scene.port.values():
+        source(port.face, min(_onset(port.law(c), time) for c in port.components))
     joints = scene.joints
     for unit in units:
         ground = joints[unit.name].ground_velocity

@@ -96,6 +96,7 @@ def model_classes(
         loads += [cut.loads(cut.name in free) for cut in own]
         model, channels = _model(name, body, conditions[name], units, layout, scheme, layer, loads)
         key = _signature(model, body) if scene.solver.share_identical else name.encode()
+        key += _dashpots_key(scene, name)
         if loose := [cut for cut in own if cut.name in free]:
             model, key = _loosened(model, loose), key + b"".join(cut.pattern.tobytes() for cut in loose)
         classes.setdefault(key, []).append((model, channels))
@@ -353,7 +354,7 @@ def load_terms(scene: Scene, name: str, body: Body, layer: ContactLayer | None) 
         terms.append(LoadTerm(f"{BODY_FORCE}{name}", _body_load(body, layer)))
     if scene.gravity is not None and any(scene.gravity.acceleration):
         terms.append(LoadTerm(GRAVITY, _weight(body, scene.gravity.acceleration, layer)))
-    for load_name, load in scene.load.items():
+    for load_name, load in scene.loads.items():
         substructure, face_name = split_face(load.face)
         if substructure != name:
             continue
@@ -372,6 +373,12 @@ def load_terms(scene: Scene, name: str, body: Body, layer: ContactLayer | None) 
             pattern += (motion.rotation.T @ np.asarray(load.moment_about((x, y, z)))).reshape(-1, 3)
         terms.append(LoadTerm(load_name, pattern.ravel()))
     return terms
+
+
+def _dashpots_key(scene: Scene, name: str) -> bytes:
+    """The wave ports of a substructure, which its damping matrix depends on; empty where it has none."""
+    waves = [port for port in scene.port.values() if port.body == name and port.causality == "wave"]
+    return repr([(split_face(p.face)[1], p.components, p.impedance) for p in waves]).encode() if waves else b""
 
 
 def _body_load(body: Body, layer: ContactLayer | None) -> Array:

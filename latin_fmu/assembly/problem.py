@@ -28,13 +28,14 @@ from ..time_scheme import QuasiStatic, TimeScheme
 from .body import Body, body_sides
 from .bolts import BoltCut, OpenedMesh, OpenedStress, load_name
 from .checks import boundaries_of
-from .conditions import Conditions, Motion
+from .conditions import Conditions
 from .initial_fields import field_tractions
 from .initial_state import InitialState, TightBolts
 from .kept_operators import KeptOperators
 from .models import NO_BOLTS, ContactLayer, ModelClass, chosen_scheme, model_classes
+from .ports import port_motions, port_supports, ports_of
 from .propagator_choice import made_propagators
-from .supports import supports
+from .supports import Motion, supports
 
 REST = 1e-2
 """Tractions below this share of tolerance x characteristic traction leave a substructure at rest inactive."""
@@ -292,9 +293,9 @@ class DiscretisedProblem:
     def _output(self, classes: list[ModelClass], bolts: TightBolts) -> OutputRequest:
         """What the recorder keeps."""
         keys = self.scene.output
-        supported = {}
-        if keys.reactions:
-            supported = supports(self.scene.boundary, self.bodies, {m.name: m for c in classes for m in c.members})
+        models = {m.name: m for c in classes for m in c.members}
+        supported = supports(self.scene.boundary, self.bodies, models) if keys.reactions else {}
+        supported |= port_supports(self.scene, self.bodies, models)
         return OutputRequest(
             keys.keeps_fields,
             keys.stress,
@@ -340,7 +341,7 @@ def characteristic_traction(scene: Scene, bodies: dict[str, Body], time: Array) 
         sizes.append(z_p * (float(np.linalg.norm(description.initial_velocity)) + spin))
         sizes += field_tractions(body, z_p)
         sizes += _body_tractions(scene, body, time)
-        sizes += [z_p * motion.largest_speed(time) for motion in _motions(scene, name)]
+        sizes += [z_p * motion.largest_speed(time) for motion in _motions(scene, body)]
     stiffest = max(impedances.values())
     for interface in scene.interface.values():
         substructure, face = split_face(interface.sides[0])
@@ -365,7 +366,7 @@ def _impact_impedances(bodies: dict[str, Body], dt: float) -> dict[str, float]:
 
 def _load_tractions(scene: Scene, bodies: Mapping[str, Body], time: Array) -> Iterator[float]:
     """Largest traction of each load, Pa; the amplitude of an input, known only later, counts as 1 at least."""
-    for load in scene.load.values():
+    for load in scene.loads.values():
         substructure, face = split_face(load.face)
         yield load.size(float(bodies[substructure].face(face).areas.sum())) * _largest(load.law, time)
 
@@ -385,12 +386,14 @@ def _largest(law: TimeLaw, time: Array) -> float:
     return max(largest, 1.0) if isinstance(law, InputLaw) else largest
 
 
-def _motions(scene: Scene, substructure: str) -> Iterator[Motion]:
+def _motions(scene: Scene, body: Body) -> Iterator[Motion]:
     """Prescribed motions of a substructure, component by component."""
-    for boundary in boundaries_of(scene, substructure).values():
+    for boundary in boundaries_of(scene, body.name).values():
         if isinstance(boundary, Driven):
             for value in boundary.value:
                 yield Motion(boundary.law, value, boundary.type)
+    for name, port in ports_of(scene, body.name).items():
+        yield from port_motions(body, name, port) if port.causality == "motion_in" else ()
 
 
 def side_impedance(bodies: dict[str, Body], units: list[InterfaceUnit], layout: Layout) -> Array:
@@ -430,9 +433,9 @@ def static_traction(scene: Scene, bodies: dict[str, Body], time: Array) -> float
     sizes = [*(i.preload for i in scene.interface.values()), *_load_tractions(scene, bodies, time)]
     softest = min(body.shape.material.young_modulus / body.mesh.size for body in bodies.values())
     travels = [0.0]
-    for name, body in bodies.items():
+    for body in bodies.values():
         sizes += _body_tractions(scene, body, time)
-        for motion in _motions(scene, name):
+        for motion in _motions(scene, body):
             steps = motion.step_velocity(time)[1:] * np.diff(time)
             travels.append(float(np.abs(np.cumsum(steps)).max()))
             if isinstance(motion.law, InputLaw):

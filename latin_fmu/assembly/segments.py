@@ -22,6 +22,7 @@ from ..propagator import Propagator
 from ..scene.laws import InputLaw
 from ..scene.schema import Scene
 from .build import discretise, starting_equilibrium
+from .ports import port_columns
 
 _SAME_STEP, _STEPS_KEPT = 1e-9, 8
 _OWN_SIZES = ("start", "running", "steps")  # entries of a snapshot whose size depends on the run
@@ -40,6 +41,7 @@ class Segment:
     time : (n + 1,), s. interfaces, substructures, sensors, reactions, bolts, windows : as in a whole run; histories are
         made from the ``recorder`` when they are read.
     converged, status : whether every window converged, and a sentence. accepted : whether the state moved on.
+    ports : outputs of the ports at the instants (``port_columns``).
     energy : terms of the assembly at the instants, accumulated since t = 0; None unless the scene asks for them.
     """
 
@@ -53,6 +55,7 @@ class Segment:
     reactions: dict[str, ReactionHistory]
     bolts: dict[str, BoltHistory]
     recorder: Recorder
+    ports: list[Array]
 
     @cached_property
     def interfaces(self) -> dict[str, InterfaceHistory]:
@@ -219,6 +222,7 @@ class SegmentedRun:
             recorder.reactions(assembly),
             recorder.bolt_histories(),
             recorder,
+            port_columns(self.scene, assembly, recorder),
         )
 
     def _known_step(self, dt: float) -> float:

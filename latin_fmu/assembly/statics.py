@@ -40,6 +40,7 @@ from .free_bodies import FreeGroup, acting, free_groups, free_motions, unheld, w
 from .initial_state import InitialState
 from .limit_load import allowed_motions, loss_of_equilibrium
 from .models import contact_layer
+from .ports import ports_of
 from .problem import DiscretisedProblem, SolverReadyProblem, settings_of
 
 TIGHT = 1e-11, 1e-9  # tolerances of the static solution; twice what was reached where round-off prevents both
@@ -191,7 +192,7 @@ def static_problem(whole: DiscretisedProblem, scene: Scene, free: Collection[str
     """The static problem on the meshes and interfaces that are there; ``free`` : bolts whose tension is given."""
     bodies = {name: whole.bodies[name] for name in scene.substructure}
     problems = Problems()
-    conditions = {n: conditions_on(b, boundaries_of(scene, n), problems) for n, b in bodies.items()}
+    conditions = {n: conditions_on(b, boundaries_of(scene, n), problems, ports_of(scene, n)) for n, b in bodies.items()}
     assert not problems, problems  # the same conditions stood before
     units = [unit for unit in whole.units if unit.name in scene.joints]
     conditions = with_place(free_groups(bodies, conditions, units), bodies, conditions, units)
@@ -291,6 +292,7 @@ def static_scene(scene: Scene, amplitudes: Mapping[str, float], loaded: bool = T
         interface.pop("ground_velocity", None)
     data["boundary"] = dict(_boundaries(scene, data["boundary"], still))
     data["load"] = dict(_loads(scene, data["load"], still, amplitudes))
+    data["port"] = dict(_ports(scene, data["port"], still, amplitudes, loaded))
     _start_body_forces(scene, data, amplitudes)
     if not loaded:
         data["load"] = {}
@@ -313,7 +315,7 @@ def static_scene(scene: Scene, amplitudes: Mapping[str, float], loaded: bool = T
 def something_acts(scene: Scene) -> bool:
     """Whether anything moves or strains a body of a static scene."""
     return (
-        bool(scene.load)
+        bool(scene.load or scene.port)
         or any(i.preload or i.preload_force or i.interference for i in scene.interface.values())
         or any(any(s.body_force) for s in scene.substructure.values())
         or scene.gravity is not None
@@ -341,6 +343,22 @@ def _loads(
         amplitude = _at_start(name, load.law, amplitudes)
         if amplitude != 0.0 and split_face(load.face)[0] in still:
             yield name, {**tables[name], "law": _raised(amplitude)}
+
+
+def _ports(
+    scene: Scene, tables: _Tables, still: list[str], amplitudes: Mapping[str, float], loaded: bool
+) -> Iterator[tuple[str, _Tables]]:
+    """Ports at rest: moved faces stand still, and a wave is a force alone. ``loaded`` : with their forces."""
+    for name, port in scene.port.items():
+        if port.body not in still:
+            continue
+        laws = {}
+        for source, component in port.inputs(name).items():
+            acts = loaded and port.causality != "motion_in"
+            laws[component] = _raised(_at_start(source, port.law(component), amplitudes) if acts else 0.0)
+        causality = "motion_in" if port.causality == "motion_in" else "force_in"
+        kept = {key: value for key, value in tables[name].items() if key != "impedance"}
+        yield name, {**kept, "causality": causality, "laws": laws}
 
 
 def _start_body_forces(scene: Scene, data: _Tables, amplitudes: Mapping[str, float]) -> None:

@@ -1,4 +1,5 @@
-"""Supports: conditions along directions that are no global axes, and the dofs whose forces are reactions.
+"""Supports: prescribed motions, conditions along directions that are no global axes, and the dofs whose forces are
+reactions.
 
 A condition holds or drives the displacement of a node along unit directions, one row each, R u = V m (m the
 prescribed motions, V zero where it holds). With all rows of a node together
@@ -13,6 +14,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Final, Literal
 
 import numpy as np
 import scipy.sparse as sp
@@ -25,6 +28,7 @@ from ..latin.reactions import Support
 from ..propagator import SubstructureModel
 from ..scene.boundaries import AXES, Absorbing, Boundary, Driven, Fixed, Periodic, Symmetry
 from ..scene.fields import split_face
+from ..scene.laws import InputLaw, TimeLaw
 from .body import Body
 
 FLAT = 1e-6
@@ -33,6 +37,69 @@ HELD = -1
 """Number of the motion of a direction that is held."""
 _DEPENDENT = 1e-6  # sine between a direction and those before it, below which it depends on them
 _AGREES = 1e-9  # deviation of a motion along a direction that is set twice
+
+NOTHING: Final[Mapping[str, Array]] = MappingProxyType({})  # no motion is set from outside
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A prescribed velocity, displacement or acceleration, ``value`` times a law.
+
+    ``kind``: which of the three. ``source``: name of a motion set from outside, ``boundary.NAME`` or an input of a
+    port, whose histories are those of ``velocity``. ``arm``: largest displacement of a node per unit of it, m.
+    """
+
+    law: TimeLaw
+    value: float
+    kind: Literal["velocity", "displacement", "acceleration"]
+    source: str = ""
+    arm: float = 1.0
+
+    def velocity(self, time: Array, given: Mapping[str, Array] = NOTHING) -> Array:
+        """Velocity at the instants, (n_time,), m s-1; of a displacement law by central differences over one step. Of an
+        acceleration law the acceleration, m s-2, which the time scheme integrates.
+
+        given : by source: amplitude (n_time,) of a velocity or acceleration, or its rate, 1/s, of a displacement.
+        """
+        if self.source in given:
+            known: Array = self.value * given[self.source]
+            return known
+        if self.kind != "displacement":
+            return self.value * self.law.sample(time)
+        step = time[1] - time[0]
+        before, after = np.maximum(time - step, 0.0), time + step
+        difference: Array = (self.law.sample(after) - self.law.sample(before)) / (after - before)
+        return self.value * difference
+
+    def step_velocity(self, time: Array, given: Mapping[str, Array] = NOTHING) -> Array:
+        """Mean velocity over each step that ends at the instants (that of the first is the one at the start).
+
+        given : as for ``velocity``; the rate of a displacement is that over the steps.
+        """
+        if self.kind == "displacement" and self.source in given:
+            return np.concatenate([[0.0], self.value * given[self.source][1:]])
+        if self.kind == "displacement":
+            place = self.value * self.law.sample(time)
+            return np.concatenate([[0.0], np.diff(place) / np.diff(time)])
+        at = self.velocity(time, given)
+        return np.concatenate([at[:1], 0.5 * (at[1:] + at[:-1])])
+
+    def start(self) -> float:
+        """Displacement at t = 0, m."""
+        return self.value * float(self.law.sample(np.zeros(1))[0]) if self.kind == "displacement" else 0.0
+
+    def largest_speed(self, time: Array) -> float:
+        """Largest velocity at the instants, m s-1; an input counts as 1 at least, its displacement as if it took the
+        whole time."""
+        size = self.arm * abs(self.value)
+        if isinstance(self.law, InputLaw):
+            size *= max(abs(self.law.start_value), 1.0)
+            end = float(time[-1])
+            return {"velocity": size, "displacement": size / end, "acceleration": size * end}[self.kind]
+        given = self.arm * self.velocity(time)
+        if self.kind == "acceleration":
+            given = np.cumsum(0.5 * (given[1:] + given[:-1]) * np.diff(time))
+        return float(np.abs(given).max())
 
 
 def inclined_directions(body: Body, boundary: Boundary) -> Array | None:

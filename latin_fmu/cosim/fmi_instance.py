@@ -13,7 +13,7 @@ import numpy as np
 from ..errors import InputError, Problem
 from ..latin.settings import tolerance_for
 from ..latin.state_serialization import check_like, decode, encode, opened, sealed
-from .variable import Variable, variable_of
+from .variable import Variable, input_variable
 from .variable_store import DISCARD, ERROR, WARNING, Log, VariableStore, exception_barrier
 
 if TYPE_CHECKING:  # imported at initialization: hosts instantiate an FMU only to look at it
@@ -168,8 +168,7 @@ class FmiInstance:
     def _set_loads(self, session: Session) -> None:
         number = self._variables.number
         for name in session.loads:
-            stem = variable_of(name)
-            session.set_load(name, number(f"{stem}.value"), number(f"{stem}.rate"))
+            session.set_load(name, number(input_variable(name, "value")), number(input_variable(name, "rate")))
 
     def _set_histories(self, session: Session) -> None:
         """Set the histories of a session in prescribed mode: those of the file, then those given as arrays."""

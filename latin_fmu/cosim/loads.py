@@ -25,7 +25,7 @@ from ..latin.record import Array
 from ..latin.state_serialization import check_like, check_numbers, unlike
 from ..scene.number_files import MAX_FILE_BYTES
 from ..scene.schema import Scene
-from .variable import is_motion, variable_of
+from .variable import input_variable, is_motion, is_wave, variable_of
 from .variables import CAUSAL, HOLD, LINE, inputs_of
 
 Curve = tuple[tuple[float, ...], tuple[float, ...]]
@@ -35,6 +35,12 @@ Histories = dict[str, tuple[Array, Array]]
 """Times, s, and amplitudes by load."""
 
 _HEADING = "the load histories cannot be used"
+
+
+def rule_of(name: str, rule: int, rate: float) -> int:
+    """Rule of one input. A wave without a rate is the straight line from its last value, as if it had travelled for the
+    step: a wave that is held gains energy, and so does one that is extrapolated."""
+    return LINE if is_wave(name) and rule != HOLD and rate == 0.0 else rule
 
 
 class Loads:
@@ -97,9 +103,10 @@ class Loads:
     def not_finite(self) -> str:
         """The first value or rate that is not finite, as text; empty where all are finite."""
         for name in self._start:
-            for what, number in (("value", self.value[name]), ("rate", self.rate[name])):
-                if not math.isfinite(number):
-                    return f"{variable_of(name)}.{what} = {number!r}"
+            if not math.isfinite(self.value[name]):
+                return f"{input_variable(name, 'value')} = {self.value[name]!r}"
+            if not math.isfinite(self.rate[name]):
+                return f"{input_variable(name, 'rate')} = {self.rate[name]!r}"
         return ""
 
     # -- over a simulation ----------------------------------------------------------------------------------------
@@ -171,6 +178,7 @@ class Loads:
 
     def _amplitude(self, name: str, h: float, n: int, rule: int, rate: float) -> Array:
         value = self.value[name]
+        rule = rule_of(name, rule, self.rate[name])
         if rule == HOLD:
             return np.full(n + 1, value)
         if rule == LINE:
@@ -179,11 +187,12 @@ class Loads:
         return line
 
     def rates(self, rule: int) -> dict[str, float]:
-        """Rates over the next step, 1/s: those set; under the rule CAUSAL of a load that never had one, that of the
-        causal line."""
+        """Rates over the next step, 1/s: those set; under the rule CAUSAL of a load that never had one, and is no wave,
+        that of the causal line."""
         if rule != CAUSAL:
             return dict(self.rate)
-        return {n: rate if rate or self._rated[n] else self._causal_rate(n) for n, rate in self.rate.items()}
+        known = {n for n, rate in self.rate.items() if rate or self._rated[n] or is_wave(n)}
+        return {n: rate if n in known else self._causal_rate(n) for n, rate in self.rate.items()}
 
     def _causal_rate(self, name: str) -> float:
         change = self.value[name] - self._before[name]
@@ -338,10 +347,10 @@ def given_rows(times: Array, amplitudes: Mapping[str, Array]) -> Histories:
         raise InputError([Problem("history.time", "all instants are equal", f"{times[0]:g}", allowed)], _HEADING)
     for name, values in amplitudes.items():
         if (values[n:] != values[n - 1]).any():
-            where, what = f"{variable_of(name)}.history", f"element {n} and those after it belong to one instant"
+            where, what = input_variable(name, "history"), f"element {n} and those after it belong to one instant"
             raise InputError([Problem(where, what, None, "one amplitude", "repeat the last one")], _HEADING)
     return {
-        name: check_history(f"{variable_of(name)}.history", times[:n], values[:n])
+        name: check_history(input_variable(name, "history"), times[:n], values[:n])
         for name, values in amplitudes.items()
     }
 

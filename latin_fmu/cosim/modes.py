@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..assembly.ports import port_columns
 from ..assembly.segments import Segment, SegmentedRun
 from ..errors import SolverError
 from ..latin.record import Array, InterfaceHistory, Timings
@@ -95,7 +96,8 @@ class Windowed:
         series, sensors = series_of(self.interfaces), recorder.sensors(assembly)
         energy = recorder.assembly_energy(assembly)
         bolts = recorder.bolt_histories()
-        rows = output_rows(series, self._impulse[None], sensors, bolts, (0.0, 0.0, 1.0, 0.0), energy, 1)
+        ports = port_columns(self.run.scene, assembly, recorder)
+        rows = output_rows(series, self._impulse[None], sensors, ports, bolts, (0.0, 0.0, 1.0, 0.0), energy, 1)
         self.row = np.concatenate([rows[0], self._events.row])
         self.run.reset()
 
@@ -161,7 +163,7 @@ class Windowed:
         energy = None if segment.energy is None else {k: v[-1:] for k, v in segment.energy.items()}
         solver = (segment.iterations, segment.error_indicator, float(segment.converged), n)
         last = {name: s.last() for name, s in series.items()}
-        row = output_rows(last, impulse[-1:], segment.sensors, segment.bolts, solver, energy, 1)[0]
+        row = output_rows(last, impulse[-1:], segment.sensors, segment.ports, segment.bolts, solver, energy, 1)[0]
         return np.concatenate([row, events[-1]]), impulse[-1], state
 
     def _resultants(self, segment: Segment) -> tuple[dict[str, InterfaceSeries], Array, Array]:
@@ -199,7 +201,7 @@ class Windowed:
 
         check : compare its numbers with those of this run before.
         """
-        if not self.interfaces:
+        if self.run.scene.joints and not self.interfaces:
             self._outputs_now(loads)  # gives the geometry of the interfaces
         if check:
             self._check(state)
@@ -367,7 +369,7 @@ def _rows(segment: Segment, n: int, events: ContactEvents) -> Array:
     impulse = [history.impulse(segment.time) for history in segment.interfaces.values()]
     running = np.stack(impulse, axis=1) if impulse else impulses(series, 0.0, np.zeros((0, 3)))
     solver = (segment.iterations, segment.error_indicator, float(segment.converged), n)
-    rows = output_rows(series, running, segment.sensors, segment.bolts, solver, segment.energy, n + 1)
+    rows = output_rows(series, running, segment.sensors, segment.ports, segment.bolts, solver, segment.energy, n + 1)
     points = {name: history.points_over_time for name, history in segment.interfaces.items()}
     faces = {name: faces_of(history) for name, history in segment.interfaces.items()}
     return np.concatenate([rows, events.follow(segment.time, points, series, faces)[0]], axis=1)

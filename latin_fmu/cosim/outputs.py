@@ -129,6 +129,7 @@ def output_rows(
     series: Mapping[str, InterfaceSeries],
     impulse: Array,
     sensors: Mapping[str, SensorHistory],
+    ports: Sequence[Array],
     bolts: Mapping[str, BoltHistory],
     solver: Sequence[float],
     energy: Mapping[str, Array] | None,
@@ -136,13 +137,15 @@ def output_rows(
 ) -> Array:
     """Scalar outputs in the order of the variable table, (n, n_output), one row per instant.
 
-    impulse : (n, n_interface, 3). sensors, bolts : histories whose last n instants are taken.
+    impulse : (n, n_interface, 3). sensors, ports, bolts : histories (ports: columns (n, k)) whose last n
+    instants are taken.
     solver : iterations, indicator, converged, instants of the interval.
     energy : terms (n,), None where the scene asks for none.
     """
     parts = [column for i, s in enumerate(series.values()) for column in s.columns(impulse[:, i])]
     for sensor in sensors.values():
         parts += [sensor.displacement[-n:], sensor.velocity[-n:]]
+    parts += [columns[-n:] for columns in ports]
     parts += [bolt.force[-n:, None] for bolt in bolts.values()]
     parts.append(np.array([tuple(solver)] * n))
     if energy is not None:

@@ -63,13 +63,15 @@ def exchange_dataset(table: Sequence[Variable], steps: Sequence[AcceptedStep]) -
             name, what = input_of(variable.name)
             values = np.array([getattr(step, what)[name] for step in steps])
             columns[_plain(variable.name)] = (("time",), values, _attributes(variable))
+    places = {variable.name: i for i, variable in enumerate(outputs)}
     for i, variable in enumerate(outputs):
         match = _COMPONENT.fullmatch(variable.name)
-        if match is None:
+        three = [places.get(f"{match[1]}[{k}]", -1) for k in (1, 2, 3)] if match else [-1]
+        if match is None or min(three) < 0:  # a port may have one or two components
             columns[_plain(variable.name)] = (("time",), rows[:, i], _attributes(variable))
         elif match[2] == "1":
             attributes = _attributes(variable) | {"long_name": variable.description.removesuffix(", x")}
-            columns[_plain(match[1])] = (("time", "component"), rows[:, i : i + 3], attributes)
+            columns[_plain(match[1])] = (("time", "component"), rows[:, three], attributes)
     time = np.array([step.end for step in steps])
     dataset = xr.Dataset(columns, coords={"time": time, "component": AXES})
     dataset["time"].attrs = {"units": "s", "long_name": "communication point, end of the step"}
@@ -84,7 +86,7 @@ def _attributes(variable: Variable) -> dict[str, str]:
 
 
 def _plain(name: str) -> str:
-    return name.replace(".", "_")
+    return name.replace(".", "_").replace("[", "_").removesuffix("]")
 
 
 def estimated_error(

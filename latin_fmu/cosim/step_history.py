@@ -16,7 +16,7 @@ import numpy as np
 
 from ..assembly.segments import Segment
 from ..latin.record import Array, InterfaceHistory, Outcome, SensorHistory, SubstructureHistory, Timings, WindowRecord
-from .loads import Curve
+from .loads import Curve, rule_of
 from .variables import HOLD, LINE
 
 INTERFACE_FIELDS: Final = (
@@ -110,14 +110,16 @@ def curves_of(steps: Sequence[AcceptedStep], rule: int, before: Mapping[str, Cur
     t0 = steps[0].start
     curves: dict[str, Curve] = {}
     for name, (_, given) in before.items():
-        times, values = [0.0], [given[-1] if rule == LINE else steps[0].value[name]]
+        first = rule_of(name, rule, steps[0].rate[name])
+        times, values = [0.0], [given[-1] if first == LINE else steps[0].value[name]]
         for step in steps:
             value, h = step.value[name], step.end - step.start
-            if rule != LINE and value != values[-1]:
+            own = rule_of(name, rule, step.rate[name])
+            if own != LINE and value != values[-1]:
                 times.append(times[-1] + _JUMP * h)
                 values.append(value)
             times.append(step.end - t0)
-            values.append(value if rule in (HOLD, LINE) else value + step.rate[name] * h)
+            values.append(value if own in (HOLD, LINE) else value + step.rate[name] * h)
         curves[name] = (tuple(times), tuple(values))
     return curves
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Final, Literal
 
 Kind = Literal["real", "integer", "string", "count"]
-Causality = Literal["independent", "structuralParameter", "parameter", "input", "output"]
-Variability = Literal["fixed", "discrete", "continuous"]
+Causality = Literal["independent", "structuralParameter", "parameter", "input", "output", "local"]
+Variability = Literal["constant", "fixed", "discrete", "continuous"]
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,12 @@ class Variable:
 
 def is_motion(name: str) -> bool:
     """Whether an input (see ``variables.inputs_of``) is a motion, not a load."""
-    return name.startswith(_MOTIONS)
+    return name.startswith(_MOTIONS) or _MOVED_PORT.match(name) is not None
+
+
+def is_wave(name: str) -> bool:
+    """Whether an input (see ``variables.inputs_of``) is the incident wave of a port."""
+    return _INCIDENT.match(name) is not None
 
 
 def variable_of(name: str) -> str:
@@ -59,13 +65,27 @@ def variable_of(name: str) -> str:
     return name if "." in name else f"load.{name}"
 
 
+def input_variable(name: str, what: str) -> str:
+    """Variable "value", "rate" or "history" of an input, e.g. ``load.NAME.rate``; of a port ``port.NAME.force[3]`` and
+    ``port.NAME.forceRate[3]``."""
+    port = _PORT.fullmatch(name)
+    if port is None:
+        return f"{variable_of(name)}.{what}"
+    return name if what == "value" else f"{port[1]}{what.capitalize()}{port[3]}"
+
+
 def input_of(variable: str) -> tuple[str, str]:
-    """Input (see ``variables.inputs_of``) that a variable belongs to, and the last word of the variable."""
+    """Input (see ``variables.inputs_of``) that a variable belongs to: "value", "rate" or "history" of it."""
+    if port := _PORT.fullmatch(variable):
+        return f"{port[1]}{port[3]}", (port[2] or "value").lower()
     name, _, what = variable.rpartition(".")
     return name.removeprefix("load."), what
 
 
 _MOTIONS = ("boundary.", "ground.")
+_PORT = re.compile(r"(port\.\w+\.[a-zA-Z]+?)(Rate|History)?(\[\d\])")
+_INCIDENT = re.compile(r"port\.\w+\.incident")
+_MOVED_PORT = re.compile(r"port\.\w+\.(velocity|angularVelocity)\[")
 AXES = ("x", "y", "z")
 
 
@@ -86,7 +106,7 @@ def parameter(name: str, kind: Kind, start: float | int | str, description: str,
 
 @dataclass(frozen=True)
 class Unit:
-    """An SI unit: ``name`` as FMI writes it, ``exponents`` of kg, m, s."""
+    """An SI unit: ``name`` as FMI writes it, ``exponents`` of kg, m, s, rad."""
 
     name: str
     exponents: Mapping[str, int]
@@ -99,9 +119,17 @@ UNITS: Final[Mapping[str, Unit]] = {
     "m": Unit("m", {"m": 1}),
     "m s-1": Unit("m/s", {"m": 1, "s": -1}),
     "m s-2": Unit("m/s2", {"m": 1, "s": -2}),
+    "rad": Unit("rad", {"rad": 1}),
+    "rad s-1": Unit("rad/s", {"rad": 1, "s": -1}),
+    "rad s-2": Unit("rad/s2", {"rad": 1, "s": -2}),
     "W": Unit("W", {"kg": 1, "m": 2, "s": -3}),
     "N": Unit("N", {"kg": 1, "m": 1, "s": -2}),
     "N s": Unit("N.s", {"kg": 1, "m": 1, "s": -1}),
+    "N s-1": Unit("N/s", {"kg": 1, "m": 1, "s": -3}),
+    "N s m-1": Unit("N.s/m", {"kg": 1, "s": -1}),
+    "N m": Unit("N.m", {"kg": 1, "m": 2, "s": -2}),
+    "N m s": Unit("N.m.s", {"kg": 1, "m": 2, "s": -1}),
+    "N m s-1": Unit("N.m/s", {"kg": 1, "m": 2, "s": -3}),
     "J": Unit("J", {"kg": 1, "m": 2, "s": -2}),
     "Pa": Unit("Pa", {"kg": 1, "m": -1, "s": -2}),
 }

@@ -123,7 +123,7 @@ class VariableStore:
     def set_number(self, reference: int, value: float) -> None:
         """Set a scalar; a warning is logged where it cannot be set."""
         variable = self.table[reference]
-        if variable.causality in ("output", "independent"):
+        if variable.causality in ("output", "independent", "local"):
             self.log(WARNING, f"{variable.name} is calculated and was not set")
         elif self.fixed and variable.causality != "input":
             self.log(WARNING, f"{variable.name} is fixed after initialization and was not set")

@@ -11,8 +11,9 @@ from typing import Any, Final
 
 from ..scene.boundaries import Driven
 from ..scene.laws import InputLaw, TimeLaw
+from ..scene.ports import COMPONENTS, INPUTS, MOTIONS, REFLECTED, Port, indexed
 from ..scene.schema import BODY_FORCE, GRAVITY, Scene
-from .variable import Kind, Variable, output, parameter, variable_of, vector
+from .variable import AXES, Kind, Variable, input_variable, is_wave, output, parameter, variable_of, vector
 
 WINDOWED, PRESCRIBED = 0, 1
 HOLD, RATE, LINE, CAUSAL = 0, 1, 2, 3
@@ -47,8 +48,10 @@ ENERGIES: Final[Mapping[str, str]] = {
 
 def inputs_of(scene: Scene) -> dict[str, InputLaw]:
     """Laws set from outside: of forces by their names in ``Scene.force_laws``, of driven faces by ``boundary.NAME``, of
-    moving ground by ``ground.INTERFACE``."""
+    moving ground by ``ground.INTERFACE``, of ports by the names of ``Port.inputs``."""
     laws = dict(scene.force_laws)
+    for name, port in scene.port.items():
+        laws |= {source: port.law(component) for source, component in port.inputs(name).items()}
     for name, boundary in scene.boundary.items():
         if isinstance(boundary, Driven):
             laws[f"boundary.{name}"] = boundary.law
@@ -70,6 +73,7 @@ def with_laws(scene: Scene, laws: Mapping[str, TimeLaw]) -> Scene:
             for n, body in scene.substructure.items()
         },
         "boundary": {n: _with_law(b, laws.get(f"boundary.{n}")) for n, b in scene.boundary.items()},
+        "port": {n: _with_port_laws(n, port, laws) for n, port in scene.port.items()},
         "interface": {
             n: i.model_copy(update={"ground_velocity": _with_law(i.ground_velocity, laws[f"ground.{n}"])})
             if f"ground.{n}" in laws
@@ -84,10 +88,15 @@ def _with_law(table: Any, law: TimeLaw | None) -> Any:
     return table if law is None else table.model_copy(update={"law": law})
 
 
+def _with_port_laws(name: str, port: Port, laws: Mapping[str, TimeLaw]) -> Port:
+    given = {component: laws[source] for source, component in port.inputs(name).items() if source in laws}
+    return port.model_copy(update={"laws": {**port.laws, **given}}) if given else port
+
+
 def scalar_table(scene: Scene, events: bool = True) -> tuple[Variable, ...]:
     """Scalar variables of a scene (all of FMI 2); ``events`` : contact events, the last of them, among them."""
     inputs = inputs_of(scene)
-    depends = tuple(f"{variable_of(name)}.value" for name in inputs)
+    depends = tuple(input_variable(name, "value") for name in inputs)
     rows: list[Variable] = [
         Variable("time", "independent", "continuous", "real", "time since the start of the scene", "s"),
         *_parameters(scene),
@@ -101,6 +110,8 @@ def scalar_table(scene: Scene, events: bool = True) -> tuple[Variable, ...]:
         about = f"of sensor {name}, " + (f"mean of {sensor.face}" if sensor.face else f"a point of {sensor.body}")
         rows += vector(f"sensor.{name}.displacement", "m", f"displacement {about}")
         rows += vector(f"sensor.{name}.velocity", "m s-1", f"velocity {about}")
+    for name, port in scene.port.items():
+        rows += _port(name, port, depends)
     for name, bolt in scene.bolt.items():
         about = f"tension of bolt {name} in {bolt.substructure}"
         rows.append(output(f"bolt.{name}.force", "N", about, initial_dependencies=depends))
@@ -124,7 +135,8 @@ _MEANINGS: Final[Mapping[str, str]] = {
     "inputInterpolation": "load inside a step. 0: held at the value; 1: value + rate x time since the start of the "
     "step; 2: straight line from the end of the last step to the value, reached at the end of this step; 3: as 1 "
     "for a load once a rate other than 0 was set, else the straight line through its last two values; held over the "
-    "first step and where a value that was held jumps",
+    "first step and where a value that was held jumps. The incident wave of a port is as under 2 but for 0, or where "
+    "its rate is set",
     "timeStep": "longest time step inside a communication step, which is cut into equal parts",
     "endTime": "end of the interval solved in prescribed mode, a whole number of timeStep",
     "tolerance": "tolerance on the error indicator sqrt(eta); a fifth of the importer's, if any, goes first",
@@ -160,6 +172,9 @@ def _parameters(scene: Scene) -> Iterator[Variable]:
 def _inputs(name: str, law: InputLaw) -> Iterator[Variable]:
     stem = variable_of(name)
     kind, _, own = stem.partition(".")
+    if kind == "port":
+        yield from _port_inputs(name, law)
+        return
     thing = {
         "load": "load",
         "body_force": "the body force of",
@@ -170,6 +185,66 @@ def _inputs(name: str, law: InputLaw) -> Iterator[Variable]:
     what, moment = f"amplitude that multiplies {thing[kind]} {own}", "at the start of the step"
     yield Variable(f"{stem}.value", "input", "continuous", "real", f"{what}, {moment}", "1", law.start_value)
     yield Variable(f"{stem}.rate", "input", "continuous", "real", f"rate of the {what}, over the step", "s-1", 0.0)
+
+
+_PORT_WORDS: Final[Mapping[str, tuple[str, str, str]]] = {
+    "force": ("N", "N s-1", "force on the body through port {}"),
+    "moment": ("N m", "N m s-1", "moment on the body through port {}, about its centre"),
+    "velocity": ("m s-1", "m s-2", "velocity of port {}"),
+    "angularVelocity": ("rad s-1", "rad s-2", "angular velocity of port {}"),
+    "displacement": ("m", "m s-1", "displacement of port {}"),
+    "rotation": ("rad", "rad s-1", "rotation of port {}"),
+    "incident": ("N", "N s-1", "incident wave F + Z v of port {}, F the force on the body"),
+    "incidentMoment": ("N m", "N m s-1", "incident wave M + Z omega of port {}, M the moment on the body"),
+    "reflected": ("N", "N s-1", "reflected wave Z v - F of port {}, incident on the port on the other side"),
+    "reflectedMoment": ("N m", "N m s-1", "reflected wave Z omega - M of port {}, incident on the other side"),
+    "impedance": ("N s m-1", "", "impedance Z of port {}"),
+    "rotationalImpedance": ("N m s", "", "impedance Z of port {}, of a rotation"),
+}
+"""Unit, unit of the rate, and meaning of the quantities of ports."""
+
+
+def _port_words(name: str) -> tuple[str, str, str]:
+    """Unit, unit of the rate, and meaning of an input of a port."""
+    return _PORT_WORDS[name.partition("[")[0].rpartition(".")[2]]
+
+
+def _port_inputs(name: str, law: InputLaw) -> Iterator[Variable]:
+    unit, per_second, meaning = _port_words(name)
+    about = f"{meaning.format(name.split('.')[1])}, {AXES[int(name[-2]) - 1]}"
+    when = "at the end of the step, at its start where the rate is set" if is_wave(name) else "at the start of the step"
+    yield Variable(name, "input", "continuous", "real", f"{about}, {when}", unit, law.start_value)
+    rate = input_variable(name, "rate")
+    yield Variable(rate, "input", "continuous", "real", f"rate of the {about}, over the step", per_second, 0.0)
+
+
+def _port(name: str, port: Port, depends: tuple[str, ...]) -> Iterator[Variable]:
+    """Outputs of a port, in the order of ``assembly.ports.port_columns``, and its impedances."""
+    own = {c: c for c in port.components}
+
+    def chosen(words: tuple[str, str], exerted: bool = False) -> Iterator[Variable]:
+        for component in own:
+            place = indexed(name, words, component)
+            word = words[COMPONENTS.index(component) // 3]
+            unit, _, meaning = _PORT_WORDS[word]
+            meaning = meaning.replace("on the body through", "that the body exerts through") if exerted else meaning
+            yield output(place, unit, f"{meaning.format(name)}, {component[-1]}", initial_dependencies=depends)
+
+    if port.causality == "motion_in":
+        yield from chosen(INPUTS["force_in"], exerted=True)
+        return
+    for turned in (0, 1) if port.rotates else (0,):
+        for words in MOTIONS:
+            unit, _, meaning = _PORT_WORDS[words[turned]]
+            yield from vector(f"port.{name}.{words[turned]}", unit, meaning.format(name))
+    if port.causality == "wave":
+        yield from chosen(INPUTS["force_in"])
+        yield from chosen(REFLECTED)
+        words = ("impedance", "rotationalImpedance")
+        for component, impedance in zip(port.components, port.impedance or (), strict=True):
+            unit, _, meaning = _PORT_WORDS[words[COMPONENTS.index(component) // 3]]
+            about = f"{meaning.format(name)}, {component[-1]}"
+            yield Variable(indexed(name, words, component), "local", "constant", "real", about, unit, impedance)
 
 
 def _interface(scene: Scene, name: str, depends: tuple[str, ...]) -> Iterator[Variable]:
@@ -235,9 +310,9 @@ def _arrays(scene: Scene, loads: Mapping[str, InputLaw], n_point: Mapping[str, i
         )
         yield parameter("history.time", "real", 0.0, f"{about}: none given", unit="s", dimensions=size)
     for name, law in loads.items():
-        stem = variable_of(name)
-        about = f"amplitudes of {stem.replace('.', ' ', 1)} at history.time"
-        yield parameter(f"{stem}.history", "real", law.start_value, about, unit="1", dimensions=size)
+        unit = _port_words(name)[0] if name.startswith("port.") else "1"
+        about = f"amplitudes of {variable_of(name).replace('.', ' ', 1)} at history.time"
+        yield parameter(input_variable(name, "history"), "real", law.start_value, about, unit=unit, dimensions=size)
     yield output("window.count", "1", "number of instants of the window, its start included", minimum=0.0)
     yield output("window.time", "s", "instants of the window, NaN beyond the last", dimensions=_INSTANTS)
     for name in scene.joints:

@@ -88,7 +88,7 @@ def memory_need(p: Prediction, stream: bool = False) -> MemoryNeed:
         operators=_LIBRARIES + _CELL * cells + _OPERATORS * p.memory,
         interfaces=8.0 * numbers * instants,
         fields=8.0 * _COPIES * stored * (per_cell * cells + per_node * nodes),
-        energies=8.0 * n_time * (terms + 12 * len(scene.sensor) + 4),
+        energies=8.0 * n_time * (terms + 12 * (len(scene.sensor) + 2 * len(scene.port)) + 4),
         windows=window * (8.0 + 16.0 * run.iterations * (1.0 + _WIDEST)),
     )
 

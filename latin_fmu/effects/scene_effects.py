@@ -124,14 +124,16 @@ def damping(p: Prediction) -> Effect:
 
 def absorbing_ends(p: Prediction) -> Effect:
     """Dashpots that let waves out."""
-    name, ends = "absorbing ends", {n: b for n, b in p.scene.boundary.items() if isinstance(b, Absorbing)}
+    name = "absorbing ends"
+    ends = {f"boundary.{n}": b.face for n, b in p.scene.boundary.items() if isinstance(b, Absorbing)}
+    ends |= {f"port.{n}": port.face for n, port in p.scene.port.items() if port.causality == "wave"}
     if not ends:
         return _off(name, ["boundary.*.type"], "no boundary absorbs", 'a boundary with type = "absorbing"')
-    faces = [split_face(b.face) for b in ends.values()]
+    faces = [split_face(face) for face in ends.values()]
     nodes = sum(len(p.discretised.bodies[body].face(face).nodes) for body, face in faces)
-    why, reason = tuple(f"boundary.{n}" for n in ends), f"dashpots on {nodes} nodes"
+    why, reason = tuple(ends), f"dashpots on {nodes} nodes"
     cost, kernels = seconds(numbers(sparse=9.0 * nodes)), ("damping product",)
-    return Effect(name, True, why, reason, "remove the boundary", kernels, cost, memory=108 * nodes)
+    return Effect(name, True, why, reason, "remove the boundary or port", kernels, cost, memory=108 * nodes)
 
 
 def body_force(p: Prediction) -> Effect:
@@ -145,7 +147,7 @@ def body_force(p: Prediction) -> Effect:
 
 def loads(p: Prediction) -> Effect:
     """Loads on the surface."""
-    keys = [f"load.{n}" for n in p.scene.load]
+    keys = [f"load.{n}" for n in p.scene.load] + [f"port.{n}" for n, q in p.scene.port.items() if q.loads(n)]
     return _driven(p, "surface loads", keys, "load", "nodal forces times their laws", "a [load.NAME]")
 
 
@@ -179,6 +181,7 @@ def static_start(p: Prediction) -> Effect:
 def prescribed_motion(p: Prediction) -> Effect:
     """Faces moved from outside."""
     keys = [f"boundary.{n}" for n, b in p.scene.boundary.items() if isinstance(b, Driven)]
+    keys += [f"port.{n}" for n, port in p.scene.port.items() if port.causality == "motion_in"]
     keys += [f"interface.{n}.ground_velocity" for n, i in p.scene.interface.items() if i.ground_velocity]
     reason = "motions that follow the recursion of the time scheme"
     switch = 'type = "velocity", "displacement" or "acceleration", ground_velocity'

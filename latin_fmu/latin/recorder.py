@@ -208,13 +208,29 @@ class Recorder:
 
     def sensors(self, assembly: Assembly) -> dict[str, SensorHistory]:
         """Histories of the sensors over the kept instants."""
-        kept = {name: motion[: self.n_kept] for name, motion in self._motions.items()}
-        return self._probes.sensors.histories(assembly, self.places, kept)
+        return self._measured(assembly, ports=False)
+
+    def port_motions(self, assembly: Assembly) -> dict[str, SensorHistory]:
+        """Measured motions of ports over the kept instants; their names have a dot, which those of sensors have not."""
+        return self._measured(assembly, ports=True)
+
+    def _measured(self, assembly: Assembly, ports: bool) -> dict[str, SensorHistory]:
+        places = {name: place for name, place in self.places.items() if ("." in name) is ports}
+        kept = {name: self._motions[name][: self.n_kept] for name in places}
+        return self._probes.sensors.histories(assembly, places, kept) if places else {}
 
     def reactions(self, assembly: Assembly) -> dict[str, ReactionHistory]:
         """Reactions of the supports over the kept instants."""
-        kept = {name: parts[: self.n_kept] for name, parts in self._forces.items()}
-        return reaction_histories(assembly, self.supports, kept)
+        return self._reactions(assembly, ports=False)
+
+    def port_reactions(self, assembly: Assembly) -> dict[str, ReactionHistory]:
+        """Reactions of the faces that ports move over the kept instants; names as for ``port_motions``."""
+        return self._reactions(assembly, ports=True)
+
+    def _reactions(self, assembly: Assembly, ports: bool) -> dict[str, ReactionHistory]:
+        supports = {name: support for name, support in self.supports.items() if ("." in name) is ports}
+        kept = {name: self._forces[name][: self.n_kept] for name in supports}
+        return reaction_histories(assembly, supports, kept)
 
     def bolt_histories(self) -> dict[str, BoltHistory]:
         """Tensions of the bolts over the kept instants."""

@@ -130,6 +130,8 @@ def _unknown(scene: Scene, n_mode: int, n_patch: int) -> Iterator[Problem]:
     for key in ("spring", "coupling"):
         for name in getattr(scene, key):
             yield Problem(f"{key}.{name}", f"a reduced model has no {key}s", remedy="use the FMU for co-simulation")
+    for name in scene.port:
+        yield Problem(f"port.{name}", "a reduced model has no ports", remedy="use the FMU for co-simulation")
     for name, body in scene.substructure.items():
         if body.rigid:
             yield Problem(f"substructure.{name}.rigid", "a rigid body has no modes", remedy="make it elastic")

@@ -201,7 +201,7 @@ def _shifts(assembly: _Assembly, distance: float) -> dict[str, Array]:
 
 
 def _arrows(axis: Axes, scene: Scene, bodies: Mapping[str, Body], view: View) -> None:
-    """Loads, driven faces, gravity and initial velocities."""
+    """Loads, driven faces, ports, gravity and initial velocities."""
     everything = np.concatenate([b.mesh.nodes for b in bodies.values()])
     length = _ARROW * float(np.ptp(everything, axis=0).max())
     for name, load in scene.load.items():
@@ -226,6 +226,10 @@ def _arrows(axis: Axes, scene: Scene, bodies: Mapping[str, Body], view: View) ->
             unit = {"velocity": "m/s", "displacement": "m", "acceleration": "m/s²"}[boundary.type]
             text = readable(float(np.linalg.norm(direction)), unit, 3)
             _arrow(axis, view, centre, direction, length, SUPPORTS[boundary.type], f"{name}\n{text}", True)
+    for name, port in scene.port.items():
+        centre, normal = _middle(bodies, port.face)
+        label = f"{name}\nport, {port.causality.replace('_', ' ')}: {' '.join(port.components)}"
+        _arrow(axis, view, centre, normal, length, MOTION if port.causality == "motion_in" else LOAD, label, True)
     if scene.gravity is not None:
         direction, beside = np.asarray(scene.gravity.acceleration, dtype=float), everything.min(axis=0)
         label = f"gravity\n{readable(float(np.linalg.norm(direction)), 'm/s²', 3)}"

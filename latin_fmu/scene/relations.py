@@ -16,6 +16,7 @@ from .fields import GROUND
 from .initial_fields import field_problems
 from .interfaces import key_problems
 from .number_files import QUANTITIES, UNITS, si_unit
+from .ports import port_laws, port_problems
 from .raw_scene import (
     CENTRAL,
     RawTable,
@@ -50,6 +51,7 @@ def relation_problems(raw: Any, base_dir: Path) -> list[Problem]:
         *_bolt_problems(raw),
         *_unit_problems(raw),
         *sensor_problems(raw),
+        *port_problems(raw),
         *attachment_problems(raw),
         *_time_problems(single_table(raw, "time")),
         *propagator_problems(raw),
@@ -255,6 +257,7 @@ def _laws(raw: Any) -> Iterator[tuple[str, Any, str | None]]:
         yield f"load.{name}.law", load.get("law"), "N" if given(load, "force") else "Pa"
     for name, boundary in named_tables(raw, "boundary").items():
         yield f"boundary.{name}.law", boundary.get("law"), _UNITS_OF.get(str(boundary.get("type")))
+    yield from port_laws(raw)
     for name, body in named_tables(raw, "substructure").items():
         yield f"substructure.{name}.body_force_law", body.get("body_force_law"), "N m-3"
     for name, interface in named_tables(raw, "interface").items():

@@ -14,6 +14,7 @@ from .fields import BodyName, Name, Table, Text, about
 from .initial_fields import InitialState
 from .interfaces import MEANINGLESS, ContactSearch, Interface
 from .laws import TimeLaw, base_dir_of
+from .ports import Port
 from .problems import field_problems, path_text
 from .raw_scene import endless_numbers, named_tables, plain
 from .relations import relation_problems, with_defaults
@@ -114,6 +115,9 @@ class Scene(Table):
     spring: Annotated[dict[Name, Spring], about("springs and dashpots by name"), Field(default_factory=dict)]
     coupling: Annotated[dict[Name, Coupling], about("couplings by name"), Field(default_factory=dict)]
     sensor: Annotated[dict[Name, Sensor], about("sensors by name"), Field(default_factory=dict)]
+    port: Annotated[
+        dict[Name, Port], about("faces that other models are connected to, by name"), Field(default_factory=dict)
+    ]
     initial_state: Annotated[InitialState | None, about("state of an earlier run that bodies start from")] = None
     time: Annotated[Time, about("interval, instants, time scheme")]
     solver: Annotated[Solver, about("settings of the iteration")] = Solver()
@@ -153,13 +157,21 @@ class Scene(Table):
 
     @property
     def force_laws(self) -> dict[str, TimeLaw]:
-        """Laws of everything that acts by forces on nodes: loads by their name, ``body_force.SUBSTRUCTURE`` and
-        ``gravity.acceleration``."""
-        laws: dict[str, TimeLaw] = {name: load.law for name, load in self.load.items()}
+        """Laws of everything that acts by forces on nodes: loads by their name (see ``loads``),
+        ``body_force.SUBSTRUCTURE`` and ``gravity.acceleration``."""
+        laws: dict[str, TimeLaw] = {name: load.law for name, load in self.loads.items()}
         laws |= {f"{BODY_FORCE}{n}": s.body_force_law for n, s in self.substructure.items() if any(s.body_force)}
         if self.gravity is not None and any(self.gravity.acceleration):
             laws[GRAVITY] = self.gravity.law
         return laws
+
+    @property
+    def loads(self) -> dict[str, Load]:
+        """Loads by name, and those that act through ports, by the names of ``Port.inputs``."""
+        own = dict(self.load)
+        for name, port in self.port.items():
+            own |= port.loads(name)
+        return own
 
     @property
     def joints(self) -> dict[str, Interface]:

@@ -1,0 +1,185 @@
+"""Ports on the meshes: where their motion is measured, their dashpots, the rigid motion and the reaction of a moved
+face, and their outputs.
+
+A component has one row t of the least-squares fit T, R of the motion of its face (``fem.location.MeanMotion``): the
+force through the port acts by the pattern t^T, and the dashpot of a wave port, force -Z v on the mean velocity
+v = t . u', is the damping matrix Z t^T t. Central differences have a diagonal matrix instead: the nodes have shares of
+Z by area, so that the resultant is the same.
+
+A moved face has u = U + Theta x r, r from the centre. What it exerts on what moves it has the resultant and the moment
+of minus the reactions of its nodes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import scipy.sparse as sp
+
+from ..errors import Problems
+from ..fem.location import Location, MeanMotion, cross_matrix
+from ..fem.mesh import Array, Index
+from ..latin.assembly import Assembly
+from ..latin.probes import SensorPlace
+from ..latin.reactions import Support
+from ..latin.recorder import Recorder
+from ..propagator import SubstructureModel
+from ..propagator.model import diagonal_matrix
+from ..scene.fields import split_face
+from ..scene.ports import COMPONENTS, TRANSLATIONS, Port
+from ..scene.schema import Scene
+from .body import Body
+from .supports import Motion
+
+_MOVES = 1e-9  # of the size of a face: a node displaced less by a rotation does not move
+
+
+def ports_of(scene: Scene, substructure: str) -> dict[str, Port]:
+    """Ports on the faces of a substructure."""
+    return {name: port for name, port in scene.port.items() if port.body == substructure}
+
+
+def port_key(name: str, turned: bool = False) -> str:
+    """Name of the measured motion, or reaction, of a port: its translation (force), or its rotation (moment)."""
+    return f"port.{name}.rotation" if turned else f"port.{name}"
+
+
+def _mean_motion(body: Body, port: Port) -> MeanMotion:
+    return MeanMotion.of_face(body.mesh.nodes, body.face(split_face(port.face)[1]))
+
+
+def port_places(scene: Scene, bodies: Mapping[str, Body]) -> dict[str, SensorPlace]:
+    """Places where the motion of ports is measured, by ``port_key``; a rotation has the rows of one for its arm."""
+    places = {}
+    for name, port in scene.port.items():
+        if port.causality == "motion_in":
+            continue
+        body = bodies[port.body]
+        motion, face = _mean_motion(body, port), body.face(split_face(port.face)[1])
+        location = Location.of(face.nodes, face.areas / face.areas.sum())
+        places[port_key(name)] = SensorPlace(port.body, location, motion.centre, port.face)
+        if port.rotates:
+            turning = SensorPlace(port.body, location, motion.centre, port.face, motion.rotation)
+            places[port_key(name, turned=True)] = turning
+    return places
+
+
+def port_lines(scene: Scene, bodies: Mapping[str, Body]) -> list[str]:
+    """Face, inputs, centre and area of every port, and rho c A of its body, for the command ``check``."""
+    lines = []
+    for name, port in scene.port.items():
+        body, face = bodies[port.body], bodies[port.body].face(split_face(port.face)[1])
+        area, at = float(face.areas.sum()), _mean_motion(body, port).centre
+        material = body.shape.material
+        bar = area * float(np.sqrt(material.young_modulus * material.density))
+        centre = ", ".join(f"{round(float(x), 9) + 0.0:.6g}" for x in at)
+        lines.append(
+            f"  port {name}: {port.causality.replace('_', ' ')}, {' '.join(port.components)} of {port.face}, centre "
+            f"[{centre}], {area:.6g} m2; impedance of a bar of this section {bar:.4g} N s m-1"
+        )
+    return lines
+
+
+# -- wave ports -------------------------------------------------------------------------------------------------------
+def port_dashpots(body: Body, port: Port, diagonal: bool) -> sp.csr_array:
+    """Dashpots (n_full, n_full) of a wave port, N s m-1; with ``diagonal`` those of translations by area."""
+    motion, face = _mean_motion(body, port), body.face(split_face(port.face)[1])
+    shares, full = np.zeros((body.mesh.n_node, 3)), sp.csr_array((body.full_size(), body.full_size()))
+    for component, impedance in zip(port.components, port.impedance or (), strict=True):
+        rows = motion.translation if component in TRANSLATIONS else motion.rotation
+        assert rows is not None
+        row = sp.csr_array(rows[[COMPONENTS.index(component) % 3]])
+        full = sp.csr_array(full + impedance * (row.T @ row))
+        if component in TRANSLATIONS:
+            shares[face.nodes, COMPONENTS.index(component)] += impedance * face.areas / face.areas.sum()
+    return diagonal_matrix(shares.ravel()) if diagonal else full
+
+
+# -- moved faces ------------------------------------------------------------------------------------------------------
+def port_shapes(body: Body, name: str, port: Port, problems: Problems) -> tuple[Index, Array]:
+    """Dofs (n,) that a moved face drives, and their displacements (n, n_component) for unit motions of the components;
+    a rotation that would move nodes along an axis that is not driven is added to ``problems``."""
+    face = body.face(split_face(port.face)[1])
+    arms = body.mesh.nodes[face.nodes] - _mean_motion(body, port).centre
+    shapes = np.zeros((len(face.nodes), 3, len(port.components)))
+    for j, component in enumerate(port.components):
+        axis = np.eye(3)[COMPONENTS.index(component) % 3]
+        shapes[:, :, j] = axis if component in TRANSLATIONS else np.cross(axis, arms)
+    driven = [component in port.components for component in TRANSLATIONS]
+    for j, component in enumerate(port.components):
+        stray = np.abs(shapes[:, :, j]).max(axis=0) > _MOVES * np.abs(arms).max()
+        if missing := [axis for axis, moves, own in zip(TRANSLATIONS, stray, driven, strict=True) if moves and not own]:
+            problems.add(
+                f"port.{name}.components",
+                f"the rotation {component} moves nodes of the face along {', '.join(missing)}",
+                ", ".join(port.components),
+                "translations along every axis that a rotation moves nodes along",
+                f"add {', '.join(missing)} to the components, or leave {component} out",
+            )
+    dofs = (3 * face.nodes[:, None] + np.flatnonzero(driven)).ravel()
+    return dofs, shapes[:, driven].reshape(len(dofs), -1)
+
+
+def port_motions(body: Body, name: str, port: Port) -> list[Motion]:
+    """Motions of the components of a moved face, in their order."""
+    arms = {c: 1.0 if c in TRANSLATIONS else body.mesh.size for c in port.components}
+    return [Motion(port.law(c), 1.0, "velocity", n, arms[c]) for n, c in port.inputs(name).items()]
+
+
+def port_supports(
+    scene: Scene, bodies: Mapping[str, Body], models: Mapping[str, SubstructureModel]
+) -> dict[str, Support]:
+    """Supports whose reactions are the force and the moment of moved faces, by ``port_key``."""
+    made = {}
+    for name, port in scene.port.items():
+        if port.causality != "motion_in":
+            continue
+        body, face = bodies[port.body], bodies[port.body].face(split_face(port.face)[1])
+        driven = np.array([component in port.components for component in TRANSLATIONS], dtype=float)
+        dofs = (3 * face.nodes[:, None] + np.flatnonzero(driven)).ravel()
+        arms = body.mesh.nodes[face.nodes] - _mean_motion(body, port).centre
+        for turned, blocks in ((False, np.tile(np.eye(3), (len(arms), 1, 1))), (True, cross_matrix(arms))):
+            if turned and not port.rotates:
+                continue
+            columns = np.broadcast_to(3 * face.nodes[:, None, None] + np.arange(3), blocks.shape)
+            rows = np.broadcast_to(np.arange(3)[:, None], blocks.shape)
+            entries = ((blocks * driven).ravel(), (rows.ravel(), columns.ravel()))
+            parts = sp.csr_array(sp.coo_array(entries, shape=(3, body.full_size())))
+            parts.eliminate_zeros()
+            made[port_key(name, turned)] = Support(port.body, port.face, dofs, models[port.body], parts)
+    return made
+
+
+# -- outputs ----------------------------------------------------------------------------------------------------------
+def port_columns(scene: Scene, assembly: Assembly, recorder: Recorder) -> list[Array]:
+    """Outputs of all ports over the kept instants, (n, k) each, in the order of ``cosim.variables``: displacement and
+    velocity, rotation and angular velocity where a rotation is connected; force and moment, reflected waves."""
+    motions, reactions = recorder.port_motions(assembly), recorder.port_reactions(assembly)
+    columns: list[Array] = []
+    for name, port in scene.port.items():
+        if port.causality == "motion_in":
+            both = [reactions[key].force for key in (port_key(name), port_key(name, True)) if key in reactions]
+            columns.append(-np.concatenate(both, axis=1)[:, _places(port)])
+            continue
+        measured = [motions[key] for key in (port_key(name), port_key(name, True)) if key in motions]
+        for motion in measured:
+            columns += [motion.displacement, motion.velocity]
+        if port.causality == "wave":
+            speed = np.concatenate([motion.velocity for motion in measured], axis=1)[:, _places(port)]
+            incident = np.stack([_amplitude(assembly, port.body, n, len(speed)) for n in port.inputs(name)], axis=1)
+            braked = speed * np.asarray(port.impedance)
+            columns += [incident - braked, 2.0 * braked - incident]
+    return columns
+
+
+def _places(port: Port) -> list[int]:
+    return [COMPONENTS.index(component) for component in port.components]
+
+
+def _amplitude(assembly: Assembly, substructure: str, load: str, n: int) -> Array:
+    """Amplitude (n,) of a load of a substructure at the first n instants."""
+    propagator = next(p for p in assembly.propagators if substructure in p.names)
+    member = propagator.names.index(substructure)
+    number = [term.name for term in propagator.members[member].loads].index(load)
+    return propagator.forcing.amplitudes[member][number][:n]
