@@ -149,6 +149,9 @@ class CommunicationRun:
 def _check(scene: Scene) -> None:
     if scene.time.quasi_static:
         raise _refused("a scene without inertia", "give it inertia (time.quasi_static = false)")
+    for name, port in scene.port.items():
+        if port.causality != "force_in":
+            raise _refused(f"port {name} of causality {port.causality}", 'choose "force_in"')
     if scene.output.energy:
         raise _refused("the energies", "set output.energy = false")
 

@@ -19,13 +19,14 @@ from ..latin.linearised_step import PointLaws, Tangents, march
 from ..latin.record import Array
 from ..latin.windows import Run
 from .modes import LastStep, Windowed
-from .variable import input_of
+from .variable import input_of, is_wave
 from .variables import EVENTS
 
 _EFFECT = 1e-2  # on the tractions, relative: smaller ones are enlarged, as far as round-off says what they are
 _LARGEST = 1e8  # factor
 _CONSTANT = ("closed", "sticking", "slipping", *EVENTS)
 _INSTANTS = tuple(last for last, _ in EVENTS.values())
+_LINE_RATE = "a wave whose rate is 0 is the straight line to its value, which has no derivative by the rate"
 
 
 class Derivatives:
@@ -73,6 +74,7 @@ class Derivatives:
             if name.rpartition(".")[2] in _INSTANTS
         ]
         problems += [Problem(name, "is not an input of this model") for name in knowns if not self._is_input(name)]
+        problems += [Problem(name, _LINE_RATE) for name in knowns if self._is_line(*input_of(name))]
         if problems:
             raise InputError(problems, "there is no directional derivative")
         places = [self._outputs.index(name) for name in unknowns]
@@ -86,6 +88,9 @@ class Derivatives:
     def _is_input(self, name: str) -> bool:
         load, what = input_of(name)
         return load in self._step.loads.names and what in ("value", "rate")
+
+    def _is_line(self, name: str, what: str) -> bool:
+        return what == "rate" and is_wave(name) and self._step.loads.get(name)[1] == 0.0
 
     def _column(self, name: str, what: str) -> Array:
         """d outputs / d input, (n_output,)."""
@@ -167,4 +172,6 @@ class Derivatives:
 def _fields(segment: Segment) -> list[Array]:
     """Tractions and velocities of the interfaces at the end of a segment."""
     points = segment.recorder.points().values()
+    if not points:
+        return []
     return [np.concatenate([getattr(f, what)[-1].ravel() for f in points]) for what in ("traction", "velocity")]

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from ..assembly.conditions import Motion
 from ..assembly.segments import SegmentedRun
+from ..assembly.supports import Motion
 from ..kernels.communication import DISPLACEMENT, LOAD, MOTION
 from ..latin.assembly import GroundState
 from ..latin.initial_conditions import initial_conditions

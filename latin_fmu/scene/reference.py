@@ -93,6 +93,19 @@ Couplings      A distributing coupling gives the mean motions of two places, tra
 Sensors        A point is interpolated in the element that holds it, a face has its mean by area; results keep
                displacement, velocity and acceleration at every instant. A filter adds the filtered motions. A
                spectrum is that of the unfiltered acceleration along x, y and z, the base at rest before t = 0.
+Ports          A port connects a face to another model by the mean motion of the face, at its centre, in SI units along
+               the global axes. In an FMU or session it has variables port.NAME.QUANTITY[i], i = 1, 2, 3 for x, y, z.
+               force_in: inputs force, moment (on the body); outputs displacement, velocity, rotation,
+               angularVelocity. motion_in: inputs velocity, angularVelocity; outputs force, moment that the face
+               exerts on what moves it, so that it connects to a port with forces as inputs without a change of sign.
+               The face is rigid along its components; a rotation needs the translations along which it moves nodes.
+               wave: input incident (incidentMoment) = F + Z v; outputs reflected (reflectedMoment) = Z v - F, to be
+               connected to incident of the other port, force F on the body, and the motion; impedance is Z. For a bar
+               of density rho, wave speed c and section A, Z = rho c A lets waves out. Between the communication points
+               an incident wave without a rate is the straight line from its last value: ports that exchange waves once
+               a step are joined by a delay of one step, as by a strip of length c x step, and stay stable.
+               Every input has a rate: port.NAME.forceRate[i]. Laws give components histories of their own; 1 is then
+               1 N, 1 N m, 1 m/s or 1 rad/s.
 Reactions      Force of a support on its body, from the equation of motion at the dofs that it holds or drives.
 Gravity        It acts where the mass of the body is: a free body falls without strain. Damping by rayleigh_mass and
                absorbing faces act on velocities: where the acceleration stands for that of a moving frame, on those
