@@ -25,6 +25,9 @@ communication step made before; d time steps of the whole one) reads value and r
 during a communication step, and returns the time steps that converged, or a negative status
 (``kernels.communication``). After fewer than a, or a negative status, the caller restores the state. ``PRESENT`` puts
 the present outputs into row 0; where no time step has been made it begins the simulation with the inputs as they are.
+``FIELDS`` (a row of the last call) gathers what describes the points of the interfaces at that instant: of one
+interface after the other tractions (n_point, 3), velocities (2, n_point, 3), and where it can open gaps and contact
+states (n_point,), global axes.
 """
 
 from __future__ import annotations
@@ -78,8 +81,11 @@ WORDS: Final = (
     "history_f",  # (n_row, n_flat)
     "history_w",
     "history_gap",  # (n_row, n_point)
+    "n_field",
+    "field",  # (n_field,) of the points of the interfaces, after FIELDS
     "communicate",  # number of the action
     "present",
+    "fields",
     "run_digest",  # of the names of the fields of the records
 )
 """Words of the header."""
@@ -115,7 +121,7 @@ class CommunicationRun:
             recorder = Recorder(problem.assembly, problem.output, problem.info)
             signals = Signals(drives, recorder)
             fields = signals.fields(scene) | history_fields(drives)
-            fields |= opening_fields(drives, scene.time.start.type != "static")
+            fields |= opening_fields(drives, scene.time.start.type == "static")
             self._make(drives, fields)
 
     def _make(self, drives: Drives, fields: Mapping[str, Any]) -> None:
@@ -127,7 +133,7 @@ class CommunicationRun:
         self.run = Run(problem.assembly, settings, recorder, Timings(), communication=fields)
         self.run.open_bonds()
         if not self.run.compiles():
-            raise _refused("substructures or laws that Python solves", "use laws of the package and solver.threads = 1")
+            raise _solved_by_python(self.run)
         self.image: Image = self.run.image
         self.image.set({"first_row": 0})
         self.steps = min(self.image.rows, len(amplitudes)) - 1
@@ -147,18 +153,31 @@ class CommunicationRun:
 
 
 def _check(scene: Scene) -> None:
-    if scene.time.quasi_static:
-        raise _refused("a scene without inertia", "give it inertia (time.quasi_static = false)")
-    for name, port in scene.port.items():
-        if port.causality != "force_in":
-            raise _refused(f"port {name} of causality {port.causality}", 'choose "force_in"')
-    if scene.output.energy:
-        raise _refused("the energies", "set output.energy = false")
+    problems = [
+        Problem(f"port.{name}.causality", "is not in the kernels", port.causality, '"force_in"')
+        for name, port in scene.port.items()
+        if port.causality != "force_in"
+    ]
+    if problems:
+        raise InputError(problems, "the scene needs Python at run time")
 
 
-def _refused(what: str, remedy: str) -> InputError:
-    problem = Problem("scene", f"{what} cannot be had in a compiled FMU", None, None, remedy)
-    return InputError([problem], "the FMU cannot be compiled")
+def _solved_by_python(run: Run) -> InputError:
+    """What of a run the kernels do not hold, by name."""
+    problems = []
+    for propagator, row in zip(run.assembly.propagators, run.image.classes, strict=True):
+        if not row["factored"]:
+            what, remedy = "has a propagator that runs in Python", 'use "direct", "explicit" or "reduced"'
+            problems += [Problem(f"substructure.{name}", what, None, None, remedy) for name in propagator.names]
+    for group, row in zip(run.assembly.layout.groups, run.image.groups, strict=True):
+        if row["law"] < 0:
+            names = [run.assembly.interfaces[i].name for i in group.members]
+            what, remedy = "has a law written in Python", "use a law of the package"
+            problems += [Problem(f"interface.{name}", what, None, None, remedy) for name in names]
+    if not problems:
+        what = "perfect interfaces are too many, or redundant, for a direct solution in kernels"
+        problems.append(Problem("solver.bonds", what, None, None, 'use bonds = "iterated"'))
+    return InputError(problems, "the scene needs Python at run time")
 
 
 # -- the file ---------------------------------------------------------------------------------------------------
@@ -181,6 +200,7 @@ def write(run: CommunicationRun) -> bytes:
         "last_step": int(record["law_end"]),
         "communicate": entries.COMMUNICATE,
         "present": entries.PRESENT,
+        "fields": entries.FIELDS,
         "run_digest": _digest(),
     }
     words |= {name: int(record[name]) for name in WORDS if name not in words}

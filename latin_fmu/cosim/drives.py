@@ -16,7 +16,7 @@ import scipy.sparse as sp
 
 from ..assembly.segments import SegmentedRun
 from ..assembly.supports import Motion
-from ..kernels.communication import DISPLACEMENT, LOAD, MOTION
+from ..kernels.communication import BY_BOTH, BY_VALUE, DISPLACEMENT, FREE, LOAD, MOTION
 from ..latin.assembly import GroundState
 from ..latin.initial_conditions import initial_conditions
 from ..latin.record import Array
@@ -140,11 +140,21 @@ class Drives:
         ground = self.assembly.ground_end(instant)
         return np.concatenate([*parts, *(ground[i].displacement for i in self._grounds)])
 
-    def opening(self) -> Array:
+    def opening(self) -> list[Array]:
         """Initial state: u, v, a and residual of the classes, f_hat and w_hat."""
         fields = initial_conditions(self.assembly)
-        states = [np.concatenate([x.ravel() for x in p.state[1:]]) for p in self.assembly.propagators]
-        return np.concatenate([*states, *fields])
+        return [*(x.ravel() for p in self.assembly.propagators for x in p.state[1:]), *fields]
+
+    def force_products(self) -> Array:
+        """Products of the patterns of the forces of each class, one table after the other."""
+        parts = [np.zeros(0)]
+        for propagator in self.assembly.propagators:
+            force = propagator.forcing.sums(propagator.members[0].trace, propagator.dashpots)[1]["force"]
+            table = np.zeros((len(force.patterns), propagator.n_dof * len(propagator.members)))
+            for row, (where, values) in zip(table, force.patterns, strict=True):
+                row[where] = values
+            parts.append((table @ table.T).ravel())
+        return np.concatenate(parts)
 
     def slides(self) -> dict[int, Array]:
         """Velocity (3,) of the ground of interfaces at the last instant."""
@@ -170,61 +180,76 @@ def history_fields(drives: Drives) -> dict[str, Any]:
         drives.begin(z[n_x:].reshape(2, n_s))
         return np.concatenate([drives.columns(0), drives.state(0)])
 
+    def start(z: Array) -> Array:
+        drives.begin(z[n_x:].reshape(2, n_s), z[:n_x])
+        return np.concatenate([drives.columns(0), drives.state(0)])
+
     fields: dict[str, Any] = {}
-    for prefix, of in (("", step), ("first_", first)):
+    static = drives.assembly.quasi_static
+    for prefix, of in (("", step), ("first_", first), *((("start_", start),) if static else ())):
         matrix = _matrix(of, n_x + 2 * n_s)
         fields[f"{prefix}column"], fields[f"{prefix}motion"] = matrix[: matrix.shape[0] - n_x], matrix[-n_x or None :]
         if not n_x:
             fields[f"{prefix}column"], fields[f"{prefix}motion"] = matrix, matrix[:0]
-    return fields | {"n_column": fields["column"].shape[0], "n_motion_state": n_x, "n_drive": n_x + 2 * n_s + 1}
+    fields.pop("start_motion", None)
+    products = drives.force_products() if static else np.zeros(0)
+    sizes = {"n_column": fields["column"].shape[0], "n_motion_state": n_x, "n_drive": n_x + 2 * n_s + 1}
+    return fields | sizes | {"force_products": products}
 
 
-def opening_fields(drives: Drives, free: bool) -> dict[str, Any]:
-    """What of the initial state depends on the inputs; ``free``: whether it is determined for other start values than
-    those of the scene. An input that it depends on otherwise than linearly is held."""
+def opening_fields(drives: Drives, settled: bool) -> dict[str, Any]:
+    """What of the initial state depends on the inputs, as a matrix over the drives, and the inputs that are held.
+
+    settled : whether the scene starts from an equilibrium that its loads determine. Held are then the loads; always
+    displacements, whose initial value the geometry contains, and inputs that the initial state depends on otherwise
+    than linearly.
+    """
     sources, n_x, n_s = drives.sources, drives.n_state, len(drives.sources)
-    n_input, start = len(sources.inputs), sources.initial()
+    start, kinds = sources.initial(), np.array(sources.kinds, dtype=np.int64)
 
-    def opening(change: Array) -> Array:
-        drives.begin(start + change)
+    def opening(amplitudes: Array) -> list[Array]:
+        drives.begin(amplitudes)
         return drives.opening()
 
-    base = opening(np.zeros_like(start))
-    held = np.array([int(kind == DISPLACEMENT or not free) for kind in sources.kinds], dtype=np.int64)
-    for e in np.flatnonzero(held == 0):
-        changes = []
-        for first, second in ((1.0, 0.0), (0.0, 1.0), (-2.0, 0.5)):
-            change = np.zeros_like(start)
-            change[:, e] = first, second
-            changes.append(opening(change) - base)
-        scale = np.abs(base) + np.abs(changes[0]) + np.abs(changes[1])
-        off = np.abs(changes[2] + 2.0 * changes[0] - 0.5 * changes[1])
-        held[e] = (off > _AFFINE * (scale + 1e-6 * scale.max(initial=0.0))).any()
-    zero = start * np.concatenate([held, np.ones(n_s - n_input)])
-    base, columns = opening(zero - start), dict[int, Array]()
-    for e in np.flatnonzero(held == 0):
+    base = opening(start)
+    linear = [not (settled and kind == LOAD) and _is_linear(opening, start, base, e) for e, kind in enumerate(kinds)]
+    zero = start * np.concatenate([~np.array(linear, dtype=bool), np.ones(n_s - len(kinds))])
+    base, columns = opening(zero), dict[int, Array]()
+    for e in np.flatnonzero(linear):
         for row in range(2):
-            change = zero - start
-            change[row, e] += 1.0
-            columns[n_x + row * n_s + e] = opening(change) - base
-    touched = np.zeros(len(base), dtype=bool)
-    for column in columns.values():
-        touched |= column != 0.0
-    place = np.flatnonzero(touched)
-    table = np.zeros((len(place), n_x + 2 * n_s + 1))
-    table[:, -1] = base[place]
+            unit = zero.copy()
+            unit[row, e] += 1.0
+            columns[n_x + row * n_s + e] = np.concatenate(opening(unit)) - np.concatenate(base)
+    table = np.zeros((sum(map(len, base)), n_x + 2 * n_s + 1))
     for at, column in columns.items():
-        table[:, at] = column[place]
+        table[:, at] = column
+    place = np.flatnonzero(table.any(axis=1))
+    table[:, -1] = np.concatenate(base)
+    held = np.where(linear, np.where(kinds == DISPLACEMENT, BY_VALUE, FREE), np.where(kinds == LOAD, BY_VALUE, BY_BOTH))
     return {
         "n_opening": len(place),
         "opening_place": place.astype(np.int64),
-        "opening": sp.csr_array(table),
-        "input_held": held,
+        "opening": sp.csr_array(table[place]),
+        "input_held": held.astype(np.int64),
         "input_start": sources.start,
-        "input_kind": np.array(sources.kinds, dtype=np.int64),
+        "input_kind": kinds,
         "law_table": sources.table,
         "n_law": len(sources.table),
         "law_end": sources.end,
-        "n_input": n_input,
+        "n_input": len(kinds),
         "n_source": n_s,
     }
+
+
+def _is_linear(opening: Callable[[Array], list[Array]], start: Array, base: list[Array], e: int) -> bool:
+    """Whether the initial state is an affine function of the amplitudes of an input at the first two instants."""
+    changes = []
+    for change in ((1.0, 0.0), (0.0, 1.0), (-2.0, 0.5)):
+        amplitudes = start.copy()
+        amplitudes[:, e] += change
+        changes.append([new - old for new, old in zip(opening(amplitudes), base, strict=True)])
+    for old, first, second, both in zip(base, *changes, strict=True):
+        off, scale = np.abs(both + 2.0 * first - 0.5 * second), np.abs(old) + np.abs(first) + np.abs(second)
+        if off.max(initial=0.0) > _AFFINE * scale.max(initial=0.0):
+            return False
+    return True

@@ -101,12 +101,7 @@ class Signals:
     def _interface_rows(self, i: int, kept: sp.csr_array) -> tuple[sp.csr_array, list[int]]:
         """Outputs of an interface from the signals, and the numbers of columns of its parts."""
         assembly, width = self._assembly, kept.shape[0]
-        layout, group = assembly.layout, assembly.layout.group(i)
-        table = InterfaceRows(assembly, np.arange(float(width))[None])
-        of_gap = [table.gaps[g][0, group.members[i]] for g in table.gaps if layout.groups[g] is group]
-        of_slide = [table.slide[i].ravel()] if i in table.slide else []
-        flat = [layout.channels(i, side).ravel() for side in (0, 1)]
-        own = np.concatenate([flat[0], *(f + layout.n_flat for f in flat), *of_gap, *of_slide]).astype(int)
+        own = self._unknowns(i, width).ravel()
         unit = assembly.interfaces[i]
         faces = (unit.geometry.areas, unit.geometry.areas / unit.geometry.areas.sum(), unit.geometry.frames[:, 0])
         blocks, sizes = [], list[int]()
@@ -122,6 +117,43 @@ class Signals:
             blocks.append(sp.csr_array(np.concatenate(columns, axis=1)))
         picked = sp.csr_array(sp.csc_array(sp.vstack(blocks)).T)
         return sp.csr_array(picked @ kept[own]), sizes
+
+    def _point_fields(self, kept: sp.csr_array) -> dict[str, Any]:
+        """Fields of the record of the run: what describes the points of the interfaces, one interface after the other:
+        traction (n_point, 3), velocity (2, n_point, 3), where there is a gap that and contact state (n_point,)."""
+        blocks, at = [sp.csr_array((0, self.n))], 0
+        status = np.full(len(self._assembly.interfaces), -1, dtype=np.int64)
+        for i, unit in enumerate(self._assembly.interfaces):
+            n = unit.geometry.n_point
+            own = self._unknowns(i, kept.shape[0])  # a point depends on its own unknowns alone
+            rows = np.zeros((len(own), kept.shape[0]))
+            for row, unknowns in zip(rows, own, strict=True):
+                row[unknowns] = 1.0
+            fields = InterfaceRows(self._assembly, rows).fields_of(i, len(rows))
+            parts = [fields.traction.reshape(-1, 1, n, 3), fields.velocity]
+            parts += [] if fields.gap is None else [fields.gap.reshape(-1, 1, n, 1)]
+            for values in parts:
+                unknown, side, p, axis = np.nonzero(values)
+                size = int(np.prod(values.shape[1:]))
+                to = (side * n + p) * values.shape[3] + axis
+                entries = values[unknown, side, p, axis], (to, own[unknown, p])
+                blocks.append(sp.csr_array(sp.coo_array(entries, shape=(size, kept.shape[0]))) @ kept)
+                at += size
+            if fields.gap is not None:
+                blocks.append(sp.csr_array((n, self.n)))
+                status[i] = at
+                at += n
+        return {"n_field": at, "field": sp.csr_array(sp.vstack(blocks)), "status_place": status}
+
+    def _unknowns(self, i: int, width: int) -> Any:
+        """Numbers in a row of ``InterfaceRows`` of the unknowns of an interface, (n_unknown, n_point)."""
+        layout, group = self._assembly.layout, self._assembly.layout.group(i)
+        table = InterfaceRows(self._assembly, np.arange(float(width))[None])
+        flat = [layout.channels(i, side) for side in (0, 1)]
+        parts: list[Any] = [flat[0].T, *((f + layout.n_flat).T for f in flat)]
+        parts += [table.gaps[g][:, group.members[i]] for g in table.gaps if layout.groups[g] is group]
+        parts += [table.slide[i][0].transpose(0, 2, 1).reshape(6, -1)] if i in table.slide else []
+        return np.concatenate(parts).astype(np.int64)
 
     def _sensor_rows(self) -> Iterator[sp.csr_array]:
         """Displacement and velocity of each sensor (6, n)."""
@@ -186,5 +218,7 @@ class Signals:
             "of_solver": at,
             "summary": summary,
             "area_share": share,
+            "of_energy": at + 4 if scene.output.energy else -1,
             "no_contact": NO_CONTACT * assembly.characteristic_traction,
+            **self._point_fields(kept),
         }

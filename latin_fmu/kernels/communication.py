@@ -6,31 +6,30 @@ state x before it, the amplitudes s of the sources before it and at its end, and
 
     z_t = (x_{t-1}, s_{t-1}, s_t, 1),   columns_t = column z_t,   x_t = motion z_t
 
-The outputs after a time step are linear in its signals (tractions, velocities, gaps, what sensors and probes read,
-drives), but for the smallest gap and the shares of the contact, which are read point by point, the running impulses,
-and the numbers of the iteration. Amplitudes over a communication step of n time steps from value V, rate r and the
-amplitude p reached before: HOLD V; RATE V + r t; LINE from p to V. A motion starts at p by every rule, a displacement
-drives by its rate over the time step.
+Amplitudes over a communication step of n time steps from value V, rate r
+and the amplitude p reached before: HOLD V; RATE V + r t; LINE from p to V; CAUSAL as RATE, with the rate of the causal
+line (``cosim.loads``) where none was set. A motion starts at p by every rule, a displacement drives by its rate over
+the time step.
+
+``progress``: 0 time steps made; 1, 2 iterations and largest indicator of the communication step; 3 length of the last
+one, s; 4 kinetic and elastic energy at t = 0, J; 5 energy dissipated by friction, J.
 """
 
 from __future__ import annotations
 
 from typing import Any, Final
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ..compiled import kernel
 from .instants import march_instants, open_accounts, read_start
-from .laws import contact_status
 from .matrices import add_matrix
+from .outputs import gather, keep_outputs, move
 
-Array = NDArray[np.float64]
-
-HOLD, RATE, LINE = 0, 1, 2
+HOLD, RATE, LINE, CAUSAL = 0, 1, 2, 3
 """Rules of interpolation."""
 LOAD, MOTION, DISPLACEMENT = 0, 1, 2
 """Kinds of inputs."""
+FREE, BY_VALUE, BY_BOTH = 0, 1, 2
+"""Inputs that the initial state is known for: any; with the start value; with that held over the first time step."""
 BEYOND_LAWS: Final = -1
 """Result of a step beyond the table of own laws; nothing has changed. -2 - i: the first step, or the outputs at t = 0,
 with an amplitude of input i for which the initial state of the image does not hold."""
@@ -53,6 +52,8 @@ def communicate(pools: Any, n: int, rule: int, before: int, whole: int) -> int:
             return status
     else:
         put_back(pools)
+        if run.static == 1 and before == 0:
+            set_start_columns(pools, made, whole, rule)
     for i in range(1, n + 1):
         set_histories(pools, i, before + i, made + i, whole, rule)
     done = march_instants(pools, 1, n)
@@ -63,11 +64,7 @@ def communicate(pools: Any, n: int, rule: int, before: int, whole: int) -> int:
         move(pools, run.output + done * run.n_output, run.present, run.n_output)
         move(pools, run.drive + done * run.n_drive, run.motion_state, run.n_motion_state)
     if before + done == whole:
-        for e in range(run.n_input):
-            last, old = amplitude(pools, e, whole, whole, rule), amplitude(pools, e, whole - 1, whole, rule)
-            moving[run.slope + e] = (last - old) / run.dt
-            moving[run.work_input + e] = last
-        move(pools, run.work_input, run.reached, run.n_input)
+        keep_inputs(pools, whole, rule)
     return done
 
 
@@ -84,14 +81,6 @@ def present(pools: Any) -> int:
     return open_run(pools, HOLD, 1)
 
 
-@kernel
-def move(pools: Any, start: int, to: int, n: int) -> None:
-    """Copy numbers of the moving block."""
-    moving = pools.moving
-    for i in range(n):
-        moving[to + i] = moving[start + i]
-
-
 # -- inputs -------------------------------------------------------------------------------------------------------
 @kernel
 def amplitude(pools: Any, e: int, j: int, whole: int, rule: int) -> float:
@@ -104,7 +93,30 @@ def amplitude(pools: Any, e: int, j: int, whole: int, rule: int) -> float:
         return float(value)
     if rule == LINE:
         return float(value if j == whole else j * ((value - reached) / whole) + reached)
-    return float(value + moving[run.input_rate + e] * (j * run.dt))
+    rate = moving[run.input_rate + e]
+    if rule == CAUSAL and rate == 0.0 and moving[run.rated + e] == 0.0:
+        span = moving[run.progress + 3]
+        held = span == 0.0 or moving[run.held + e] == 1.0
+        rate = 0.0 if held else (value - moving[run.before + e]) / span
+    return float(value + rate * (j * run.dt))
+
+
+@kernel
+def keep_inputs(pools: Any, whole: int, rule: int) -> None:
+    """End a communication step: amplitudes and slopes reached, and what the causal line goes on from."""
+    run, moving = pools.run[0], pools.moving
+    for e in range(run.n_input):
+        last, old = amplitude(pools, e, whole, whole, rule), amplitude(pools, e, whole - 1, whole, rule)
+        moving[run.slope + e] = (last - old) / run.dt
+        moving[run.work_input + e] = last
+    move(pools, run.work_input, run.reached, run.n_input)
+    for e in range(run.n_input):
+        same = moving[run.progress + 3] > 0.0 and moving[run.input_value + e] == moving[run.before + e]
+        moving[run.held + e] = 1.0 if same else 0.0
+        if moving[run.input_rate + e] != 0.0:
+            moving[run.rated + e] = 1.0
+    move(pools, run.input_value, run.before, run.n_input)
+    moving[run.progress + 3] = whole * run.dt
 
 
 @kernel
@@ -133,13 +145,62 @@ def set_histories(pools: Any, instant: int, j: int, made: int, whole: int, rule:
     set_sources(pools, z + n_x + run.n_source, j, made, whole, rule)
     moving[z + wide - 1] = 1.0
     drives, columns = moving[z : z + wide], moving[run.column : run.column + run.n_column]
+    if run.static == 1:
+        move(pools, run.column, run.last_column, run.n_column)
     columns[:] = 0.0
     add_matrix(pools, run.n_column, run.column_starts, run.column_columns, run.column_values, 1, drives, columns)
     spread_columns(pools, instant)
+    if run.static == 1:
+        moving[run.continuation + instant] = continuation(pools, j)
     state = moving[run.next_state : run.next_state + n_x]
     state[:] = 0.0
     add_matrix(pools, n_x, run.motion_starts, run.motion_columns, run.motion_values, 1, drives, state)
     move(pools, run.next_state, z, n_x)
+
+
+@kernel
+def set_start_columns(pools: Any, made: int, whole: int, rule: int) -> None:
+    """Columns at the start of a communication step, for ``continuation``."""
+    run, moving = pools.run[0], pools.moving
+    z, wide, n_x = run.drive, run.n_drive, run.n_motion_state
+    set_sources(pools, z + n_x, 0, made, whole, rule)
+    set_sources(pools, z + n_x + run.n_source, 1, made + 1, whole, rule)
+    moving[z + wide - 1] = 1.0
+    columns = moving[run.column : run.column + run.n_column]
+    columns[:] = 0.0
+    starts, numbers, values = run.start_column_starts, run.start_column_columns, run.start_column_values
+    add_matrix(pools, run.n_column, starts, numbers, values, 1, moving[z : z + wide], columns)
+
+
+@kernel
+def continuation(pools: Any, j: int) -> float:
+    """How far the loads go on as they did (``latin.run_image.continuation``) at the end of the time step j."""
+    run, moving = pools.run[0], pools.moving
+    along, size, change, at, product = 0.0, 0.0, 0.0, run.column, run.force_products
+    new, old, last = run.column, run.last_column, run.change
+    for c in range(len(pools.classes)):
+        row = pools.classes[c]
+        n, first = row.force_terms, at - run.column
+        for p in range(n):
+            for q in range(n):
+                weight = pools.fixed[product + p * n + q]
+                of_p = moving[new + first + p] - moving[old + first + p]
+                of_q = moving[new + first + q] - moving[old + first + q]
+                along += weight * of_p * moving[last + first + q]
+                size += weight * moving[last + first + p] * moving[last + first + q]
+                change += weight * of_p * of_q
+        product += n * n
+        at += row.force_terms + row.inertia_terms + row.velocity_terms + row.displacement_terms
+        at += row.acceleration_terms + row.work_terms + 3 * row.n_motion * row.m
+    same = False
+    for e in range(run.n_ground):
+        same = same or moving[at + e] * moving[at + e - run.column + old] > 0.0
+    for i in range(run.n_column):
+        moving[last + i] = moving[new + i] - moving[old + i]
+    if j < 2:
+        return 1.0
+    share = along / size if size > 0.0 and change > 0.0 else (1.0 if same else 0.0)
+    return min(max(share, 0.0), 1.0)
 
 
 @kernel
@@ -184,7 +245,7 @@ def open_run(pools: Any, rule: int, whole: int) -> int:
     set_sources(pools, z + n_x + n_s, 1, 1, whole, rule)
     moving[z + wide - 1] = 1.0
     for e in range(run.n_input):
-        if pools.fixed_int[run.input_held + e] == 1 and moving[run.reached + e] != pools.fixed[run.input_start + e]:
+        if departs(pools, e):
             return -2 - e
     drives, columns = moving[z : z + wide], moving[run.column : run.column + run.n_column]
     columns[:] = 0.0
@@ -210,6 +271,20 @@ def open_run(pools: Any, rule: int, whole: int) -> int:
     moving[at], moving[at + 1], moving[at + 2], moving[at + 3] = 0.0, 0.0, 1.0, 0.0
     move(pools, run.output, run.present, run.n_output)
     return 0
+
+
+@kernel
+def departs(pools: Any, e: int) -> bool:
+    """Whether the initial state is not known for the amplitudes of an input in the first time step."""
+    run, moving = pools.run[0], pools.moving
+    held, kind = pools.fixed_int[run.input_held + e], pools.fixed_int[run.input_kind + e]
+    if held == FREE:
+        return False
+    first, start = run.drive + run.n_motion_state + e, pools.fixed[run.input_start + e]
+    if kind == DISPLACEMENT:
+        moves = moving[first] != 0.0 or moving[first + run.n_source] != 0.0
+        return bool(moving[run.reached + e] != start or (held == BY_BOTH and moves))
+    return bool(moving[first] != start or (held == BY_BOTH and moving[first + run.n_source] != start))
 
 
 @kernel
@@ -264,79 +339,3 @@ def put_back(pools: Any) -> None:
         for kind in range(3):
             move(pools, at, row.motions + kind * run.n_time * size, size)
             at += size
-
-
-# -- outputs ------------------------------------------------------------------------------------------------------
-@kernel
-def keep_outputs(pools: Any, row: int, j: int) -> None:
-    """Outputs after a time step of the call, ``row``, which is j of the communication step."""
-    run, moving = pools.run[0], pools.moving
-    progress, call = run.progress, row - 1
-    used = pools.moving_int[run.iterations + call]
-    moving[progress + 1] += used
-    reached = moving[run.errors + call * run.max_iterations + used - 1] if used > 0 else 0.0
-    moving[progress + 2] = max(moving[progress + 2], reached)
-    gather(pools, row)
-    at = run.output + row * run.n_output + run.of_solver
-    moving[at], moving[at + 1], moving[at + 2] = moving[progress + 1], moving[progress + 2], 1.0
-    moving[at + 3] = j
-
-
-@kernel
-def gather(pools: Any, row: int) -> None:
-    """Outputs of a row that follow from the fields of that instant and, in rows behind the first, from the row
-    before."""
-    run, moving = pools.run[0], pools.moving
-    set_signals(pools, row)
-    at = run.output + row * run.n_output
-    outputs, signals = moving[at : at + run.n_output], moving[run.signal : run.signal + run.n_signal]
-    outputs[:] = 0.0
-    add_matrix(pools, run.n_output, run.output_starts, run.output_columns, run.output_values, 1, signals, outputs)
-    for i in range(run.n_interface):
-        summary = pools.fixed_int[run.summary + 6 * i : run.summary + 6 * (i + 1)]
-        for k in range(3):
-            total = run.impulse + 3 * i + k
-            if row > 0:
-                old = moving[at - run.n_output + summary[0] + k]
-                moving[total] += 0.5 * run.dt * (outputs[summary[0] + k] + old)
-            outputs[summary[1] + k] = moving[total]
-        if summary[2] >= 0:
-            summarise(pools, row, summary, outputs)
-
-
-@kernel
-def set_signals(pools: Any, row: int) -> None:
-    """Gather the signals of a row."""
-    run, at, n = pools.run[0], pools.run[0].signal, pools.run[0].n_flat
-    move(pools, run.history_f + row * n, at, n)
-    move(pools, run.history_w + row * n, at + n, n)
-    move(pools, run.history_gap + row * run.n_point, at + 2 * n, run.n_point)
-    at += 2 * n + run.n_point
-    for c in range(len(pools.classes)):
-        of = pools.classes[c]
-        sensed, probed = 3 * of.n_sensor * of.m, of.n_probe * of.m
-        move(pools, of.sensed + row * sensed, at, sensed)
-        move(pools, of.probed + row * probed, at + sensed, probed)
-        at += sensed + probed
-    move(pools, run.drive + row * run.n_drive, at, run.n_drive)
-
-
-@kernel
-def summarise(pools: Any, row: int, summary: Any, outputs: Array) -> None:
-    """Smallest gap of an interface, and the shares of its area that are closed, stick and slip."""
-    run, moving = pools.run[0], pools.moving
-    group, first, last, to = pools.groups[summary[3]], summary[4], summary[5], summary[2]
-    h, n_parameter = group.n_component, group.n_parameter
-    gaps, smallest = run.history_gap + row * run.n_point + group.first_point, np.inf
-    shares, tractions = run.area_share + group.first_point, run.history_f + row * run.n_flat + group.start
-    closed, stuck, slipping = 0.0, 0.0, 0.0
-    for p in range(first, last):
-        smallest = min(smallest, moving[gaps + p])
-        traction = moving[tractions + p * h : tractions + (p + 1) * h]
-        at = group.parameters + p * n_parameter
-        status = contact_status(group.law, traction, pools.fixed[at : at + n_parameter], run.no_contact)
-        share = pools.fixed[shares + p]
-        closed += share if status != 0 else 0.0
-        stuck += share if status == 1 else 0.0
-        slipping += share if status == 2 else 0.0
-    outputs[to], outputs[to + 1], outputs[to + 2], outputs[to + 3] = smallest, closed, stuck, slipping

@@ -26,6 +26,7 @@ from .instants import (
 from .iteration import begin_window, judge, linear_stage, measure, next_stage, rewind
 from .local_stage import finish, open_window, outgoing, prepare, solve_points
 from .newton import advance_iterate, count_step, keep_end, leave, propose, trial_fields, trial_size
+from .outputs import gather_fields
 from .records import CLASS, GROUP, RUN, Pools
 from .substructure import advance, commit, free_load, free_velocity, interface_load, linear_response, predict
 
@@ -69,7 +70,8 @@ from .substructure import advance, commit, free_load, free_velocity, interface_l
     LEAVE,
     COMMUNICATE,
     PRESENT,
-) = range(39)
+    FIELDS,
+) = range(40)
 """Actions of ``call``."""
 
 _ITEM: Final = "f8[::1], i8[::1]"
@@ -159,6 +161,8 @@ def call(pools: Any, action: int, a: int, b: int, c: int, d: int) -> int:
         open_accounts(pools)
     elif action == FORCES:
         force_residual(pools, a)
+    elif action == FIELDS:
+        gather_fields(pools, a)
     elif action >= PROPOSE:
         return _call_of_newton(pools, action, a)
     else:

@@ -419,15 +419,16 @@ def communication_state(run: Row, n_interface: int) -> dict[str, int]:
     if not run.get("n_output", 0):
         return {}
     inputs, motion, outputs = (run.get(name, 0) for name in ("n_input", "n_motion_state", "n_output"))
-    sizes = {"reached": inputs, "slope": inputs, "motion_state": motion, "impulse": 3 * n_interface}
-    return sizes | {"present": outputs, "progress": 8}
+    sizes = dict.fromkeys(("reached", "slope", "before", "held", "rated"), inputs)
+    return sizes | {"motion_state": motion, "impulse": 3 * n_interface, "present": outputs, "progress": 8}
 
 
 def communication_work(run: Row) -> dict[str, int]:
     """Numbers of the work arrays of a co-simulation but those with a row an instant."""
     sizes = dict.fromkeys(("input_value", "input_rate", "work_input"), run.get("n_input", 0))
     sizes |= {"next_state": run.get("n_motion_state", 0), "signal": run.get("n_signal", 0)}
-    return sizes | {"column": run.get("n_column", 0), "opening": run.get("n_opening", 0)}
+    sizes |= dict.fromkeys(("column", "last_column", "change"), run.get("n_column", 0))
+    return sizes | {"opening": run.get("n_opening", 0), "field": run.get("n_field", 0)}
 
 
 def grown(data: Array, size: int) -> Array:

@@ -1,0 +1,183 @@
+"""Outputs of a communication step at its instants, and the fields of the interfaces at their points.
+
+The outputs after a time step are linear in its signals (tractions, velocities, gaps, what sensors and probes read,
+drives), but for the smallest gap and the shares of the contact, which are read point by point, the running impulses
+(trapezoidal rule), energies, and the numbers of the iteration.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..compiled import kernel
+from .energy_parts import DAMPED, ELASTIC, INTERFACE_WORK, KINETIC, N_TERM, OF_LANDING, WORK_OF_LOADS
+from .laws import contact_status
+from .matrices import add_matrix
+
+Array = NDArray[np.float64]
+
+
+@kernel
+def move(pools: Any, start: int, to: int, n: int) -> None:
+    """Copy numbers of the moving block."""
+    moving = pools.moving
+    for i in range(n):
+        moving[to + i] = moving[start + i]
+
+
+@kernel
+def keep_outputs(pools: Any, row: int, j: int) -> None:
+    """Outputs after a time step of the call, ``row``, which is j of the communication step."""
+    run, moving = pools.run[0], pools.moving
+    progress, call = run.progress, row - 1
+    used = pools.moving_int[run.iterations + call]
+    moving[progress + 1] += used
+    reached = moving[run.errors + call * run.max_iterations + used - 1] if used > 0 else 0.0
+    moving[progress + 2] = max(moving[progress + 2], reached)
+    gather(pools, row)
+    at = run.output + row * run.n_output + run.of_solver
+    moving[at], moving[at + 1], moving[at + 2] = moving[progress + 1], moving[progress + 2], 1.0
+    moving[at + 3] = j
+
+
+@kernel
+def gather(pools: Any, row: int) -> None:
+    """Outputs of a row that follow from the fields of that instant and, in rows behind the first, from the row
+    before."""
+    run, moving = pools.run[0], pools.moving
+    set_signals(pools, row)
+    at = run.output + row * run.n_output
+    outputs, signals = moving[at : at + run.n_output], moving[run.signal : run.signal + run.n_signal]
+    outputs[:] = 0.0
+    add_matrix(pools, run.n_output, run.output_starts, run.output_columns, run.output_values, 1, signals, outputs)
+    for i in range(run.n_interface):
+        summary = pools.fixed_int[run.summary + 6 * i : run.summary + 6 * (i + 1)]
+        for k in range(3):
+            total = run.impulse + 3 * i + k
+            if row > 0:
+                old = moving[at - run.n_output + summary[0] + k]
+                moving[total] += 0.5 * run.dt * (outputs[summary[0] + k] + old)
+            outputs[summary[1] + k] = moving[total]
+        if summary[2] >= 0:
+            summarise(pools, row, summary, outputs)
+    if run.of_energy >= 0:
+        add_energies(pools, row, outputs[run.of_energy :])
+
+
+@kernel
+def set_signals(pools: Any, row: int) -> None:
+    """Gather the signals of a row."""
+    run, at, n = pools.run[0], pools.run[0].signal, pools.run[0].n_flat
+    move(pools, run.history_f + row * n, at, n)
+    move(pools, run.history_w + row * n, at + n, n)
+    move(pools, run.history_gap + row * run.n_point, at + 2 * n, run.n_point)
+    at += 2 * n + run.n_point
+    for c in range(len(pools.classes)):
+        of = pools.classes[c]
+        sensed, probed = 3 * of.n_sensor * of.m, of.n_probe * of.m
+        move(pools, of.sensed + row * sensed, at, sensed)
+        move(pools, of.probed + row * probed, at + sensed, probed)
+        at += sensed + probed
+    move(pools, run.drive + row * run.n_drive, at, run.n_drive)
+
+
+@kernel
+def summarise(pools: Any, row: int, summary: Any, outputs: Array) -> None:
+    """Smallest gap of an interface, and the shares of its area that are closed, stick and slip."""
+    run, moving = pools.run[0], pools.moving
+    group, first, last, to = pools.groups[summary[3]], summary[4], summary[5], summary[2]
+    gaps, smallest = run.history_gap + row * run.n_point + group.first_point, np.inf
+    closed, stuck, slipping = 0.0, 0.0, 0.0
+    for p in range(first, last):
+        smallest = min(smallest, moving[gaps + p])
+        status, share = status_at(pools, row, summary[3], p), pools.fixed[run.area_share + group.first_point + p]
+        closed += share if status != 0 else 0.0
+        stuck += share if status == 1 else 0.0
+        slipping += share if status == 2 else 0.0
+    outputs[to], outputs[to + 1], outputs[to + 2], outputs[to + 3] = smallest, closed, stuck, slipping
+
+
+@kernel
+def add_energies(pools: Any, row: int, outputs: Array) -> None:
+    """Energies of a row: kinetic, elastic, work of loads and of interfaces, dissipation by friction, damping, landing
+    and scheme, and what the balance leaves over, J."""
+    run, moving, progress = pools.run[0], pools.moving, pools.run[0].progress
+    for k in range(9):
+        outputs[k] = 0.0
+    for c in range(len(pools.classes)):
+        of = pools.classes[c]
+        for term in range(N_TERM):
+            at = of.energies + (row * N_TERM + term) * of.m
+            to = place_of_term(term)
+            for j in range(of.m):
+                outputs[to] += moving[at + j]
+    stored = outputs[0] + outputs[1]
+    if row == 0:
+        moving[progress + 4] = stored
+        moving[progress + 5] = 0.0
+    else:
+        moving[progress + 5] += run.dt * friction_power(pools, row)
+    outputs[4] = moving[progress + 5]
+    outputs[8] = stored - moving[progress + 4] + outputs[5] + outputs[6] + outputs[7] - outputs[2] - outputs[3]
+
+
+@kernel
+def place_of_term(term: int) -> int:
+    """Place of a term of the account among the outputs of energies."""
+    if term == KINETIC:
+        return 0
+    if term == ELASTIC:
+        return 1
+    if term == WORK_OF_LOADS:
+        return 2
+    if term == INTERFACE_WORK:
+        return 3
+    if term == DAMPED:
+        return 5
+    return 6 if term == OF_LANDING else 7
+
+
+@kernel
+def friction_power(pools: Any, row: int) -> float:
+    """Power dissipated by friction at the instant of a row, W."""
+    run, moving, power = pools.run[0], pools.moving, 0.0
+    f, w = run.history_f + row * run.n_flat, run.history_w + row * run.n_flat
+    for g in range(len(pools.groups)):
+        group = pools.groups[g]
+        h, second = group.n_component, group.start + group.n_point * group.n_component
+        if group.opens == 0 or h == 1:
+            continue
+        for p in range(group.n_point):
+            for k in range(1, h):
+                at = p * h + k
+                slip = moving[w + second + at] - moving[w + group.start + at]
+                power += moving[f + group.start + at] * slip * pools.fixed[run.area + group.start + at]
+    return power
+
+
+@kernel
+def gather_fields(pools: Any, row: int) -> None:
+    """Tractions, velocities, gaps and states of the points of the interfaces at the instant of a row."""
+    run, moving = pools.run[0], pools.moving
+    set_signals(pools, row)
+    fields, signals = moving[run.field : run.field + run.n_field], moving[run.signal : run.signal + run.n_signal]
+    fields[:] = 0.0
+    add_matrix(pools, run.n_field, run.field_starts, run.field_columns, run.field_values, 1, signals, fields)
+    for i in range(run.n_interface):
+        to = pools.fixed_int[run.status_place + i]
+        summary = pools.fixed_int[run.summary + 6 * i : run.summary + 6 * (i + 1)]
+        for p in range(summary[4], summary[5] if to >= 0 else summary[4]):
+            fields[to + p - summary[4]] = status_at(pools, row, summary[3], p)
+
+
+@kernel
+def status_at(pools: Any, row: int, g: int, p: int) -> int:
+    """Contact state of a point of a group at the instant of a row."""
+    run, group = pools.run[0], pools.groups[g]
+    h, n_parameter = group.n_component, group.n_parameter
+    at, own = run.history_f + row * run.n_flat + group.start + p * h, group.parameters + p * n_parameter
+    traction, parameters = pools.moving[at : at + h], pools.fixed[own : own + n_parameter]
+    return contact_status(group.law, traction, parameters, run.no_contact)
