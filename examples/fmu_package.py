@@ -20,7 +20,8 @@ def main() -> dict[str, float]:
     with tempfile.TemporaryDirectory() as folder:
         fmu = build_fmu(scene, Path(folder) / "crushing.fmu")
         line = ("first", "interface.crush.slipping", "second", "load.press.value")
-        package = write_ssp(Path(folder) / "pair.ssp", "pair", {"first": fmu, "second": fmu}, [line], scene.time.end)
+        components, parameters = {"first": fmu, "second": fmu}, {"first": {"load.press.value": 1.0}}
+        package = write_ssp(Path(folder) / "pair.ssp", "pair", components, [line], scene.time.end, parameters)
         described = read_ssd(str(package))
     system = described.system
     print(f"{system.name}: {[e.name for e in system.elements]}, {len(system.connections)} connection(s)")

@@ -1,11 +1,18 @@
-"""System structure (.ssp, SSP 1.0): FMUs and their connections in one file."""
+"""System structure (.ssp, SSP 1.0): FMUs, their connections and their parameters in one file.
+
+The annotations of type ``org.openmodelica`` name the master of OMSimulator, which refuses a file without them: as an
+element for its version 2, as attributes for its version 3, which reads no FMI 3 with structural parameters (give it
+FMI 2). Other tools pass them over.
+"""
 
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from xml.etree.ElementTree import Element, SubElement, fromstring
+
+from latin_fmu.errors import InputError, Problem
 
 from .contents import write_archive
 from .description import xml_bytes
@@ -14,50 +21,172 @@ Connection = tuple[str, str, str, str]
 """Component and variable it comes from, component and variable it goes to."""
 
 _SSP = "http://ssp-standard.org/SSP1"
-_SSD, _SSC = f"{_SSP}/SystemStructureDescription", f"{_SSP}/SystemStructureCommon"
+_NAMESPACES = {
+    "xmlns:ssd": f"{_SSP}/SystemStructureDescription",
+    "xmlns:ssc": f"{_SSP}/SystemStructureCommon",
+    "xmlns:ssv": f"{_SSP}/SystemStructureParameterValues",
+    "xmlns:oms": "https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd",
+}
+_MASTER, _TOLERANCE = "oms-ma", "0.0001"  # fixed steps
+_DEFAULT_MASTER = "oms_ma_default"  # of OMSimulator 3, for components that name none
+_INTEGERS = ("Integer", "Int32", "UInt64", "Int64")
 
 
 def write_ssp(
-    target: str | Path, name: str, components: Mapping[str, str | Path], connections: Sequence[Connection], stop: float
+    target: str | Path,
+    name: str,
+    components: Mapping[str, str | Path],
+    connections: Sequence[Connection],
+    stop: float,
+    parameters: Mapping[str, Mapping[str, float | int | str]] | None = None,
+    step: float | None = None,
 ) -> Path:
-    """Write a system structure package; connected variables become connectors.
+    """Write a system structure package; connected variables become connectors with units.
 
-    components : FMUs by name. stop : end of the default experiment, s.
+    Parameters
+    ----------
+    name : of the system, an identifier. components : FMUs by name, identifiers. stop : end of the experiment, s.
+    parameters : start values of parameters and inputs by component; each becomes a parameter set (.ssv) with units.
+    step : communication step, s; a fiftieth of ``stop`` where None.
 
-    Raises ResultsError where the file cannot be written, KeyError for a variable that its FMU does not have.
+    Raises
+    ------
+    InputError : a name that is no identifier; a component, or a variable of one, that is not there; a value of another
+        kind than its variable. ResultsError : the file cannot be written.
     """
-    names = {"xmlns:ssd": _SSD, "xmlns:ssc": _SSC, "version": "1.0", "name": name}
-    root = Element("ssd:SystemStructureDescription", names)
+    models = {component: _Model(component, Path(path)) for component, path in components.items()}
+    _check(name, models, connections, parameters or {})
+    root = _root("ssd:SystemStructureDescription", name)
     system = SubElement(root, "ssd:System", {"name": name})
     elements = SubElement(system, "ssd:Elements")
     files: dict[str, bytes] = {}
-    for component, path in components.items():
-        source = f"resources/{component}.fmu"
-        files[source] = Path(path).read_bytes()
-        element = SubElement(
-            elements, "ssd:Component", {"name": component, "type": "application/x-fmu-sharedlibrary", "source": source}
-        )
+    used: dict[str, Element] = {}
+    for component, model in models.items():
+        files[f"resources/{component}.fmu"] = Path(components[component]).read_bytes()
+        about = {"name": component, "type": "application/x-fmu-sharedlibrary", "source": f"resources/{component}.fmu"}
+        element = SubElement(elements, "ssd:Component", {**about, "implementation": "CoSimulation"})
         connectors = SubElement(element, "ssd:Connectors")
-        causalities = _causalities(Path(path))
         for variable in _connected(component, connections):
-            connector = SubElement(connectors, "ssd:Connector", {"name": variable, "kind": causalities[variable]})
-            SubElement(connector, "ssc:Real")
+            kind = {"name": variable, "kind": model.variables[variable].get("causality", "local")}
+            SubElement(SubElement(connectors, "ssd:Connector", kind), *model.type_of(variable, "ssc", used))
+        if values := (parameters or {}).get(component):
+            source = f"resources/{component}.ssv"
+            files[source] = _parameter_set(component, model, values)
+            SubElement(SubElement(element, "ssd:ParameterBindings"), "ssd:ParameterBinding", {"source": source})
     lines = SubElement(system, "ssd:Connections")
     for first, output, second, given in connections:
         ends = {"startElement": first, "startConnector": output, "endElement": second, "endConnector": given}
         SubElement(lines, "ssd:Connection", ends)
-    SubElement(root, "ssd:DefaultExperiment", {"startTime": "0.0", "stopTime": repr(stop)})
+    size = repr(stop / 50 if step is None else float(step))
+    about = {"name": _DEFAULT_MASTER, "method": _MASTER.replace("-", "_"), "fixedStepSize": size}
+    master = {
+        "description": _MASTER,
+        "stepSize": size,
+        "absoluteTolerance": _TOLERANCE,
+        "relativeTolerance": _TOLERANCE,
+    }
+    SubElement(_annotated(system, about), "oms:FixedStepMaster", master)
+    _add_units(root, "ssd:Units", used.values())
+    experiment = SubElement(root, "ssd:DefaultExperiment", {"startTime": "0.0", "stopTime": repr(stop)})
+    recorded = {"resultFile": f"{name}_res.mat", "loggingInterval": "0.0", "bufferSize": "10", "signalFilter": ".*"}
+    _annotated(experiment, recorded)
     files["SystemStructure.ssd"] = xml_bytes(root)
     return write_archive(target, files)
 
 
+class _Model:
+    """Variables and units of an FMU, by name."""
+
+    def __init__(self, name: str, fmu: Path) -> None:
+        try:
+            with zipfile.ZipFile(fmu) as content:
+                description = fromstring(content.read("modelDescription.xml"))
+        except (OSError, KeyError, zipfile.BadZipFile) as error:
+            raise InputError([Problem(f"component {name}", f"{fmu}: not an FMU ({error})")], _HEADING) from None
+        self.variables = {str(v.get("name")): v for v in description.iterfind("ModelVariables/*")}
+        self._units = {str(u.get("name")): u for u in description.iterfind("UnitDefinitions/Unit")}
+
+    def kind_of(self, variable: str) -> str:
+        """Type of a variable in SSP 1.0: Real, Integer or String."""
+        element = self.variables[variable]
+        kind = element[0].tag if element.tag == "ScalarVariable" else element.tag
+        return "Integer" if kind in _INTEGERS else "String" if kind == "String" else "Real"
+
+    def type_of(self, variable: str, prefix: str, used: dict[str, Element]) -> tuple[str, dict[str, str]]:
+        """Tag of the type of a variable, and its unit, which is added to those used."""
+        element, kind = self.variables[variable], self.kind_of(variable)
+        unit = (element[0] if element.tag == "ScalarVariable" else element).get("unit")
+        if kind != "Real" or unit is None:
+            return f"{prefix}:{kind}", {}
+        used[unit] = self._units[unit]
+        return f"{prefix}:{kind}", {"unit": unit}
+
+
+def _root(tag: str, name: str) -> Element:
+    return Element(tag, {**_NAMESPACES, "version": "1.0", "name": name})
+
+
+def _annotated(parent: Element, about: Mapping[str, str]) -> Element:
+    """The information of OMSimulator about a system or an experiment."""
+    annotation = SubElement(SubElement(parent, "ssd:Annotations"), "ssc:Annotation", {"type": "org.openmodelica"})
+    return SubElement(SubElement(annotation, "oms:Annotations"), "oms:SimulationInformation", dict(about))
+
+
+def _add_units(parent: Element, tag: str, units: Iterable[Element]) -> None:
+    found = list(units)
+    if not found:
+        return
+    place = SubElement(parent, tag)
+    for unit in found:
+        element = SubElement(place, "ssc:Unit", {"name": str(unit.get("name"))})
+        SubElement(element, "ssc:BaseUnit", dict(unit[0].attrib))
+
+
+def _parameter_set(name: str, model: _Model, values: Mapping[str, float | int | str]) -> bytes:
+    """The parameter set of a component as .ssv."""
+    root, used = _root("ssv:ParameterSet", name), dict[str, Element]()
+    place = SubElement(root, "ssv:Parameters")
+    for variable, value in values.items():
+        parameter = SubElement(place, "ssv:Parameter", {"name": variable})
+        tag, about = model.type_of(variable, "ssv", used)
+        text = repr(float(value)) if tag == "ssv:Real" else str(value)
+        SubElement(parameter, tag, {"value": text, **about})
+    _add_units(root, "ssv:Units", used.values())
+    return xml_bytes(root)
+
+
+_HEADING = "the system structure cannot be written"
+
+
+def _check(
+    name: str,
+    models: Mapping[str, _Model],
+    connections: Sequence[Connection],
+    parameters: Mapping[str, Mapping[str, float | int | str]],
+) -> None:
+    """Compare names and values with the FMUs. Raises InputError; all problems are listed."""
+    problems = [
+        Problem(f"{what} {word!r}", "is not an identifier", None, "letters, digits and _, no digit first")
+        for what, word in [("system", name), *(("component", component) for component in models)]
+        if not (word.isidentifier() and word.isascii())
+    ]
+    ends = [pair for c in connections for pair in ((c[0], c[1]), (c[2], c[3]))]
+    ends += [(component, variable) for component, values in parameters.items() for variable in values]
+    for component, variable in dict.fromkeys(ends):
+        if component not in models:
+            problems.append(Problem(f"{component}.{variable}", "no such component", None, ", ".join(models) or "none"))
+        elif variable not in models[component].variables:
+            problems.append(Problem(f"{component}.{variable}", "the FMU has no variable of this name"))
+    for component, values in parameters.items():
+        for variable, value in values.items():
+            if component in models and variable in models[component].variables:
+                kind = models[component].kind_of(variable)
+                fits = {"Real": (float, int), "Integer": (int,), "String": (str,)}[kind]
+                if not isinstance(value, fits) or isinstance(value, bool):
+                    problems.append(Problem(f"{component}.{variable}", "is of another kind", repr(value), kind))
+    if problems:
+        raise InputError(problems, _HEADING)
+
+
 def _connected(component: str, connections: Sequence[Connection]) -> list[str]:
     return list(dict.fromkeys(v for c in connections for n, v in ((c[0], c[1]), (c[2], c[3])) if n == component))
-
-
-def _causalities(fmu: Path) -> dict[str, str]:
-    with zipfile.ZipFile(fmu) as content:
-        description = fromstring(content.read("modelDescription.xml"))
-    variables = description.find("ModelVariables")
-    assert variables is not None
-    return {str(v.get("name")): str(v.get("causality", "local")) for v in variables}
