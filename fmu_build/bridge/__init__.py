@@ -1,7 +1,9 @@
 """The library of an FMU: the C functions of FMI 2.0 and 3.0, each a call of a method in the Python of the host.
 
 ``bridge.h`` declares one instance, ``python.c`` finds the interpreter of the process or starts one, ``fmi2.c`` and
-``fmi3.c`` are the functions. The compiler of ``ziglang`` makes the libraries of all platforms when a wheel is built; in
+``fmi3.c`` are the functions, ``common.c`` and these two serve compiled FMUs too.
+
+The compiler of ``ziglang`` makes the libraries of all platforms when a wheel is built; in
 a source tree the library of this machine is compiled when the first FMU is built (by ``cc`` where there is one, which
 is quicker), and kept in ``build/``.
 
@@ -43,7 +45,7 @@ _WARNINGS: Final = ("-Wall", "-Wextra", "-Werror")
 
 def sources() -> list[Path]:
     """The C sources, in the order of compilation."""
-    return [HERE / name for name in ("python.c", "fmi2.c", "fmi3.c")]
+    return [HERE / name for name in ("python.c", "common.c", "fmi2.c", "fmi3.c")]
 
 
 def file_name(target: str) -> str:

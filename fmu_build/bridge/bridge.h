@@ -1,7 +1,7 @@
-/* One instance of an FMU: a Python object whose methods are the functions of the FMI, and the logger of the host.
+/* One instance of an FMU, and the logger of the host.
 
-   Every call of the host is one call of a method. The method returns a status of the FMI, and PENDING where messages
-   wait. An exception becomes a message and the status Error: the instance lives on. */
+   fmi2.c and fmi3.c are the functions of the FMI; they call those declared here. python.c defines these by the methods
+   of a Python object, the files of ../compiled by the compiled kernels. common.c is the part that both share. */
 #ifndef BRIDGE_H
 #define BRIDGE_H
 
@@ -18,8 +18,6 @@
 #endif
 
 enum { OK, WARNING, DISCARD, ERROR, FATAL };
-enum { PENDING = 256 };
-
 typedef struct Object Object;
 typedef struct Instance Instance;
 typedef void Tell(const Instance *, int status, const char *category, const char *text);
@@ -29,8 +27,8 @@ struct Instance {
     char *name;
     void *environment; /* of the host */
     void *logger;      /* of the host; its type depends on the version */
-    Object *fmu;       /* None of Python's objects is used without the lock of the interpreter */
-    Object *texts;     /* list of bytes: strings that the host may read until the next call for strings */
+    Object *fmu;       /* the instance behind the functions */
+    Object *texts;     /* of Python: strings that the host may read until the next call for strings */
     double time;       /* end of the last accepted step, s */
     int early;         /* whether the host lets a step end before its end */
     int last;          /* status of the last step */
@@ -40,12 +38,19 @@ struct Instance {
 Instance *opened(const Instance *given, const char *kind, const char *name, const char *token, const char *resources);
 void closed(Instance *);
 
-/* Calls a method. format: arguments as for Py_BuildValue, in parentheses; views of memory are given with N. */
-int call(Instance *, const char *method, const char *format, ...);
-Object *readable(const void *, size_t bytes);
-Object *writable(void *, size_t bytes);
-int lock(void);
-void unlock(int);
+/* In common.c: a message with its category, a copy of a text, the refusal of a function, a path from a URI. */
+void tell(const Instance *, int status, const char *text);
+char *copied(const char *text);
+int unsupported(Instance *, const char *function);
+char *path_of(const char *uri);
+extern const char known_file[]; /* in the folder of resources of every FMU of this kind */
+
+/* tolerance: 0 where the host gives none. */
+int setup(Instance *, double start, double tolerance);
+int initialize(Instance *);
+int terminate(Instance *);
+int reset(Instance *);
+int step(Instance *, double t, double h);
 
 int get_numbers(Instance *, const uint32_t *references, size_t n, double *values, size_t size);
 int set_numbers(Instance *, const uint32_t *references, size_t n, const double *values, size_t size);
@@ -55,8 +60,7 @@ int write_vector(Instance *, const char *method, const double *values, size_t si
 int read_vector(Instance *, const char *method, double *values, size_t size);
 int directional_derivative(Instance *, const uint32_t *unknowns, size_t n, const uint32_t *knowns, size_t m,
                            const double *seed, size_t size_of_seed, double *values, size_t size);
-int step(Instance *, double t, double h);
-int unsupported(Instance *, const char *function);
+int set_time(Instance *, double t);
 
 int get_state(Instance *, void **state);
 int set_state(Instance *, void *state);

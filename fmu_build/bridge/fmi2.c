@@ -1,9 +1,6 @@
 /* The functions of FMI 2.0 for co-simulation. */
 #include "bridge.h"
 
-#include <ctype.h>
-#include <stdio.h>
-
 typedef void Logger2(void *, const char *, int, const char *, const char *, ...);
 typedef struct {
     Logger2 *logger;
@@ -25,49 +22,6 @@ static void tell2(const Instance *c, int status, const char *category, const cha
         logger(c->environment, c->name, status, category, format);
     }
     free(format);
-}
-
-static int digit(char c) { return isdigit((unsigned char)c) ? c - '0' : tolower((unsigned char)c) - 'a' + 10; }
-
-static int is_file(const char *folder)
-{
-    size_t size = strlen(folder) + 16;
-    char *path = malloc(size);
-    if (path == NULL) return 0;
-    snprintf(path, size, "%s/entry.txt", folder);
-    FILE *file = fopen(path, "r");
-    free(path);
-    if (file != NULL) fclose(file);
-    return file != NULL;
-}
-
-/* A path from a URI: file:///a%20b, file://localhost/a, file:/a; a path of its own stays as it is. */
-static char *path_of(const char *uri)
-{
-    char *raw = malloc(strlen(uri) + 1), *path = malloc(strlen(uri) + 1), *to = path;
-    if (raw == NULL || path == NULL) return NULL;
-    if (strncmp(uri, "file:", 5) == 0) {
-        uri += 5;
-        if (strncmp(uri, "//", 2) == 0) {
-            uri += 2;
-            if (strncmp(uri, "localhost/", 10) == 0) uri += 9;
-        }
-#ifdef _WIN32
-        if (uri[0] == '/' && isalpha((unsigned char)uri[1]) && uri[2] == ':') uri++;
-#endif
-    }
-    strcpy(raw, uri);
-    for (; *uri; uri++) {
-        if (*uri == '%' && isxdigit((unsigned char)uri[1]) && isxdigit((unsigned char)uri[2])) {
-            *to++ = (char)(16 * digit(uri[1]) + digit(uri[2]));
-            uri += 2;
-        } else
-            *to++ = *uri;
-    }
-    *to = '\0';
-    if (!is_file(path) && is_file(raw)) strcpy(path, raw); /* a host that writes no percent signs for its own */
-    free(raw);
-    return path;
 }
 
 EXPORT const char *fmi2GetTypesPlatform(void) { return "default"; }
@@ -101,20 +55,14 @@ EXPORT int fmi2SetupExperiment(Instance *c, int tolerance_defined, double tolera
                                double stop)
 {
     (void)stop_defined, (void)stop;
-    c->time = start;
-    return call(c, "setup", "(dd)", start, tolerance_defined ? tolerance : 0.0);
+    return setup(c, start, tolerance_defined ? tolerance : 0.0);
 }
 
 EXPORT int fmi2EnterInitializationMode(Instance *c) { (void)c; return OK; }
-EXPORT int fmi2ExitInitializationMode(Instance *c) { return call(c, "initialize", "()"); }
-EXPORT int fmi2Terminate(Instance *c) { return call(c, "terminate", "()"); }
+EXPORT int fmi2ExitInitializationMode(Instance *c) { return initialize(c); }
+EXPORT int fmi2Terminate(Instance *c) { return terminate(c); }
 
-EXPORT int fmi2Reset(Instance *c)
-{
-    c->time = 0.0;
-    c->last = OK;
-    return call(c, "reset", "()");
-}
+EXPORT int fmi2Reset(Instance *c) { return reset(c); }
 
 EXPORT int fmi2GetReal(Instance *c, const uint32_t vr[], size_t n, double v[]) { return get_numbers(c, vr, n, v, n); }
 

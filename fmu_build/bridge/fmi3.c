@@ -54,19 +54,13 @@ EXPORT int fmi3EnterInitializationMode(Instance *c, bool tolerance_defined, doub
                                        bool stop_defined, double stop)
 {
     (void)stop_defined, (void)stop;
-    c->time = start;
-    return call(c, "setup", "(dd)", start, tolerance_defined ? tolerance : 0.0);
+    return setup(c, start, tolerance_defined ? tolerance : 0.0);
 }
 
-EXPORT int fmi3ExitInitializationMode(Instance *c) { return call(c, "initialize", "()"); }
-EXPORT int fmi3Terminate(Instance *c) { return call(c, "terminate", "()"); }
+EXPORT int fmi3ExitInitializationMode(Instance *c) { return initialize(c); }
+EXPORT int fmi3Terminate(Instance *c) { return terminate(c); }
 
-EXPORT int fmi3Reset(Instance *c)
-{
-    c->time = 0.0;
-    c->last = OK;
-    return call(c, "reset", "()");
-}
+EXPORT int fmi3Reset(Instance *c) { return reset(c); }
 
 #define MODE(name)                                                                                                     \
     EXPORT int name(Instance *c) { (void)c; return OK; }
@@ -163,7 +157,7 @@ EXPORT int fmi3DoStep(Instance *c, double t, double h, bool no_set_state, bool *
 }
 
 /* -- Model Exchange ------------------------------------------------------------------------------------------------ */
-EXPORT int fmi3SetTime(Instance *c, double t) { return call(c, "set_time", "(d)", t); }
+EXPORT int fmi3SetTime(Instance *c, double t) { return set_time(c, t); }
 
 EXPORT int fmi3SetContinuousStates(Instance *c, const double states[], size_t n)
 {

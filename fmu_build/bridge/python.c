@@ -1,4 +1,9 @@
-/* The interpreter: that of the process, or else one started here; the functions used of it, all of the stable ABI. */
+/* An instance as a Python object whose methods are the functions of the FMI, in the interpreter of the process, or else
+   in one started here; the functions used of it are all of the stable ABI.
+
+   Every call of the host is one call of a method. The method returns a status of the FMI, and PENDING where messages
+   wait. An exception becomes a message and the status Error: the instance lives on. No object of Python is used without
+   the lock of the interpreter. */
 #include "bridge.h"
 
 #include <stdio.h>
@@ -42,6 +47,9 @@
 
 #define POINTER(type, name, arguments) static type(*name) arguments;
 FUNCTIONS(POINTER)
+
+enum { PENDING = 256 };
+const char known_file[] = "entry.txt";
 
 enum { FILE_INPUT = 257, READ = 0x100, WRITE = 0x200 };
 
@@ -197,20 +205,12 @@ static int ready(void)
     return known;
 }
 
-int lock(void) { return PyGILState_Ensure(); }
-void unlock(int state) { PyGILState_Release(state); }
-Object *readable(const void *memory, size_t bytes) { return PyMemoryView_FromMemory((char *)memory, (ptrdiff_t)bytes, READ); }
-Object *writable(void *memory, size_t bytes) { return PyMemoryView_FromMemory(memory, (ptrdiff_t)bytes, WRITE); }
+static int lock(void) { return PyGILState_Ensure(); }
+static void unlock(int state) { PyGILState_Release(state); }
+static Object *readable(const void *memory, size_t bytes) { return PyMemoryView_FromMemory((char *)memory, (ptrdiff_t)bytes, READ); }
+static Object *writable(void *memory, size_t bytes) { return PyMemoryView_FromMemory(memory, (ptrdiff_t)bytes, WRITE); }
 
 /* -- messages ------------------------------------------------------------------------------------------------------ */
-static const char *category(int status)
-{
-    static const char *names[] = {"logAll", "logStatusWarning", "logStatusDiscard", "logStatusError", "logStatusFatal"};
-    return names[status < OK || status > FATAL ? FATAL : status];
-}
-
-static void tell(const Instance *c, int status, const char *text) { c->tell(c, status, category(status), text); }
-
 static void tell_object(const Instance *c, int status, Object *message)
 {
     Object *text = message ? PyObject_Str(message) : NULL;
@@ -257,7 +257,8 @@ static Object *result_of(Object *owner, const char *method, Object *arguments)
     return result;
 }
 
-int call(Instance *c, const char *method, const char *format, ...)
+/* Calls a method. format: arguments as for Py_BuildValue, in parentheses; views of memory are given with N. */
+static int call(Instance *c, const char *method, const char *format, ...)
 {
     va_list given;
     int state = lock();
@@ -292,12 +293,6 @@ static Object *object_of(const Instance *c, const char *kind, const char *token,
     Py_DecRef(module);
     Py_DecRef(code);
     return fmu;
-}
-
-static char *copied(const char *text)
-{
-    char *copy = malloc(strlen(text) + 1);
-    return copy ? strcpy(copy, text) : NULL;
 }
 
 Instance *opened(const Instance *given, const char *kind, const char *name, const char *token, const char *resources)
@@ -337,14 +332,6 @@ void closed(Instance *c)
     }
     free(c->name);
     free(c);
-}
-
-int unsupported(Instance *c, const char *function)
-{
-    char text[200];
-    snprintf(text, sizeof text, "%s is not supported by this FMU", function);
-    tell(c, ERROR, text);
-    return ERROR;
 }
 
 /* -- variables ----------------------------------------------------------------------------------------------------- */
@@ -426,6 +413,24 @@ int write_vector(Instance *c, const char *method, const double *values, size_t s
     int status = call(c, method, "(N)", readable(values, 8 * size));
     unlock(state);
     return status;
+}
+
+/* -- life cycle ---------------------------------------------------------------------------------------------------- */
+int setup(Instance *c, double start, double tolerance)
+{
+    c->time = start;
+    return call(c, "setup", "(dd)", start, tolerance);
+}
+
+int initialize(Instance *c) { return call(c, "initialize", "()"); }
+int terminate(Instance *c) { return call(c, "terminate", "()"); }
+int set_time(Instance *c, double t) { return call(c, "set_time", "(d)", t); }
+
+int reset(Instance *c)
+{
+    c->time = 0.0;
+    c->last = OK;
+    return call(c, "reset", "()");
 }
 
 int step(Instance *c, double t, double h)
