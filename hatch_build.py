@@ -1,5 +1,6 @@
-"""Build hook: a wheel carries the kernels compiled for the machine it is built on, or for ``LATIN_FMU_TARGET``, and the
-libraries of FMUs for all platforms: an FMU made on one runs on the others.
+"""Build hook: a wheel carries the kernels compiled for the machine it is built on, or for ``LATIN_FMU_TARGET``, and for
+Linux and Windows (x86-64), on which compiled FMUs run, and the libraries of other FMUs for all platforms: an FMU made
+on one runs on the others.
 
 ``LATIN_FMU_TARGET=windows-x86_64`` cross-builds a wheel for Windows (linked, not tried there); ``none`` builds a wheel
 without a library, whose kernels numba compiles at the first run. Editable installs have no library either; see
@@ -22,6 +23,8 @@ TAGS = {
     "windows-x86_64": "win_amd64",
     "darwin-aarch64": "macosx_11_0_arm64",
 }
+
+COMPILED = ("linux-x86_64", "windows-x86_64")  # targets of compiled FMUs
 
 
 class Kernels(BuildHookInterface):  # type: ignore[type-arg]
@@ -48,8 +51,9 @@ class Kernels(BuildHookInterface):  # type: ignore[type-arg]
             self.app.display_warning("no library of kernels for this machine: numba compiles them at the first run")
             return
         environment = {**os.environ, "LATIN_FMU_LIBRARY": "0", "OMP_NUM_THREADS": "1"}
-        subprocess.run([sys.executable, "-m", "latin_fmu.aot", target], cwd=root, env=environment, check=True)
-        name = file_name(target)
-        build_data["force_include"][str(root / "build" / name)] = f"latin_fmu/{name}"
+        targets = sorted({target, *COMPILED})
+        subprocess.run([sys.executable, "-m", "latin_fmu.aot", *targets], cwd=root, env=environment, check=True)
+        for name in map(file_name, targets):
+            build_data["force_include"][str(root / "build" / name)] = f"latin_fmu/{name}"
         build_data["pure_python"] = False
         build_data["tag"] = f"py3-none-{TAGS[target]}"

@@ -1,17 +1,19 @@
-"""FMUs of a scene: co-simulation (FMI 2.0 or 3.0), and a reduced model for Model Exchange (FMI 3.0).
+"""FMUs of a scene: co-simulation (FMI 2.0 or 3.0), by Python or compiled, and a reduced model for Model Exchange (3.0).
 
 An FMU is written whole or not at all. Building twice gives the same bytes.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
 import latin_fmu
 from latin_fmu.assembly.build import discretise
 from latin_fmu.assembly.interfaces import completed
-from latin_fmu.cosim.variable import table_text
+from latin_fmu.cosim.variable import Variable, table_text
 from latin_fmu.cosim.variables import table_of
 from latin_fmu.errors import InputError, Problem
 from latin_fmu.latin.settings import accuracy_of
@@ -20,6 +22,8 @@ from latin_fmu.model_exchange.reduce import reduced_system
 from latin_fmu.model_exchange.variables import names_of
 from latin_fmu.scene.schema import Scene
 
+from . import bridge
+from .compiled import compiled_run, libraries
 from .contents import (
     Files,
     binaries,
@@ -40,7 +44,7 @@ from .description import (
     terminals,
     xml_bytes,
 )
-from .documentation import documentation, model_exchange_page
+from .documentation import compiled_page, documentation, model_exchange_page
 
 Fmi = Literal["2", "3"]
 MAX_SCALARS = 2000  # more make FMI 2 hosts slow
@@ -48,21 +52,24 @@ TOLERANCE = 1e-5  # of the integrator of a reduced model: with a smaller one the
 STEPS = 200  # suggested output intervals of a reduced model
 
 
-def build_fmu(scene: Scene, target: str | Path, fmi: Fmi = "2", extra: Files | None = None) -> Path:
+def build_fmu(
+    scene: Scene, target: str | Path, fmi: Fmi = "2", extra: Files | None = None, compiled: bool = False
+) -> Path:
     """Write the FMU of a scene for co-simulation.
 
     Parameters
     ----------
     scene : loads with the law ``input`` become inputs. target : file to write. fmi : "2" (2.0) or "3" (3.0).
-    extra : more files, by path inside the archive (the cross-check).
+    extra : more files, by path inside the archive (the cross-check). compiled : an FMU that needs no Python.
 
     Raises
     ------
-    InputError : the scene cannot be built, or gives too many variables. ModuleNotFoundError : the library of the FMU is
-        missing, and a compiler too.
+    InputError : the scene cannot be built, gives too many variables, or cannot be compiled. ModuleNotFoundError : the
+        library of the FMU is missing, and a compiler too.
     ResultsError : the file cannot be written.
     """
-    return write_archive(target, {**fmu_files(scene, fmi), **(extra or {})})
+    files = compiled_files(scene, fmi) if compiled else fmu_files(scene, fmi)
+    return write_archive(target, {**files, **(extra or {})})
 
 
 def build_model_exchange(scene: Scene, target: str | Path, n_mode: int = 12, n_patch: int = 4) -> Path:
@@ -88,19 +95,33 @@ def fmu_files(scene: Scene, fmi: Fmi) -> Files:
     problem = discretise(scene).build()  # raises where the scene cannot be built
     n_point = {unit.name: unit.geometry.n_point for unit in problem.assembly.interfaces}
     table = table_of(scene, n_point if fmi == "3" else None)
+    _check_size(table, fmi)
+    inside = {f"scene/{path}": content for path, content in scene_files(scene).items()}
+    resources = {"variables.json": table_text(table).encode(), **inside}
+    scene_text = inside["scene/scene.toml"].decode()
+    content = _Content(fmi, "CoSimulationAdapter", resources)
+    facts = _facts(scene, table, content.token)
+    return {
+        **content.files(facts),
+        "modelDescription.xml": _description(facts, fmi),
+        "documentation/index.html": documentation(facts, scene_text, f"{fmi}.0").encode(),
+        "documentation/externalDependencies.txt": external_dependencies(),
+    }
+
+
+def _check_size(table: Sequence[Variable], fmi: Fmi) -> None:
     if fmi == "2" and len(table) > MAX_SCALARS:
         too_many = Problem(
             "scene", f"gives {len(table)} variables", None, f"at most {MAX_SCALARS} in FMI 2", "use FMI 3"
         )
         raise InputError([too_many], "the FMU cannot be built")
-    inside = {f"scene/{path}": content for path, content in scene_files(scene).items()}
-    resources = {"variables.json": table_text(table).encode(), **inside}
-    scene_text = inside["scene/scene.toml"].decode()
-    content = _Content(fmi, "CoSimulationAdapter", resources)
-    facts = Facts(
+
+
+def _facts(scene: Scene, table: Sequence[Variable], token: str) -> Facts:
+    return Facts(
         model=scene.name,
         identifier=identifier_of(scene),
-        token=content.token,
+        token=token,
         table=table,
         version=latin_fmu.__version__,
         description=scene.description or f"Impact with frictional contact: {scene.name}",
@@ -108,11 +129,30 @@ def fmu_files(scene: Scene, fmi: Fmi) -> Files:
         step_size=suggested_step(scene),
         tolerance=accuracy_of(scene.solver.tolerance),
     )
+
+
+def _description(facts: Facts, fmi: Fmi) -> bytes:
+    return xml_bytes((fmi2_description if fmi == "2" else fmi3_description)(facts))
+
+
+def compiled_files(scene: Scene, fmi: Fmi) -> Files:
+    """Every file of the compiled FMU for co-simulation, by path inside the archive."""
+    known = libraries()
+    scene = completed(scene)
+    run = compiled_run(scene, fmi)
+    _check_size(run.table, fmi)
+    facts = replace(_facts(scene, run.table, run.token), time_step=scene.time.time_step)
     return {
-        **content.files(facts),
-        "modelDescription.xml": xml_bytes((fmi2_description if fmi == "2" else fmi3_description)(facts)),
-        "documentation/index.html": documentation(facts, scene_text, f"{fmi}.0").encode(),
-        "documentation/externalDependencies.txt": external_dependencies(),
+        **_shared_files(facts, fmi),
+        **{
+            f"binaries/{bridge.PLATFORMS[name][fmi]}/{facts.identifier}.{'dll' if 'windows' in name else 'so'}": code
+            for name, code in known.items()
+            if fmi in bridge.PLATFORMS[name]
+        },
+        "resources/image.bin": run.image,
+        "resources/variables.bin": run.variables,
+        "modelDescription.xml": _description(facts, fmi),
+        "documentation/index.html": compiled_page(facts, scene.text(), f"{fmi}.0").encode(),
     }
 
 
@@ -164,18 +204,22 @@ class _Content:
         self.token = f"{{{token}}}" if fmi == "2" else token
 
     def files(self, facts: Facts) -> Files:
-        """The files that all kinds of FMU share."""
-        here = Path(__file__).parent
-        icon = (here / "icon.png").read_bytes()
-        icons = {"model.png": icon}
-        if self._fmi == "3":
-            icons = {
-                "terminalsAndIcons/icon.png": icon,
-                "terminalsAndIcons/terminalsAndIcons.xml": xml_bytes(terminals(facts)),
-            }
+        """The files that all kinds of FMU run by Python share."""
         return {
             **{f"resources/{path}": content for path, content in self._resources.items()},
             **binaries(self._fmi, facts.identifier),
-            "documentation/licenses/license.txt": (here / "license.txt").read_bytes(),
-            **icons,
+            **_shared_files(facts, self._fmi),
         }
+
+
+def _shared_files(facts: Facts, fmi: Fmi) -> Files:
+    """Licence, icon and terminals."""
+    here = Path(__file__).parent
+    icon = (here / "icon.png").read_bytes()
+    icons = {"model.png": icon}
+    if fmi == "3":
+        icons = {
+            "terminalsAndIcons/icon.png": icon,
+            "terminalsAndIcons/terminalsAndIcons.xml": xml_bytes(terminals(facts)),
+        }
+    return {"documentation/licenses/license.txt": (here / "license.txt").read_bytes(), **icons}

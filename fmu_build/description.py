@@ -36,7 +36,7 @@ class Facts:
     model : name of the model, that of the scene. identifier : name of the binaries. token : digest of the content.
     description : text. stop_time, step_size : of the default experiment, s. tolerance : relative accuracy that
     belongs to the tolerance of the scene. table : the variables; their order is the value reference.
-    version : of the package.
+    version : of the package. time_step : of a compiled FMU, which needs no Python, s; None for others.
     """
 
     model: str
@@ -48,6 +48,7 @@ class Facts:
     step_size: float
     tolerance: float
     table: Sequence[Variable]
+    time_step: float | None = None
 
     def references(self) -> dict[str, int]:
         """Value reference by name."""
@@ -93,7 +94,8 @@ def _root(facts: Facts, fmi: str, kind: str, abilities: dict[str, str], units: I
         "variableNamingConvention": "structured",
     }
     root = Element("fmiModelDescription", description)
-    shared = {"needsExecutionTool": "true", "canBeInstantiatedOnlyOncePerProcess": "false"}
+    needs_tool = "true" if facts.time_step is None else "false"
+    shared = {"needsExecutionTool": needs_tool, "canBeInstantiatedOnlyOncePerProcess": "false"}
     SubElement(root, kind, {"modelIdentifier": facts.identifier, **shared, **abilities})
     definitions = SubElement(root, "UnitDefinitions")
     used = {*(variable.unit for variable in facts.table), *units}
@@ -150,7 +152,7 @@ def fmi2_description(facts: Facts) -> Element:
         "canNotUseMemoryManagementFunctions": "true",
         "canGetAndSetFMUstate": "true",
         "canSerializeFMUstate": "true",
-        "providesDirectionalDerivative": "true",
+        "providesDirectionalDerivative": "true" if facts.time_step is None else "false",
     }
     root = _root(facts, "2.0", "CoSimulation", abilities)
     variables = SubElement(root, "ModelVariables")
@@ -176,8 +178,10 @@ def fmi3_description(facts: Facts) -> Element:
         "canGetAndSetFMUState": "true",
         "canSerializeFMUState": "true",
         "canHandleVariableCommunicationStepSize": "true",
-        "providesDirectionalDerivatives": "true",
+        "providesDirectionalDerivatives": "true" if facts.time_step is None else "false",
     }
+    if facts.time_step is not None:
+        abilities["fixedInternalStepSize"] = repr(facts.time_step)
     root = _root(facts, "3.0", "CoSimulation", abilities)
     places = facts.references()
     variables = SubElement(root, "ModelVariables")

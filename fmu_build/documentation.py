@@ -75,6 +75,44 @@ extraction does not compile again. The environment variable <code>LATIN_FMU_CACH
 nothing; <code>LATIN_FMU_COMPILE=0</code> is for debugging: plain Python, thousands of times slower.</p>
 """
 
+_COMPILED = """\
+<h2>What it is</h2>
+<p>The solver as machine code, with the factors and the state of the scene below in two files. It needs the C library of
+the system alone: no Python, no package, no compiler, no file outside of the folder it is extracted to. It gives the
+numbers that the program it was made by gives, to round-off.</p>
+<h2>Use</h2>
+<ul>
+<li><b>Windowed</b> (<code>mode = 0</code>): set <code>load.NAME.value</code> and <code>load.NAME.rate</code>, make
+a step that is a whole number of <code>timeStep</code> (within 1e-9). The state is carried on. Saving and restoring the
+state (serialised or not) is exact to the last bit.</li>
+<li><b>Prescribed</b> (<code>mode = 1</code>): load histories are given up front by <code>historyFile</code> (path of a
+CSV file with a header <code>time,NAME,...</code>, or that table itself with semicolons or line breaks between its rows:
+<code>time,NAME;0,0;1e-6,1</code>) or, in FMI 3, by the arrays <code>history.time</code> and
+<code>load.NAME.history</code>. The interval [0, <code>endTime</code>] is solved when initialization ends and played
+back at any communication step.</li>
+<li><code>timeStep</code>, <code>tolerance</code> and <code>maxIterations</code> are constants: another value needs
+other factors, which are computed when an FMU is made. The tolerance of the importer has no effect, and a warning says
+so.</li>
+<li>A step that was not made where another one or another input may help is <b>discarded</b>: the status is Discard, the
+simulation is not reported as terminated, a message gives the reason, the state is as before. A host that goes on as if
+the step had been made gets an <b>error</b> at the next step; one that ends the simulation there, at termination.</li>
+<li>A failure during initialization (a parameter out of range, no convergence in prescribed mode) is an error of the
+function that ends the initialization.</li>
+<li>Saved states carry a digest of the FMU and a checksum. A state that is damaged, of another FMU, or was freed is an
+error; the instance goes on from where it was.</li>
+<li>Instances of one process share the factors; each has a state of its own. Instances may run in threads of their
+own.</li>
+</ul>
+<h2>What it cannot do</h2>
+<ul>
+<li>Results files and error estimates: use the FMU made without <code>--compiled</code>, or the program itself.</li>
+<li>A time step at which neither the iteration nor Newton's method ends: it is discarded. The program has further ways
+to end it.</li>
+<li>Run on a processor without AVX2 and FMA: instantiation fails with a message.</li>
+</ul>
+<p>Run on Linux, x86-64. The library for Windows (x86-64) is compiled and linked from the same source.</p>
+"""
+
 _REDUCED_MODEL = """\
 <h2>What it is</h2>
 <p>A <b>reduced</b> model of the scene below, as ordinary differential equations with state and time events. It is
@@ -108,6 +146,15 @@ simulation. Saving and restoring the state (serialised or not) is exact.</li>
 
 def documentation(facts: Facts, scene_text: str, version: str) -> str:
     """Page of an FMU for co-simulation; ``version`` is that of the FMI."""
+    return _co_simulation_page(facts, scene_text, version, _USE)
+
+
+def compiled_page(facts: Facts, scene_text: str, version: str) -> str:
+    """Page of a compiled FMU for co-simulation; ``version`` is that of the FMI."""
+    return _co_simulation_page(facts, scene_text, version, _COMPILED)
+
+
+def _co_simulation_page(facts: Facts, scene_text: str, version: str, use: str) -> str:
     rows = [
         (v.name, v.causality, v.kind, v.unit, v.start, " x ".join(map(str, v.dimensions)), v.description)
         for v in facts.table
@@ -121,7 +168,7 @@ def documentation(facts: Facts, scene_text: str, version: str) -> str:
         "traction of the scene.</p>\n"
     )
     columns = ("name", "causality", "type", "unit", "start", "size", "meaning")
-    return _page(facts, about, f"{_USE}<h2>Variables</h2>\n{note}", columns, rows, scene_text)
+    return _page(facts, about, f"{use}<h2>Variables</h2>\n{note}", columns, rows, scene_text)
 
 
 def model_exchange_page(facts: Facts, names: Names, scene_text: str, n_mode: int, n_patch: int) -> str:

@@ -9,6 +9,8 @@
 #include <stdio.h>
 
 #ifdef _WIN32
+#define WIN32_LEAN_AND_MEAN
+#define NOGDI /* its ERROR is 0 */
 #include <windows.h>
 #define popen _popen
 #define pclose _pclose

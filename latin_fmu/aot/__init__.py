@@ -1,9 +1,9 @@
 """Compilation of the kernels ahead of time, when a wheel is built; no part of a run.
 
 numba lowers every entry once, LLVM optimises all of them together and emits an object file for each target
-(``lowering``). Its undefined symbols are compared to a list, and the compiler of ``ziglang`` links it with a few lines
-of C (``linking``). ``python -m latin_fmu.aot`` builds the library into ``build/`` of a source tree, where the package
-finds it: of use after a change of a kernel.
+(``lowering``). Its undefined symbols are compared to a list, and the compiler of ``ziglang`` links it with the
+functions of the FMI in C (``linking``). ``python -m latin_fmu.aot`` builds the library into ``build/`` of a source
+tree, where the package finds it: of use after a change of a kernel.
 """
 
 from __future__ import annotations
@@ -49,14 +49,17 @@ def _note(path: Path) -> Path:
 
 
 def _key(manifest: str) -> str:
-    """What the library depends on: kernels, this folder, and who compiles."""
+    """What the library depends on: kernels, this folder, functions of the FMI, and who compiles."""
     import llvmlite
     import numba
+
+    from .linking import functions_digest
 
     here = Path(__file__).parent
     digest = hashlib.sha256(repr((manifest, sys.version, numba.__version__, llvmlite.__version__)).encode())
     for path in sorted([*here.glob("*.py"), *here.glob("*.c"), *Path(library.__file__).parent.glob("*.py")]):
         digest.update(path.read_bytes())
+    digest.update(functions_digest().encode())
     return digest.hexdigest()
 
 

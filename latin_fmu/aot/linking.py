@@ -1,10 +1,12 @@
-"""Targets; object file and C stub to a library, by the compiler of ``ziglang``: no compiler of the machine is needed.
+"""Targets; object file and C files to a library, by the compiler of ``ziglang``: no compiler of the machine is needed.
 
-Undefined symbols of an object file are compared to the list of those that the library may need.
+The C files are a stub, which kernels need, and the functions of the FMI, for compiled FMUs (``fmu_build.compiled``).
+Undefined symbols of an object file and of a library are compared to the lists of those that they may need.
 """
 
 from __future__ import annotations
 
+import hashlib
 import os
 import struct
 import subprocess
@@ -41,10 +43,31 @@ TARGETS: Final[Mapping[str, Target]] = MappingProxyType(
 )
 
 
-_SYMBOL_TABLE = 2
+_SYMBOL_TABLES = (2, 11)  # of an object file, of a library
+_WEAK = 2
 
 # What the C library of every target has.
 C_LIBRARY: Final = frozenset({"memset", "memcpy", "memmove", "malloc", "free", "abort", "hypot", "log10"})
+
+# What the functions of the FMI use of it beside.
+FUNCTIONS: Final = frozenset(
+    [
+        *(
+            "__ctype_b_loc",
+            "__ctype_tolower_loc",
+            "bcmp",
+            "calloc",
+            "fclose",
+            "floor",
+            "fopen",
+            "fread",
+            "fseek",
+            "ftell",
+        ),
+        *("localeconv", "memchr", "memcmp", "realloc", "rint", "sched_yield", "snprintf", "strchr", "strcmp", "strcpy"),
+        *("strcspn", "strlen", "strncmp", "strpbrk", "strspn", "strtod", "vsnprintf"),
+    ]
+)
 
 # What stub.c defines: memory of kernels that allocate, and error paths that are never reached.
 STUB: Final = frozenset(
@@ -78,12 +101,13 @@ def check(content: bytes, allowed: Iterable[str] = C_LIBRARY | STUB) -> None:
     if wrong:
         raise ForbiddenSymbolError(
             f"the kernels need {', '.join(wrong)}; allowed: {', '.join(sorted(allowed))}; a kernel raises, prints, "
-            "allocates or calls a function of Python or NumPy that has no compiled form in the library"
+            "allocates or calls a function of Python or NumPy that has no compiled form in the library, or a C file "
+            "calls another function of the C library"
         )
 
 
 def undefined(content: bytes) -> Iterator[str]:
-    """Names of the undefined symbols of a 64-bit little-endian ELF object.
+    """Names of the undefined symbols, weak ones apart, of a 64-bit little-endian ELF object or library.
 
     Raises
     ------
@@ -94,17 +118,32 @@ def undefined(content: bytes) -> Iterator[str]:
     start, size, count = struct.unpack_from("<Q", content, 40)[0], *struct.unpack_from("<HH", content, 58)
     sections = [struct.unpack_from("<IIQQQQIIQQ", content, start + i * size) for i in range(count)]
     for section in sections:
-        if section[1] != _SYMBOL_TABLE:
+        if section[1] not in _SYMBOL_TABLES:
             continue
         offset, length, names = section[4], section[5], sections[section[6]]
         for at in range(offset, offset + length, 24):
-            name, _, _, index = struct.unpack_from("<IBBH", content, at)
-            if index == 0 and name:
+            name, kind, _, index = struct.unpack_from("<IBBH", content, at)
+            if index == 0 and name and kind >> 4 != _WEAK:
                 first = names[4] + name
                 yield content[first : content.index(b"\0", first)].decode()
 
 
 _STUB: Final = Path(__file__).with_name("stub.c")
+_FMU: Final = Path(__file__).parents[2] / "fmu_build"
+
+
+def functions() -> list[Path]:
+    """C files and headers of the functions of the FMI on the kernels."""
+    shared = [_FMU / "bridge" / name for name in ("bridge.h", "common.c", "fmi2.c", "fmi3.c")]
+    return [*shared, *sorted([*(_FMU / "compiled").glob("*.c"), *(_FMU / "compiled").glob("*.h")])]
+
+
+def functions_digest() -> str:
+    """Digest of these files, which a library with these functions holds."""
+    digest = hashlib.sha256()
+    for path in functions():
+        digest.update(path.read_bytes().replace(b"\r\n", b"\n"))
+    return digest.hexdigest()
 
 
 class LinkError(Exception):
@@ -124,7 +163,9 @@ def link(content: bytes, manifest: str, target: Target, library: Path) -> None:
         (Path(folder) / "kernels.o").write_bytes(content)
         export = "__declspec(dllexport)" if "windows" in target.zig else '__attribute__((visibility("default")))'
         text = manifest.replace("\n", "\\n")
-        source.write_text(f'{export} const char latin_fmu_manifest[] = "{text}";\n', encoding="utf-8")
+        texts = {"latin_fmu_manifest": text, "latin_fmu_functions": functions_digest()}
+        lines = [f'{export} const char {name}[] = "{value}";\n' for name, value in texts.items()]
+        source.write_text("".join(lines), encoding="utf-8")
         command = [
             sys.executable,
             "-m",
@@ -134,6 +175,10 @@ def link(content: bytes, manifest: str, target: Target, library: Path) -> None:
             target.zig,
             "-shared",
             "-O3",
+            "-std=gnu99",
+            "-Wall",
+            "-Wextra",
+            "-Werror",
             "-fno-math-errno",
             "-fvisibility=hidden",
             "-s",
@@ -142,6 +187,7 @@ def link(content: bytes, manifest: str, target: Target, library: Path) -> None:
             str(Path(folder) / "kernels.o"),
             str(_STUB),
             str(source),
+            *(str(path) for path in functions() if path.suffix == ".c"),
             *(() if "windows" in target.zig else ("-lm",)),
             *(("-Wl,--no-undefined",) if "linux" in target.zig else ()),
         ]
@@ -150,4 +196,6 @@ def link(content: bytes, manifest: str, target: Target, library: Path) -> None:
         done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
         if done.returncode:
             raise LinkError(f"{' '.join(command[1:4])} for {target.zig}: {done.stderr.strip()}")
+        if "linux" in target.zig:
+            check(made.read_bytes(), C_LIBRARY | FUNCTIONS)
         os.replace(made, library)

@@ -69,7 +69,7 @@ void NRT_MemInfo_call_dtor(MemInfo *memory) { free(memory); }
 
 /* Never reached: numba's code names them for errors that contiguous arrays of equal lengths do not give. */
 void *PyExc_RuntimeError;
-void PyErr_SetString(void *kind, const char *message) { abort(); }
-void *PyObject_Hash(void *object) { abort(); }
-void *PyTuple_Pack(intptr_t n, ...) { abort(); }
-void *PyUnicode_FromKindAndData(int kind, const void *data, intptr_t size) { abort(); }
+void PyErr_SetString(void *kind, const char *message) { (void)kind, (void)message, abort(); }
+void *PyObject_Hash(void *object) { (void)object, abort(); }
+void *PyTuple_Pack(intptr_t n, ...) { (void)n, abort(); }
+void *PyUnicode_FromKindAndData(int kind, const void *data, intptr_t size) { (void)kind, (void)data, (void)size, abort(); }

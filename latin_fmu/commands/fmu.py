@@ -18,12 +18,15 @@ _BUILD_EXAMPLES = """\
 examples:
   latin-fmu fmu scene.toml -o crushing.fmu --set "load.press.law={type='input'}"
   latin-fmu fmu scene.toml --fmi 3 --inputs all --cross-check
+  latin-fmu fmu scene.toml --compiled --inputs all
   latin-fmu fmu scene.toml --model-exchange --modes 20
 
 A load with law = "input" becomes an input of the FMU, also one named by --inputs; other loads keep their law.
 Energies are outputs where the scene says output.energy = true (--set output.energy=true).
 --cross-check puts X_in.csv, X_ref.csv and X_ref.opt (inputs, outputs, experiment) into the FMU and beside it, X being
 the name of the scene: a load named by --inputs follows the law it had in the scene.
+--compiled makes an FMU of machine code and factors, which needs no Python where it runs; its time step and tolerance
+are those of the scene.
 --model-exchange makes a reduced model of the scene (a few modes per body, regularised contact) with the states and
 events of FMI 3 Model Exchange, for a cross-check by another integrator; co-simulation solves the scene itself.
 """
@@ -57,6 +60,7 @@ def _register_fmu(add: AddParser) -> None:
     parser.add_argument(
         "--cross-check", action="store_true", help="solve the default experiment and give its results along"
     )
+    parser.add_argument("--compiled", action="store_true", help="an FMU that needs nothing but the C library to run")
     parser.add_argument(
         "--model-exchange", action="store_true", help="a reduced model as differential equations (FMI 3 only)"
     )
@@ -114,7 +118,9 @@ def _fmu(arguments: argparse.Namespace) -> int:
             given = {name: size for name, size in sizes.items() if size is not None}
             import_module("fmu_build.build").build_model_exchange(inputs.scene, target, **given)
         else:
-            import_module("fmu_build.build").build_fmu(inputs.scene, target, arguments.fmi or "2", inside)
+            import_module("fmu_build.build").build_fmu(
+                inputs.scene, target, arguments.fmi or "2", inside, arguments.compiled
+            )
         problems = import_module("fmu_build.checks").validate(target)
     except ModuleNotFoundError as error:
         print(f"latin-fmu: {error.msg}; pip install 'latin-fmu[fmu]' gives what FMUs need", file=sys.stderr)
@@ -133,6 +139,8 @@ def _contradictions(arguments: argparse.Namespace) -> Iterator[Problem]:
         yield Problem("--fmi", "model exchange needs FMI 3", "2", "3", "leave --fmi out")
     if arguments.model_exchange and arguments.cross_check:
         yield Problem("--cross-check", "belongs to co-simulation", remedy="leave --model-exchange out")
+    if arguments.model_exchange and arguments.compiled:
+        yield Problem("--compiled", "belongs to co-simulation", remedy="leave --model-exchange out")
     for name in ("modes", "patches"):
         if getattr(arguments, name) is not None and not arguments.model_exchange:
             yield Problem(f"--{name}", "belongs to the reduced model", remedy="add --model-exchange")

@@ -242,7 +242,7 @@ class Image:
     def _write_records(self) -> None:
         if self._n_fixed > len(self.fixed):  # with room for further directions
             longest = max((d.end - d.start for d in self._directions.values()), default=0)
-            larger = np.empty(self._n_fixed + _DIRECTIONS * longest)
+            larger = np.zeros(self._n_fixed + _DIRECTIONS * longest)
             larger[: len(self.fixed)] = self.fixed
             self.fixed = larger
             for row, propagator in zip(self._rows, self.propagators, strict=True):

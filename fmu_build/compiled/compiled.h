@@ -1,0 +1,119 @@
+/* An instance of a compiled FMU: variables, a copy of the moving block of the run, what the last step left.
+
+   image.c reads the files of the FMU, once per process; variables.c sets and reads variables; run.c makes steps by the
+   kernels; states.c saves and restores. Instances share nothing that changes but the list of files in image.c. */
+#ifndef COMPILED_H
+#define COMPILED_H
+
+#include "../bridge/bridge.h"
+
+#include <math.h>
+
+/* A number of 8 bytes of the files, little-endian. */
+typedef union {
+    int64_t i;
+    uint64_t u;
+    double d;
+} Word;
+
+/* The table of variables: its header, rows of variables and inputs, whole numbers of the state, texts. Offsets of texts count
+   from T_TEXTS, which counts words, as the other places do. References are -1 where there is no such variable. */
+enum {
+    T_MAGIC, T_CHECKSUM, T_LENGTH, T_TOKEN, T_IMAGE, T_N_VARIABLE, T_VARIABLES, T_N_INPUT, T_INPUTS, T_TEXTS, T_MODE, T_RULE, T_END, T_FILE, T_WINDOW_SIZE, T_HISTORY_SIZE, T_SOLVER,
+    T_TOLERANCE, T_N_WHOLE, T_WHOLES, T_HEADER
+};
+/* Numbers of the state that stand for whole ones: their place in the moving block, the least and the largest. */
+enum { W_PLACE, W_LEAST, W_MOST, W_ROW };
+enum { V_NAME, V_KIND, V_ROLE, V_PLACE, V_WIDTH, V_N_DIMENSION, V_DIMENSION, V_START = V_DIMENSION + 3, V_ROW };
+enum { REAL, INTEGER, STRING, COUNT };
+enum {
+    TIME, CONSTANT, PARAMETER, VALUE, RATE, OUTPUT, TEXT, HISTORY_TIME, HISTORY, WINDOW_COUNT, WINDOW_TIME, WINDOW,
+    POINT_FIELD
+};
+/* Name in a table of histories, names of value and rate, reference of the value. */
+enum { IN_NAME, IN_VALUE, IN_RATE, IN_REFERENCE, IN_ROW };
+enum { WINDOWED, PRESCRIBED };
+enum { HOLD, BY_RATE, LINE, CAUSAL };
+
+/* The image of the run: its header, in the order of latin_fmu/cosim/communication.py. */
+enum {
+    M_MAGIC, M_VERSION, M_RUN_SIZE, M_N_CLASS, M_CLASS_SIZE, M_N_GROUP, M_GROUP_SIZE, M_N_FIXED, M_N_MOVING, M_N_STATE,
+    M_N_INPUT, M_N_OUTPUT, M_N_ROW, M_MOST_STEPS, M_VALUE, M_RATE, M_OUTPUT, M_PROGRESS, M_LAST_STEP, M_N_FLAT, M_N_POINT,
+    M_HISTORY_F, M_HISTORY_W, M_HISTORY_GAP, M_N_FIELD, M_FIELD, M_COMMUNICATE, M_PRESENT, M_FIELDS, M_DT = 33, M_HEADER = 41
+};
+
+typedef struct Image Image;
+struct Image {
+    Image *next;
+    char *folder;
+    size_t users;
+    Word *table, *head; /* the files; the blocks of the image follow its header */
+    size_t shift;       /* words before the header in its memory */
+    const char *records[3]; /* of the run, of classes, of groups */
+    const double *fixed, *moving;
+    int64_t n_output, n_state;
+    double dt;
+};
+
+const Image *image_of(const char *folder, const char *token, char *trouble, size_t size);
+void image_freed(const Image *);
+uint64_t checksum(const void *words, size_t n_word);
+char *content_of(const char *path, size_t *length); /* zero bytes behind it; freed by aligned_free */
+void *aligned(size_t bytes);
+void aligned_free(void *);
+
+enum { READY, FAILED, RUNNING, ENDED };
+
+typedef struct {
+    int64_t n;
+    double *t, *value; /* one block, at t */
+} History;
+
+struct Object {
+    const Image *image;
+    int64_t phase, discarded;
+    double *moving, *before; /* block of the run; its state, the first numbers of it, before a step */
+    int64_t slots[23];       /* of a call of the kernels: address and length of nine arrays, five numbers */
+    double *numbers;         /* by reference */
+    double *given;           /* value and rate of each input; behind them, of one allocation: */
+    double *first;           /* those at the start */
+    double *refused;         /* t, h and those of the last step where it was discarded */
+    char **texts;            /* by reference */
+    double **arrays;         /* histories given as arrays, by input, then their instants; NULL where none was given */
+    int64_t n_array;         /* their length */
+    History *histories;      /* of prescribed mode, by input; n = 0: constant */
+    double start;            /* time of the host at the start, s */
+    double *now;             /* outputs at the present time */
+    double *rows, *times, *fields; /* of the last step: outputs, instants (s from the start); fields of the points */
+    int64_t n_row, n_fields;
+    void **states;           /* given to the host */
+    size_t n_state;
+};
+
+int say(const Instance *, int status, const char *format, ...); /* tells a message; the status */
+const Word *table_of(const Instance *);
+const Word *variable(const Instance *, int64_t reference);
+const char *text_at(const Instance *, int64_t offset);
+const char *input_name(const Instance *, int64_t input, int part);
+double parameter(const Instance *, int header, double otherwise);
+
+/* variables.c */
+int start_variables(Instance *);
+size_t n_given(const Image *); /* numbers of the allocation at given */
+void set_places(struct Object *); /* of what lies behind given */
+void free_variables(struct Object *);
+int set_histories(Instance *);
+int keep_history(Instance *, int64_t input, int64_t n, const double *t, const double *values, const char *where);
+double history_at(const History *, double t);
+int not_finite(const Instance *);
+
+/* run.c */
+int has_arrays(const Instance *);
+int64_t size_of_fields(const Instance *);
+int room_for(struct Object *, int64_t n_row, int64_t n_fields, int64_t size_of_fields);
+int solve_histories(Instance *);
+
+/* states.c */
+void free_states(struct Object *);
+
+#endif

@@ -1,0 +1,204 @@
+/* The files of a compiled FMU: read and checked once per process, shared by its instances, freed with the last. */
+#include "compiled.h"
+
+#include <stdio.h>
+
+#ifdef _WIN32
+#define WIN32_LEAN_AND_MEAN
+#define NOGDI /* its ERROR is 0 */
+#include <windows.h>
+#define yield() Sleep(0)
+#else
+#include <sched.h>
+#define yield() sched_yield()
+#endif
+
+const char known_file[] = "image.bin";
+static const char table_file[] = "variables.bin";
+
+static Image *images;
+static char in_use; /* 1 while a thread is in the list */
+
+static void enter(void)
+{
+    while (__atomic_test_and_set(&in_use, __ATOMIC_ACQUIRE)) yield();
+}
+
+static void leave(void) { __atomic_clear(&in_use, __ATOMIC_RELEASE); }
+
+/* -- memory and files ---------------------------------------------------------------------------------------------- */
+void *aligned(size_t bytes)
+{
+    char *block = bytes < SIZE_MAX - 128 ? malloc(bytes + 128) : NULL;
+    if (block == NULL) return NULL;
+    char *place = block + 64 + (64 - (uintptr_t)block % 64) % 64;
+    memcpy(place - sizeof block, &block, sizeof block);
+    return place;
+}
+
+void aligned_free(void *place)
+{
+    char *block = NULL;
+    if (place != NULL) memcpy(&block, (char *)place - sizeof block, sizeof block);
+    free(block);
+}
+
+/* Paths are UTF-8. */
+static FILE *file_at(const char *path)
+{
+#ifdef _WIN32
+    wchar_t wide[4096];
+    if (MultiByteToWideChar(CP_UTF8, 0, path, -1, wide, 4096)) return _wfopen(wide, L"rb");
+#endif
+    return fopen(path, "rb");
+}
+
+char *content_of(const char *path, size_t *length)
+{
+    FILE *file = file_at(path);
+    if (file == NULL) return NULL;
+    char *content = NULL;
+    long size = fseek(file, 0, SEEK_END) == 0 ? ftell(file) : -1;
+    if (size >= 0 && fseek(file, 0, SEEK_SET) == 0) content = aligned((size_t)size + 8 * sizeof(Word));
+    if (content != NULL) {
+        memset(content + size, 0, sizeof(Word));
+        *length = fread(content, 1, (size_t)size, file);
+        if (*length != (size_t)size) {
+            aligned_free(content);
+            content = NULL;
+        }
+    }
+    fclose(file);
+    return content;
+}
+
+/* Sum of the words, each mixed with its place by a one-to-one function: no change of a single word goes unnoticed. */
+uint64_t checksum(const void *words, size_t n_word)
+{
+    uint64_t sum = n_word, word;
+    for (size_t i = 0; i < n_word; i++) {
+        memcpy(&word, (const char *)words + i * sizeof word, sizeof word);
+        word += (i + 1) * 0x9e3779b97f4a7c15u;
+        word = (word ^ word >> 30) * 0xbf58476d1ce4e5b9u;
+        word = (word ^ word >> 27) * 0x94d049bb133111ebu;
+        sum += word ^ word >> 31;
+    }
+    return sum;
+}
+
+/* -- the image ------------------------------------------------------------------------------------------------------- */
+static char *joined(const char *folder, const char *name)
+{
+    size_t size = strlen(folder) + strlen(name) + 2;
+    char *path = malloc(size);
+    if (path != NULL) snprintf(path, size, "%s/%s", folder, name);
+    return path;
+}
+
+static Word *words_of(const char *folder, const char *name, size_t *n_word, char *trouble, size_t size)
+{
+    char *path = joined(folder, name);
+    size_t length = 0;
+    char *content = path ? content_of(path, &length) : NULL;
+    if (content == NULL) snprintf(trouble, size, "%s/%s cannot be read: extract the whole FMU", folder, name);
+    free(path);
+    *n_word = (length + sizeof(Word) - 1) / sizeof(Word);
+    return (Word *)content;
+}
+
+/* Blocks and places from the header; 0 where they are not as long as the file. */
+static int understood(Image *image, size_t n_word)
+{
+    const Word *head = image->head;
+    if (n_word < M_HEADER || memcmp(head, "LATINIMG", 8) != 0) return 0;
+    int64_t words[] = {head[M_RUN_SIZE].i / 8, head[M_N_CLASS].i * head[M_CLASS_SIZE].i / 8,
+                       head[M_N_GROUP].i * head[M_GROUP_SIZE].i / 8, head[M_N_FIXED].i, head[M_N_MOVING].i};
+    uint64_t at = M_HEADER;
+    size_t shift = (8 - (size_t)(M_HEADER + words[0] + words[1] + words[2]) % 8) % 8; /* the fixed block on a line of the cache */
+    memmove(image->head + shift, head, 8 * n_word);
+    head = image->head += shift;
+    image->shift = shift;
+    for (int i = 0; i < 5; i++) {
+        if (i < 3) image->records[i] = (const char *)(head + at);
+        if (i == 3) image->fixed = &head[at].d;
+        if (i == 4) image->moving = &head[at].d;
+        at += (uint64_t)words[i];
+    }
+    image->n_output = head[M_N_OUTPUT].i;
+    image->n_state = head[M_N_STATE].i;
+    image->dt = head[M_DT].d;
+    return at == n_word;
+}
+
+static int checked(Image *image, const char *folder, char *trouble, size_t size)
+{
+    size_t n_word = 0, n_table = 0;
+    image->table = words_of(folder, table_file, &n_table, trouble, size);
+    if (image->table == NULL) return 0;
+    const Word *head = image->table;
+    int whole = n_table > T_HEADER && memcmp(head, "LATINVAR", 8) == 0 && head[T_LENGTH].u == n_table &&
+                head[T_CHECKSUM].u == checksum(head + T_LENGTH, n_table - T_LENGTH);
+    if (!whole) return snprintf(trouble, size, "%s/%s is damaged: extract the FMU again", folder, table_file), 0;
+    image->head = words_of(folder, known_file, &n_word, trouble, size);
+    if (image->head == NULL) return 0;
+    if (checksum(image->head, n_word) == head[T_IMAGE].u && understood(image, n_word)) return 1;
+    return snprintf(trouble, size, "%s/%s is damaged, or of another FMU: extract the FMU again", folder, known_file), 0;
+}
+
+static void dropped(Image *image)
+{
+    aligned_free(image->head ? image->head - image->shift : NULL);
+    aligned_free(image->table);
+    free(image->folder);
+    free(image);
+}
+
+static Image *opened_image(const char *folder, char *trouble, size_t size)
+{
+    Image *image = calloc(1, sizeof *image);
+    if (image == NULL || (image->folder = copied(folder)) == NULL)
+        snprintf(trouble, size, "no memory for the FMU");
+    else if (checked(image, folder, trouble, size))
+        return image;
+    if (image != NULL) dropped(image);
+    return NULL;
+}
+
+static int is_of(const Image *image, const char *token, char *trouble, size_t size)
+{
+    const char *own = (const char *)(image->table + image->table[T_TEXTS].i) + image->table[T_TOKEN].i;
+    if (token == NULL || *token == '\0' || strcmp(token, own) == 0) return 1;
+    snprintf(trouble, size, "the host gives the token %.80s, the files in %.500s are of the FMU %.80s: extract the FMU "
+             "into a folder of its own", token, image->folder, own);
+    return 0;
+}
+
+const Image *image_of(const char *folder, const char *token, char *trouble, size_t size)
+{
+    enter();
+    Image *image = images;
+    while (image != NULL && strcmp(image->folder, folder) != 0) image = image->next;
+    if (image == NULL && (image = opened_image(folder, trouble, size)) != NULL) {
+        image->next = images;
+        images = image;
+    }
+    if (image != NULL) image->users++;
+    leave();
+    if (image == NULL || is_of(image, token, trouble, size)) return image;
+    image_freed(image);
+    return NULL;
+}
+
+void image_freed(const Image *image)
+{
+    if (image == NULL) return;
+    enter();
+    Image **link = &images;
+    while (*link != image) link = &(*link)->next;
+    Image *own = *link;
+    if (--own->users == 0) {
+        *link = own->next;
+        dropped(own);
+    }
+    leave();
+}

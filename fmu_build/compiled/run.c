@@ -1,0 +1,448 @@
+/* Life cycle of a compiled FMU: instances, initialization, steps. The kernels compute; nothing is factorised here. */
+#include "compiled.h"
+
+#include <stdio.h>
+
+int latin_fmu_fits(void);
+int32_t kernels_entries_call_0(const int64_t *slots, void *result);
+
+static const double SHORTEST = 1e-9, EARLY = 1e-6; /* of a time step, of a step: see latin_fmu/cosim/settings.py */
+static const double MOST_STEPS = 1e6;
+enum { BEYOND_LAWS = -1, NO_MEMORY = INT32_MIN };
+
+int say(const Instance *c, int status, const char *format, ...)
+{
+    char text[1500];
+    va_list given;
+    va_start(given, format);
+    vsnprintf(text, sizeof text, format, given);
+    va_end(given);
+    tell(c, status, text);
+    return status;
+}
+
+/* -- instances --------------------------------------------------------------------------------------------------------- */
+static int renewed(Instance *c)
+{
+    struct Object *o = c->fmu;
+    const Image *image = o->image;
+    memcpy(o->moving, image->moving, 8 * (size_t)image->head[M_N_MOVING].i);
+    o->phase = READY;
+    o->discarded = 0;
+    o->n_row = o->n_fields = 0;
+    o->start = c->time = 0.0;
+    c->last = OK;
+    memset(o->now, 0, 8 * (size_t)image->n_output);
+    return start_variables(c);
+}
+
+/* The arrays of the kernels: records, the fixed block in four views, the moving block in two. */
+static void set_slots(struct Object *o)
+{
+    const Word *head = o->image->head;
+    int64_t fixed = head[M_N_FIXED].i, moving = head[M_N_MOVING].i;
+    const struct { const void *block; int64_t n; } arrays[] = {
+        {o->image->records[0], 1}, {o->image->records[1], head[M_N_CLASS].i}, {o->image->records[2], head[M_N_GROUP].i},
+        {o->image->fixed, fixed}, {o->image->fixed, fixed}, {o->image->fixed, 2 * fixed}, {o->image->fixed, 2 * fixed},
+        {o->moving, moving}, {o->moving, moving}};
+    for (int i = 0; i < 9; i++) {
+        o->slots[2 * i] = (int64_t)(intptr_t)arrays[i].block;
+        o->slots[2 * i + 1] = arrays[i].n;
+    }
+}
+
+static int filled(Instance *c, const char *token, const char *resources)
+{
+    char trouble[1200];
+    if (!latin_fmu_fits())
+        return say(c, ERROR, "this FMU needs a processor with AVX2 and FMA, which this one lacks: run the FMU that was "
+                   "made without --compiled"), 0;
+    c->fmu = calloc(1, sizeof *c->fmu);
+    if (c->fmu == NULL) return say(c, ERROR, "no memory for an instance"), 0;
+    struct Object *o = c->fmu;
+    o->image = image_of(resources, token, trouble, sizeof trouble);
+    if (o->image == NULL) return say(c, ERROR, "%s", trouble), 0;
+    o->moving = aligned(8 * (size_t)o->image->head[M_N_MOVING].i);
+    o->before = malloc(8 * (size_t)o->image->n_state + 8);
+    o->now = malloc(8 * (size_t)o->image->n_output + 8);
+    if (!o->moving || !o->before || !o->now || !renewed(c))
+        return say(c, ERROR, "no memory for an instance of %lld numbers", (long long)o->image->head[M_N_MOVING].i), 0;
+    set_slots(o);
+    return 1;
+}
+
+Instance *opened(const Instance *given, const char *kind, const char *name, const char *token, const char *resources)
+{
+    Instance *c = malloc(sizeof *c);
+    if (c == NULL) return NULL;
+    *c = *given;
+    c->name = copied(name ? name : "");
+    if (c->name == NULL || resources == NULL)
+        say(c, ERROR, "the host gives no folder of resources");
+    else if (strcmp(kind, "exchange") == 0)
+        say(c, ERROR, "this FMU is for co-simulation only");
+    else if (filled(c, token, resources))
+        return c;
+    closed(c);
+    return NULL;
+}
+
+void closed(Instance *c)
+{
+    if (c == NULL) return;
+    struct Object *o = c->fmu;
+    if (o != NULL) {
+        if (o->image != NULL) free_variables(o);
+        free_states(o);
+        aligned_free(o->moving);
+        free(o->before);
+        free(o->now);
+        free(o->numbers);
+        free(o->given);
+        free(o->rows);
+        free(o->times);
+        free(o->fields);
+        image_freed(o->image);
+        free(o);
+    }
+    free(c->name);
+    free(c);
+}
+
+int reset(Instance *c) { return renewed(c) ? OK : say(c, ERROR, "no memory for an instance"); }
+
+/* -- kernels ----------------------------------------------------------------------------------------------------------- */
+/* Result of an action of the kernels. */
+static int64_t act(struct Object *o, int action, int64_t n, int64_t rule, int64_t made, int64_t whole)
+{
+    int64_t result = 0, *last = o->slots + 18, given[] = {o->image->head[action].i, n, rule, made, whole};
+    memcpy(last, given, sizeof given);
+    return kernels_entries_call_0(o->slots, &result) ? NO_MEMORY : result;
+}
+
+static void give_inputs(struct Object *o)
+{
+    for (int64_t i = 0; i < o->image->table[T_N_INPUT].i; i++) {
+        o->moving[o->image->head[M_VALUE].i + i] = o->given[2 * i];
+        o->moving[o->image->head[M_RATE].i + i] = o->given[2 * i + 1];
+    }
+}
+
+static int refused_by_kernels(const Instance *c, int64_t result, double t, int status)
+{
+    const Image *image = c->fmu->image;
+    if (result == NO_MEMORY) return say(c, ERROR, "no memory for the work arrays of the step at %g s", t);
+    if (result == BEYOND_LAWS)
+        return say(c, ERROR, "the time laws of the scene are known up to %g s after the start, and a step goes beyond: make "
+                   "an FMU of a scene with a later time.end", (double)image->head[M_LAST_STEP].i * image->dt);
+    if (result < BEYOND_LAWS)
+        return say(c, ERROR, "%s must be %g at the start, the value that the initial state was computed for: make an "
+                   "FMU of a scene with another start_value", input_name(c, -2 - result, IN_VALUE),
+                   variable(c, image->table[image->table[T_INPUTS].i + IN_ROW * (-2 - result) + IN_REFERENCE].i)[V_START].d);
+    return say(c, status, "no convergence of the time step that ends at %g s%s", t,
+               status == DISCARD ? ": make smaller communication steps, or smaller changes of the inputs" : "");
+}
+
+/* -- outputs of the last step ------------------------------------------------------------------------------------------ */
+int has_arrays(const Instance *c) { return table_of(c)[T_WINDOW_SIZE].i >= 0; }
+
+int64_t size_of_fields(const Instance *c) { return c->fmu->image->head[M_N_FIELD].i; }
+
+int room_for(struct Object *o, int64_t n_row, int64_t n_fields, int64_t size)
+{
+    double *rows = realloc(o->rows, 8 * (size_t)(n_row * o->image->n_output + 1));
+    if (rows != NULL) o->rows = rows;
+    double *times = realloc(o->times, 8 * (size_t)(n_row + 1));
+    if (times != NULL) o->times = times;
+    double *fields = realloc(o->fields, 8 * (size_t)(n_fields * size + 1));
+    if (fields != NULL) o->fields = fields;
+    return rows && times && fields;
+}
+
+/* Keeps outputs and instant of a row of the kernels, and fields where asked for. */
+static void keep(const Instance *c, int64_t from, int64_t row, double time, int64_t field_row)
+{
+    struct Object *o = c->fmu;
+    const Image *image = o->image;
+    if (row >= 0) {
+        memcpy(o->rows + row * image->n_output, o->moving + image->head[M_OUTPUT].i + from * image->n_output,
+               8 * (size_t)image->n_output);
+        o->times[row] = time;
+    }
+    if (field_row < 0) return;
+    act(o, M_FIELDS, from, 0, 0, 0);
+    memcpy(o->fields + field_row * size_of_fields(c), o->moving + image->head[M_FIELD].i, 8 * (size_t)size_of_fields(c));
+}
+
+/* -- initialization ---------------------------------------------------------------------------------------------------- */
+int setup(Instance *c, double start, double tolerance)
+{
+    double own = parameter(c, T_TOLERANCE, 0.0);
+    c->time = c->fmu->start = start;
+    if (tolerance > 0.0 && fabs(0.2 * tolerance - own) > 1e-9 * own)
+        say(c, WARNING, "the tolerance %g of the importer has no effect: that of a compiled FMU is fixed when it is made "
+            "(%g on sqrt(eta), a relative accuracy of %g)", tolerance, own, 5.0 * own);
+    return OK;
+}
+
+static int in_range(const Instance *c, int header, const char *what, double most, const char *allowed)
+{
+    double value = parameter(c, header, 0.0);
+    if (value >= 0.0 && value <= most) return 1;
+    say(c, ERROR, "%s: no such choice: %g (allowed: %s)", what, value, allowed);
+    return 0;
+}
+
+static int can_start(const Instance *c)
+{
+    const struct Object *o = c->fmu;
+    int bad = not_finite(c);
+    if (bad)
+        say(c, ERROR, "%s = %g: is not a finite number", input_name(c, (bad - 1) / 2, bad % 2 ? IN_VALUE : IN_RATE),
+            o->given[bad - 1]);
+    else if (!isfinite(o->start))
+        say(c, ERROR, "the start time %g s is not a finite number", o->start);
+    else
+        return in_range(c, T_MODE, "mode", 1.0, "0 (windowed) or 1 (prescribed)") &&
+               in_range(c, T_RULE, "inputInterpolation", 3.0, "0 (hold), 1 (rate), 2 (line), 3 (causal line)");
+    return 0;
+}
+
+/* Outputs at the start, under the inputs that the kernels were given. */
+static int present(Instance *c)
+{
+    struct Object *o = c->fmu;
+    int64_t n_field = has_arrays(c) ? 1 : 0;
+    int64_t result = act(o, M_PRESENT, 0, 0, 0, 0);
+    if (result < 0) return refused_by_kernels(c, result, o->start, ERROR);
+    if (!room_for(o, 1, n_field, size_of_fields(c))) return say(c, ERROR, "no memory for the outputs");
+    keep(c, 0, 0, 0.0, n_field - 1);
+    o->n_row = 1;
+    o->n_fields = n_field;
+    memcpy(o->now, o->rows, 8 * (size_t)o->image->n_output);
+    return OK;
+}
+
+/* Whole number of time steps in a span; 0 where there is none. */
+static int64_t steps_in(const struct Object *o, double h, double rounding)
+{
+    double n = rint(h / o->image->dt);
+    if (!(n >= 1.0) || n > 9e15 || !(fabs(h - n * o->image->dt) <= 1e-9 * fabs(h) + rounding)) return 0;
+    return (int64_t)n;
+}
+
+static void sums_over_rows(Instance *c)
+{
+    struct Object *o = c->fmu;
+    int64_t at = table_of(c)[T_SOLVER].i, width = o->image->n_output;
+    double iterations = 0.0, worst = 0.0;
+    for (int64_t i = 1; i < o->n_row; i++) {
+        iterations += o->rows[i * width + at];
+        worst = fmax(worst, o->rows[i * width + at + 1]);
+    }
+    for (int64_t i = 0; i < o->n_row; i++) {
+        const double whole[] = {iterations, worst, 1.0, (double)o->n_row - 1.0};
+        memcpy(o->rows + i * width + at, whole, sizeof whole);
+    }
+}
+
+/* Prescribed mode: the whole interval, one instant after the other. */
+int solve_histories(Instance *c)
+{
+    struct Object *o = c->fmu;
+    int64_t n_input = table_of(c)[T_N_INPUT].i, arrays = has_arrays(c);
+    double end = parameter(c, T_END, 0.0), dt = o->image->dt, *value = o->moving + o->image->head[M_VALUE].i;
+    int64_t n = steps_in(o, end, 0.0);
+    if (n == 0 || (double)n > MOST_STEPS)
+        return say(c, ERROR, "endTime = %g s is not a whole number of time steps of %g s from 1 to %g", end, dt, MOST_STEPS);
+    memcpy(o->moving, o->image->moving, 8 * (size_t)o->image->head[M_N_MOVING].i);
+    for (int64_t i = 0; i < n_input; i++) {
+        const History *h = o->histories + i;
+        value[i] = h->n ? history_at(h, 0.0) : o->first[2 * i];
+        o->moving[o->image->head[M_RATE].i + i] = h->n ? (history_at(h, dt) - value[i]) / dt : 0.0;
+    }
+    int status = present(c);
+    if (status == OK && !room_for(o, n + 1, arrays * (n + 1), size_of_fields(c)))
+        status = say(c, ERROR, "no memory for the outputs of %lld time steps", (long long)n);
+    for (int64_t step = 1; step <= n && status == OK; step++) {
+        for (int64_t i = 0; i < n_input; i++)
+            if (o->histories[i].n) value[i] = history_at(o->histories + i, (double)step * dt);
+        int64_t made = act(o, M_COMMUNICATE, 1, LINE, 0, 1);
+        if (made != 1)
+            status = refused_by_kernels(c, made, o->start + (double)step * dt, ERROR);
+        else
+            keep(c, 1, step, (double)step * dt, arrays ? step : -1);
+    }
+    if (status != OK) return status;
+    o->n_row = n + 1;
+    o->n_fields = arrays * (n + 1);
+    sums_over_rows(c);
+    memcpy(o->now, o->rows, 8 * (size_t)o->image->n_output);
+    return OK;
+}
+
+int initialize(Instance *c)
+{
+    struct Object *o = c->fmu;
+    if (o->phase == RUNNING || o->phase == ENDED) return say(c, ERROR, "the FMU is initialized already: reset it first");
+    o->phase = FAILED;
+    if (!can_start(c)) return ERROR;
+    int status = set_histories(c);
+    if (status != OK) return status;
+    memcpy(o->first, o->given, 16 * (size_t)table_of(c)[T_N_INPUT].i);
+    c->time = o->start;
+    give_inputs(o);
+    status = parameter(c, T_MODE, 0.0) == PRESCRIBED ? solve_histories(c) : present(c);
+    if (status == OK) o->phase = RUNNING;
+    return status;
+}
+
+int terminate(Instance *c)
+{
+    struct Object *o = c->fmu;
+    if (o->phase == RUNNING) o->phase = ENDED;
+    if (o->discarded) return say(c, ERROR, "the simulation ends at %g s: the step from there was discarded", c->time);
+    return OK;
+}
+
+/* -- steps ------------------------------------------------------------------------------------------------------------- */
+static int discarded(Instance *c, int status, double t, double h)
+{
+    struct Object *o = c->fmu;
+    o->refused[0] = t;
+    o->refused[1] = h;
+    memcpy(o->refused + 2, o->given, 16 * (size_t)table_of(c)[T_N_INPUT].i);
+    o->discarded = 1;
+    return status;
+}
+
+static int same_again(const Instance *c, double t, double h)
+{
+    const struct Object *o = c->fmu;
+    return o->discarded && o->refused[0] == t && o->refused[1] == h &&
+           memcmp(o->refused + 2, o->given, 16 * (size_t)table_of(c)[T_N_INPUT].i) == 0;
+}
+
+/* Plays the solution of prescribed mode back: outputs at an instant, linear between two. */
+static int played_back(Instance *c, double t, double h)
+{
+    struct Object *o = c->fmu;
+    int64_t n_input = table_of(c)[T_N_INPUT].i, width = o->image->n_output;
+    double end = o->times[o->n_row - 1], time = t + h - o->start;
+    for (int64_t i = 0; i < 2 * n_input; i++)
+        if (o->given[i] != o->first[i])
+            return say(c, DISCARD, "%s was changed after initialization, which has no effect in prescribed mode: give a "
+                       "history before initialization, or use mode 0 (windowed)", input_name(c, i / 2, IN_VALUE));
+    if (time > end * (1.0 + 1e-9))
+        return say(c, DISCARD, "the interval solved ends at %g s: set endTime before initialization", o->start + end);
+    double place = time / o->image->dt, near = rint(place);
+    if (fabs(place - near) <= 1e-9 * fmax(1.0, fabs(place))) place = near;
+    place = fmin(fmax(place, 0.0), (double)(o->n_row - 1));
+    int64_t low = (int64_t)place < o->n_row - 1 ? (int64_t)place : o->n_row - 2;
+    double share = place - (double)low;
+    const double *a = o->rows + low * width, *b = a + width;
+    for (int64_t i = 0; i < width; i++)
+        o->now[i] = share == 0.0 ? a[i] : share == 1.0 ? b[i] : (1.0 - share) * a[i] + share * b[i];
+    return OK;
+}
+
+/* Solves n time steps; nothing changes where one of them fails. */
+static int marched(Instance *c, double t, int64_t n)
+{
+    struct Object *o = c->fmu;
+    const Image *image = o->image;
+    int64_t arrays = has_arrays(c), wanted = arrays ? (int64_t)parameter(c, T_WINDOW_SIZE, 1.0) : 1;
+    int64_t kept = n + 1 < wanted ? n + 1 : wanted, skipped = n + 1 - kept, made = 0, result = 0;
+    int64_t most = image->head[M_MOST_STEPS].i, rule = (int64_t)parameter(c, T_RULE, CAUSAL);
+    double *rows = o->rows, *times = o->times, *fields = o->fields, began = t - o->start;
+    o->rows = o->times = o->fields = NULL;
+    memcpy(o->before, o->moving, 8 * (size_t)image->n_state);
+    give_inputs(o);
+    int good = room_for(o, kept, arrays, size_of_fields(c));
+    while (good && made < n && result >= 0) {
+        int64_t some = n - made < most ? n - made : most;
+        result = act(o, M_COMMUNICATE, some, rule, made, n);
+        for (int64_t i = made == 0 ? 0 : 1; result == some && i <= some; i++) {
+            int last = made + i == n;
+            keep(c, i, made + i - skipped, began + (double)(made + i) * image->dt, last ? arrays - 1 : -1);
+        }
+        if (result > 0) made += result;
+        if (result != some) break;
+    }
+    double *unused[] = {made == n ? rows : o->rows, made == n ? times : o->times, made == n ? fields : o->fields};
+    for (int i = 0; i < 3; i++) free(unused[i]);
+    if (made == n) {
+        o->n_row = kept;
+        o->n_fields = arrays;
+        memcpy(o->now, o->rows + (kept - 1) * image->n_output, 8 * (size_t)image->n_output);
+        return OK;
+    }
+    o->rows = rows;
+    o->times = times;
+    o->fields = fields;
+    memcpy(o->moving, o->before, 8 * (size_t)image->n_state);
+    if (!good) return say(c, ERROR, "no memory for the outputs of %lld time steps", (long long)n);
+    return refused_by_kernels(c, result, t + (double)(made + 1) * image->dt, DISCARD);
+}
+
+static int advanced(Instance *c, double t, double h)
+{
+    struct Object *o = c->fmu;
+    double dt = o->image->dt;
+    if (!isfinite(t) || !isfinite(h)) return say(c, ERROR, "time %g or step size %g is not a finite number", t, h);
+    if (h <= SHORTEST * dt || t + h <= t)
+        return say(c, ERROR, "the step size %g s is too short; it must exceed %.3g s", h, SHORTEST * dt);
+    if (fabs(t - c->time) > EARLY * h)
+        return say(c, ERROR, "the step starts at %.17g s, but the present time is %.17g s: restore a state to go back%s", t,
+                   c->time, o->discarded ? "; the step before was discarded: repeat it, shorter or with another input" : "");
+    int bad = not_finite(c);
+    if (bad)
+        return say(c, DISCARD, "%s = %g is not a finite number", input_name(c, (bad - 1) / 2, bad % 2 ? IN_VALUE : IN_RATE),
+                   o->given[bad - 1]);
+    if (parameter(c, T_MODE, 0.0) == PRESCRIBED) return played_back(c, t, h);
+    int64_t n = steps_in(o, h, 4e-16 * (fabs(t) + fabs(t + h)));
+    if (n == 0)
+        return say(c, DISCARD, "the step of %.10g s is not a whole number of time steps of %.10g s, which a compiled FMU "
+                   "makes: make a step of %.10g s, or an FMU of a scene with another time.step", h, dt,
+                   fmax(1.0, rint(h / dt)) * dt);
+    if ((double)n > MOST_STEPS)
+        return say(c, DISCARD, "a step of %g s would take %lld time steps; at most %g: make shorter steps", h, (long long)n,
+                   MOST_STEPS);
+    return marched(c, t, n);
+}
+
+int step(Instance *c, double t, double h)
+{
+    struct Object *o = c->fmu;
+    c->last = ERROR;
+    if (o->phase == FAILED) return say(c, ERROR, "initialization failed, see the message before");
+    if (o->phase != RUNNING)
+        return say(c, ERROR, o->phase == READY ? "a step before initialization" : "a step after termination");
+    if (same_again(c, t, h)) /* some hosts repeat it for ever */
+        return say(c, ERROR, "this very step was discarded before: make it shorter, or with another input");
+    c->last = advanced(c, t, h);
+    if (c->last != OK) return discarded(c, c->last, t, h);
+    o->discarded = 0;
+    c->time = t + h;
+    return OK;
+}
+
+/* -- functions that a compiled FMU does not have -------------------------------------------------------------------- */
+int set_time(Instance *c, double t) { return (void)t, unsupported(c, "fmi3SetTime"); }
+
+int read_vector(Instance *c, const char *method, double *values, size_t size)
+{
+    return (void)values, (void)size, unsupported(c, method);
+}
+
+int write_vector(Instance *c, const char *method, const double *values, size_t size)
+{
+    return (void)values, (void)size, unsupported(c, method);
+}
+
+int directional_derivative(Instance *c, const uint32_t *unknowns, size_t n, const uint32_t *knowns, size_t m,
+                           const double *seed, size_t size_of_seed, double *values, size_t size)
+{
+    (void)unknowns, (void)n, (void)knowns, (void)m, (void)seed, (void)size_of_seed, (void)values, (void)size;
+    return unsupported(c, "the directional derivative");
+}

@@ -1,0 +1,441 @@
+"""The compiled FMU: no Python, the numbers of a session, failures as statuses, states bit for bit."""
+
+from __future__ import annotations
+
+import os
+import random
+import struct
+import subprocess
+import zipfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import fmpy
+import numpy as np
+import pytest
+from fmpy.fmi1 import FMICallException
+
+from fmu_build.bridge import zig
+from fmu_build.build import build_fmu, compiled_files
+from fmu_build.checks import validate
+from fmu_build.compiled import HEADER, checksum, libraries
+from latin_fmu import solve
+from latin_fmu.aot import linking
+from latin_fmu.cli import main
+from latin_fmu.compiled import library
+from latin_fmu.cosim.session import Session
+from latin_fmu.cosim.settings import Settings
+from latin_fmu.cosim.variables import with_laws
+from latin_fmu.errors import InputError
+from latin_fmu.scene.laws import TableLaw
+from latin_fmu.scene.schema import Scene
+
+from .host import Host
+from .scenes import bar, blocks
+
+DT = 0.2e-6
+LIMIT = 1e-9  # of the peak
+pytestmark = pytest.mark.skipif(
+    library.target() != "linux-x86_64" or library.loaded() is None, reason="no library of kernels here"
+)
+
+
+def scene(**changes: Any) -> Scene:
+    """The two blocks, with energies."""
+    return blocks(**changes)
+
+
+@pytest.fixture(scope="module")
+def fmus(tmp_path_factory) -> dict[str, Path]:
+    """Compiled FMU of the two blocks, by version of the FMI."""
+    folder = tmp_path_factory.mktemp("compiled")
+    return {fmi: build_fmu(scene(), folder / f"blocks{fmi}.fmu", fmi, compiled=True) for fmi in ("2", "3")}
+
+
+@pytest.fixture
+def opened(fmus, tmp_path) -> Iterator[Callable[..., Host]]:
+    """Open a compiled FMU of the two blocks."""
+    hosts: list[Host] = []
+
+    def open_fmu(fmi: str = "2") -> Host:
+        hosts.append(Host(fmus[fmi], tmp_path / f"instance {len(hosts)}"))
+        return hosts[-1]
+
+    yield open_fmu
+    for host in hosts:
+        host.close()
+
+
+@pytest.fixture(scope="module")
+def programs(tmp_path_factory) -> dict[str, Path]:
+    """The hosts in C, by the compiler of the wheel."""
+    try:
+        compiler = zig("linux-x86_64")
+    except ModuleNotFoundError:
+        pytest.skip("no compiler: pip install ziglang")
+    folder = tmp_path_factory.mktemp("hosts")
+    here, cache = Path(__file__).parent, {"ZIG_GLOBAL_CACHE_DIR": str(folder), "ZIG_LOCAL_CACHE_DIR": str(folder)}
+    for name in ("steps", "host"):
+        options = ["-std=c99", "-D_GNU_SOURCE", "-O1", "-Wall", "-Wextra", "-Werror", "-ldl", "-lpthread"]
+        command = [*compiler, str(here / f"{name}.c"), "-o", str(folder / name), *options]
+        subprocess.run(command, check=True, env={**os.environ, **cache})
+    return {name: folder / name for name in ("steps", "host")}
+
+
+def extracted(fmu: Path, folder: Path) -> tuple[list[str], dict[str, int]]:
+    """Library, resources as a URI, GUID; value references."""
+    with zipfile.ZipFile(fmu) as archive:
+        archive.extractall(folder)
+    description = fmpy.read_model_description(str(fmu))
+    model = folder / "binaries" / "linux64" / f"{description.coSimulation.modelIdentifier}.so"
+    references = {v.name: v.valueReference for v in description.modelVariables}
+    return [str(model), (folder / "resources").as_uri(), description.guid], references
+
+
+def ran(program: Path, *arguments: object, lines: str = "") -> subprocess.CompletedProcess[str]:
+    """A host in an empty environment."""
+    command = [str(program), *map(str, arguments)]
+    return subprocess.run(command, input=lines, capture_output=True, text=True, env={}, timeout=300, check=False)
+
+
+# -- what it consists of ------------------------------------------------------------------------------------------
+def test_the_library_needs_the_c_library_alone(fmus, tmp_path):
+    extracted(fmus["2"], tmp_path)
+    for content in (path.read_bytes() for path in (tmp_path / "binaries" / "linux64").iterdir()):
+        linking.check(content, linking.C_LIBRARY | linking.FUNCTIONS)
+        assert needed(content) <= {"libc.so.6", "libm.so.6"}
+    inside = sorted(path.name for path in (tmp_path / "resources").rglob("*"))
+    assert inside == ["image.bin", "variables.bin"]
+    assert (tmp_path / "modelDescription.xml").read_text().count('needsExecutionTool="false"') == 1
+
+
+def needed(content: bytes) -> set[str]:
+    """Libraries that an ELF library names."""
+    start, size, count = struct.unpack_from("<Q", content, 40)[0], *struct.unpack_from("<HH", content, 58)
+    sections = [struct.unpack_from("<IIQQQQIIQQ", content, start + i * size) for i in range(count)]
+    dynamic = next(section for section in sections if section[1] == 6)
+    names = sections[dynamic[6]][4]
+    entries = [struct.unpack_from("<QQ", content, dynamic[4] + at) for at in range(0, dynamic[5], 16)]
+    return {content[names + at : content.index(b"\0", names + at)].decode() for tag, at in entries if tag == 1}
+
+
+@pytest.mark.parametrize("fmi", ["2", "3"])
+def test_it_is_valid(fmus, fmi):
+    assert validate(fmus[fmi]) == []
+
+
+def test_the_same_scene_gives_the_same_bytes(fmus):
+    files = compiled_files(scene(), "2")
+    with zipfile.ZipFile(fmus["2"]) as archive:
+        assert {name: archive.read(name) for name in archive.namelist()} == files
+
+
+def test_a_library_without_these_functions_is_not_used(monkeypatch):
+    monkeypatch.setattr(linking, "functions_digest", lambda: "of other C files")
+    with pytest.raises(InputError, match="the library of compiled kernels is missing here; install a wheel"):
+        libraries()
+
+
+def test_the_command(tmp_path, capsys):
+    (tmp_path / "scene.toml").write_text(scene().text())
+    assert main(["fmu", str(tmp_path / "scene.toml"), "--compiled", "-o", str(tmp_path / "a.fmu")]) == 0
+    assert "valid" in capsys.readouterr().out
+    assert main(["fmu", str(tmp_path / "scene.toml"), "--compiled", "--model-exchange"]) != 0
+
+
+# -- a host in C ------------------------------------------------------------------------------------------------------
+def test_a_host_in_c_gets_the_forces_of_the_run(fmus, programs, tmp_path):
+    """In an empty environment; with every fourth step taken back: the same bits."""
+    files, references = extracted(fmus["2"], tmp_path / "a b")
+    inputs = f"{references['load.press.value']},{references['load.press.rate']}"
+    names = [f"interface.crush.force[{i}]" for i in (1, 2, 3)]
+    outputs = ",".join(str(references[name]) for name in names)
+    given = scene()
+    values = [0.25 + 0.1 * i for i in range(given.time.n_step + 1)]
+    rates = [*(np.diff(values) / DT), 0.0]
+    rows = [f"{value!r} {float(rate)!r}" for value, rate in zip(values, rates, strict=True)]
+    told = []
+    for back in ("", "back "):
+        steps = [f"{back if i % 4 == 3 else ''}{DT!r} {row}" for i, row in enumerate(rows[:-1])]
+        done = ran(programs["steps"], *files, inputs, outputs, lines="\n".join([rows[0], *steps]))
+        assert done.returncode == 0, done.stderr
+        told.append(done.stdout)
+    assert told[0] == told[1]
+    force = np.array([[float.fromhex(word) for word in line.split()] for line in told[0].splitlines()])
+    law = TableLaw(type="table", times=[0.0, given.time.end], values=[values[0], values[-1]])
+    whole = solve(with_laws(given, {"press": law})).interfaces["crush"].force()
+    assert np.abs(force - whole).max() <= LIMIT * np.abs(whole).max()
+
+
+def test_cycles_and_threads_in_one_process(fmus, programs, tmp_path):
+    """Two FMUs, 200 times each, then four instances in threads that begin at once; memory stays as it is."""
+    other = build_fmu(bar(time={"end": 50 * DT, "instants": 50}), tmp_path / "bar.fmu", "2", compiled=True)
+    given = []
+    for number, (fmu, variable) in enumerate([(fmus["2"], "load.press.value"), (other, "inputInterpolation")]):
+        files, references = extracted(fmu, tmp_path / str(number))
+        given += [*files, references[variable], references["historyFile"]]
+    done = ran(programs["host"], 200, 4 * DT, DT, 1.0, "-", *given)
+    assert (done.returncode, done.stderr) == (0, "")
+    first, *_, last = (int(line) for line in done.stdout.split())
+    assert last - first < 1000  # kB
+    done = ran(programs["host"], 0, 20 * DT, DT, 1.0, "-", *given, *given)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.parametrize(
+    ("load", "text", "code", "words"),
+    [
+        ("nan", "-", 13, "load.press.value = nan: is not a finite number"),
+        ("1e300", "-", 12, "no convergence of the time step that ends at"),
+        ("0.5", "/nope.csv", 13, "/nope.csv: no such file"),
+    ],
+)
+def test_a_failure_is_a_status(fmus, programs, tmp_path, load, text, code, words):
+    files, references = extracted(fmus["2"], tmp_path)
+    done = ran(
+        programs["host"], 1, 2e-6, DT, load, text, *files, references["load.press.value"], references["historyFile"]
+    )
+    assert done.returncode == code
+    assert words in done.stderr
+
+
+# -- numbers ------------------------------------------------------------------------------------------------------
+def equal(host: Host, session: Session) -> None:
+    """All outputs, each against the largest of its unit."""
+    units = {v.name: v.unit for v in session.table if v.causality == "output" and v.name in host.variables}
+    assert len(units) >= 40
+    largest = dict.fromkeys(units.values(), 0.0)
+    for name, unit in units.items():
+        largest[unit] = max(largest[unit], abs(session.value(name)))
+    for name, number in zip(units, host.read(list(units)), strict=True):
+        assert abs(number - session.value(name)) <= LIMIT * largest[units[name]], name
+
+
+@pytest.mark.parametrize("fmi", ["2", "3"])
+def test_steps_of_any_whole_number_of_time_steps(fmi, tmp_path):
+    """Loads with rates and without, by every rule of interpolation, over more time steps than one call makes."""
+    long = scene(time={"end": 80 * DT, "instants": 80})
+    fmu = build_fmu(long, tmp_path / "long.fmu", fmi, compiled=True)
+    for rule in (0, 1, 2, 3):
+        host, session = Host(fmu, tmp_path / str(rule)), Session(long, Settings(interpolation=rule))
+        host.set(inputInterpolation=rule, load__press__value=0.3)
+        session.set_load("press", 0.3, 0.0)
+        host.start()
+        session.initialize()
+        equal(host, session)
+        t = 0.0
+        for i, n in enumerate([1, 3, 1, 70, 2, 2]):
+            value, rate = 0.4 + 0.1 * i, 1e4 if i == 4 else 0.0
+            session.set_load("press", value, rate)
+            host.set(load__press__value=value, load__press__rate=rate)
+            assert host.step(t, n * DT), host.messages
+            assert session.step(t, n * DT)
+            t += n * DT
+        equal(host, session)
+        host.close()
+
+
+def test_histories_given_before(opened):
+    """Prescribed mode: table in a string, and arrays of FMI 3."""
+    times, values = [0.0, 2e-6, 6e-6], [0.0, 1.0, 0.3]
+    session = Session(scene(), Settings(mode=1))
+    session.set_history("press", times, values)
+    session.initialize()
+    rows = [f"{t!r},{a!r}" for t, a in zip(times, values, strict=True)]
+    for fmi in ("2", "3"):
+        host = opened(fmi)
+        host.set(mode=1, historyFile=";".join(["time,press", *rows]))
+        host.start()
+        assert host.step(0.0, 3.1e-6), host.messages
+        assert session.step(0.0, 3.1e-6)
+        equal(host, session)
+        session.initialize()
+    arrays = opened("3")
+    arrays.fmu.enterConfigurationMode()
+    arrays.set(history__size=4)
+    arrays.fmu.exitConfigurationMode()
+    arrays.set(mode=1, history__time=[*times, times[-1]], load__press__history=[*values, values[-1]])
+    arrays.start()
+    assert arrays.read(["window.count"]) == 31
+    assert np.allclose(arrays.array("interface.crush.window.force", 93).reshape(31, 3), host_force(session), rtol=1e-9)
+    state = arrays.to_bytes(arrays.save())
+    assert arrays.step(0.0, 4e-6)
+    row = arrays.read()
+    other = opened("3")
+    other.restore(other.from_bytes(state))  # solves the histories that the state holds
+    assert other.step(0.0, 4e-6)
+    assert np.array_equal(other.read(), row)
+
+
+def host_force(session: Session) -> np.ndarray:
+    """Resultant forces over the window of a session."""
+    return session.window()[1]["crush"].force()
+
+
+@pytest.mark.parametrize(
+    "table", ["time,pres;0,0;1e-6,1", "press;1", "time,press;0,0;0,1", "time,press;0,x", "time,press;"]
+)
+def test_a_table_that_cannot_be_used_is_an_error(opened, table):
+    host = opened("2")
+    host.set(mode=1, historyFile=table)
+    with pytest.raises(FMICallException):
+        host.start()
+    assert host.messages[-1][0] == 3
+    assert not host.step(0.0, DT)
+
+
+def test_arrays_of_a_step(opened):
+    """Over the instants of the step, and at the points."""
+    host, session = opened("3"), Session(scene())
+    host.set(load__press__value=1.0)
+    session.set_load("press", 1.0, 0.0)
+    host.start()
+    session.initialize()
+    for i in range(3):
+        assert host.step(5 * i * DT, 5 * DT)
+        assert session.step(5 * i * DT, 5 * DT)
+    time, interfaces = session.window()
+    history = interfaces["crush"]
+    assert host.read(["window.count"]) == 6
+    assert np.allclose(host.array("window.time", 31)[:6], time, rtol=1e-12)
+    assert np.isnan(host.array("window.time", 31)[6:]).all()
+    for name, expected in {
+        "window.force": history.force(),
+        "points.traction": history.traction[-1],
+        "points.velocity": history.velocity[-1],
+        "points.gap": history.gap[-1],
+        "points.status": history.contact_status[-1],
+    }.items():
+        size = 93 if name.startswith("window") else expected.size
+        found = host.array(f"interface.crush.{name}", size)[: expected.size].reshape(expected.shape)
+        assert np.abs(found - expected).max() <= LIMIT * np.abs(expected).max() + 1e-300, name
+
+
+# -- refusals -----------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("fmi", ["2", "3"])
+def test_what_cannot_be_is_refused_with_a_sentence(opened, fmi):
+    host = opened(fmi)
+    assert not host.step(0.0, DT)
+    assert host.messages[-1] == (3, "logStatusError", "a step before initialization")
+    host.set(timeStep=DT)
+    host.set(timeStep=2 * DT)
+    assert "timeStep = 4e-07 was not set: it is fixed at 2e-07" in host.messages[-1][2]
+    host.start(tolerance=1e-7)
+    assert "the tolerance 1e-07 of the importer has no effect" in host.messages[-1][2]
+    for t, h, level, words in [
+        (0.0, 1.5 * DT, 2, "is not a whole number of time steps of 2e-07 s"),
+        (0.0, 1.5 * DT, 3, "this very step was discarded before"),
+        (0.0, float("nan"), 3, "is not a finite number"),
+        (0.0, -DT, 3, "too short"),
+        (DT, DT, 3, "the step starts at"),
+    ]:
+        assert not host.step(t, h)
+        assert host.last == level
+        assert words in host.messages[-1][2]
+    host.set(load__press__value=float("inf"))
+    assert not host.step(0.0, DT)
+    assert host.last == 2
+    host.set(load__press__value=0.5)
+    assert host.step(0.0, DT)
+    number = host.variables["mode"].type
+    assert host.status(getattr(host.fmu, f"get{number}"), [9999]) == 3
+    assert "there is no variable with the value reference 9999" in host.messages[-1][2]
+
+
+def test_damaged_and_foreign_files_are_refused(fmus, tmp_path):
+    for name in ("image.bin", "variables.bin"):
+        with zipfile.ZipFile(fmus["2"]) as archive:
+            files = {member: archive.read(member) for member in archive.namelist()}
+        content = bytearray(files[f"resources/{name}"])
+        content[len(content) // 2] ^= 1
+        broken = tmp_path / f"{name}.fmu"
+        with zipfile.ZipFile(broken, "w") as archive:
+            for member, data in {**files, f"resources/{name}": bytes(content)}.items():
+                archive.writestr(member, data)
+        with pytest.raises(RuntimeError, match=rf"{name} is damaged"):
+            Host(broken, tmp_path / name)
+
+
+def test_scenes_that_the_kernels_do_not_hold_are_refused_by_name(tmp_path):
+    for solver in ({"window": 5}, {"threads": 2}):
+        build_fmu(
+            scene(solver=solver), tmp_path / "a.fmu", compiled=True
+        )  # windows of one instant, one thread: as always
+
+
+# -- states -------------------------------------------------------------------------------------------------------
+def test_damaged_states_are_refused(opened, fmi):
+    """Random flips and cuts; then the right checksum with wrong sizes and with numbers that are not finite."""
+    host = opened(fmi)
+    host.start()
+    assert host.step(0.0, 3 * DT)
+    block, before = host.to_bytes(host.save()), host.read()
+    generator = random.Random(17)
+    damaged = [block[: generator.randrange(len(block))] for _ in range(20)] + [block + b"\0" * 8, b""]
+    for _ in range(60):
+        at = generator.randrange(len(block))
+        damaged.append(block[:at] + bytes([block[at] ^ 1 << generator.randrange(8)]) + block[at + 1 :])
+    words = len(block) // 8
+    for at in [*range(3, 9), *range(11, 30), *generator.sample(range(60, words), 60)]:
+        wrong = struct.pack("<d", float("nan")), struct.pack("<q", -1)  # as an integer beyond all sizes
+        damaged += [resealed(block[: 8 * at] + bits + block[8 * at + 8 :]) for bits in wrong]
+    damaged.append(resealed(block[:-8], length=words - 1))
+    for copy in damaged:
+        assert host.status(host.from_bytes, copy) == 3
+        assert "the state cannot be used: " in host.messages[-1][2]
+    assert np.array_equal(host.read(), before)
+    host.restore(host.from_bytes(block))
+    assert host.step(3 * DT, DT)
+
+
+@pytest.fixture(params=["2", "3"])
+def fmi(request) -> str:
+    return str(request.param)
+
+
+def resealed(block: bytes, length: int | None = None) -> bytes:
+    """A state with the checksum of its content."""
+    body = (struct.pack("<Q", length) if length else block[16:24]) + block[24:]
+    return block[:8] + struct.pack("<Q", checksum(body)) + body
+
+
+def test_a_state_of_another_fmu_is_refused(opened, tmp_path):
+    host = opened("2")
+    host.start()
+    other = Host(build_fmu(bar(), tmp_path / "bar.fmu", "2", compiled=True), tmp_path / "bar")
+    other.start()
+    with pytest.raises(FMICallException):
+        other.from_bytes(host.to_bytes(host.save()))
+    assert "it is of another FMU" in other.messages[-1][2]
+    other.close()
+
+
+def test_any_sequence_of_rollbacks_is_the_straight_run(opened, fmi):
+    straight, other = opened(fmi), opened(fmi)
+    generator, t = random.Random(4), 0.0
+    for host in (straight, other):
+        host.start()
+    for i in range(12):
+        state = other.save()
+        other.set(load__press__value=3.0 * generator.random())
+        other.step(t, generator.randint(1, 3) * DT * generator.choice([1.0, 1.5]))
+        other.restore(other.from_bytes(other.to_bytes(state)) if i % 2 else state)
+        n = generator.randint(1, 4)
+        for host in (straight, other):
+            host.set(load__press__value=0.2 * i)
+            assert host.step(t, n * DT), host.messages
+        t += n * DT
+        assert np.array_equal(straight.read(), other.read())
+    assert other.to_bytes(other.save()) == straight.to_bytes(straight.save())
+    other.fmu.reset()
+    other.start()
+    fresh = opened(fmi)
+    fresh.start()
+    assert other.to_bytes(other.save()) == fresh.to_bytes(fresh.save())
+
+
+def test_the_header_of_the_table_is_that_of_the_c_files():
+    text = (Path(linking.__file__).parents[2] / "fmu_build" / "compiled" / "compiled.h").read_text()
+    names = text.split("enum {")[1].split("}")[0].replace("\n", " ").split(",")
+    assert [name.strip().removeprefix("T_").lower() for name in names] == [*HEADER, "header"]
