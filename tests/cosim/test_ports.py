@@ -16,6 +16,7 @@ import pytest
 
 import latin_fmu
 from latin_fmu.cosim import Session, Settings
+from latin_fmu.cosim.loads import Loads
 from latin_fmu.cosim.variables import HOLD, RATE
 
 E, RHO, SIDE, EDGE = 200e9, 8000.0, 0.01, 0.01
@@ -326,6 +327,16 @@ def test_states_roll_back_to_the_last_bit():
     assert np.abs(first[: 6 * len(PORTS)]).max() > 0.0
     tree = session.dataset()
     assert {"port_foot_force_3", "port_foot_velocity", "port_hand_force"} <= set(tree["exchange"].data_vars)
+
+
+def test_velocities_are_motions_and_go_on_from_where_they_are():
+    """A jump of a velocity takes the first time step; that of a force happens where a step begins."""
+    loads = Loads(bar(4, 20, port=PORTS, boundary={}))
+    for name, value in GIVEN.items():
+        loads.set(name, value, 0.0)
+    lines = loads.amplitudes(4e-6, 4, HOLD)
+    assert lines["port.hand.velocity[1]"].tolist() == [0.0, 0.1, 0.1, 0.1, 0.1]
+    assert lines["port.foot.force[3]"].tolist() == [70.0] * 5
 
 
 def test_prescribed_is_windowed():
