@@ -21,7 +21,7 @@ equations                                                              module
 (24)       error indicator; force residual                             kernels.indicator
            loop, acceleration; from instant to instant                 kernels.iteration, kernels.acceleration
                                                                        kernels.instants
-           Newton steps where the iteration is slow                    kernels.newton, kernels.envelope
+           Newton steps where the iteration is slow                    kernels.newton, kernels.envelope, kernels.krylov
            windows, fall-backs                                         latin.windows, latin.solver
            t = 0                                                       latin.initial_conditions
            time schemes; their energy identity                         time_scheme.implicit, kernels.energy

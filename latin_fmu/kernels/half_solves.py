@@ -184,17 +184,31 @@ def add_reference(pools: Any, c: int) -> None:
 
 
 @kernel
+def face_response(pools: Any, c: int, panels_at: int, force: Array, answer: Array) -> None:
+    """Add the channel values of the solution with forces (c, m) on the channels to ``answer`` (c, m), by substitution
+    on the face."""
+    row = pools.classes[c]
+    inner = pools.moving[row.inner : row.inner + row.n_inner * row.m]
+    inner[:] = 0.0
+    add_spread(pools, c, force, inner)
+    to_face(pools, c, inner)
+    substitute(pools, c, row.face_vector, panels_at, False, False)
+    substitute(pools, c, row.face_vector, panels_at, True, False)
+    from_face(pools, c, inner)
+    add_trace(pools, c, inner, answer, False)
+
+
+@kernel
 def swept_response(pools: Any, c: int, q: Array, w: Array) -> None:
     """``linear_response`` by substitution on the face with the factor that has the dashpots k on the interfaces. With
     the reference F_0 among the loads, w_free is the velocity under these tractions, W = w_free + Y area (q - q_0) with
     q_0 = F_0 + k w_free, and W = w_free for q_0 itself, the first guess of an instant."""
     row, run, work = pools.classes[c], pools.run[0], pools.moving
-    m, n_inner, size = row.m, row.n_inner, row.n_channel * row.m
+    m, size = row.m, row.n_channel * row.m
     channels = pools.fixed_int[row.channels : row.channels + size]
     area, k = pools.fixed[row.area : row.area + row.n_channel], pools.fixed[row.k : row.k + row.n_channel]
     w_free, damped = work[row.w_free : row.w_free + size], work[row.w_damped : row.w_damped + size]
     incoming, answer = work[row.channel : row.channel + size], work[row.answer : row.answer + size]
-    inner = work[row.inner : row.inner + n_inner * m]
     reference, largest, apart = work[row.reference : row.reference + size], 0.0, 0.0
     gain = gain_of(row, run)
     for i in range(row.n_channel):
@@ -209,13 +223,7 @@ def swept_response(pools: Any, c: int, q: Array, w: Array) -> None:
         for at in range(size):
             w[channels[at]] = answer[at]
         return
-    inner[:] = 0.0
-    add_spread(pools, c, incoming, inner)
-    to_face(pools, c, inner)
-    substitute(pools, c, row.face_vector, row.k_panels, False, False)
-    substitute(pools, c, row.face_vector, row.k_panels, True, False)
-    from_face(pools, c, inner)
-    add_trace(pools, c, inner, answer, False)
+    face_response(pools, c, row.k_panels, incoming, answer)
     for at in range(size):
         w[channels[at]] = answer[at]
 

@@ -95,8 +95,11 @@ def first_guess(pools: Any, instant: int) -> None:
 
 @kernel
 def guess_from_reference(pools: Any, q: Array) -> None:
-    """q of the last tractions and of the velocities that they give at the channels of swept classes with inertia."""
+    """q of the last tractions and of the velocities that they give at the channels of swept classes with inertia. Not
+    where steps are so long that Newton steps end them: there the last velocities are closer to the new ones."""
     run, work = pools.run[0], pools.moving
+    if run.newton == 1:
+        return
     for c in range(len(pools.classes)):
         row = pools.classes[c]
         if row.swept == 0 or run.static == 1:

@@ -15,7 +15,8 @@ and Stroemberg 1998), with u the change of d + z F and rho = F - F_hat the resid
 
 with three unknowns y at a point that sticks, two at one that slips (the traction along the direction of slip follows
 from the pressure, so that the friction law needs no outer fixed point, whatever mu is; cf. the bipotential of De Saxce
-and Feng 1998) and none at one that is open. The block of the active points is factorised directly (``envelope``).
+and Feng 1998) and none at one that is open. The block of the active points is factorised directly (``envelope``), on
+large interfaces solved by products alone (``krylov``).
 Points that several interfaces hold make it singular: a share ``proximal`` of z is added to the diagonal of rows of
 normal and sticking components. The solution does not change by that, as the right-hand side is the true residual.
 
@@ -35,10 +36,10 @@ from numpy.typing import NDArray
 from ..compiled import kernel
 from .acceleration import next_iterate
 from .envelope import PANEL, TILE, factorise, place_rows, substitute
+from .krylov import add_columns, admit, solve_by_products, widen
 from .laws import tangent
 from .local_stage import finish, outgoing, prepare, solve_points
-from .matrices import tile_of
-from .products import entry_of, product, symmetric_size
+from .products import entry_of, symmetric_size
 
 Array = NDArray[np.float64]
 
@@ -64,31 +65,6 @@ row without decrease, 1 where the method was left, iteration from which on the a
 distance from the tolerances at the first step; then the residual of a trial of the Python driver."""
 SCRATCH = PANEL * (TILE + 1) + 2
 """Numbers of scratch of the elimination."""
-
-
-@kernel
-def admit(pools: Any, x: Array, out: Array) -> None:
-    """out (N,) = velocities D a x of the channels under tractions x (N,) alone; 0 on ground."""
-    work = pools.moving
-    out[:] = 0.0
-    for c in range(len(pools.classes)):
-        row = pools.classes[c]
-        m, n_live, size = row.m, row.n_live, row.n_channel * row.m
-        channels, live = (
-            pools.fixed_int[row.channels : row.channels + size],
-            pools.fixed_int[row.live : row.live + n_live],
-        )
-        area = pools.fixed[row.area : row.area + row.n_channel]
-        incoming, answer = (work[row.channel : row.channel + n_live * m], work[row.answer : row.answer + n_live * m])
-        for i in range(n_live):
-            for j in range(m):
-                incoming[i * m + j] = area[live[i]] * x[channels[live[i] * m + j]]
-        plain = row.plain_response
-        table = pools.fixed[row.admittance : row.admittance + symmetric_size(n_live, plain, m)]
-        product(n_live, table, plain, m, incoming, answer, tile_of(row, work))
-        for i in range(n_live):
-            for j in range(m):
-                out[channels[live[i] * m + j]] = answer[i * m + j]
 
 
 @kernel
@@ -132,7 +108,7 @@ def activate(pools: Any) -> int:
         numbers[run.unknown_of : run.unknown_of + run.n_point + 1],
         work[run.local_f : run.local_f + run.n_flat],
     )
-    f, z = work[run.f : run.f + run.n_flat], pools.fixed[run.z : run.z + run.n_flat]
+    f, z = work[run.f : run.f + run.n_flat], pools.fixed[run.newton_z : run.newton_z + run.n_flat]
     block_start = numbers[run.unknown_start : run.unknown_start + run.n_block + 1]
     block_points = pools.fixed_int[run.block_points : run.block_points + run.n_block + 1]
     count, b = 0, 0
@@ -150,7 +126,7 @@ def activate(pools: Any) -> int:
             work[run.rows + 3 * count : run.rows + 3 * (count + 3)],
         )
         softness = work[run.softness + 3 * count : run.softness + 3 * (count + 3)]
-        z_sum = pools.fixed[group.z_sum + 2 * at : group.z_sum + 2 * at + 2]
+        z_sum = pools.fixed[group.newton_z_sum + 2 * at : group.newton_z_sum + 2 * at + 2]
         made = tangent(
             group.law,
             work[group.jump + at * h : group.jump + (at + 1) * h],
@@ -255,25 +231,24 @@ def propose(pools: Any) -> bool:
     x, v = work[run.step_f : run.step_f + n], work[run.step_w : run.step_w + n]
     f, f_hat = work[run.f : run.f + n], work[run.local_f : run.local_f + n]
     q, w, k = work[run.q : run.q + n], work[run.w : run.w + n], pools.fixed[run.k : run.k + n]
+    if run.krylov == 1:
+        widen(pools)
     for j in range(n):
         x[j] = f_hat[j] - f[j]
     admit(pools, x, v)
-    if activate(pools) > 0:
+    count = activate(pools)
+    if count > 0:
         add_relative(pools, v)
-        assemble(pools)
-        if not solve_active(pools):
-            return False
-    unknown_of = pools.moving_int[run.unknown_of : run.unknown_of + run.n_point + 1]
-    for p in range(run.n_point):
-        group = pools.groups[pools.fixed_int[run.point_group + p]]
-        h = group.n_component
-        first = group.start + pools.fixed_int[run.point_number + p] * h
-        second = first + group.n_point * h
-        for i in range(unknown_of[p], unknown_of[p + 1]):
-            for a in range(h):
-                change = work[run.columns + 3 * i + a] * work[run.unknowns + i]
-                x[first + a] += change
-                x[second + a] -= change
+        if run.krylov == 1:
+            if not solve_by_products(pools, count):
+                return False
+            for j in range(n):
+                x[j] = f_hat[j] - f[j]
+        else:
+            assemble(pools)
+            if not solve_active(pools):
+                return False
+    add_columns(pools, work[run.unknowns : run.unknowns + count], x)
     admit(pools, x, v)
     kept_q, kept_w = work[run.old_q : run.old_q + n], work[run.old_w : run.old_w + n]
     size, r, metric = 0.0, work[run.r : run.r + n], pools.fixed[run.metric : run.metric + n]

@@ -16,8 +16,9 @@ from .assembly import Assembly, Index
 
 LARGEST: Final = 2100**2
 LARGEST_STATIC: Final = 6000**2
-"""Numbers of the matrix up to which Newton's method is used: about 700 points at one interface, more in chains; about
-2000 without inertia, where the iteration alone takes hundreds of products."""
+"""Numbers of the matrix up to which Newton's method is used where it factorises one: about 700 points at one interface,
+more in chains; about 2000 without inertia, where the iteration alone takes hundreds of products. Large interfaces with
+inertia take it by products (``kernels.krylov``)."""
 
 
 def relative_operator(assembly: Assembly) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from ..cholesky.factor import CholeskyFactor, DiagonalFactor
 from ..cholesky.substitution import LANES, SPARE, TILED
 from ..kernels.energy import FIELDS
 from ..kernels.energy_parts import N_TERM
+from ..kernels.krylov import SMALL, VECTORS
 from ..kernels.newton import SCRATCH
 from ..kernels.products import lower_count, lower_pattern, lower_values, pack_triangle, padded
 from ..kernels.records import DIRECT, EXPLICIT, LINE, STATIC
@@ -321,7 +322,7 @@ def direction(block: Block, propagator: Any, constant: Row, run: Row) -> Row:
         block.fill_later(partial(_copy, at, factor.panels))
         row["k_panels"] = numbers * at
         propagator.release()
-        if run.get("newton"):
+        if run.get("newton") and constant["kind"] == STATIC:
             row["admittance"] = put_dense(block, propagator.relative_compliance(), [live], m, False)
         return row
     row["response"] = put_dense(block, propagator.condensed, [live], m, bool(constant["plain_response"]))
@@ -406,6 +407,8 @@ def newton_sizes(run: Row, n: int) -> dict[str, int]:
     names = ("best_q", "step_f", "step_w", "old_q", "old_w", "new_q", "new_w")
     sizes = dict.fromkeys(names if largest else (), n)
     sizes |= {"unknown_of": run["n_point"] + 1, "unknown_start": int(run.get("n_block", 0)) + 1}
+    own = largest if run.get("krylov") else 0
+    sizes |= {"basis": (VECTORS + 1) * own, "krylov_work": 3 * own + SMALL if own else 0}
     sizes |= {"row_at": largest, "pivots": largest, "unknowns": largest + 3, "block": 9, "elimination": SCRATCH}
     return (
         sizes

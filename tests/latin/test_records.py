@@ -21,6 +21,7 @@ from latin_fmu.cholesky.substitution import LANES, SPARE
 from latin_fmu.compiled import PLAIN
 from latin_fmu.kernels import entries, records
 from latin_fmu.kernels.energy_parts import TERMS
+from latin_fmu.kernels.krylov import SMALL, VECTORS
 from latin_fmu.kernels.newton import SCRATCH
 from latin_fmu.kernels.products import padded
 from latin_fmu.kernels.records import CLASS_FIELDS, GROUP_FIELDS, LINE, RUN_FIELDS, RUN_NUMBERS
@@ -264,6 +265,8 @@ def newton_sizes(run: Any) -> dict[str, int]:
         "block": 9,
         "elimination": SCRATCH,
         "matrix": int(run["n_matrix"]),
+        "basis": (VECTORS + 1) * most if run["krylov"] else 0,
+        "krylov_work": SMALL + 3 * most if run["krylov"] else 0,
     }
 
 

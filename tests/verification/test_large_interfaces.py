@@ -151,6 +151,60 @@ def test_equal_answers(change: Callable[[Tables], None]) -> None:
     assert dense.energy is not None
 
 
+def long_plates(m: int, instants: int, friction: float = 0.3, **solver: Any) -> latin_fmu.Scene:
+    """Two plates of m x m x 2 elements, pressed and released in steps of 100 us, hundreds of transits of an element:
+    aluminium that widens more than steel slips, then sticks."""
+    size, elements = (1e-3 * m, 1e-3 * m, 2e-3), (m, m, 2)
+    tables = column(
+        {"lower": Box(ALUMINIUM, size, elements), "upper": Box(STEEL, size, elements)},
+        {"crush": {"friction_coefficient": friction}},
+        {"end": 1e-4 * instants, "instants": instants, "scheme": "hht"},
+        load={"press": {"face": "upper.zmax", "pressure": 2e8, "law": half_sine(2e-3)}},
+        solver={"share_identical": False, **solver},
+    )
+    held = [(body, side) for body in ("lower", "upper") for side in ("xmin", "ymin")]
+    tables["boundary"] = {
+        f"{body}_{side}": {"type": "symmetry", "face": f"{body}.{side}"} for body, side in [*held, ("lower", "zmin")]
+    }
+    return latin_fmu.scene_from_dict(tables)
+
+
+def test_newton_steps_by_products() -> None:
+    """Long steps end with Newton steps that take products alone: the tractions of steps with a factorised matrix."""
+    tight = {"tolerance": 1e-8, "force_tolerance": 1e-8}
+    exact, dense = (
+        latin_fmu.solve(long_plates(8, 10, interface_operator=form, **tight)) for form in ("exact", "dense")
+    )
+    assert exact.converged
+    assert dense.converged
+    assert sum(w.newton_steps for w in exact.windows) >= 10
+    mean = [np.mean([w.iterations for w in s.windows]) for s in (exact, dense)]
+    assert mean[0] <= 1.2 * mean[1]
+    assert apart(exact, dense, "traction") < 1e-5
+
+
+def test_newton_steps_by_products_at_several_interfaces() -> None:
+    """The same where one body has two interfaces, perfect or with friction, and classes have several members."""
+    tables = stack(5, time={"end": 1e-3, "instants": 10, "scheme": "hht"})
+    bonded(tables)
+    tables["solver"] |= {"newton": True, "tolerance": 1e-4, "force_tolerance": 1e-4}
+    tables["load"]["press"]["law"] = half_sine(1e-3)
+    exact, dense = solved(tables, "exact"), solved(tables, "dense")
+    assert exact.converged
+    assert dense.converged
+    assert sum(w.newton_steps for w in exact.windows) > 0
+    assert apart(exact, dense, "traction") < 5e-3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("friction", [0.1, 0.3, 0.6])
+def test_long_steps_of_a_large_face(friction: float) -> None:
+    """1,681 points at steps of 100 us: at most ten iterations on average, every instant converged."""
+    windows = latin_fmu.solve(long_plates(40, 20, friction)).windows
+    assert all(w.converged and not w.fallbacks for w in windows)
+    assert np.mean([w.iterations for w in windows]) <= 10
+
+
 def test_quasi_static() -> None:
     """Pressed and sheared without inertia, bodies that float at first; with and without Newton steps."""
     for newton in (False, True):

@@ -1,0 +1,253 @@
+"""Newton step on large interfaces by products alone: GMRES on the unknowns of the active points (``newton``).
+
+The matrix of the active points would be dense: 200 MB at 1,700 points, and its factors minutes of work. Its product
+
+    M y = r_i . A (sum of c_j y_j) + s_ij y_j
+
+takes one product with the admittances D, which a swept class has by two substitutions on its face. The generalised
+minimal residual method (Saad and Schultz 1986) is preconditioned from the right by the diagonal r_i . z c_i + s_ii, z
+being that of A. Its residual is a velocity. The admittance of a motion of a whole face is thousands of times that of a
+point, so that a residual small in this norm may still be large beside what one point contributes: hence TOLERANCE.
+
+The laws are taken with a larger z here: the solution is the same for every z (Alart and Curnier 1991), but with a small
+one points that slide back change the direction of slip step after step and never stick.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..compiled import kernel
+from .half_solves import face_response, gain_of
+from .laws import apply
+from .matrices import tile_of
+from .products import product, symmetric_size
+from .records import STATIC
+
+Array = NDArray[np.float64]
+
+VECTORS, CYCLES = 100, 3
+"""Products until the method begins anew, and how often it does."""
+TOLERANCE = 1e-6
+"""Residual over the right-hand side."""
+SMALL = (VECTORS + 1) * (VECTORS + 3)
+"""Numbers of the Hessenberg matrix, its rotations and its right-hand side."""
+
+
+@kernel
+def admit(pools: Any, x: Array, out: Array) -> None:
+    """out (N,) = velocities D a x of the channels under tractions x (N,) alone; 0 on ground."""
+    run, work = pools.run[0], pools.moving
+    out[:] = 0.0
+    for c in range(len(pools.classes)):
+        row = pools.classes[c]
+        m, n_live, size = row.m, row.n_live, row.n_channel * row.m
+        channels, live = (
+            pools.fixed_int[row.channels : row.channels + size],
+            pools.fixed_int[row.live : row.live + n_live],
+        )
+        area = pools.fixed[row.area : row.area + row.n_channel]
+        if row.swept == 1 and row.kind != STATIC:
+            force, velocity = work[row.channel : row.channel + size], work[row.answer : row.answer + size]
+            gain = gain_of(row, run)
+            velocity[:] = 0.0
+            for i in range(row.n_channel):
+                for j in range(m):
+                    force[i * m + j] = gain * area[i] * x[channels[i * m + j]]
+            face_response(pools, c, row.panels, force, velocity)
+            for at in range(size):
+                out[channels[at]] = velocity[at]
+            continue
+        incoming, answer = (work[row.channel : row.channel + n_live * m], work[row.answer : row.answer + n_live * m])
+        for i in range(n_live):
+            for j in range(m):
+                incoming[i * m + j] = area[live[i]] * x[channels[live[i] * m + j]]
+        plain = row.plain_response
+        table = pools.fixed[row.admittance : row.admittance + symmetric_size(n_live, plain, m)]
+        product(n_live, table, plain, m, incoming, answer, tile_of(row, work))
+        for i in range(n_live):
+            for j in range(m):
+                out[channels[live[i] * m + j]] = answer[i * m + j]
+
+
+@kernel
+def widen(pools: Any) -> None:
+    """Free velocities and tractions of the laws with ``newton_z``, for the fields of the last linear stage."""
+    run, work = pools.run[0], pools.moving
+    f, f_hat = work[run.f : run.f + run.n_flat], work[run.local_f : run.local_f + run.n_flat]
+    z, wide = pools.fixed[run.z : run.z + run.n_flat], pools.fixed[run.newton_z : run.newton_z + run.n_flat]
+    for g in range(len(pools.groups)):
+        group = pools.groups[g]
+        if group.law < 0:  # called by the Python driver
+            continue
+        h, size, n_parameter = group.n_component, group.n_point * group.n_component, group.n_parameter
+        width = h if group.elastic == 1 else 1
+        rate = run.layer_rate if group.elastic == 1 else 1.0 / run.dt
+        jump, traction = work[group.jump : group.jump + size], work[group.traction : group.traction + size]
+        first, second = group.start, group.start + size
+        for j in range(size):
+            a, b = first + j, second + j
+            jump[j] += (wide[a] - z[a]) * f[a] - (wide[b] - z[b]) * f[b]
+        for p in range(group.n_point):
+            apply(
+                group.law,
+                jump[p * h : (p + 1) * h],
+                pools.fixed[group.newton_z_sum + 2 * p : group.newton_z_sum + 2 * p + 2],
+                work[group.reach + p * width : group.reach + (p + 1) * width],
+                rate,
+                pools.fixed[group.parameters + p * n_parameter : group.parameters + (p + 1) * n_parameter],
+                traction[p * h : (p + 1) * h],
+            )
+        for j in range(size):
+            f_hat[first + j], f_hat[second + j] = traction[j], -traction[j]
+
+
+@kernel
+def add_columns(pools: Any, y: Array, x: Array) -> None:
+    """Add the tractions sum of c_i y_i to x (N,), opposite on both sides."""
+    run, work = pools.run[0], pools.moving
+    unknown_of = pools.moving_int[run.unknown_of : run.unknown_of + run.n_point + 1]
+    for p in range(run.n_point):
+        group = pools.groups[pools.fixed_int[run.point_group + p]]
+        h = group.n_component
+        first = group.start + pools.fixed_int[run.point_number + p] * h
+        second = first + group.n_point * h
+        for i in range(unknown_of[p], unknown_of[p + 1]):
+            for a in range(h):
+                change = work[run.columns + 3 * i + a] * y[i]
+                x[first + a] += change
+                x[second + a] -= change
+
+
+@kernel
+def multiply(pools: Any, y: Array, out: Array) -> None:
+    """out = M y; ``step_f`` and ``step_w`` are scratch."""
+    run, work = pools.run[0], pools.moving
+    x, v = work[run.step_f : run.step_f + run.n_flat], work[run.step_w : run.step_w + run.n_flat]
+    x[:] = 0.0
+    add_columns(pools, y, x)
+    admit(pools, x, v)
+    unknown_of = pools.moving_int[run.unknown_of : run.unknown_of + run.n_point + 1]
+    for p in range(run.n_point):
+        group = pools.groups[pools.fixed_int[run.point_group + p]]
+        first = group.start + pools.fixed_int[run.point_number + p] * group.n_component
+        second = first + group.n_point * group.n_component
+        for i in range(unknown_of[p], unknown_of[p + 1]):
+            total = 0.0
+            for a in range(group.n_component):
+                total += work[run.rows + 3 * i + a] * (v[first + a] - v[second + a])
+            for j in range(unknown_of[p], unknown_of[p + 1]):
+                total += work[run.softness + 3 * i + j - unknown_of[p]] * y[j]
+            out[i] = total
+
+
+@kernel
+def invert_diagonal(pools: Any, out: Array) -> None:
+    """out = 1 / (r_i . z c_i + s_ii), the preconditioner."""
+    run, work = pools.run[0], pools.moving
+    unknown_of = pools.moving_int[run.unknown_of : run.unknown_of + run.n_point + 1]
+    for p in range(run.n_point):
+        group, at = pools.groups[pools.fixed_int[run.point_group + p]], pools.fixed_int[run.point_number + p]
+        for i in range(unknown_of[p], unknown_of[p + 1]):
+            total = work[run.softness + 3 * i + i - unknown_of[p]]
+            for a in range(group.n_component):
+                z = pools.fixed[group.z_sum + 2 * at + min(a, 1)]
+                total += z * work[run.rows + 3 * i + a] * work[run.columns + 3 * i + a]
+            out[i] = 1.0 / total if total > 0.0 else 1.0
+
+
+@kernel
+def length_of(x: Array) -> float:
+    """Euclidean norm of a vector."""
+    total = 0.0
+    for i in range(len(x)):
+        total += x[i] * x[i]
+    return float(np.sqrt(total))
+
+
+@kernel
+def expand(pools: Any, n: int, rest: float, enough: float) -> int:
+    """Arnoldi vectors from the first one of ``basis`` on, until the residual ``rest`` is at most ``enough``; their
+    number. The coefficients are the columns of the triangle, rotations, and the rotated right-hand side."""
+    run, work = pools.run[0], pools.moving
+    width, inverse, scaled = VECTORS + 1, work[run.krylov_work + SMALL :][:n], work[run.krylov_work + SMALL + n :][:n]
+    small = work[run.krylov_work : run.krylov_work + SMALL]
+    cosine, sine, right = small[VECTORS * width :], small[(VECTORS + 1) * width :], small[(VECTORS + 2) * width :]
+    right[0] = rest
+    for k in range(VECTORS):
+        own, new = work[run.basis + k * n : run.basis + (k + 1) * n], work[run.basis + (k + 1) * n :][:n]
+        for i in range(n):
+            scaled[i] = inverse[i] * own[i]
+        multiply(pools, scaled, new)
+        column = small[k * width : (k + 1) * width]
+        for e in range(k + 1):
+            other, total = work[run.basis + e * n : run.basis + (e + 1) * n], 0.0
+            for i in range(n):
+                total += other[i] * new[i]
+            column[e] = total
+            for i in range(n):
+                new[i] -= total * other[i]
+        below = length_of(new)
+        for i in range(n):
+            new[i] /= max(below, 1e-300)
+        for e in range(k):
+            upper, lower = column[e], column[e + 1]
+            column[e] = cosine[e] * upper + sine[e] * lower
+            column[e + 1] = cosine[e] * lower - sine[e] * upper
+        size = max(np.hypot(column[k], below), 1e-300)
+        cosine[k], sine[k] = column[k] / size, below / size
+        column[k] = size
+        right[k + 1] = -sine[k] * right[k]
+        right[k] = cosine[k] * right[k]
+        if not abs(right[k + 1]) > enough:
+            return k + 1
+    return VECTORS
+
+
+@kernel
+def add_combination(pools: Any, n: int, used: int, solution: Array) -> float:
+    """Add the combination of the first ``used`` vectors to the solution; residual left."""
+    run, work = pools.run[0], pools.moving
+    width, small = VECTORS + 1, work[run.krylov_work : run.krylov_work + SMALL]
+    right, inverse = small[(VECTORS + 2) * width :], work[run.krylov_work + SMALL :][:n]
+    left = abs(right[used])
+    for k in range(used - 1, -1, -1):
+        total = right[k]
+        for e in range(k + 1, used):
+            total -= small[e * width + k] * right[e]
+        right[k] = total / small[k * width + k]
+    for k in range(used):
+        own = work[run.basis + k * n : run.basis + (k + 1) * n]
+        for i in range(n):
+            solution[i] += inverse[i] * right[k] * own[i]
+    return float(left)
+
+
+@kernel
+def solve_by_products(pools: Any, n: int) -> bool:
+    """Solution of the n unknowns from their right-hand side, in its place; False where it is not a number."""
+    run, work = pools.run[0], pools.moving
+    right, solution = work[run.unknowns : run.unknowns + n], work[run.krylov_work + SMALL + 2 * n :][:n]
+    residual = work[run.basis : run.basis + n]
+    invert_diagonal(pools, work[run.krylov_work + SMALL :][:n])
+    solution[:] = 0.0
+    size = rest = length_of(right)
+    for i in range(n):
+        residual[i] = right[i]
+    for _ in range(CYCLES):
+        if not rest > TOLERANCE * size:
+            break
+        for i in range(n):
+            residual[i] /= rest
+        if add_combination(pools, n, expand(pools, n, rest, TOLERANCE * size), solution) <= TOLERANCE * size:
+            break
+        multiply(pools, solution, residual)
+        for i in range(n):
+            residual[i] = right[i] - residual[i]
+        rest = length_of(residual)
+    for i in range(n):
+        right[i] = solution[i]
+    return bool(np.isfinite(length_of(solution)))
