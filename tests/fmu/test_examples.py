@@ -29,6 +29,7 @@ def test_every_example_is_tested_here():
         "fmu_overhead",
         "fmu_package",
         "fmu_model_exchange",
+        "fmu_piston",
     }
 
 
@@ -50,6 +51,19 @@ def test_neighbour(example):
     numbers = example.main()
     assert -8.0 < numbers["rebound"] < 0.0
     assert numbers["error"] < 2e-3
+
+
+@pytest.mark.parametrize("example", ["fmu_piston"], indirect=True)
+def test_piston(example, tmp_path):
+    """Half the step: half the error where the force is held, a quarter with rates."""
+    numbers = example.main(["--quick", "-o", str(tmp_path)])
+    for kind, low, high in (("held", 1.7, 2.4), ("rates", 3.3, 5.0)):
+        fine, coarse = (numbers[f"error of the force, {kind}, step {h} us"] for h in (2, 4))
+        assert low <= coarse / fine <= high
+    assert numbers["peak contact force, coupled, N"] == pytest.approx(
+        numbers["peak contact force, one run, N"], rel=0.01
+    )
+    assert (tmp_path / "piston.png").stat().st_size > 10_000
 
 
 @pytest.mark.parametrize("example", ["fmu_netcdf"], indirect=True)
