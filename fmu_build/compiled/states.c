@@ -18,8 +18,8 @@ typedef struct {
 
 static void pass(Pack *p, void *memory, size_t n_word)
 {
-    if (p->how == WRITING) memcpy(p->words + p->n, memory, 8 * n_word);
-    if (p->how == READING) memcpy(memory, p->words + p->n, 8 * n_word);
+    if (p->how == WRITING && n_word > 0) memcpy(p->words + p->n, memory, 8 * n_word);
+    if (p->how == READING && n_word > 0) memcpy(memory, p->words + p->n, 8 * n_word);
     p->n += n_word;
 }
 
