@@ -215,6 +215,7 @@ static int present(Instance *c)
     int64_t n_field = has_arrays(c) ? 1 : 0;
     int64_t result = act(o, M_PRESENT, 0, 0, 0, 0);
     if (result < 0) return refused_by_kernels(c, result, o->start, ERROR);
+    o->moving[o->image->head[M_PROGRESS].i + 6] = o->start;
     if (!room_for(o, 1, n_field, size_of_fields(c))) return say(c, ERROR, "no memory for the outputs");
     keep(c, 0, 0, 0.0, n_field - 1);
     o->n_row = 1;
@@ -284,13 +285,14 @@ int solve_histories(Instance *c)
 int initialize(Instance *c)
 {
     struct Object *o = c->fmu;
-    if (o->phase == RUNNING || o->phase == ENDED) return say(c, ERROR, "the FMU is initialized already: reset it first");
+    if (o->phase > FAILED) return say(c, ERROR, "the FMU is initialized already: reset it first");
     o->phase = FAILED;
     if (!can_start(c)) return ERROR;
     int status = set_histories(c);
     if (status != OK) return status;
     memcpy(o->first, o->given, 16 * (size_t)table_of(c)[T_N_INPUT].i);
     c->time = o->start;
+    memcpy(o->moving, o->image->moving, 8 * (size_t)o->image->head[M_N_MOVING].i); /* whatever a failure left */
     give_inputs(o);
     status = parameter(c, T_MODE, 0.0) == PRESCRIBED ? solve_histories(c) : present(c);
     if (status == OK) o->phase = RUNNING;

@@ -357,11 +357,16 @@ def test_damaged_and_foreign_files_are_refused(fmus, tmp_path):
             Host(broken, tmp_path / name)
 
 
-def test_scenes_that_the_kernels_do_not_hold_are_refused_by_name(tmp_path):
-    for solver in ({"window": 5}, {"threads": 2}):
-        build_fmu(
-            scene(solver=solver), tmp_path / "a.fmu", compiled=True
-        )  # windows of one instant, one thread: as always
+def test_windows_and_threads_are_left_to_the_program(tmp_path):
+    """The FMU makes windows of one instant in the thread that calls."""
+    host = Host(build_fmu(scene(solver={"window": 5, "threads": 2}), tmp_path / "a.fmu", compiled=True), tmp_path / "a")
+    session = Session(scene())
+    host.start()
+    session.initialize()
+    assert host.step(0.0, 5 * DT)
+    assert session.step(0.0, 5 * DT)
+    equal(host, session)
+    host.close()
 
 
 # -- states -------------------------------------------------------------------------------------------------------
@@ -428,9 +433,21 @@ def test_any_sequence_of_rollbacks_is_the_straight_run(opened, fmi):
         t += n * DT
         assert np.array_equal(straight.read(), other.read())
     assert other.to_bytes(other.save()) == straight.to_bytes(straight.save())
+    fresh = opened(fmi)  # not initialized
+    fresh.restore(fresh.from_bytes(other.to_bytes(other.save())))
+    assert other.step(t, 2 * DT)
+    assert fresh.step(t, 2 * DT)
+    assert np.array_equal(fresh.read(), other.read())
+    other.fmu.reset()
+    fresh.fmu.reset()
+    other.start(1.0)
+    fresh.start(1.0)
+    assert fresh.step(1.0, 3 * DT), fresh.messages
+    assert other.step(1.0, 3 * DT)
+    assert fresh.step(1.0 + 3 * DT, DT), fresh.messages
+    fresh.fmu.reset()
     other.fmu.reset()
     other.start()
-    fresh = opened(fmi)
     fresh.start()
     assert other.to_bytes(other.save()) == fresh.to_bytes(fresh.save())
 
