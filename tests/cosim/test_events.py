@@ -95,6 +95,27 @@ def test_a_block_that_is_pulled_off_separates_where_its_force_ends() -> None:
     assert seen["lastSeparation"] == pytest.approx(1.0 / 1.6, rel=1e-6)
 
 
+@pytest.mark.parametrize("steps", [1, 32])
+def test_a_face_driven_without_inertia_touches_where_its_way_is_the_gap(steps) -> None:
+    """The rates of equilibria are those over the steps: 2.5 gaps in the time 1."""
+    gap = 1e-4
+    boundary = {
+        "top": {
+            "type": "displacement",
+            "face": "block.zmax",
+            "components": ["z"],
+            "value": [-2.5 * gap],
+            "law": ramp(0.0, 1.0, 1.0),
+        },
+        "side": {"type": "fixed", "face": "block.zmax", "components": ["x", "y"]},
+    }
+    time = {"end": 1.0, "step": 0.03125, "quasi_static": True}
+    scene = block(1.0, 0.03125, gap, body={"rigid": False}, boundary=boundary, time=time)
+    seen = events(marched(scene, steps))
+    assert seen["touches"] == 1.0
+    assert seen["lastTouch"] == pytest.approx(0.4, rel=1e-9)
+
+
 # -- steps, rollback, modes ---------------------------------------------------------------------------------------
 def thrown() -> Scene:
     """A soft bar thrown at a wall, which it leaves after two transits."""
