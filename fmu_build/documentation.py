@@ -32,8 +32,8 @@ its rows, <code>time,NAME;0,0;1e-6,1</code>) or, in FMI 3, by the arrays <code>h
 <code>load.NAME.history</code>, whose last row is repeated up to their size; the whole interval
 [0, <code>endTime</code>] is solved when initialization ends and played back at any communication step. The arrays
 <code>interface.NAME.window</code> of FMI 3 hold the whole interval before the first step. In FMI 2 play back in steps
-of the time step, which solves nothing, or name a <code>resultsFile</code>: it is written at termination and holds the
-whole interval, too.</li>
+of the time step, which solves nothing, or name a <code>resultsFile</code>: it holds the whole interval also where the
+simulation is terminated right after initialization.</li>
 <li>A step that was not made where a shorter one or another input may help (no convergence, an input that is not
 finite, a changed input in prescribed mode) is <b>discarded</b>: the status is Discard, the simulation is not reported
 as terminated, a message in the log gives the reason, the state is as before. A host that goes on as if the step had
@@ -84,7 +84,8 @@ numbers that the program it was made by gives, to round-off.</p>
 <ul>
 <li><b>Windowed</b> (<code>mode = 0</code>): set <code>load.NAME.value</code> and <code>load.NAME.rate</code>, make
 a step that is a whole number of <code>timeStep</code> (within 1e-9). The state is carried on. Saving and restoring the
-state (serialised or not) is exact to the last bit.</li>
+state (serialised or not) is exact to the last bit. A load that is never given a rate goes on as the straight line
+through its last two values (<code>inputInterpolation = 3</code>).</li>
 <li><b>Prescribed</b> (<code>mode = 1</code>): load histories are given up front by <code>historyFile</code> (path of a
 CSV file with a header <code>time,NAME,...</code>, or that table itself with semicolons or line breaks between its rows:
 <code>time,NAME;0,0;1e-6,1</code>) or, in FMI 3, by the arrays <code>history.time</code> and
@@ -105,7 +106,8 @@ own.</li>
 </ul>
 <h2>What it cannot do</h2>
 <ul>
-<li>Results files and error estimates: use the FMU made without <code>--compiled</code>, or the program itself.</li>
+<li>Results files, error estimates, contact events (touch, separation, slip) and steps that end early after one: use the
+FMU made without <code>--compiled</code>, or the program itself.</li>
 <li>A time step at which neither the iteration nor Newton's method ends: it is discarded. The program has further ways
 to end it.</li>
 <li>Run on a processor without AVX2 and FMA: instantiation fails with a message.</li>

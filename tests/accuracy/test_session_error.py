@@ -12,7 +12,7 @@ import latin_fmu
 from latin_fmu.cosim import Session, Settings
 from latin_fmu.cosim.fmi_instance import FmiInstance
 from latin_fmu.cosim.step_history import AcceptedStep, curves_of
-from latin_fmu.cosim.variables import HOLD, LINE, PRESCRIBED, RATE, table_of
+from latin_fmu.cosim.variables import CAUSAL, HOLD, LINE, PRESCRIBED, RATE, table_of
 from latin_fmu.results.estimates import ErrorEstimate
 from latin_fmu.results.quantities_of_interest import FLOOR
 from latin_fmu.scene.schema import Scene
@@ -100,7 +100,7 @@ def test_jumps_at_communication_points_are_covered(rule: int) -> None:
     assert max(estimate["meet.impulse"].error, FLOOR) >= true
 
 
-@pytest.mark.parametrize("rule", [HOLD, RATE, LINE])
+@pytest.mark.parametrize("rule", [HOLD, RATE, LINE, CAUSAL])
 def test_curves_keep_the_impulse_of_the_steps(rule: int) -> None:
     """The area below a curve is that of what was set, whatever the jumps."""
     rng = np.random.default_rng(7)
@@ -116,6 +116,7 @@ def test_curves_keep_the_impulse_of_the_steps(rule: int) -> None:
     assert times[-1] == pytest.approx(ends[-1] - 2.0)
     h, before = np.diff(ends), np.concatenate([[0.4], value[:-1]])
     areas = {HOLD: value * h, RATE: value * h + 0.5 * rate * h**2, LINE: 0.5 * (before + value) * h}
+    areas[CAUSAL] = areas[RATE]  # the rates of the lines are kept
     assert np.trapezoid(values, times) == pytest.approx(areas[rule].sum(), rel=1e-5)
 
 

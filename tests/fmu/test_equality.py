@@ -69,6 +69,19 @@ def test_prescribed_from_a_table_in_place_of_a_path(opened, fmi):
         assert np.array_equal(host.read(list(session.outputs)), session.row)
 
 
+def test_a_prescribed_run_is_in_its_file_without_a_step(opened, fmi, tmp_path):
+    """For hosts without arrays: terminated right after initialization."""
+    host = opened(fmi)
+    host.set(mode=1, historyFile="time,press;0,0;3e-6,1", resultsFile=str(tmp_path / "window.nc"))
+    host.start()
+    host.fmu.terminate()
+    session = Session(blocks(), Settings(mode=1))
+    session.set_history("press", [0.0, 3e-6], [0.0, 1.0])
+    session.initialize()
+    with latin_fmu.open_results(tmp_path / "window.nc") as tree:
+        assert np.array_equal(tree["interfaces/crush"]["force"].values, session.window()[1]["crush"].force())
+
+
 def test_a_table_that_cannot_be_used_is_an_error(opened, fmi):
     host = opened(fmi)
     host.set(mode=1, historyFile="time,pres;0,0;1e-6,1")
