@@ -426,6 +426,9 @@ def test_any_sequence_of_rollbacks_is_the_straight_run(opened, fmi):
         other.set(load__press__value=3.0 * generator.random())
         other.step(t, generator.randint(1, 3) * DT * generator.choice([1.0, 1.5]))
         other.restore(other.from_bytes(other.to_bytes(state)) if i % 2 else state)
+        other.set(load__press__value=1e300)
+        assert not other.step(t, 3 * DT)  # nothing has changed
+        assert other.last == 2
         n = generator.randint(1, 4)
         for host in (straight, other):
             host.set(load__press__value=0.2 * i)
