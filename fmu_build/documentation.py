@@ -60,6 +60,12 @@ normal force, or ratio of tangential to normal force; 0 before the first. In FMI
 of the first event in it, where the host allows it (<code>earlyReturnAllowed</code>).</li>
 <li>A load in the scene should have the expected size, so that its amplitude is about 1: tolerances are relative to the
 loads of the scene, and a load of 1 Pa times 10<sup>8</sup> needs more digits than double precision has.</li>
+<li>A port <code>port.NAME</code> has inputs and outputs in SI units along the global axes, of the mean motion of its
+face: <code>force[i]</code>, <code>moment[i]</code>, <code>displacement[i]</code>, <code>velocity[i]</code>,
+<code>rotation[i]</code>, <code>angularVelocity[i]</code>, i = 1, 2, 3; the rate of an input is
+<code>forceRate[i]</code>. A wave port takes <code>incident[i]</code> = F + Z v, Z its <code>impedance[i]</code>, and
+gives <code>reflected[i]</code>, to be connected to <code>incident[i]</code> of the other port. A wave without a rate is
+the straight line from the last value to the value set, whatever <code>inputInterpolation</code> but 0.</li>
 <li>The scene's own time laws count from the start of the simulation.</li>
 <li>The FMU can be extracted to any path, spaces and letters outside ASCII included.</li>
 </ul>

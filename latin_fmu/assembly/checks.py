@@ -240,8 +240,9 @@ def _box_walls(body: Body, boundaries: Iterable[Boundary]) -> Walls:
     size, elements = np.asarray(box.size), np.asarray(box.elements)
     free = np.ones(3, dtype=bool)
     for boundary in boundaries:
-        axis = "xyz".index(split_face(_faces(boundary)[0])[1][0])
-        free[axis] &= not _held_axes(boundary)[axis]
+        face = split_face(_faces(boundary)[0])[1]
+        for axis in range(3) if face == ALL_OF_IT else ("xyz".index(face[0]),):
+            free[axis] &= not _held_axes(boundary)[axis]
     if not free.any():
         return Walls(np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0, dtype=np.str_))
     thin = int(np.argmin(np.where(free, size, np.inf)))

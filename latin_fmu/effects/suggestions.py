@@ -114,7 +114,7 @@ def _fastest(p: Prediction) -> float:
     """Bound on the closing speed of two faces, m s-1; infinite where the scene has none."""
     scene, bodies = p.scene, p.discretised.bodies
     driven = any(isinstance(b, Driven) for b in scene.boundary.values())
-    driven |= any(i.ground_velocity is not None for i in scene.interface.values())
+    driven |= bool(scene.port) or any(i.ground_velocity is not None for i in scene.interface.values())
     driven |= any(s.rigid or set(s.motion_keys) - {"initial_velocity"} for s in scene.substructure.values())
     laws = scene.force_laws
     if driven or laws.keys() != scene.load.keys() or any(isinstance(law, InputLaw) for law in laws.values()):
@@ -198,6 +198,7 @@ def _slow(p: Prediction, _: list[Effect]) -> Iterator[Suggestion]:
     moving = any(s.motion_keys for s in scene.substructure.values())
     laws = list(scene.force_laws.values())
     laws += [b.law for b in scene.boundary.values() if isinstance(b, Driven)]
+    laws += [port.law(c) for port in scene.port.values() for c in port.components]
     sudden = any(isinstance(law, StepLaw | RectangularPulseLaw | InputLaw) for law in laws)
     if p.run.static or moving or sudden or not laws:
         return

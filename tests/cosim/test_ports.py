@@ -386,6 +386,7 @@ STATIC = {"end": 1.0, "instants": 2, "quasi_static": True}
         ({"components": ["z"], "laws": {"x": "constant"}}, {}, "not connected"),
         ({"face": "bar.top"}, {}, "no face of this name"),
         ({"causality": "motion_in", "components": ["z", "rx"]}, {}, ""),
+        ({"face": "bar.*"}, {"boundary": {"b": {"type": "fixed", "face": "bar.*", "components": ["x"]}}}, ""),
         ({"causality": "motion_in", "components": ["z", "rz"]}, {}, "add x, y to the components"),
         ({"causality": "motion_in"}, {"boundary": {"b": {"type": "fixed", "face": "bar.zmin"}}}, "already held"),
         ({**WAVE, "components": ["rz"]}, {"solver": {"propagator": "explicit"}}, "couple the nodes"),
