@@ -425,6 +425,7 @@ int step(Instance *c, double t, double h)
     c->last = advanced(c, t, h);
     if (c->last != OK) return discarded(c, c->last, t, h);
     o->discarded = 0;
+    memset(o->refused, 0, 8 * (size_t)(2 + 2 * table_of(c)[T_N_INPUT].i)); /* equal runs have equal states */
     c->time = t + h;
     return OK;
 }
