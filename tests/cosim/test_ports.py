@@ -18,6 +18,7 @@ import latin_fmu
 from latin_fmu.cosim import Session, Settings
 from latin_fmu.cosim.loads import Loads
 from latin_fmu.cosim.variables import HOLD, RATE
+from latin_fmu.cosim.waveform_relaxation import Coupling, Side, WaveformMaster
 
 E, RHO, SIDE, EDGE = 200e9, 8000.0, 0.01, 0.01
 C, AREA = np.sqrt(E / RHO), SIDE**2
@@ -266,6 +267,35 @@ def test_iterated_waves_are_one_run():
     assert np.abs(np.array(got) - wanted[:, None]).max() <= 1e-8 * np.abs(wanted).max()
 
 
+def test_iterated_forces_are_one_run():
+    """The master of the package over ports with forces as inputs: velocities that agree at the end of every step."""
+    steps, port = 40, {"components": ["z"]}
+    first = bar(8, steps, port={"cut": {"face": "bar.zmax", **port}}, load=PUSH)
+    scenes = {"a": first, "b": bar(7, steps, port={"cut": {"face": "bar.zmin", **port}})}
+    peers = {name: Session(scene, Settings(interpolation=RATE)) for name, scene in scenes.items()}
+    whole = Session(bar(15, steps, load=PUSH, sensor={"cut": {"substructure": "bar", "point": [0, 0, 8 * EDGE]}}))
+    wanted = marched(whole, steps, ["sensor.cut.velocity[3]"])[:, 0]
+    for peer in peers.values():
+        peer.initialize()
+    sides = [Side(name, "port.cut.force[3]", "port.cut.velocity[3]", Z) for name in peers]
+    master, dt, got = WaveformMaster(peers, [Coupling(*sides)], tolerance=1e-11), whole.scene.time.time_step, [0.0]
+    for i in range(steps):
+        master.step(i * dt, dt)
+        got.append(peers["a"].value("port.cut.velocity[3]"))
+    assert np.abs(np.array(got) - wanted).max() <= 1e-8 * np.abs(wanted).max()
+
+
+def test_a_rigid_body_on_a_wave_port():
+    """A constant incident wave I on a mass m: velocity I / Z (1 - exp(-Z t / m)), to second order in the step."""
+    data, dt = bar(1, 40, dt=2e-7).tables(), 2e-7  # a tenth of m / Z
+    data["substructure"]["bar"] |= {"rigid": True, "bending_modes": False}
+    port = {"foot": {"face": "bar.zmax", "causality": "wave", "components": ["z"], "impedance": [Z]}}
+    session, mass = Session(latin_fmu.scene_from_dict({**data, "boundary": {}, "port": port})), RHO * SIDE**3
+    got = marched(session, 40, ["port.foot.velocity[3]"], lambda s, _: s.set_load("port.foot.incident[3]", 100.0))[:, 0]
+    wanted = 100.0 / Z * (1.0 - np.exp(-Z * dt * np.arange(41) / mass))
+    assert np.abs(got - wanted).max() <= 0.02 * wanted.max()
+
+
 @pytest.mark.parametrize("propagator", ["direct", "explicit"])
 @pytest.mark.parametrize("parts", [1, 5])
 def test_waves_without_rollback_are_bounded(propagator, parts):
@@ -373,6 +403,7 @@ def test_a_static_start_holds_the_force_of_the_port():
 
 
 WAVE = {"causality": "wave", "components": ["z"], "impedance": [1.0]}
+RIGID = {"bar": {"material": "steel", "rigid": True, "box": {"size": [0.01] * 3, "elements": [1] * 3}}}
 STATIC = {"end": 1.0, "instants": 2, "quasi_static": True}
 
 
@@ -386,6 +417,7 @@ STATIC = {"end": 1.0, "instants": 2, "quasi_static": True}
         ({"components": ["z"], "laws": {"x": "constant"}}, {}, "not connected"),
         ({"face": "bar.top"}, {}, "no face of this name"),
         ({"causality": "motion_in", "components": ["z", "rx"]}, {}, ""),
+        ({"causality": "motion_in"}, {"substructure": RIGID, "boundary": {}}, "whose motion is given is not known"),
         ({"face": "bar.*"}, {"boundary": {"b": {"type": "fixed", "face": "bar.*", "components": ["x"]}}}, ""),
         ({"causality": "motion_in", "components": ["z", "rz"]}, {}, "add x, y to the components"),
         ({"causality": "motion_in"}, {"boundary": {"b": {"type": "fixed", "face": "bar.zmin"}}}, "already held"),

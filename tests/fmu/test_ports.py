@@ -6,6 +6,8 @@ falls by 1.7 to 2.4 with half the communication step (order 1), by 3.3 to 5 with
 
 from __future__ import annotations
 
+import json
+import re
 import textwrap
 from pathlib import Path
 from typing import Any
@@ -19,6 +21,9 @@ import latin_fmu
 from fmu_build.build import build_fmu
 from latin_fmu.cosim import Session, Settings
 from latin_fmu.cosim.variables import RATE
+
+from .host import Host
+from .test_hosts import SCRIPTS, python_of, ran
 
 E, RHO, SIDE = 200e9, 8000.0, 0.01
 AREA, C = SIDE**2, np.sqrt(E / RHO)
@@ -287,14 +292,17 @@ def cut_bars(folder: Path, steps: int) -> tuple[list[Path], float]:
     return made, dt
 
 
+CUT = "port.cut.incident[3]", "port.cut.reflected[3]"
+
+
 def exchange(opened: Any, paths: list[Path], dt: float, steps: int, parts: int = 1) -> np.ndarray:
     """Force at the cut (steps,), every step with what the other side has sent; start values as they are."""
     pair = [opened(path) for path in paths]
     force, h = np.zeros(steps), parts * dt
     for i in range(steps):
-        sent = [fmu.get("port.cut.reflected[3]") for fmu in pair]
+        sent = [fmu.get(CUT[1]) for fmu in pair]
         for fmu, wave in zip(pair, sent[::-1], strict=True):
-            fmu.give("port.cut.incident[3]", wave)
+            fmu.give(CUT[0], wave)
         for fmu in pair:
             fmu.step(i * h, h)
         force[i] = pair[0].get("port.cut.force[3]")
@@ -309,6 +317,16 @@ def test_waves_in_a_stock_master_are_bounded(opened, tmp_path, parts):
     assert force[200:].max() <= 1.01 * force[:200].max()
 
 
+def test_waves_in_libcosim_are_those_in_fmpy(opened, tmp_path):
+    """A master in C++ that connects outputs with inputs and makes steps of one size."""
+    paths, dt = cut_bars(tmp_path, 400)
+    names = [CUT[1], CUT[0], "port.cut.force[3]"]
+    given = [str(SCRIPTS / "couple_libcosimpy.py"), *map(str, paths), repr(float(dt)), "60", *names]
+    said = ran([python_of("libcosimpy"), *given], tmp_path).splitlines()
+    rows = json.loads(next(line for line in said if re.fullmatch(r"\[[-+\d.e, ]+\]", line)))
+    assert rows == pytest.approx(exchange(opened, paths, dt, 60).tolist(), rel=0, abs=1e-9 * 1e7 * AREA)
+
+
 @pytest.mark.slow
 def test_waves_are_bounded_for_ever(opened, tmp_path):
     paths, dt = cut_bars(tmp_path, 100_000)
@@ -321,8 +339,6 @@ def test_waves_are_bounded_for_ever(opened, tmp_path):
 # -- what the FMU says of its ports -----------------------------------------------------------------------------------
 def test_terminals_and_constants_of_ports(tmp_path, fmi):
     """One terminal for each port, the impedance as a constant of the description, the numbers of a session."""
-    from .host import Host
-
     wave = {"cut": {"face": "bar.zmax", "causality": "wave", "components": ["z", "rx"], "impedance": [400.0, 0.5]}}
     scene = bar(2, {**wave, "foot": {"face": "bar.zmin", "components": ["x", "z"]}}, 1e-5, 1e-6)
     host = Host(build_fmu(scene, tmp_path / "ports.fmu", fmi), tmp_path / "ports")
