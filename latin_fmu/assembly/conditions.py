@@ -129,7 +129,7 @@ def _nodal_conditions(
             _drive(name, boundary, nodes, dofs, problems)
     for name, port in ports.items():
         if port.causality == "wave":
-            dashpots.append((port_dashpots(body, port, explicit),) * 2)
+            dashpots.append((port_dashpots(body, name, port, explicit, problems),) * 2)
         elif port.causality == "motion_in":
             _move(body, name, port, dofs, problems)
     return _turned(_finish(dofs, dashpots), dofs, problems)

@@ -32,6 +32,7 @@ from ..scene.schema import Scene
 from .body import Body
 from .supports import Motion
 
+_MOST = 3000  # nodes of a face whose dashpot couples all of them: nine million entries
 _MOVES = 1e-9  # of the size of a face: a node displaced less by a rotation does not move
 
 
@@ -82,17 +83,28 @@ def port_lines(scene: Scene, bodies: Mapping[str, Body]) -> list[str]:
 
 
 # -- wave ports -------------------------------------------------------------------------------------------------------
-def port_dashpots(body: Body, port: Port, diagonal: bool) -> sp.csr_array:
-    """Dashpots (n_full, n_full) of a wave port, N s m-1; with ``diagonal`` those of translations by area."""
+def port_dashpots(body: Body, name: str, port: Port, diagonal: bool, problems: Problems) -> sp.csr_array:
+    """Dashpots (n_full, n_full) of a wave port, N s m-1; with ``diagonal`` those of translations by area. A face of too
+    many nodes is added to ``problems``."""
     motion, face = _mean_motion(body, port), body.face(split_face(port.face)[1])
-    shares, full = np.zeros((body.mesh.n_node, 3)), sp.csr_array((body.full_size(), body.full_size()))
+    full, shares = sp.csr_array((body.full_size(), body.full_size())), np.zeros((body.mesh.n_node, 3))
+    if len(face.nodes) > _MOST and not diagonal:
+        problems.add(
+            f"port.{name}.face",
+            "the dashpot of a wave port couples every node of its face with every other one",
+            f"{port.face} with {len(face.nodes)} nodes",
+            f"at most {_MOST} nodes",
+            'name a smaller face, choose causality = "force_in", or the explicit propagator',
+        )
+        return full
     for component, impedance in zip(port.components, port.impedance or (), strict=True):
+        if diagonal:
+            shares[face.nodes, COMPONENTS.index(component)] = impedance * face.areas / face.areas.sum()
+            continue
         rows = motion.translation if component in TRANSLATIONS else motion.rotation
         assert rows is not None
         row = sp.csr_array(rows[[COMPONENTS.index(component) % 3]])
         full = sp.csr_array(full + impedance * (row.T @ row))
-        if component in TRANSLATIONS:
-            shares[face.nodes, COMPONENTS.index(component)] += impedance * face.areas / face.areas.sum()
     return diagonal_matrix(shares.ravel()) if diagonal else full
 
 

@@ -220,10 +220,9 @@ def _port_inputs(name: str, law: InputLaw) -> Iterator[Variable]:
 
 def _port(name: str, port: Port, depends: tuple[str, ...]) -> Iterator[Variable]:
     """Outputs of a port, in the order of ``assembly.ports.port_columns``, and its impedances."""
-    own = {c: c for c in port.components}
 
     def chosen(words: tuple[str, str], exerted: bool = False) -> Iterator[Variable]:
-        for component in own:
+        for component in port.components:
             place = indexed(name, words, component)
             word = words[COMPONENTS.index(component) // 3]
             unit, _, meaning = _PORT_WORDS[word]

@@ -404,6 +404,7 @@ def test_a_static_start_holds_the_force_of_the_port():
 
 WAVE = {"causality": "wave", "components": ["z"], "impedance": [1.0]}
 RIGID = {"bar": {"material": "steel", "rigid": True, "box": {"size": [0.01] * 3, "elements": [1] * 3}}}
+WIDE = {"bar": {"material": "steel", "box": {"size": [1.0, 1.0, 0.02], "elements": [60, 60, 1]}}}
 STATIC = {"end": 1.0, "instants": 2, "quasi_static": True}
 
 
@@ -418,6 +419,7 @@ STATIC = {"end": 1.0, "instants": 2, "quasi_static": True}
         ({"face": "bar.top"}, {}, "no face of this name"),
         ({"causality": "motion_in", "components": ["z", "rx"]}, {}, ""),
         ({"causality": "motion_in"}, {"substructure": RIGID, "boundary": {}}, "whose motion is given is not known"),
+        (WAVE, {"substructure": WIDE, "boundary": {}}, "couples every node of its face"),
         ({"face": "bar.*"}, {"boundary": {"b": {"type": "fixed", "face": "bar.*", "components": ["x"]}}}, ""),
         ({"causality": "motion_in", "components": ["z", "rz"]}, {}, "add x, y to the components"),
         ({"causality": "motion_in"}, {"boundary": {"b": {"type": "fixed", "face": "bar.zmin"}}}, "already held"),
