@@ -17,14 +17,16 @@ from .assembly.checks import body_lines, size_remarks
 from .assembly.kept_operators import KeptOperators
 from .assembly.limit_load import loss_of_equilibrium
 from .assembly.ports import port_lines
-from .assembly.problem import SolverReadyProblem
+from .assembly.problem import DiscretisedProblem, SolverReadyProblem
+from .assembly.propagator_choice import chosen_propagators
 from .assembly.run_checks import balance_words, resultants, run_remarks
 from .effects.cost import Prediction
 from .effects.memory import IN_MEMORY, STREAMED, check_memory, least_output, memory_line
-from .errors import SolverError
+from .errors import InputError, Problems, SolverError
 from .interface import Behaviour
 from .latin.assembly import Array, Assembly, InterfaceUnit
 from .latin.interface_rows import InterfaceRows, interface_history
+from .latin.processes import Processes, own_part
 from .latin.record import InterfaceHistory, Outcome, Timings
 from .latin.recorder import Recorder
 from .latin.solver import IterationEvent
@@ -122,6 +124,7 @@ def solve(
     stream: Path | None = None,
     kept: KeptOperators | None = None,
     fields: WindowFields | None = None,
+    processes: Processes | None = None,
 ) -> Solution:
     """Solve a scene.
 
@@ -138,6 +141,8 @@ def solve(
         everything else from at most 20,000 instants. ``Solution.outcome.stream.close()`` removes the file.
     kept : operators of the scene solved before, used where they are equal, and replaced by those of this one.
     fields : first guesses of windows of several instants; see ``latin.windows.WindowFields``.
+    processes : over which the substructures are distributed; all of them call this function with the same scene, and
+        have the whole solution at its end.
 
     Raises
     ------
@@ -148,18 +153,22 @@ def solve(
     wall = clock.perf_counter()
     timings = Timings()
     start = clock.process_time()
-    with one_thread():
+    if processes is not None and (observer, behaviours, checkpoint, stream) != (None,) * 4:
+        raise ValueError("observers, laws in Python, checkpoints and streams take one process")
+    with one_thread(), nullcontext() if processes is None else processes.agreed():
         discretised = discretise(scene, behaviours, kept)
         prediction = Prediction(discretised)
         check_memory(prediction, stream is not None)
         if stream is not None:
             check_folder(stream, least_output(prediction))
-        problem = solver_ready(discretised, {})
+        if processes is not None:
+            check_distributable(discretised, processes.size)
+        problem = solver_ready(discretised, {}, 1 if processes is None else processes.size)
         if scene.time.quasi_static:
             problem.assembly.lost = loss_of_equilibrium(discretised)
     timings.setup = clock.process_time() - start
     digest = "" if checkpoint is None else scene_digest(scene, behaviours or ())
-    outcome = run(problem, timings, observer, progress, wall, checkpoint, digest, stream, fields)
+    outcome = run(problem, timings, observer, progress, wall, checkpoint, digest, stream, fields, processes)
     if outcome.converged:
         timings.predicted = prediction.march
     return Solution(
@@ -172,6 +181,30 @@ def solve(
     )
 
 
+def check_distributable(discretised: DiscretisedProblem, size: int) -> None:
+    """Make sure that the substructures of a problem can be distributed over ``size`` processes.
+
+    Raises
+    ------
+    InputError : names what of the scene takes one process.
+    """
+    solver, n = discretised.scene.solver, len(discretised.bodies)
+    problems = Problems()
+    if size > n:
+        problems.add("mpiexec -n", "more processes than substructures", str(size), f"at most {n}")
+    if solver.threads > 1:
+        what = "threads and processes cannot be combined"
+        problems.add("solver.threads", what, str(solver.threads), "1", "start more processes instead")
+    if solver.skip_at_rest == "tolerance":
+        what = "substructures at rest are told by their class, which the processes divide"
+        problems.add("solver.skip_at_rest", what, "tolerance", "off, exact, round_off")
+    if chosen_propagators(discretised.scene, discretised.classes)[0].kind == "cg":
+        what, remedy = "conjugate gradients run in one process", "choose another propagator, or use fewer unknowns"
+        problems.add("solver.propagator", what, "cg", remedy=remedy)
+    if problems:
+        raise InputError(problems, "the run cannot be distributed over processes")
+
+
 def run(
     problem: SolverReadyProblem,
     timings: Timings | None = None,
@@ -182,16 +215,18 @@ def run(
     digest: str = "",
     stream: Path | None = None,
     fields: WindowFields | None = None,
+    processes: Processes | None = None,
 ) -> Outcome:
     """Run a solver-ready problem over its whole interval (once: its assembly keeps the final state).
 
-    ``digest`` : of the scene, for the header of the ``checkpoint``. ``stream`` and ``fields`` : as for ``solve``.
+    ``digest`` : of the scene, for the header of the ``checkpoint``. ``stream``, ``fields``, ``processes`` : as for
+    ``solve``.
     """
     timings = Timings() if timings is None else timings
     wall = clock.perf_counter() if wall_start is None else wall_start
     assembly = problem.assembly
     begin, begin_wall = clock.process_time(), clock.perf_counter()
-    recorder = _recorder(problem, stream)
+    recorder = _recorder(problem, stream, own_part(assembly, processes))
 
     def observe(event: IterationEvent) -> None:
         assert observer is not None
@@ -207,9 +242,11 @@ def run(
             None if progress is None else progress.update,
             checkpoint,
             fields,
+            processes=processes,
         )
         with nullcontext() if checkpoint is None else checkpoint.of(march, digest):
             march.all()
+        march.join()
     converged, sentence = march.status(energy := recorder.assembly_energy(assembly))
     histories, balance = recorder.interfaces(), resultants(problem, march.f_hat)
     time = assembly.time[: recorder.n_kept]
@@ -241,12 +278,17 @@ def run(
         complete=assembly.instant == assembly.n_instant,
         resultants=balance,
     )
-    # the march is timed with the wall clock, which costs nothing to read, and has its share of the CPU time
-    timings.march *= (cpu := clock.process_time() - begin) / (clock.perf_counter() - begin_wall)
-    timings.other = cpu - timings.march
+    _close_timings(timings, clock.process_time() - begin, clock.perf_counter() - begin_wall)
     timings.wall = clock.perf_counter() - wall
-    timings.peak_memory = peak_memory()
     return outcome
+
+
+def _close_timings(timings: Timings, cpu: float, wall: float) -> None:
+    """Divide the CPU time of a run; the march is timed with the wall clock, which costs nothing to read, and has its
+    share of it."""
+    timings.march *= cpu / wall
+    timings.other = cpu - timings.march
+    timings.peak_memory = peak_memory()
 
 
 def _thinning(recorder: Recorder) -> list[str]:
@@ -255,9 +297,10 @@ def _thinning(recorder: Recorder) -> list[str]:
     return [] if recorder.rows.every == 1 else [text.format(recorder.rows.every)]
 
 
-def _recorder(problem: SolverReadyProblem, stream: Path | None) -> Recorder:
-    """The recorder of a run, with a temporary file where the histories of the interfaces are large."""
-    assembly, request = problem.assembly, problem.output
+def _recorder(problem: SolverReadyProblem, stream: Path | None, assembly: Assembly) -> Recorder:
+    """The recorder of a run, with a temporary file where the histories of the interfaces are large; ``assembly`` : with
+    the substructures of this process."""
+    request = problem.output
     every = request.interfaces_every
     rows = len(range(0, len(assembly.time), every))
     size = 8.0 * rows * InterfaceRows.width_of(assembly)

@@ -58,6 +58,14 @@ def physical_memory() -> int:
         return 0
 
 
+def usable_cores() -> int:
+    """Cores that this process may use."""
+    try:
+        return len(os.sched_getaffinity(0))
+    except AttributeError:  # not on every system
+        return os.cpu_count() or 1
+
+
 def memory_room() -> tuple[float, str]:
     """Bytes that this process may still take, and by which limit: the least of the memory of the machine, of the
     control groups (version 1 and 2) and of RLIMIT_AS; 0 and an empty text where none is known."""

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from ..errors import LatinError
+from ..latin.processes import Processes
 from ..latin.record import Array
 from ..results.estimates import ErrorEstimate, QuantityEstimate
 from ..results.quantities_of_interest import (
@@ -306,7 +307,9 @@ def crossing(scene: Scene, mesh: float, steps: float) -> Resolution:
     return Resolution(mesh, aligned(scene, CROSS * steps))
 
 
-def estimate_error(scene: Scene, solution: Solution, tell: Callable[[str], None] | None = None) -> ErrorEstimate:
+def estimate_error(
+    scene: Scene, solution: Solution, tell: Callable[[str], None] | None = None, processes: Processes | None = None
+) -> ErrorEstimate:
     """Estimated relative error of every quantity of a finished run of ``scene``.
 
     Costs three coarser runs: mesh and step halved together (1/16 of the cost of the run in 3-D), quartered together
@@ -314,7 +317,7 @@ def estimate_error(scene: Scene, solution: Solution, tell: Callable[[str], None]
 
     Parameters
     ----------
-    tell : called with a line of text before each coarser run.
+    tell : called with a line of text before each coarser run. processes : as for ``api.solve``; all of them call this.
     """
     start = clock.process_time()
     plan = coarser_runs_of(scene)
@@ -328,7 +331,7 @@ def estimate_error(scene: Scene, solution: Solution, tell: Callable[[str], None]
         if tell is not None:
             tell(f"error estimate: {text}")
         try:
-            run = run_at(lean, resolution)
+            run = run_at(lean, resolution, processes=processes)
         except LatinError as error:
             remarks.append(f"no coarser run ({text}): {message_of(error)}")
             continue

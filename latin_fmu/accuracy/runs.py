@@ -12,6 +12,7 @@ import numpy as np
 from .. import api
 from ..assembly.propagator_choice import factor_bytes
 from ..errors import LatinError
+from ..latin.processes import Processes
 from ..latin.record import Array, SensorHistory, Timings
 from ..results.solution import Solution
 from ..scene.schema import Scene
@@ -43,15 +44,17 @@ class Run:
     sensors: Mapping[str, SensorHistory] = field(default_factory=dict)
 
 
-def run_at(scene: Scene, resolution: Resolution, progress: api.ProgressSink | None = None) -> Run:
-    """Solve the scene at a resolution.
+def run_at(
+    scene: Scene, resolution: Resolution, progress: api.ProgressSink | None = None, processes: Processes | None = None
+) -> Run:
+    """Solve the scene at a resolution; ``progress`` and ``processes`` as for ``api.solve``.
 
     Raises
     ------
     SceneError : the scene cannot be built at this resolution.
     """
     start = clock.process_time()
-    solution = api.solve(at_resolution(scene, resolution), progress=progress)
+    solution = api.solve(at_resolution(scene, resolution), progress=progress, processes=processes)
     return as_run(scene, solution, resolution, clock.process_time() - start)
 
 

@@ -20,13 +20,13 @@ from .inactive_substructures import arrival_times, cut_by_arrival, marched_share
 from .initial_fields import check_fields, field_remarks, initial_problems
 from .initial_state import InitialState
 from .interfaces import build_interface, lonely_remarks, with_behaviours, with_found
-from .kept_operators import KeptOperators
+from .kept_operators import Kept, KeptOperators
 from .models import scheme_remarks
 from .ports import port_places, ports_of
 from .problem import DiscretisedProblem, SolverReadyProblem
 from .propagator_choice import box_memory
 from .shanks import cuts_of
-from .statics import Kept, loose_bolts, start_groups, start_problems, static_state
+from .statics import loose_bolts, start_groups, start_problems, static_state
 from .tightening import tightened
 
 
@@ -47,9 +47,12 @@ def build(
     return solver_ready(discretise(scene, behaviours), amplitudes or {})
 
 
-def solver_ready(discretised: DiscretisedProblem, amplitudes: Mapping[str, float]) -> SolverReadyProblem:
-    """Operators, with the initial values given or the equilibrium that the scene starts from (see ``build``)."""
-    return discretised.build(starting_equilibrium(discretised, amplitudes))
+def solver_ready(
+    discretised: DiscretisedProblem, amplitudes: Mapping[str, float], processes: int = 1
+) -> SolverReadyProblem:
+    """Operators, with the initial values given or the equilibrium that the scene starts from (see ``build``);
+    ``processes`` : among which the substructures are divided."""
+    return discretised.build(starting_equilibrium(discretised, amplitudes), processes=processes)
 
 
 def starting_equilibrium(discretised: DiscretisedProblem, amplitudes: Mapping[str, float]) -> InitialState | None:

@@ -22,6 +22,10 @@ _OWN: Final = frozenset(("name", "loads", "displacement", "velocity", "imposed_s
 """Fields of a model that no operator depends on."""
 
 
+Kept = dict[bytes, list[tuple[float, Any]]]
+"""Operators of static problems by ``ModelClass.key``."""
+
+
 @dataclass
 class KeptOperators:
     """Bodies, models and propagators of the scene solved last (module docstring).

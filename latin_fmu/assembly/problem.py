@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from types import MappingProxyType
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -31,10 +31,10 @@ from .checks import boundaries_of
 from .conditions import Conditions
 from .initial_fields import field_tractions
 from .initial_state import InitialState, TightBolts
-from .kept_operators import KeptOperators
+from .kept_operators import Kept, KeptOperators
 from .models import NO_BOLTS, ContactLayer, ModelClass, chosen_scheme, model_classes
 from .ports import port_motions, port_supports, ports_of
-from .propagator_choice import made_propagators
+from .propagator_choice import divided, made_propagators
 from .supports import Motion, supports
 
 REST = 1e-2
@@ -247,16 +247,17 @@ class DiscretisedProblem:
         return max(size(self.scene, self.bodies, self.time), *stresses, 0.0)
 
     def build(
-        self, start: InitialState | None = None, kept: dict[bytes, list[tuple[float, Any]]] | None = None
+        self, start: InitialState | None = None, kept: Kept | None = None, processes: int = 1
     ) -> SolverReadyProblem:
         """Factorise and condense the substructures.
 
         start : initial state in the place of that of the scene. kept : operators of static problems by
-        ``ModelClass.key``, which are used again and added to.
+        ``ModelClass.key``, which are used again and added to. processes : among which the substructures are divided.
         """
         scene, scheme, units = self.scene, self.scheme, self.units
         layout = self.layout if start is None else Layout(units)  # ``start`` changes its gaps
         classes = self.classes if start is None else start.displaced(self.classes)
+        classes, *distribution = divided(scene, classes, processes)
         static = isinstance(scheme, QuasiStatic)
         impedance = self.impedance.copy()
         propagators, without_factor = made_propagators(
@@ -265,14 +266,13 @@ class DiscretisedProblem:
         assembly = Assembly(
             propagators, [c.channels for c in classes], units, layout, impedance, self.characteristic_traction, scheme
         )
-        level = {"off": -1.0, "exact": 0.0, "round_off": ROUND_OFF, "tolerance": REST * scene.solver.tolerance}[
-            scene.solver.skip_at_rest
-        ]
+        assembly.owner, assembly.part_of = distribution
+        levels = {"off": -1.0, "exact": 0.0, "round_off": ROUND_OFF, "tolerance": REST * scene.solver.tolerance}
+        level = levels[scene.solver.skip_at_rest]
         assembly.rest_traction = level * (assembly.characteristic_traction if level > 0 else 1.0)
         if start is not None:
             start.hand_over(assembly)
-        bolts = TightBolts() if start is None else start.bolts
-        timeline = self._timeline(bolts)
+        timeline = self._timeline(bolts := TightBolts() if start is None else start.bolts)
         timeline.begin(assembly, self.time, {}, assembly.ground_start)
         if not static and any(body.rigid for body in self.bodies.values()):
             inertial_impedance(assembly)

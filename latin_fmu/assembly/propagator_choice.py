@@ -14,6 +14,7 @@ import numpy as np
 
 from ..compiled import COMPILES
 from ..errors import Problem, SceneError
+from ..latin.processes import distributed
 from ..machine import memory_room
 from ..propagator import Propagator, StaticPropagator, make_propagator
 from ..propagator.explicit import ExplicitPropagator
@@ -94,6 +95,41 @@ def class_size(model: SubstructureModel, members: int, form: Form = "dense") -> 
         factor, multiplications = float(pattern.panel_start[-1]), flops(pattern)
     sizes = n, len(last), trace.shape[0], members, stiffness.nnz, mass, damping
     return ClassSize(*sizes, factor, multiplications, swept)
+
+
+def divided(
+    scene: Scene, classes: list[ModelClass], processes: int
+) -> tuple[list[ModelClass], tuple[int, ...], tuple[int, ...]]:
+    """Classes of which each belongs to one process, the process of each, and the number of the class it is a part of;
+    for one process the classes, and nothing more."""
+    if processes == 1:
+        return classes, (), ()
+    costs = [_march_cost(scene, c.members[0]) for c in classes for _ in c.members]
+    ranks, parts, owner, part_of = iter(distributed(costs, processes)), list[ModelClass](), list[int](), list[int]()
+    first: list[int] = []  # part of each class
+    for number, c in enumerate(classes):
+        own = np.array([next(ranks) for _ in c.members])
+        first.append(len(parts))
+        for rank in np.unique(own):
+            picked = np.flatnonzero(own == rank)
+            twin = None if c.twin is None else first[c.twin]
+            twin = first[-1] if len(parts) > first[-1] else twin
+            parts.append(replace(c, members=[c.members[m] for m in picked], channels=c.channels[:, picked], twin=twin))
+            owner.append(int(rank))
+            part_of.append(number)
+    return parts, tuple(owner), tuple(part_of)
+
+
+def _march_cost(scene: Scene, model: SubstructureModel) -> float:
+    """Numbers that an instant of a substructure reads, about: those of the sweeps twice, and of its interface matrices
+    in a few iterations."""
+    settings = propagator_settings(scene)
+    size = class_size(model, 1, interface_form(scene))
+    if settings.kind == "explicit":
+        return float(size.sparse + 4 * size.channels**2 + size.unknowns)
+    if settings.kind == "reduced":
+        return float(size.basis(settings.modes) ** 2 + 4 * size.channels**2 + size.unknowns)
+    return 2.0 * size.factor + 2.0 * size.interface**2 + 4.0 * (size.swept or size.channels**2) + size.sparse
 
 
 def operator_bytes(size: ClassSize, settings: PropagatorSettings) -> float:

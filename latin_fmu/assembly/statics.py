@@ -38,6 +38,7 @@ from .checks import boundaries_of
 from .conditions import Conditions, conditions_on
 from .free_bodies import FreeGroup, acting, free_groups, free_motions, unheld, with_place
 from .initial_state import InitialState
+from .kept_operators import Kept
 from .limit_load import allowed_motions, loss_of_equilibrium
 from .models import contact_layer
 from .ports import ports_of
@@ -48,7 +49,6 @@ _MOVES = 1e-6  # motion of a node that counts, for unit motions of bodies
 _MOST = 500  # iterations of an increment
 _NO_VISCOSITY: Final[Mapping[str, float]] = MappingProxyType({"viscosity": 0.0, "lateral_viscosity": 0.0})
 _Tables = dict[str, Any]
-Kept = dict[bytes, list[tuple[float, Any]]]
 
 
 def start_problems(

@@ -14,8 +14,9 @@ from dataclasses import replace
 from ..errors import Problems, SceneError
 from .bolts import BoltCut, check_yield
 from .initial_state import InitialState, TightBolts
+from .kept_operators import Kept
 from .problem import DiscretisedProblem, settings_of
-from .statics import Kept, equilibrium, state_at_end, static_problem, static_scene
+from .statics import equilibrium, state_at_end, static_problem, static_scene
 
 _Ramps = dict[str, tuple[float, float]]
 

@@ -8,15 +8,21 @@ not handle (bad input, an interruption) into an exit code. A subcommand imports 
 from __future__ import annotations
 
 import argparse
+import io
 import os
 import signal
+import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Final
+
+from ..errors import InputError
 
 if TYPE_CHECKING:
+    from ..latin.processes import Processes
     from ..scene.schema import Scene
 
 CONVERGED, NOT_CONVERGED, BAD_INPUT, SOLVER_FAILED, NOT_WRITTEN, NO_MEMORY = 0, 1, 2, 3, 4, 5
@@ -73,6 +79,58 @@ class Signals:
         first, self.received = not self.received, self.received or number
         if not (first and self.noted):
             raise KeyboardInterrupt
+
+
+_STARTED: Final = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MPI_LOCALNRANKS", "PMIX_SIZE")
+"""Variables in which starters of MPI give the number of processes."""
+_BETWEEN: Final = 0.3  # s between the sentences of processes that fail
+
+
+def started_together() -> Processes | None:
+    """The processes that ``mpiexec`` has started with this one; None where it is alone.
+
+    Raises
+    ------
+    InputError : there are several, and mpi4py or the library of MPI is missing.
+    """
+    counts = [os.environ.get(name, "") for name in _STARTED]
+    if not any(count.isdigit() and int(count) > 1 for count in counts):
+        return None
+    try:
+        from mpi4py import MPI
+    except (ImportError, RuntimeError) as error:
+        heading, remedy = "the run cannot be distributed over processes", "pip install latin-fmu[mpi]"
+        raise InputError.of(heading, "mpiexec", str(error), remedy=remedy) from None
+    from ..latin.processes import Processes
+
+    if MPI.COMM_WORLD.Get_size() == 1:
+        return None
+    processes = Processes(MPI.COMM_WORLD)
+
+    def end_all(*error: Any) -> None:
+        """Tell what nothing expected; without this the other processes would wait for this one."""
+        sys.__excepthook__(*error)
+        processes.abort(SOLVER_FAILED)
+
+    sys.excepthook = end_all
+    return processes
+
+
+@contextmanager
+def ending_together(processes: Processes, signals: Signals) -> Iterator[None]:
+    """Context in which an error of one process ends all of them, with its sentence and an exit code above 0."""
+    try:
+        yield
+    except BaseException as error:
+        if processes.ended:  # all of them know: process 0 tells
+            if processes.rank:
+                sys.stderr = io.StringIO()
+            raise
+        time.sleep(_BETWEEN * processes.rank)  # one sentence is enough where all of them fail
+        text = "interrupted" if isinstance(error, KeyboardInterrupt) else str(error) or type(error).__name__
+        print(f"latin-fmu: process {processes.rank} of {processes.size}: {text}", file=sys.stderr, flush=True)
+        code = NO_MEMORY if isinstance(error, MemoryError) else SOLVER_FAILED
+        processes.abort(signals.exit_code if signals.received else code)
 
 
 def declare(

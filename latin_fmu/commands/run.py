@@ -18,10 +18,22 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final, TextIO
 
 from ..errors import InputError, Problem, SolverError
-from . import CONVERGED, NOT_CONVERGED, AddParser, Signals, add_scene, declare, output_file, read_scene
+from . import (
+    CONVERGED,
+    NOT_CONVERGED,
+    AddParser,
+    Signals,
+    add_scene,
+    declare,
+    ending_together,
+    output_file,
+    read_scene,
+    started_together,
+)
 
 if TYPE_CHECKING:
     from ..accuracy.adaptive_resolution import Choice
+    from ..latin.processes import Processes
     from ..results.checkpoint import Checkpoint
     from ..results.solution import Solution
     from ..scene.schema import Scene
@@ -99,6 +111,55 @@ def interval(text: str) -> tuple[int | None, float | None]:
 
 
 def _run(arguments: argparse.Namespace) -> int:
+    processes = started_together()
+    if processes is None:
+        return _run_alone(arguments)
+    with ending_together(processes, arguments.signals):
+        return _distributed(arguments, processes)
+
+
+def _distributed(arguments: argparse.Namespace, processes: Processes) -> int:
+    """The same on several processes: process 0 shows how far the run is, and writes the results."""
+    from .. import api
+    from ..accuracy.estimate import estimate_error
+    from ..results.writing import UnwrittenError, check_target
+
+    first = processes.rank == 0
+    arguments.quiet |= not first
+    with processes.agreed():
+        scene = read_scene(arguments)
+        target = arguments.output or Path(f"{scene.name}.nc")
+        refused = {"--checkpoint": arguments.checkpoint, "--resume": arguments.resume or None}
+        refused["--accuracy"] = _target(scene, arguments)
+        if given := [name for name, value in refused.items() if value is not None]:
+            problems = [Problem(name, "takes one process", remedy="run it without mpiexec") for name in given]
+            raise InputError(problems, "the run cannot be distributed over processes")
+        if first:
+            _note_inputs(scene, arguments.quiet)
+            check_target(target)
+            if arguments.vtk is not None:
+                from ..results.vtk import check_export_folder
+
+                check_export_folder(arguments.vtk)
+    progress = None if arguments.quiet else Progress(sys.stderr, scene.solver.tolerance)
+    try:
+        solution = api.solve(scene, progress=progress, processes=processes)
+    finally:
+        if progress is not None:
+            progress.close()
+    if not arguments.no_estimate and scene.accuracy.estimate and solution.converged:
+        solution = replace(solution, estimate=estimate_error(scene, solution, processes=processes))
+    with processes.agreed():
+        if first:
+            written: list[str] = []
+            lost = _write(solution, target, arguments.vtk, written)
+            _show(solution, arguments, written, None)
+            if lost:
+                raise UnwrittenError(lost, "cannot write the results")
+    return CONVERGED if solution.converged else NOT_CONVERGED
+
+
+def _run_alone(arguments: argparse.Namespace) -> int:
     with arguments.signals.deferred(), _lean_imports():
         from ..accuracy import estimate  # noqa: F401, loads the solver, too
         from ..results.writing import check_target

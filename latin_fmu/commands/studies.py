@@ -204,9 +204,9 @@ def _stress(arguments: argparse.Namespace) -> int:
 
 def _sweep(arguments: argparse.Namespace) -> int:
     with arguments.signals.deferred():
+        from ..machine import usable_cores
         from ..parametric.point import STATES
         from ..parametric.study import sweep
-        from ..parametric.workers import usable_cores
     output = arguments.output or Path(f"{arguments.scene.stem}_study.nc")
     default = usable_cores() if arguments.scheduler is None else 1
     try:

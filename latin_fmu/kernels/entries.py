@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from ..compiled import entry, fields, kernel, share
 from .communication import communicate, present
-from .indicator import accept, force_residual
+from .indicator import accept, error_indicator, force_norms, force_residual, relative_forces
 from .instants import (
     after_class,
     end_class,
@@ -23,9 +23,32 @@ from .instants import (
     read_start,
     solve_instant,
 )
-from .iteration import begin_window, judge, linear_stage, measure, next_stage, rewind
-from .local_stage import finish, open_window, outgoing, prepare, solve_points
-from .newton import advance_iterate, count_step, keep_end, leave, propose, trial_fields, trial_size
+from .iteration import (
+    begin_window,
+    end_of_step,
+    judge,
+    linear_stage,
+    local_error,
+    local_stage,
+    measure,
+    next_stage,
+    rewind,
+)
+from .local_stage import finish, open_window, outgoing, prepare, read_gaps, read_jumps, read_motion, solve_points
+from .newton import (
+    active_matrix,
+    admit_residual,
+    advance_iterate,
+    change_tractions,
+    count_step,
+    full_step,
+    keep_end,
+    leave,
+    propose,
+    search,
+    trial_fields,
+    trial_size,
+)
 from .outputs import gather_fields
 from .records import CLASS, GROUP, RUN, Pools
 from .substructure import advance, commit, free_load, free_velocity, interface_load, linear_response, predict
@@ -71,7 +94,18 @@ from .substructure import advance, commit, free_load, free_velocity, interface_l
     COMMUNICATE,
     PRESENT,
     FIELDS,
-) = range(40)
+    LOCAL_ERROR,
+    NORMS,
+    RELATIVE_FORCES,
+    GAPS,
+    MOTION,
+    JUMPS,
+    ADMIT,
+    MATRIX,
+    CHANGE,
+    FULL_STEP,
+    SEARCH,
+) = range(51)
 """Actions of ``call``."""
 
 _ITEM: Final = "f8[::1], i8[::1]"
@@ -106,6 +140,18 @@ share(
     march_instants,
     open_accounts,
     read_start,
+    local_stage,
+    error_indicator,
+    force_norms,
+    relative_forces,
+    read_gaps,
+    read_motion,
+    read_jumps,
+    admit_residual,
+    active_matrix,
+    change_tractions,
+    full_step,
+    search,
 )
 
 
@@ -124,7 +170,7 @@ def call(pools: Any, action: int, a: int, b: int, c: int, d: int) -> int:
     if action == PRESENT:
         return present(pools)
     if action == END_INSTANT:
-        end_instant(pools, a)
+        end_instant(pools, a, b)
     elif action == FIRST_GUESS:
         first_guess(pools, a)
     elif action == FREE_MOTION:
@@ -163,10 +209,40 @@ def call(pools: Any, action: int, a: int, b: int, c: int, d: int) -> int:
         force_residual(pools, a)
     elif action == FIELDS:
         gather_fields(pools, a)
+    elif action >= LOCAL_ERROR:
+        return _call_of_process(pools, action, a, b)
     elif action >= PROPOSE:
         return _call_of_newton(pools, action, a)
     else:
         return _call_of_class(pools, action, a, b, c, d)
+    return 0
+
+
+@kernel
+def _call_of_process(pools: Any, action: int, a: int, b: int) -> int:
+    """Parts between which the processes of a run exchange what they computed: see ``latin.processes``."""
+    if action == LOCAL_ERROR:
+        return int(local_error(pools, a))
+    if action == NORMS:
+        force_norms(pools, a)
+    elif action == RELATIVE_FORCES:
+        relative_forces(pools, a)
+    elif action == GAPS:
+        read_gaps(pools, a)
+    elif action == MOTION:
+        read_motion(pools, a, b)
+    elif action == JUMPS:
+        read_jumps(pools, a)
+    elif action == ADMIT:
+        admit_residual(pools)
+    elif action == MATRIX:
+        return active_matrix(pools)
+    elif action == CHANGE:
+        return int(change_tractions(pools, a))
+    elif action == FULL_STEP:
+        full_step(pools)
+    elif action == SEARCH:
+        return int(end_of_step(pools))
     return 0
 
 

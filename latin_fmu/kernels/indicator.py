@@ -69,11 +69,17 @@ def error_indicator(pools: Any, window: int) -> float:
 def force_residual(pools: Any, window: int) -> float:
     """Largest relative force residual over the instants of the window; ``measure[3:5]``: largest norms of normal
     and tangential forces with this iterate."""
-    run, work = pools.run[0], pools.moving
-    measure, total = work[run.measure : run.measure + 8], work[run.norms : run.norms + 4]
-    parts, error_n, error_t = 1 + run.tangential, 0.0, 0.0
+    force_norms(pools, window)
+    return relative_forces(pools, window)
+
+
+@kernel
+def force_norms(pools: Any, window: int) -> None:
+    """Squared norms of the forces and of their half residuals at the instants of the window, into ``norms``."""
+    run = pools.run[0]
+    parts = 1 + run.tangential
+    pools.moving[run.norms : run.norms + 4 * window] = 0.0
     for i in range(window):
-        total[:] = 0.0
         for c in range(len(pools.classes)):
             row = pools.classes[c]
             start, at = 0, 0
@@ -86,6 +92,16 @@ def force_residual(pools: Any, window: int) -> float:
                     _add_norms(pools, c, i, start, n, row.compliance + at, 2 * part)
                 start += n
                 at += symmetric_size(n, row.plain_response, row.m)
+
+
+@kernel
+def relative_forces(pools: Any, window: int) -> float:
+    """Force residual by the ``norms`` of all substructures."""
+    run, work = pools.run[0], pools.moving
+    measure = work[run.measure : run.measure + 8]
+    parts, error_n, error_t = 1 + run.tangential, 0.0, 0.0
+    for i in range(window):
+        total = work[run.norms + 4 * i : run.norms + 4 * i + 4]
         for part in range(parts):
             measure[3 + part] = max(measure[3 + part], measure[7] * np.sqrt(max(total[2 * part], 0.0)))
         error_n = max(error_n, np.sqrt(max(total[1], 0.0)))
@@ -127,8 +143,8 @@ def _add_norms(pools: Any, c: int, i: int, start: int, n: int, compliance: int, 
         for e in range(n * m):
             force += x[2 * e] * y[2 * e]
             half += x[2 * e + 1] * y[2 * e + 1]
-    work[run.norms + into] += force
-    work[run.norms + into + 1] += half
+    work[run.norms + 4 * i + into] += force
+    work[run.norms + 4 * i + into + 1] += half
 
 
 @kernel
@@ -163,7 +179,7 @@ def _add_swept_norms(pools: Any, c: int, i: int, parts: int) -> None:
             for d in range(n):
                 total += x[LANES * d + lane] ** 2
             part, half = (first + lane) // (2 * m), (first + lane) // m % 2
-            work[run.norms + 2 * part + half] += gain * total
+            work[run.norms + 4 * i + 2 * part + half] += gain * total
 
 
 @kernel

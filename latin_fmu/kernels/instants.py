@@ -33,7 +33,7 @@ def march_instants(pools: Any, first: int, n: int) -> int:
             return call
         for c in range(len(pools.classes)):
             end_class(pools, c, instant)
-        end_instant(pools, instant)
+        end_instant(pools, instant, 0)
     return n
 
 
@@ -154,9 +154,10 @@ def after_class(pools: Any, c: int, instant: int, tractions: Array, marched: boo
 
 
 @kernel
-def end_instant(pools: Any, instant: int) -> None:
-    """Gaps at the end of an instant, and its accepted fields among histories and as the start of the next one."""
-    keep_fields(pools, instant, 0)
+def end_instant(pools: Any, instant: int, i: int) -> None:
+    """Gaps at the end of an instant, and its accepted fields among histories and as the start of the next one; they
+    are those of instant i of the window."""
+    keep_fields(pools, instant, i)
     read_gaps(pools, instant)
 
 
@@ -196,8 +197,8 @@ def end_window_instant(pools: Any, instant: int, i: int) -> None:
         marched = commit(pools, c, instant, f)
         work[row.marched] += marched
         after_class(pools, c, instant, f, marched > 0)
-    keep_fields(pools, instant, i)
-    read_gaps(pools, instant)
+    if run.shared == 0:
+        end_instant(pools, instant, i)
 
 
 @kernel
@@ -215,7 +216,8 @@ def read_start(pools: Any) -> None:
             output[pools.classes[c].energies + j] = state[pools.classes[c].totals + j]
     for j in range(n):
         output[run.history_f + j], output[run.history_w + j] = state[run.f_hat + j], state[run.w_hat + j]
-    read_gaps(pools, 0)
+    if run.shared == 0:
+        read_gaps(pools, 0)
 
 
 @kernel

@@ -54,12 +54,12 @@ def linear_stage(pools: Any, window: int, first: int, iteration: int) -> None:
         at = run.ground_velocity + (first + i) * run.n_ground
         for e in range(run.n_ground):
             w[pools.fixed_int[run.ground + e]] = pools.moving[at + e]
-    if run.n_coarse > 0:
-        _balance(pools)
+    if run.n_coarse > 0 and run.shared == 0:
+        balance(pools)
 
 
 @kernel
-def _balance(pools: Any) -> None:
+def balance(pools: Any) -> None:
     """Bring q and the W of the substructures to balance in the mean of every interface."""
     run, work, direction = pools.run[0], pools.moving, pools.fixed
     n, size = run.n_flat, run.n_coarse
@@ -95,13 +95,28 @@ def measure(pools: Any, window: int) -> None:
 def stage(pools: Any, window: int, first: int, iteration: int) -> None:
     """One iteration from the q of ``work``: fields of both stages, residual, measures."""
     linear_stage(pools, window, first, iteration)
+    local_stage(pools, window)
+    measure(pools, window)
+
+
+@kernel
+def local_stage(pools: Any, window: int) -> None:
+    """Fields of the local stage over the window."""
     for i in range(window):
         outgoing(pools, i)
         for g in range(len(pools.groups)):
             prepare(pools, g, i)
             solve_points(pools, g)
             finish(pools, g, i, window)
-    measure(pools, window)
+
+
+@kernel
+def local_error(pools: Any, window: int) -> bool:
+    """Local stage after the exchange of the W of all processes; whether sqrt(eta) is within tolerance."""
+    if pools.run[0].n_coarse > 0:
+        balance(pools)
+    local_stage(pools, window)
+    return bool(error_indicator(pools, window) <= pools.run[0].tolerance)
 
 
 @kernel
@@ -114,6 +129,16 @@ def newton_step(pools: Any, first: int) -> bool:
     search(pools)
     measure(pools, 1)
     return True
+
+
+@kernel
+def end_of_step(pools: Any) -> bool:
+    """``newton_step`` after the exchange of the W of all processes; whether sqrt(eta) is within tolerance."""
+    if pools.run[0].n_coarse > 0:
+        balance(pools)
+    keep_end(pools)
+    search(pools)
+    return bool(error_indicator(pools, 1) <= pools.run[0].tolerance)
 
 
 @kernel
@@ -234,15 +259,15 @@ def first_changed(pools: Any, c: int, window: int) -> int:
     row, run, work = pools.classes[c], pools.run[0], pools.moving
     if work[row.known] == 0.0 or run.reuse < 0.0:
         return 0
-    size, change = row.n_channel * row.m, 0.0
-    channels = pools.fixed_int[row.channels : row.channels + size]
+    size, change = row.n_checked, 0.0
+    checked = pools.fixed_int[row.checked : row.checked + size]
     weights = pools.fixed[run.weights : run.weights + run.n_flat]
-    level = run.reuse * max(pools.moving[run.scales], work[run.measure + 6]) * window / len(pools.classes)
+    level = run.reuse * max(pools.moving[run.scales], work[run.measure + 6]) * window / run.n_class
     for i in range(window):
         q, solved_q = work[run.q + i * run.n_flat : run.q + (i + 1) * run.n_flat], row.solved_q + i * size
         for at in range(size):
-            moved = q[channels[at]] - work[solved_q + at]
-            change += weights[channels[at]] * moved * moved
+            moved = q[checked[at]] - work[solved_q + at]
+            change += weights[checked[at]] * moved * moved
         if change > level:
             return i
     return window
@@ -255,6 +280,7 @@ def march_window(pools: Any, c: int, window: int, first: int) -> int:
     row, run, work = pools.classes[c], pools.run[0], pools.moving
     n, size, stride = run.n_flat, row.n_channel * row.m, stride_of(window)
     channels = pools.fixed_int[row.channels : row.channels + size]
+    checked = pools.fixed_int[row.checked : row.checked + row.n_checked]
     changed, marched = first_changed(pools, c, window), 0
     for i in range(changed):
         for at in range(size):
@@ -280,7 +306,9 @@ def march_window(pools: Any, c: int, window: int, first: int) -> int:
             if i < changed:
                 w[channels[at]] = work[row.solved_w + i * size + at]
             else:
-                work[row.solved_q + i * size + at] = q[channels[at]]
                 work[row.solved_w + i * size + at] = w[channels[at]]
+        if i >= changed:
+            for at in range(row.n_checked):
+                work[row.solved_q + i * row.n_checked + at] = q[checked[at]]
     work[row.known] = 1.0
     return marched

@@ -151,25 +151,41 @@ def open_window(pools: Any, window: int, instant: int) -> None:
         start, state = work[group.opened + 3 * count : group.opened + 4 * count], work[kept : kept + count]
         for j in range(count):
             start[j] = state[j]
-    if window == 1:
+    if window == 1 or run.shared == 1:
         return
-    flat = work[run.displacement : run.displacement + run.n_flat]
     for kind in range(3):
-        of_u, of_v, of_a = 0.0, 0.0, 0.0
-        if kind == 0:
-            of_u, of_v = 1.0, run.gap_offset
-        elif kind == 1:
-            of_v = 1.0
-        else:
-            of_a = 1.0
-        for c in range(len(pools.classes)):
-            read_channels(pools, c, instant, of_u, of_v, of_a, False, flat)
-        _ground(pools, instant, kind, flat)
-        for g in range(len(pools.groups)):
-            _jumps(pools, g, kind, flat)
+        read_motion(pools, instant, kind)
+        read_jumps(pools, kind)
+
+
+@kernel
+def read_motion(pools: Any, instant: int, kind: int) -> None:
+    """Displacement (``kind`` 0), velocity (1) or acceleration (2) of the channels, into ``displacement``."""
+    run = pools.run[0]
+    flat = pools.moving[run.displacement : run.displacement + run.n_flat]
+    of_u, of_v, of_a = 0.0, 0.0, 0.0
+    if kind == 0:
+        of_u, of_v = 1.0, run.gap_offset
+    elif kind == 1:
+        of_v = 1.0
+    else:
+        of_a = 1.0
+    for c in range(len(pools.classes)):
+        read_channels(pools, c, instant, of_u, of_v, of_a, False, flat)
+    _ground(pools, instant, kind, flat)
+
+
+@kernel
+def read_jumps(pools: Any, kind: int) -> None:
+    """Jumps of the groups at the start of a window from what ``read_motion`` left; with the last kind what layers start
+    from."""
+    run, work = pools.run[0], pools.moving
+    flat = work[run.displacement : run.displacement + run.n_flat]
+    for g in range(len(pools.groups)):
+        _jumps(pools, g, kind, flat)
     for g in range(len(pools.groups)):
         group = pools.groups[g]
-        if group.elastic == 1:
+        if kind == 2 and group.elastic == 1:
             count = group.n_point * group.n_component
             at = group.opened
             for j in range(count):

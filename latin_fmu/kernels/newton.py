@@ -172,8 +172,8 @@ def add_relative(pools: Any, v: Array) -> None:
 
 
 @kernel
-def assemble(pools: Any) -> None:
-    """Matrix of the active points in its envelope."""
+def assemble(pools: Any) -> int:
+    """Matrix of the active points in its envelope, but for ``soften``; its size."""
     run, work, numbers = pools.run[0], pools.moving, pools.moving_int
     unknown_of = numbers[run.unknown_of : run.unknown_of + run.n_point + 1]
     start = numbers[run.unknown_start : run.unknown_start + run.n_block + 1]
@@ -184,7 +184,7 @@ def assemble(pools: Any) -> None:
     size = place_rows(run.n_block, start, low, high, row_at)
     matrix = work[run.matrix : run.matrix + size]
     columns, rows = work[run.columns : run.columns + 3 * run.n_unknown], work[run.rows : run.rows + 3 * run.n_unknown]
-    softness, block = work[run.softness : run.softness + 3 * run.n_unknown], work[run.block : run.block + 9]
+    block = work[run.block : run.block + 9]
     matrix[:] = 0.0
     for b in range(run.n_block):
         for p in range(points[b], points[b + 1]):
@@ -200,9 +200,19 @@ def assemble(pools: Any) -> None:
                     w = r0 * block[2] + r1 * block[5] + r2 * block[8]
                     for j in range(unknown_of[q], unknown_of[q + 1]):
                         matrix[row_at[i] + j] = x * columns[3 * j] + y * columns[3 * j + 1] + w * columns[3 * j + 2]
-            for i in range(unknown_of[p], unknown_of[p + 1]):
-                for j in range(unknown_of[p], unknown_of[p + 1]):
-                    matrix[row_at[i] + j] += softness[3 * i + j - unknown_of[p]]
+    return size
+
+
+@kernel
+def soften(pools: Any) -> None:
+    """Add what the unknowns of a point add to the matrix among themselves."""
+    run, work, numbers = pools.run[0], pools.moving, pools.moving_int
+    unknown_of = numbers[run.unknown_of : run.unknown_of + run.n_point + 1]
+    row_at = numbers[run.row_at : run.row_at + run.n_unknown]
+    for p in range(run.n_point):
+        for i in range(unknown_of[p], unknown_of[p + 1]):
+            for j in range(unknown_of[p], unknown_of[p + 1]):
+                work[run.matrix + row_at[i] + j] += work[run.softness + 3 * i + j - unknown_of[p]]
 
 
 @kernel
@@ -226,30 +236,68 @@ def solve_active(pools: Any) -> bool:
 def propose(pools: Any) -> bool:
     """Ends of a Newton step: q and W of the last iterate are kept, the new q is that of the full step; False where the
     matrix is singular."""
+    if pools.run[0].krylov == 1:
+        widen(pools)
+    admit_residual(pools)
+    if not change_tractions(pools, active_matrix(pools)):
+        return False
+    full_step(pools)
+    return True
+
+
+@kernel
+def admit_residual(pools: Any) -> None:
+    """Velocities that the residual of the tractions alone gives, into ``step_w``."""
     run, work = pools.run[0], pools.moving
     n = run.n_flat
     x, v = work[run.step_f : run.step_f + n], work[run.step_w : run.step_w + n]
-    f, f_hat = work[run.f : run.f + n], work[run.local_f : run.local_f + n]
-    q, w, k = work[run.q : run.q + n], work[run.w : run.w + n], pools.fixed[run.k : run.k + n]
-    if run.krylov == 1:
-        widen(pools)
     for j in range(n):
-        x[j] = f_hat[j] - f[j]
+        x[j] = work[run.local_f + j] - work[run.f + j]
     admit(pools, x, v)
+
+
+@kernel
+def active_matrix(pools: Any) -> int:
+    """Unknowns of the step, their right-hand side and matrix; size of the matrix (with ``krylov``, which has none, the
+    number of unknowns), 0 where there are none."""
+    run = pools.run[0]
     count = activate(pools)
-    if count > 0:
-        add_relative(pools, v)
-        if run.krylov == 1:
-            if not solve_by_products(pools, count):
-                return False
-            for j in range(n):
-                x[j] = f_hat[j] - f[j]
-        else:
-            assemble(pools)
-            if not solve_active(pools):
-                return False
+    if count == 0:
+        return 0
+    add_relative(pools, pools.moving[run.step_w : run.step_w + run.n_flat])
+    return count if run.krylov == 1 else assemble(pools)
+
+
+@kernel
+def change_tractions(pools: Any, size: int) -> bool:
+    """Change of the tractions in the step into ``step_f``, and the velocities that it gives; ``size`` from
+    ``active_matrix``. False where the matrix is singular."""
+    run, work = pools.run[0], pools.moving
+    n = run.n_flat
+    x, v = work[run.step_f : run.step_f + n], work[run.step_w : run.step_w + n]
+    if size > 0 and run.krylov == 1:
+        if not solve_by_products(pools, size):
+            return False
+        for j in range(n):
+            x[j] = work[run.local_f + j] - work[run.f + j]
+    elif size > 0:
+        soften(pools)
+        if not solve_active(pools):
+            return False
+    count = pools.moving_int[run.unknown_of + run.n_point]
     add_columns(pools, work[run.unknowns : run.unknowns + count], x)
     admit(pools, x, v)
+    return True
+
+
+@kernel
+def full_step(pools: Any) -> None:
+    """Keep q and W of the last iterate; q of the full step."""
+    run, work = pools.run[0], pools.moving
+    n = run.n_flat
+    x, v = work[run.step_f : run.step_f + n], work[run.step_w : run.step_w + n]
+    f, q = work[run.f : run.f + n], work[run.q : run.q + n]
+    w, k = work[run.w : run.w + n], pools.fixed[run.k : run.k + n]
     kept_q, kept_w = work[run.old_q : run.old_q + n], work[run.old_w : run.old_w + n]
     size, r, metric = 0.0, work[run.r : run.r + n], pools.fixed[run.metric : run.metric + n]
     for j in range(n):
@@ -257,7 +305,6 @@ def propose(pools: Any) -> bool:
         kept_q[j], kept_w[j] = q[j], w[j]
         q[j] = f[j] + x[j] + k[j] * (w[j] + v[j])
     work[run.course + SIZE] = np.sqrt(size)
-    return True
 
 
 @kernel

@@ -13,14 +13,12 @@ moving  output     fields, gaps, probes, sensors, energies of the instants      
 
 A block is one allocation, a pool a range of it; a snapshot is a copy of the range of the state. Blocks are viewed as
 float64, int64, uint32 or float32 numbers. A record holds sizes, and for every array the position of its first number in
-its block; kernels slice. A record holds no address: blocks can be copied, saved, mapped and
-shared.
+its block; kernels slice. A record holds no address: blocks can be copied, saved, mapped and shared.
 
 Dimensions: n dofs of a member, m members of a class, g interface dofs, c channels (interface unknowns) of a member,
 N = n_flat channels of the assembly, p points of a group, h components per point, T instants of the segment, w instants
-of the longest window, R rows of output.
-Arrays over members have the member as last index. A channel is one interface unknown in the local frame: one
-component (N, t1 or t2) at one point of one side of one interface.
+of the longest window, R rows of output. Arrays over members have the member as last index. A channel is one interface
+unknown in the local frame: one component (N, t1 or t2) at one point of one side of one interface.
 """
 
 from __future__ import annotations
@@ -104,6 +102,8 @@ CLASS_FIELDS: Final[tuple[Field, ...]] = (
     ("dofs", "constants, int64 (g,): interface dofs"),
     ("area", "constants (c,): areas, m2"),
     ("channels", "constants, int64 (c, m): place of the channels among those of the assembly"),
+    ("n_checked", "channels of the whole class, more than c m where other processes hold members of it"),
+    ("checked", "constants, int64 (n_checked,): their places; a change of q there requires a new solution"),
     ("live", "constants, int64 (n_live,): channels that can move"),
     ("measured", "constants, int64 (n_live,): the same, normal ones first"),
     ("compliance", "constants: C = T D T^T between normal, then between tangential channels, m s-1 N-1"),
@@ -144,7 +144,7 @@ CLASS_FIELDS: Final[tuple[Field, ...]] = (
     ("w_free", "work (c, m): velocities of the channels without interface forces, m s-1"),
     ("reference", "work (c, m) of swept classes: tractions that w_free is under, Pa"),
     ("w_damped", "work (c, m): velocities that the dashpots k act on, m s-1 (w_free but for STATIC classes)"),
-    ("solved_q", "work (w, c, m): q of the last solves, Pa"),
+    ("solved_q", "work (w, n_checked): q of the last solves, Pa"),
     ("solved_w", "work (w, c, m): W of the last solves, m s-1"),
     ("known", "work (1,): 1 where those are of this window"),
     ("kept_states", "work (w // (isqrt(w) + 1) + 1, n_state): states inside a window of several instants"),
@@ -167,9 +167,7 @@ CLASS_FIELDS: Final[tuple[Field, ...]] = (
     *_fields(_HALF, "damping", "the damping C"),
     *_fields(_HALF, "dashpots", "the lumped damping of an EXPLICIT class"),
     *_fields(_HALF, "landing", "the part of C that is the viscosity of the contact layer"),
-    *_fields(
-        _MATRIX, "border_mass", "M between prescribed motions and dofs, then among motions (n_motion, n + n_motion)"
-    ),
+    *_fields(_MATRIX, "border_mass", "M of prescribed motions with dofs, then among them (n_motion, n + n_motion)"),
     *_fields(_MATRIX, "border_stiffness", "K likewise"),
     *_fields(_MATRIX, "border_damping", "C likewise"),
     *_fields(_MATRIX, "border_dashpots", "lumped damping likewise"),
@@ -213,6 +211,8 @@ GROUP_FIELDS: Final[tuple[Field, ...]] = (
 
 RUN_FIELDS: Final[tuple[Field, ...]] = (
     ("n_flat", "channels N of the assembly"),
+    ("n_class", "classes of the assembly, those of other processes among them"),
+    ("shared", "1 where other processes hold substructures: the caller exchanges what they compute"),
     ("n_point", "points of all groups"),
     ("n_interface", "interfaces"),
     ("n_time", "instants T of the segment"),
@@ -287,7 +287,7 @@ RUN_FIELDS: Final[tuple[Field, ...]] = (
     ("displacement", "work (N,): displacements that gaps are read from, m"),
     ("layer", "work (N,): displacements that layers start from, m"),
     ("shares", "work (n_interface,)"),
-    ("norms", "work (4,)"),
+    ("norms", "work (w, 4): squared norms of forces and of half residuals, normal and tangential"),
     ("merits", "work (3 max_iterations + 64, 2): distance of each iterate from the tolerance, by eta, with residual"),
     ("measure", "work (8,): error, force residual, scales reached (3), ratio of merits, scale of the best iterate"),
     ("course", "work (8,): course of Newton's method at this instant (``newton``)"),

@@ -189,6 +189,9 @@ class Assembly:
         self.start_tractions: dict[int, Array] = {}
         """Tractions (n_point, n_component) on side E at t = 0 where they are known, by interface, Pa; in balance with
         the initial displacements and the loads there."""
+        self.owner = self.part_of = tuple[int, ...]()
+        """Of a run distributed over processes: for every class the process that marches it, and the number of the class
+        that it is a part of."""
         self.lost: NoEquilibrium | None = None
         """Where the loads of a run without inertia lose their equilibrium, if that is known."""
         self.rigid = self._rigid_channels()

@@ -17,6 +17,7 @@ from ..propagator.image import Image
 from .assembly import Array, Assembly
 from .interface_rows import InterfaceRows, InterfaceStream
 from .probes import BoltPlace, Probes, SensorPlace
+from .processes import Processes
 from .reactions import Support, reaction_histories
 from .record import BoltHistory, InterfaceHistory, PointFields, ReactionHistory, SensorHistory, SubstructureHistory
 
@@ -190,6 +191,28 @@ class Recorder:
     def n_fields(self) -> int:
         """Instants whose fields have been kept."""
         return len(self._field_times)
+
+    # -- parts of other processes ---------------------------------------------------------------------------------
+    def join(self, processes: Processes, assembly: Assembly) -> None:
+        """Complete what the processes of a run have kept of their own substructures; ``assembly`` : the whole one."""
+        fixed = [i for i, unit in enumerate(assembly.interfaces) if unit.against_ground and i in self.rows.slide]
+        if processes.rank:
+            for i in fixed:
+                self.rows.slide[i][:, 1] = 0.0  # the ground is known to all of them
+        for table in (self.rows.slide, self._motions, self._forces, self._tensions):
+            for values in table.values():
+                processes.add(values)
+        own = [c for c, owner in enumerate(assembly.owner) if owner == processes.rank]
+        energy: dict[int, Array] = {}
+        for part in processes.collect((dict(zip(own, self._energy, strict=True)), self._fields, self._massless())):
+            energy |= part[0]
+            self._fields |= part[1]
+            self._massless().update(part[2])
+        self._energy = [energy[c] for c in range(len(assembly.propagators))]
+        self._places = {name: (c, m) for c, p in enumerate(assembly.propagators) for m, name in enumerate(p.names)}
+
+    def _massless(self) -> set[str]:
+        return self._probes.sensors.massless
 
     # -- histories --------------------------------------------------------------------------------------------
     def interfaces(self) -> dict[str, InterfaceHistory]:

@@ -54,10 +54,18 @@ def reuse_bound(settings: Settings) -> float:
 
 
 def make_image(
-    assembly: Assembly, settings: Settings, direction: Direction, probes: Probes, more: Mapping[str, Any]
+    assembly: Assembly,
+    settings: Settings,
+    direction: Direction,
+    probes: Probes,
+    more: Mapping[str, Any],
+    checked: Sequence[Index | None] | None = None,
 ) -> Image:
-    """Image of an assembly whose propagators have their initial state and are bound to ``direction``; ``more``: further
-    fields of the record of the run."""
+    """Image of an assembly whose propagators have their initial state and are bound to ``direction``.
+
+    more : further fields of the record of the run. checked : of the part of an assembly that one process holds, see
+        ``propagator.image.Image``.
+    """
     layout, static = assembly.layout, assembly.quasi_static
     ground = assembly.ground_tables()[0]
     run: dict[str, Any] = {
@@ -77,7 +85,7 @@ def make_image(
         "longest_step": _LONGEST_STATIC if static else np.inf,
         "n_coarse": 0 if direction.coarse is None else direction.coarse.size,
         "direct_bonds": 0,
-        **(direction.relative if direction.newton else {}),
+        **(direction.relative_fields(assembly)),
         **rules(settings),
         "rest_traction": assembly.rest_traction,
         "amplified": max(1.0, _OF_MOTION / settings.tolerance) ** 2,
@@ -107,14 +115,17 @@ def make_image(
         groups,
         min(window, assembly.n_instant),
         len(assembly.time),
-        histories(assembly),
+        histories(direction.assembly),
         probes.rows,
+        checked,
     )
 
 
-def negligible_scales(image: Image, direction: Direction, tolerance: float) -> Array:
+def negligible_scales(
+    image: Image, direction: Direction, tolerance: float, force_residual: Callable[[int], object]
+) -> Array:
     """Scales (3,) of negligible fields, relative to the largest load: denominator of eta, normal and tangential
-    forces; ``image`` : of windows of one instant, bound to ``direction``.
+    forces; ``image`` : of windows of one instant, bound to ``direction``; ``force_residual`` : of so many instants.
 
     A motion that starts from an equilibrium under forces has the loads of that equilibrium among the largest, which
     say nothing on the size of the motion: there the residual counts down to ``_AT_REST`` of them.
@@ -123,7 +134,7 @@ def negligible_scales(image: Image, direction: Direction, tolerance: float) -> A
     measures = image.field("measure", 8)
     measures[:], measures[7] = 0.0, 1.0
     if image.n_flat:
-        image.call(entries.FORCES, 1)
+        force_residual(1)
     tiny = np.finfo(float).tiny
     weights = direction.weights[1, direction.assembly.layout.normal]
     fields = float(direction.level.max(initial=0.0)) ** 2 * float(weights.sum())
@@ -272,6 +283,31 @@ class Stages:
         self.image, self.direction, self.n, self.first = image, direction, n, first
         self._groups = direction.assembly.layout.groups
         self._compiled = all_in_kernels(image)
+
+    def of(self, direction: Direction) -> Stages:
+        """Those of one instant with another search direction."""
+        return Stages(self.image, direction, 1, self.first)
+
+    def predict(self) -> None:
+        """Free responses of one instant."""
+        for c in range(len(self.image.propagators)):
+            self.image.predict(c, self.first)
+
+    def begin(self) -> None:
+        """Openings at the start of the window."""
+        self.image.call(entries.OPEN, self.n, self.first - 1)
+
+    def free_motion(self) -> None:
+        """Velocities of all channels without tractions, into ``w``."""
+        self.image.call(entries.FREE_MOTION, self.first)
+
+    def first_guess(self) -> None:
+        """First q of an instant."""
+        self.image.call(entries.FIRST_GUESS, self.first)
+
+    def end_instant(self, instant: int, i: int = 0) -> None:
+        """Gaps and accepted fields at the end of an instant, the i-th of the window."""
+        self.image.call(entries.END_INSTANT, instant, i)
 
     def field(self, name: str) -> Array:
         """A field of the window, (n, n_flat), a view."""

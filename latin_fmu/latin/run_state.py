@@ -5,14 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
+import numpy as np
+
 from ..kernels import entries
 from .assembly import Array, Assembly
 from .initial_conditions import initial_conditions
 from .instant_solve import PerfectInterfaceSolve
 from .probes import Probes
+from .processes import Exchange, Processes, SharedStages, check_newton, checked_channels, own_part
 from .record import Timings
 from .recorder import Recorder
-from .run_image import Threads, all_in_kernels, histories, make_image, negligible_scales, still
+from .run_image import Stages, Threads, all_in_kernels, histories, make_image, negligible_scales, still
 from .search_direction import Direction
 from .settings import Settings
 from .status import status, with_energy
@@ -28,10 +31,12 @@ class RunState:
     Parameters
     ----------
     assembly, settings : the problem and the rules of its solution. recorder : keeps the accepted fields.
-    communication : fields of the record of the run for communication steps in kernels.
+    communication : fields of the record of the run for communication steps in kernels. processes : over which the
+        substructures of the assembly are distributed, None for this one alone.
 
     Attributes
     ----------
+    held : the assembly with the substructures of this process alone.
     windows : records of the windows of the segment. interface_indicator : (n_interface,) largest indicator of each.
     marched, condensed : substructure-instants marched, and solved through the condensed operator, since the start.
     stopped : whether a window ended so far from a solution that the run cannot continue.
@@ -44,9 +49,13 @@ class RunState:
         recorder: Recorder,
         timings: Timings,
         communication: Mapping[str, Any] | None = None,
+        processes: Processes | None = None,
     ) -> None:
         self._communication = {} if communication is None else communication
         self.assembly, self.settings, self.recorder, self.timings = assembly, settings, recorder, timings
+        self.processes = processes
+        self.held = own_part(assembly, processes)
+        self._exchange: Exchange | None = None
         self.marched = self.condensed = 0
         self._clear()
         traction, velocity = initial_conditions(assembly)
@@ -72,16 +81,37 @@ class RunState:
         one = self.direction(1)
         one.bind()
         recorder = self.recorder
-        self._probes = Probes(assembly, recorder.sliding, recorder.places, recorder.supports, recorder.bolts)
-        self.image = make_image(assembly, self.settings, one, self._probes, self._communication)
+        self._probes = Probes(self.held, recorder.sliding, recorder.places, recorder.supports, recorder.bolts)
+        checked = None if self.processes is None else checked_channels(assembly, self.processes.rank)
+        self.image = make_image(self.held, self.settings, one, self._probes, self._communication, checked)
+        if self.processes is not None and assembly.interfaces:
+            with self.processes.agreed():
+                check_newton(one)
+            self.image.set({"shared": 1, "n_class": len(set(assembly.part_of))})
+            self._exchange = Exchange(self.processes, self.image, assembly)
         self.f_hat[:], self.w_hat[:] = traction, velocity
         self._use(1)
         self.image.field("scales", 3)[:] = (
-            negligible_scales(self.image, one, self.settings.tolerance) if scales is None else scales
+            negligible_scales(self.image, one, self.settings.tolerance, self.force_residual)
+            if scales is None
+            else scales
         )
         self._threads = Threads([float(r["n_panels"] * r["m"]) for r in self.image.classes], self.settings.threads)
         self._per_instant, self._refused, self._in_kernels = 0.0, False, all_in_kernels(self.image)
         self._operators, self._still = [p.operators for p in assembly.propagators], still(assembly)
+
+    def force_residual(self, n: int) -> None:
+        """Force residual over a window of n instants."""
+        if self._exchange is None:
+            self.image.call(entries.FORCES, n)
+        else:
+            self._exchange.force_residual(n)
+
+    def stages(self, n: int, first: int) -> Stages:
+        """Stages of a window of n instants from the instant ``first`` on."""
+        if self._exchange is None:
+            return Stages(self.image, self.direction(n), n, first)
+        return SharedStages(self.image, self.direction(n), n, first, self._exchange)
 
     @property
     def f_hat(self) -> Array:
@@ -168,17 +198,36 @@ class RunState:
         """Record the first instant of the segment."""
         self.image.set({"first_row": 0})
         self.image.call(entries.READ_START)
-        self.recorder.keep(self.assembly, self.image, self._probes, 1)
+        if self._exchange is not None:
+            self._exchange.share_displacements()
+            self.image.call(entries.GAPS, 0)
+        self.recorder.keep(self.held, self.image, self._probes, 1)
 
     def _record(self, n: int, row: int = 0) -> None:
         """Record n accepted instants, rows of the image's output from ``row`` on."""
         if self._sequence is None:
-            self.recorder.keep(self.assembly, self.image, self._probes, n, row)
+            self.recorder.keep(self.held, self.image, self._probes, n, row)
         else:
             f_hat, w_hat = (
                 self.image.field(name, self.image.rows, self.image.n_flat) for name in ("history_f", "history_w")
             )
             self._sequence.append((f_hat[row : row + n].copy(), w_hat[row : row + n].copy()))
+
+    def join(self) -> None:
+        """Complete recorder, motions and counts by those of the other processes, at the end of a distributed run."""
+        if self.processes is None:
+            return
+        self.recorder.join(self.processes, self.assembly)
+        count = np.array([self.marched, self.condensed], dtype=float)
+        self.processes.add(count)
+        self.marched, self.condensed = map(int, count)
+        ends = [(p.state[1:], p.sampled) for p in self.held.propagators]
+        parts = [iter(part) for part in self.processes.collect(ends)]
+        for owner, propagator in zip(self.assembly.owner, self.assembly.propagators, strict=True):
+            motion, sampled = next(parts[owner])
+            if owner != self.processes.rank:
+                propagator.restore((propagator.instant, list(motion), None))
+                propagator.sampled[:] = sampled
 
     def choices(self) -> dict[str, str]:
         """Automatic choices, in words."""
@@ -219,7 +268,7 @@ class RunState:
         """Sample the states at fixed instants, however many are solved in one call."""
         instant = self.assembly.instant
         if instant % SAMPLED == 0 or instant == self.assembly.n_instant:
-            for propagator in self.assembly.propagators:
+            for propagator in self.held.propagators:
                 propagator.sample()
 
     def _set_instant(self, instant: int) -> None:

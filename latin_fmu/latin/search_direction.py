@@ -41,7 +41,7 @@ from ..propagator.interface_sweeps import applied
 from ..propagator.static import StaticPropagator
 from .assembly import Array, Assembly, Index, InterfaceUnit
 from .instant_solve import PointByPoint
-from .relative_operator import LARGEST, LARGEST_STATIC, relative_operator
+from .relative_operator import LARGEST, LARGEST_STATIC, owners, relative_operator
 from .settings import SearchDirection, Settings
 
 _STATIC = 1.5
@@ -376,6 +376,13 @@ class Direction:
         """Quantity q = F_hat + k W_hat that the linear stage starts from."""
         q: Array = f_hat + self.k * w_hat
         return q
+
+    def relative_fields(self, part: Assembly) -> dict[str, Any]:
+        """Fields of the record of the run for Newton steps, empty where there are none; ``part`` : of the assembly,
+        whose substructures the image holds."""
+        if not self.newton or part is self.assembly:
+            return self.relative if self.newton else {}
+        return self.relative | dict(zip(("owner", "owner_class", "live_row"), owners(part), strict=True))
 
     def run_fields(self) -> dict[str, Any]:
         """Fields of the record of the run (``kernels.records``)."""

@@ -145,7 +145,7 @@ class WindowSolver:
     def _point_by_point(self, stages: Stages, best: Iterate) -> None:
         """Set q by the solution point by point, from the tractions of the best iterate."""
         image, direction = stages.image, stages.direction
-        image.call(entries.FREE_MOTION, stages.first)
+        stages.free_motion()
         free = image.field("w", image.n_flat).copy()
         gaps = [
             image.group_field(g, "reach", group.n_point, group.n_component if group.behaviour.elastic else 1).copy()
@@ -207,10 +207,9 @@ def softened_start(
     soft.bind()
     image.bind(_SOFT, soft.run_fields(), soft.group_fields(), afresh=True)
     image.set(rules(rough))
-    window = Stages(image, soft, 1, stages.first)
-    for c in range(len(image.propagators)):
-        image.predict(c, stages.first)
-    image.call(entries.OPEN, 1, stages.first - 1)
+    window = stages.of(soft)
+    window.predict()
+    window.begin()
     window.field("q")[...] = 0.0
     iterate = WindowSolver(rough).solve(window, WindowRecord(stages.first, stages.first), 0)
     image.set(rules(settings))

@@ -21,6 +21,7 @@ import numpy as np
 from ..kernels import entries
 from .assembly import Array, Assembly
 from .instant_solve import PerfectInterfaceSolve, all_perfect
+from .processes import Processes, SharedStages
 from .record import Timings, WindowRecord
 from .recorder import Recorder
 from .run_image import Stages, rules
@@ -71,7 +72,7 @@ class Run(RunState):
 
     Parameters
     ----------
-    assembly, settings, recorder, timings, communication : as for ``RunState``.
+    assembly, settings, recorder, timings, communication, processes : as for ``RunState``.
     observer : called after each iteration. progress : called after each iteration with window counts.
     watch : looks at the run between windows. fields : first guesses of windows of several instants, in the place of
         those of ``settings.sequential_start``; it is given the converged fields.
@@ -92,10 +93,11 @@ class Run(RunState):
         watch: Watch | None = None,
         fields: WindowFields | None = None,
         communication: Mapping[str, Any] | None = None,
+        processes: Processes | None = None,
     ) -> None:
         self._observer, self._progress, self._watch, self._fields = observer, progress, watch, fields
         self.interrupted = False
-        super().__init__(assembly, settings, recorder, timings, communication)
+        super().__init__(assembly, settings, recorder, timings, communication, processes)
 
     def status(self, energy: Mapping[str, Array] | None = None, stored: float | None = None) -> tuple[bool, str]:
         """Whether the run is complete and every window converged, and a sentence on it; ``energy`` and
@@ -180,7 +182,7 @@ class Run(RunState):
         longest = max(1, int(_SECONDS / self._per_instant)) if self._per_instant > 0 else _FIRST
         n = min(n, image.rows, longest, image.rows if self._sequence is not None else self._until(first))
         image.set({"first_row": first})
-        done = self._march_together(first, n) if self._threads.several else image.call(entries.MARCH, first, n)
+        done = self._march_instants(first, n)
         if done:
             self._set_instant(first + done - 1)
             self._sample()
@@ -200,9 +202,14 @@ class Run(RunState):
         until = min(self.recorder.until_fields(), SAMPLED - (first - 1) % SAMPLED)
         return until if self._watch is None else min(until, self._watch.instants(self))
 
-    def _march_together(self, first: int, n: int) -> int:
-        """The same with the substructures on several threads; same functions, same order within a substructure."""
-        image = self.image
+    def _march_instants(self, first: int, n: int) -> int:
+        """The same in one call of the kernels, or with the substructures on several threads or processes: same
+        functions, same order within a substructure."""
+        image, stages = self.image, self.stages(1, first)
+        if isinstance(stages, SharedStages):
+            return stages.march(first, n)
+        if not self._threads.several:
+            return image.call(entries.MARCH, first, n)
         for call in range(n):
             instant = first + call
             self._threads.each(lambda c, at=instant: image.call(entries.PREDICT, c, at))  # type: ignore[misc]
@@ -233,7 +240,7 @@ class Run(RunState):
         if not given:
             guess = self._own_guess(n)
         self._use(n)
-        stages = Stages(self.image, self.direction(n), n, first)
+        stages = self.stages(n, first)
 
         def report(iteration: int, error: float) -> None:
             if n > 1 and self._watch is not None and self._watch.stops():
@@ -272,13 +279,12 @@ class Run(RunState):
         """State at the start, free responses of one instant, first guess of q where none is given."""
         image = self.image
         image.call(entries.BEGIN)
-        image.call(entries.OPEN, stages.n, stages.first - 1)
+        stages.begin()
         if stages.n == 1:
-            for c in range(len(image.propagators)):
-                image.predict(c, stages.first)
-            image.call(entries.FIRST_GUESS, stages.first)
+            stages.predict()
+            stages.first_guess()
             if self._bonds is not None:
-                image.call(entries.FREE_MOTION, stages.first)
+                stages.free_motion()
                 guess = self._bonds.guess(image.field("w", image.n_flat).copy(), stages.direction.k)
         elif guess is None:
             guess = stages.direction.incoming(self.f_hat, self.w_hat)
@@ -311,9 +317,11 @@ class Run(RunState):
             if n == 1:
                 for c in range(len(image.propagators)):
                     image.end(c, first)
-                image.call(entries.END_INSTANT, first)
+                stages.end_instant(first)
             elif image.factored:
                 image.call(entries.END_WINDOW, first + i, i)
+                if isinstance(stages, SharedStages):
+                    stages.end_instant(first + i, i)
             else:
                 image.end_window_instant(first + i, i)
             self._set_instant(first + i)

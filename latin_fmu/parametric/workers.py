@@ -57,14 +57,6 @@ class _Points:
         return own.pop(0) if own else None
 
 
-def usable_cores() -> int:
-    """Cores that this process may use."""
-    try:
-        return len(os.sched_getaffinity(0))
-    except AttributeError:  # not on every system
-        return os.cpu_count() or 1
-
-
 def solve_points(points: Sequence[Index], plan: str, jobs: int, scheduler: str | None, keep: Keep) -> None:
     """Solve the points of a study and hand each record to ``keep`` when it comes.
 

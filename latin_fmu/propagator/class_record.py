@@ -171,6 +171,7 @@ def constants(
     flat: Index,
     probe: sp.csr_array | None,
     sensor: sp.csr_array | None,
+    checked: Index | None,
     normal: NDArray[np.bool_],
     halves: Halves,
 ) -> Row:
@@ -179,7 +180,8 @@ def constants(
     Parameters
     ----------
     propagator : of the class. flat : (n_channel, m) places of its channels. probe : (n_probe, n) rows whose velocities
-    are kept, or None. sensor : (n_sensor, n) rows whose motions are kept, or None. normal : (n_flat,) True where a
+    are kept, or None. sensor : (n_sensor, n) rows whose motions are kept, or None. checked : channels of all members of
+    the class, None where this process holds them all. normal : (n_flat,) True where a
     channel is normal to its interface. halves : patterns that are in the block already.
     """
     ops, m = propagator.operators, flat.shape[1]
@@ -203,7 +205,10 @@ def constants(
     _factor(block, row, factor)
     row["dofs"], row["area"] = block.put(ops.dofs, np.int64), block.put(ops.area)
     row["massless"], row["live"] = block.put(ops.massless, np.int64), block.put(live, np.int64)
-    row["channels"] = block.put(np.ascontiguousarray(flat), np.int64)
+    row["channels"] = row["checked"] = block.put(np.ascontiguousarray(flat), np.int64)
+    row["n_checked"] = flat.size
+    if checked is not None:
+        row["n_checked"], row["checked"] = len(checked), block.put(checked, np.int64)
     for name, matrix in (("mass", None if static else ops.mass), ("stiffness", ops.stiffness)):
         put_symmetric(block, row, name, matrix, halves)
     put_symmetric(block, row, "damping", None if static else ops.damping, halves)
@@ -367,7 +372,7 @@ def work(block: Block, row: Row, window: int, stride: int) -> None:
         "inner_answer": g * m,
         "free_a": g * m,
         "w_free": c * m,
-        "solved_q": window * c * m,
+        "solved_q": window * row["n_checked"],
         "solved_w": window * c * m,
         "known": 1,
         "kept_states": row["n_state"] * (window // stride + 1) if window > 1 else 0,

@@ -51,6 +51,7 @@ class Image:
     normal : (n_flat,) True where a channel is normal to its interface. probes : per class rows (n_probe, n) whose
     velocities are kept, or None; sensors : likewise of their displacements, velocities and accelerations.
     run, groups : further fields of the records by name: numbers, arrays and matrices.
+    checked : per class the channels of all its members, None where this image holds them all.
     window : instants of the longest window. n_time, histories : as for ``begin``, where the segment is known.
     """
 
@@ -66,6 +67,7 @@ class Image:
         n_time: int = 0,
         histories: Mapping[str, Array] | None = None,
         sensors: Sequence[sp.csr_array | None] | None = None,
+        checked: Sequence[Index | None] | None = None,
     ) -> None:
         self.propagators, self.n_flat, self.window = list(propagators), len(normal), window
         self.channels = list(channels)
@@ -78,6 +80,7 @@ class Image:
         self._directions: dict[int, _Direction] = {}
         self._run: Fields = {
             "n_flat": self.n_flat,
+            "n_class": len(self.propagators),
             "longest_window": window,
             "max_iterations": 1,
             "reuse": -1.0,
@@ -89,7 +92,7 @@ class Image:
         }
         self._groups = [self._placed(group, fixed) for group in groups]
         none = [None] * len(self.propagators)
-        per_class = zip(self.propagators, channels, probes or none, sensors or none, strict=True)
+        per_class = zip(self.propagators, channels, probes or none, sensors or none, checked or none, strict=True)
         self._rows = [class_record.constants(fixed, *given, normal, halves) for given in per_class]
         self.fixed = self.moving = np.zeros(0)  # room is made when their sizes are known
         self._n_fixed, self._waiting = fixed.size, [fixed]
@@ -152,7 +155,8 @@ class Image:
         sizes = dict.fromkeys(("q", "w", "f", "s", "local_f", "local_w", "r", "last_q", "last_r"), wide)
         sizes |= {"dq": depth * wide, "dr": depth * wide, "gram": depth * depth, "least": (depth + 3) * depth}
         sizes |= {"coarse": 2 * int(run.get("n_coarse", 0)), "displacement": n, "layer": n}
-        sizes |= {"shares": n_interface, "norms": 4, "merits": 6 * most + 128, "measure": 8, "counts": 2, "course": 8}
+        sizes |= {"shares": n_interface, "norms": 4 * self.window, "merits": 6 * most + 128}
+        sizes |= {"measure": 8, "counts": 2, "course": 8}
         sizes |= class_record.newton_sizes(run, n) | class_record.communication_work(run)
         for name, size in sizes.items():
             run[name] = block.reserve(size)

@@ -79,7 +79,7 @@ class Indicator:
 
     def floor(self) -> Array:
         """Scales of negligible fields."""
-        scales: Array = negligible_scales(self._run.image, self._run.direction(1), 1e-3)
+        scales: Array = negligible_scales(self._run.image, self._run.direction(1), 1e-3, self._run.force_residual)
         return scales
 
 

@@ -1,0 +1,233 @@
+"""Runs distributed over processes by ``mpiexec``: the results of one process, and an end for all where one fails."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from latin_fmu import InputError, load_scene, open_results
+from latin_fmu.api import check_distributable
+from latin_fmu.assembly.build import discretise
+from latin_fmu.latin.processes import distributed
+
+from .test_process import environment
+
+pytest.importorskip("mpi4py", reason="mpi4py is not installed: pip install latin-fmu[mpi]")
+MPIEXEC = shutil.which("mpiexec", path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}")
+started = pytest.mark.skipif(MPIEXEC is None, reason="there is no mpiexec: pip install latin-fmu[mpi]")
+
+# Blocks alike (but the last) in a row, pushed at one end and pulled aside: friction, a gap that closes, an interface
+# without friction, a bond, a sensor, a reaction.
+SCENE = """\
+name = "row"
+[material.steel]
+young_modulus = 210e9
+poisson_ratio = 0.3
+density = 7800.0
+{blocks}
+[interface.i0]
+sides = ["b0.xmax", "b1.xmin"]
+friction_coefficient = 0.3
+[interface.i1]
+sides = ["b1.xmax", "b2.xmin"]
+friction_coefficient = 0.0
+[interface.i2]
+sides = ["b2.xmax", "b3.xmin"]
+gap = 1e-7
+friction_coefficient = 0.2
+[interface.i3]
+sides = ["b3.xmax", "b4.xmin"]
+behaviour = "perfect"
+[boundary.wall]
+type = "fixed"
+face = "b4.xmax"
+[load.push]
+face = "b0.xmin"
+traction = [1e8, 1e7, 3e6]
+law = {{ type = "half_sine", duration = 1e-5 }}
+[sensor.tip]
+point = [0.0, 0.005, 0.005]
+substructure = "b0"
+[time]
+end = 2.4e-5
+instants = 48
+[output]
+energy = true
+fields = true
+reactions = true
+every = 7
+"""
+BLOCK = """\
+[substructure.b{0}]
+material = "steel"
+box = {{ origin = [{1}, 0.0, 0.0], size = [0.01, 0.01, 0.01], elements = [{2}, 2, 2] }}
+"""
+MAIN = """
+import json, sys
+from latin_fmu.cli import main
+print([main(words) for words in json.loads(sys.argv[1])], file=sys.stderr)
+"""
+VARIANTS = {
+    "plain": (),
+    "windows of 12": ("--set", "solver.window=12"),
+    "one window": ("--set", 'solver.window="whole"', "--set", "solver.start=zero"),
+    "explicit": ("--set", "solver.propagator.type=explicit", "--set", "time.scheme.type=central_difference"),
+    "long steps": ("--set", "time.instants=6", "--set", "time.end=2.4e-4", "--set", "load.push.law.duration=2e-4"),
+}
+RESIDUES = ("force_mismatch", "error_indicator", "balance", "unbalanced_force", "unbalanced_moment")
+LIMIT = 1e-10
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the scene."""
+    folder = tmp_path_factory.mktemp("row")
+    blocks = "".join(BLOCK.format(i, 0.01 * i, 3 if i == 4 else 2) for i in range(5))
+    (folder / "scene.toml").write_text(SCENE.format(blocks=blocks))
+    return folder
+
+
+def mpiexec(place: Path, n: int, *commands: tuple[str, ...], code: str = MAIN) -> subprocess.CompletedProcess[str]:
+    """Command lines, one after the other, on n processes (one: without mpiexec)."""
+    start = [] if n == 1 else [str(MPIEXEC), "-n", str(n)]
+    command = [*start, sys.executable, "-c", code, json.dumps(commands)]
+    return subprocess.run(command, cwd=place, env=environment(), capture_output=True, text=True, timeout=240)
+
+
+def run(place: Path, n: int, variant: str) -> Path:
+    """Results of a variant of the scene by n processes, which run all of them the first time."""
+    if not (place / f"{n} {variant}.nc").exists():
+        given = {3: ("one window",), 4: ("plain",)}.get(n, VARIANTS)
+        words = [
+            ("run", "scene.toml", "--quiet", "--no-estimate", "-o", f"{n} {name}.nc", *VARIANTS[name]) for name in given
+        ]
+        done = mpiexec(place, n, *words)
+        assert done.returncode == 0, done.stderr
+        assert str([0] * len(given)) in done.stderr, done.stderr
+    return place / f"{n} {variant}.nc"
+
+
+def sizes_of(tree: Any) -> dict[str, float]:
+    """Largest size of each quantity over the groups of one kind, by which its differences are measured."""
+    sizes: dict[str, float] = {}
+    for node in tree.subtree:
+        for name, variable in node.to_dataset(inherit=False).variables.items():
+            if variable.dtype.kind == "f":
+                key = f"{node.path.split('/')[1]}.{name}"
+                sizes[key] = max(sizes.get(key, 0.0), float(np.nanmax(np.abs(variable.values), initial=0.0)))
+    return sizes
+
+
+def assert_equal(one: Path, several: Path) -> None:
+    """The same variables, equal counts of iterations, and numbers within LIMIT of their size."""
+    a, b = open_results(one), open_results(several)
+    assert {node.path for node in a.subtree} == {node.path for node in b.subtree}
+    sizes, compared = sizes_of(a), 0
+    for node in a.subtree:
+        first, second = node.to_dataset(inherit=False), b[node.path].to_dataset(inherit=False)
+        assert set(first.variables) == set(second.variables)
+        for name, variable in first.variables.items():
+            values, others = variable.values, second.variables[name].values
+            assert values.shape == others.shape, name
+            if values.dtype.kind != "f":
+                assert (values == others).all(), (node.path, name)
+            elif name not in RESIDUES:
+                size = sizes[f"{node.path.split('/')[1]}.{name}"]
+                single = values.dtype == np.float32
+                np.testing.assert_allclose(
+                    others, values, rtol=0.0, atol=(1e-6 if single else LIMIT) * size, err_msg=f"{node.path} {name}"
+                )
+                compared += 1
+    assert compared > 40
+    a.close(), b.close()
+
+
+def test_shares_of_the_cost() -> None:
+    """Successive substructures together, none without any, costs as equal as whole ones allow."""
+    assert distributed([1.0] * 6, 3) == [0, 0, 1, 1, 2, 2]
+    assert distributed([10.0, 1.0, 1.0, 10.0], 2) == [0, 0, 1, 1]
+    assert distributed([1.0, 1.0, 1000.0], 3) == [0, 1, 2]
+    assert distributed([1000.0, 1.0, 1.0], 3) == [0, 1, 2]
+    draw = np.random.default_rng(3)
+    for n in range(2, 30):
+        costs = draw.uniform(0.5, 2.0, n)
+        for size in range(1, n + 1):
+            ranks = distributed(costs.tolist(), size)
+            assert ranks == sorted(ranks)
+            assert set(ranks) == set(range(size))
+            shares = np.bincount(ranks, costs)
+            assert shares.max() <= costs.sum() / size + 2.0 * costs.max()
+
+
+@started
+@pytest.mark.parametrize(("n", "variant"), [*((2, v) for v in VARIANTS), (3, "one window"), (4, "plain")])
+def test_results_of_one_process(place: Path, n: int, variant: str) -> None:
+    assert_equal(run(place, 1, variant), run(place, n, variant))
+
+
+FAILS = """
+import sys
+from latin_fmu.kernels import entries
+from latin_fmu.latin import processes
+end, calls = processes.SharedStages.end_instant, [0]
+
+def failing(self, instant, i=0):
+    if instant == 20 and self._exchange.processes.rank == 1:
+        raise OverflowError("numbers of substructure b3 overflow")
+    end(self, instant, i)
+
+processes.SharedStages.end_instant = failing
+from latin_fmu.cli import main
+sys.exit(main(["run", "scene.toml", "-o", "failed.nc"]))
+"""
+
+
+@started
+def test_a_process_that_fails_ends_all(place: Path) -> None:
+    """The others wait for its W at that moment."""
+    begun = time.monotonic()
+    done = mpiexec(place, 3, code=FAILS)
+    assert time.monotonic() - begun < 60.0
+    assert done.returncode != 0
+    assert "process 1 of 3: numbers of the scene are too large" in done.stderr
+    assert done.stderr.count("latin-fmu: ") == 1
+    assert not (place / "failed.nc").exists()
+
+
+REFUSED = {
+    ("--set", "interface.i0.friction_coefficient=-1"): "interface.i0.friction_coefficient",
+    ("--set", "solver.threads=2"): "solver.threads: threads and processes cannot be combined",
+    ("--set", "solver.skip_at_rest=tolerance"): "solver.skip_at_rest: substructures at rest",
+    ("--checkpoint", "10"): "--checkpoint: takes one process; run it without mpiexec",
+    ("-o", "nowhere/out.nc"): "the folder does not exist",
+}
+
+
+@started
+def test_what_cannot_be_done_is_told_once(place: Path) -> None:
+    """By process 0, and the run after it begins anew."""
+    words = [("run", "scene.toml", "--quiet", *options) for options in REFUSED]
+    done = mpiexec(place, 2, *words, ("run", "scene.toml", "-o", "told.nc"))
+    assert done.stderr.count(str([*[2] * len(REFUSED), 0])) == 2, done.stderr
+    for text in REFUSED.values():
+        assert done.stderr.count(text) == 1, done.stderr
+    assert "Traceback" not in done.stderr
+    assert done.stdout.count("row: converged") == 1
+    assert done.stdout.count("results: told.nc") == 1
+    mpiexec(place, 1, ("run", "scene.toml", "--quiet", "-o", "alone.nc"))
+    errors = [open_results(place / name)["accuracy"]["relative_error"].values for name in ("told.nc", "alone.nc")]
+    np.testing.assert_allclose(errors[0], errors[1], rtol=1e-6)
+
+
+def test_more_processes_than_substructures(place: Path) -> None:
+    with pytest.raises(InputError, match=r"more processes than substructures \(value: 6\); allowed: at most 5"):
+        check_distributable(discretise(load_scene(place / "scene.toml")), 6)
