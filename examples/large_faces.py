@@ -55,7 +55,7 @@ class Cost:
 
 
 def plates(m: int, h: int, form: str, contact: bool = True) -> latin_fmu.Scene:
-    """Two plates of m x m x h elements; without ``contact`` they do not meet."""
+    """Two plates of m x m x h elements; without ``contact`` they do not meet, and both are loaded."""
     size, elements = (1e-3 * m, 1e-3 * m, 1e-3 * h), (m, m, h)
     tables: Description = column(
         {"lower": Box(ALUMINIUM, size, elements), "upper": Box(STEEL, size, elements)},
@@ -70,6 +70,7 @@ def plates(m: int, h: int, form: str, contact: bool = True) -> latin_fmu.Scene:
         tables["boundary"] |= {f"{b}_{side}": {"type": "symmetry", "face": f"{b}.{side}"} for b in ("lower", "upper")}
     if not contact:
         del tables["interface"]
+        tables["load"]["below"] = {**tables["load"]["press"], "face": "lower.zmax"}  # a plate at rest costs nothing
     return latin_fmu.scene_from_dict(tables)
 
 

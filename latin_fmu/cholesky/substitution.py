@@ -149,15 +149,23 @@ def forward_tile(
         used = width - c
         own = x[LANES * (first[s] + c) : LANES * first[s + 1]]
         panel = panels[panel_start[s] + c : panel_start[s + 1]]
-        for i in range(used - 1, -1, -1):
+        i = used - 1
+        while i >= 0:
+            if not whole and i >= 3:
+                _four_corner_rows(panel[width * (i - 3 + c) :], width, i - 2, own, tail)
+                for j in range(4 * LANES):
+                    own[LANES * (i - 3) + j] = tail[j]
+                i -= 4
+                continue
             one_row(panel[width * (i + c) :], i + 1, own, tail)
             for j in range(LANES):
                 own[LANES * i + j] = tail[j]
+            i -= 1
         at, i, last = width * width, row_start[s], row_start[s + 1]
         while i < last:
-            together = 4 if c == 0 and i + 4 <= last else 1
+            together = 4 if i + 4 <= last else 1
             if together == 4:
-                four_rows(panel[at:], width, own, tail)
+                four_rows(panel[at:], width, used, own, tail)
             else:
                 one_row(panel[at:], used, own, tail)
             for r in range(together):
@@ -189,12 +197,12 @@ def backward_tile(
         own = x[LANES * (first[s] + c) : LANES * first[s + 1]]
         panel = panels[panel_start[s] + c : panel_start[s + 1]]
         at, i, last = width * width, row_start[s], row_start[s + 1]
-        while c == 0 and i + 4 <= last:
+        while i + 4 <= last:
             for r in range(4):
                 line = x[rows[i + r] * LANES : rows[i + r] * LANES + LANES]
                 for j in range(LANES):
                     tail[r * LANES + j] = line[j]
-            subtract_four(panel[at:], width, tail, own)
+            subtract_four(panel[at:], width, used, tail, own)
             at += 4 * width
             i += 4
         while i < last:
@@ -229,13 +237,13 @@ def one_row(a: Array, n: int, x: Array, out: Array) -> None:
 
 
 @ordered_kernel
-def four_rows(a: Array, n: int, x: Array, out: Array) -> None:
-    """out (4, 8) = four rows, ``n`` apart in a, times x (n, 8)."""
+def four_rows(a: Array, width: int, n: int, x: Array, out: Array) -> None:
+    """out (4, 8) = four rows, ``width`` apart in a, times x (n, 8)."""
     s0 = s1 = s2 = s3 = s4 = s5 = s6 = s7 = 0.0
     t0 = t1 = t2 = t3 = t4 = t5 = t6 = t7 = 0.0
     p0 = p1 = p2 = p3 = p4 = p5 = p6 = p7 = 0.0
     q0 = q1 = q2 = q3 = q4 = q5 = q6 = q7 = 0.0
-    b, c, d = a[n:], a[2 * n :], a[3 * n :]
+    b, c, d = a[width:], a[2 * width :], a[3 * width :]
     for k in range(n):
         at = LANES * k
         x0, x1, x2, x3 = x[at], x[at + 1], x[at + 2], x[at + 3]
@@ -287,8 +295,20 @@ def four_rows(a: Array, n: int, x: Array, out: Array) -> None:
 
 
 @ordered_kernel
-def subtract_four(a: Array, n: int, t: Array, x: Array) -> None:
-    """x (n, 8) -= A^T t for four rows of A, ``n`` apart in a, and t (4, 8)."""
+def _four_corner_rows(a: Array, width: int, n: int, x: Array, out: Array) -> None:
+    """out (4, 8) = the last four rows of a lower triangle, n to n + 3 entries long and ``width`` apart in a, times
+    x (n + 3, 8)."""
+    four_rows(a, width, n, x, out)
+    for r in range(1, 4):
+        for k in range(n, n + r):
+            v = a[r * width + k]
+            for j in range(LANES):
+                out[LANES * r + j] += v * x[LANES * k + j]
+
+
+@ordered_kernel
+def subtract_four(a: Array, width: int, n: int, t: Array, x: Array) -> None:
+    """x (n, 8) -= A^T t for four rows of A, ``width`` apart in a, and t (4, 8)."""
     a0, a1, a2, a3 = t[0], t[1], t[2], t[3]
     a4, a5, a6, a7 = t[4], t[5], t[6], t[7]
     b0, b1, b2, b3 = t[8], t[9], t[10], t[11]
@@ -297,7 +317,7 @@ def subtract_four(a: Array, n: int, t: Array, x: Array) -> None:
     c4, c5, c6, c7 = t[20], t[21], t[22], t[23]
     d0, d1, d2, d3 = t[24], t[25], t[26], t[27]
     d4, d5, d6, d7 = t[28], t[29], t[30], t[31]
-    b, c, d = a[n:], a[2 * n :], a[3 * n :]
+    b, c, d = a[width:], a[2 * width :], a[3 * width :]
     for k in range(n):
         v0, v1, v2, v3 = a[k], b[k], c[k], d[k]
         row = x[LANES * k : LANES * (k + 1)]

@@ -38,11 +38,11 @@ def place_of(n: int, m: int, i: int, j: int) -> int:
 
 
 @kernel
-def march_panels(pools: Any, c: int) -> int:
-    """Place of the factor with which the class is marched: without inertia that on the springs of the search
-    direction, where the interface dofs are not kept for last."""
+def on_springs(pools: Any, c: int) -> bool:
+    """Whether the class is marched with the factor that has the search direction in it: without inertia, where the
+    interface dofs are not kept for last."""
     row = pools.classes[c]
-    return int(row.k_panels if row.swept == 1 and row.kind == STATIC else row.panels)
+    return bool(row.swept == 1 and row.kind == STATIC)
 
 
 @kernel
@@ -52,9 +52,10 @@ def gain_of(row: Any, run: Any) -> float:
 
 
 @kernel
-def substitute(pools: Any, c: int, at: int, panels_at: int, backwards: bool, whole: bool) -> None:
+def substitute(pools: Any, c: int, at: int, with_k: bool, backwards: bool, whole: bool) -> None:
     """Forward or backward substitution of the vectors of all members in elimination order, in place: from ``at`` on,
-    one after the other or in tiles from TILED members on. Not ``whole``: for the face alone."""
+    one after the other or in tiles from TILED members on. ``with_k``: with the factor that has the dashpots k. Not
+    ``whole``: for the face alone."""
     row, work, numbers = pools.classes[c], pools.moving, pools.fixed_int
     n, m, n_super = row.n, row.m, row.n_super
     first, row_start = (
@@ -64,13 +65,15 @@ def substitute(pools: Any, c: int, at: int, panels_at: int, backwards: bool, who
     panel_start = numbers[row.panel_start : row.panel_start + n_super + 1]
     face_start = numbers[row.face_start : row.face_start + (n_super if row.swept == 1 else 0)]
     rows = numbers[row.rows : row.rows + row.n_rows]
-    panels = pools.fixed[panels_at : panels_at + (0 if row.single == 1 else row.n_panels)]
-    single = pools.fixed_single[panels_at : panels_at + (row.n_panels if row.single == 1 else 0)]
+    halved = row.single == 1 or (with_k and row.single == 2)
+    panels_at = row.k_panels if with_k else row.panels
+    panels = pools.fixed[panels_at : panels_at + (0 if halved else row.n_panels)]
+    single = pools.fixed_single[panels_at : panels_at + (row.n_panels if halved else 0)]
     grouped = row.grouped == 1
     if m < TILED:
         for j in range(m):
             x = work[at + n * j : at + n * (j + 1)]
-            if row.single == 1:
+            if halved:
                 if backwards:
                     backward_one(grouped, whole, first, row_start, rows, panel_start, face_start, single, x)
                 else:
@@ -83,7 +86,7 @@ def substitute(pools: Any, c: int, at: int, panels_at: int, backwards: bool, who
     tail = work[row.tile : row.tile + SPARE * LANES]
     for start in range(0, m, LANES):
         x = work[at + n * start : at + n * (start + LANES)]
-        if row.single == 1:
+        if halved:
             if backwards:
                 backward_tile(whole, first, row_start, rows, panel_start, face_start, single, x, tail)
             else:
@@ -108,7 +111,7 @@ def forward(pools: Any, c: int) -> None:
     for i in range(n):
         for j in range(m):
             x[place_of(n, m, i, j)] = load[order[i] * m + j]
-    substitute(pools, c, row.half_solution, march_panels(pools, c), False, True)
+    substitute(pools, c, row.half_solution, on_springs(pools, c), False, True)
     for i in range(n - n_interior):
         for j in range(m):
             inner[i * m + j] = x[place_of(n, m, n_interior + i, j)]
@@ -126,7 +129,7 @@ def backward(pools: Any, c: int) -> None:
     for i in range(n - n_interior):
         for j in range(m):
             x[place_of(n, m, n_interior + i, j)] = last[i * m + j]
-    substitute(pools, c, row.half_solution, march_panels(pools, c), True, True)
+    substitute(pools, c, row.half_solution, on_springs(pools, c), True, True)
     for i in range(n):
         for j in range(m):
             out[order[i] * m + j] = x[place_of(n, m, i, j)]
@@ -184,16 +187,16 @@ def add_reference(pools: Any, c: int) -> None:
 
 
 @kernel
-def face_response(pools: Any, c: int, panels_at: int, force: Array, answer: Array) -> None:
+def face_response(pools: Any, c: int, with_k: bool, force: Array, answer: Array) -> None:
     """Add the channel values of the solution with forces (c, m) on the channels to ``answer`` (c, m), by substitution
-    on the face."""
+    on the face; ``with_k`` as for ``substitute``."""
     row = pools.classes[c]
     inner = pools.moving[row.inner : row.inner + row.n_inner * row.m]
     inner[:] = 0.0
     add_spread(pools, c, force, inner)
     to_face(pools, c, inner)
-    substitute(pools, c, row.face_vector, panels_at, False, False)
-    substitute(pools, c, row.face_vector, panels_at, True, False)
+    substitute(pools, c, row.face_vector, with_k, False, False)
+    substitute(pools, c, row.face_vector, with_k, True, False)
     from_face(pools, c, inner)
     add_trace(pools, c, inner, answer, False)
 
@@ -223,7 +226,7 @@ def swept_response(pools: Any, c: int, q: Array, w: Array) -> None:
         for at in range(size):
             w[channels[at]] = answer[at]
         return
-    face_response(pools, c, row.k_panels, incoming, answer)
+    face_response(pools, c, True, incoming, answer)
     for at in range(size):
         w[channels[at]] = answer[at]
 
@@ -233,7 +236,7 @@ def add_on_face(pools: Any, c: int, forces: Array) -> None:
     """Add the forward substitution of forces (g, m) on the interface dofs to ``half_solution``."""
     row, work = pools.classes[c], pools.moving
     to_face(pools, c, forces)
-    substitute(pools, c, row.face_vector, march_panels(pools, c), False, False)
+    substitute(pools, c, row.face_vector, on_springs(pools, c), False, False)
     size = row.n * tile_width(row.m)
     half, vector = work[row.half_solution : row.half_solution + size], work[row.face_vector : row.face_vector + size]
     for i in range(size):

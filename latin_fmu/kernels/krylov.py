@@ -57,7 +57,7 @@ def admit(pools: Any, x: Array, out: Array) -> None:
             for i in range(row.n_channel):
                 for j in range(m):
                     force[i * m + j] = gain * area[i] * x[channels[i * m + j]]
-            face_response(pools, c, row.panels, force, velocity)
+            face_response(pools, c, False, force, velocity)
             for at in range(size):
                 out[channels[at]] = velocity[at]
             continue

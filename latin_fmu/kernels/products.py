@@ -255,7 +255,7 @@ def dense_product(n: int, matrix: Array, m: int, x: Array, out: Array, tile: Arr
         while i < n:
             together = 4 if i + 4 <= n else 1
             if together == 4:
-                four_rows(matrix[i * n :], n, tile, answer)
+                four_rows(matrix[i * n :], n, n, tile, answer)
             else:
                 one_row(matrix[i * n :], n, tile, answer)
             for r in range(together):

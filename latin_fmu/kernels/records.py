@@ -75,7 +75,7 @@ CLASS_FIELDS: Final[tuple[Field, ...]] = (
     # kinds
     ("kind", "DIRECT, EXPLICIT or STATIC"),
     ("factored", "1 where the kernels hold the factor; 0 where the Python driver solves"),
-    ("single", "1 where the panels are float32"),
+    ("single", "1 where the panels are float32, 2 where those of ``k_panels`` alone are"),
     ("grouped", "1 where four rows of a panel are taken at a time (factor within the cache)"),
     ("driven", "1 where constant forces or prescribed motions drive the class, and for STATIC classes"),
     ("accounted", "1 where energies are accounted for"),

@@ -37,7 +37,7 @@ from .half_solves import (
     backward,
     forward,
     from_face,
-    march_panels,
+    on_springs,
     substitute,
     swept_response,
 )
@@ -155,7 +155,7 @@ def free_velocity(pools: Any, c: int, instant: int) -> None:
         vector = work[row.face_vector : row.face_vector + row.n * tile_width(m)]
         for i in range(len(half)):
             vector[i] = half[i]
-        substitute(pools, c, row.face_vector, march_panels(pools, c), True, False)
+        substitute(pools, c, row.face_vector, on_springs(pools, c), True, False)
         from_face(pools, c, reached if row.kind == STATIC else free_a)
     if row.kind == STATIC:
         if row.swept == 0:

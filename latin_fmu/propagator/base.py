@@ -127,14 +127,16 @@ class Propagator(ABC):
         self.dt, self.operators = dt, operators
         self._detach()
         self.k: Array = np.zeros((self.n_channel, 1))
+        self.single = False
         self._condensed: Any = operators.factor if self.swept else operators.compliance  # for k = 0
         self._response: Array | None = None
 
-    def bind(self, k: Array) -> None:
-        """Search direction k (n_channel,), Pa s m-1: Y = (1 + C a k)^-1 C a, symmetrised through sqrt(a k)."""
-        if np.array_equal(k, self.k[:, 0]):
+    def bind(self, k: Array, single: bool = False) -> None:
+        """Search direction k (n_channel,), Pa s m-1: Y = (1 + C a k)^-1 C a, symmetrised through sqrt(a k). ``single``:
+        the factor that gives Y of a swept class may be float32."""
+        if np.array_equal(k, self.k[:, 0]) and single == self.single:
             return
-        self.k, self._condensed, self._response = k[:, None], None, None
+        self.k, self.single, self._condensed, self._response = k[:, None], single, None, None
 
     @property
     def condensed(self) -> Any:

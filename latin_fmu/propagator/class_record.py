@@ -326,6 +326,7 @@ def direction(block: Block, propagator: Any, constant: Row, run: Row) -> Row:
         at = block.reserve(-(-factor.panels.size // numbers))
         block.fill_later(partial(_copy, at, factor.panels))
         row["k_panels"] = numbers * at
+        row["single"] = 0 if numbers == 1 else 1 + int(propagator.operators.factor.dtype == np.float64)
         propagator.release()
         if run.get("newton") and constant["kind"] == STATIC:
             row["admittance"] = put_dense(block, propagator.relative_compliance(), [live], m, False)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -27,11 +28,11 @@ class ImplicitOperators(Operators):
     """Operators of one class at one time step; ``factor`` : of A.
 
     gain : velocities of the interface dofs per S^-1 times force, of the time scheme. with_dashpots : of a swept class
-    its factor for dashpots (n_channel,), N s m-1.
+    its factor for dashpots (n_channel,), N s m-1, in the numbers of a type.
     """
 
     gain: float
-    with_dashpots: Callable[[Array], CholeskyFactor] | None = None
+    with_dashpots: Callable[[Array, Any], CholeskyFactor] | None = None
 
 
 def build_operators(model: SubstructureModel, scheme: TimeScheme, dt: float) -> ImplicitOperators:
@@ -58,7 +59,7 @@ def build_operators(model: SubstructureModel, scheme: TimeScheme, dt: float) -> 
             InterfaceCompliance(swept, dofs, trace, gain, pattern.on_interface),
             model.massless,
             gain,
-            lambda dashpots: pattern.factor(factors, gain * dashpots, model.factor),
+            lambda dashpots, dtype: pattern.factor(factors, gain * dashpots, dtype),
         )
     union = model.operator_pattern
     matrix = union.sum(factors, matrices)
@@ -134,7 +135,7 @@ class DirectPropagator(Propagator):
     def _condense(self, k: Array) -> Array | CholeskyFactor:
         ops = self.operators
         if ops.with_dashpots is not None:
-            return ops.with_dashpots(ops.area * k)
+            return ops.with_dashpots(ops.area * k, "float32" if self.single else self.members[0].factor)
         return with_dashpots(ops.trace, ops.gain, ops.factor.schur, ops.area * k)
 
 

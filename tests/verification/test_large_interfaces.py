@@ -257,6 +257,15 @@ def plates(m: int, **solver: Any) -> latin_fmu.Scene:
     return latin_fmu.scene_from_dict(tables)
 
 
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-6])
+def test_forces_at_a_working_tolerance(tolerance: float) -> None:
+    """Tractions within half of the tolerance of those with dense matrices, in single precision too (1e-4)."""
+    tight = {"tolerance": tolerance, "force_tolerance": tolerance}
+    exact, dense = (latin_fmu.solve(plates(12, interface_operator=form, **tight)) for form in ("exact", "dense"))
+    first, second = (s.to_datatree()["interfaces/crush"]["traction"].to_numpy() for s in (exact, dense))
+    assert np.linalg.norm(first - second) < 0.5 * tolerance * np.linalg.norm(second)
+
+
 def test_the_form_is_chosen_by_cost_and_told() -> None:
     told = [choices(Prediction(discretise(plates(m))))["interfaces"] for m in (8, 28)]
     assert told[0] == "dense matrices"
