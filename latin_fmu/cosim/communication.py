@@ -48,12 +48,11 @@ from ..latin.record import Array, Timings
 from ..latin.recorder import Recorder
 from ..latin.windows import Run
 from ..machine import one_thread
+from ..propagator.class_record import COMMUNICATION_ROWS
 from ..propagator.image import Image
 from ..scene.schema import Scene
 from .drives import Drives, Sources, history_fields, opening_fields
 from .signals import Signals
-
-_STEPS = 64  # time steps in one call at most
 
 MAGIC: Final = b"LATINIMG"
 VERSION: Final = 1
@@ -74,7 +73,7 @@ WORDS: Final = (
     "input_value",  # places: (n_input,)
     "input_rate",
     "output",  # (n_row, n_output)
-    "progress",  # (3,): time steps made, iterations and largest indicator of the communication step
+    "progress",  # (7,), see ``kernels.communication``; the caller sets the last one after PRESENT
     "last_step",  # time steps that laws of the scene are tabulated for, -1 where any number can be made
     "n_flat",
     "n_point",
@@ -111,11 +110,11 @@ class CommunicationRun:
     """
 
     def __init__(self, scene: Scene, tolerance: float | None = None) -> None:
-        _check(scene)
         self.scene, self.sources = scene, Sources.of(scene)
         self._segmented = SegmentedRun(scene, tolerance)
         self._segmented.settle({})
         problem = self._segmented.problem
+        _check(scene, problem.assembly.scheme.explicit)
         with one_thread():
             drives = Drives(self._segmented, self.sources)
             recorder = Recorder(problem.assembly, problem.output, problem.info)
@@ -126,7 +125,9 @@ class CommunicationRun:
 
     def _make(self, drives: Drives, fields: Mapping[str, Any]) -> None:
         problem, start = self._segmented.problem, self.sources.initial()
-        amplitudes = np.concatenate([start, np.ones((_STEPS - 1, start.shape[1]))])  # the last rows lay out what varies
+        amplitudes = np.concatenate(
+            [start, np.ones((COMMUNICATION_ROWS - 2, start.shape[1]))]
+        )  # the last rows lay out what varies
         drives.begin(amplitudes)
         settings = replace(problem.settings, window=1, threads=1)
         recorder = Recorder(problem.assembly, problem.output, problem.info)
@@ -136,7 +137,7 @@ class CommunicationRun:
             raise _solved_by_python(self.run)
         self.image: Image = self.run.image
         self.image.set({"first_row": 0})
-        self.steps = min(self.image.rows, len(amplitudes)) - 1
+        self.steps = self.image.rows - 1
         self.image.call(entries.PRESENT)
 
     def set(self, name: str, value: float, rate: float) -> None:
@@ -152,13 +153,11 @@ class CommunicationRun:
         return values
 
 
-def _check(scene: Scene) -> None:
-    problems = [
-        Problem(f"port.{name}.causality", "is not in the kernels", port.causality, '"force_in"')
-        for name, port in scene.port.items()
-        if port.causality != "force_in"
-    ]
-    if problems:
+def _check(scene: Scene, explicit: bool) -> None:
+    moved = [name for name, port in scene.port.items() if port.causality == "motion_in"]
+    if moved and explicit:
+        what, remedy = "is a mean over two time steps in an explicit march", 'use propagator "direct"'
+        problems = [Problem(f"port.{name}", f"its force {what}", None, None, remedy) for name in moved]
         raise InputError(problems, "the scene needs Python at run time")
 
 
@@ -196,6 +195,7 @@ def write(run: CommunicationRun) -> bytes:
         "n_moving": len(image.moving),
         "n_state": len(image.state),
         "n_row": image.rows,
+        "n_field": int(record["field_rows"]),
         "most_steps": run.steps,
         "last_step": int(record["law_end"]),
         "communicate": entries.COMMUNICATE,

@@ -16,7 +16,7 @@ import scipy.sparse as sp
 
 from ..assembly.segments import SegmentedRun
 from ..assembly.supports import Motion
-from ..kernels.communication import BY_BOTH, BY_VALUE, DISPLACEMENT, FREE, LOAD, MOTION
+from ..kernels.communication import BY_BOTH, BY_VALUE, DISPLACEMENT, FREE, LOAD, MOTION, WAVE
 from ..latin.assembly import GroundState
 from ..latin.initial_conditions import initial_conditions
 from ..latin.record import Array
@@ -26,7 +26,7 @@ from ..scene.boundaries import Driven
 from ..scene.laws import ConstantLaw, InputLaw, sampled
 from ..scene.schema import Scene
 from .loads import Loads
-from .variable import is_motion
+from .variable import is_motion, is_wave
 from .variables import inputs_of
 
 _AFFINE = 1e-9  # of the initial state: difference that round-off can bring
@@ -68,9 +68,14 @@ class Sources:
             if interface.ground_velocity is not None and f"ground.{name}" not in given:
                 own[f"ground.{name}"] = interface.ground_velocity.law.sample(time)
                 varies |= not isinstance(interface.ground_velocity.law, ConstantLaw)
-        kinds = [DISPLACEMENT if n in loads.starts() else MOTION if is_motion(n) else LOAD for n in given]
+        for name, port in scene.port.items():
+            for source, component in port.inputs(name).items() if port.causality == "motion_in" else ():
+                if source not in given:
+                    own[source] = port.law(component).sample(time)
+                    varies |= not isinstance(port.law(component), ConstantLaw)
+        kinds = [_kind_of(name, loads) for name in given]
         start = np.array([law.start_value for law in given.values()], dtype=float)
-        table = np.stack([*own.values()], axis=1) if own else np.zeros((1, 0))
+        table = np.stack([*own.values()], axis=1)[: None if varies else 1] if own else np.zeros((1, 0))
         return cls(tuple(given), tuple(own), tuple(kinds), start, table, len(time) - 1 if varies else -1)
 
     def __len__(self) -> int:
@@ -85,6 +90,12 @@ class Sources:
     def named(self, amplitudes: Array) -> dict[str, Array]:
         """Histories (n_time, n) by name."""
         return dict(zip((*self.inputs, *self.laws), amplitudes.T, strict=True))
+
+
+def _kind_of(name: str, loads: Loads) -> int:
+    if name in loads.starts():
+        return DISPLACEMENT
+    return MOTION if is_motion(name) else WAVE if is_wave(name) else LOAD
 
 
 class Drives:
@@ -193,7 +204,7 @@ def history_fields(drives: Drives) -> dict[str, Any]:
             fields[f"{prefix}column"], fields[f"{prefix}motion"] = matrix, matrix[:0]
     fields.pop("start_motion", None)
     products = drives.force_products() if static else np.zeros(0)
-    sizes = {"n_column": fields["column"].shape[0], "n_motion_state": n_x, "n_drive": n_x + 2 * n_s + 1}
+    sizes = {"n_motion_state": n_x, "n_drive": n_x + 2 * n_s + 1}
     return fields | sizes | {"force_products": products}
 
 
@@ -212,7 +223,9 @@ def opening_fields(drives: Drives, settled: bool) -> dict[str, Any]:
         return drives.opening()
 
     base = opening(start)
-    linear = [not (settled and kind == LOAD) and _is_linear(opening, start, base, e) for e, kind in enumerate(kinds)]
+    linear = [
+        not (settled and kind in (LOAD, WAVE)) and _is_linear(opening, start, base, e) for e, kind in enumerate(kinds)
+    ]
     zero = start * np.concatenate([~np.array(linear, dtype=bool), np.ones(n_s - len(kinds))])
     base, columns = opening(zero), dict[int, Array]()
     for e in np.flatnonzero(linear):
@@ -225,16 +238,18 @@ def opening_fields(drives: Drives, settled: bool) -> dict[str, Any]:
         table[:, at] = column
     place = np.flatnonzero(table.any(axis=1))
     table[:, -1] = np.concatenate(base)
-    held = np.where(linear, np.where(kinds == DISPLACEMENT, BY_VALUE, FREE), np.where(kinds == LOAD, BY_VALUE, BY_BOTH))
+    held = np.where(
+        linear,
+        np.where(kinds == DISPLACEMENT, BY_VALUE, FREE),
+        np.where(np.isin(kinds, (LOAD, WAVE)), BY_VALUE, BY_BOTH),
+    )
     return {
-        "n_opening": len(place),
         "opening_place": place.astype(np.int64),
         "opening": sp.csr_array(table[place]),
         "input_held": held.astype(np.int64),
         "input_start": sources.start,
         "input_kind": kinds,
         "law_table": sources.table,
-        "n_law": len(sources.table),
         "law_end": sources.end,
         "n_input": len(kinds),
         "n_source": n_s,

@@ -12,11 +12,15 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
+from ..assembly.ports import port_key
 from ..latin.interface_rows import NO_CONTACT, InterfaceRows
 from ..latin.probes import Probes
+from ..latin.record import Array
 from ..latin.recorder import Recorder
+from ..scene.ports import COMPONENTS
 from ..scene.schema import Scene
 from .drives import Drives
+from .events import COLUMNS
 from .outputs import InterfaceSeries
 from .variables import scalar_table
 
@@ -80,7 +84,7 @@ class Signals:
                 moved = sp.csr_array(trace[rows]) @ self._assembly.propagators[c].members[member].imposed_pattern
                 for own, k in np.argwhere(moved):
                     cells.append((int(to[own]), self._motion(c, 1, int(k), member), float(moved[own, k])))
-        where = np.array([*cells, *self._ground_entries(table)])
+        where = np.array([*cells, *self._ground_entries(table)]).reshape(-1, 3)
         places = where[:, 0].astype(np.int64), where[:, 1].astype(np.int64)
         return sp.csr_array(sp.coo_array((where[:, 2], places), shape=(width, self.n)))
 
@@ -118,6 +122,15 @@ class Signals:
         picked = sp.csr_array(sp.csc_array(sp.vstack(blocks)).T)
         return sp.csr_array(picked @ kept[own]), sizes
 
+    def _shear_rows(self, i: int) -> sp.csr_array:
+        """Tangential resultant (3, n) of an interface on its first side."""
+        geometry, channels = self._assembly.interfaces[i].geometry, self._assembly.layout.channels(i, 0)
+        rows = sp.lil_array((3, self.n))
+        for k in range(1, channels.shape[1]):
+            for axis in range(3):
+                rows[axis, channels[:, k]] = geometry.areas * geometry.frames[:, k, axis]
+        return sp.csr_array(rows)
+
     def _point_fields(self, kept: sp.csr_array) -> dict[str, Any]:
         """Fields of the record of the run: what describes the points of the interfaces, one interface after the other:
         traction (n_point, 3), velocity (2, n_point, 3), where there is a gap that and contact state (n_point,)."""
@@ -143,7 +156,7 @@ class Signals:
                 blocks.append(sp.csr_array((n, self.n)))
                 status[i] = at
                 at += n
-        return {"n_field": at, "field": sp.csr_array(sp.vstack(blocks)), "status_place": status}
+        return {"field": sp.csr_array(sp.vstack(blocks)), "status_place": status}
 
     def _unknowns(self, i: int, width: int) -> Any:
         """Numbers in a row of ``InterfaceRows`` of the unknowns of an interface, (n_unknown, n_point)."""
@@ -155,18 +168,69 @@ class Signals:
         parts += [table.slide[i][0].transpose(0, 2, 1).reshape(6, -1)] if i in table.slide else []
         return np.concatenate(parts).astype(np.int64)
 
-    def _sensor_rows(self) -> Iterator[sp.csr_array]:
-        """Displacement and velocity of each sensor (6, n)."""
+    def _motion_rows(self, name: str) -> sp.csr_array:
+        """Displacement and velocity of a sensor, or of a port (6, n)."""
         sensors = self.probes.sensors
-        for _, c, member, part in sorted(sensors.places, key=lambda p: [*self._recorder.places].index(p[0])):
-            rows = sp.lil_array((6, self.n))
-            for kind in range(2):
-                for axis, row in enumerate(range(part.start, part.stop)):
-                    rows[3 * kind + axis, self._sensor(c, kind, row, member)] = 1.0
-                    for k, shape in enumerate(sensors.shapes[c][row]):
-                        if shape != 0.0:
-                            rows[3 * kind + axis, self._motion(c, kind, k, member)] = shape
-            yield sp.csr_array(rows)
+        _, c, member, part = next(place for place in sensors.places if place[0] == name)
+        rows = sp.lil_array((6, self.n))
+        for kind in range(2):
+            for axis, row in enumerate(range(part.start, part.stop)):
+                rows[3 * kind + axis, self._sensor(c, kind, row, member)] = 1.0
+                self._add_motions(rows, 3 * kind + axis, (c, kind, member), sensors.shapes[c][row])
+        return sp.csr_array(rows)
+
+    def _add_motions(self, rows: Any, row: int, of: tuple[int, int, int], shapes: Array) -> None:
+        """Add what prescribed motions of a class and member add, by ``shapes`` (n_motion,); ``of``: class, 0 for their
+        displacements, 1 for velocities, 2 for accelerations, member."""
+        c, kind, member = of
+        for k in np.flatnonzero(shapes):
+            rows[row, self._motion(c, kind, int(k), member)] += shapes[k]
+
+    def _source(self, name: str) -> int | None:
+        """Place of the amplitude of a source at the instant; None for a load that is constant."""
+        names = (*self._drives.sources.inputs, *self._drives.sources.laws)
+        first = self._drive + self._drives.n_state + len(names)
+        return first + names.index(name) if name in names else None
+
+    def _port_rows(self, scene: Scene) -> Iterator[sp.csr_array]:
+        """Outputs of the ports, in the order of ``assembly.ports.port_columns``."""
+        for name, port in scene.port.items():
+            chosen, keys = [COMPONENTS.index(c) for c in port.components], [port_key(name)]
+            keys += [port_key(name, turned=True)] if port.rotates else []
+            if port.causality == "motion_in":
+                yield -sp.csr_array(sp.vstack([self._reaction_rows(key) for key in keys]))[chosen]
+                continue
+            measured = [self._motion_rows(key) for key in keys]
+            yield from measured
+            if port.causality == "wave":
+                incident = sp.lil_array((len(chosen), self.n))
+                for row, source in enumerate(port.inputs(name)):
+                    place = self._source(source)
+                    assert place is not None
+                    incident[row, place] = 1.0
+                speed = sp.csr_array(sp.vstack([rows[3:] for rows in measured]))[chosen]
+                braked = sp.csr_array(sp.diags_array(np.asarray(port.impedance)) @ speed)
+                yield sp.csr_array(incident) - braked
+                yield 2.0 * braked - sp.csr_array(incident)
+
+    def _reaction_rows(self, name: str) -> sp.csr_array:
+        """Reaction (3, n) of a moved face (``latin.reactions``)."""
+        place, rows = self.probes.supports.places[name], sp.lil_array((3, self.n))
+        c, member, forcing = place.number, place.member, self._assembly.propagators[place.number].forcing
+        first = self.probes.sensors.rows[c].shape[0] + place.part.start
+        for axis in range(3):
+            for kind in range(3):
+                rows[axis, self._sensor(c, kind, first + 3 * kind + axis, member)] = 1.0
+                self._add_motions(rows, axis, (c, kind, member), place.shapes[3 * kind + axis])
+            terms = zip(forcing.members[member].loads, forcing.amplitudes[member], place.loads, strict=True)
+            for load, amplitude, resultant in terms:
+                source = self._source(load.name)
+                rows[axis, self.n - 1 if source is None else source] -= resultant[axis] * (
+                    amplitude[0] if source is None else 1.0
+                )
+            for channel, area in zip(self._assembly.channels[c][:, member], place.spread[:, axis], strict=True):
+                rows[axis, int(channel)] -= area
+        return sp.csr_array(rows)
 
     def _bolt_rows(self) -> Iterator[sp.csr_array]:
         """Tension of each bolt (1, n)."""
@@ -176,8 +240,7 @@ class Signals:
             first = self.probes.sensors.rows[c].shape[0] + self.probes.supports.rows[c].shape[0]
             rows = sp.lil_array((1, self.n))
             rows[0, self._sensor(c, 0, first + row, member)] = -1.0
-            for k, shape in enumerate(shapes):
-                rows[0, self._motion(c, 0, k, member)] = -shape
+            self._add_motions(rows, 0, (c, 0, member), -shapes)
             rows[0, self.n - 1] = float(bolt.force(np.zeros(())))
             yield sp.csr_array(rows)
 
@@ -206,11 +269,13 @@ class Signals:
             share[begun + points.start : begun + points.stop] = unit.geometry.areas / unit.geometry.areas.sum()
             blocks.append(matrix)
             at += sum(sizes)
-        for rows in (*self._sensor_rows(), *self._bolt_rows()):
+        sensors = [self._motion_rows(name) for name in self._recorder.places if "." not in name]
+        for rows in (*sensors, *self._port_rows(scene), *self._bolt_rows()):
             blocks.append(rows)
             at += rows.shape[0]
-        n_output = sum(v.causality == "output" for v in scalar_table(scene, events=False))
+        n_output = sum(v.causality == "output" for v in scalar_table(scene))
         blocks.append(sp.csr_array((n_output - at, self.n)))
+        shear = sp.csr_array(sp.vstack([self._shear_rows(i) for i in range(len(summary))] or blocks[:1]))
         return {
             "output": sp.csr_array(sp.vstack(blocks)),
             "n_output": n_output,
@@ -219,6 +284,8 @@ class Signals:
             "summary": summary,
             "area_share": share,
             "of_energy": at + 4 if scene.output.energy else -1,
+            "of_event": n_output - COLUMNS * int((summary[:, 2] >= 0).sum()),
+            "shear": shear,
             "no_contact": NO_CONTACT * assembly.characteristic_traction,
             **self._point_fields(kept),
         }

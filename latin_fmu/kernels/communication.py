@@ -12,7 +12,8 @@ line (``cosim.loads``) where none was set. A motion starts at p by every rule, a
 the time step.
 
 ``progress``: 0 time steps made; 1, 2 iterations and largest indicator of the communication step; 3 length of the last
-one, s; 4 kinetic and elastic energy at t = 0, J; 5 energy dissipated by friction, J.
+one, s; 4 kinetic and elastic energy at t = 0, J; 5 energy dissipated by friction, J; 6 time of the start, s, that
+instants of contact events are counted with.
 """
 
 from __future__ import annotations
@@ -22,11 +23,11 @@ from typing import Any, Final
 from ..compiled import kernel
 from .instants import march_instants, open_accounts, read_start
 from .matrices import add_matrix
-from .outputs import gather, keep_outputs, move
+from .outputs import gather, keep_outputs, move, set_ratios
 
 HOLD, RATE, LINE, CAUSAL = 0, 1, 2, 3
 """Rules of interpolation."""
-LOAD, MOTION, DISPLACEMENT = 0, 1, 2
+LOAD, MOTION, DISPLACEMENT, WAVE = 0, 1, 2, 3
 """Kinds of inputs."""
 FREE, BY_VALUE, BY_BOTH = 0, 1, 2
 """Inputs that the initial state is known for: any; with the start value; with that held over the first time step."""
@@ -41,6 +42,8 @@ def communicate(pools: Any, n: int, rule: int, before: int, whole: int) -> int:
     negative status. Row i of the outputs is that after i time steps; row 0, that before the first."""
     run, moving = pools.run[0], pools.moving
     made = int(moving[run.progress])
+    if n < 1 or n >= run.n_time or before + n > whole:
+        return 0
     if run.law_end >= 0 and made + n > run.law_end:
         return BEYOND_LAWS
     if before == 0:
@@ -52,13 +55,14 @@ def communicate(pools: Any, n: int, rule: int, before: int, whole: int) -> int:
             return status
     else:
         put_back(pools)
+        set_ratios(pools, 0)
         if run.static == 1 and before == 0:
             set_start_columns(pools, made, whole, rule)
     for i in range(1, n + 1):
         set_histories(pools, i, before + i, made + i, whole, rule)
     done = march_instants(pools, 1, n)
     for i in range(1, done + 1):
-        keep_outputs(pools, i, before + i)
+        keep_outputs(pools, i, before + i, made + i)
     moving[run.progress] = made + done
     if done > 0:
         move(pools, run.output + done * run.n_output, run.present, run.n_output)
@@ -86,8 +90,10 @@ def present(pools: Any) -> int:
 def amplitude(pools: Any, e: int, j: int, whole: int, rule: int) -> float:
     """Amplitude of an input after j of the time steps of the communication step."""
     run, moving = pools.run[0], pools.moving
-    value, reached = moving[run.input_value + e], moving[run.reached + e]
-    if j == 0 and (rule == LINE or pools.fixed_int[run.input_kind + e] != LOAD):
+    value, reached, kind = moving[run.input_value + e], moving[run.reached + e], pools.fixed_int[run.input_kind + e]
+    if kind == WAVE and rule != HOLD and moving[run.input_rate + e] == 0.0:
+        rule = LINE  # as if it had travelled for the step
+    if j == 0 and (rule == LINE or kind not in (LOAD, WAVE)):
         return float(reached)
     if rule == HOLD:
         return float(value)
@@ -107,10 +113,7 @@ def keep_inputs(pools: Any, whole: int, rule: int) -> None:
     run, moving = pools.run[0], pools.moving
     for e in range(run.n_input):
         last, old = amplitude(pools, e, whole, whole, rule), amplitude(pools, e, whole - 1, whole, rule)
-        moving[run.slope + e] = (last - old) / run.dt
-        moving[run.work_input + e] = last
-    move(pools, run.work_input, run.reached, run.n_input)
-    for e in range(run.n_input):
+        moving[run.slope + e], moving[run.reached + e] = (last - old) / run.dt, last
         same = moving[run.progress + 3] > 0.0 and moving[run.input_value + e] == moving[run.before + e]
         moving[run.held + e] = 1.0 if same else 0.0
         if moving[run.input_rate + e] != 0.0:
@@ -130,7 +133,7 @@ def set_sources(pools: Any, to: int, j: int, made: int, whole: int, rule: int) -
             now = moving[run.slope + e] if j == 0 else (now - old) / run.dt
         moving[to + e] = now
     own = run.n_source - run.n_input
-    row = run.law_table + own * min(made, run.n_law - 1)
+    row = run.law_table + own * min(made, max(run.law_end, 0))
     for e in range(own):
         moving[to + run.n_input + e] = pools.fixed[row + e]
 
@@ -144,11 +147,11 @@ def set_histories(pools: Any, instant: int, j: int, made: int, whole: int, rule:
     set_sources(pools, z + n_x, j - 1, made - 1, whole, rule)
     set_sources(pools, z + n_x + run.n_source, j, made, whole, rule)
     moving[z + wide - 1] = 1.0
-    drives, columns = moving[z : z + wide], moving[run.column : run.column + run.n_column]
+    drives, columns = moving[z : z + wide], moving[run.column : run.column + run.column_rows]
     if run.static == 1:
-        move(pools, run.column, run.last_column, run.n_column)
+        move(pools, run.column, run.last_column, run.column_rows)
     columns[:] = 0.0
-    add_matrix(pools, run.n_column, run.column_starts, run.column_columns, run.column_values, 1, drives, columns)
+    add_matrix(pools, run.column_rows, run.column_starts, run.column_columns, run.column_values, 1, drives, columns)
     spread_columns(pools, instant)
     if run.static == 1:
         moving[run.continuation + instant] = continuation(pools, j)
@@ -166,10 +169,10 @@ def set_start_columns(pools: Any, made: int, whole: int, rule: int) -> None:
     set_sources(pools, z + n_x, 0, made, whole, rule)
     set_sources(pools, z + n_x + run.n_source, 1, made + 1, whole, rule)
     moving[z + wide - 1] = 1.0
-    columns = moving[run.column : run.column + run.n_column]
+    columns = moving[run.column : run.column + run.column_rows]
     columns[:] = 0.0
     starts, numbers, values = run.start_column_starts, run.start_column_columns, run.start_column_values
-    add_matrix(pools, run.n_column, starts, numbers, values, 1, moving[z : z + wide], columns)
+    add_matrix(pools, run.column_rows, starts, numbers, values, 1, moving[z : z + wide], columns)
 
 
 @kernel
@@ -195,7 +198,7 @@ def continuation(pools: Any, j: int) -> float:
     same = False
     for e in range(run.n_ground):
         same = same or moving[at + e] * moving[at + e - run.column + old] > 0.0
-    for i in range(run.n_column):
+    for i in range(run.column_rows):
         moving[last + i] = moving[new + i] - moving[old + i]
     if j < 2:
         return 1.0
@@ -247,14 +250,14 @@ def open_run(pools: Any, rule: int, whole: int) -> int:
     for e in range(run.n_input):
         if departs(pools, e):
             return -2 - e
-    drives, columns = moving[z : z + wide], moving[run.column : run.column + run.n_column]
+    drives, columns = moving[z : z + wide], moving[run.column : run.column + run.column_rows]
     columns[:] = 0.0
     starts, numbers, values = run.first_column_starts, run.first_column_columns, run.first_column_values
-    add_matrix(pools, run.n_column, starts, numbers, values, 1, drives, columns)
+    add_matrix(pools, run.column_rows, starts, numbers, values, 1, drives, columns)
     spread_columns(pools, 0)
-    initial = moving[run.opening : run.opening + run.n_opening]
+    initial = moving[run.opening : run.opening + run.opening_rows]
     initial[:] = 0.0
-    add_matrix(pools, run.n_opening, run.opening_starts, run.opening_columns, run.opening_values, 1, drives, initial)
+    add_matrix(pools, run.opening_rows, run.opening_starts, run.opening_columns, run.opening_values, 1, drives, initial)
     set_opening(pools)
     state = moving[run.next_state : run.next_state + n_x]
     state[:] = 0.0
@@ -269,6 +272,8 @@ def open_run(pools: Any, rule: int, whole: int) -> int:
     gather(pools, 0)
     at = run.output + run.of_solver
     moving[at], moving[at + 1], moving[at + 2], moving[at + 3] = 0.0, 0.0, 1.0, 0.0
+    moving[run.event_rates : run.event_rates + 2 * run.n_interface] = 0.0
+    set_ratios(pools, 0)
     move(pools, run.output, run.present, run.n_output)
     return 0
 
@@ -291,7 +296,7 @@ def departs(pools: Any, e: int) -> bool:
 def set_opening(pools: Any) -> None:
     """Write the part of the initial state that depends on inputs to its places; a class that rests has no motion."""
     run, moving = pools.run[0], pools.moving
-    e, passed, n = 0, 0, run.n_opening
+    e, passed, n = 0, 0, run.opening_rows
     for c in range(len(pools.classes)):
         row = pools.classes[c]
         size = row.n * row.m
@@ -315,7 +320,7 @@ def set_opening(pools: Any) -> None:
 def _write_opening(pools: Any, e: int, passed: int, size: int, to: int) -> int:
     """Write the numbers whose places lie in an array; the number of the next one."""
     run = pools.run[0]
-    while e < run.n_opening and pools.fixed_int[run.opening_place + e] < passed + size:
+    while e < run.opening_rows and pools.fixed_int[run.opening_place + e] < passed + size:
         pools.moving[to + pools.fixed_int[run.opening_place + e] - passed] = pools.moving[run.opening + e]
         e += 1
     return e

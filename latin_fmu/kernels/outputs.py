@@ -7,7 +7,7 @@ drives), but for the smallest gap and the shares of the contact, which are read 
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,9 @@ from .matrices import add_matrix
 
 Array = NDArray[np.float64]
 
+NORMAL_FORCE: Final = 15
+"""Outputs of an interface before its normal force."""
+
 
 @kernel
 def move(pools: Any, start: int, to: int, n: int) -> None:
@@ -29,8 +32,9 @@ def move(pools: Any, start: int, to: int, n: int) -> None:
 
 
 @kernel
-def keep_outputs(pools: Any, row: int, j: int) -> None:
-    """Outputs after a time step of the call, ``row``, which is j of the communication step."""
+def keep_outputs(pools: Any, row: int, j: int, made: int) -> None:
+    """Outputs after a time step of the call, ``row``, which is j of the communication step and ``made`` since the
+    start."""
     run, moving = pools.run[0], pools.moving
     progress, call = run.progress, row - 1
     used = pools.moving_int[run.iterations + call]
@@ -41,6 +45,7 @@ def keep_outputs(pools: Any, row: int, j: int) -> None:
     at = run.output + row * run.n_output + run.of_solver
     moving[at], moving[at + 1], moving[at + 2] = moving[progress + 1], moving[progress + 2], 1.0
     moving[at + 3] = j
+    follow_events(pools, row, made)
 
 
 @kernel
@@ -163,9 +168,9 @@ def gather_fields(pools: Any, row: int) -> None:
     """Tractions, velocities, gaps and states of the points of the interfaces at the instant of a row."""
     run, moving = pools.run[0], pools.moving
     set_signals(pools, row)
-    fields, signals = moving[run.field : run.field + run.n_field], moving[run.signal : run.signal + run.n_signal]
+    fields, signals = moving[run.field : run.field + run.field_rows], moving[run.signal : run.signal + run.n_signal]
     fields[:] = 0.0
-    add_matrix(pools, run.n_field, run.field_starts, run.field_columns, run.field_values, 1, signals, fields)
+    add_matrix(pools, run.field_rows, run.field_starts, run.field_columns, run.field_values, 1, signals, fields)
     for i in range(run.n_interface):
         to = pools.fixed_int[run.status_place + i]
         summary = pools.fixed_int[run.summary + 6 * i : run.summary + 6 * (i + 1)]
@@ -181,3 +186,76 @@ def status_at(pools: Any, row: int, g: int, p: int) -> int:
     at, own = run.history_f + row * run.n_flat + group.start + p * h, group.parameters + p * n_parameter
     traction, parameters = pools.moving[at : at + h], pools.fixed[own : own + n_parameter]
     return contact_status(group.law, traction, parameters, run.no_contact)
+
+
+# -- contact events (``cosim.events``) -----------------------------------------------------------------------------
+@kernel
+def set_ratios(pools: Any, row: int) -> None:
+    """|T| / N of the interfaces at the instant of a row, 0 without pressure."""
+    run, moving = pools.run[0], pools.moving
+    set_signals(pools, row)
+    n = 3 * run.n_interface
+    shear, signals = moving[run.shear : run.shear + n], moving[run.signal : run.signal + run.n_signal]
+    shear[:] = 0.0
+    add_matrix(pools, n, run.shear_starts, run.shear_columns, run.shear_values, 1, signals, shear)
+    for i in range(run.n_interface):
+        normal = moving[run.output + row * run.n_output + pools.fixed_int[run.summary + 6 * i] + NORMAL_FORCE]
+        x, y, z = shear[3 * i], shear[3 * i + 1], shear[3 * i + 2]
+        ratio = np.sqrt(x * x + y * y + z * z) / normal if normal > 0.0 else 0.0
+        moving[run.friction_ratio + row * run.n_interface + i] = ratio
+
+
+@kernel
+def follow_events(pools: Any, row: int, made: int) -> None:
+    """Counts and instants of touches, separations and slips in the time step that ends at a row."""
+    run, moving, dt = pools.run[0], pools.moving, pools.run[0].dt
+    set_ratios(pools, row)
+    new, to = run.output + row * run.n_output, run.of_event
+    move(pools, new - run.n_output + to, new + to, run.n_output - to)
+    for i in range(run.n_interface):
+        summary = pools.fixed_int[run.summary + 6 * i : run.summary + 6 * (i + 1)]
+        if summary[2] < 0:
+            continue
+        old, shares = new - run.n_output, summary[2] + 1
+        was, closed = moving[old + shares] > 0.0, moving[new + shares] > 0.0
+        stuck, sticks = moving[old + shares + 1] > 0.0, moving[new + shares + 1] > 0.0
+        pressing, ratio = summary[0] + NORMAL_FORCE, run.friction_ratio + row * run.n_interface + i
+        rates, rate = run.event_rates + 2 * i, (moving[ratio] - moving[ratio - run.n_interface]) / dt
+        if closed and not was:
+            count_event(pools, new + to, made, time_to_touch(pools, row, summary))
+        elif was and not closed:
+            count_event(pools, new + to + 2, made, time_of(moving[old + pressing], -moving[rates]))
+        elif was and stuck and not sticks:
+            count_event(pools, new + to + 4, made, time_of(rate * dt, moving[rates + 1]))
+        moving[rates] = (moving[new + pressing] - moving[old + pressing]) / dt if closed else 0.0
+        moving[rates + 1] = rate if closed else 0.0
+        to += 6
+
+
+@kernel
+def count_event(pools: Any, at: int, made: int, after: float) -> None:
+    """Count an event so long after the start of the time step ``made``, at most at its end."""
+    run, moving = pools.run[0], pools.moving
+    moving[at] += 1.0
+    instant = (made - 1) * run.dt + after if after < run.dt else made * run.dt
+    moving[at + 1] = moving[run.progress + 6] + instant
+
+
+@kernel
+def time_of(way: float, speed: float) -> float:
+    """Time in which a speed covers a way; infinite where it leads elsewhere."""
+    return float(max(way, 0.0) / speed if speed > 0.0 else np.inf)
+
+
+@kernel
+def time_to_touch(pools: Any, row: int, summary: Any) -> float:
+    """Time from the instant before a row until the first of the points that touch there has no gap."""
+    run, moving, group = pools.run[0], pools.moving, pools.groups[summary[3]]
+    gaps = run.history_gap + (row - 1) * run.n_point + group.first_point
+    first = run.history_w + (row - 1) * run.n_flat + group.start
+    second, least = first + group.n_point * group.n_component, np.inf
+    for p in range(summary[4], summary[5]):
+        if status_at(pools, row, summary[3], p) != 0:
+            at = p * group.n_component
+            least = min(least, time_of(moving[gaps + p], moving[first + at] - moving[second + at]))
+    return least

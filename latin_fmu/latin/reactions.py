@@ -65,7 +65,7 @@ class Support:
 
 
 @dataclass(frozen=True)
-class _Place:
+class Place:
     """A support among the classes: number of the class, of the member, rows, loads (n_load, 3), spread (n_channel, 3)
     and shapes (9, n_motion) of prescribed motions."""
 
@@ -82,12 +82,13 @@ class SupportProbes:
 
     Attributes
     ----------
-    rows : per class (n_row, n_dof), 9 for each support: e K, e C, e M from the dofs of a member.
+    rows : per class (n_row, n_dof), 9 for each support: e K, e C, e M from the dofs of a member. places : of the
+        supports.
     """
 
     def __init__(self, assembly: Assembly, supports: Mapping[str, Support]) -> None:
         self.rows: list[sp.csr_array] = []
-        self._places: dict[str, _Place] = {}
+        self.places: dict[str, Place] = {}
         for c, propagator in enumerate(assembly.propagators):
             own = propagator.members[0]
             blocks = [sp.csr_array((0, own.expansion.shape[1]))]
@@ -98,7 +99,7 @@ class SupportProbes:
                 full = support.rows(own.mass if lumped else support.model.mass)
                 full = full if own.nodal is None else sp.csr_array(full @ own.nodal)
                 start = 9 * (len(blocks) - 1)
-                self._places[name] = _Place(
+                self.places[name] = Place(
                     c,
                     propagator.names.index(support.substructure),
                     slice(start, start + 9),
@@ -122,7 +123,7 @@ class SupportProbes:
         sensed : per class (n, 3, n_row, n_member) displacements, velocities and accelerations of ``rows``.
         tractions : (n, n_flat), Pa.
         """
-        for name, place in self._places.items():
+        for name, place in self.places.items():
             kept, forcing = sensed[place.number], assembly.propagators[place.number].forcing
             assert kept is not None
             values = kept[:, :, place.part, place.member]

@@ -164,13 +164,15 @@ class Image:
         for row in self._rows:
             per_row += row["m"] * (row["n_probe"] + 3 * row["n_sensor"] + N_TERM * row["accounted"])
         self.rows = max(min(max(_OUTPUT // max(per_row, 1), _ROWS[0]), _ROWS[1]), self.window)
+        self.rows = class_record.COMMUNICATION_ROWS if run.get("n_output", 0) else self.rows
         for row in self._rows:
             row["probed"] = block.reserve(self.rows * row["n_probe"] * row["m"])
             row["sensed"] = block.reserve(self.rows * 3 * row["n_sensor"] * row["m"])
             row["energies"] = block.reserve(self.rows * N_TERM * row["m"] * row["accounted"])
         sizes = {"errors": most, "force_residuals": most, "iterations": 1, "newton_steps": 1}
         sizes |= {"history_f": n, "history_w": n, "history_gap": run["n_point"]}
-        sizes |= {"drive": run.get("n_drive", 0), "output": run.get("n_output", 0)}
+        outputs, interfaces = int(run.get("n_output", 0)), int(run.get("n_interface", 0))
+        sizes |= {"drive": run.get("n_drive", 0), "output": outputs, "friction_ratio": interfaces * min(outputs, 1)}
         for name, size in sizes.items():
             run[name] = block.reserve(self.rows * size)
         self._tail = block.size
