@@ -88,7 +88,7 @@ def compiled_run(scene: Scene, fmi: str) -> CompiledRun:
     run = CommunicationRun(scene)
     image = write(run)
     n_point = {unit.name: unit.geometry.n_point for unit in run.run.assembly.interfaces}
-    table = tuple(_variables(table_of(scene, n_point if fmi == "3" else None, events=False)))
+    table = tuple(_variables(table_of(scene, n_point if fmi == "3" else None)))
     text = hashlib.sha256(image + repr((fmi, table)).encode()).hexdigest()[:32]
     token = f"{{{text[:8]}-{text[8:12]}-{text[12:16]}-{text[16:20]}-{text[20:]}}}"
     return CompiledRun(table, image, _table(table, scene, run, image, token), token)

@@ -345,6 +345,11 @@ static int played_back(Instance *c, double t, double h)
     const double *a = o->rows + low * width, *b = a + width;
     for (int64_t i = 0; i < width; i++)
         o->now[i] = share == 0.0 ? a[i] : share == 1.0 ? b[i] : (1.0 - share) * a[i] + share * b[i];
+    for (int64_t i = o->image->head[M_OF_EVENT].i; i + 1 < width; i += 2) { /* an event is there from its instant on */
+        const double *there = b[i + 1] - o->start <= time ? b : a;
+        o->now[i] = there[i];
+        o->now[i + 1] = there[i + 1];
+    }
     return OK;
 }
 

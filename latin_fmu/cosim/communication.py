@@ -73,7 +73,7 @@ WORDS: Final = (
     "input_value",  # places: (n_input,)
     "input_rate",
     "output",  # (n_row, n_output)
-    "progress",  # (7,), see ``kernels.communication``; the caller sets the last one after PRESENT
+    "progress",  # (7,), see ``kernels.communication``; the caller may set the last one
     "last_step",  # time steps that laws of the scene are tabulated for, -1 where any number can be made
     "n_flat",
     "n_point",
@@ -86,6 +86,7 @@ WORDS: Final = (
     "present",
     "fields",
     "run_digest",  # of the names of the fields of the records
+    "of_event",  # place of the outputs of contact events: pairs of a count and an instant
 )
 """Words of the header."""
 NUMBERS: Final = ("dt", "end")

@@ -283,7 +283,6 @@ class Signals:
             "of_solver": at,
             "summary": summary,
             "area_share": share,
-            "of_energy": at + 4 if scene.output.energy else -1,
             "of_event": n_output - COLUMNS * int((summary[:, 2] >= 0).sum()),
             "shear": shear,
             "no_contact": NO_CONTACT * assembly.characteristic_traction,

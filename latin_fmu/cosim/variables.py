@@ -93,8 +93,8 @@ def _with_port_laws(name: str, port: Port, laws: Mapping[str, TimeLaw]) -> Port:
     return port.model_copy(update={"laws": {**port.laws, **given}}) if given else port
 
 
-def scalar_table(scene: Scene, events: bool = True) -> tuple[Variable, ...]:
-    """Scalar variables of a scene (all of FMI 2); ``events`` : contact events, the last of them, among them."""
+def scalar_table(scene: Scene) -> tuple[Variable, ...]:
+    """Scalar variables of a scene (all of FMI 2); the outputs of contact events are the last."""
     inputs = inputs_of(scene)
     depends = tuple(input_variable(name, "value") for name in inputs)
     rows: list[Variable] = [
@@ -118,9 +118,8 @@ def scalar_table(scene: Scene, events: bool = True) -> tuple[Variable, ...]:
     rows += _solver()
     if scene.output.energy:
         rows += [output(f"energy.{name}", "J", text) for name, text in ENERGIES.items()]
-    if events:
-        for name in opening(scene):
-            rows += _events(name)
+    for name in opening(scene):
+        rows += _events(name)
     return tuple(rows)
 
 
@@ -283,10 +282,10 @@ def _solver() -> Iterator[Variable]:
     yield output("solver.instants", "1", "number of time steps the last communication step was cut into", minimum=0.0)
 
 
-def table_of(scene: Scene, n_point: Mapping[str, int] | None = None, events: bool = True) -> tuple[Variable, ...]:
+def table_of(scene: Scene, n_point: Mapping[str, int] | None = None) -> tuple[Variable, ...]:
     """The variable table: scalars, and arrays where the number of points of each interface is given."""
     arrays = () if n_point is None else _arrays(scene, inputs_of(scene), n_point)
-    return (*scalar_table(scene, events), *arrays)
+    return (*scalar_table(scene), *arrays)
 
 
 # -- arrays (FMI 3) ----------------------------------------------------------------------------------------------

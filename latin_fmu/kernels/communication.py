@@ -149,7 +149,7 @@ def set_histories(pools: Any, instant: int, j: int, made: int, whole: int, rule:
     moving[z + wide - 1] = 1.0
     drives, columns = moving[z : z + wide], moving[run.column : run.column + run.column_rows]
     if run.static == 1:
-        move(pools, run.column, run.last_column, run.column_rows)
+        move(pools, run.column, run.last_columns, run.column_rows)
     columns[:] = 0.0
     add_matrix(pools, run.column_rows, run.column_starts, run.column_columns, run.column_values, 1, drives, columns)
     spread_columns(pools, instant)
@@ -180,7 +180,7 @@ def continuation(pools: Any, j: int) -> float:
     """How far the loads go on as they did (``latin.run_image.continuation``) at the end of the time step j."""
     run, moving = pools.run[0], pools.moving
     along, size, change, at, product = 0.0, 0.0, 0.0, run.column, run.force_products
-    new, old, last = run.column, run.last_column, run.change
+    new, old, last = run.column, run.last_columns, run.last_columns + run.column_rows
     for c in range(len(pools.classes)):
         row = pools.classes[c]
         n, first = row.force_terms, at - run.column

@@ -68,8 +68,8 @@ def gather(pools: Any, row: int) -> None:
             outputs[summary[1] + k] = moving[total]
         if summary[2] >= 0:
             summarise(pools, row, summary, outputs)
-    if run.of_energy >= 0:
-        add_energies(pools, row, outputs[run.of_energy :])
+    if run.of_event > run.of_solver + 4:
+        add_energies(pools, row, outputs[run.of_solver + 4 :])
 
 
 @kernel

@@ -441,7 +441,7 @@ def communication_work(run: Row) -> dict[str, int]:
     """Numbers of the work arrays of a co-simulation but those with a row an instant."""
     sizes = dict.fromkeys(("input_value", "input_rate"), run.get("n_input", 0))
     sizes |= {"next_state": run.get("n_motion_state", 0), "signal": run.get("n_signal", 0)}
-    sizes |= dict.fromkeys(("column", "last_column", "change"), run.get("column_rows", 0))
+    sizes |= {"column": run.get("column_rows", 0), "last_columns": 2 * run.get("column_rows", 0)}
     sizes |= {"shear": 3 * run.get("n_interface", 0) * min(run.get("n_output", 0), 1)}
     return sizes | {"opening": run.get("opening_rows", 0), "field": run.get("field_rows", 0)}
 
