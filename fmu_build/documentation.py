@@ -112,7 +112,7 @@ own.</li>
 </ul>
 <h2>What it cannot do</h2>
 <ul>
-<li>Results files, error estimates, contact events (touch, separation, slip) and steps that end early after one: use the
+<li>Results files, error estimates, directional derivatives, and steps that end early after a contact event: use the
 FMU made without <code>--compiled</code>, or the program itself.</li>
 <li>A time step at which neither the iteration nor Newton's method ends: it is discarded. The program has further ways
 to end it.</li>
