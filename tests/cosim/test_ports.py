@@ -359,6 +359,29 @@ def test_states_roll_back_to_the_last_bit():
     assert {"port_foot_force_3", "port_foot_velocity", "port_hand_force"} <= set(tree["exchange"].data_vars)
 
 
+def test_derivatives_by_inputs_of_ports():
+    """A step repeated with another input, by rollback, against the directional derivatives: the bar is linear."""
+    session = Session(bar(4, 20, port=PORTS, boundary={}, solver={"window": 1}))
+    session.initialize()
+    dt, names = session.scene.time.time_step, [n for n in session.outputs if n.startswith("port.")]
+    state = session.snapshot()
+
+    def stepped(name: str, change: float) -> np.ndarray:
+        session.restore(state)
+        for given, value in GIVEN.items():
+            session.set_load(given, value + change * (given == name))
+        assert session.step(0.0, 3 * dt)
+        return session.values(names)
+
+    for name, value in GIVEN.items():
+        difference = (stepped(name, value) - stepped(name, 0.0)) / value
+        derivative = session.derivative(names, [name], [1.0])
+        assert np.abs(difference).max() > 0.0
+        assert np.abs(derivative - difference).max() <= 1e-8 * np.abs(difference).max()
+    with pytest.raises(latin_fmu.InputError, match="has no derivative by the rate"):
+        session.derivative(names, ["port.side.incidentRate[2]"], [1.0])
+
+
 def test_velocities_are_motions_and_go_on_from_where_they_are():
     """A jump of a velocity takes the first time step; that of a force happens where a step begins."""
     loads = Loads(bar(4, 20, port=PORTS, boundary={}))
