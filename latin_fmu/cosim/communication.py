@@ -48,8 +48,7 @@ from ..latin.record import Array, Timings
 from ..latin.recorder import Recorder
 from ..latin.windows import Run
 from ..machine import one_thread
-from ..propagator.class_record import COMMUNICATION_ROWS
-from ..propagator.image import Image
+from ..propagator.image import COMMUNICATION_ROWS, Image
 from ..scene.schema import Scene
 from .drives import Drives, Sources, history_fields, opening_fields
 from .signals import Signals

@@ -423,29 +423,6 @@ def newton_sizes(run: Row, n: int) -> dict[str, int]:
     )
 
 
-COMMUNICATION_ROWS = 65
-"""Rows of output of a run for co-simulation: the start of a call, and the time steps that it makes at most."""
-
-
-def communication_state(run: Row, n_interface: int) -> dict[str, int]:
-    """Numbers of the arrays of the state of a co-simulation; none elsewhere."""
-    if not run.get("n_output", 0):
-        return {}
-    inputs, motion, outputs = (run.get(name, 0) for name in ("n_input", "n_motion_state", "n_output"))
-    sizes = dict.fromkeys(("reached", "slope", "before", "held", "rated"), inputs)
-    sizes |= {"motion_state": motion, "impulse": 3 * n_interface, "present": outputs, "progress": 8}
-    return sizes | {"event_rates": 2 * n_interface}
-
-
-def communication_work(run: Row) -> dict[str, int]:
-    """Numbers of the work arrays of a co-simulation but those with a row an instant."""
-    sizes = dict.fromkeys(("input_value", "input_rate"), run.get("n_input", 0))
-    sizes |= {"next_state": run.get("n_motion_state", 0), "signal": run.get("n_signal", 0)}
-    sizes |= {"column": run.get("column_rows", 0), "last_columns": 2 * run.get("column_rows", 0)}
-    sizes |= {"shear": 3 * run.get("n_interface", 0) * min(run.get("n_output", 0), 1)}
-    return sizes | {"opening": run.get("opening_rows", 0), "field": run.get("field_rows", 0)}
-
-
 def grown(data: Array, size: int) -> Array:
     """The block with room for ``size`` numbers: itself where it has it, else a copy that has, zeros behind it."""
     if size <= len(data):

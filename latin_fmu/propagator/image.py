@@ -29,6 +29,8 @@ Fields = dict[str, Any]
 _DIRECTIONS = 2  # further search directions that there is room for from the start
 _OUTPUT = 100_000  # numbers of output kept at a time, about: they stay in the cache
 _ROWS = (16, 512)  # and rows at least and at most
+COMMUNICATION_ROWS = 65
+"""Rows of output of a run for co-simulation: the start of a call, and the time steps that it makes at most."""
 
 
 @dataclass
@@ -137,7 +139,7 @@ class Image:
             group["first_point"], points = points, points + group["n_point"]
         run["n_point"] = points
         sizes = {"f_hat": n, "w_hat": n, "scales": 3, "carry": 1, "finish": 1, "worst": n_interface}
-        sizes |= class_record.communication_state(run, n_interface)
+        sizes |= _communication_state(run, n_interface)
         for name, size in sizes.items():
             run[name] = block.reserve(size)
         self._n_state = block.size
@@ -157,14 +159,14 @@ class Image:
         sizes |= {"coarse": 2 * int(run.get("n_coarse", 0)), "displacement": n, "layer": n}
         sizes |= {"shares": n_interface, "norms": 4 * self.window, "merits": 6 * most + 128}
         sizes |= {"measure": 8, "counts": 2, "course": 8}
-        sizes |= class_record.newton_sizes(run, n) | class_record.communication_work(run)
+        sizes |= class_record.newton_sizes(run, n) | _communication_work(run)
         for name, size in sizes.items():
             run[name] = block.reserve(size)
         per_row = 2 * n + run["n_point"] + 2 * most + 2 + run.get("n_drive", 0) + run.get("n_output", 0)
         for row in self._rows:
             per_row += row["m"] * (row["n_probe"] + 3 * row["n_sensor"] + N_TERM * row["accounted"])
         self.rows = max(min(max(_OUTPUT // max(per_row, 1), _ROWS[0]), _ROWS[1]), self.window)
-        self.rows = class_record.COMMUNICATION_ROWS if run.get("n_output", 0) else self.rows
+        self.rows = COMMUNICATION_ROWS if run.get("n_output", 0) else self.rows
         for row in self._rows:
             row["probed"] = block.reserve(self.rows * row["n_probe"] * row["m"])
             row["sensed"] = block.reserve(self.rows * 3 * row["n_sensor"] * row["m"])
@@ -411,3 +413,22 @@ class Image:
             marched += int(self.moving[row["marched"]])
             self.moving[row["marched"]] = 0.0
         return marched, solved
+
+
+def _communication_state(run: Fields, n_interface: int) -> dict[str, int]:
+    """Numbers of the arrays of the state of a co-simulation; none elsewhere."""
+    if not run.get("n_output", 0):
+        return {}
+    inputs, motion, outputs = (run.get(name, 0) for name in ("n_input", "n_motion_state", "n_output"))
+    sizes: dict[str, int] = dict.fromkeys(("reached", "slope", "before", "held", "rated"), inputs)
+    sizes |= {"motion_state": motion, "impulse": 3 * n_interface, "present": outputs, "progress": 8}
+    return sizes | {"event_rates": 2 * n_interface}
+
+
+def _communication_work(run: Fields) -> dict[str, int]:
+    """Numbers of the work arrays of a co-simulation but those with a row an instant."""
+    sizes = {"input_value": run.get("n_input", 0), "input_rate": run.get("n_input", 0)}
+    sizes |= {"next_state": run.get("n_motion_state", 0), "signal": run.get("n_signal", 0)}
+    sizes |= {"column": run.get("column_rows", 0), "last_columns": 2 * run.get("column_rows", 0)}
+    sizes |= {"shear": 3 * run.get("n_interface", 0) * min(run.get("n_output", 0), 1)}
+    return sizes | {"opening": run.get("opening_rows", 0), "field": run.get("field_rows", 0)}
