@@ -15,9 +15,10 @@ import fmpy
 import pytest
 
 from fmu_build.build import build_fmu
+from latin_fmu.compiled import library
 
 from .host import hosts_folder
-from .scenes import bar
+from .scenes import bar, blocks
 
 SCRIPTS = Path(__file__).parent / "hosts"
 STEP, N, INPUT, VALUE, OUTPUT = 1e-6, 4, "load.press.value", 0.6, "interface.crush.force[3]"
@@ -68,14 +69,19 @@ def expected(opened) -> list[float]:
     return rows
 
 
+@pytest.mark.parametrize("compiled", [False, True])
 @pytest.mark.parametrize(
     ("host", "version"),
     [("libcosimpy", "2"), *((host, v) for host in ("ecospy", "pathsim", "cofmupy", "gemseo") for v in ("2", "3"))],
 )
-def test_host(host, version, fmus, expected, tmp_path):
+def test_host(host, version, compiled, fmus, expected, tmp_path):
     """An input set, steps made, an output read."""
-    script = SCRIPTS / f"with_{host}.py"
-    given = [str(fmus[version]), str(STEP), str(N), INPUT, str(VALUE), OUTPUT]
+    script, fmu = SCRIPTS / f"with_{host}.py", fmus[version]
+    if compiled:
+        if library.loaded() is None:
+            pytest.skip("no library of kernels here")
+        fmu = build_fmu(blocks(), tmp_path / "compiled.fmu", version, compiled=True)
+    given = [str(fmu), str(STEP), str(N), INPUT, str(VALUE), OUTPUT]
     said = ran([python_of(host), str(script), *given], tmp_path).splitlines()
     rows = json.loads(next(line for line in said if re.fullmatch(r"\[[-+\d.e, ]+\]", line)))
     first = 1 if host == "pathsim" else 0  # pathsim reads after the step that begins at its time point
