@@ -107,7 +107,7 @@ def test_modules_of_the_table_exist() -> None:
     assert {module for module, _, _ in MUTATIONS.values()} <= named
 
 
-@pytest.mark.parametrize("document", ["CONTRIBUTING.md", "docs/notation.md"])
+@pytest.mark.parametrize("document", ["CONTRIBUTING.md", "docs/notation.md", "docs/processes.md"])
 def test_documents_name_what_exists(document: str) -> None:
     """Files, folders and identifiers between backticks, and the tests of commands."""
     text = (ROOT / document).read_text(encoding="utf-8")
