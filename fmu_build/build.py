@@ -53,14 +53,15 @@ STEPS = 200  # suggested output intervals of a reduced model
 
 
 def build_fmu(
-    scene: Scene, target: str | Path, fmi: Fmi = "2", extra: Files | None = None, compiled: bool = False
+    scene: Scene, target: str | Path, fmi: Fmi = "2", extra: Files | None = None, compiled: bool = False, note: str = ""
 ) -> Path:
     """Write the FMU of a scene for co-simulation.
 
     Parameters
     ----------
     scene : loads with the law ``input`` become inputs. target : file to write. fmi : "2" (2.0) or "3" (3.0).
-    extra : more files, by path inside the archive (the cross-check). compiled : an FMU that needs no Python.
+    extra : more files, by path inside the archive (the cross-check). compiled : an FMU that needs no Python. note : for
+        the documentation of a compiled FMU, HTML.
 
     Raises
     ------
@@ -68,7 +69,7 @@ def build_fmu(
         library of the FMU is missing, and a compiler too.
     ResultsError : the file cannot be written.
     """
-    files = compiled_files(scene, fmi) if compiled else fmu_files(scene, fmi)
+    files = compiled_files(scene, fmi, note) if compiled else fmu_files(scene, fmi)
     return write_archive(target, {**files, **(extra or {})})
 
 
@@ -135,8 +136,8 @@ def _description(facts: Facts, fmi: Fmi) -> bytes:
     return xml_bytes((fmi2_description if fmi == "2" else fmi3_description)(facts))
 
 
-def compiled_files(scene: Scene, fmi: Fmi) -> Files:
-    """Every file of the compiled FMU for co-simulation, by path inside the archive."""
+def compiled_files(scene: Scene, fmi: Fmi, note: str = "") -> Files:
+    """Every file of the compiled FMU for co-simulation, by path inside the archive; ``note`` for its documentation."""
     known = libraries()
     scene = completed(scene)
     run = compiled_run(scene, fmi)
@@ -152,7 +153,7 @@ def compiled_files(scene: Scene, fmi: Fmi) -> Files:
         "resources/image.bin": run.image,
         "resources/variables.bin": run.variables,
         "modelDescription.xml": _description(facts, fmi),
-        "documentation/index.html": compiled_page(facts, scene.text(), f"{fmi}.0").encode(),
+        "documentation/index.html": compiled_page(facts, scene.text(), f"{fmi}.0", note).encode(),
     }
 
 

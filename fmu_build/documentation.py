@@ -157,9 +157,9 @@ def documentation(facts: Facts, scene_text: str, version: str) -> str:
     return _co_simulation_page(facts, scene_text, version, _USE)
 
 
-def compiled_page(facts: Facts, scene_text: str, version: str) -> str:
-    """Page of a compiled FMU for co-simulation; ``version`` is that of the FMI."""
-    return _co_simulation_page(facts, scene_text, version, _COMPILED)
+def compiled_page(facts: Facts, scene_text: str, version: str, note: str = "") -> str:
+    """Page of a compiled FMU for co-simulation; ``version`` is that of the FMI, ``note`` a further passage."""
+    return _co_simulation_page(facts, scene_text, version, _COMPILED + note)
 
 
 def _co_simulation_page(facts: Facts, scene_text: str, version: str, use: str) -> str:

@@ -19,6 +19,7 @@ examples:
   latin-fmu fmu scene.toml -o crushing.fmu --set "load.press.law={type='input'}"
   latin-fmu fmu scene.toml --fmi 3 --inputs all --cross-check
   latin-fmu fmu scene.toml --compiled --inputs all
+  latin-fmu fmu scene.toml --compiled --inputs press --modes 20
   latin-fmu fmu scene.toml --model-exchange --modes 20
 
 A load with law = "input" becomes an input of the FMU, also one named by --inputs; other loads keep their law.
@@ -64,7 +65,8 @@ def _register_fmu(add: AddParser) -> None:
     parser.add_argument(
         "--model-exchange", action="store_true", help="a reduced model as differential equations (FMI 3 only)"
     )
-    parser.add_argument("--modes", metavar="N", type=int, help="reduced model: elastic modes per body (default: 12)")
+    modes = "reduced model: elastic modes per body (default: 12); with --compiled: reduce the bodies and tell the error"
+    parser.add_argument("--modes", metavar="N", type=int, help=modes)
     parser.add_argument("--patches", metavar="P", type=int, help="reduced model: patches per contact (default: 4)")
 
 
@@ -108,7 +110,9 @@ def _fmu(arguments: argparse.Namespace) -> int:
     names = [name.strip() for name in arguments.inputs.split(",") if name.strip()]
     try:
         check = import_module("fmu_build.checks")
-        inputs = check.with_inputs(scene, names)
+        inputs, note = check.with_inputs(scene, names), ""
+        if arguments.compiled and arguments.modes is not None:
+            inputs, note = _reduced(arguments, inputs, names)
         files: dict[str, bytes] = check.cross_check_files(inputs) if arguments.cross_check else {}
         for name in files:
             check_target(target.with_name(name))
@@ -119,7 +123,7 @@ def _fmu(arguments: argparse.Namespace) -> int:
             import_module("fmu_build.build").build_model_exchange(inputs.scene, target, **given)
         else:
             import_module("fmu_build.build").build_fmu(
-                inputs.scene, target, arguments.fmi or "2", inside, arguments.compiled
+                inputs.scene, target, arguments.fmi or "2", inside, arguments.compiled, note
             )
         problems = import_module("fmu_build.checks").validate(target)
     except ModuleNotFoundError as error:
@@ -134,6 +138,29 @@ def _fmu(arguments: argparse.Namespace) -> int:
     return CONVERGED
 
 
+def _reduced(arguments: argparse.Namespace, inputs: Any, names: Sequence[str]) -> tuple[Any, str]:
+    """The inputs of the scene with its bodies reduced to ``--modes``, and a note on the error for its documentation.
+
+    The error is printed.
+    """
+    from importlib import import_module
+
+    from ..reader import load_scene
+
+    check, reduction = import_module("fmu_build.checks"), import_module("fmu_build.reduction")
+    setting = reduction.SETTING.format(arguments.modes)
+    reduced = check.with_inputs(load_scene(arguments.scene, [*arguments.overrides, setting]), names)
+    errors = reduction.reduction_errors(inputs, reduced)
+    if errors:
+        print(f"{arguments.modes} modes a body, under the laws of the scene:")
+        print("\n".join(f"  {error}" for error in errors))
+    else:
+        print(
+            "the error of the reduced bodies is not known: no load acts (--inputs NAME keeps the law of a load for it)"
+        )
+    return reduced, reduction.reduction_note(arguments.modes, errors)
+
+
 def _contradictions(arguments: argparse.Namespace) -> Iterator[Problem]:
     if arguments.model_exchange and arguments.fmi == "2":
         yield Problem("--fmi", "model exchange needs FMI 3", "2", "3", "leave --fmi out")
@@ -142,8 +169,12 @@ def _contradictions(arguments: argparse.Namespace) -> Iterator[Problem]:
     if arguments.model_exchange and arguments.compiled:
         yield Problem("--compiled", "belongs to co-simulation", remedy="leave --model-exchange out")
     for name in ("modes", "patches"):
-        if getattr(arguments, name) is not None and not arguments.model_exchange:
-            yield Problem(f"--{name}", "belongs to the reduced model", remedy="add --model-exchange")
+        model = arguments.model_exchange or (arguments.compiled and name == "modes")
+        if getattr(arguments, name) is not None and not model:
+            others = ", or --compiled" if name == "modes" else ""
+            yield Problem(f"--{name}", "belongs to the reduced model", remedy=f"add --model-exchange{others}")
+    if arguments.compiled and arguments.modes is not None and arguments.modes < 1:
+        yield Problem("--modes", "too few modes", str(arguments.modes), "1 or more")
 
 
 def _simulate(arguments: argparse.Namespace) -> int:

@@ -147,6 +147,13 @@ def test_the_command(tmp_path, capsys):
     assert main(["fmu", str(tmp_path / "scene.toml"), "--compiled", "-o", str(tmp_path / "a.fmu")]) == 0
     assert "valid" in capsys.readouterr().out
     assert main(["fmu", str(tmp_path / "scene.toml"), "--compiled", "--model-exchange"]) != 0
+    reduced = ["fmu", str(tmp_path / "scene.toml"), "--compiled", "--modes", "6", "-o", str(tmp_path / "b.fmu")]
+    assert main(reduced) == 0
+    assert "crush.peak_force" in capsys.readouterr().out
+    with zipfile.ZipFile(tmp_path / "b.fmu") as archive:
+        assert "crush.peak_force" in archive.read("documentation/index.html").decode()
+    assert main([*reduced[:4], "0", *reduced[5:]]) != 0
+    assert "1 or more" in capsys.readouterr().err
 
 
 # -- a host in C ------------------------------------------------------------------------------------------------------
