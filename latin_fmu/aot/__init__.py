@@ -23,17 +23,22 @@ _LOG = logging.getLogger(__name__)
 
 
 def build(folder: Path, targets: Sequence[str]) -> list[Path]:
-    """Libraries for the targets in a folder; those that are there already and of these very sources are kept."""
+    """Libraries for the targets in a folder; those that are there and of these very sources are kept. So are the object
+    files of the kernels: a change of the C sources takes a link alone."""
+    from . import linking
+
     package = library.PACKAGE
     sources = library.sources_of(package)
     manifest = "\n".join([*(source.as_posix() for source in sources), library.digest_of(package, sources)])
-    key = _key(manifest)
+    key = _key(manifest, "*.py", "*.c", linking.functions_digest())
     wanted = {target: folder / library.file_name(target) for target in targets}
     missing = {t: path for t, path in wanted.items() if not _is_of(path, key)}
     if missing:
         for path in missing.values():
             _note(path).unlink(missing_ok=True)
-        _make(missing, manifest)
+        for target, content in _objects(folder, list(missing), _key(manifest, "*.py")).items():
+            linking.link(content, manifest, linking.TARGETS[target], wanted[target])
+            _LOG.info("%s: %d bytes", wanted[target], wanted[target].stat().st_size)
         for path in missing.values():
             _note(path).write_text(key)
     return list(wanted.values())
@@ -48,23 +53,36 @@ def _note(path: Path) -> Path:
     return path.with_suffix(".key")
 
 
-def _key(manifest: str) -> str:
-    """What the library depends on: kernels, this folder, functions of the FMI, and who compiles."""
+def _key(manifest: str, *parts: str) -> str:
+    """What a library or an object file depends on: kernels, who compiles, files of this folder by their patterns, which
+    are among ``parts``, and other parts as they are."""
     import llvmlite
     import numba
 
-    from .linking import functions_digest
-
     here = Path(__file__).parent
-    digest = hashlib.sha256(repr((manifest, sys.version, numba.__version__, llvmlite.__version__)).encode())
-    for path in sorted([*here.glob("*.py"), *here.glob("*.c"), *Path(library.__file__).parent.glob("*.py")]):
+    digest = hashlib.sha256(repr((manifest, parts, sys.version, numba.__version__, llvmlite.__version__)).encode())
+    files = [path for part in parts if "*" in part for path in here.glob(part)]
+    for path in sorted([*files, *Path(library.__file__).parent.glob("*.py")]):
         digest.update(path.read_bytes())
-    digest.update(functions_digest().encode())
     return digest.hexdigest()
 
 
-def _make(wanted: dict[str, Path], manifest: str) -> None:
-    """Lower the kernels once, optimise once, then emit and link for each target."""
+def _objects(folder: Path, targets: Sequence[str], key: str) -> dict[str, bytes]:
+    """Object files of the kernels; those of a key that are in the folder are read, others made and kept there."""
+    paths = {target: folder / f"_kernels-{target}.o" for target in targets}
+    known = {target: path.read_bytes() for target, path in paths.items() if path.is_file()}
+    there = {target: content[len(key) :] for target, content in known.items() if content.startswith(key.encode())}
+    made = _make([target for target in targets if target not in there])
+    folder.mkdir(parents=True, exist_ok=True)
+    for target, content in made.items():
+        paths[target].write_bytes(key.encode() + content)
+    return there | made
+
+
+def _make(targets: Sequence[str]) -> dict[str, bytes]:
+    """Lower the kernels once, optimise once, then emit for each target."""
+    if not targets:
+        return {}
     import llvmlite.binding as llvm
 
     from . import linking, lowering
@@ -75,7 +93,8 @@ def _make(wanted: dict[str, Path], manifest: str) -> None:
     whole = lowering.joined(modules, exported, shared())
     plain = whole.as_bitcode()
     optimised: dict[str, bytes] = {}
-    for target, path in wanted.items():
+    made = {}
+    for target in targets:
         kind = linking.TARGETS[target]
         if kind.cpu not in optimised:  # one processor: its code serves every operating system
             fresh = llvm.parse_bitcode(plain)
@@ -84,8 +103,8 @@ def _make(wanted: dict[str, Path], manifest: str) -> None:
         content = lowering.emit(llvm.parse_bitcode(optimised[kind.cpu]), kind)
         if target.startswith("linux"):
             linking.check(content)
-        linking.link(content, manifest, kind, path)
-        _LOG.info("%s: %d bytes", path, path.stat().st_size)
+        made[target] = content
+    return made
 
 
 def declared() -> Iterator[Entry]:
