@@ -25,7 +25,8 @@ TILED: Final = 3
 SPARE: Final = 4
 """Rows of eight that scratch has beyond those of the dofs."""
 
-_SWEEP = "b1, i8[::1], i8[::1], i8[::1], i8[::1], i8[::1]"
+_FACE = "i8[::1], i8[::1], i8[::1], i8[::1], i8[::1]"
+_SWEEP = f"b1, {_FACE}"
 
 
 @entry(f"b1, {_SWEEP}, f8[::1], f8[::1]", f"b1, {_SWEEP}, f4[::1], f8[::1]")
@@ -81,6 +82,46 @@ def forward_one(
             x[own[i]] -= total
             at += width
             i += 1
+
+
+@entry(f"{_FACE}, f8[::1], f8[::1]", f"{_FACE}, f4[::1], f8[::1]")
+def forward_four(
+    first: Any, row_start: Any, rows: Any, panel_start: Any, face_start: Any, panels: Any, x: Array
+) -> None:
+    """Forward substitution on the face of four vectors x (4, n), one after the other in memory: the factor, where it is
+    larger than the cache, is read once for all."""
+    n = first[len(first) - 1]
+    x0, x1, x2, x3 = x[:n], x[n : 2 * n], x[2 * n : 3 * n], x[3 * n : 4 * n]
+    for s in range(len(first) - 1):
+        width, c = first[s + 1] - first[s], face_start[s]
+        if c >= width:
+            continue
+        begin, end = first[s] + c, first[s + 1]
+        used, at = width - c, width * width
+        s0, s1, s2, s3 = x0[begin:end], x1[begin:end], x2[begin:end], x3[begin:end]
+        own = rows[row_start[s] : row_start[s + 1]]
+        panel = panels[panel_start[s] + c : panel_start[s + 1]]
+        for i in range(used - 1, -1, -1):
+            line = panel[(i + c) * width : (i + c) * width + i + 1]
+            t0 = t1 = t2 = t3 = 0.0
+            for j in range(i + 1):
+                t0 += line[j] * s0[j]
+                t1 += line[j] * s1[j]
+                t2 += line[j] * s2[j]
+                t3 += line[j] * s3[j]
+            s0[i], s1[i], s2[i], s3[i] = t0, t1, t2, t3
+        for i in range(len(own)):
+            line = panel[at + i * width : at + i * width + used]
+            t0 = t1 = t2 = t3 = 0.0
+            for j in range(used):
+                t0 += line[j] * s0[j]
+                t1 += line[j] * s1[j]
+                t2 += line[j] * s2[j]
+                t3 += line[j] * s3[j]
+            x0[own[i]] -= t0
+            x1[own[i]] -= t1
+            x2[own[i]] -= t2
+            x3[own[i]] -= t3
 
 
 @entry(f"b1, {_SWEEP}, f8[::1], f8[::1]", f"b1, {_SWEEP}, f4[::1], f8[::1]")

@@ -17,7 +17,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cholesky.substitution import LANES, SPARE, TILED, backward_one, backward_tile, forward_one, forward_tile
+from ..cholesky.substitution import (
+    LANES,
+    SPARE,
+    TILED,
+    backward_one,
+    backward_tile,
+    forward_four,
+    forward_one,
+    forward_tile,
+)
 from ..compiled import kernel
 from .matrices import add_spread, add_trace
 from .products import tile_width
@@ -244,8 +253,8 @@ def add_on_face(pools: Any, c: int, forces: Array) -> None:
 
 
 @kernel
-def forward_on_face(pools: Any, c: int, x: Array, tail: Array) -> None:
-    """Forward substitution of a tile on the face with the factor without dashpots."""
+def forward_on_face(pools: Any, c: int, four: bool, x: Array, tail: Array) -> None:
+    """Forward substitution of a tile, or of ``four`` vectors, on the face with the factor without dashpots."""
     row, numbers = pools.classes[c], pools.fixed_int
     n_super = row.n_super
     first, row_start, panel_start = (
@@ -254,9 +263,13 @@ def forward_on_face(pools: Any, c: int, x: Array, tail: Array) -> None:
         numbers[row.panel_start : row.panel_start + n_super + 1],
     )
     face_start, rows = numbers[row.face_start : row.face_start + n_super], numbers[row.rows : row.rows + row.n_rows]
-    if row.single == 1:
-        panels = pools.fixed_single[row.panels : row.panels + row.n_panels]
-        forward_tile(False, first, row_start, rows, panel_start, face_start, panels, x, tail)
+    single = pools.fixed_single[row.panels : row.panels + (row.n_panels if row.single == 1 else 0)]
+    panels = pools.fixed[row.panels : row.panels + (0 if row.single == 1 else row.n_panels)]
+    if row.single == 1 and four:
+        forward_four(first, row_start, rows, panel_start, face_start, single, x)
+    elif row.single == 1:
+        forward_tile(False, first, row_start, rows, panel_start, face_start, single, x, tail)
+    elif four:
+        forward_four(first, row_start, rows, panel_start, face_start, panels, x)
     else:
-        numbers_of = pools.fixed[row.panels : row.panels + row.n_panels]
-        forward_tile(False, first, row_start, rows, panel_start, face_start, numbers_of, x, tail)
+        forward_tile(False, first, row_start, rows, panel_start, face_start, panels, x, tail)

@@ -150,7 +150,8 @@ def _add_norms(pools: Any, c: int, i: int, start: int, n: int, compliance: int, 
 @kernel
 def _add_swept_norms(pools: Any, c: int, i: int, parts: int) -> None:
     """The same for all parts by forward substitution on the face, x C x = gain |L^-1 T^T x|^2: for each member its
-    forces and half residuals, normal and tangential, eight vectors at a time."""
+    forces and half residuals, normal and tangential, eight vectors at a time; four one after the other where there are
+    no more and the factor is larger than the cache."""
     row, run, work, numbers = pools.classes[c], pools.run[0], pools.moving, pools.fixed_int
     n, m, count = row.n, row.m, 2 * parts * row.m
     channels, normal = numbers[row.channels : row.channels + row.n_channel * m], numbers[row.component :]
@@ -160,7 +161,8 @@ def _add_swept_norms(pools: Any, c: int, i: int, parts: int) -> None:
     f_hat = work[run.local_f + i * run.n_flat : run.local_f + (i + 1) * run.n_flat]
     r = work[run.r + i * run.n_flat : run.r + (i + 1) * run.n_flat]
     x, tail = work[row.face_vector : row.face_vector + LANES * n], work[row.tile : row.tile + SPARE * LANES]
-    gain = gain_of(row, run)
+    gain, four = gain_of(row, run), count <= 4 and row.grouped == 0
+    step, apart = (1, n) if four else (LANES, 1)
     for first in range(0, count, LANES):
         x[:] = 0.0
         for lane in range(min(LANES, count - first)):
@@ -172,12 +174,12 @@ def _add_swept_norms(pools: Any, c: int, i: int, parts: int) -> None:
                     if normal[columns[e]] == part:
                         at = channels[np.int64(columns[e]) * m + member]
                         total += values[e] * area[at] * (0.5 * r[at] if half else f_hat[at])
-                x[LANES * face[d] + lane] = total
-        forward_on_face(pools, c, x, tail)
+                x[step * face[d] + apart * lane] = total
+        forward_on_face(pools, c, four, x, tail)
         for lane in range(min(LANES, count - first)):
             total = 0.0
             for d in range(n):
-                total += x[LANES * d + lane] ** 2
+                total += x[step * d + apart * lane] ** 2
             part, half = (first + lane) // (2 * m), (first + lane) // m % 2
             work[run.norms + 4 * i + 2 * part + half] += gain * total
 
