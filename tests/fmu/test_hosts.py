@@ -105,10 +105,10 @@ def test_container_of_two(fmus, expected, tmp_path):
     assert result["interface.wall.velocityE[3]"][-1] == pytest.approx(-10.0)
 
 
-def test_the_readme_names_the_versions_that_are_installed():
+def test_the_guide_names_the_versions_that_are_installed():
     root = Path(__file__).parents[2]
     script = (Path(__file__).parent / "install_hosts.sh").read_text()
-    table = [line for line in (root / "README.md").read_text().splitlines() if line.startswith("| ")]
+    table = [line for line in (root / "docs" / "fmu.md").read_text().splitlines() if line.startswith("| ")]
     pins = re.findall(r"([\w-]+)==([\d.]+)", script)
     assert len(pins) == 6
     for name, version in pins:
