@@ -6,8 +6,10 @@ become inputs.
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Sequence
 from html import escape
+from pathlib import Path
 from typing import Final, NamedTuple
 
 from latin_fmu import api
@@ -16,7 +18,9 @@ from latin_fmu.accuracy.runs import measure_solution
 from latin_fmu.cosim.variables import with_laws
 from latin_fmu.errors import SolverError
 from latin_fmu.results.quantities_of_interest import FIRST_CONTACT, IMPULSE, PEAK_FORCE, SEPARATION, definition_of
+from latin_fmu.scene.schema import Scene
 
+from .build import build_fmu
 from .checks import Inputs
 
 _TOLD: Final = tuple(quantity.key for quantity in (PEAK_FORCE, IMPULSE, FIRST_CONTACT, SEPARATION))
@@ -62,6 +66,17 @@ def reduction_errors(full: Inputs, reduced: Inputs) -> list[ReductionError]:
         )
         for name in names
     ]
+
+
+def compiled_size(scene: Scene) -> int:
+    """Bytes of the archive of the compiled FMU (FMI 2) of a scene, which is made and thrown away.
+
+    Raises
+    ------
+    InputError : the scene cannot be compiled, or the library is missing. SceneError : it cannot be built.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        return build_fmu(scene, Path(folder) / "size.fmu", compiled=True).stat().st_size
 
 
 def _quantities(inputs: Inputs) -> Quantities:

@@ -9,7 +9,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..errors import Problem, ResultsError
+from ..errors import InputError, Problem, ResultsError
 from . import CONVERGED, AddParser, add_scene, add_settings, declare, output_file, read_scene
 
 if TYPE_CHECKING:
@@ -23,6 +23,8 @@ def register(add: AddParser) -> None:
     add_scene(parser := declare(add, "explain", text, _explain))
     parser.add_argument("--json", action="store_true", help="print JSON instead")
     parser.add_argument("--run", action="store_true", help="also solve the scene coarsely and print what matters in it")
+    text = "also tell the size of a compiled FMU of the scene; with N: of one whose bodies are reduced to N modes"
+    parser.add_argument("--fmu", metavar="N", nargs="?", type=int, const=0, help=text)
     text = "print every key of a scene file, with units and defaults"
     parser = declare(add, "reference", text, _reference)
     parser.add_argument("--schema", action="store_true", help="print the JSON schema instead")
@@ -70,8 +72,25 @@ def _explain(arguments: argparse.Namespace) -> int:
 
         coarse = coarse_run(scene)
         report, text = report | {"coarse_run": coarse.report()}, f"{text}\n\n{coarse.text()}"
+    if arguments.fmu is not None:
+        size = _compiled_size(arguments)
+        report, text = report | {"compiled_fmu_bytes": size}, f"{text}\n\nCompiled FMU: {size / 1e6:.2g} MB"
     print(json.dumps(report, indent=2, allow_nan=False) if arguments.json else text)
     return CONVERGED
+
+
+def _compiled_size(arguments: argparse.Namespace) -> int:
+    """Bytes of the compiled FMU that ``--fmu`` asks for."""
+    from importlib import import_module
+
+    from ..reader import load_scene
+
+    if arguments.fmu < 0:
+        raise InputError([Problem("--fmu", "too few modes", str(arguments.fmu), "1 or more; nothing for all dofs")])
+    reduction = import_module("fmu_build.reduction")
+    settings = [reduction.SETTING.format(arguments.fmu)] if arguments.fmu else []
+    size: int = reduction.compiled_size(load_scene(arguments.scene, [*arguments.overrides, *settings]))
+    return size
 
 
 def _plot(arguments: argparse.Namespace) -> int:

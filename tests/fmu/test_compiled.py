@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import random
 import struct
@@ -152,6 +153,11 @@ def test_the_command(tmp_path, capsys):
     assert "crush.peak_force" in capsys.readouterr().out
     with zipfile.ZipFile(tmp_path / "b.fmu") as archive:
         assert "crush.peak_force" in archive.read("documentation/index.html").decode()
+    assert main(["explain", str(tmp_path / "scene.toml"), "--json", "--fmu", "6"]) == 0
+    told = json.loads(capsys.readouterr().out)["compiled_fmu_bytes"]
+    assert told == pytest.approx((tmp_path / "b.fmu").stat().st_size, rel=0.02)
+    assert main(["explain", str(tmp_path / "scene.toml"), "--fmu", "-3"]) != 0
+    assert "1 or more" in capsys.readouterr().err
     assert main([*reduced[:4], "0", *reduced[5:]]) != 0
     assert "1 or more" in capsys.readouterr().err
 
