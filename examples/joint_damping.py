@@ -105,7 +105,7 @@ def figure(runs: Sequence[RingDown], fits: Sequence[Array], errors: Sequence[Arr
     for one in runs:
         motion.plot(1e3 * one.time, 1e6 * one.bending / one.force, linewidth=1.0, label=f"{one.force:g} N")
     motion.set(xlabel="time (ms)", ylabel="bending over force of the hit (µm/N)")
-    motion.legend(frameon=False, title="hit")
+    motion.legend(frameon=False, title="hit", ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
     size = np.concatenate([1e6 * f[:, 0] for f in fits])
     both = np.concatenate([f[:, 1:] for f in fits])
     bars = np.concatenate(list(errors))
