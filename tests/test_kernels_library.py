@@ -294,6 +294,9 @@ def test_every_entry_equals_its_python_function(monkeypatch):
             pattern = (shape.first, shape.row_start, shape.rows, shape.panel_start, shape.face_start)
             sweep(True, *pattern, factor.panels, tile, np.zeros(SPARE * LANES))
         face = CholeskyFactor(chain, np.zeros(0, dtype=np.int64), dtype=kind, face=np.arange(300, 310))
+        shape, four = face.symbolic, np.random.default_rng(4).normal(size=4 * 400)
+        pattern = (shape.first, shape.row_start, shape.rows, shape.panel_start, shape.face_start)
+        sweeps.forward_four(*pattern, face.panels, four)
         face.face_inverse(sp.csr_array(sp.diags_array((np.arange(400) // 10 == 30).astype(float))))
     accelerated = Anderson(np.ones(7), 3, 0.8)
     for q in np.random.default_rng(2).normal(size=(3, 7)):

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 from ..cosim.variable import Variable, output, parameter
 from ..cosim.variables import ENERGIES, scalar_table
+from ..cosim.variables import EVENTS as CONTACT_EVENTS
 from ..scene.schema import Scene
 from .contact_law import Regularisation
 from .system import DAMPING, ENERGY_NAMES, EVENTS, SLIDING, STIFFNESS, WORKS, Local, Names, ReducedSystem
@@ -37,7 +38,8 @@ def names_of(scene: Scene, system: ReducedSystem, starts: Sequence[float], nomin
 
 
 def _table(scene: Scene, default: Regularisation) -> Iterator[Variable]:
-    rows = scalar_table(scene)
+    counted = tuple(f".{word}" for count, (instant, _) in CONTACT_EVENTS.items() for word in (count, instant))
+    rows = [row for row in scalar_table(scene) if not row.name.endswith(counted)]
     stiffness = (
         "stiffness of the contact over the static stiffness of the two bodies under uniform pressure: they penetrate "
         "by 1 / this of their static shortening"

@@ -65,10 +65,10 @@ def test_failed_coarser_runs_are_reported(monkeypatch: pytest.MonkeyPatch) -> No
     scene = at_resolution(shipped("impact_bar"), Resolution(0.2, 0.2))
     solution = latin_fmu.solve(scene)
 
-    def failing(lean: latin_fmu.Scene, resolution: Resolution) -> Run:
+    def failing(lean: latin_fmu.Scene, resolution: Resolution, processes: None = None) -> Run:
         if resolution.mesh < 0.4:
             raise latin_fmu.SceneError([Problem("substructure.bar", "two elements are needed")], "cannot be built")
-        run = run_at(lean, resolution)
+        run = run_at(lean, resolution, processes=processes)
         return run if resolution.time < 1.0 else replace(run, converged=False)
 
     monkeypatch.setattr(estimate_module, "run_at", failing)
