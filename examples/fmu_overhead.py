@@ -3,7 +3,8 @@
 Crushing of two specimens, communication steps of 50 instants. The solver inside the FMU is timed from within: what a
 host pays for setting the load, `doStep` and reading every output, less the solver's own time, is the layers'. Steps of
 one instant are compared with the same steps as one call of the kernels each, which a compiled FMU makes. Then a
-thousand steps whose sizes differ by round-off: operators are made once. Last, a host of its own with a fresh extraction.
+thousand steps whose sizes differ by round-off: operators are made once. Last, a host of its own, with a fresh
+extraction.
 """
 
 from __future__ import annotations
