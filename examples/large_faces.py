@@ -25,6 +25,7 @@ from pathlib import Path
 import numpy as np
 from example_tools import BLUE, VERMILION, options, save, tidy
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 
 import latin_fmu
 from latin_fmu.stability.scenes import ALUMINIUM, STEEL, Box, Description, column, half_sine
@@ -127,10 +128,14 @@ def drawn(costs: dict[str, list[Cost]]) -> Figure:
     first = next(iter(costs.values()))
     march.loglog([c.points for c in first], [1e3 * c.free for c in first], "k:", label="without contact")
     for axis, label in ((march, "CPU ms per instant"), (set_up, "CPU s of the set-up")):
+        axis.set_xticks([c.points for c in first], [f"{c.points:,}" for c in first])
+        axis.xaxis.set_minor_formatter(NullFormatter())
+        axis.yaxis.set_major_formatter("{x:g}")
+        axis.yaxis.set_minor_formatter(NullFormatter())
         axis.set_xlabel("points of the face")
         axis.set_ylabel(label)
-        axis.legend(frameon=False)
         tidy(axis)
+    march.legend(frameon=False)
     return figure
 
 
