@@ -6,10 +6,11 @@
    Exit: 0 where every call of every cycle was good, else 10 + status. It prints its resident memory, kB, per 50 cycles. */
 #include <dlfcn.h>
 #include <pthread.h>
-#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+
+#include "print.h"
 
 typedef void *Instance;
 typedef struct {
@@ -18,17 +19,6 @@ typedef struct {
     void (*release)(void *);
     void *finished, *environment;
 } Callbacks;
-
-static void print(void *e, const char *name, int status, const char *category, const char *format, ...)
-{
-    (void)e, (void)name, (void)category;
-    va_list given;
-    va_start(given, format);
-    fprintf(stderr, "[%d] ", status);
-    vfprintf(stderr, format, given);
-    fprintf(stderr, "\n");
-    va_end(given);
-}
 
 static long resident(void)
 {

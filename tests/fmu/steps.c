@@ -7,25 +7,15 @@
    stderr the time from instantiation to the end of the first step and the median of a step, s.
    Exit: 0 where every call was good, else 10 + status. */
 #include <dlfcn.h>
-#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
 
+#include "print.h"
+
 enum { MOST = 256, STEPS = 1000000 };
 typedef void *Instance;
-
-static void print(void *e, const char *name, int status, const char *category, const char *format, ...)
-{
-    (void)e, (void)name, (void)category;
-    va_list given;
-    va_start(given, format);
-    fprintf(stderr, "[%d] ", status);
-    vfprintf(stderr, format, given);
-    fprintf(stderr, "\n");
-    va_end(given);
-}
 
 static struct {
     void (*logger)(void *, const char *, int, const char *, const char *, ...);
