@@ -48,7 +48,7 @@ from ..latin.record import Array, Timings
 from ..latin.recorder import Recorder
 from ..latin.windows import Run
 from ..machine import one_thread
-from ..propagator.image import COMMUNICATION_ROWS, Image
+from ..propagator.image import COMMUNICATION_ROWS, Image, pools_of
 from ..scene.schema import Scene
 from .drives import Drives, Sources, history_fields, opening_fields
 from .signals import Signals
@@ -240,19 +240,7 @@ def read(content: bytes) -> tuple[dict[str, int], dict[str, float], Pools]:
     for kind, n in sizes:
         arrays.append(np.frombuffer(content, kind, n, start).copy())
         start += kind.itemsize * n
-    fixed, moving = arrays[3:]
-    run, classes, groups = arrays[:3]
-    pools = Pools(
-        run,
-        classes,
-        groups,
-        fixed,
-        fixed.view(np.int64),
-        fixed.view(np.uint32),
-        fixed.view(np.float32),
-        moving,
-        moving.view(np.int64),
-    )
+    pools = pools_of(*arrays)
     return words, dict(zip(NUMBERS, map(float, numbers), strict=True)), pools
 
 

@@ -44,6 +44,12 @@ class _Direction:
     groups: list[Fields]
 
 
+def pools_of(run: Any, classes: Any, groups: Any, fixed: Array, moving: Array) -> Pools:
+    """Records and blocks, with the views of the blocks that kernels take."""
+    views = fixed.view(np.int64), fixed.view(np.uint32), fixed.view(np.float32)
+    return Pools(run, classes, groups, fixed, *views, moving, moving.view(np.int64))
+
+
 class Image:
     """Records and blocks of the classes of substructures of a run and of the interfaces between them.
 
@@ -263,18 +269,8 @@ class Image:
             for i, row in enumerate(rows):
                 records[i] = tuple([row.get(name, 0) for name in names])
         kind = np.recarray if PLAIN else np.ndarray  # plain Python reads fields as attributes
-        fixed, moving = self.fixed, self.moving
-        self.pools = Pools(
-            self.run.view(kind),
-            self.classes.view(kind),
-            self.groups.view(kind),
-            fixed,
-            fixed.view(np.int64),
-            fixed.view(np.uint32),
-            fixed.view(np.float32),
-            moving,
-            moving.view(np.int64),
-        )
+        tables = self.run.view(kind), self.classes.view(kind), self.groups.view(kind)
+        self.pools = pools_of(*tables, self.fixed, self.moving)
         self._entry = bound(entries.call, self.pools)
         self._written = True
 

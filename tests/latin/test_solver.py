@@ -10,12 +10,13 @@ import pytest
 
 from latin_fmu.compiled import PLAIN
 from latin_fmu.kernels import entries
-from latin_fmu.kernels.records import CLASS, GROUP, RUN, Pools
+from latin_fmu.kernels.records import CLASS, GROUP, RUN
 from latin_fmu.latin import solver as loop
 from latin_fmu.latin.record import WindowRecord
 from latin_fmu.latin.run_image import Iterate, Stages
 from latin_fmu.latin.settings import Settings
 from latin_fmu.latin.solver import WindowSolver
+from latin_fmu.propagator.image import pools_of
 
 ROOM = 32  # numbers between the fields
 
@@ -45,18 +46,9 @@ class OneNumber:
         }
         for name, value in numbers.items():
             run[name] = value
-        kind, fixed, moving = np.recarray if PLAIN else np.ndarray, np.ones(1), self.moving
+        kind = np.recarray if PLAIN else np.ndarray
         rows = (np.zeros(0, dtype=record).view(kind) for record in (CLASS, GROUP))
-        self.pools = Pools(
-            run.view(kind),
-            *rows,
-            fixed,
-            fixed.view(np.int64),
-            fixed.view(np.uint32),
-            fixed.view(np.float32),
-            moving,
-            moving.view(np.int64),
-        )
+        self.pools = pools_of(run.view(kind), *rows, np.ones(1), self.moving)
 
     def field(self, name: str, *shape: int) -> Any:
         """A view."""
