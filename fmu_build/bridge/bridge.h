@@ -20,10 +20,10 @@
 enum { OK, WARNING, DISCARD, ERROR, FATAL };
 typedef struct Object Object;
 typedef struct Instance Instance;
-typedef void Tell(const Instance *, int status, const char *category, const char *text);
+typedef void Emit(const Instance *, int status, const char *category, const char *text);
 
 struct Instance {
-    Tell *tell;        /* passes a message on in the way of this version of the FMI */
+    Emit *emit;        /* passes a message on in the way of this version of the FMI */
     char *name;
     void *environment; /* of the host */
     void *logger;      /* of the host; its type depends on the version */
@@ -39,7 +39,7 @@ Instance *opened(const Instance *given, const char *kind, const char *name, cons
 void closed(Instance *);
 
 /* In common.c: a message with its category, a copy of a text, the refusal of a function, a path from a URI. */
-void tell(const Instance *, int status, const char *text);
+void emit(const Instance *, int status, const char *text);
 char *copied(const char *text);
 int unsupported(Instance *, const char *function);
 char *path_of(const char *uri);

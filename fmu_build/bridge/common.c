@@ -10,7 +10,7 @@ static const char *category(int status)
     return names[status < OK || status > FATAL ? FATAL : status];
 }
 
-void tell(const Instance *c, int status, const char *text) { c->tell(c, status, category(status), text); }
+void emit(const Instance *c, int status, const char *text) { c->emit(c, status, category(status), text); }
 
 char *copied(const char *text)
 {
@@ -22,7 +22,7 @@ int unsupported(Instance *c, const char *function)
 {
     char text[200];
     snprintf(text, sizeof text, "%s is not supported by this FMU", function);
-    tell(c, ERROR, text);
+    emit(c, ERROR, text);
     return ERROR;
 }
 

@@ -11,7 +11,7 @@ typedef struct {
 } Callbacks;
 
 /* The logger takes its text for a format of printf. */
-static void tell2(const Instance *c, int status, const char *category, const char *text)
+static void emit2(const Instance *c, int status, const char *category, const char *text)
 {
     Logger2 *logger = (Logger2 *)c->logger;
     char *format = malloc(2 * strlen(text) + 1), *to = format;
@@ -30,11 +30,11 @@ EXPORT const char *fmi2GetVersion(void) { return "2.0"; }
 EXPORT void *fmi2Instantiate(const char *name, int type, const char *guid, const char *location,
                              const Callbacks *callbacks, int visible, int logging)
 {
-    (void)visible, (void)logging; /* errors are told whatever the host says of debugging */
-    Instance given = {.tell = tell2, .name = (char *)name, .environment = callbacks ? callbacks->environment : NULL};
+    (void)visible, (void)logging; /* errors are logged, with or without debugging */
+    Instance given = {.emit = emit2, .name = (char *)name, .environment = callbacks ? callbacks->environment : NULL};
     given.logger = callbacks ? (void *)callbacks->logger : NULL;
     if (type != 1) {
-        tell2(&given, ERROR, "logStatusError", "this FMU is for co-simulation only");
+        emit2(&given, ERROR, "logStatusError", "this FMU is for co-simulation only");
         return NULL;
     }
     char *path = location ? path_of(location) : NULL;

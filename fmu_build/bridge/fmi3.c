@@ -6,7 +6,7 @@
 typedef void Logger3(void *, int, const char *, const char *);
 typedef uint32_t Reference;
 
-static void tell3(const Instance *c, int status, const char *category, const char *text)
+static void emit3(const Instance *c, int status, const char *category, const char *text)
 {
     Logger3 *logger = (Logger3 *)c->logger;
     if (logger != NULL) logger(c->environment, status, category, text);
@@ -26,7 +26,7 @@ EXPORT Instance *fmi3InstantiateCoSimulation(const char *name, const char *token
                                              size_t n, void *environment, Logger3 *logger, void *update)
 {
     (void)visible, (void)logging, (void)events, (void)intermediate, (void)n, (void)update;
-    Instance given = {.tell = tell3, .environment = environment, .logger = (void *)logger, .early = early};
+    Instance given = {.emit = emit3, .environment = environment, .logger = (void *)logger, .early = early};
     return opened(&given, "3", name, token, resources);
 }
 
@@ -34,7 +34,7 @@ EXPORT Instance *fmi3InstantiateModelExchange(const char *name, const char *toke
                                               bool logging, void *environment, Logger3 *logger)
 {
     (void)visible, (void)logging;
-    Instance given = {.tell = tell3, .environment = environment, .logger = (void *)logger};
+    Instance given = {.emit = emit3, .environment = environment, .logger = (void *)logger};
     return opened(&given, "exchange", name, token, resources);
 }
 
@@ -43,7 +43,7 @@ EXPORT Instance *fmi3InstantiateScheduledExecution(const char *name, const char 
                                                    void *update, void *on, void *off)
 {
     (void)name, (void)token, (void)resources, (void)visible, (void)logging, (void)update, (void)on, (void)off;
-    Instance given = {.tell = tell3, .environment = environment, .logger = (void *)logger};
+    Instance given = {.emit = emit3, .environment = environment, .logger = (void *)logger};
     unsupported(&given, "fmi3InstantiateScheduledExecution");
     return NULL;
 }

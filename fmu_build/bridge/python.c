@@ -217,7 +217,7 @@ static void tell_object(const Instance *c, int status, Object *message)
 {
     Object *text = message ? PyObject_Str(message) : NULL;
     Object *bytes = text ? PyUnicode_AsEncodedString(text, "utf-8", "replace") : NULL;
-    tell(c, status, bytes ? PyBytes_AsString(bytes) : "an error without text");
+    emit(c, status, bytes ? PyBytes_AsString(bytes) : "an error without text");
     Py_DecRef(bytes);
     Py_DecRef(text);
     PyErr_Clear();
@@ -304,12 +304,12 @@ Instance *opened(const Instance *given, const char *kind, const char *name, cons
     *c = *given;
     c->name = copied(name ? name : "");
     if (c->name == NULL || resources == NULL) {
-        tell(c, ERROR, "the host gives no folder of resources");
+        emit(c, ERROR, "the host gives no folder of resources");
         closed(c);
         return NULL;
     }
     if (!ready()) {
-        tell(c, ERROR, trouble);
+        emit(c, ERROR, trouble);
         closed(c);
         return NULL;
     }

@@ -90,7 +90,7 @@ struct Object {
     size_t n_state;
 };
 
-int say(const Instance *, int status, const char *format, ...); /* tells a message; the status */
+int msg(const Instance *, int status, const char *format, ...); /* logs a message; returns its status */
 const Word *table_of(const Instance *);
 const Word *variable(const Instance *, int64_t reference);
 const char *text_at(const Instance *, int64_t offset);

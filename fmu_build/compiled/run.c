@@ -10,14 +10,14 @@ static const double SHORTEST = 1e-9, EARLY = 1e-6; /* of a time step, of a step:
 static const double MOST_STEPS = 1e6;
 enum { BEYOND_LAWS = -1, NO_MEMORY = INT32_MIN };
 
-int say(const Instance *c, int status, const char *format, ...)
+int msg(const Instance *c, int status, const char *format, ...)
 {
     char text[1500];
     va_list given;
     va_start(given, format);
     vsnprintf(text, sizeof text, format, given);
     va_end(given);
-    tell(c, status, text);
+    emit(c, status, text);
     return status;
 }
 
@@ -55,18 +55,18 @@ static int filled(Instance *c, const char *token, const char *resources)
 {
     char trouble[1200];
     if (!latin_fmu_fits())
-        return say(c, ERROR, "this FMU needs a processor with AVX2 and FMA, which this one lacks: run the FMU that was "
+        return msg(c, ERROR, "this FMU needs a processor with AVX2 and FMA, which this one lacks: run the FMU that was "
                    "made without --compiled"), 0;
     c->fmu = calloc(1, sizeof *c->fmu);
-    if (c->fmu == NULL) return say(c, ERROR, "no memory for an instance"), 0;
+    if (c->fmu == NULL) return msg(c, ERROR, "no memory for an instance"), 0;
     struct Object *o = c->fmu;
     o->image = image_of(resources, token, trouble, sizeof trouble);
-    if (o->image == NULL) return say(c, ERROR, "%s", trouble), 0;
+    if (o->image == NULL) return msg(c, ERROR, "%s", trouble), 0;
     o->moving = aligned(8 * (size_t)o->image->head[M_N_MOVING].i);
     o->before = malloc(8 * (size_t)o->image->n_state + 8);
     o->now = malloc(8 * (size_t)o->image->n_output + 8);
     if (!o->moving || !o->before || !o->now || !renewed(c))
-        return say(c, ERROR, "no memory for an instance of %lld numbers", (long long)o->image->head[M_N_MOVING].i), 0;
+        return msg(c, ERROR, "no memory for an instance of %lld numbers", (long long)o->image->head[M_N_MOVING].i), 0;
     set_slots(o);
     return 1;
 }
@@ -78,9 +78,9 @@ Instance *opened(const Instance *given, const char *kind, const char *name, cons
     *c = *given;
     c->name = copied(name ? name : "");
     if (c->name == NULL || resources == NULL)
-        say(c, ERROR, "the host gives no folder of resources");
+        msg(c, ERROR, "the host gives no folder of resources");
     else if (strcmp(kind, "exchange") == 0)
-        say(c, ERROR, "this FMU is for co-simulation only");
+        msg(c, ERROR, "this FMU is for co-simulation only");
     else if (filled(c, token, resources))
         return c;
     closed(c);
@@ -109,7 +109,7 @@ void closed(Instance *c)
     free(c);
 }
 
-int reset(Instance *c) { return renewed(c) ? OK : say(c, ERROR, "no memory for an instance"); }
+int reset(Instance *c) { return renewed(c) ? OK : msg(c, ERROR, "no memory for an instance"); }
 
 /* -- kernels ----------------------------------------------------------------------------------------------------------- */
 /* Result of an action of the kernels. */
@@ -131,15 +131,15 @@ static void give_inputs(struct Object *o)
 static int refused_by_kernels(const Instance *c, int64_t result, double t, int status)
 {
     const Image *image = c->fmu->image;
-    if (result == NO_MEMORY) return say(c, ERROR, "no memory for the work arrays of the step at %g s", t);
+    if (result == NO_MEMORY) return msg(c, ERROR, "no memory for the work arrays of the step at %g s", t);
     if (result == BEYOND_LAWS)
-        return say(c, ERROR, "the time laws of the scene are known up to %g s after the start, and a step goes beyond: make "
+        return msg(c, ERROR, "the time laws of the scene are known up to %g s after the start, and a step goes beyond: make "
                    "an FMU of a scene with a later time.end", (double)image->head[M_LAST_STEP].i * image->dt);
     if (result < BEYOND_LAWS)
-        return say(c, ERROR, "%s must be %g at the start, the value that the initial state was computed for: make an "
+        return msg(c, ERROR, "%s must be %g at the start, the value that the initial state was computed for: make an "
                    "FMU of a scene with another start_value", input_name(c, -2 - result, IN_VALUE),
                    variable(c, image->table[image->table[T_INPUTS].i + IN_ROW * (-2 - result) + IN_REFERENCE].i)[V_START].d);
-    return say(c, status, "no convergence of the time step that ends at %g s%s", t,
+    return msg(c, status, "no convergence of the time step that ends at %g s%s", t,
                status == DISCARD ? ": make smaller communication steps, or smaller changes of the inputs" : "");
 }
 
@@ -180,7 +180,7 @@ int setup(Instance *c, double start, double tolerance)
     double own = parameter(c, T_TOLERANCE, 0.0);
     c->time = c->fmu->start = start;
     if (tolerance > 0.0 && fabs(0.2 * tolerance - own) > 1e-9 * own)
-        say(c, WARNING, "the tolerance %g of the importer has no effect: that of a compiled FMU is fixed when it is made "
+        msg(c, WARNING, "the tolerance %g of the importer has no effect: that of a compiled FMU is fixed when it is made "
             "(%g on sqrt(eta), a relative accuracy of %g)", tolerance, own, 5.0 * own);
     return OK;
 }
@@ -189,7 +189,7 @@ static int in_range(const Instance *c, int header, const char *what, double most
 {
     double value = parameter(c, header, 0.0);
     if (value >= 0.0 && value <= most) return 1;
-    say(c, ERROR, "%s: no such choice: %g (allowed: %s)", what, value, allowed);
+    msg(c, ERROR, "%s: no such choice: %g (allowed: %s)", what, value, allowed);
     return 0;
 }
 
@@ -198,10 +198,10 @@ static int can_start(const Instance *c)
     const struct Object *o = c->fmu;
     int bad = not_finite(c);
     if (bad)
-        say(c, ERROR, "%s = %g: is not a finite number", input_name(c, (bad - 1) / 2, bad % 2 ? IN_VALUE : IN_RATE),
+        msg(c, ERROR, "%s = %g: is not a finite number", input_name(c, (bad - 1) / 2, bad % 2 ? IN_VALUE : IN_RATE),
             o->given[bad - 1]);
     else if (!isfinite(o->start))
-        say(c, ERROR, "the start time %g s is not a finite number", o->start);
+        msg(c, ERROR, "the start time %g s is not a finite number", o->start);
     else
         return in_range(c, T_MODE, "mode", 1.0, "0 (windowed) or 1 (prescribed)") &&
                in_range(c, T_RULE, "inputInterpolation", 3.0, "0 (hold), 1 (rate), 2 (line), 3 (causal line)");
@@ -216,7 +216,7 @@ static int present(Instance *c)
     int64_t result = act(o, M_PRESENT, 0, 0, 0, 0);
     if (result < 0) return refused_by_kernels(c, result, o->start, ERROR);
     o->moving[o->image->head[M_PROGRESS].i + 6] = o->start;
-    if (!room_for(o, 1, n_field, size_of_fields(c))) return say(c, ERROR, "no memory for the outputs");
+    if (!room_for(o, 1, n_field, size_of_fields(c))) return msg(c, ERROR, "no memory for the outputs");
     keep(c, 0, 0, 0.0, n_field - 1);
     o->n_row = 1;
     o->n_fields = n_field;
@@ -255,7 +255,7 @@ int solve_histories(Instance *c)
     double end = parameter(c, T_END, 0.0), dt = o->image->dt, *value = o->moving + o->image->head[M_VALUE].i;
     int64_t n = steps_in(o, end, 0.0);
     if (n == 0 || (double)n > MOST_STEPS)
-        return say(c, ERROR, "endTime = %g s is not a whole number of time steps of %g s from 1 to %g", end, dt, MOST_STEPS);
+        return msg(c, ERROR, "endTime = %g s is not a whole number of time steps of %g s from 1 to %g", end, dt, MOST_STEPS);
     memcpy(o->moving, o->image->moving, 8 * (size_t)o->image->head[M_N_MOVING].i);
     for (int64_t i = 0; i < n_input; i++) {
         const History *h = o->histories + i;
@@ -264,7 +264,7 @@ int solve_histories(Instance *c)
     }
     int status = present(c);
     if (status == OK && !room_for(o, n + 1, arrays * (n + 1), size_of_fields(c)))
-        status = say(c, ERROR, "no memory for the outputs of %lld time steps", (long long)n);
+        status = msg(c, ERROR, "no memory for the outputs of %lld time steps", (long long)n);
     for (int64_t step = 1; step <= n && status == OK; step++) {
         for (int64_t i = 0; i < n_input; i++)
             if (o->histories[i].n) value[i] = history_at(o->histories + i, (double)step * dt);
@@ -285,7 +285,7 @@ int solve_histories(Instance *c)
 int initialize(Instance *c)
 {
     struct Object *o = c->fmu;
-    if (o->phase > FAILED) return say(c, ERROR, "the FMU is initialized already: reset it first");
+    if (o->phase > FAILED) return msg(c, ERROR, "the FMU is initialized already: reset it first");
     o->phase = FAILED;
     if (!can_start(c)) return ERROR;
     int status = set_histories(c);
@@ -303,7 +303,7 @@ int terminate(Instance *c)
 {
     struct Object *o = c->fmu;
     if (o->phase == RUNNING) o->phase = ENDED;
-    if (o->discarded) return say(c, ERROR, "the simulation ends at %g s: the step from there was discarded", c->time);
+    if (o->discarded) return msg(c, ERROR, "the simulation ends at %g s: the step from there was discarded", c->time);
     return OK;
 }
 
@@ -333,10 +333,10 @@ static int played_back(Instance *c, double t, double h)
     double end = o->times[o->n_row - 1], time = t + h - o->start;
     for (int64_t i = 0; i < 2 * n_input; i++)
         if (o->given[i] != o->first[i])
-            return say(c, DISCARD, "%s was changed after initialization, which has no effect in prescribed mode: give a "
+            return msg(c, DISCARD, "%s was changed after initialization, which has no effect in prescribed mode: give a "
                        "history before initialization, or use mode 0 (windowed)", input_name(c, i / 2, IN_VALUE));
     if (time > end * (1.0 + 1e-9))
-        return say(c, DISCARD, "the interval solved ends at %g s: set endTime before initialization", o->start + end);
+        return msg(c, DISCARD, "the interval solved ends at %g s: set endTime before initialization", o->start + end);
     double place = time / o->image->dt, near = rint(place);
     if (fabs(place - near) <= 1e-9 * fmax(1.0, fabs(place))) place = near;
     place = fmin(fmax(place, 0.0), (double)(o->n_row - 1));
@@ -388,7 +388,7 @@ static int marched(Instance *c, double t, int64_t n)
     o->times = times;
     o->fields = fields;
     memcpy(o->moving, o->before, 8 * (size_t)image->n_state);
-    if (!good) return say(c, ERROR, "no memory for the outputs of %lld time steps", (long long)n);
+    if (!good) return msg(c, ERROR, "no memory for the outputs of %lld time steps", (long long)n);
     return refused_by_kernels(c, result, t + (double)(made + 1) * image->dt, DISCARD);
 }
 
@@ -396,24 +396,24 @@ static int advanced(Instance *c, double t, double h)
 {
     struct Object *o = c->fmu;
     double dt = o->image->dt;
-    if (!isfinite(t) || !isfinite(h)) return say(c, ERROR, "time %g or step size %g is not a finite number", t, h);
+    if (!isfinite(t) || !isfinite(h)) return msg(c, ERROR, "time %g or step size %g is not a finite number", t, h);
     if (h <= SHORTEST * dt || t + h <= t)
-        return say(c, ERROR, "the step size %g s is too short; it must exceed %.3g s", h, SHORTEST * dt);
+        return msg(c, ERROR, "the step size %g s is too short; it must exceed %.3g s", h, SHORTEST * dt);
     if (fabs(t - c->time) > EARLY * h)
-        return say(c, ERROR, "the step starts at %.17g s, but the present time is %.17g s: restore a state to go back%s", t,
+        return msg(c, ERROR, "the step starts at %.17g s, but the present time is %.17g s: restore a state to go back%s", t,
                    c->time, o->discarded ? "; the step before was discarded: repeat it, shorter or with another input" : "");
     int bad = not_finite(c);
     if (bad)
-        return say(c, DISCARD, "%s = %g is not a finite number", input_name(c, (bad - 1) / 2, bad % 2 ? IN_VALUE : IN_RATE),
+        return msg(c, DISCARD, "%s = %g is not a finite number", input_name(c, (bad - 1) / 2, bad % 2 ? IN_VALUE : IN_RATE),
                    o->given[bad - 1]);
     if (parameter(c, T_MODE, 0.0) == PRESCRIBED) return played_back(c, t, h);
     int64_t n = steps_in(o, h, 4e-16 * (fabs(t) + fabs(t + h)));
     if (n == 0)
-        return say(c, DISCARD, "the step of %.10g s is not a whole number of time steps of %.10g s, which a compiled FMU "
+        return msg(c, DISCARD, "the step of %.10g s is not a whole number of time steps of %.10g s, which a compiled FMU "
                    "makes: make a step of %.10g s, or an FMU of a scene with another time.step", h, dt,
                    fmax(1.0, rint(h / dt)) * dt);
     if ((double)n > MOST_STEPS)
-        return say(c, DISCARD, "a step of %g s would take %lld time steps; at most %g: make shorter steps", h, (long long)n,
+        return msg(c, DISCARD, "a step of %g s would take %lld time steps; at most %g: make shorter steps", h, (long long)n,
                    MOST_STEPS);
     return marched(c, t, n);
 }
@@ -422,11 +422,11 @@ int step(Instance *c, double t, double h)
 {
     struct Object *o = c->fmu;
     c->last = ERROR;
-    if (o->phase == FAILED) return say(c, ERROR, "initialization failed, see the message before");
+    if (o->phase == FAILED) return msg(c, ERROR, "initialization failed, see the message before");
     if (o->phase != RUNNING)
-        return say(c, ERROR, o->phase == READY ? "a step before initialization" : "a step after termination");
+        return msg(c, ERROR, o->phase == READY ? "a step before initialization" : "a step after termination");
     if (same_again(c, t, h)) /* some hosts repeat it for ever */
-        return say(c, ERROR, "this very step was discarded before: make it shorter, or with another input");
+        return msg(c, ERROR, "this very step was discarded before: make it shorter, or with another input");
     c->last = advanced(c, t, h);
     if (c->last != OK) return discarded(c, c->last, t, h);
     o->discarded = 0;

@@ -168,7 +168,7 @@ static int unpacked(Instance *c, Word *words)
     struct Object *o = c->fmu, fresh = *o;
     Word head[S_HEADER];
     int64_t *lengths = malloc(8 * n_length(c));
-    if (lengths == NULL) return say(c, ERROR, "no memory to restore the state");
+    if (lengths == NULL) return msg(c, ERROR, "no memory to restore the state");
     Pack p = {words, 0, READING};
     pass_lengths(c, &p, head, lengths);
     fresh.numbers = fresh.given = fresh.now = fresh.rows = fresh.times = fresh.fields = NULL;
@@ -198,7 +198,7 @@ static int unpacked(Instance *c, Word *words)
     }
     free_read(&fresh);
     free(lengths);
-    return good ? OK : say(c, ERROR, "no memory to restore the state");
+    return good ? OK : msg(c, ERROR, "no memory to restore the state");
 }
 
 static int restored(Instance *c, Word *words)
@@ -207,7 +207,7 @@ static int restored(Instance *c, Word *words)
     struct Object *o = c->fmu;
     if (status != OK || o->n_row > 0 || !is_prescribed(c) || (o->phase != RUNNING && o->phase != ENDED)) return status;
     double *now = malloc(8 * (size_t)o->image->n_output + 8);
-    if (now == NULL) return say(c, ERROR, "no memory to restore the state");
+    if (now == NULL) return msg(c, ERROR, "no memory to restore the state");
     memcpy(now, o->now, 8 * (size_t)o->image->n_output);
     status = solve_histories(c);
     memcpy(o->now, now, 8 * (size_t)o->image->n_output);
@@ -262,7 +262,7 @@ static const char *wrong_number(const Instance *c, const Word *words)
             return "a parameter in it cannot be";
     }
     int64_t size = table[T_HISTORY_SIZE].i, mode = table[T_MODE].i, rule = table[T_RULE].i;
-    if (size >= 0 && at[size].d != (double)words[S_N_ARRAY].i) return "its arrays are not as long as it says";
+    if (size >= 0 && at[size].d != (double)words[S_N_ARRAY].i) return "its arrays have another length than stated in it";
     int prescribed = at[mode].d == PRESCRIBED, begun = words[S_PHASE].i >= RUNNING;
     if (begun && (at[mode].d < 0.0 || at[mode].d > 1.0 || at[rule].d < 0.0 || at[rule].d > 3.0))
         return "a parameter in it cannot be";
@@ -286,7 +286,7 @@ static const char *wrong_number(const Instance *c, const Word *words)
     for (int64_t r = 0; r < n_variable; r++)
         if (variable(c, r)[V_KIND].i == STRING) {
             const char *text = (const char *)at, *end = memchr(text, 0, 8 * (size_t)(lengths[r].i / 8 + 1));
-            if (end != text + lengths[r].i) return "a text in it is not as long as it says";
+            if (end != text + lengths[r].i) return "a text in it has another length than stated";
             at += lengths[r].i / 8 + 1;
         }
     lengths += n_variable;
@@ -303,7 +303,7 @@ static int place_of(const Instance *c, const void *state, size_t *place)
 {
     for (*place = 0; *place < c->fmu->n_state; ++*place)
         if (c->fmu->states[*place] == state) return 1;
-    return say(c, ERROR, "the host gives a state that this instance never gave, or that was freed: serialize a state to hand "
+    return msg(c, ERROR, "the host gives a state that this instance never gave, or that was freed: serialize a state to hand "
                "it to another instance"), 0;
 }
 
@@ -313,7 +313,7 @@ static int kept_state(Instance *c, Word *words, void **state)
     void **states = words ? realloc(o->states, (o->n_state + 1) * sizeof *states) : NULL;
     if (states == NULL) {
         free(words);
-        return say(c, ERROR, "no memory for the state");
+        return msg(c, ERROR, "no memory for the state");
     }
     o->states = states;
     states[o->n_state++] = *state = words;
@@ -326,7 +326,7 @@ int get_state(Instance *c, void **state)
     if (*state == NULL) return kept_state(c, packed(c), state);
     if (!place_of(c, *state, &place)) return ERROR;
     Word *words = packed(c);
-    if (words == NULL) return say(c, ERROR, "no memory for the state");
+    if (words == NULL) return msg(c, ERROR, "no memory for the state");
     free(*state);
     c->fmu->states[place] = *state = words;
     return OK;
@@ -337,7 +337,7 @@ int set_state(Instance *c, void *state)
     size_t place;
     if (!place_of(c, state, &place)) return ERROR;
     Word *before = packed(c);
-    if (before == NULL) return say(c, ERROR, "no memory to restore the state");
+    if (before == NULL) return msg(c, ERROR, "no memory to restore the state");
     int status = restored(c, state);
     if (status != OK) restored(c, before);
     free(before);
@@ -375,7 +375,7 @@ int state_to_bytes(Instance *c, void *state, char *bytes, size_t size)
     if (!place_of(c, state, &place)) return ERROR;
     Word *words = state;
     own = 8 * words[S_N_WORD].u;
-    if (size != own) return say(c, ERROR, "the host gives %zu bytes for a state of %zu bytes", size, own);
+    if (size != own) return msg(c, ERROR, "the host gives %zu bytes for a state of %zu bytes", size, own);
     words[S_CHECKSUM].u = checksum(words + S_N_WORD, words[S_N_WORD].u - S_N_WORD);
     memcpy(bytes, words, own);
     return OK;
@@ -384,11 +384,11 @@ int state_to_bytes(Instance *c, void *state, char *bytes, size_t size)
 int state_from_bytes(Instance *c, const char *bytes, size_t size, void **state)
 {
     Word *words = malloc(size + 8); /* the bytes of the host lie anywhere */
-    if (words == NULL) return say(c, ERROR, "no memory for the state");
+    if (words == NULL) return msg(c, ERROR, "no memory for the state");
     memcpy(words, bytes, size);
     const char *trouble = trouble_of(c, words, size);
     if (trouble == NULL) trouble = wrong_number(c, words);
     if (trouble == NULL) return kept_state(c, words, state);
     free(words);
-    return say(c, ERROR, "the state cannot be used: %s", trouble);
+    return msg(c, ERROR, "the state cannot be used: %s", trouble);
 }

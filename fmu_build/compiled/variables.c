@@ -33,7 +33,7 @@ static int known(const Instance *c, const uint32_t *references, size_t n)
     int64_t count = table_of(c)[T_N_VARIABLE].i;
     for (size_t i = 0; i < n; i++)
         if (references[i] >= count)
-            return say(c, ERROR, "there is no variable with the value reference %lu; allowed: 0 to %lld",
+            return msg(c, ERROR, "there is no variable with the value reference %lu; allowed: 0 to %lld",
                        (unsigned long)references[i], (long long)count - 1), 0;
     return 1;
 }
@@ -153,11 +153,11 @@ int get_numbers(Instance *c, const uint32_t *references, size_t n, double *value
     if (!known(c, references, n)) return ERROR;
     for (size_t i = 0; i < n; i++) {
         if (variable(c, references[i])[V_KIND].i == STRING)
-            return say(c, ERROR, "%s is a string: get it as one", name(c, references[i]));
+            return msg(c, ERROR, "%s is a string: get it as one", name(c, references[i]));
         total += elements(c, references[i]);
     }
     if (size != total && size != n) /* a host that does not know arrays reads one number of each */
-        return say(c, ERROR, "the host reads %zu values of variables that have %zu", size, total);
+        return msg(c, ERROR, "the host reads %zu values of variables that have %zu", size, total);
     for (size_t i = 0; i < n; i++) {
         size_t count = elements(c, references[i]);
         if (size == total || count == 1) {
@@ -166,7 +166,7 @@ int get_numbers(Instance *c, const uint32_t *references, size_t n, double *value
             continue;
         }
         double *all = malloc(count * sizeof *all);
-        if (all == NULL) return say(c, ERROR, "no memory for %s", name(c, references[i]));
+        if (all == NULL) return msg(c, ERROR, "no memory for %s", name(c, references[i]));
         put(c, references[i], all, count);
         values[at++] = all[0];
         free(all);
@@ -179,7 +179,7 @@ int get_texts(Instance *c, const uint32_t *references, size_t n, const char **va
     if (!known(c, references, n)) return ERROR;
     for (size_t i = 0; i < n && i < size; i++) {
         values[i] = c->fmu->texts[references[i]];
-        if (values[i] == NULL) return say(c, ERROR, "%s is no string", name(c, references[i]));
+        if (values[i] == NULL) return msg(c, ERROR, "%s is no string", name(c, references[i]));
     }
     return OK;
 }
@@ -188,7 +188,7 @@ int get_texts(Instance *c, const uint32_t *references, size_t n, const char **va
 static int is_fixed(const Instance *c, int64_t reference)
 {
     if (c->fmu->phase != RUNNING && c->fmu->phase != ENDED) return 0;
-    say(c, WARNING, "%s is fixed after initialization and was not set", name(c, reference));
+    msg(c, WARNING, "%s is fixed after initialization and was not set", name(c, reference));
     return 1;
 }
 
@@ -197,7 +197,7 @@ static int set_array(Instance *c, int64_t reference, const double *values, size_
     double **array = c->fmu->arrays + variable(c, reference)[V_PLACE].i;
     if (is_fixed(c, reference)) return OK;
     if (*array == NULL) *array = malloc(count * sizeof **array);
-    if (*array == NULL) return say(c, ERROR, "no memory for %s", name(c, reference));
+    if (*array == NULL) return msg(c, ERROR, "no memory for %s", name(c, reference));
     memcpy(*array, values, count * sizeof *values);
     return OK;
 }
@@ -213,15 +213,15 @@ static int set_number(Instance *c, int64_t reference, double value)
     }
     if (role == CONSTANT && value == v[V_START].d) return OK;
     if (role == CONSTANT)
-        say(c, WARNING, "%s = %g was not set: it is fixed at %g when a compiled FMU is made; make another one from a "
+        msg(c, WARNING, "%s = %g was not set: it is fixed at %g when a compiled FMU is made; make another one from a "
             "scene with this value", name(c, reference), value, v[V_START].d);
     else if (role != PARAMETER)
-        say(c, WARNING, "%s is calculated and was not set", name(c, reference));
+        msg(c, WARNING, "%s is calculated and was not set", name(c, reference));
     if (role != PARAMETER || is_fixed(c, reference)) return OK;
     if ((kind == INTEGER || kind == COUNT) && !(value == rint(value)))
-        return say(c, ERROR, "%s = %g was not set: give a whole number", name(c, reference), value);
+        return msg(c, ERROR, "%s = %g was not set: give a whole number", name(c, reference), value);
     if (kind == COUNT && !(value >= 1.0 && value <= 1e5))
-        return say(c, ERROR, "%s = %g was not set: give 1 to 100000", name(c, reference), value);
+        return msg(c, ERROR, "%s = %g was not set: give 1 to 100000", name(c, reference), value);
     o->numbers[reference] = value;
     if (reference == table_of(c)[T_HISTORY_SIZE].i && (int64_t)value != o->n_array) { /* arrays are given anew */
         for (int64_t i = 0; i <= table_of(c)[T_N_INPUT].i; i++) {
@@ -242,11 +242,11 @@ int set_numbers(Instance *c, const uint32_t *references, size_t n, const double 
         size_t count = elements(c, references[i]);
         int array = variable(c, references[i])[V_N_DIMENSION].i > 0;
         int64_t role = variable(c, references[i])[V_ROLE].i;
-        if (role == TEXT) return say(c, ERROR, "%s is a string: set it as one", name(c, references[i]));
+        if (role == TEXT) return msg(c, ERROR, "%s is a string: set it as one", name(c, references[i]));
         if (size < at + count)
-            return say(c, ERROR, "the host gives %zu values; %s has %zu elements", size, name(c, references[i]), count);
+            return msg(c, ERROR, "the host gives %zu values; %s has %zu elements", size, name(c, references[i]), count);
         if (array && role != HISTORY && role != HISTORY_TIME)
-            say(c, WARNING, "%s is calculated and was not set", name(c, references[i]));
+            msg(c, WARNING, "%s is calculated and was not set", name(c, references[i]));
         else
             status = array ? set_array(c, references[i], values + at, count)
                            : set_number(c, references[i], values[at]);
@@ -260,10 +260,10 @@ int set_texts(Instance *c, const uint32_t *references, size_t n, const char *con
     if (!known(c, references, n)) return ERROR;
     for (size_t i = 0; i < n && i < size; i++) {
         char **text = c->fmu->texts + references[i];
-        if (*text == NULL) return say(c, ERROR, "%s is no string", name(c, references[i]));
+        if (*text == NULL) return msg(c, ERROR, "%s is no string", name(c, references[i]));
         if (is_fixed(c, references[i])) continue;
         char *copy = copied(values[i] ? values[i] : "");
-        if (copy == NULL) return say(c, ERROR, "no memory for %s", name(c, references[i]));
+        if (copy == NULL) return msg(c, ERROR, "no memory for %s", name(c, references[i]));
         free(*text);
         *text = copy;
     }
@@ -299,13 +299,13 @@ int keep_history(Instance *c, int64_t input, int64_t n, const double *t, const d
     const char *own = input_name(c, input, IN_VALUE);
     for (int64_t i = 0; i < n; i++) {
         if (!isfinite(t[i]) || !isfinite(values[i]))
-            return say(c, ERROR, "%s: row %lld of %s is not a pair of finite numbers", where, (long long)i + 1, own);
+            return msg(c, ERROR, "%s: row %lld of %s is not a pair of finite numbers", where, (long long)i + 1, own);
         if (i > 0 && !(t[i] > t[i - 1]))
-            return say(c, ERROR, "%s: the times must increase strictly; row %lld has %g s after %g s", where,
+            return msg(c, ERROR, "%s: the times must increase strictly; row %lld has %g s after %g s", where,
                        (long long)i + 1, t[i], t[i - 1]);
     }
     double *block = malloc((size_t)(2 * n + 1) * sizeof *block);
-    if (block == NULL) return say(c, ERROR, "no memory for the history of %s", own);
+    if (block == NULL) return msg(c, ERROR, "no memory for the history of %s", own);
     free(h->t);
     *h = (History){n, block, block + n};
     memcpy(h->t, t, (size_t)n * sizeof *t);
@@ -350,27 +350,27 @@ static int read_table(Instance *c, const char *text, const char *where, int64_t 
     const char *at = text;
     int64_t n_input = table_of(c)[T_N_INPUT].i;
     for (*n_column = 0; at != NULL && !last; ++*n_column) {
-        if (*n_column == WIDEST) return say(c, ERROR, "%s: more than %d columns", where, WIDEST);
+        if (*n_column == WIDEST) return msg(c, ERROR, "%s: more than %d columns", where, WIDEST);
         at = cell(at, word, sizeof word, &last);
         int64_t i = -1;
         if (strcmp(word, "time") == 0) timed = 1;
         else {
             for (i = 0; i < n_input && strcmp(word, input_name(c, i, IN_NAME)) != 0;) i++;
             if (i == n_input)
-                return say(c, ERROR, "%s: column %d: no load of this name is set from outside", where, *n_column + 1);
+                return msg(c, ERROR, "%s: column %d: no load of this name is set from outside", where, *n_column + 1);
         }
         inputs[*n_column] = i;
     }
-    if (!timed) return say(c, ERROR, "%s: no time column: call the column of times 'time'", where);
+    if (!timed) return msg(c, ERROR, "%s: no time column: call the column of times 'time'", where);
     for (*n_row = 0; at != NULL; ++*n_row) {
         for (column = 0, last = 0; at != NULL && !last; column++) {
             at = cell(at, word, sizeof word, &last);
             if (column >= *n_column || !number_of(word, numbers + (column * n_line + *n_row))) break;
         }
         if (!last || column != *n_column)
-            return say(c, ERROR, "%s: row %lld is not a row of %d numbers", where, (long long)*n_row + 2, *n_column);
+            return msg(c, ERROR, "%s: row %lld is not a row of %d numbers", where, (long long)*n_row + 2, *n_column);
     }
-    return *n_row ? OK : say(c, ERROR, "%s: no rows of numbers: a header line, then one line per instant", where);
+    return *n_row ? OK : msg(c, ERROR, "%s: no rows of numbers: a header line, then one line per instant", where);
 }
 
 static int set_from_text(Instance *c, const char *text, const char *where)
@@ -383,7 +383,7 @@ static int set_from_text(Instance *c, const char *text, const char *where)
     size_t most = strcspn(text, ";\r\n"), width = 1;
     for (size_t i = 0; i < most; i++) width += text[i] == ',';
     double *numbers = calloc((size_t)n_line * width, sizeof *numbers);
-    if (numbers == NULL) return say(c, ERROR, "%s: no memory for the table", where);
+    if (numbers == NULL) return msg(c, ERROR, "%s: no memory for the table", where);
     int status = read_table(c, text, where, inputs, &n_column, numbers, n_line, &n_row);
     for (int i = 0; i < n_column && status == OK; i++)
         if (inputs[i] < 0) times = i;
@@ -407,7 +407,7 @@ static int set_from_arrays(Instance *c)
         for (int64_t k = n; o->arrays[i] && k < last; k++)
             if (o->arrays[i][k] != o->arrays[i][last]) varies = 1;
     if (varies)
-        return say(c, ERROR, "history.time: the instants from element %lld on are equal, the amplitudes are not: give instants "
+        return msg(c, ERROR, "history.time: the instants from element %lld on are equal, the amplitudes are not: give instants "
                    "that increase, and repeat the last row up to the size of the arrays", (long long)n + 1);
     for (int64_t i = 0; i < n_input && n > 0 && status == OK; i++)
         if (o->arrays[i] != NULL) status = keep_history(c, i, n + 1, t, o->arrays[i], "history.time");
@@ -423,7 +423,7 @@ int set_histories(Instance *c)
     int status = OK;
     for (int64_t i = 0; i < n_input; i++) o->histories[i].n = 0;
     if (parameter(c, T_MODE, 0.0) != PRESCRIBED) {
-        if (*text) say(c, WARNING, "historyFile has no effect in windowed mode: set mode = 1");
+        if (*text) msg(c, WARNING, "historyFile has no effect in windowed mode: set mode = 1");
         return OK;
     }
     if (strpbrk(text, ";\r\n") != NULL)
@@ -432,11 +432,11 @@ int set_histories(Instance *c)
         size_t length = 0;
         char *content = content_of(text, &length);
         if (content == NULL)
-            return say(c, ERROR, "%.500s: no such file: give the path of a CSV file, or the table itself: "
+            return msg(c, ERROR, "%.500s: no such file: give the path of a CSV file, or the table itself: "
                        "'time,NAME;0,0;1e-6,1'", text);
         status = strlen(content) == length
                      ? set_from_text(c, content, text)
-                     : say(c, ERROR, "%.500s: not a text: a compiled FMU reads CSV files, no netCDF", text);
+                     : msg(c, ERROR, "%.500s: not a text: a compiled FMU reads CSV files, no netCDF", text);
         aligned_free(content);
     }
     return status == OK ? set_from_arrays(c) : status;
