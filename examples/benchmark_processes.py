@@ -4,7 +4,7 @@
 
 Stacks of cubes under a pressure that slides and presses them, friction 0.3, one instant per window. One process solves
 n blocks, then 2 n; two processes solve 2 n; in turns. Seconds are of the processor: on a machine with other work the
-wall clock measures that work. The time in exchanges is told apart: it contains the wait for the other process.
+wall clock measures that work. The time in exchanges is printed apart: it contains the wait for the other process.
 
 From them the model of an instant with P processes, B blocks on each, N channels in all and i iterations:
 

@@ -83,7 +83,7 @@ def _quantities(inputs: Inputs) -> Quantities:
     scene = with_laws(inputs.scene, inputs.laws)
     solution = api.solve(scene)
     if not solution.converged:
-        raise SolverError(f"the error of the reduced model cannot be told: {solution.status}")
+        raise SolverError(f"the error of the reduced model is not known: {solution.status}")
     return measure_solution(scene, solution)
 
 

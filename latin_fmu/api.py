@@ -196,7 +196,7 @@ def check_distributable(discretised: DiscretisedProblem, size: int) -> None:
         what = "threads and processes cannot be combined"
         problems.add("solver.threads", what, str(solver.threads), "1", "start more processes instead")
     if solver.skip_at_rest == "tolerance":
-        what = "substructures at rest are told by their class, which the processes divide"
+        what = "substructures at rest are found class by class, and the processes divide classes"
         problems.add("solver.skip_at_rest", what, "tolerance", "off, exact, round_off")
     if chosen_propagators(discretised.scene, discretised.classes)[0].kind == "cg":
         what, remedy = "conjugate gradients run in one process", "choose another propagator, or use fewer unknowns"

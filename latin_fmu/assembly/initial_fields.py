@@ -1,4 +1,4 @@
-"""Displacements and velocities at t = 0 on the meshes: what does not fit is refused, what the supports change is told.
+"""Displacements and velocities at t = 0 on the meshes: misfits are refused, changes by the supports are remarks.
 
 A field given by a file belongs to the nodes of a mesh. Each node takes the values of the nearest point, whose distance
 may be 1 % of the smallest distance between two nodes, which leaves room for rounded coordinates.

@@ -108,7 +108,7 @@ def started_together() -> Processes | None:
     processes = Processes(MPI.COMM_WORLD)
 
     def end_all(*error: Any) -> None:
-        """Tell what nothing expected; without this the other processes would wait for this one."""
+        """Print an unexpected error and end all processes; the others would wait for this one."""
         sys.__excepthook__(*error)
         processes.abort(SOLVER_FAILED)
 
@@ -122,7 +122,7 @@ def ending_together(processes: Processes, signals: Signals) -> Iterator[None]:
     try:
         yield
     except BaseException as error:
-        if processes.ended:  # all of them know: process 0 tells
+        if processes.ended:  # every process has the error: process 0 prints it
             if processes.rank:
                 sys.stderr = io.StringIO()
             raise

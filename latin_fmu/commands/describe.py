@@ -23,7 +23,7 @@ def register(add: AddParser) -> None:
     add_scene(parser := declare(add, "explain", text, _explain))
     parser.add_argument("--json", action="store_true", help="print JSON instead")
     parser.add_argument("--run", action="store_true", help="also solve the scene coarsely and print what matters in it")
-    text = "also tell the size of a compiled FMU of the scene; with N: of one whose bodies are reduced to N modes"
+    text = "also print the size of a compiled FMU of the scene; with N: of one whose bodies are reduced to N modes"
     parser.add_argument("--fmu", metavar="N", nargs="?", type=int, const=0, help=text)
     text = "print every key of a scene file, with units and defaults"
     parser = declare(add, "reference", text, _reference)
@@ -80,7 +80,7 @@ def _explain(arguments: argparse.Namespace) -> int:
 
 
 def _compiled_size(arguments: argparse.Namespace) -> int:
-    """Bytes of the compiled FMU that ``--fmu`` asks for."""
+    """Bytes of the compiled FMU of the option ``--fmu``."""
     from importlib import import_module
 
     from ..reader import load_scene

@@ -65,7 +65,9 @@ def _register_fmu(add: AddParser) -> None:
     parser.add_argument(
         "--model-exchange", action="store_true", help="a reduced model as differential equations (FMI 3 only)"
     )
-    modes = "reduced model: elastic modes per body (default: 12); with --compiled: reduce the bodies and tell the error"
+    modes = (
+        "reduced model: elastic modes per body (default: 12); with --compiled: reduce the bodies and print the error"
+    )
     parser.add_argument("--modes", metavar="N", type=int, help=modes)
     parser.add_argument("--patches", metavar="P", type=int, help="reduced model: patches per contact (default: 4)")
 

@@ -223,7 +223,7 @@ class FmiInstance:
         """Derivatives of outputs at the end of the last step by inputs over it, by value reference (see
         ``Session.derivative``); empty, and an error is logged, where there are none."""
         if not self._variables.fixed or self._session is None:
-            raise InputError([Problem("directional derivative", "asked for before initialization")])
+            raise InputError([Problem("directional derivative", "not available before initialization")])
         outputs, inputs = ([self.table[reference].name for reference in group] for group in (unknowns, knowns))
         product: list[float] = self._session.derivative(outputs, inputs, seed).tolist()
         return product

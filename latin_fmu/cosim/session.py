@@ -58,7 +58,7 @@ class Session:
         self._kind = hashlib.sha256((self.scene.text() + repr(self.settings.choices())).encode()).hexdigest()
         self._mode: Windowed | Prescribed | None = None
         self._starts: dict[str, float] = {}
-        self._derivatives: Derivatives | None = None  # about the last step, once they are asked for
+        self._derivatives: Derivatives | None = None  # about the last step for which some were computed
         self.step_history = StepHistory()
         self.reset()
 

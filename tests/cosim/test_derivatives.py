@@ -158,11 +158,11 @@ def test_without_rates_a_value_turns_the_causal_line(what):
     assert np.abs(line).max() > 0.1 * np.abs(told).max()
 
 
-def test_the_simulation_goes_on_as_if_nobody_had_asked():
+def test_derivatives_leave_the_simulation_as_it_is():
     rows = []
-    for asks in (False, True):
+    for derived in (False, True):
         session, _ = stepped(sliding(), {"press": 0.5, "push": 20.0}, 1e-6)
-        if asks:
+        if derived:
             session.derivative(["interface.crush.force[1]"], ["load.push.value", "load.press.rate"], [1.0, 2.0])
         assert session.step(session.time, 1e-6)
         rows.append(session.row.copy())

@@ -1,4 +1,4 @@
-"""The error that is told of an FMU with reduced bodies is that of the forces which come out of it."""
+"""The error stated for an FMU with reduced bodies is that of the forces which come out of it."""
 
 from __future__ import annotations
 
