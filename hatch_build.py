@@ -1,6 +1,6 @@
 """Build hook: a wheel carries the kernels compiled for the machine it is built on, or for ``LATIN_FMU_TARGET``, and for
 Linux and Windows (x86-64), on which compiled FMUs run, and the libraries of other FMUs for all platforms: an FMU made
-on one runs on the others.
+on one runs on the others. It carries the models of ``latin-fmu demo``, too.
 
 ``LATIN_FMU_TARGET=windows-x86_64`` cross-builds a wheel for Windows (linked, not tried there); ``none`` builds a wheel
 without a library, whose kernels numba compiles at the first run. Editable installs have no library either; see
@@ -24,6 +24,7 @@ TAGS = {
     "darwin-aarch64": "macosx_11_0_arm64",
 }
 
+MODEL_FILES = (".toml", ".md", ".json", ".msh", ".py")  # what a wheel takes of the models: no results, no figures
 COMPILED = ("linux-x86_64", "windows-x86_64")  # targets of compiled FMUs
 
 
@@ -35,6 +36,8 @@ class Kernels(BuildHookInterface):  # type: ignore[type-arg]
         if version == "editable":
             return
         root = Path(self.root)
+        for file in sorted(path for path in root.glob("models/**/*") if path.suffix in MODEL_FILES):
+            build_data["force_include"][str(file)] = f"latin_fmu/{file.relative_to(root).as_posix()}"
         sys.path.insert(0, str(root))
         from fmu_build import bridge
 

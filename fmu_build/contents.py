@@ -23,7 +23,7 @@ Files = dict[str, bytes]
 """Contents by path inside the archive."""
 
 _ADAPTERS = ("__init__.py", "adapter.py")
-_LEFT_OUT = ("cli.py", "__main__.py", "commands", "stability", "aot")  # not run by an FMU
+_LEFT_OUT = ("cli.py", "__main__.py", "commands", "stability", "aot", "models")  # not run by an FMU
 _DEPENDENCIES = """\
 This FMU runs in a CPython of its host, 3.11 or newer, 64 bit, that has these packages, installed e.g. with
 `pip install`:

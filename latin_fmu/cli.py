@@ -24,6 +24,7 @@ from .errors import InputError, LatinError, ResultsError
 
 COMMANDS: Final = MappingProxyType(
     {
+        "demo": "demo",
         "run": "run",
         "check": "describe",
         "explain": "describe",
@@ -46,19 +47,20 @@ _ENVIRONMENT: Final = MappingProxyType({"OPENBLAS_NUM_THREADS": "1", "PYDANTIC_D
 
 _EXAMPLES = """\
 examples:
-  latin-fmu check models/two_specimen_crushing/scene.toml
-  latin-fmu explain models/two_specimen_crushing/scene.toml
-  latin-fmu cost models/two_specimen_crushing/scene.toml -o study
-  latin-fmu run models/beam_in_traction/scene.toml -o beam.nc
-  latin-fmu run models/two_specimen_crushing/scene.toml --set load.press.pressure=100e6
-  latin-fmu plot beam.nc -o beam.png
-  latin-fmu plot models/lap_joint/scene.toml -o assembly.png
-  latin-fmu fmu models/two_specimen_crushing/scene.toml -o crushing.fmu
+  latin-fmu demo two_specimen_crushing
+  latin-fmu check two_specimen_crushing/scene.toml
+  latin-fmu explain two_specimen_crushing/scene.toml
+  latin-fmu run two_specimen_crushing/scene.toml -o crushing.nc
+  latin-fmu plot crushing.nc -o crushing.png
+  latin-fmu plot two_specimen_crushing/scene.toml -o assembly.png
+  latin-fmu run two_specimen_crushing/scene.toml --set load.press.pressure=100e6
+  latin-fmu cost two_specimen_crushing/scene.toml -o study
+  latin-fmu sweep two_specimen_crushing/scene.toml --vary interface.crush.friction_coefficient=0:0.6:13
+  latin-fmu fmu two_specimen_crushing/scene.toml -o crushing.fmu
   latin-fmu simulate crushing.fmu -o out.csv
   latin-fmu stress --quick -o stability.md
-  latin-fmu sweep models/two_specimen_crushing/scene.toml --vary interface.crush.friction_coefficient=0:0.6:13
   latin-fmu srs out.nc --sensor tip
-  latin-fmu modes models/lap_joint/scene.toml --joints open
+  latin-fmu modes scene.toml --joints open
   latin-fmu reference
 
 exit codes: 0 converged, 1 not converged (results are written and marked), 2 bad input,

@@ -707,5 +707,26 @@ def test_wheels(target, tag, tmp_path):
     assert tag in wheel.name
     assert wheel.stat().st_size <= 2_000_000
     with zipfile.ZipFile(wheel) as archive:
-        libraries = [name for name in archive.namelist() if "_kernels-" in name]
+        names = archive.namelist()
+    libraries = [name for name in names if "_kernels-" in name]
+    models = {f"latin_fmu/{path.relative_to(ROOT).as_posix()}" for path in ROOT.glob("models/**/*.*")}
+    assert {name for name in names if name.startswith("latin_fmu/models/")} == {m for m in models if ".nc" not in m}
     assert {name.split(".")[-1] for name in libraries} == (set() if target == "none" else {"so", "dll"})
+    if not target:
+        run_the_first_commands(wheel, tmp_path)
+
+
+def run_the_first_commands(wheel, folder):
+    """``demo`` and the commands that it prints, from the wheel alone in an empty folder."""
+    home, empty = folder / "home", folder / "empty"
+    empty.mkdir()
+    install = [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--target", str(home), str(wheel)]
+    subprocess.run(install, check=True)
+    environment = {**os.environ, "PYTHONPATH": str(home)}
+    for words in (
+        ["demo", "hammer_on_plate"],
+        ["run", "hammer_on_plate/scene.toml", "-o", "hammer_on_plate.nc"],
+        ["plot", "hammer_on_plate.nc", "-o", "hammer_on_plate.png"],
+    ):
+        subprocess.run([sys.executable, "-m", "latin_fmu", *words], cwd=empty, env=environment, check=True)
+    assert {p.name for p in empty.iterdir()} == {"hammer_on_plate", "hammer_on_plate.nc", "hammer_on_plate.png"}
