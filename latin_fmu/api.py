@@ -226,7 +226,7 @@ def run(
     wall = clock.perf_counter() if wall_start is None else wall_start
     assembly = problem.assembly
     begin, begin_wall = clock.process_time(), clock.perf_counter()
-    recorder = _recorder(problem, stream, own_part(assembly, processes))
+    recorder = _recorder(problem, stream, assembly if processes is None else own_part(assembly, processes.rank))
 
     def observe(event: IterationEvent) -> None:
         assert observer is not None

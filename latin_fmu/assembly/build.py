@@ -9,12 +9,13 @@ import numpy as np
 
 from ..errors import Problems, SceneError
 from ..interface import Behaviour
+from ..latin.assembly import InterfaceUnit
 from ..scene.raw_scene import CENTRAL
 from ..scene.schema import Scene
 from .attachments import coupling_units, spring_units, with_masses, with_rigid_faces
-from .body import build_bodies, sensor_places
-from .checks import boundaries_of, check_faces, locking_remarks, lumping_remarks, redundancy_remarks, sampling_remarks
-from .conditions import conditions_on
+from .body import Body, build_bodies, sensor_places
+from .checks import check_faces, locking_remarks, lumping_remarks, redundancy_remarks, sampling_remarks
+from .conditions import Conditions, conditions_on
 from .free_bodies import acting, free_groups, free_remarks, unheld, with_place
 from .inactive_substructures import arrival_times, cut_by_arrival, marched_share
 from .initial_fields import check_fields, field_remarks, initial_problems
@@ -22,7 +23,7 @@ from .initial_state import InitialState
 from .interfaces import build_interface, lonely_remarks, with_behaviours, with_found
 from .kept_operators import Kept, KeptOperators
 from .models import scheme_remarks
-from .ports import port_places, ports_of
+from .ports import port_places
 from .problem import DiscretisedProblem, SolverReadyProblem
 from .propagator_choice import box_memory
 from .shanks import cuts_of
@@ -79,25 +80,34 @@ def discretise(
     check_faces(scene, bodies, problems)
     if problems:
         raise SceneError(problems, "the scene cannot be built")
-    bodies = with_rigid_faces(scene, with_masses(scene, bodies, problems))
+    if scene.point_mass:
+        bodies = with_masses(scene, bodies, problems)
+    if scene.coupling:
+        bodies = with_rigid_faces(scene, bodies)
     remarks: list[str] = []
-    check_fields(bodies, problems, remarks)
+    fields = any(s.initial_fields for s in scene.substructure.values())
+    if fields:
+        check_fields(bodies, problems, remarks)
     if scene.contact:
         scene = with_found(scene, bodies, problems)
         remarks += lonely_remarks(scene, bodies)
-    sensors = sensor_places(scene, bodies, problems) | port_places(scene, bodies)
+    sensors = sensor_places(scene, bodies, problems) if scene.sensor else {}
+    if scene.port:
+        sensors |= port_places(scene, bodies)
     explicit = scene.time.scheme.type == CENTRAL
     conditions = {
-        name: conditions_on(body, boundaries_of(scene, name), problems, ports_of(scene, name), explicit)
+        name: conditions_on(body, scene.boundaries_of(name), problems, scene.ports_of(name), explicit)
         for name, body in bodies.items()
     }
-    made = [build_interface(n, i, bodies, conditions, problems, remarks) for n, i in scene.interface.items()]
-    made += spring_units(scene, bodies, problems) + coupling_units(scene, bodies, problems)
+    units = _units(scene, bodies, conditions, problems, remarks)
     if problems:
         raise SceneError(problems, "the scene cannot be built")
-    units = with_behaviours([unit for unit in made if unit is not None], behaviours or {}, problems)
-    initial_problems(scene, bodies, units, problems, remarks)
-    remarks += field_remarks(scene, bodies, conditions)
+    if behaviours:
+        units = with_behaviours(units, behaviours, problems)
+    if behaviours or any(s.initial_keys for s in scene.substructure.values()):
+        initial_problems(scene, bodies, units, problems, remarks)
+    if fields:
+        remarks += field_remarks(scene, bodies, conditions)
     if scene.time.quasi_static and not problems:
         groups = free_groups(bodies, conditions, units)
         instants = np.linspace(0.0, scene.time.end, scene.time.n_step + 1)
@@ -108,7 +118,7 @@ def discretise(
     elif scene.time.start.type == "static" and not problems:
         problems += start_problems(scene, bodies, conditions, units)
         remarks += [] if problems else free_remarks(start_groups(scene, bodies, conditions, units))
-    cuts = cuts_of(scene, bodies, conditions, units, problems)
+    cuts = cuts_of(scene, bodies, conditions, units, problems) if scene.bolt else {}
     if cuts and not problems:
         problems += loose_bolts(scene, bodies, conditions, units, cuts)
     if problems:
@@ -116,15 +126,32 @@ def discretise(
     problem = DiscretisedProblem.of(scene, bodies, conditions, units, cuts=cuts, kept=kept)
     if kept is not None:
         kept.bodies = bodies
-    classes, time = problem.classes, problem.time
     if scene.solver.skip_at_rest == "tolerance" and units:
-        arrival = arrival_times(scene, bodies, units, time)
-        classes = cut_by_arrival(classes, {name: marched_share(t, time) for name, t in arrival.items()})
-    remarks += [
+        time, arrival = problem.time, arrival_times(scene, bodies, units, problem.time)
+        marched = {name: marched_share(t, time) for name, t in arrival.items()}
+        problem = replace(problem, classes=cut_by_arrival(problem.classes, marched))
+    return replace(problem, remarks=(*remarks, *_remarks(problem)), sensors=sensors)
+
+
+def _units(
+    scene: Scene, bodies: dict[str, Body], conditions: Mapping[str, Conditions], problems: Problems, remarks: list[str]
+) -> list[InterfaceUnit]:
+    """Interfaces of a scene, and those that stand for its springs and couplings."""
+    made = [build_interface(n, i, bodies, conditions, problems, remarks) for n, i in scene.interface.items()]
+    if scene.spring:
+        made += spring_units(scene, bodies, problems)
+    if scene.coupling:
+        made += coupling_units(scene, bodies, problems)
+    return [unit for unit in made if unit is not None]
+
+
+def _remarks(problem: DiscretisedProblem) -> list[str]:
+    """Sentences on interfaces, meshes, laws and the time scheme."""
+    scene, bodies, scheme = problem.scene, problem.bodies, problem.scheme
+    return [
         *redundancy_remarks(scene),
         *locking_remarks(scene, bodies),
-        *(lumping_remarks(bodies) if problem.scheme.explicit else []),
-        *([] if scene.time.quasi_static else sampling_remarks(scene, time)),
-        *scheme_remarks(bodies, units, problem.scheme, problem.dt),
+        *(lumping_remarks(bodies) if scheme.explicit else []),
+        *([] if scene.time.quasi_static else sampling_remarks(scene, problem.time)),
+        *scheme_remarks(bodies, problem.units, scheme, problem.dt),
     ]
-    return replace(problem, classes=classes, remarks=tuple(remarks), sensors=sensors)

@@ -35,7 +35,7 @@ from ..scene.boundaries import (
 )
 from ..scene.fields import ALL_OF_IT, GROUND, split_face
 from ..scene.laws import sampled_impulse_error
-from ..scene.schema import Scene
+from ..scene.schema import Scene, faces_of
 from .body import Body
 
 _SAMPLING = 1e-3  # relative error of a sampled impulse that is worth a remark
@@ -50,18 +50,13 @@ _OPPOSED = -0.5  # cosine between the normals of two sides of a wall
 _ASIDE = 0.6  # largest distance of two opposite facets along the wall over the sum of their longest edges
 
 
-def _faces(boundary: Boundary) -> tuple[str, ...]:
-    """Faces that a boundary condition names."""
-    return tuple(boundary.faces) if isinstance(boundary, Periodic) else (boundary.face,)
-
-
 def _faces_named(scene: Scene) -> Iterator[tuple[str, str]]:
     for name, interface in scene.interface.items():
         for i, side in enumerate(interface.sides):
             if side != GROUND:
                 yield f"interface.{name}.sides[{i}]", side
     for name, boundary in scene.boundary.items():
-        for i, face in enumerate(_faces(boundary)):
+        for i, face in enumerate(faces_of(boundary)):
             yield f"boundary.{name}.faces[{i}]" if isinstance(boundary, Periodic) else f"boundary.{name}.face", face
     for name, load in scene.load.items():
         yield f"load.{name}.face", load.face
@@ -70,7 +65,7 @@ def _faces_named(scene: Scene) -> Iterator[tuple[str, str]]:
             yield f"sensor.{name}.face", sensor.face
     for name, port in scene.port.items():
         yield f"port.{name}.face", port.face
-    for where, place in places_of(scene):
+    for where, place in places_of(scene) if scene.point_mass or scene.spring or scene.coupling else ():
         if place.face is not None:
             yield f"{where}.face", place.face
 
@@ -91,11 +86,6 @@ def check_faces(scene: Scene, bodies: dict[str, Body], problems: Problems) -> No
                 ", ".join(known) or "no named surface group touches this volume",
                 f"did you mean {substructure}.{close[0]!s}?" if close else None,
             )
-
-
-def boundaries_of(scene: Scene, substructure: str) -> dict[str, Boundary]:
-    """Boundary conditions on the faces of a substructure."""
-    return {n: b for n, b in scene.boundary.items() if split_face(_faces(b)[0])[0] == substructure}
 
 
 def redundancy_remarks(scene: Scene) -> list[str]:
@@ -190,7 +180,7 @@ def locking_remarks(scene: Scene, bodies: dict[str, Body]) -> list[str]:
             remarks.append(
                 f"substructure {name}: Poisson's ratio {nu:g} > {LOCKING_POISSON}: linear elements lock (too stiff)"
             )
-        boundaries = boundaries_of(scene, name).values()
+        boundaries = scene.boundaries_of(name).values()
         if any(isinstance(b, Periodic) for b in boundaries):
             continue
         behind = _mesh_walls(body, boundaries) if body.description.box is None else _box_walls(body, boundaries)
@@ -229,7 +219,7 @@ def _factors(stiff: set[str], types: set[str]) -> dict[str, float]:
 
 
 def _mesh_walls(body: Body, boundaries: Iterable[Boundary]) -> Walls:
-    mirrors = [(body.facets(split_face(_faces(b)[0])[1]), _held_axes(b)) for b in boundaries]
+    mirrors = [(body.facets(split_face(faces_of(b)[0])[1]), _held_axes(b)) for b in boundaries]
     return _walls(body.mesh, body.outside, mirrors)
 
 
@@ -240,7 +230,7 @@ def _box_walls(body: Body, boundaries: Iterable[Boundary]) -> Walls:
     size, elements = np.asarray(box.size), np.asarray(box.elements)
     free = np.ones(3, dtype=bool)
     for boundary in boundaries:
-        face = split_face(_faces(boundary)[0])[1]
+        face = split_face(faces_of(boundary)[0])[1]
         for axis in range(3) if face == ALL_OF_IT else ("xyz".index(face[0]),):
             free[axis] &= not _held_axes(boundary)[axis]
     if not free.any():

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from ..errors import Problems
 from ..fem.elements import RigidBody, rigid_modes
+from ..fem.faces import Face
 from ..fem.mesh import Array, Index, nearest
 from ..propagator import LoadTerm, SubstructureModel
 from ..scene.boundaries import AXES, Absorbing, Boundary, Driven, Fixed, Periodic, Symmetry
@@ -112,8 +113,10 @@ def _nodal_conditions(
         if isinstance(boundary, Periodic):
             _tie(body, name, boundary, dofs, problems)
             continue
-        nodes = body.face(split_face(boundary.face)[1]).nodes
-        inclined = inclined_directions(body, boundary)
+        face = body.face(split_face(boundary.face)[1])
+        nodes, inclined = face.nodes, None
+        if not _along_axes(boundary, face):
+            inclined = inclined_directions(body, boundary)
         if inclined is not None:
             _incline(name, boundary, nodes, inclined, dofs)
         elif isinstance(boundary, Fixed):
@@ -135,6 +138,14 @@ def _nodal_conditions(
     return _turned(_finish(dofs, dashpots), dofs, problems)
 
 
+def _along_axes(boundary: Boundary, face: Face) -> bool:
+    """Whether a condition on a face has the directions of the global axes."""
+    if isinstance(boundary, Symmetry):
+        along = np.abs(face.normals[:, int(np.argmax(np.abs(face.normals[0])))])
+        return bool(np.abs(along - 1).max() <= FLAT)
+    return not isinstance(boundary, Fixed | Driven) or boundary.axes is None
+
+
 def _incline(name: str, boundary: Boundary, nodes: Index, directions: Array, dofs: _Dofs) -> None:
     numbers = [HELD] * len(directions)
     if isinstance(boundary, Driven):
@@ -146,6 +157,8 @@ def _incline(name: str, boundary: Boundary, nodes: Index, directions: Array, dof
 
 def _turned(plain: Conditions, dofs: _Dofs, problems: Problems) -> Conditions:
     """Conditions along axes, with those along other directions and whatever holds or drives the same nodes."""
+    if not dofs.turned.rows:
+        return plain
     tied = np.concatenate([np.zeros(0, dtype=np.int64), *(side for pair in dofs.tied for side in pair)])
     dofs.turned.add_axes(dofs.held, dofs.driver)
     solved = dofs.turned.solved(len(dofs.motions), tied // 3, problems)

@@ -271,6 +271,8 @@ def scheme_remarks(bodies: dict[str, Body], units: list[InterfaceUnit], scheme: 
     if not opening or isinstance(scheme, QuasiStatic):
         return []
     landing = {name for u in opening if _lands(bodies, u) for _, _, name in body_sides([u])}
+    if not landing and not scheme.massless_contact and scheme.landing_damping == 0.0:
+        return _unfit(scheme, {}, landing)
     courant, remarks = {}, []
     for name, body in bodies.items():
         nodes = np.zeros(0, dtype=np.int64) if body.rigid else _contact_nodes(name, units)

@@ -36,11 +36,6 @@ _MOST = 3000  # nodes of a face whose dashpot couples all of them: nine million 
 _MOVES = 1e-9  # of the size of a face: a node displaced less by a rotation does not move
 
 
-def ports_of(scene: Scene, substructure: str) -> dict[str, Port]:
-    """Ports on the faces of a substructure."""
-    return {name: port for name, port in scene.port.items() if port.body == substructure}
-
-
 def port_key(name: str, turned: bool = False) -> str:
     """Name of the measured motion, or reaction, of a port: its translation (force), or its rotation (moment)."""
     return f"port.{name}.rotation" if turned else f"port.{name}"

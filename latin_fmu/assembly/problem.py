@@ -27,13 +27,12 @@ from ..scene.solver_settings import WHOLE, Anderson, Uniform
 from ..time_scheme import QuasiStatic, TimeScheme
 from .body import Body, body_sides
 from .bolts import BoltCut, OpenedMesh, OpenedStress, load_name
-from .checks import boundaries_of
 from .conditions import Conditions
 from .initial_fields import field_tractions
 from .initial_state import InitialState, TightBolts
 from .kept_operators import Kept, KeptOperators
 from .models import NO_BOLTS, ContactLayer, ModelClass, chosen_scheme, model_classes
-from .ports import port_motions, port_supports, ports_of
+from .ports import port_motions, port_supports
 from .propagator_choice import divided, made_propagators
 from .supports import Motion, supports
 
@@ -41,8 +40,6 @@ REST = 1e-2
 """Tractions below this share of tolerance x characteristic traction leave a substructure at rest inactive."""
 ROUND_OFF = 1e-13
 """The same as a share of the characteristic traction, where rounding errors alone are to be ignored."""
-
-
 NO_RAMPS: Final[Mapping[str, tuple[float, float]]] = MappingProxyType({})
 
 
@@ -221,7 +218,7 @@ class DiscretisedProblem:
 
     def _timeline(self, bolts: TightBolts) -> Timeline:
         """Histories with the bolts as tightened, or while they are."""
-        return Timeline(self.scene, self.conditions, self.ramps or bolts.locked(self.cuts))
+        return Timeline(self.scene, self.conditions, self.ramps or (bolts.locked(self.cuts) if self.cuts else NO_RAMPS))
 
     def opened(self, name: str, shortening: Mapping[str, float]) -> OpenedMesh | None:
         """Mesh of a substructure with the cuts of its bolts open; None where it has none."""
@@ -295,7 +292,8 @@ class DiscretisedProblem:
         keys = self.scene.output
         models = {m.name: m for c in classes for m in c.members}
         supported = supports(self.scene.boundary, self.bodies, models) if keys.reactions else {}
-        supported |= port_supports(self.scene, self.bodies, models)
+        if self.scene.port:
+            supported |= port_supports(self.scene, self.bodies, models)
         return OutputRequest(
             keys.keeps_fields,
             keys.stress,
@@ -305,7 +303,7 @@ class DiscretisedProblem:
             keys.peak_duration,
             keys.interfaces_every,
             supported,
-            {} if self.ramps else bolts.places(self.cuts),
+            bolts.places(self.cuts) if self.cuts and not self.ramps else {},
         )
 
 
@@ -339,7 +337,8 @@ def characteristic_traction(scene: Scene, bodies: dict[str, Body], time: Array) 
         z_p, description = impedances[name], body.description
         spin = float(np.linalg.norm(description.initial_spin)) * body.mesh.size
         sizes.append(z_p * (float(np.linalg.norm(description.initial_velocity)) + spin))
-        sizes += field_tractions(body, z_p)
+        if description.initial_fields:
+            sizes += field_tractions(body, z_p)
         sizes += _body_tractions(scene, body, time)
         sizes += [z_p * motion.largest_speed(time) for motion in _motions(scene, body)]
     stiffest = max(impedances.values())
@@ -388,12 +387,13 @@ def _largest(law: TimeLaw, time: Array) -> float:
 
 def _motions(scene: Scene, body: Body) -> Iterator[Motion]:
     """Prescribed motions of a substructure, component by component."""
-    for boundary in boundaries_of(scene, body.name).values():
+    for boundary in scene.boundaries_of(body.name).values():
         if isinstance(boundary, Driven):
             for value in boundary.value:
                 yield Motion(boundary.law, value, boundary.type)
-    for name, port in ports_of(scene, body.name).items():
-        yield from port_motions(body, name, port) if port.causality == "motion_in" else ()
+    for name, port in scene.ports_of(body.name).items():
+        if port.causality == "motion_in":
+            yield from port_motions(body, name, port)
 
 
 def side_impedance(bodies: dict[str, Body], units: list[InterfaceUnit], layout: Layout) -> Array:

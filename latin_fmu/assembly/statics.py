@@ -34,14 +34,12 @@ from ..scene.settings import StaticStart
 from ..scene.substructures import DAMPING_KEYS
 from .body import Body, body_sides
 from .bolts import BoltCut
-from .checks import boundaries_of
 from .conditions import Conditions, conditions_on
 from .free_bodies import FreeGroup, acting, free_groups, free_motions, unheld, with_place
 from .initial_state import InitialState
 from .kept_operators import Kept
 from .limit_load import allowed_motions, loss_of_equilibrium
 from .models import contact_layer
-from .ports import ports_of
 from .problem import DiscretisedProblem, SolverReadyProblem, settings_of
 
 TIGHT = 1e-11, 1e-9  # tolerances of the static solution; twice what was reached where round-off prevents both
@@ -192,7 +190,7 @@ def static_problem(whole: DiscretisedProblem, scene: Scene, free: Collection[str
     """The static problem on the meshes and interfaces that are there; ``free`` : bolts whose tension is given."""
     bodies = {name: whole.bodies[name] for name in scene.substructure}
     problems = Problems()
-    conditions = {n: conditions_on(b, boundaries_of(scene, n), problems, ports_of(scene, n)) for n, b in bodies.items()}
+    conditions = {n: conditions_on(b, scene.boundaries_of(n), problems, scene.ports_of(n)) for n, b in bodies.items()}
     assert not problems, problems  # the same conditions stood before
     units = [unit for unit in whole.units if unit.name in scene.joints]
     conditions = with_place(free_groups(bodies, conditions, units), bodies, conditions, units)

@@ -30,7 +30,6 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..cholesky.factor import interface_factor
-from ..interface.behaviour import bonds
 from .assembly import Array, Assembly, Group, Index
 
 _SHIFT = 1e-10  # of the diagonal of S
@@ -40,16 +39,10 @@ _DENSE = 1500  # interface unknowns up to which the solution is one dense operat
 _LARGEST = 200_000_000  # entries of S (an upper bound) up to which its factorisation pays
 
 
-def all_perfect(assembly: Assembly) -> bool:
-    """Whether there are interfaces, all of them perfect, with dense matrices, and S has at most 2e8 entries."""
-    if (
-        assembly.quasi_static
-        or assembly.swept
-        or not assembly.interfaces
-        or not all(bonds(u.behaviour) for u in assembly.interfaces)
-    ):
-        return False
-    return sum(int(c.shape[0]) ** 2 * int(c.shape[1]) for c in assembly.channels) <= _LARGEST
+def pays(assembly: Assembly) -> bool:
+    """Whether there are interfaces, with dense matrices, and S has at most 2e8 entries."""
+    entries = sum(int(c.shape[0]) ** 2 * int(c.shape[1]) for c in assembly.channels)
+    return bool(assembly.interfaces) and not assembly.swept and entries <= _LARGEST
 
 
 class PerfectInterfaceSolve:

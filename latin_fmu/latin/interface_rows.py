@@ -60,7 +60,7 @@ class InterfaceRows:
         """Row of the first instant from ``instant`` on that is kept."""
         return -(-instant // self.every)
 
-    def keep(self, image: Image, probes: Probes, first: int, n: int, row: int, at: int | None = None) -> int:
+    def keep(self, image: Image, probes: Probes | None, first: int, n: int, row: int, at: int | None = None) -> int:
         """Keep those of the n instants from ``first`` on that are to be kept, from the rows of the image's output from
         ``row`` on, in the rows of the table from ``at`` on (None: their own); how many."""
         skipped, count = -first % self.every, self.row(first + n) - self.row(first)
@@ -74,7 +74,7 @@ class InterfaceRows:
             if g in self.gaps:
                 self.gaps[g][into] = gaps[:, place : place + group.n_point]
             place += group.n_point
-        if self.slide:
+        if probes is not None and self.slide:
             probed = [image.output(c, "probed", "n_probe")[rows] for c in range(len(image.propagators))]
             instants = slice(first + skipped, first + n, self.every)
             probes.slide.read(self._assembly, instants, into, probed, self.slide)
@@ -119,7 +119,7 @@ class InterfaceStream:
         self._next = InterfaceRows(assembly, np.zeros((0, self._width)), every)
         self.n_row = 0
 
-    def keep(self, image: Image, probes: Probes, first: int, n: int, row: int) -> None:
+    def keep(self, image: Image, probes: Probes | None, first: int, n: int, row: int) -> None:
         """Keep instants as ``InterfaceRows.keep`` does."""
         if len(self._next.table) < image.rows:
             self._next = InterfaceRows(self._assembly, np.zeros((image.rows, self._width)), self.every)

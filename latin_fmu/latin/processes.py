@@ -133,13 +133,8 @@ def distributed(costs: Sequence[float], size: int) -> list[int]:
     return ranks
 
 
-def own_part(assembly: Assembly, processes: Processes | None) -> Assembly:
-    """The assembly with the classes of this process alone; interfaces and instants are shared. The assembly itself for
-    None."""
-    return assembly if processes is None else _part(assembly, processes.rank)
-
-
-def _part(assembly: Assembly, rank: int) -> Assembly:
+def own_part(assembly: Assembly, rank: int) -> Assembly:
+    """The assembly with the classes of one process alone; interfaces and instants are shared."""
     part, own = copy.copy(assembly), [c for c, owner in enumerate(assembly.owner) if owner == rank]
     part.propagators, part.channels = [assembly.propagators[c] for c in own], [assembly.channels[c] for c in own]
     return part
@@ -170,7 +165,7 @@ class Exchange:
         self.processes, self.image = processes, image
         self.layers = bool(image.run[0]["layers"])
         places = [
-            np.concatenate([np.zeros(0, dtype=np.int64), *(c.ravel() for c in _part(assembly, r).channels)])
+            np.concatenate([np.zeros(0, dtype=np.int64), *(c.ravel() for c in own_part(assembly, r).channels)])
             for r in range(processes.size)
         ]
         self._own, self._every = places[processes.rank], np.concatenate(places)

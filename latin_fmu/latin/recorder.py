@@ -93,6 +93,12 @@ class Recorder:
         return sorted(self.rows.slide)
 
     @property
+    def probed(self) -> bool:
+        """Whether anything is read from the substructures beside their energies and fields."""
+        request = self._request
+        return bool(self.rows.slide or request.sensors or request.supports or request.bolts)
+
+    @property
     def places(self) -> Mapping[str, SensorPlace]:
         """Places of the sensors."""
         return self._request.sensors
@@ -107,13 +113,14 @@ class Recorder:
         """Bolts whose tensions are kept."""
         return self._request.bolts
 
-    def keep(self, assembly: Assembly, image: Image, probes: Probes, n: int, row: int = 0) -> None:
+    def keep(self, assembly: Assembly, image: Image, probes: Probes | None, n: int, row: int = 0) -> None:
         """Keep the next n instants, rows of the image's output from ``row`` on; the first ones are t = 0."""
         rows, now = slice(row, row + n), slice(self.n_kept, self.n_kept + n)
         self.rows.keep(image, probes, self.n_kept, n, row)
         if self.stream is not None:
             self.stream.keep(image, probes, self.n_kept, n, row)
-        probes.read(assembly, image, now, rows, self._motions, self._forces, self._tensions)
+        if probes is not None:
+            probes.read(assembly, image, now, rows, self._motions, self._forces, self._tensions)
         self._probes = probes
         if self._request.energy:
             for c, kept in enumerate(self._energy):
@@ -212,7 +219,7 @@ class Recorder:
         self._places = {name: (c, m) for c, p in enumerate(assembly.propagators) for m, name in enumerate(p.names)}
 
     def _massless(self) -> set[str]:
-        return self._probes.sensors.massless
+        return set() if self._probes is None else self._probes.sensors.massless
 
     # -- histories --------------------------------------------------------------------------------------------
     def interfaces(self) -> dict[str, InterfaceHistory]:
@@ -240,7 +247,7 @@ class Recorder:
     def _measured(self, assembly: Assembly, ports: bool) -> dict[str, SensorHistory]:
         places = {name: place for name, place in self.places.items() if ("." in name) is ports}
         kept = {name: self._motions[name][: self.n_kept] for name in places}
-        return self._probes.sensors.histories(assembly, places, kept) if places else {}
+        return {} if self._probes is None else self._probes.sensors.histories(assembly, places, kept)
 
     def reactions(self, assembly: Assembly) -> dict[str, ReactionHistory]:
         """Reactions of the supports over the kept instants."""
@@ -253,7 +260,7 @@ class Recorder:
     def _reactions(self, assembly: Assembly, ports: bool) -> dict[str, ReactionHistory]:
         supports = {name: support for name, support in self.supports.items() if ("." in name) is ports}
         kept = {name: self._forces[name][: self.n_kept] for name in supports}
-        return reaction_histories(assembly, supports, kept)
+        return reaction_histories(assembly, supports, kept) if kept else {}
 
     def bolt_histories(self) -> dict[str, BoltHistory]:
         """Tensions of the bolts over the kept instants."""

@@ -57,7 +57,7 @@ def make_image(
     assembly: Assembly,
     settings: Settings,
     direction: Direction,
-    probes: Probes,
+    probes: Probes | None,
     more: Mapping[str, Any],
     checked: Sequence[Index | None] | None = None,
 ) -> Image:
@@ -110,13 +110,13 @@ def make_image(
         assembly.propagators,
         assembly.channels,
         layout.normal,
-        probes.slide.rows,
+        None if probes is None else probes.slide.rows,
         run,
         groups,
         min(window, assembly.n_instant),
         len(assembly.time),
         histories(direction.assembly),
-        probes.rows,
+        None if probes is None else probes.rows,
         checked,
     )
 

@@ -54,7 +54,7 @@ class RunState:
         self._communication = {} if communication is None else communication
         self.assembly, self.settings, self.recorder, self.timings = assembly, settings, recorder, timings
         self.processes = processes
-        self.held = own_part(assembly, processes)
+        self.held = assembly if processes is None else own_part(assembly, processes.rank)
         self._exchange: Exchange | None = None
         self.marched = self.condensed = 0
         self._clear()
@@ -81,7 +81,9 @@ class RunState:
         one = self.direction(1)
         one.bind()
         recorder = self.recorder
-        self._probes = Probes(self.held, recorder.sliding, recorder.places, recorder.supports, recorder.bolts)
+        self._probes: Probes | None = None
+        if recorder.probed:
+            self._probes = Probes(self.held, recorder.sliding, recorder.places, recorder.supports, recorder.bolts)
         checked = None if self.processes is None else checked_channels(assembly, self.processes.rank)
         self.image = make_image(self.held, self.settings, one, self._probes, self._communication, checked)
         if self.processes is not None and assembly.interfaces:

@@ -18,9 +18,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from ..interface.behaviour import bonds
 from ..kernels import entries
 from .assembly import Array, Assembly
-from .instant_solve import PerfectInterfaceSolve, all_perfect
+from .instant_solve import PerfectInterfaceSolve, pays
 from .processes import Processes, SharedStages
 from .record import Timings, WindowRecord
 from .recorder import Recorder
@@ -130,7 +131,8 @@ class Run(RunState):
 
     def open_bonds(self) -> None:
         """Solve perfect interfaces directly from here on, where there are no others."""
-        if not self._direct_bonds and self.settings.direct_bonds and all_perfect(self.assembly):
+        perfect = not self.assembly.quasi_static and all(bonds(u.behaviour) for u in self.assembly.interfaces)
+        if perfect and not self._direct_bonds and self.settings.direct_bonds and pays(self.assembly):
             self._solve_bonds_directly()
 
     def _solve(self, total: int, length: int) -> None:

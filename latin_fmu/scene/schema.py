@@ -9,8 +9,8 @@ from pydantic import Field, ModelWrapValidatorHandler, PrivateAttr, ValidationEr
 
 from ..errors import Problem, SceneError
 from .attachments import Coupling, PointMass, Spring, joints_of
-from .boundaries import Boundary
-from .fields import BodyName, Name, Table, Text, about
+from .boundaries import Boundary, Periodic
+from .fields import BodyName, Name, Table, Text, about, split_face
 from .initial_fields import InitialState
 from .interfaces import MEANINGLESS, ContactSearch, Interface
 from .laws import TimeLaw, base_dir_of
@@ -82,6 +82,11 @@ def _with_parts(raw: Any, base_dir: Path, context: Any) -> tuple[Any, list[Probl
     files = {"mesh": "mesh", "initial_state": "results"}
     unread = [key for key in files if isinstance(raw, Mapping) and raw.get(key)]
     return raw, [Problem(key, f"{files[key]} files are not read here", remedy=remedy) for key in unread]
+
+
+def faces_of(boundary: Boundary) -> tuple[str, ...]:
+    """Faces that a boundary condition names."""
+    return tuple(boundary.faces) if isinstance(boundary, Periodic) else (boundary.face,)
 
 
 class Scene(Table):
@@ -173,10 +178,18 @@ class Scene(Table):
             own |= port.loads(name)
         return own
 
+    def boundaries_of(self, substructure: str) -> dict[str, Boundary]:
+        """Boundary conditions on the faces of a substructure."""
+        return {n: b for n, b in self.boundary.items() if split_face(faces_of(b)[0])[0] == substructure}
+
+    def ports_of(self, substructure: str) -> dict[str, Port]:
+        """Ports on the faces of a substructure."""
+        return {name: port for name, port in self.port.items() if port.body == substructure}
+
     @property
     def joints(self) -> dict[str, Interface]:
         """Interfaces, and those that stand for springs and couplings, by name."""
-        return joints_of(self)
+        return joints_of(self) if self.spring or self.coupling else self.interface
 
     def text(self) -> str:
         """The effective scene as TOML, defaults written out; reading it back gives an equal scene."""

@@ -235,6 +235,11 @@ class Substructure(Table):
         """Keys of velocities and displacements at t = 0 that are not zero."""
         return *self.motion_keys, *self._initial("initial_displacement", *DISPLACEMENT_FIELDS)
 
+    @property
+    def initial_fields(self) -> bool:
+        """Whether velocities or displacements at t = 0 differ from node to node by a gradient or a file."""
+        return any(getattr(self, key) is not None for key in (*VELOCITY_FIELDS, *DISPLACEMENT_FIELDS))
+
     def _initial(self, *keys: str) -> tuple[str, ...]:
         return tuple(key for key in keys if (value := getattr(self, key)) is not None and np.any(_numbers_of(value)))
 
