@@ -22,8 +22,7 @@ from numpy.typing import NDArray
 
 from latin_fmu.cholesky.factor import CholeskyFactor
 from latin_fmu.cholesky.symbolic import analyse
-from latin_fmu.fem.elasticity import mass, stiffness
-from latin_fmu.fem.elements import Elements
+from latin_fmu.fem.elements import Elements, mass, stiffness
 from latin_fmu.fem.mesh import box_mesh, nested_dissection
 from latin_fmu.machine import one_thread
 

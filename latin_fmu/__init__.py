@@ -9,7 +9,7 @@ exerts on a side; N points from side E to side E'. Two groups of equations, sati
 =====================================================================  ==========================================
 equations                                                              module
 =====================================================================  ==========================================
-(1)-(5)    kinematics, initial values, equilibrium, elasticity         fem.elasticity, assembly.conditions
+(1)-(5)    kinematics, initial values, equilibrium, elasticity         fem.elements, assembly.conditions
 (6), (15)  an interface behaviour and its contract                     interface.behaviour
 (7)        perfect connection                                          interface.joints, kernels.laws
 (8)-(14)   linear stage: F - F_hat = -k (W - W_hat), dashpots k        kernels.substructure, kernels.iteration

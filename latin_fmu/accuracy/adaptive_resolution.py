@@ -14,7 +14,7 @@ from typing import Any, Final
 
 from .. import api
 from ..errors import LatinError
-from ..fem.elasticity import wave_speeds
+from ..fem.elements import wave_speeds
 from ..latin.settings import tolerance_for
 from ..machine import memory_room
 from ..results.estimates import ErrorEstimate, QuantityEstimate

@@ -16,8 +16,7 @@ import numpy as np
 from .. import api
 from ..assembly.build import discretise
 from ..assembly.problem import DiscretisedProblem
-from ..fem.elasticity import wave_speeds
-from ..fem.elements import rigid_modes
+from ..fem.elements import rigid_modes, wave_speeds
 from ..interface.behaviour import SEPARATION, SLIP
 from ..latin.record import Array, InterfaceHistory, SubstructureHistory
 from ..results.solution import Solution

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from ..assembly.build import discretise
-from ..fem.elasticity import wave_speeds
+from ..fem.elements import wave_speeds
 from ..scene.boundaries import AXES
 from ..scene.fields import split_face
 from ..scene.laws import InputLaw, RectangularPulseLaw, StepLaw, sampled_impulse_error

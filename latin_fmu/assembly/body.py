@@ -12,8 +12,17 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..errors import MeshError, Problem, Problems, shown
-from ..fem.elasticity import BENDING_CELLS, body_load, lumped_mass, mass, stiffness, wave_speeds
-from ..fem.elements import Elements, RigidBody, rigid_body
+from ..fem.elements import (
+    BENDING_CELLS,
+    Elements,
+    RigidBody,
+    body_load,
+    lumped_mass,
+    mass,
+    rigid_body,
+    stiffness,
+    wave_speeds,
+)
 from ..fem.faces import Face, face_of
 from ..fem.location import Location, MeanMotion, locate, nearest_surface_point
 from ..fem.mesh import Array, FacetSet, Index, Mesh, boundary, box_mesh, dissection, nearest

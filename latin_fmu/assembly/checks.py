@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import Problems
-from ..fem.elasticity import BENDING_CELLS
+from ..fem.elements import BENDING_CELLS
 from ..fem.mesh import Array, FacetSet, Mesh
 from ..scene.attachments import places_of
 from ..scene.boundaries import (

@@ -24,7 +24,7 @@ import scipy.linalg as la
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
-from ..fem.elasticity import wave_speeds
+from ..fem.elements import wave_speeds
 from ..interface import Rods
 from ..interface.contact import coulomb_coefficient
 from ..latin.assembly import Array, InterfaceUnit

@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from ..fem.elasticity import lame
+from ..fem.elements import lame
 from ..fem.mesh import padded_cells
 from ..latin.assembly import Array, Assembly, GroundState, InterfaceUnit, Layout
 from ..latin.probes import SensorPlace

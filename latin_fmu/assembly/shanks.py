@@ -15,8 +15,7 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
 from ..errors import Problems, shown
-from ..fem.elasticity import stiffness
-from ..fem.elements import Elements
+from ..fem.elements import Elements, stiffness
 from ..fem.faces import face_of
 from ..fem.mesh import Array, CellBlock, FacetSet, Index, Mesh
 from ..fem.reference_cells import CELL_FACES, FACET_CORNERS, FACET_KIND, N_CORNER

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..assembly.inactive_substructures import arrival_times, marched_share
 from ..assembly.problem import DiscretisedProblem
-from ..fem.elasticity import wave_speeds
+from ..fem.elements import wave_speeds
 from ..latin.assembly import Array
 from ..propagator.explicit import ExplicitPropagator
 from ..scene.boundaries import Driven

@@ -35,8 +35,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from .elasticity import BENDING_CELLS, element_stiffness, lame, wave_speeds
-from .elements import is_curved, points_in
+from .elements import BENDING_CELLS, element_stiffness, is_curved, lame, points_in, wave_speeds
 from .mesh import Array, CellBlock, Index, Mesh
 from .reference_cells import CELL_FACES, CELL_LINKS, FACET_CORNERS, FACET_KIND, N_CORNER, N_NODE, Local, cell_rule
 

@@ -13,8 +13,7 @@ from typing import Final
 import numpy as np
 import scipy.sparse as sp
 
-from .elasticity import BENDING_CELLS, lame, mode_amplitudes, mode_gradients
-from .elements import Elements, Points, points_in
+from .elements import BENDING_CELLS, Elements, Points, lame, mode_amplitudes, mode_gradients, points_in
 from .mesh import Array, CellBlock
 from .reference_cells import Rule, cell_functions, cell_rule
 
@@ -47,7 +46,7 @@ class Recovery:
 
     Parameters
     ----------
-    elements, young_modulus, poisson_ratio : as in ``MeanStress``. bending_modes : as in ``elasticity.stiffness``.
+    elements, young_modulus, poisson_ratio : as in ``MeanStress``. bending_modes : as in ``elements.stiffness``.
     """
 
     def __init__(

@@ -18,7 +18,7 @@ Energy over one step (Krenk 2006, exact): with a_w = (1 - gamma) a_n + gamma a_{
 where ( )_w weights the instants n-1, n, n+1 as a_w and the equation of motion do.
 
 Massless contact nodes: average-acceleration Newmark with the exact displacement law of contact. The nodes of contact
-interfaces carry no mass (``fem.elasticity`` moves it to their inner neighbours), so that an impact stops no mass at
+interfaces carry no mass (``fem.contact_layer`` moves it to their inner neighbours), so that an impact stops no mass at
 once, and the velocity of the interface is
 
     W_{n+1} = (u_{n+1} - u_n) / dt

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from latin_fmu.cholesky.factor import CholeskyFactor, CondensedFactor, interface_factor
 from latin_fmu.cholesky.symbolic import analyse
 from latin_fmu.errors import LatinError, SolverError
-from latin_fmu.fem.elasticity import mass, stiffness
-from latin_fmu.fem.elements import Elements
+from latin_fmu.fem.elements import Elements, mass, stiffness
 from latin_fmu.fem.faces import face
 from latin_fmu.fem.mesh import box_mesh, dissection, nested_dissection
 

@@ -9,8 +9,7 @@ import scipy.sparse.linalg as spla
 
 from latin_fmu.cholesky import factor as condensed
 from latin_fmu.cholesky.factor import CondensedFactor
-from latin_fmu.fem.elasticity import mass, stiffness
-from latin_fmu.fem.elements import Elements
+from latin_fmu.fem.elements import Elements, mass, stiffness
 from latin_fmu.fem.mesh import box_mesh
 
 

@@ -12,8 +12,7 @@ from scipy.sparse.linalg import eigsh
 from latin_fmu import api
 from latin_fmu.assembly.build import discretise
 from latin_fmu.errors import SceneError
-from latin_fmu.fem.elasticity import mass, stiffness
-from latin_fmu.fem.elements import Elements
+from latin_fmu.fem.elements import Elements, mass, stiffness
 from latin_fmu.fem.mesh import box_mesh
 from latin_fmu.reader import scene_from_dict
 

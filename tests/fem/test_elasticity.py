@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 import scipy.sparse.linalg as spla
 
-from latin_fmu.fem.elasticity import body_load, lame, mass, stiffness, wave_speeds
-from latin_fmu.fem.elements import Elements
+from latin_fmu.fem.elements import Elements, body_load, lame, mass, stiffness, wave_speeds
 from latin_fmu.fem.mesh import Mesh
 from latin_fmu.fem.stress import MeanStress
 

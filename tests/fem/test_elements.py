@@ -9,8 +9,7 @@ import pytest
 import scipy.sparse.linalg as spla
 
 from latin_fmu.fem import elements as elements_module
-from latin_fmu.fem.elasticity import body_load, element_stiffness, lame, lumped_mass, mass, stiffness
-from latin_fmu.fem.elements import Elements
+from latin_fmu.fem.elements import Elements, body_load, element_stiffness, lame, lumped_mass, mass, stiffness
 from latin_fmu.fem.mesh import Mesh, boundary, box_mesh
 from latin_fmu.fem.stress import MeanStress, Recovery, hooke, principal
 

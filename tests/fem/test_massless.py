@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from latin_fmu.fem.contact_layer import without_contact_mass
-from latin_fmu.fem.elasticity import mass
-from latin_fmu.fem.elements import Elements
+from latin_fmu.fem.elements import Elements, mass
 from latin_fmu.fem.mesh import box_mesh
 from latin_fmu.fem.reference_cells import CELL_LINKS, cell_functions
 

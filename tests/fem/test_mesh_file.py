@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from latin_fmu.errors import MeshError
-from latin_fmu.fem.elasticity import mass
-from latin_fmu.fem.elements import Elements, jacobians
+from latin_fmu.fem.elements import Elements, jacobians, mass
 from latin_fmu.fem.faces import face
 from latin_fmu.fem.mesh import CellBlock, Mesh, boundary, box_mesh, unjoined
 from latin_fmu.fem.mesh_file import oriented, refined

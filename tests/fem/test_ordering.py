@@ -7,8 +7,7 @@ import pytest
 import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 
-from latin_fmu.fem.elasticity import mass, stiffness
-from latin_fmu.fem.elements import Elements
+from latin_fmu.fem.elements import Elements, mass, stiffness
 from latin_fmu.fem.mesh import Mesh, box_mesh, nearest, nested_dissection
 
 from .meshes import TYPES, typed_box

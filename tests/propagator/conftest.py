@@ -11,8 +11,7 @@ import pytest
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from latin_fmu.fem.elasticity import mass, stiffness
-from latin_fmu.fem.elements import Elements
+from latin_fmu.fem.elements import Elements, mass, stiffness
 from latin_fmu.fem.faces import face
 from latin_fmu.fem.mesh import Mesh, box_mesh, nested_dissection
 from latin_fmu.interface.geometry import local_frames

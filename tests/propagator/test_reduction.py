@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from latin_fmu.fem.elasticity import mass, stiffness
-from latin_fmu.fem.elements import Elements
+from latin_fmu.fem.elements import Elements, mass, stiffness
 from latin_fmu.fem.faces import face
 from latin_fmu.fem.mesh import box_mesh
 from latin_fmu.propagator import LoadTerm, SubstructureModel, reduction

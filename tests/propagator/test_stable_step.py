@@ -10,8 +10,7 @@ import pytest
 import scipy.linalg as la
 import scipy.sparse as sp
 
-from latin_fmu.fem.elasticity import mass, stiffness
-from latin_fmu.fem.elements import Elements
+from latin_fmu.fem.elements import Elements, mass, stiffness
 from latin_fmu.fem.mesh import box_mesh
 from latin_fmu.propagator import stable_step
 from latin_fmu.propagator.model import lumped

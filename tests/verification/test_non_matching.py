@@ -11,8 +11,7 @@ import pytest
 import latin_fmu
 from latin_fmu.assembly.build import discretise
 from latin_fmu.cosim.session import Session
-from latin_fmu.fem.elasticity import mass
-from latin_fmu.fem.elements import Elements
+from latin_fmu.fem.elements import Elements, mass
 from latin_fmu.fem.mesh import box_mesh
 from latin_fmu.stability.scenes import Box, Material, column
 

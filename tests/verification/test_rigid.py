@@ -12,8 +12,7 @@ import pytest
 from latin_fmu import api
 from latin_fmu.assembly.build import build
 from latin_fmu.errors import SceneError
-from latin_fmu.fem.elasticity import mass
-from latin_fmu.fem.elements import Elements, rigid_body
+from latin_fmu.fem.elements import Elements, mass, rigid_body
 from latin_fmu.fem.mesh import Mesh, box_mesh
 from latin_fmu.reader import scene_from_dict
 from latin_fmu.stability.scenes import Box, Material, column
