@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class CappedFriction(PointLaw):
-    """Unilateral contact with Coulomb's friction up to a strength; see ``latin_fmu.interface.behaviour``."""
+    """Unilateral contact with Coulomb's friction up to a strength; see ``latin_fmu.interface.laws``."""
 
     friction_coefficient: float
     strength: float  # tau_max, Pa

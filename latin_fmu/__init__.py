@@ -10,14 +10,14 @@ exerts on a side; N points from side E to side E'. Two groups of equations, sati
 equations                                                              module
 =====================================================================  ==========================================
 (1)-(5)    kinematics, initial values, equilibrium, elasticity         fem.elements, assembly.conditions
-(6), (15)  an interface behaviour and its contract                     interface.behaviour
-(7)        perfect connection                                          interface.joints, kernels.laws
+(6), (15)  an interface behaviour and its contract                     interface.laws
+(7)        perfect connection                                          interface.laws, kernels.laws
 (8)-(14)   linear stage: F - F_hat = -k (W - W_hat), dashpots k        kernels.substructure, kernels.iteration
            in windows of several instants                              kernels.iteration, kernels.instants
 (12)-(17)  search directions k                                         latin.search_direction
 (15)-(17)  local stage: F_hat - F = k (W_hat - W), point by point      kernels.local_stage, kernels.laws
 (18)-(19)  points, normals, gap of an interface                        assembly.interfaces, assembly.face_pairs
-(20)-(23)  unilateral contact with Coulomb friction                    interface.contact, kernels.laws
+(20)-(23)  unilateral contact with Coulomb friction                    interface.laws, kernels.laws
 (24)       error indicator; force residual                             kernels.indicator
            loop, acceleration; from instant to instant                 kernels.iteration, kernels.acceleration
                                                                        kernels.instants

@@ -17,7 +17,7 @@ from .. import api
 from ..assembly.build import discretise
 from ..assembly.problem import DiscretisedProblem
 from ..fem.elements import rigid_modes, wave_speeds
-from ..interface.behaviour import SEPARATION, SLIP
+from ..interface.laws import SEPARATION, SLIP
 from ..latin.record import Array, InterfaceHistory, SubstructureHistory
 from ..results.solution import Solution
 from ..scene.schema import Scene

@@ -30,7 +30,7 @@ import scipy.linalg as la
 from scipy.spatial import ConvexHull
 
 from ..fem.elements import rigid_modes
-from ..interface.contact import coulomb_coefficient
+from ..interface.laws import coulomb_coefficient
 from ..latin.assembly import Array, Index, InterfaceUnit, NoEquilibrium
 from ..propagator import SubstructureModel
 from ..propagator.model import closest_reduced

@@ -26,7 +26,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ..fem.elements import wave_speeds
 from ..interface import Rods
-from ..interface.contact import coulomb_coefficient
+from ..interface.laws import coulomb_coefficient
 from ..latin.assembly import Array, InterfaceUnit
 from ..propagator import SubstructureModel
 from ..propagator.reduction import Vibration

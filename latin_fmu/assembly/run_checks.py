@@ -19,7 +19,7 @@ from collections.abc import Mapping
 import numpy as np
 import scipy.spatial as spatial
 
-from ..interface.behaviour import SEPARATION
+from ..interface.laws import SEPARATION
 from ..latin.assembly import Array
 from ..latin.record import InterfaceHistory, Resultants
 from .problem import SolverReadyProblem

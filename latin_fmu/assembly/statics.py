@@ -18,7 +18,7 @@ import scipy.linalg as la
 
 from ..errors import Problem, Problems, SceneError
 from ..fem.mesh import Array
-from ..interface.behaviour import bonds
+from ..interface.laws import bonds
 from ..latin.assembly import InterfaceUnit
 from ..latin.record import Timings
 from ..latin.recorder import Recorder

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..interface.behaviour import SEPARATION, SLIP, STICK
+from ..interface.laws import SEPARATION, SLIP, STICK
 from ..latin.record import Array, BoltHistory, InterfaceHistory, PointFields, SensorHistory
 from .variables import ENERGIES
 

@@ -20,7 +20,7 @@ from ..assembly.inactive_substructures import arrival_times, marched_share
 from ..assembly.problem import DiscretisedProblem
 from ..assembly.propagator_choice import ClassSize, chosen_propagators, class_size, interface_form, operator_bytes
 from ..errors import InputError
-from ..interface.behaviour import bonds
+from ..interface.laws import bonds
 from ..latin.assembly import Array, InterfaceUnit
 from ..propagator.interface_sweeps import SET_UP
 from ..propagator.registry import PropagatorSettings

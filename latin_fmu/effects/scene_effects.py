@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from ..interface.behaviour import bonds
+from ..interface.laws import bonds
 from ..latin.assembly import InterfaceUnit
 from ..scene.boundaries import Absorbing, Driven
 from ..scene.fields import split_face

@@ -10,7 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from .behaviour import Array
+from .laws import Array
 
 _ROUND_OFF = 1e-12
 

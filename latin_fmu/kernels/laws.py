@@ -260,7 +260,7 @@ def law_tangents(law: int, jump: Array, z: Array, reach: Array, rate: float, par
 
 def apply_law(law: int, jump: Array, z: Array, reach: Array, rate: float, parameters: Array) -> Array:
     """Tractions (n_point, n_component) on side E by the law with this code; arguments as for
-    ``interface.behaviour.Behaviour.local``."""
+    ``interface.laws.Behaviour.local``."""
     traction = np.zeros_like(jump, dtype=float)
     reach = reach if reach.ndim == 2 else reach[:, None]
     jump, z, reach, parameters = (np.ascontiguousarray(x, dtype=float) for x in (jump, z, reach, parameters))

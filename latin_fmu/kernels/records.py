@@ -200,7 +200,7 @@ GROUP_FIELDS: Final[tuple[Field, ...]] = (
     ("newton_z_sum", "direction (p, 2): the same in a Newton step"),
     ("gap", "state (p,): gap, m"),
     ("layer", "state (p, h) of elastic groups: jump that the next instant starts from, m"),
-    ("reach", "work (p,) or (p, h): see ``interface.behaviour``, rule 3"),
+    ("reach", "work (p,) or (p, h): see ``interface.laws``, rule 3"),
     ("jump", "work (p, h): free velocity of E' relative to E, m s-1"),
     ("traction", "work (p, h): on side E, Pa"),
     ("opening", "work (4, p, h or 1): opening inside a window, its velocity, acceleration, start of the next instant"),

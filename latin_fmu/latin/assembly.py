@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..interface import Behaviour, InterfaceGeometry
-from ..interface.contact import NoSlip
+from ..interface.laws import NoSlip
 from ..propagator import Propagator
 from ..time_scheme import QuasiStatic, TimeScheme
 

@@ -23,7 +23,7 @@ import numpy as np
 import scipy.sparse.linalg as spla
 
 from ..interface import Contact
-from ..interface.behaviour import bonds
+from ..interface.laws import bonds
 from ..propagator.base import MassFactor
 from .assembly import Array, Assembly, Group
 from .instant_solve import PointByPoint

@@ -199,7 +199,7 @@ class PointByPoint:
     def solve(self, free: Array, f_hat: Array, gaps: list[Array], rates: tuple[float, float]) -> tuple[Array, Array]:
         """Tractions and velocities (n_flat,) from the velocities ``free`` without tractions and a first guess of the
         tractions; ``gaps`` the normalised gaps per group and ``rates`` (of elastic behaviours the second): see
-        ``interface.behaviour``."""
+        ``interface.laws``."""
         f, v = f_hat.copy(), free.copy()
         for admittance, channels in zip(self._admittances, self.assembly.channels, strict=True):
             v[channels] += admittance @ f[channels]

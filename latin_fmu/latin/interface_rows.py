@@ -7,8 +7,7 @@ from typing import BinaryIO
 
 import numpy as np
 
-from ..interface.behaviour import SEPARATION, as_layer
-from ..interface.contact import coulomb_coefficient
+from ..interface.laws import SEPARATION, as_layer, coulomb_coefficient
 from ..propagator.image import Image
 from .assembly import Array, Assembly
 from .probes import Probes

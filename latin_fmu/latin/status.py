@@ -7,8 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from ..interface.behaviour import bonds
-from ..interface.contact import coulomb_coefficient
+from ..interface.laws import bonds, coulomb_coefficient
 from .assembly import Array, Assembly, NoEquilibrium
 from .record import InterfaceHistory, WindowRecord
 from .settings import Settings

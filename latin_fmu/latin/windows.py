@@ -18,7 +18,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ..interface.behaviour import bonds
+from ..interface.laws import bonds
 from ..kernels import entries
 from .assembly import Array, Assembly
 from .instant_solve import PerfectInterfaceSolve, pays

@@ -18,7 +18,7 @@ from ..assembly.interfaces import completed
 from ..assembly.problem import DiscretisedProblem, characteristic_traction, side_impedance
 from ..cholesky.factor import interface_factor
 from ..errors import Problem, SceneError
-from ..interface.contact import coulomb_coefficient
+from ..interface.laws import coulomb_coefficient
 from ..latin.assembly import Array, InterfaceUnit
 from ..propagator.model import reduced_rank
 from ..scene.boundaries import Driven

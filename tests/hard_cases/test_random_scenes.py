@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import latin_fmu
-from latin_fmu.interface.behaviour import SEPARATION, STICK
+from latin_fmu.interface.laws import SEPARATION, STICK
 
 from .random_scenes import outcome, scene
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from latin_fmu.interface import Contact
-from latin_fmu.interface.behaviour import SEPARATION, SLIP, STICK
+from latin_fmu.interface.laws import SEPARATION, SLIP, STICK
 
 from . import plain_laws
 
