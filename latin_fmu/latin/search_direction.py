@@ -39,9 +39,8 @@ from ..propagator.base import Propagator
 from ..propagator.interface_matrices import resistance
 from ..propagator.interface_sweeps import applied
 from ..propagator.static import StaticPropagator
-from .assembly import Array, Assembly, Index, InterfaceUnit
+from .assembly import LARGEST, LARGEST_STATIC, Array, Assembly, Index, InterfaceUnit, owners, relative_operator
 from .instant_solve import PointByPoint
-from .relative_operator import LARGEST, LARGEST_STATIC, owners, relative_operator
 from .settings import SearchDirection, Settings
 
 _STATIC = 1.5
