@@ -30,7 +30,6 @@ from .latin.processes import Processes, own_part
 from .latin.record import InterfaceHistory, Outcome, Timings
 from .latin.recorder import Recorder
 from .latin.solver import IterationEvent
-from .latin.status import drift_remarks
 from .latin.windows import Run, WindowFields
 from .machine import one_thread, peak_memory
 from .propagator.base import accuracy_remarks
@@ -265,7 +264,6 @@ def run(
         warnings=(
             *problem.warnings,
             *_thinning(recorder),
-            *drift_remarks(assembly, histories),
             *run_remarks(problem, histories, time, balance),
             *accuracy_remarks(assembly.propagators),
         ),

@@ -1,4 +1,4 @@
-"""Checks of a finished run: the limits of small strains and fixed pairs, and the resultants of every body in statics.
+"""Checks of a finished run: limits of small strains and fixed pairs, drift of bonds, resultants of bodies in statics.
 
 The method is one of small perturbations: a point keeps the partner that it has at the start, strains are linear in the
 displacements, and a rotation enters by its tangent. Beyond a slip of an element, or a rotation of two degrees (whose
@@ -19,12 +19,14 @@ from collections.abc import Mapping
 import numpy as np
 import scipy.spatial as spatial
 
-from ..interface.laws import SEPARATION
-from ..latin.assembly import Array
+from ..interface.laws import SEPARATION, bonds
+from ..latin.assembly import Array, Assembly
 from ..latin.record import InterfaceHistory, Resultants
 from .problem import SolverReadyProblem
 
 LARGEST_ROTATION = 2.0  # degrees
+_DRIFT = 1e-2  # of the largest displacement, reported from there on
+_ROUND_OFF = 1e-9  # of the displacement that the loads can bring
 _UNBALANCED = 10.0  # tolerances on the unbalanced part of the largest resultant
 
 
@@ -34,8 +36,8 @@ def run_remarks(
     time: Array,
     balance: Mapping[str, Resultants],
 ) -> list[str]:
-    """Sentences on slip, rotations and resultants; ``time`` (n_time,) of the instants of the run, s."""
-    remarks = small_motion_remarks(problem, histories, time)
+    """Sentences on drift, slip, rotations and resultants; ``time`` (n_time,) of the instants of the run, s."""
+    remarks = [*drift_remarks(problem.assembly, histories), *small_motion_remarks(problem, histories, time)]
     return [*remarks, *balance_remarks(balance, problem.settings.tolerance)]
 
 
@@ -99,6 +101,54 @@ def _spin(nodes: Array, u: Array) -> Array:
     inertia = (centred**2).sum() * np.eye(3) - centred.T @ centred
     spin: Array = np.linalg.lstsq(inertia, np.cross(centred, moved).sum(axis=0), rcond=1e-12)[0]
     return spin
+
+
+def drift_remarks(assembly: Assembly, histories: Mapping[str, InterfaceHistory]) -> list[str]:
+    """A sentence per bonded interface whose sides are apart by more than 1 % of the largest displacement.
+
+    The iteration ties the velocities of the sides to its tolerance; displacements sum up the differences. The trapezoid
+    rule adds half a step of the jump of the initial velocities, which no tolerance removes. Displacements far below
+    those that the loads can bring are round-off of bodies that no wave has reached.
+    """
+    if not any(bonds(unit.behaviour) for unit in assembly.interfaces):
+        return []
+    u = assembly.displacement()
+    moved = float(np.abs(u).max())
+    if moved <= _ROUND_OFF * _travel(assembly):
+        return []
+    remarks = []
+    for i, unit in enumerate(assembly.interfaces):
+        if not bonds(unit.behaviour):
+            continue
+        first, second = (assembly.layout.channels(i, side) for side in (0, 1))
+        frames = unit.geometry.frames[:, : unit.behaviour.n_component]
+        jump = np.einsum("pc,pjc->pj", np.diff(histories[unit.name].velocity[0], axis=0)[0], frames)
+        drift = u[second] - u[first]
+        apart, rest = (_longest(d[:, : jump.shape[1]]) for d in (drift, drift - 0.5 * assembly.dt * jump))
+        share = f"{apart:.3g} m, {100 * apart / moved:.2g} % of the largest displacement of the interfaces"
+        if min(apart, rest) > _DRIFT * moved:
+            remarks.append(
+                f"bonded interface {unit.name}: its sides have drifted apart by {share}: lower solver.tolerance"
+            )
+        elif apart > _DRIFT * moved:
+            remarks.append(
+                f"bonded interface {unit.name}: its sides are apart by {share}: half a step times the jump of their "
+                "initial velocities, whatever the tolerance; take smaller steps, or give both sides the same initial "
+                "velocity"
+            )
+    return remarks
+
+
+def _longest(vectors: Array) -> float:
+    """Largest length of vectors (n_point, n_component)."""
+    return float(np.linalg.norm(vectors, axis=1).max(initial=0.0))
+
+
+def _travel(assembly: Assembly) -> float:
+    """Distance that the largest tractions of the loads move a face in the run, m."""
+    moving = assembly.impedance[assembly.impedance > 0.0]
+    duration = float(assembly.time[-1] - assembly.time[0])
+    return assembly.characteristic_traction * duration / float(moving.min()) if moving.size else 0.0
 
 
 def resultants(problem: SolverReadyProblem, tractions: Array) -> dict[str, Resultants]:

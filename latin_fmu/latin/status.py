@@ -7,9 +7,9 @@ from typing import Final
 
 import numpy as np
 
-from ..interface.laws import bonds, coulomb_coefficient
+from ..interface.laws import coulomb_coefficient
 from .assembly import Array, Assembly, NoEquilibrium
-from .record import InterfaceHistory, WindowRecord
+from .record import WindowRecord
 from .settings import Settings
 from .window_list import WindowList
 
@@ -20,8 +20,6 @@ _GAIN = 0.5  # of the energy put in: more than that gained, a run is not called 
 _IN_BODIES = "damping_dissipation", "landing_dissipation", "scheme_dissipation"
 _AT_INTERFACES = "friction_dissipation", "contact_dissipation", "joint_dissipation"
 _CANCELLED = 1e-6  # of the work of the interfaces
-_DRIFT = 1e-2  # of the largest displacement, reported from there on
-_ROUND_OFF = 1e-9  # of the displacement that the loads can bring
 
 
 def status(
@@ -152,51 +150,3 @@ def _remedy(assembly: Assembly, settings: Settings, failed: list[WindowRecord]) 
     return (
         "Check that no point is pressed from both sides without room to move; use a smaller time step or a finer mesh"
     )
-
-
-def drift_remarks(assembly: Assembly, histories: Mapping[str, InterfaceHistory]) -> list[str]:
-    """A sentence per bonded interface whose sides are apart by more than 1 % of the largest displacement.
-
-    The iteration ties the velocities of the sides to its tolerance; displacements sum up the differences. The trapezoid
-    rule adds half a step of the jump of the initial velocities, which no tolerance removes. Displacements far below
-    those that the loads can bring are round-off of bodies that no wave has reached.
-    """
-    if not any(bonds(unit.behaviour) for unit in assembly.interfaces):
-        return []
-    u = assembly.displacement()
-    moved = float(np.abs(u).max())
-    if moved <= _ROUND_OFF * _travel(assembly):
-        return []
-    remarks = []
-    for i, unit in enumerate(assembly.interfaces):
-        if not bonds(unit.behaviour):
-            continue
-        first, second = (assembly.layout.channels(i, side) for side in (0, 1))
-        frames = unit.geometry.frames[:, : unit.behaviour.n_component]
-        jump = np.einsum("pc,pjc->pj", np.diff(histories[unit.name].velocity[0], axis=0)[0], frames)
-        drift = u[second] - u[first]
-        apart, rest = (_longest(d[:, : jump.shape[1]]) for d in (drift, drift - 0.5 * assembly.dt * jump))
-        share = f"{apart:.3g} m, {100 * apart / moved:.2g} % of the largest displacement of the interfaces"
-        if min(apart, rest) > _DRIFT * moved:
-            remarks.append(
-                f"bonded interface {unit.name}: its sides have drifted apart by {share}: lower solver.tolerance"
-            )
-        elif apart > _DRIFT * moved:
-            remarks.append(
-                f"bonded interface {unit.name}: its sides are apart by {share}: half a step times the jump of their "
-                "initial velocities, whatever the tolerance; take smaller steps, or give both sides the same initial "
-                "velocity"
-            )
-    return remarks
-
-
-def _longest(vectors: Array) -> float:
-    """Largest length of vectors (n_point, n_component)."""
-    return float(np.linalg.norm(vectors, axis=1).max(initial=0.0))
-
-
-def _travel(assembly: Assembly) -> float:
-    """Distance that the largest tractions of the loads move a face in the run, m."""
-    moving = assembly.impedance[assembly.impedance > 0.0]
-    duration = float(assembly.time[-1] - assembly.time[0])
-    return assembly.characteristic_traction * duration / float(moving.min()) if moving.size else 0.0
