@@ -18,8 +18,7 @@ from .recorder import Recorder
 from .run_image import Stages, Threads, all_in_kernels, histories, make_image, negligible_scales, still
 from .search_direction import Direction
 from .settings import Settings
-from .status import status, with_energy
-from .window_list import WindowList
+from .status import WindowList, status, with_energy
 
 ONE, LONG = 1, 2  # keys of the search directions in the image: windows of one instant, longer ones
 SAMPLED = 64  # instants between two samples of the states, wherever the calls of the kernels end

@@ -50,7 +50,7 @@ import numpy as np
 from ..fem.stress import Recovery, principal
 from ..latin.record import Array, InterfaceHistory, Outcome, Resultants, SubstructureHistory, WindowRecord
 from ..latin.state_serialization import package_version
-from ..latin.window_list import WindowList
+from ..latin.status import WindowList
 from ..scene.sensors import Sensor
 from .groups import (
     CONVENTIONS,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from latin_fmu.latin.record import WindowRecord
-from latin_fmu.latin.window_list import WindowList
+from latin_fmu.latin.status import WindowList
 
 
 @pytest.fixture
