@@ -321,28 +321,3 @@ class Prediction:
     def instant(self) -> float:
         """One instant, stored quantities included, s."""
         return self.march / self.run.n_instant
-
-    def saved(self, without: RunSize) -> float:
-        """CPU seconds per instant that the run ``without`` something takes less."""
-        return max(0.0, self.march - seconds(march_counts(without))) / self.run.n_instant
-
-    def without(self, units: Sequence[InterfaceUnit]) -> RunSize:
-        """The run without some of its interfaces."""
-        rest = [u for u in self.discretised.units if u not in units]
-        gone = sum(2 * u.geometry.n_point * u.behaviour.n_component for u in units)
-        fewer = self._fewer(gone)
-        return replace(fewer, iterations=expected_iterations(self.scene, rest), at_once=self.run.at_once and bool(rest))
-
-    def without_friction(self, units: Sequence[InterfaceUnit]) -> RunSize:
-        """The run without the tangential unknowns of some of its interfaces."""
-        rest = [u for u in self.discretised.units if u not in units]
-        gone = sum(2 * u.geometry.n_point * (u.behaviour.n_component - 1) for u in units)
-        iterations = max(CONTACT, expected_iterations(self.scene, rest))
-        return replace(self._fewer(gone), iterations=min(iterations, self.run.iterations))
-
-    def _fewer(self, gone: int) -> RunSize:
-        """The run with ``gone`` interface unknowns less."""
-        share = 1.0 - gone / max(self.run.n_flat, 1)
-        return replace(
-            self.run.scaled(channels=share, interface=share, swept=share), n_flat=round(share * self.run.n_flat)
-        )

@@ -13,7 +13,7 @@ from ..scene.fields import split_face
 from ..scene.schema import GRAVITY
 from ..scene.settings import StaticStart
 from ..scene.substructures import DAMPING_KEYS
-from .cost import Prediction, numbers, seconds
+from .cost import CONTACT, Prediction, RunSize, expected_iterations, march_counts, numbers, seconds
 
 
 @dataclass(frozen=True)
@@ -63,6 +63,32 @@ def _off(name: str, why: Sequence[str], reason: str, switch: str) -> Effect:
     return Effect(name, False, tuple(why), reason, switch)
 
 
+def saved(p: Prediction, run: RunSize) -> float:
+    """CPU seconds per instant that a run takes less than the predicted one."""
+    return max(0.0, p.march - seconds(march_counts(run))) / p.run.n_instant
+
+
+def without(p: Prediction, units: Units) -> RunSize:
+    """The run without some of its interfaces."""
+    rest = [u for u in p.discretised.units if u not in units]
+    fewer = _fewer(p.run, sum(2 * u.geometry.n_point * u.behaviour.n_component for u in units))
+    return replace(fewer, iterations=expected_iterations(p.scene, rest), at_once=p.run.at_once and bool(rest))
+
+
+def without_friction(p: Prediction, units: Units) -> RunSize:
+    """The run without the tangential unknowns of some of its interfaces."""
+    rest = [u for u in p.discretised.units if u not in units]
+    fewer = _fewer(p.run, sum(2 * u.geometry.n_point * (u.behaviour.n_component - 1) for u in units))
+    iterations = max(CONTACT, expected_iterations(p.scene, rest))
+    return replace(fewer, iterations=min(iterations, p.run.iterations))
+
+
+def _fewer(run: RunSize, gone: int) -> RunSize:
+    """A run with ``gone`` interface unknowns less."""
+    share = 1.0 - gone / max(run.n_flat, 1)
+    return replace(run.scaled(channels=share, interface=share, swept=share), n_flat=round(share * run.n_flat))
+
+
 # -- inside substructures ---------------------------------------------------------------------------------------------
 def inertia(p: Prediction) -> Effect:
     """Mass times acceleration."""
@@ -70,7 +96,7 @@ def inertia(p: Prediction) -> Effect:
         return _off("inertia", ["time.quasi_static"], "the scene is quasi-static", "time.quasi_static = false")
     reason = f"motion is integrated by the scheme {p.discretised.scheme_in_words}"
     switch = "time.quasi_static = true (loads slow against the waves)"
-    cost, kernels = p.saved(p.run.scaled(mass=0.0)), ("mass product",)
+    cost, kernels = saved(p, p.run.scaled(mass=0.0)), ("mass product",)
     return Effect("inertia", True, ("time.scheme",), reason, switch, kernels, cost, memory=12 * p.total("mass"))
 
 
@@ -85,7 +111,7 @@ def elasticity(p: Prediction) -> Effect:
     kernels = "factorisation", "half solves", "stiffness product"
     still = p.run.static or p.run.increments > 0
     switch = "none: an equilibrium needs elastic bodies" if still else "rigid = true on bodies that only move"
-    cost = p.saved(p.run.scaled(stiffness=0.0, factor=0.0))
+    cost = saved(p, p.run.scaled(stiffness=0.0, factor=0.0))
     unknowns = sum(s.members * s.unknowns for s in sizes)
     memory = int(sum(8 * (s.factor + s.interface**2) + 12 * s.stiffness for s in sizes))
     return Effect(name, True, tuple(keys), reason, switch, kernels, cost, unknowns, memory)
@@ -98,7 +124,7 @@ def rigidity(p: Prediction) -> Effect:
         return _off(name, ["substructure.*.rigid"], "no substructure is rigid", "rigid = true on a substructure")
     why = tuple(f"substructure.{n}.rigid" for n in rigid)
     reason = f"{len(rigid)} substructure(s) of six unknowns at most"
-    cost = p.saved(replace(p.run, classes=tuple(c for c in p.run.classes if not c.rigid)))
+    cost = saved(p, replace(p.run, classes=tuple(c for c in p.run.classes if not c.rigid)))
     unknowns = sum(c.size.members * c.size.unknowns for c in p.run.classes if c.rigid)
     return Effect(name, True, why, reason, "rigid = false", ("rigid march",), cost, unknowns)
 
@@ -118,7 +144,7 @@ def damping(p: Prediction) -> Effect:
         for c in p.discretised.classes
         if (m := c.members[0]).landing is not None
     )
-    cost = p.saved(p.run.scaled(damping=layers / memory if memory else 0.0))  # contact layers stay
+    cost = saved(p, p.run.scaled(damping=layers / memory if memory else 0.0))  # contact layers stay
     return Effect("damping", True, keys, reason, "set them to 0", ("damping product",), cost, memory=12 * memory)
 
 
@@ -142,7 +168,7 @@ def body_force(p: Prediction) -> Effect:
     keys += ["gravity"] if GRAVITY in p.scene.force_laws else []
     none, reason, switch = "substructure.*.body_force", "nodal forces times their laws", "a body_force, or [gravity]"
     effect = _driven(p, "body force", keys, none, reason, switch)
-    return replace(effect, cost=p.saved(replace(p.run, unbalanced=False))) if keys else effect
+    return replace(effect, cost=saved(p, replace(p.run, unbalanced=False))) if keys else effect
 
 
 def loads(p: Prediction) -> Effect:
@@ -174,7 +200,7 @@ def static_start(p: Prediction) -> Effect:
         switch = 'time.start = "static" (bolts, weight, dead loads first)'
         return _off(name, why, "bodies start as given", switch)
     reason = f"an equilibrium in {start.increments} increment(s) before the first instant"
-    cost, kernels = p.saved(replace(p.run, increments=0)), ("static factorisation", "static solution")
+    cost, kernels = saved(p, replace(p.run, increments=0)), ("static factorisation", "static solution")
     return Effect(name, True, why, reason, 'time.start = "given"', kernels, cost, memory=8 * p.n_dof)
 
 
@@ -275,10 +301,10 @@ def _cost(p: Prediction, units: Units, n: int) -> float:
     if not n:
         return 0.0
     everything = sum(2 * u.geometry.n_point * u.behaviour.n_component for u in units)
-    whole = p.saved(p.without(units))
+    whole = saved(p, without(p, units))
     if n == everything:
         return whole
-    rubbing = p.saved(p.without_friction([u for u in units if u.behaviour.n_component > 1]))
+    rubbing = saved(p, without_friction(p, [u for u in units if u.behaviour.n_component > 1]))
     tangential = sum(2 * u.geometry.n_point * (u.behaviour.n_component - 1) for u in units)
     return rubbing if n == tangential else max(0.0, whole - rubbing)
 
@@ -292,7 +318,7 @@ def fields(p: Prediction) -> Effect:
         return _off(name, ["output.fields"], "not requested", "output.fields = true")
     nodes, stored = sum(c.size.members * c.nodes for c in p.run.classes), _stored(p)
     reason = f"displacements and velocities of {nodes} nodes at {stored} instants"
-    switch, cost = ", ".join(f"{key} = false" for key in keys), p.saved(replace(p.run, fields=False))
+    switch, cost = ", ".join(f"{key} = false" for key in keys), saved(p, replace(p.run, fields=False))
     why, kernels = (*keys, "output.every"), ("field storage",)
     return Effect(name, True, why, reason, switch, kernels, cost, memory=48 * nodes * stored)
 
@@ -303,7 +329,7 @@ def stress(p: Prediction) -> Effect:
         return _off("stress", ["output.stress"], "not requested", "output.stress = true")
     cells, stored = sum(c.size.members * c.cells for c in p.run.classes if not c.rigid), _stored(p)
     why, reason = ("output.stress", "output.every"), f"{cells} elements at {stored} instants"
-    cost, memory = p.saved(replace(p.run, stress=False)), 48 * cells * stored
+    cost, memory = saved(p, replace(p.run, stress=False)), 48 * cells * stored
     return Effect("stress", True, why, reason, "output.stress = false", ("stress recovery",), cost, memory=memory)
 
 
@@ -312,7 +338,7 @@ def energy(p: Prediction) -> Effect:
     name, why = "energy balance", ("output.energy",)
     if not p.scene.output.energy:
         return _off(name, why, "not requested", "output.energy = true")
-    reason, cost = "every term from the fields of every instant", p.saved(replace(p.run, energy=False))
+    reason, cost = "every term from the fields of every instant", saved(p, replace(p.run, energy=False))
     memory = 8 * (p.run.n_instant + 1) * 7 * (1 + sum(c.size.members for c in p.run.classes))
     return Effect(name, True, why, reason, "output.energy = false", ("energy meter",), cost, memory=memory)
 

@@ -22,7 +22,7 @@ from ..scene.boundaries import Driven
 from ..scene.fields import GROUND, split_face
 from ..scene.laws import InputLaw, RectangularPulseLaw, StepLaw
 from .cost import STATIC, Prediction, RunClass, RunSize, march_counts, operator_counts, seconds
-from .scene_effects import Effect
+from .scene_effects import Effect, without_friction
 
 TINY_FRICTION = 1e-3
 STIFF = 1e3  # times the wave impedance of every neighbour
@@ -87,7 +87,7 @@ def _friction(p: Prediction, _: list[Effect]) -> Iterator[Suggestion]:
                 f"interface {name}: friction with mu = {mu:g} changes forces by less than {100 * mu:.2g} %; without it "
                 f"{4 * unit.geometry.n_point} of {p.run.n_flat} interface unknowns are gone",
                 (f"interface.{name}.friction_coefficient=0",),
-                _factor(p, p.without_friction([unit])),
+                _factor(p, without_friction(p, [unit])),
                 f"tangential forces, up to {100 * mu:.2g} % of the normal ones",
             )
 
