@@ -6,10 +6,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from ..assembly.build import discretise
+from ..assembly.problem import DiscretisedProblem
+from ..errors import InputError
 from ..interface.laws import bonds
 from ..latin.assembly import InterfaceUnit
+from ..reader import scene_from_dict
 from ..scene.boundaries import Absorbing, Driven
 from ..scene.fields import split_face
+from ..scene.overrides import apply_overrides
 from ..scene.schema import GRAVITY
 from ..scene.settings import StaticStart
 from ..scene.substructures import DAMPING_KEYS
@@ -61,6 +66,17 @@ Units = list[InterfaceUnit]
 
 def _off(name: str, why: Sequence[str], reason: str, switch: str) -> Effect:
     return Effect(name, False, tuple(why), reason, switch)
+
+
+def changed(p: Prediction, settings: Sequence[str]) -> DiscretisedProblem | None:
+    """The scene with other settings (as for ``--set``), discretised; None where it is refused."""
+    tables = p.scene.tables()
+    if "scheme" not in p.scene.time.model_fields_set:  # a default that may depend on the settings
+        tables["time"].pop("scheme", None)
+    try:
+        return discretise(scene_from_dict(apply_overrides(tables, settings), p.scene.base_dir))
+    except InputError:
+        return None
 
 
 def saved(p: Prediction, run: RunSize) -> float:
@@ -248,7 +264,7 @@ def gap(p: Prediction) -> Effect:
         return _off("initial gap", ["interface.*.gap"], touches, "gap > 0, or meshes apart")
     reason = f"open at the start, up to {max(float(u.geometry.gap.max()) for u in units):.4g} m"
     keys = tuple(f"interface.{u.name}.gap" for u in units)
-    ways = (value for value in ("0", '"closed"') if p.changed([f"{key}={value}" for key in keys]) is not None)
+    ways = (value for value in ("0", '"closed"') if changed(p, [f"{key}={value}" for key in keys]) is not None)
     switch = next((f"gap = {value}" for value in ways), "meshes that touch")
     return Effect("initial gap", True, keys, reason, switch)
 

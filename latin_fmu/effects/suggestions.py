@@ -22,7 +22,7 @@ from ..scene.boundaries import Driven
 from ..scene.fields import GROUND, split_face
 from ..scene.laws import InputLaw, RectangularPulseLaw, StepLaw
 from .cost import STATIC, Prediction, RunClass, RunSize, march_counts, operator_counts, seconds
-from .scene_effects import Effect, without_friction
+from .scene_effects import Effect, changed, without_friction
 
 TINY_FRICTION = 1e-3
 STIFF = 1e3  # times the wave impedance of every neighbour
@@ -92,9 +92,9 @@ def _friction(p: Prediction, _: list[Effect]) -> Iterator[Suggestion]:
             )
 
 
-def _factor(p: Prediction, changed: RunSize) -> float:
-    """Predicted cost of the changed run over the present one, both with their set-up."""
-    after = p.preparation + seconds(operator_counts(changed)) + seconds(march_counts(changed))
+def _factor(p: Prediction, run: RunSize) -> float:
+    """Predicted cost of a changed run over the present one, both with their set-up."""
+    after = p.preparation + seconds(operator_counts(run)) + seconds(march_counts(run))
     return after / (p.preparation + p.operators + p.march)
 
 
@@ -149,7 +149,7 @@ def _rigid(p: Prediction, _: list[Effect]) -> Iterator[Suggestion]:
         if stiff:
             why = f"its wave impedance is {body.shape.impedances[0] / soft:.2g} times that of its neighbours"
         settings = (f"substructure.{name}.rigid=true",)
-        if p.changed(settings) is None:
+        if changed(p, settings) is None:
             continue
         place = next(i for i, c in enumerate(p.discretised.classes) if name in [m.name for m in c.members])
         own = p.run.classes[place]
@@ -209,7 +209,7 @@ def _slow(p: Prediction, _: list[Effect]) -> Iterator[Suggestion]:
     n = min(p.run.n_instant, 50)
     settings = ("time.quasi_static=true", f"time.{'step' if scene.time.step is not None else 'instants'}=")
     settings = (settings[0], settings[1] + (f"{scene.time.end / n!r}" if settings[1].endswith("step=") else str(n)))
-    if p.changed(settings) is None:
+    if changed(p, settings) is None:
         return
     iterations = replace(p.run, static=True, window=1, iterations=STATIC, n_instant=n, increments=0, unbalanced=False)
     yield Suggestion(
@@ -259,22 +259,22 @@ def _propagator(p: Prediction, _: list[Effect]) -> Iterator[Suggestion]:
         return
     reduced = replace(p.run, propagator=replace(p.run.propagator, kind="reduced"))
     settings: tuple[str, ...] = ("solver.propagator=reduced",)
-    if p.run.propagator.kind != "reduced" and _factor(p, reduced) < CHEAP and p.changed(settings) is not None:
+    if p.run.propagator.kind != "reduced" and _factor(p, reduced) < CHEAP and changed(p, settings) is not None:
         yield Suggestion("the reduced propagator costs less", settings, _factor(p, reduced), TRUNCATED)
     explicit = replace(p.run, propagator=replace(p.run.propagator, kind="explicit"))
     if _factor(p, explicit) >= CHEAP:
         return
     settings = ("solver.propagator=explicit", "time.scheme=central_difference")
-    changed = p.changed(settings)
-    if changed is None:
+    marched = changed(p, settings)
+    if marched is None:
         return
-    steps = max(1.0, p.discretised.dt / _stable_step(changed))
+    steps = max(1.0, p.discretised.dt / _stable_step(marched))
     if steps > 1.0:
         n = int(np.ceil(p.run.n_instant * steps))
         step = p.scene.time.step is not None
         settings += (f"time.step={p.scene.time.end / n!r}" if step else f"time.instants={n}",)
         explicit = replace(explicit, n_instant=n)
-    if steps <= MORE_STEPS and _factor(p, explicit) < CHEAP and p.changed(settings) is not None:
+    if steps <= MORE_STEPS and _factor(p, explicit) < CHEAP and changed(p, settings) is not None:
         yield Suggestion("the explicit propagator costs less", settings, _factor(p, explicit), LUMPED)
 
 
