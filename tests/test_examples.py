@@ -44,6 +44,7 @@ def test_every_example_is_tested_here() -> None:
         "convergence_friction",
         "price_of_friction",
         "price_of_accuracy",
+        "told_error",
         "price_of_effects",
         "cost_model",
         "against_calculix",
@@ -156,6 +157,16 @@ def test_price_of_accuracy(example: ModuleType, tmp_path: Path) -> None:
     assert numbers["cases"] == numbers["reached"] == numbers["true_error_below_target"] == 2
     assert numbers["not_reached_by_the_study"] == 0
     assert 0.0 < numbers["median_ratio_own_scheme"] < 20.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("example", ["told_error"], indirect=True)
+def test_told_error(example: ModuleType, tmp_path: Path) -> None:
+    """Against closed solutions the true error is below the estimate."""
+    numbers = example.main(["--quick", "-o", str(tmp_path)])
+    assert _figures(tmp_path) == {"told_error.png"}
+    for quantity, mesh in (("wall.impulse", 0.5), ("wall.impulse", 1.0), ("fault.friction_work", 0.4)):
+        assert 0.0 < numbers[f"true_{quantity}_{mesh:g}"] < numbers[f"told_{quantity}_{mesh:g}"] < 0.05
 
 
 @pytest.mark.parametrize("example", ["price_of_effects"], indirect=True)

@@ -216,7 +216,7 @@ def reference_text() -> str:
             need = "required" if field.is_required() else "optional"
             parts.append(_title(f"[{key}.NAME] ({need})" if is_named(field) else f"[{key}] ({need})"))
             parts += [_table_text(table) for table in tables]
-    for key, tables in _inner_tables().items():
+    for key, tables in inner_tables().items():
         parts.append(_title(f"{key} = {{...}}"))
         parts += [_table_text(table) for table in tables]
     parts += [_title("Conventions"), CONVENTIONS, _title("Example"), EXAMPLE]
@@ -232,7 +232,7 @@ def _title(text: str) -> str:
     return f"{text}\n{'=' * len(text)}"
 
 
-def _inner_tables() -> dict[str, list[type[BaseModel]]]:
+def inner_tables() -> dict[str, list[type[BaseModel]]]:
     """Tables inside tables, by the key that holds them, in the order met."""
     inner: dict[str, list[type[BaseModel]]] = {}
     waiting = [table for field in Scene.model_fields.values() for table in tables_in(field.annotation)]
@@ -256,12 +256,12 @@ def _table_text(table: type[BaseModel]) -> str:
 
 
 def _field_lines(name: str, field: FieldInfo) -> Iterator[str]:
-    text = f"{name}: {allowed_text(field)}; {_default_text(field)}"
+    text = f"{name}: {allowed_text(field)}; {default_text(field)}"
     yield textwrap.fill(text, _WIDTH, initial_indent=" " * 4, subsequent_indent=" " * 12, break_long_words=False)
     yield textwrap.fill(field.description or "", _WIDTH, initial_indent=_INDENT, subsequent_indent=_INDENT)
 
 
-def _default_text(field: FieldInfo) -> str:
+def default_text(field: FieldInfo) -> str:
     if field.is_required():
         return "required"
     default = field.get_default(call_default_factory=True, validated_data={})

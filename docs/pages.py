@@ -1,0 +1,252 @@
+"""Pages that a program makes, and the files of the repository that the pages link to.
+
+``python docs/pages.py`` writes scene_reference.md (from the tables of the scene) and api.md (from the docstrings).
+mkdocs calls the functions ``on_...``: a page links to files of the repository by their relative path, such as
+``../models/README.md``; the site has a copy of each under ``repository/``, sources as pages of code.
+"""
+
+from __future__ import annotations
+
+import inspect
+import os
+import re
+import sys
+from collections.abc import Iterator
+from importlib import import_module
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[1]
+DOCS = ROOT / "docs"
+TERM = 15  # columns of the terms in the conventions of the reference
+LINK = re.compile(r"(?<=\]\()([^)#\s]+)")
+MADE = "<!-- Written by docs/pages.py; do not edit. -->"
+# Modules beside the package itself whose public names the page of the API lists.
+MODULES = {
+    "latin_fmu": "The package",
+    "latin_fmu.interface": "Interface laws of your own",
+    "latin_fmu.cosim": "Sessions and co-simulation",
+}
+
+
+# The site -------------------------------------------------------------------------------------------------------------
+
+
+def on_files(files: Any, config: Any) -> Any:
+    """Add the files of the repository that pages link to, and those that these link to."""
+    from mkdocs.structure.files import File
+
+    waiting = [f"docs/{file.src_uri}" for file in files.documentation_pages()]
+    done = set(waiting)
+    while waiting:
+        page = waiting.pop()
+        for target in _targets(page):
+            path = ROOT / target
+            if target in done or target.startswith("docs/") or not path.is_file():
+                continue
+            done.add(target)
+            uri = _uri(target)
+            if path.suffix in (".md", ".png"):
+                files.append(File.generated(config, uri, abs_src_path=str(path)))
+            else:
+                files.append(File.generated(config, uri, content=_code_page(target)))
+            if path.suffix == ".md":
+                waiting.append(target)
+    return files
+
+
+def on_page_markdown(markdown: str, page: Any, config: Any, files: Any) -> str:  # noqa: ARG001, names are mkdocs'
+    """Links between files of the repository become links between pages of the site."""
+    uri = page.file.src_uri
+    own = uri.removeprefix("repository/") if uri.startswith("repository/") else f"docs/{uri}"
+    if not own.endswith(".md") or not (ROOT / own).is_file():
+        return markdown
+
+    def moved(found: re.Match[str]) -> str:
+        target = _target(own, found[0])
+        return found[0] if target is None else os.path.relpath(_uri(target), PurePosixPath(uri).parent)
+
+    return LINK.sub(moved, markdown)
+
+
+def _targets(page: str) -> list[str]:
+    """Files of the repository that a page links to, as paths from its top."""
+    path = ROOT / page
+    links = LINK.findall(path.read_text(encoding="utf-8")) if path.suffix == ".md" and path.is_file() else []
+    return [target for link in links if (target := _target(page, link)) is not None]
+
+
+def _target(page: str, link: str) -> str | None:
+    """Path from the top of the repository that a link of a page leads to; None for other links."""
+    if "://" in link or link.startswith(("/", "mailto:")):
+        return None
+    path = os.path.normpath(PurePosixPath(page).parent / link)
+    return None if path.startswith("..") or not (ROOT / path).is_file() else path
+
+
+def _uri(target: str) -> str:
+    """Place of a file of the repository in the site."""
+    if target.startswith("docs/"):
+        return target.removeprefix("docs/")
+    return f"repository/{target}" + ("" if target.endswith((".md", ".png")) else ".md")
+
+
+def _code_page(target: str) -> str:
+    """A page that shows a source file."""
+    language = {".py": "python", ".toml": "toml"}.get(Path(target).suffix, "text")
+    return f"# {target}\n\n````{language}\n{(ROOT / target).read_text(encoding='utf-8')}\n````\n"
+
+
+# Pages from the sources -----------------------------------------------------------------------------------------------
+
+
+def scene_reference() -> str:
+    """Every table and key of a scene, as Markdown."""
+    from latin_fmu.scene import reference
+    from latin_fmu.scene.describe import is_named, tables_in
+    from latin_fmu.scene.schema import Scene
+
+    plain = {key: field for key, field in Scene.model_fields.items() if not tables_in(field.annotation)}
+    parts = [
+        f"{MADE}\n\n# Scene reference",
+        "`latin-fmu reference` prints this page as text, `latin-fmu reference --schema` the schema.",
+        reference.INTRODUCTION,
+        "## Top of the file",
+        _keys(plain),
+    ]
+    for key, field in Scene.model_fields.items():
+        if tables := tables_in(field.annotation):
+            need = "required" if field.is_required() else "optional"
+            parts.append(f"## [{key}.NAME] ({need})" if is_named(field) else f"## [{key}] ({need})")
+            parts += [_table(table) for table in tables]
+    for key, tables in reference.inner_tables().items():
+        parts.append(f"## {key} = {{...}}")
+        parts += [_table(table) for table in tables]
+    parts += ["## Conventions", *_conventions(reference.CONVENTIONS), "## Example"]
+    parts += [
+        f"<!-- file: example.toml -->\n```toml\n{reference.EXAMPLE}```",
+        "```sh\nlatin-fmu check example.toml\n```",
+    ]
+    return "\n\n".join(part.strip("\n") for part in parts) + "\n"
+
+
+def _table(table: Any) -> str:
+    """Meaning and keys of one table of a scene."""
+    from latin_fmu.scene.describe import tag_of
+
+    tag, meaning = tag_of(table), " ".join((table.__doc__ or "").split())
+    fields = {name: field for name, field in table.model_fields.items() if tag is None or name != "type"}
+    head = meaning if tag is None else f'**type = "{tag}"**: {meaning}'
+    return _escaped(head) + (f"\n\n{_keys(fields)}" if fields else "")
+
+
+def _keys(fields: dict[str, Any]) -> str:
+    """A table with a row for each key."""
+    from latin_fmu.scene.describe import allowed_text
+    from latin_fmu.scene.reference import default_text
+
+    rows = ["| key | value | default | meaning |", "|---|---|---|---|"]
+    for name, field in fields.items():
+        cells = (
+            f"`{name}`",
+            allowed_text(field),
+            default_text(field).removeprefix("default "),
+            field.description or "",
+        )
+        rows.append("| " + " | ".join(_escaped(cell).replace("|", "\\|") for cell in cells) + " |")
+    return "\n".join(rows)
+
+
+def _conventions(text: str) -> Iterator[str]:
+    """Paragraphs of a list whose terms stand in the first columns of their lines."""
+    term, lines = "", list[str]()
+    for line in text.splitlines():
+        if line[:1].strip():
+            if lines:
+                yield f"**{term}.** {_escaped(' '.join(lines))}"
+            term, lines = line[:TERM].strip(), [line[TERM:]]
+        else:
+            lines.append(line.strip())
+    yield f"**{term}.** {_escaped(' '.join(lines))}"
+
+
+def _escaped(text: str) -> str:
+    """Text whose signs are no marks of Markdown outside of code."""
+    parts = text.split("`")
+    parts[::2] = [re.sub(r"([*<])", r"\\\1", part) for part in parts[::2]]
+    return "`".join(parts)
+
+
+def api() -> str:
+    """Names that the public modules export, with signatures and docstrings, as Markdown."""
+    parts = [
+        f"{MADE}\n\n# Python API",
+        "Arrays have SI units. Errors of input derive from `InputError`, and all "
+        "errors of the package from `LatinError`.",
+    ]
+    for module, title in MODULES.items():
+        namespace = import_module(module)
+        parts.append(f"## {title}: `{module}`")
+        parts += [_entry(module, name, getattr(namespace, name)) for name in sorted(namespace.__all__, key=str.lower)]
+    return "\n\n".join(parts) + "\n"
+
+
+def _entry(module: str, name: str, thing: Any) -> str:
+    """Signature and docstring of one name; of a class also its public methods and properties."""
+    if not callable(thing):
+        return f"### {name}\n\n`{module}.{name}` = `{thing!r}`"
+    parts = [f"### {name}", f"```text\n{_signature(f'{module}.{name}', thing)}\n```", _doc(thing)]
+    if inspect.isclass(thing) and not issubclass(thing, Exception):
+        for own, member in vars(thing).items():
+            plain = member.__func__ if isinstance(member, (staticmethod, classmethod)) else member
+            if own.startswith("_") or not (inspect.isfunction(plain) or isinstance(plain, property)):
+                continue
+            text = _signature(own, plain) if inspect.isfunction(plain) else own
+            first = " ".join((inspect.getdoc(plain) or "").split("\n\n")[0].split())
+            parts.append(f"* `{text}`: {_escaped(first.replace('``', '`'))}")
+    return "\n\n".join(part for part in parts if part)
+
+
+class _Bare(str):
+    """Text of an annotation that is shown without quotes."""
+
+    __slots__ = ()
+    __repr__ = str.__str__
+
+
+def _signature(name: str, thing: Any) -> str:
+    """A name with its parameters and their annotations; the name alone of a scene, and where there is none."""
+    if hasattr(thing, "model_fields"):  # a table of a scene: its keys are in the reference
+        return name
+    try:
+        found = inspect.signature(thing)
+    except (TypeError, ValueError):
+        return name
+    kept = [
+        one.replace(annotation=_Bare(one.annotation)) if isinstance(one.annotation, str) else one
+        for one in found.parameters.values()
+        if one.name not in ("self", "cls")
+    ]
+    result = found.return_annotation
+    return name + str(
+        found.replace(parameters=kept, return_annotation=_Bare(result) if isinstance(result, str) else result)
+    )
+
+
+def _doc(thing: Any) -> str:
+    """First paragraph of a docstring as text, the others as they are laid out."""
+    text = inspect.getdoc(thing) or ""
+    first, _, rest = text.partition("\n\n")
+    first = _escaped(first.replace("``", "`"))
+    return f"{first}\n\n```text\n{rest.strip()}\n```" if rest.strip() else first
+
+
+def main() -> None:
+    """Write the pages."""
+    for name, text in (("scene_reference.md", scene_reference()), ("api.md", api())):
+        (DOCS / name).write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    sys.path.insert(0, str(ROOT))
+    main()

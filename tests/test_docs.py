@@ -1,0 +1,225 @@
+"""README.md and the pages in docs/: their code runs, what they name exists, the written pages are up to date.
+
+A comment before a block of code says how it is run:
+
+<!-- file: NAME -->       its text is written to a file; <!-- added to: NAME --> adds it to one
+<!-- slow -->             it takes more than a few seconds, or needs what a slow block makes
+<!-- needs: MODULE -->    it is left out where this Python module is missing
+<!-- not run: REASON -->  it is not run
+
+Several are joined by "; ". Blocks of a page run one after the other in a folder that has the shipped models and the
+examples, the blocks in Python in one namespace. Commands that make and fill an environment are left out: that of the
+tests stands for it. A block in TOML without a comment is a part of a scene: its keys and values are checked.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import re
+import shlex
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+from pydantic import TypeAdapter, ValidationError
+
+from latin_fmu.cli import main
+from latin_fmu.scene.schema import Scene
+
+ROOT = Path(__file__).parents[1]
+PACKAGE = ROOT / "latin_fmu"
+PAGES = sorted((ROOT / "docs").glob("*.md"))
+BLOCK = re.compile(r"^(?:<!-- (?P<said>[^\n]*?) -->\n)?```(?P<language>\w*)\n(?P<text>.*?)^```$", re.M | re.S)
+SAID = ("file", "added to", "slow", "needs", "not run", "test command")
+NO_FILE = "the file does not exist"
+INSTALLATION = ("python3 -m venv", "pip install", ". activate")
+
+
+@dataclass(frozen=True)
+class Block:
+    """A block of code of a page: line, language, what the comment before it says, text."""
+
+    line: int
+    language: str
+    said: dict[str, str]
+    text: str
+
+
+def blocks(page: Path) -> list[Block]:
+    text = page.read_text(encoding="utf-8")
+    found = []
+    for m in BLOCK.finditer(text):
+        parts = [part.partition(": ") for part in (m["said"] or "").split("; ") if part]
+        said = {key.strip(): value.strip() for key, _, value in parts}
+        found.append(Block(text.count("\n", 0, m.start()) + 1, m["language"], said, m["text"]))
+    return found
+
+
+def name(page: Path) -> str:
+    return page.name
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    for shared in ("models", "examples"):
+        (tmp_path / shared).symlink_to(ROOT / shared)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]))
+    monkeypatch.setenv("MPLBACKEND", "Agg")
+    return tmp_path
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_every_block_has_a_language_and_a_known_comment(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    assert len(re.findall(r"^```", text, re.M)) == 2 * len(blocks(page)), "a block is not closed, or is indented"
+    for block in blocks(page):
+        where = f"{page.name}:{block.line}"
+        assert block.language in ("sh", "python", "toml", "text", "csv"), where
+        assert set(block.said) <= set(SAID), where
+        assert all(block.said[key] for key in ("not run", "needs", "file", "added to") if key in block.said), where
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name)
+@pytest.mark.usefixtures("folder")
+@pytest.mark.filterwarnings("ignore::UserWarning:xugrid")  # it takes plain coordinates
+def test_quick_blocks_run(page: Path) -> None:
+    run(page, slow=False)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", [p for p in PAGES if any("slow" in b.said for b in blocks(p))], ids=name)
+@pytest.mark.usefixtures("folder")
+@pytest.mark.filterwarnings("ignore::UserWarning:xugrid")
+def test_all_blocks_run(page: Path) -> None:
+    run(page, slow=True)
+
+
+def run(page: Path, slow: bool) -> None:
+    namespace: dict[str, Any] = {"__name__": "__main__"}
+    for block in blocks(page):
+        said = block.said
+        if {"not run", "test command"} & set(said) or ("slow" in said and not slow):
+            continue
+        if "needs" in said and importlib.util.find_spec(said["needs"]) is None:
+            continue
+        where = f"{page.name}:{block.line}"
+        if "file" in said:
+            Path(said["file"]).write_text(block.text, encoding="utf-8")
+        elif "added to" in said:
+            with Path(said["added to"]).open("a", encoding="utf-8") as file:
+                file.write(block.text)
+        elif block.language == "toml":
+            assert_part_of_a_scene(tomllib.loads(block.text), where)
+        elif block.language == "sh":
+            for command in commands(block.text):
+                run_command(command, where)
+        elif block.language == "python":
+            exec(compile(block.text, where, "exec"), namespace)
+
+
+def commands(text: str) -> Iterator[str]:
+    """Commands of a block, continued lines joined; those that make an environment are left out."""
+    for line in text.replace("\\\n", " ").splitlines():
+        for part in re.split(r"&&", line):
+            command = part.strip().replace(".venv/bin/", "")
+            if command and not command.startswith((*INSTALLATION, "#")):
+                yield command
+
+
+def run_command(command: str, where: str) -> None:
+    words = shlex.split(command, comments=True)
+    if words[0] == "latin-fmu":
+        assert main(words[1:]) == 0, f"{where}: {command}"
+        return
+    assert words[0] in ("python", "mpiexec"), f"{where}: {command} cannot be run here; say why: <!-- not run: ... -->"
+    words = [sys.executable if word == "python" else word for word in words]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, f"{where}: {command}\n{done.stderr}"
+
+
+def assert_part_of_a_scene(tables: dict[str, Any], where: str) -> None:
+    """Keys and values are those of a scene; keys that a whole scene needs may be missing, and files."""
+    for key, value in tables.items():
+        assert key in Scene.model_fields, f"{where}: no table {key}"
+        wrong: set[str] = set()
+        try:
+            TypeAdapter(Scene.model_fields[key].annotation).validate_python(value)
+        except ValidationError as error:
+            wrong = {str(e) for e in error.errors() if e["type"] != "missing" and e["msg"] != NO_FILE}
+        assert not wrong, where
+
+
+@pytest.mark.parametrize("tables", [{"loads": {}}, {"load": {"a": {"face": "b.zmax", "presure": 1.0}}}])
+def test_parts_with_unknown_keys_are_noticed(tables: dict[str, Any]) -> None:
+    with pytest.raises(AssertionError):
+        assert_part_of_a_scene(tables, "here")
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_files_that_a_page_names_exist(page: Path) -> None:
+    """Links, scripts, tests and modules between backticks, functions that link to their source."""
+    text = re.sub(r"^```.*?^```$", "", page.read_text(encoding="utf-8"), flags=re.M | re.S)
+    for label, target in re.findall(r"\[([^\]]*)\]\(([^)#\s]+)[^)]*\)", text):
+        if "://" in target:
+            continue
+        path = page.parent / target
+        assert path.exists(), f"{page.name}: {target}"
+        for function in re.findall(r"`(\w+)`", label) if path.suffix == ".py" else ():
+            assert re.search(rf"^(def|class) {function}\b", path.read_text(encoding="utf-8"), re.M), (function, target)
+    files = re.findall(r"(?:models|examples|tests|docs|latin_fmu|fmu_build)/[\w/]*\w(?:\.\w+)?", text)
+    for file in files:
+        if not file.endswith(("NAME", "fmu_")):
+            assert (ROOT / file).exists(), f"{page.name}: {file}"
+
+
+def pages_module() -> ModuleType:
+    """``docs/pages.py``, which writes pages."""
+    spec = importlib.util.spec_from_file_location("docs_pages", ROOT / "docs" / "pages.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize("made", ["scene_reference", "api"])
+def test_written_pages_are_up_to_date(made: str) -> None:
+    text = (ROOT / "docs" / f"{made}.md").read_text(encoding="utf-8")
+    assert text == getattr(pages_module(), made)(), "run: python docs/pages.py"
+
+
+def test_every_page_is_in_the_contents() -> None:
+    text = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
+    for page in (ROOT / "docs").glob("*.md"):
+        assert f": {page.name}\n" in text, page.name
+
+
+def test_every_figure_is_in_the_gallery() -> None:
+    text = (ROOT / "docs" / "gallery.md").read_text(encoding="utf-8")
+    for figure in (ROOT / "examples" / "figures").glob("*.png"):
+        assert f"]({os.path.relpath(figure, ROOT / 'docs')})" in text, figure.name
+
+
+def test_the_site_builds(tmp_path: Path) -> None:
+    pytest.importorskip("mkdocs")
+    pytest.importorskip("material")
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "-q", "-d", str(tmp_path / "site")]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "site" / "scene_reference" / "index.html").is_file()
+
+
+def test_the_readme_is_short() -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert len(text.splitlines()) <= 130
+    prose = re.sub(r"^```.*?^```$|^\|.*$|<!--.*?-->", "", text, flags=re.M | re.S)
+    prose = re.sub(r"\]\([^)]*\)", "]", prose)
+    assert len(re.findall(r"[A-Za-z0-9][^\s]*", prose)) <= 600
