@@ -262,6 +262,7 @@ def _field_lines(name: str, field: FieldInfo) -> Iterator[str]:
 
 
 def default_text(field: FieldInfo) -> str:
+    """Default of a key in words: required, optional, or the value."""
     if field.is_required():
         return "required"
     default = field.get_default(call_default_factory=True, validated_data={})
