@@ -62,7 +62,10 @@ def _coordinate(parameter: Parameter) -> Any:
     written = (
         np.array(values, dtype=float) if parameter.numeric else np.array([value_text(v) for v in values], dtype=np.str_)
     )
-    return parameter.key, written, {"long_name": f"scene key {parameter.key}"}
+    attributes = {"long_name": f"scene key {parameter.key}"}
+    if parameter.numeric and (unit := parameter.unit):
+        attributes["units"] = unit
+    return parameter.key, written, attributes
 
 
 def _attributes(scene: Scene) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import xarray as xr
 
 from ..errors import Problem, ResultsError, did_you_mean, listed
 from ..results.plots import colours
-from ..results.summary import prefix_for
+from ..results.summary import prefix_for, unit_text
 from .point import CONVERGED, FAILED, QUANTITIES, Quantity
 
 if TYPE_CHECKING:
@@ -90,11 +90,9 @@ def _panels(study: xr.Dataset, quantity: Quantity) -> list[tuple[str, str, xr.Da
 def _draw(axis: Axes, study: xr.Dataset, parameters: list[str], title: str, unit: str, values: xr.DataArray) -> None:
     """One panel: curves over one parameter, one for each value of a second one; a map where these are many."""
     largest = float(np.nanmax(np.abs(values.values))) if np.isfinite(values.values).any() else 0.0
-    divisor, label = (1.0, "") if unit == "1" else prefix_for(largest, unit, micro="µ")
-    if len(unit.split()) > 1:  # a prefix of a compound unit would stand for its first factor only
-        divisor, label = 1.0, unit
+    divisor, label = prefix_for(largest, unit, figure=True)
     axis.set_title(f"{title} ({label})" if label else title, fontsize="medium")
-    axis.set_xlabel(parameters[0], fontsize="small")
+    axis.set_xlabel(_label(study[parameters[0]]), fontsize="small")
     numbers = values.transpose(*parameters).values / divisor
     states = study["state"].transpose(*parameters).values
     if len(parameters) == 1:
@@ -110,10 +108,16 @@ def _draw(axis: Axes, study: xr.Dataset, parameters: list[str], title: str, unit
                 colour,
                 f"{other:g}" if others.dtype.kind in "fiu" else str(other),
             )
-        axis.legend(title=parameters[1], fontsize="x-small", title_fontsize="x-small")
+        axis.legend(title=_label(study[parameters[1]]), fontsize="x-small", title_fontsize="x-small")
     else:
         _map(axis, [study[name].values for name in parameters], numbers, states)
-        axis.set_ylabel(parameters[1], fontsize="small")
+        axis.set_ylabel(_label(study[parameters[1]]), fontsize="small")
+
+
+def _label(parameter: xr.DataArray) -> str:
+    """Key of a parameter, with its unit."""
+    unit = unit_text(parameter.attrs.get("units", "1"), figure=True)
+    return f"{parameter.name} ({unit})" if unit else str(parameter.name)
 
 
 def _places(axis: Any, values: np.ndarray) -> np.ndarray:

@@ -15,6 +15,7 @@ import numpy as np
 
 from ..errors import InputError, Problem, SceneError, shown
 from ..reader import scene_from_dict
+from ..scene.describe import field_at, unit_of
 from ..scene.overrides import apply_overrides, parse_value
 from ..scene.raw_scene import plain
 from ..scene.schema import Scene, toml_value
@@ -46,6 +47,12 @@ class Parameter:
     def numeric(self) -> bool:
         """Whether all values are numbers."""
         return all(isinstance(v, int | float) and not isinstance(v, bool) for v in self.values)
+
+    @property
+    def unit(self) -> str | None:
+        """UDUNITS unit of the key, None where the scene declares none."""
+        field = field_at(Scene, [int(part) if part.isdigit() else part for part in self.key.split(".")])
+        return None if field is None else unit_of(field)
 
     def setting(self, number: int) -> str:
         """The setting of one value, as ``--set`` takes it."""

@@ -207,12 +207,12 @@ def _arrows(axis: Axes, scene: Scene, bodies: Mapping[str, Body], view: View) ->
     for name, load in scene.load.items():
         centre, normal = _middle(bodies, load.face)
         if load.pressure is not None:
-            direction, text = -np.sign(load.pressure or 1.0) * normal, readable(load.pressure, "Pa", 3)
+            direction, text = -np.sign(load.pressure or 1.0) * normal, readable(load.pressure, "Pa", 3, figure=True)
         else:
             turns = load.force is None and load.traction is None
             direction = np.asarray(load.moment if turns else load.uniform_traction(1.0), dtype=float)
             unit = "N m" if turns else "Pa" if load.force is None else "N"
-            text = readable(float(np.linalg.norm(direction)), unit, 3)
+            text = readable(float(np.linalg.norm(direction)), unit, 3, figure=True)
         ahead = float(((everything - centre) @ direction).max()) / max(float(np.linalg.norm(direction)), 1e-300)
         outwards = bool(direction @ normal > 0) and ahead < 0.1 * length  # it pulls, and nothing is in the way
         _arrow(axis, view, centre, direction, length, LOAD, f"{name}\n{text}", outwards)
@@ -223,8 +223,8 @@ def _arrows(axis: Axes, scene: Scene, bodies: Mapping[str, Body], view: View) ->
             direction[["xyz".index(c) for c in boundary.components]] = boundary.value
             if boundary.axes is not None:
                 direction = np.array(boundary.axes.rows).T @ direction
-            unit = {"velocity": "m/s", "displacement": "m", "acceleration": "m/s²"}[boundary.type]
-            text = readable(float(np.linalg.norm(direction)), unit, 3)
+            unit = {"velocity": "m s-1", "displacement": "m", "acceleration": "m s-2"}[boundary.type]
+            text = readable(float(np.linalg.norm(direction)), unit, 3, figure=True)
             _arrow(axis, view, centre, direction, length, SUPPORTS[boundary.type], f"{name}\n{text}", True)
     for name, port in scene.port.items():
         centre, normal = _middle(bodies, port.face)
@@ -232,19 +232,19 @@ def _arrows(axis: Axes, scene: Scene, bodies: Mapping[str, Body], view: View) ->
         _arrow(axis, view, centre, normal, length, MOTION if port.causality == "motion_in" else LOAD, label, True)
     if scene.gravity is not None:
         direction, beside = np.asarray(scene.gravity.acceleration, dtype=float), everything.min(axis=0)
-        label = f"gravity\n{readable(float(np.linalg.norm(direction)), 'm/s²', 3)}"
+        label = f"gravity\n{readable(float(np.linalg.norm(direction)), 'm s-2', 3, figure=True)}"
         _arrow(axis, view, beside, direction, length, LOAD, label, True)
     for body in bodies.values():
         low, high = body.mesh.nodes.min(axis=0), body.mesh.nodes.max(axis=0)
         for vector, unit, colour in (
-            (body.description.initial_velocity, "m/s", MOTION),
-            (body.description.body_force, "N/m³", LOAD),
+            (body.description.initial_velocity, "m s-1", MOTION),
+            (body.description.body_force, "N m-3", LOAD),
         ):
             direction = np.asarray(vector, dtype=float)
             size = float(np.linalg.norm(direction))
             # behind the body, so that neither arrow nor label covers it
             behind = 0.5 * (low + high) - 0.5 * (high - low) * np.sign(direction) * (np.abs(direction) > 0.1 * size)
-            _arrow(axis, view, behind, direction, length, colour, f"{body.name}\n{readable(size, unit, 3)}")
+            _arrow(axis, view, behind, direction, length, colour, f"{body.name}\n{readable(size, unit, 3, figure=True)}")
 
 
 def _arrow(

@@ -122,7 +122,7 @@ def axes_with_units(axis: Axes, points: Array, view: View) -> None:
 
     low, high = points.min(axis=0), points.max(axis=0)
     size = float(np.max(high - low))
-    divisor, unit = prefix_for(float(np.max(np.abs([low, high]))), "m", micro="µ")
+    divisor, unit = prefix_for(float(np.max(np.abs([low, high]))), "m", figure=True)
     near = np.where(view.viewer > 0, high + _MARGIN * size, low - _MARGIN * size)
     far = np.where(view.viewer > 0, low - _MARGIN * size, high + _MARGIN * size)
     near[2] = low[2] - _MARGIN * size if view.viewer[2] > 0 else high[2] + _MARGIN * size

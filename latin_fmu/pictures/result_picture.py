@@ -54,7 +54,7 @@ def result_figure(
     _draw_deformed(figure, axes[0], meshes, moved, magnify)
     if chosen:
         _draw_pressure(figure, axes[1], tree, chosen, float(instants[index]), meshes)
-    figure.suptitle(f"{tree.attrs.get('scene_name', 'run')}, {readable(float(instants[index]), 's')}")
+    figure.suptitle(f"{tree.attrs.get('scene_name', 'run')}, {readable(float(instants[index]), 's', figure=True)}")
     return figure
 
 
@@ -103,7 +103,7 @@ def _draw_deformed(
     size = float(np.ptp(everything, axis=0).max())
     largest = max(float(np.linalg.norm(u, axis=1).max()) for u in moved.values())
     factor = magnify if magnify is not None else _round(_SEEN * size / largest) if largest > 0 else 1.0
-    divisor, unit = prefix_for(largest, "m", micro="µ")
+    divisor, unit = prefix_for(largest, "m", figure=True)
     skins = []
     for name, mesh in meshes.items():
         skin = skin_of(mesh, _PLAIN)
@@ -148,7 +148,7 @@ def _draw_pressure(
     dots = _map("inferno_r", pressure / largest)
     axis.scatter(place[:, 0], place[:, 1], s=22, c=dots, edgecolors="0.35", linewidths=0.4, zorder=4)
     _zoom(axis, place)
-    divisor, unit = prefix_for(largest, "Pa")
+    divisor, unit = prefix_for(largest, "Pa", figure=True)
     axis.set_title(f"{name}: pressure on {owner}", fontsize=9)
     _colour_bar(figure, axis, "inferno_r", largest / divisor, f"pressure ({unit})")
 

@@ -122,8 +122,7 @@ class ErrorEstimate:
 
 def _row(q: QuantityEstimate) -> tuple[str, ...]:
     order = "-" if math.isnan(q.order) else f"{q.order:.1f}"
-    value = readable(q.value, "" if q.unit == "N s0.5" else q.unit)
-    return q.quantity, value, error_text(q.error), f"{order} ({q.expected_order:g})"
+    return q.quantity, readable(q.value, q.unit), error_text(q.error), f"{order} ({q.expected_order:g})"
 
 
 def error_text(error: float) -> str:

@@ -65,7 +65,7 @@ class VibrationModes:
             shares = ", ".join(f"{100 * share:.0f} %" for share in squares / np.sum(squares))
             text = f"{self.frequency[i]:.5g} Hz"
             moves = max(largest, key=lambda name: largest[name])
-            rows.append((f"{i + 1}", text, readable(self.modal_mass[i] * 1e3, "g", 3), moves, shares))
+            rows.append((f"{i + 1}", text, readable(self.modal_mass[i], "kg", 3), moves, shares))
         return [head, *(f"  {remark}" for remark in self.remarks), "", *aligned(rows)]
 
     def groups(self) -> dict[str, Group]:

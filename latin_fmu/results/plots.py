@@ -72,7 +72,7 @@ def force_panel(
     if peak < 1e-9 * reference:
         peak = reference
         axis.set_ylim(-1.0, 1.0)
-    size, label = prefix_for(peak, "N", micro="µ")
+    size, label = prefix_for(peak, "N", figure=True)
     axis.axhline(0.0, color="0.6", linewidth=0.6, zorder=0)
     for (name, curve), colour in zip(curves.items(), colours(len(curves)), strict=True):
         axis.plot(time / scale.divisor, curve / size, color=colour, label=name, linewidth=1.2)
@@ -155,7 +155,7 @@ def energy_panel(axis: Axes, energy: xr.Dataset, scale: TimeAxis) -> None:
     time = energy["time"].values
     terms = {str(name): np.asarray(values.values) for name, values in energy.data_vars.items()}
     largest = max((float(np.abs(term).max(initial=0.0)) for term in terms.values()), default=0.0)
-    size, label = prefix_for(largest, "J", micro="µ")
+    size, label = prefix_for(largest, "J", figure=True)
     shown = {name.replace("_", " "): x for name, x in terms.items() if np.abs(x).max(initial=0.0) > 1e-6 * largest}
     for (name, term), colour in zip(shown.items(), colours(len(shown)), strict=True):
         axis.plot(time / scale.divisor, term / size, color=colour, linewidth=1.2, label=name)
@@ -184,7 +184,7 @@ def summary_figure(tree: xr.DataTree) -> Figure:
     nodes = tree["interfaces"].children if "interfaces" in tree.children else {}
     groups = {name: node.to_dataset() for name, node in nodes.items()}
     end = max((float(dataset["time"].values[-1]) for dataset in groups.values()), default=1.0)
-    scale = TimeAxis(*prefix_for(end, "s", micro="µ"))
+    scale = TimeAxis(*prefix_for(end, "s", figure=True))
     forces, strips = _force_panels(groups, scale), _strips(groups, scale)
     rest = _convergence_panels(tree, scale) + _energy_panels(tree, scale)
     columns = [forces + strips, rest] if len(strips) <= FEW else [forces + rest, strips]
@@ -239,8 +239,8 @@ def _force_panels(groups: dict[str, xr.Dataset], scale: TimeAxis) -> list[_Panel
 
 def _with_peak(name: str, fields: InterfaceFields, scale: TimeAxis) -> str:
     """Name of an interface with its peak force and the duration of that mean."""
-    (peak, duration, _), micro = fields.peaks, "µ"
-    size, label = prefix_for(peak, "N", micro)
+    peak, duration, _ = fields.peaks
+    size, label = prefix_for(peak, "N", figure=True)
     return f"{name}: {peak / size:.3g} {label} over {duration / scale.divisor:.2g} {scale.unit}"
 
 

@@ -195,19 +195,12 @@ def _largest(values: Array | None, time: Array) -> tuple[float, float] | None:
     return float(size[i]), float(time[i])
 
 
-def _shown(largest: tuple[float, float] | None, unit: str) -> str:
-    """A largest value; accelerations without prefix."""
-    if largest is None:
-        return "-"
-    return f"{largest[0]:.4g} {unit}" if unit == "m s-2" else readable(largest[0], unit)
-
-
 def sensor_lines(outcome: Outcome) -> list[str]:
     """Table of the largest motions of the sensors."""
     rows: list[tuple[str, ...]] = [("sensor", "on", *(f"largest {name}" for name in MOTIONS), "at")]
     for name, history in outcome.sensors.items():
         largest = [_largest(getattr(history, motion), outcome.time) for motion in MOTIONS]
-        cells = [_shown(pair, unit) for pair, unit in zip(largest, MOTIONS.values(), strict=True)]
+        cells = [readable(None if pair is None else pair[0], unit) for pair, unit in zip(largest, MOTIONS.values(), strict=True)]
         last = next(pair for pair in reversed(largest) if pair is not None)
         rows.append((name, history.face or history.substructure, *cells, readable(last[1], "s")))
     return aligned(rows) if len(rows) > 1 else []
@@ -219,7 +212,7 @@ def spectrum_lines(spectra: Mapping[str, ShockSpectrum]) -> list[str]:
     for name, s in spectra.items():
         i, axis = np.unravel_index(int(np.argmax(s.acceleration[0])), s.acceleration[0].shape)
         ends = f"{readable(s.frequency[0], 'Hz', 3)} to {readable(s.frequency[-1], 'Hz', 3)}"
-        largest = f"{s.acceleration[0, i, axis]:.4g} m s-2"
+        largest = readable(float(s.acceleration[0, i, axis]), "m s-2")
         rows.append((name, f"{s.quality:g}", ends, largest, readable(s.frequency[i], "Hz", 3), "xyz"[axis]))
     return aligned(rows) if len(rows) > 1 else []
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
@@ -11,35 +12,64 @@ import numpy as np
 from ..latin.record import InterfaceHistory, Outcome, Resultants, Timings
 from .quantities_of_interest import InterfaceFields, first_contact_time, largest_slip_share, separation_time
 
+_FACTOR: Final = re.compile(r"([A-Za-z%]+|1)(-?[0-9.]+)?")
+_RAISED: Final = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
+_UNPREFIXED: Final = ("m s-2",)  # 4e4 m/s2 rather than 40 km/s2
 _PREFIXES: Final = {-15: "f", -12: "p", -9: "n", -6: "u", -3: "m", 0: "", 3: "k", 6: "M", 9: "G", 12: "T"}
 
 
-def prefix_for(largest: float, unit: str, micro: str = "u") -> tuple[float, str]:
-    """Divisor and prefixed unit that bring ``largest`` between 1 and 1000.
+def unit_text(unit: str, figure: bool = False) -> str:
+    """A UDUNITS string as people write it, ``figure``: with raised digits.
 
-    Micro is written "u", which every terminal can print; figures pass ``micro="µ"``.
+    >>> unit_text("m s-2"), unit_text("m s-2", figure=True), unit_text("N s0.5"), unit_text("1")
+    ('m/s2', 'm/s²', 'N s^0.5', '')
+    """
+    above, below = [], []
+    for factor in unit.split():
+        name, power = _FACTOR.fullmatch(factor).groups()  # type: ignore[union-attr]
+        if name != "1":
+            size = (power or "1").lstrip("-")
+            raised = "" if size == "1" else "^" + size if "." in size else size.translate(_RAISED) if figure else size
+            (below if (power or "").startswith("-") else above).append(name + raised)
+    text = " ".join(above) or "1" * bool(below)
+    return "/".join([text, *below]) if below else text
 
-    >>> prefix_for(2.5e-5, "s")
-    (1e-06, 'us')
+
+def _takes_prefix(unit: str) -> bool:
+    """Whether a UDUNITS unit is written with a prefix, which belongs to its first factor alone."""
+    return unit not in _UNPREFIXED and not unit.split()[0][-1].isdigit()
+
+
+def prefix_for(largest: float, unit: str, figure: bool = False) -> tuple[float, str]:
+    """Divisor and prefixed unit that bring ``largest`` between 1 and 1000; ``unit`` is a UDUNITS string.
+
+    There is no prefix where the first factor of the unit has a power. Micro is written "u", which every terminal can
+    print; ``figure``: "µ", and raised digits.
+
+    >>> prefix_for(2.5e-5, "s"), prefix_for(1.5e-3, "N s0.5"), prefix_for(4e-6, "m2"), prefix_for(0.02, "kg")
+    ((1e-06, 'us'), (0.001, 'mN s^0.5'), (1.0, 'm2'), (0.001, 'g'))
     """
     size = abs(largest)
-    if not math.isfinite(size) or size == 0.0:
-        return 1.0, unit
-    power = 3 * math.floor(math.log10(size * (1 + 1e-12)) / 3)
+    if not _takes_prefix(unit) or not math.isfinite(size) or size == 0.0:
+        return 1.0, unit_text(unit, figure)
+    gram, name = (1e3, unit.replace("kg", "g", 1)) if unit.split()[0] == "kg" else (1.0, unit)
+    power = 3 * math.floor(math.log10(size * gram * (1 + 1e-12)) / 3)
     power = min(max(power, min(_PREFIXES)), max(_PREFIXES))
-    return float(f"1e{power}"), (micro if power == -6 else _PREFIXES[power]) + unit
+    prefix = "µ" if figure and power == -6 else _PREFIXES[power]
+    return float(f"1e{power}") / gram, prefix + unit_text(name, figure)
 
 
-def readable(value: float | None, unit: str, digits: int = 4) -> str:
-    """``value`` with a prefixed unit and ``digits`` significant digits; ``-`` for None.
+def readable(value: float | None, unit: str, digits: int = 4, figure: bool = False) -> str:
+    """``value`` with a prefixed unit (UDUNITS) and ``digits`` significant digits; ``-`` for None.
 
-    >>> readable(26800.0, "N")
-    '26.80 kN'
+    >>> readable(26800.0, "N"), readable(1.458e-3, "N s0.5"), readable(31250.0, "m s-2"), readable(0.25, "1")
+    ('26.80 kN', '1.458 mN s^0.5', '3.125e+04 m/s2', '0.25')
     """
     if value is None:
         return "-"
-    divisor, label = prefix_for(value, unit)
-    return f"{_digits(value / divisor, digits)} {label}"
+    divisor, label = prefix_for(value, unit, figure)
+    number = _digits(value / divisor, digits) if _takes_prefix(unit) else f"{value:.{digits}g}"
+    return f"{number} {label}".rstrip()
 
 
 def readable_vector(values: Sequence[float], unit: str, digits: int = 4) -> str:
