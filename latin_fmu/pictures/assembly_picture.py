@@ -244,7 +244,9 @@ def _arrows(axis: Axes, scene: Scene, bodies: Mapping[str, Body], view: View) ->
             size = float(np.linalg.norm(direction))
             # behind the body, so that neither arrow nor label covers it
             behind = 0.5 * (low + high) - 0.5 * (high - low) * np.sign(direction) * (np.abs(direction) > 0.1 * size)
-            _arrow(axis, view, behind, direction, length, colour, f"{body.name}\n{readable(size, unit, 3, figure=True)}")
+            _arrow(
+                axis, view, behind, direction, length, colour, f"{body.name}\n{readable(size, unit, 3, figure=True)}"
+            )
 
 
 def _arrow(

@@ -200,7 +200,10 @@ def sensor_lines(outcome: Outcome) -> list[str]:
     rows: list[tuple[str, ...]] = [("sensor", "on", *(f"largest {name}" for name in MOTIONS), "at")]
     for name, history in outcome.sensors.items():
         largest = [_largest(getattr(history, motion), outcome.time) for motion in MOTIONS]
-        cells = [readable(None if pair is None else pair[0], unit) for pair, unit in zip(largest, MOTIONS.values(), strict=True)]
+        cells = [
+            readable(None if pair is None else pair[0], unit)
+            for pair, unit in zip(largest, MOTIONS.values(), strict=True)
+        ]
         last = next(pair for pair in reversed(largest) if pair is not None)
         rows.append((name, history.face or history.substructure, *cells, readable(last[1], "s")))
     return aligned(rows) if len(rows) > 1 else []

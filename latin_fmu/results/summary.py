@@ -24,7 +24,8 @@ def unit_text(unit: str, figure: bool = False) -> str:
     >>> unit_text("m s-2"), unit_text("m s-2", figure=True), unit_text("N s0.5"), unit_text("1")
     ('m/s2', 'm/s²', 'N s^0.5', '')
     """
-    above, below = [], []
+    above: list[str] = []
+    below: list[str] = []
     for factor in unit.split():
         name, power = _FACTOR.fullmatch(factor).groups()  # type: ignore[union-attr]
         if name != "1":

@@ -10,19 +10,31 @@ import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 import xarray as xr
 
+import latin_fmu
+from latin_fmu.assembly.modes import vibration_modes
+from latin_fmu.cli import main
+from latin_fmu.cosim import Session
+from latin_fmu.parametric.point import QUANTITIES
+from latin_fmu.parametric.study import sweep
+from latin_fmu.results import views
 from latin_fmu.results.files import write_netcdf
 from latin_fmu.results.solution import Solution
+
+from .test_sensors import pressed
 
 _BESIDE = str(Path(sys.executable).parent)
 CHECKER = os.environ.get("COMPLIANCE_CHECKER") or shutil.which(
     "compliance-checker", path=os.pathsep.join([_BESIDE, os.environ.get("PATH", "")])
 )
 VERSION = "cf:1.11"
+PARAMETERS = "interface.crush.friction_coefficient", "load.press.pressure"
+OF_STUDIES = *(quantity.name for quantity in QUANTITIES), "force", "normal_force"
 
 NEEDS_CHECKER = pytest.mark.skipif(
     CHECKER is None, reason="compliance-checker is not installed (COMPLIANCE_CHECKER may name it)"
@@ -36,6 +48,11 @@ ACCEPTED = (
     "There may only be one variable containing the cf_role attribute",
     "mesh_topology is not a valid cf_role value",
     "volume_node_connectivity is not a valid cf_role value",
+    "face_node_connectivity is not a valid cf_role value",
+    # Parameters of a study have the names of the scene keys, with dots, as --set takes them: CF 2.3 recommends letters,
+    # digits and underscores. A parameter in Pa is taken for a height in the atmosphere, which should come earlier.
+    *(f"{what} {name} should begin with a" for what in ("variable", "dimension") for name in PARAMETERS),
+    *(f"{name}'s spatio-temporal dimensions are not in the recommended order" for name in OF_STUDIES),
     # A crash of the checker: it looks for a dimension called time in every group, convergence has none.
     f"{VERSION}.check_invalid_same_named_dimension_across_groups: 'time'",
 )
@@ -55,18 +72,72 @@ def findings(file: Path) -> list[str]:
     return [text for text in messages + crashes if not text.startswith(ACCEPTED)]
 
 
-@NEEDS_CHECKER
-@pytest.mark.parametrize("kind", ["crushing", "stalled", "estimated"])
-def test_every_group_follows_cf(kind: str, tmp_path: Path, request: pytest.FixtureRequest) -> None:
-    tree = request.getfixturevalue(kind).to_datatree()
+def findings_by_group(tree: xr.DataTree, folder: Path) -> dict[str, list[str]]:
+    """Findings in each group that has variables, as a file of its own; groups without any are left out."""
     violations = {}
     for node in tree.subtree:
         dataset = node.to_dataset()
         dataset.attrs = {**tree.attrs, **dataset.attrs}
-        file = tmp_path / f"{node.path.strip('/').replace('/', '_') or 'root'}.nc"
+        file = folder / f"{node.path.strip('/').replace('/', '_') or 'root'}.nc"
         write_netcdf(xr.DataTree(dataset), file)
         violations[node.path] = findings(file)
-    assert violations == {path: [] for path in violations}
+    return {path: texts for path, texts in violations.items() if texts}
+
+
+@NEEDS_CHECKER
+@pytest.mark.parametrize("kind", ["crushing", "stalled", "estimated"])
+def test_every_group_follows_cf(kind: str, tmp_path: Path, request: pytest.FixtureRequest) -> None:
+    assert findings_by_group(request.getfixturevalue(kind).to_datatree(), tmp_path) == {}
+
+
+def made_study(folder: Path) -> xr.DataTree:
+    """Study of two parameters, with histories."""
+    vary = [f"{PARAMETERS[0]}=0:0.2:2", f"{PARAMETERS[1]}=5e7,1e8"]
+    (folder / "pressed.toml").write_text(pressed().text(), encoding="utf-8")
+    return xr.DataTree(sweep(folder / "pressed.toml", vary, folder / "s.nc", jobs=1, histories=True))
+
+
+def made_spectra(folder: Path) -> xr.DataTree:
+    """What ``srs`` writes."""
+    latin_fmu.solve(pressed()).save(folder / "out.nc")
+    options = ["--sensor", "top", "--lowest", "5e4", "--highest", "2e5", "-o", str(folder / "top")]
+    assert main(["srs", str(folder / "out.nc"), *options]) == 0
+    return latin_fmu.open_results(folder / "top.nc")
+
+
+def made_modes(folder: Path) -> xr.DataTree:
+    """What ``modes -o`` writes."""
+    vibration_modes(pressed(), "sticking", 3).save(folder / "modes.nc")
+    return latin_fmu.open_results(folder / "modes.nc")
+
+
+def made_session(folder: Path) -> xr.DataTree:
+    """Results of a session, as an FMU writes them."""
+    del folder
+    session = Session(pressed())
+    session.initialize()
+    assert session.step(0.0, 4e-7)
+    return session.dataset(estimate=False)
+
+
+def made_surfaces(folder: Path) -> xr.DataTree:
+    """Results with the fields on interfaces and in bodies, and what the views make of them."""
+    del folder
+    fields = dict.fromkeys(("surfaces", "fields", "stress", "strain", "nodal_stress", "principal_stress"), True)
+    tree = latin_fmu.solve(pressed(output=fields | {"energy": True, "reactions": True})).to_datatree()
+    tree["views/resultant"] = views.resultant(tree, "crush")
+    tree["views/pressure_map"] = views.pressure_map(tree, "crush")
+    tree["views/skin"] = views.skin(tree, "upper")
+    tree["views/sensor_spectrum"] = views.sensor_spectrum(tree, "top", [1e5, 2e5])
+    tree["views/amplitude_spectrum"] = views.amplitude_spectrum(tree, "top").to_dataset(name="amplitude")
+    return tree
+
+
+@NEEDS_CHECKER
+@pytest.mark.slow
+@pytest.mark.parametrize("make", [made_study, made_spectra, made_modes, made_session, made_surfaces])
+def test_other_files_follow_cf(make: Callable[[Path], xr.DataTree], tmp_path: Path) -> None:
+    assert findings_by_group(make(tmp_path), tmp_path) == {}
 
 
 @NEEDS_CHECKER

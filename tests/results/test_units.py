@@ -124,7 +124,9 @@ def compare(si: xr.Dataset, other: xr.Dataset, where: str) -> Iterator[str]:
 def test_results() -> None:
     assert solved(False).converged
     si, other = tree(False), tree(True)
-    wrong = [text for node in si.subtree for text in compare(node.to_dataset(), other[node.path].to_dataset(), node.path)]
+    wrong = [
+        text for node in si.subtree for text in compare(node.to_dataset(), other[node.path].to_dataset(), node.path)
+    ]
     assert wrong == []
     assert {f"/interfaces/{n}" for n in ("glue", "pad", "crush")} <= {node.path for node in si.subtree}
     for name in ("friction_power", "gap", "slip", "pressure"):
