@@ -5,6 +5,7 @@ A comment before a block of code says how it is run:
 <!-- file: NAME -->       its text is written to a file; <!-- added to: NAME --> adds it to one
 <!-- slow -->             it takes more than a few seconds, or needs what a slow block makes
 <!-- needs: MODULE -->    it is left out where this Python module is missing
+<!-- same as: FILE -->    it is a block of that file, which runs there
 <!-- not run: REASON -->  it is not run
 
 Several are joined by "; ". Blocks of a page run one after the other in a folder that has the shipped models and the
@@ -30,14 +31,15 @@ from typing import Any
 import pytest
 from pydantic import TypeAdapter, ValidationError
 
+import latin_fmu
 from latin_fmu.cli import main
 from latin_fmu.scene.schema import Scene
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "latin_fmu"
-PAGES = sorted((ROOT / "docs").glob("*.md"))
+PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
 BLOCK = re.compile(r"^(?:<!-- (?P<said>[^\n]*?) -->\n)?```(?P<language>\w*)\n(?P<text>.*?)^```$", re.M | re.S)
-SAID = ("file", "added to", "slow", "needs", "not run", "test command")
+SAID = ("file", "added to", "slow", "needs", "same as", "not run", "test command")
 NO_FILE = "the file does not exist"
 INSTALLATION = ("python3 -m venv", "pip install", ". activate")
 
@@ -84,7 +86,9 @@ def test_every_block_has_a_language_and_a_known_comment(page: Path) -> None:
         where = f"{page.name}:{block.line}"
         assert block.language in ("sh", "python", "toml", "text", "csv"), where
         assert set(block.said) <= set(SAID), where
-        assert all(block.said[key] for key in ("not run", "needs", "file", "added to") if key in block.said), where
+        assert all(
+            block.said[key] for key in ("not run", "same as", "needs", "file", "added to") if key in block.said
+        ), where
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name)
@@ -111,7 +115,9 @@ def run(page: Path, slow: bool) -> None:
         if "needs" in said and importlib.util.find_spec(said["needs"]) is None:
             continue
         where = f"{page.name}:{block.line}"
-        if "file" in said:
+        if "same as" in said:
+            assert block.text in {other.text for other in blocks(ROOT / said["same as"])}, where
+        elif "file" in said:
             Path(said["file"]).write_text(block.text, encoding="utf-8")
         elif "added to" in said:
             with Path(said["added to"]).open("a", encoding="utf-8") as file:
@@ -217,9 +223,18 @@ def test_the_site_builds(tmp_path: Path) -> None:
     assert (tmp_path / "site" / "scene_reference" / "index.html").is_file()
 
 
+def test_the_citation_has_the_version_of_the_package() -> None:
+    text = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert re.search(r"^version: (.+)$", text, re.M)[1] == latin_fmu.__version__
+    (date,) = re.findall(
+        rf"^## {re.escape(latin_fmu.__version__)} \((.+)\)$", (ROOT / "CHANGELOG.md").read_text("utf-8"), re.M
+    )
+    assert f'date-released: "{date}"' in text
+
+
 def test_the_readme_is_short() -> None:
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     assert len(text.splitlines()) <= 130
-    prose = re.sub(r"^```.*?^```$|^\|.*$|<!--.*?-->", "", text, flags=re.M | re.S)
+    prose = re.sub(r"^```.*?^```$|^\|[^\n]*$|<!--.*?-->", "", text, flags=re.M | re.S)
     prose = re.sub(r"\]\([^)]*\)", "]", prose)
     assert len(re.findall(r"[A-Za-z0-9][^\s]*", prose)) <= 600

@@ -711,6 +711,7 @@ def test_wheels(target, tag, tmp_path):
     of_models = sum(size for name, size in sizes.items() if name.startswith("latin_fmu/models/"))
     assert of_models <= 400_000
     assert wheel.stat().st_size - of_models <= 2_000_000
+    assert {"latin_fmu/py.typed", "fmu_build/py.typed"} <= set(names)
     libraries = [name for name in names if "_kernels-" in name]
     models = {f"latin_fmu/{path.relative_to(ROOT).as_posix()}" for path in ROOT.glob("models/**/*.*")}
     assert {name for name in names if name.startswith("latin_fmu/models/")} == {m for m in models if ".nc" not in m}

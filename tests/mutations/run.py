@@ -67,7 +67,7 @@ class Copy:
         self.folder = folder
         for name in COPIED:
             shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
-        for name in ("pyproject.toml", "README.md", "CONTRIBUTING.md", "CHANGELOG.md"):
+        for name in ("pyproject.toml", "mkdocs.yml", "CITATION.cff", "README.md", "CONTRIBUTING.md", "CHANGELOG.md"):
             shutil.copy(ROOT / name, folder)
         (folder / "build").mkdir()
         for path in (ROOT / "build").glob("_kernels*"):
