@@ -16,7 +16,7 @@ equations                                                              module
            in windows of several instants                              kernels.iteration, kernels.instants
 (12)-(17)  search directions k                                         latin.search_direction
 (15)-(17)  local stage: F_hat - F = k (W_hat - W), point by point      kernels.local_stage, kernels.laws
-(18)-(19)  points, normals, gap of an interface                        assembly.interfaces, assembly.face_pairs
+(18)-(19)  points, normals, gap of an interface                        assembly.interfaces
 (20)-(23)  unilateral contact with Coulomb friction                    interface.laws, kernels.laws
 (24)       error indicator; force residual                             kernels.indicator
            loop, acceleration; from instant to instant                 kernels.iteration, kernels.acceleration

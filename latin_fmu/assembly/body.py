@@ -23,7 +23,7 @@ from ..fem.elements import (
     stiffness,
     wave_speeds,
 )
-from ..fem.faces import Face, face_of
+from ..fem.faces import Face, face_of, nodal_values
 from ..fem.location import Location, MeanMotion, locate, nearest_surface_point
 from ..fem.mesh import Array, FacetSet, Index, Mesh, boundary, box_mesh, dissection, nearest
 from ..fem.stress import MeanStress, Recovery
@@ -234,6 +234,23 @@ class Body:
     def full_size(self) -> int:
         """Number of dofs of the nodes."""
         return 3 * self.mesh.n_node
+
+
+def selection(nodes: Index, body: Body) -> sp.csr_array:
+    """(3 n_point, 3 n_node) picks the values at the nodes."""
+    columns = (3 * nodes[:, None] + np.arange(3)).ravel()
+    n = len(columns)
+    return sp.csr_array((np.ones(n), (np.arange(n), columns)), shape=(n, body.full_size()))
+
+
+def own_points(body: Body, facets: FacetSet, face: Face) -> tuple[Array, sp.csr_array]:
+    """Points of a face alone, (n_point, 3), and the trace to them: its nodes, and on quadratic facets the values that
+    belong to the functions with positive areas (``fem.faces``)."""
+    selected, places = selection(face.nodes, body), body.mesh.nodes[face.nodes]
+    if face.change is None:
+        return places, selected
+    values = nodal_values(facets, face.nodes)
+    return values @ places, sp.csr_array(sp.kron(values, sp.eye_array(3)) @ selected)
 
 
 def body_sides(units: Sequence[InterfaceUnit]) -> Iterator[tuple[int, int, str]]:

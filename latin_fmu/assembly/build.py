@@ -16,11 +16,12 @@ from .attachments import coupling_units, spring_units, with_masses, with_rigid_f
 from .body import Body, build_bodies, sensor_places
 from .checks import check_faces, locking_remarks, lumping_remarks, redundancy_remarks, sampling_remarks
 from .conditions import Conditions, conditions_on
+from .face_pairs import lonely_remarks, with_found
 from .free_bodies import acting, free_groups, free_remarks, unheld, with_place
 from .inactive_substructures import arrival_times, cut_by_arrival, marched_share
 from .initial_fields import check_fields, field_remarks, initial_problems
 from .initial_state import InitialState
-from .interfaces import build_interface, lonely_remarks, with_behaviours, with_found
+from .interfaces import build_interface, with_behaviours
 from .kept_operators import Kept, KeptOperators
 from .models import scheme_remarks
 from .ports import port_places

@@ -1,4 +1,4 @@
-"""Points, areas, normals, traces and distance of two faces that meet: node by node, by mortar, or with a plane.
+"""Faces that meet without matching nodes, by mortar or on a plane, and the search for them ([contact.NAME]).
 
 A node of the owner that is held (a plane of symmetry, a fixed edge) cannot move, but the other side's row of its point
 mixes nodes on the held edge with inner ones: the point would hold those a second time. The tractions were not unique
@@ -8,28 +8,33 @@ and the iteration slow, so such a point takes no part in the held direction, as 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Literal
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from ..fem.faces import Face, face_of, nodal_values
+from ..errors import Problems, SceneError
+from ..fem.common_part import common_cells
+from ..fem.faces import face_of
 from ..fem.mesh import Array, FacetBlock, FacetSet, Index, nearest
 from ..fem.mortar import Mortar, mortar
 from ..fem.surface import Surface
-from .body import Body
+from ..scene.fields import ALL_OF_IT, GROUND, split_face
+from ..scene.interfaces import Interface
+from ..scene.schema import Scene
+from .body import Body, build_bodies, own_points
 
 MATCHING = 1e-3
 """Lateral distance of paired nodes over the spacing of nodes."""
 COVERED = 0.999
 """A face counts as wholly covered where this share of the area of its facets, as far as they meet the other face at
 all, is covered."""
-_SAME_AREA = 1e-6
-_FLAT = 1e-6
 Owner = Literal["automatic", "E", "Ep"]
 Side = tuple[Body, FacetSet]
 Mask = NDArray[np.bool_]
+_LEAST = 1e-3  # a common area below this share of a facet is a touch of edges, no interface
 _ON_EDGE = 1e-6  # distance from an edge over the size of the face
 
 
@@ -55,64 +60,6 @@ class FacePair:
     owner: int = 0
     matching: bool = True
     shares: tuple[float, float] = (1.0, 1.0)
-
-
-def selection(nodes: Index, body: Body) -> sp.csr_array:
-    """(3 n_point, 3 n_node) picks the values at the nodes."""
-    columns = (3 * nodes[:, None] + np.arange(3)).ravel()
-    n = len(columns)
-    return sp.csr_array((np.ones(n), (np.arange(n), columns)), shape=(n, body.full_size()))
-
-
-def own_points(body: Body, facets: FacetSet, face: Face) -> tuple[Array, sp.csr_array]:
-    """Points of a face alone, (n_point, 3), and the trace to them: its nodes, and on quadratic facets the values that
-    belong to the functions with positive areas (``fem.faces``)."""
-    selected, places = selection(face.nodes, body), body.mesh.nodes[face.nodes]
-    if face.change is None:
-        return places, selected
-    values = nodal_values(facets, face.nodes)
-    return values @ places, sp.csr_array(sp.kron(values, sp.eye_array(3)) @ selected)
-
-
-def node_by_node(first: Side, second: Side) -> FacePair | None:
-    """Faces whose nodes stand opposite each other, one to one; None where they do not."""
-    (body, facets), (other_body, other_facets) = first, second
-    face, other = face_of(body.mesh.nodes, facets), face_of(other_body.mesh.nodes, other_facets)
-    partner = _partners(face, other, body.mesh.nodes[face.nodes], other_body.mesh.nodes[other.nodes])
-    if partner is None:
-        return None
-    points, trace = own_points(body, facets, face)
-    if face.change is None and other.change is None:
-        there, other_trace = (other_body.mesh.nodes[other.nodes[partner]], selection(other.nodes[partner], other_body))
-    else:
-        areas, opposite = face.positive_areas, other.positive_areas[partner]
-        if np.abs(opposite - areas).max() > _SAME_AREA * areas.max():
-            return None  # the nodes of both match, their facets do not
-        there, other_trace = own_points(other_body, other_facets, other)
-        there = there[partner]
-        other_trace = sp.csr_array(other_trace[(3 * partner[:, None] + np.arange(3)).ravel()])
-    normals = face.normals
-    distance = np.einsum("pi,pi->p", there - points, normals)
-    return FacePair(points, face.positive_areas, normals, distance, (trace, other_trace), np.zeros(len(distance)))
-
-
-def _partners(face: Face, other: Face, points: Array, there: Array) -> Index | None:
-    """Row of the opposite node for each node of a face, None where nodes do not match or normals are not opposed."""
-    if len(other.nodes) != len(face.nodes):
-        return None
-    normals = face.normals
-    along = normals[0]
-    if np.abs(normals @ along - 1).max() < _FLAT:  # far faces pair by their lateral position
-        _, partner = nearest(points - np.outer(points @ along, along), there - np.outer(there @ along, along))
-    else:
-        _, partner = nearest(points, there)
-    jump = there[partner] - points
-    normal = np.einsum("pi,pi->p", jump, normals)
-    lateral = np.linalg.norm(jump - normal[:, None] * normals, axis=1)
-    if len(np.unique(partner)) < len(partner) or (lateral > MATCHING * np.sqrt(face.positive_areas)).any():
-        return None
-    opposed = np.einsum("pi,pi->p", normals, other.normals[partner]) < 0
-    return partner if opposed.all() else None
 
 
 def by_mortar(
@@ -283,3 +230,105 @@ def _on_edges(points: Array, normals: Array, ends: Array) -> Mask:
         at = np.clip(-np.einsum("ei,ei->e", start, along) / length, 0.0, 1.0)
         on[i] = np.linalg.norm(start + at[:, None] * along, axis=1).min() < _ON_EDGE * size
     return on
+
+
+def completed(scene: Scene) -> Scene:
+    """The scene with the interfaces that its contact tables find, as if they had been written by hand.
+
+    Raises
+    ------
+    SceneError : meshes that cannot be read; bodies that overlap.
+    """
+    if not scene.contact:
+        return scene
+    problems = Problems()
+    bodies = build_bodies(scene, problems)
+    whole = scene if problems else with_found(scene, bodies, problems)
+    if problems:
+        raise SceneError(problems, "the scene cannot be built")
+    return whole
+
+
+def with_found(scene: Scene, bodies: dict[str, Body], problems: Problems) -> Scene:
+    """As ``completed``, for bodies that have been built; overlaps deeper than a search are added to ``problems``."""
+    if not scene.contact:
+        return scene
+    by_hand = {frozenset(split_face(side)[0] for side in i.sides) for i in scene.interface.values()}
+    surfaces = {name: body.surface(ALL_OF_IT) for name, body in bodies.items()}
+    interfaces: dict[str, Interface] = {}
+    taken = set(by_hand)
+    for name, table in scene.contact.items():
+        names = [n for n in bodies if table.parts is None or n in table.parts]
+        for first, second in _near_pairs(names, surfaces, table.search):
+            pair = frozenset((first, second))
+            if pair in taken or pair in table.exceptions:
+                continue
+            one, other = surfaces[first], surfaces[second]
+            area, depth = _common(one, other, table.search)
+            if area > _LEAST * min(one.facet_area, other.facet_area):
+                taken.add(pair)
+                free = _free_name(f"{first}_{second}", {*scene.joints, *interfaces})
+                interfaces[free] = table.interface(first, second)
+            elif depth > 0.0:
+                problems.add(
+                    f"contact.{name}.search",
+                    f"{first} and {second} overlap at the start by more than this",
+                    f"{depth:.4g} m",
+                    f"at most {table.search:g} m",
+                    "move the meshes apart, or leave the pair out by except",
+                )
+    return scene.model_copy(update={"interface": {**scene.interface, **interfaces}, "contact": {}})
+
+
+def _near_pairs(names: list[str], surfaces: dict[str, Surface], search: float) -> list[tuple[str, str]]:
+    """Pairs whose bounding boxes are nearer than ``search``."""
+    boxes = {n: _box(surfaces[n]) for n in names}
+    return [
+        (a, b)
+        for a, b in combinations(names, 2)
+        if bool(((boxes[a][0] - search <= boxes[b][1]) & (boxes[b][0] - search <= boxes[a][1])).all())
+    ]
+
+
+def _box(surface: Surface) -> tuple[Array, Array]:
+    places = surface.nodes[surface.facets.nodes]
+    return places.min(axis=0), places.max(axis=0)
+
+
+def _common(first: Surface, second: Surface, search: float) -> tuple[float, float]:
+    """Area within ``search`` of each other, m2, and how far the faces overlap where that is up to twice as much, m."""
+    cells = [c for row in common_cells(first, second, 2 * search) for c in row]
+    area = sum(float(c.areas[np.abs(c.distance) <= search].sum()) for c in cells)
+    deepest = max((-float(c.distance.min()) for c in cells if len(c)), default=0.0)
+    return area, deepest if deepest > search else 0.0
+
+
+def _free_name(stem: str, taken: set[str]) -> str:
+    number, name = 1, stem[:96]
+    while name in taken:
+        number += 1
+        name = f"{stem[:96]}_{number}"
+    return name
+
+
+def lonely_remarks(scene: Scene, bodies: dict[str, Body]) -> list[str]:
+    """Substructures without an interface, beside others that have some."""
+    joined = {split_face(side)[0] for i in scene.joints.values() for side in i.sides if side != GROUND}
+    if not joined:
+        return []
+    remarks = []
+    for name in bodies:
+        if name in joined:
+            continue
+        distance = {n: _distance(bodies[name], b) for n, b in bodies.items() if n != name}
+        closest = min(distance, key=lambda n: distance[n])
+        remarks.append(
+            f"substructure {name} touches nothing: it has no interface; {closest} is the nearest, "
+            f"{distance[closest]:.4g} m between nodes"
+        )
+    return remarks
+
+
+def _distance(one: Body, other: Body) -> float:
+    places = [body.mesh.nodes[body.outside.nodes] for body in (one, other)]
+    return float(np.min(nearest(*places)[0]))

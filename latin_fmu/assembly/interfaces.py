@@ -1,33 +1,31 @@
-"""Interfaces of a scene: contact search between bodies, pairs of faces, initial gap, frames and traces."""
+"""Interfaces of a scene: faces whose nodes match, and others (``face_pairs``); initial gap, frames and traces."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from itertools import combinations
 
 import numpy as np
 import scipy.sparse as sp
 
-from ..errors import Problem, Problems, SceneError, did_you_mean
-from ..fem.common_part import common_cells
-from ..fem.faces import face_of
-from ..fem.mesh import Array, nearest
-from ..fem.surface import Surface, cells_between
+from ..errors import Problem, Problems, did_you_mean
+from ..fem.faces import Face, face_of
+from ..fem.mesh import Array, Index, nearest
+from ..fem.surface import cells_between
 from ..interface import BEHAVIOURS, Behaviour, InterfaceGeometry
 from ..interface.geometry import local_frames
 from ..latin.assembly import InterfaceUnit
-from ..scene.fields import ALL_OF_IT, GROUND, split_face
+from ..scene.fields import GROUND, split_face
 from ..scene.interfaces import PARAMETERS, TAKES, Interface
-from ..scene.schema import Scene
-from .body import Body, build_bodies
+from .body import Body, own_points, selection
 from .conditions import Conditions
-from .face_pairs import MATCHING, FacePair, Side, by_mortar, node_by_node, on_plane, own_points
+from .face_pairs import MATCHING, FacePair, Side, by_mortar, on_plane
 
 _TOUCHING = 1e-9  # a distance along N below this fraction of the face is no gap
 _CLOSABLE = 1.0  # gap = "closed" spans distances up to this share of the spacing of points
+_SAME_AREA = 1e-6
+_FLAT = 1e-6
 _SLIVER = 0.01  # a common part below this share of both faces is worth a remark
-_LEAST = 1e-3  # a common area below this share of a facet is a touch of edges, no interface
 
 
 def build_interface(
@@ -143,6 +141,47 @@ def _face_pair(
     return pair
 
 
+def node_by_node(first: Side, second: Side) -> FacePair | None:
+    """Faces whose nodes stand opposite each other, one to one; None where they do not."""
+    (body, facets), (other_body, other_facets) = first, second
+    face, other = face_of(body.mesh.nodes, facets), face_of(other_body.mesh.nodes, other_facets)
+    partner = _partners(face, other, body.mesh.nodes[face.nodes], other_body.mesh.nodes[other.nodes])
+    if partner is None:
+        return None
+    points, trace = own_points(body, facets, face)
+    if face.change is None and other.change is None:
+        there, other_trace = (other_body.mesh.nodes[other.nodes[partner]], selection(other.nodes[partner], other_body))
+    else:
+        areas, opposite = face.positive_areas, other.positive_areas[partner]
+        if np.abs(opposite - areas).max() > _SAME_AREA * areas.max():
+            return None  # the nodes of both match, their facets do not
+        there, other_trace = own_points(other_body, other_facets, other)
+        there = there[partner]
+        other_trace = sp.csr_array(other_trace[(3 * partner[:, None] + np.arange(3)).ravel()])
+    normals = face.normals
+    distance = np.einsum("pi,pi->p", there - points, normals)
+    return FacePair(points, face.positive_areas, normals, distance, (trace, other_trace), np.zeros(len(distance)))
+
+
+def _partners(face: Face, other: Face, points: Array, there: Array) -> Index | None:
+    """Row of the opposite node for each node of a face, None where nodes do not match or normals are not opposed."""
+    if len(other.nodes) != len(face.nodes):
+        return None
+    normals = face.normals
+    along = normals[0]
+    if np.abs(normals @ along - 1).max() < _FLAT:  # far faces pair by their lateral position
+        _, partner = nearest(points - np.outer(points @ along, along), there - np.outer(there @ along, along))
+    else:
+        _, partner = nearest(points, there)
+    jump = there[partner] - points
+    normal = np.einsum("pi,pi->p", jump, normals)
+    lateral = np.linalg.norm(jump - normal[:, None] * normals, axis=1)
+    if len(np.unique(partner)) < len(partner) or (lateral > MATCHING * np.sqrt(face.positive_areas)).any():
+        return None
+    opposed = np.einsum("pi,pi->p", normals, other.normals[partner]) < 0
+    return partner if opposed.all() else None
+
+
 def _area_remarks(name: str, interface: Interface, pair: FacePair) -> list[str]:
     """A remark on faces that have little area in common."""
     if interface.search is not None or max(pair.shares) >= _SLIVER:
@@ -250,105 +289,3 @@ def _closed(name: str, pair: FacePair, problems: Problems) -> Array | None:
         'move the meshes together, or use gap = "measured"',
     )
     return None
-
-
-def completed(scene: Scene) -> Scene:
-    """The scene with the interfaces that its contact tables find, as if they had been written by hand.
-
-    Raises
-    ------
-    SceneError : meshes that cannot be read; bodies that overlap.
-    """
-    if not scene.contact:
-        return scene
-    problems = Problems()
-    bodies = build_bodies(scene, problems)
-    whole = scene if problems else with_found(scene, bodies, problems)
-    if problems:
-        raise SceneError(problems, "the scene cannot be built")
-    return whole
-
-
-def with_found(scene: Scene, bodies: dict[str, Body], problems: Problems) -> Scene:
-    """As ``completed``, for bodies that have been built; overlaps deeper than a search are added to ``problems``."""
-    if not scene.contact:
-        return scene
-    by_hand = {frozenset(split_face(side)[0] for side in i.sides) for i in scene.interface.values()}
-    surfaces = {name: body.surface(ALL_OF_IT) for name, body in bodies.items()}
-    interfaces: dict[str, Interface] = {}
-    taken = set(by_hand)
-    for name, table in scene.contact.items():
-        names = [n for n in bodies if table.parts is None or n in table.parts]
-        for first, second in _near_pairs(names, surfaces, table.search):
-            pair = frozenset((first, second))
-            if pair in taken or pair in table.exceptions:
-                continue
-            one, other = surfaces[first], surfaces[second]
-            area, depth = _common(one, other, table.search)
-            if area > _LEAST * min(one.facet_area, other.facet_area):
-                taken.add(pair)
-                free = _free_name(f"{first}_{second}", {*scene.joints, *interfaces})
-                interfaces[free] = table.interface(first, second)
-            elif depth > 0.0:
-                problems.add(
-                    f"contact.{name}.search",
-                    f"{first} and {second} overlap at the start by more than this",
-                    f"{depth:.4g} m",
-                    f"at most {table.search:g} m",
-                    "move the meshes apart, or leave the pair out by except",
-                )
-    return scene.model_copy(update={"interface": {**scene.interface, **interfaces}, "contact": {}})
-
-
-def _near_pairs(names: list[str], surfaces: dict[str, Surface], search: float) -> list[tuple[str, str]]:
-    """Pairs whose bounding boxes are nearer than ``search``."""
-    boxes = {n: _box(surfaces[n]) for n in names}
-    return [
-        (a, b)
-        for a, b in combinations(names, 2)
-        if bool(((boxes[a][0] - search <= boxes[b][1]) & (boxes[b][0] - search <= boxes[a][1])).all())
-    ]
-
-
-def _box(surface: Surface) -> tuple[Array, Array]:
-    places = surface.nodes[surface.facets.nodes]
-    return places.min(axis=0), places.max(axis=0)
-
-
-def _common(first: Surface, second: Surface, search: float) -> tuple[float, float]:
-    """Area within ``search`` of each other, m2, and how far the faces overlap where that is up to twice as much, m."""
-    cells = [c for row in common_cells(first, second, 2 * search) for c in row]
-    area = sum(float(c.areas[np.abs(c.distance) <= search].sum()) for c in cells)
-    deepest = max((-float(c.distance.min()) for c in cells if len(c)), default=0.0)
-    return area, deepest if deepest > search else 0.0
-
-
-def _free_name(stem: str, taken: set[str]) -> str:
-    number, name = 1, stem[:96]
-    while name in taken:
-        number += 1
-        name = f"{stem[:96]}_{number}"
-    return name
-
-
-def lonely_remarks(scene: Scene, bodies: dict[str, Body]) -> list[str]:
-    """Substructures without an interface, beside others that have some."""
-    joined = {split_face(side)[0] for i in scene.joints.values() for side in i.sides if side != GROUND}
-    if not joined:
-        return []
-    remarks = []
-    for name in bodies:
-        if name in joined:
-            continue
-        distance = {n: _distance(bodies[name], b) for n, b in bodies.items() if n != name}
-        closest = min(distance, key=lambda n: distance[n])
-        remarks.append(
-            f"substructure {name} touches nothing: it has no interface; {closest} is the nearest, "
-            f"{distance[closest]:.4g} m between nodes"
-        )
-    return remarks
-
-
-def _distance(one: Body, other: Body) -> float:
-    places = [body.mesh.nodes[body.outside.nodes] for body in (one, other)]
-    return float(np.min(nearest(*places)[0]))

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from ..assembly.interfaces import completed
+from ..assembly.face_pairs import completed
 from ..errors import InputError, LatinError, Problem
 from ..latin.record import Array, InterfaceHistory
 from ..latin.state_serialization import check_like, decode, encode, unlike

@@ -14,7 +14,7 @@ import scipy.linalg as la
 import scipy.sparse as sp
 
 from ..assembly.build import discretise
-from ..assembly.interfaces import completed
+from ..assembly.face_pairs import completed
 from ..assembly.problem import DiscretisedProblem, characteristic_traction, side_impedance
 from ..cholesky.factor import interface_factor
 from ..errors import Problem, SceneError
