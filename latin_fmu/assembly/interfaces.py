@@ -9,9 +9,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..errors import Problem, Problems, did_you_mean
-from ..fem.faces import Face, face_of
+from ..fem.faces import Face, cells_between, face_of
 from ..fem.mesh import Array, Index, nearest
-from ..fem.surface import cells_between
 from ..interface import BEHAVIOURS, Behaviour, InterfaceGeometry
 from ..interface.geometry import local_frames
 from ..latin.assembly import InterfaceUnit

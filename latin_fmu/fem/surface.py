@@ -1,27 +1,16 @@
-"""A face as flat pieces: what clipping and the search for partners work on; the cells between its nodes."""
+"""A face as flat pieces: what clipping and the search for partners work on."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final
 
 import numpy as np
-import scipy.sparse as sp
 
 from .faces import flat_pieces, is_straight, shape
 from .mesh import Array, FacetSet, Index
 from .reference_cells import FACET_CORNERS
 
-# Flat cells between the nodes of a facet of each kind.
-_CELLS: Final[dict[str, tuple[tuple[int, ...], ...]]] = {
-    "triangle": ((0, 1, 2),),
-    "quad": ((0, 1, 2, 3),),
-    "triangle6": ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)),
-    "quad8": ((0, 4, 7), (4, 1, 5), (5, 2, 6), (7, 6, 3), (4, 5, 6, 7)),
-    "quad9": ((0, 4, 8, 7), (4, 1, 5, 8), (8, 5, 2, 6), (7, 8, 6, 3)),
-}
-_PART = 1e-9  # weight of a node in a point below which it has no part in it
 _CREASE = 0.7  # rad; pieces that meet at a larger angle form an edge of the body, not a curved face
 
 
@@ -144,41 +133,6 @@ class Surface:
             sags.append(own)
             start += len(o)
         return tuple(sags)
-
-
-def cells_between(facets: FacetSet, weights: sp.csr_array) -> Index:
-    """Triangles and quadrilaterals (n_cell, 4) between points of a face, -1 behind the three of a triangle.
-
-    weights : (n_point, n_node) of the nodes of the mesh in the points. A node stands for the point that it has most
-    part in; cells with a node that has part in none (facets that another face covers in part), or between fewer than
-    three points, are left out.
-    """
-    columns = sp.csc_array(weights)
-    point = np.full(weights.shape[1], -1, dtype=np.int64)
-    for node in facets.nodes:
-        own = slice(columns.indptr[node], columns.indptr[node + 1])
-        if columns.data[own].max(initial=0.0) > _PART:
-            point[node] = columns.indices[own][np.argmax(columns.data[own])]
-    rows = [np.zeros((0, 4), dtype=np.int64)]
-    for block in facets.blocks:
-        for local in _CELLS[block.kind]:
-            cells = point[block.facets[:, list(local)]]
-            cells = cells[(cells >= 0).all(axis=1)]
-            rows.append(np.pad(cells, ((0, 0), (0, 4 - cells.shape[1])), constant_values=-1))
-    return _without_repetitions(np.concatenate(rows))
-
-
-def _without_repetitions(cells: Index) -> Index:
-    """Cells (n, 4) whose corners differ; a quadrilateral with two equal neighbours becomes a triangle."""
-    kept = np.ones(cells.shape, dtype=bool)
-    for i in range(4):
-        kept[:, i] = (cells[:, i] != cells[:, i - 1]) & (cells[:, i] >= 0)
-    cells = np.where(kept, cells, -1)
-    order = np.argsort(~kept, axis=1, kind="stable")
-    cells = np.take_along_axis(cells, order, axis=1)
-    distinct = (cells[:, 0] != cells[:, 2]) & ((cells[:, 1] != cells[:, 3]) | (cells[:, 3] < 0))
-    whole: Index = cells[(kept.sum(axis=1) >= 3) & distinct]
-    return whole
 
 
 def _bend(ends: Array, normals: Array, tolerance: float) -> Array:
