@@ -16,7 +16,7 @@ from ..errors import SolverError
 from .numeric import OUTSIDE_PATTERN, factorise, invert, mirror, routines
 from .selected_inverse import selected_inverse
 from .substitution import LANES, SPARE, TILED, backward_one, backward_tile, forward_one, forward_tile
-from .symbolic import Analyses, Array, Index, Pattern, Symbolic, shared_analysis
+from .symbolic import Array, Index, Pattern, Symbolic, shared_analysis
 
 # Panels beyond this many bytes do not stay in the cache from one sweep to the next (see ``substitution``).
 _CACHE = 16_000_000
@@ -61,17 +61,12 @@ class InterfaceFactor(Protocol):
 
 
 def interface_factor(
-    matrix: sp.csr_array,
-    last: NDArray[np.int64],
-    rank: NDArray[np.float64] | None = None,
-    dtype: Any = np.float64,
-    analyses: Analyses | None = None,
+    matrix: sp.csr_array, last: NDArray[np.int64], rank: NDArray[np.float64] | None = None, dtype: Any = np.float64
 ) -> InterfaceFactor:
     """Factor of a symmetric positive definite ``matrix`` (n, n), the sorted dofs ``last`` kept for the interface.
 
     ``rank`` (n,) is the elimination order of the others, ``dtype`` the type the factor is stored in (float64 or
-    float32), ``analyses`` those made so far of matrices with this pattern. Where compilation is off
-    (``LATIN_FMU_COMPILE=0``) it is SciPy's sparse LU, always in float64.
+    float32). Where compilation is off (``LATIN_FMU_COMPILE=0``) it is SciPy's sparse LU, always in float64.
 
     Raises
     ------
@@ -79,7 +74,7 @@ def interface_factor(
     """
     if os.environ.get("LATIN_FMU_COMPILE", "1") == "0":
         return CondensedFactor(matrix, last, rank)
-    return CholeskyFactor(matrix, last, rank, dtype, analyses=analyses)
+    return CholeskyFactor(matrix, last, rank, dtype)
 
 
 class CholeskyFactor:
@@ -96,7 +91,6 @@ class CholeskyFactor:
     matrix : (n, n). last : sorted dofs of the interface. rank : (n,) elimination order for the others, or None for
         minimum degree. dtype : float64, or float32 to store the factor in half the memory (S stays in float64).
     symbolic : analysis of another matrix with the same pattern and interface, to be used again.
-    analyses : those made so far for matrices with this pattern.
     face : sorted dofs that ``face_solve`` and ``face_inverse`` are for; none of them in ``last``.
 
     Attributes
@@ -116,16 +110,10 @@ class CholeskyFactor:
         rank: Array | None = None,
         dtype: Any = np.float64,
         symbolic: Symbolic | None = None,
-        analyses: Analyses | None = None,
         face: Index | None = None,
     ) -> None:
-        if symbolic is None and analyses is not None:
-            symbolic = analyses.find(last, rank, face)
-        if symbolic is None:
-            symbolic = shared_analysis(Pattern(matrix, last, rank, face))
-            if analyses is not None:
-                analyses.add(last, rank, symbolic, face)
-        self.symbolic = shape = symbolic
+        shape = shared_analysis(Pattern(matrix, last, rank, face)) if symbolic is None else symbolic
+        self.symbolic = shape
         self.face = np.zeros(0, dtype=np.int64) if face is None else face
         self.dtype: np.dtype[Any] = np.dtype(dtype)
         if self.dtype not in (np.float64, np.float32):

@@ -8,7 +8,6 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -84,7 +83,7 @@ class Pattern:
         return isinstance(other, Pattern) and self._digest == other._digest
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=16)
 def shared_analysis(pattern: Pattern) -> Symbolic:
     """``analyse`` for a pattern; blocks of one mesh and steps of one model need it once."""
     return pattern.analyse()
@@ -269,27 +268,3 @@ def _minimum_degree(graph: sp.csr_array) -> Index:
     cheap = spla.spilu(dominant, drop_tol=1.0, fill_factor=1.0, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0)
     order: Index = np.argsort(cheap.perm_c).astype(np.int64)
     return order
-
-
-class Analyses:
-    """Symbolic analyses of one pattern, by the dofs kept for last, the order of the others and the face."""
-
-    def __init__(self) -> None:
-        self._known: list[tuple[Index, Array | None, Index | None, Any]] = []
-
-    def find(self, last: Index, rank: Array | None, face: Index | None = None) -> Any | None:
-        """The analysis for these, None where there is none yet."""
-        for kept, order, faces, analysis in self._known:
-            if np.array_equal(kept, last) and _same(order, rank) and _same(faces, face):
-                return analysis
-        return None
-
-    def add(self, last: Index, rank: Array | None, analysis: Any, face: Index | None = None) -> None:
-        """Keep the analysis for these dofs and this order."""
-        self._known.append((last, rank, face, analysis))
-
-
-def _same(first: NDArray[Any] | None, second: NDArray[Any] | None) -> bool:
-    if first is None or second is None:
-        return first is second
-    return np.array_equal(first, second)

@@ -61,13 +61,12 @@ def build_operators(model: SubstructureModel, scheme: TimeScheme, dt: float) -> 
             gain,
             lambda dashpots, dtype: pattern.factor(factors, gain * dashpots, dtype),
         )
-    union = model.operator_pattern
-    matrix = union.sum(factors, matrices)
+    matrix = model.operator_pattern.sum(factors, matrices)
     factor: InterfaceFactor
     if model.factor == "cg":
         factor = IterativeFactor(matrix, dofs)
     else:
-        factor = interface_factor(matrix, dofs, rank, np.dtype(model.factor), union.analyses)
+        factor = interface_factor(matrix, dofs, rank, np.dtype(model.factor))
     return ImplicitOperators(
         mass,
         damping,

@@ -19,7 +19,6 @@ import scipy.sparse.linalg as spla
 from numpy.typing import NDArray
 
 from ..cholesky.factor import InterfaceFactor
-from ..cholesky.symbolic import Analyses
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -91,15 +90,10 @@ class OperatorPattern:
     Parameters
     ----------
     matrices : (n, n) each, rows sorted, no entry twice.
-
-    Attributes
-    ----------
-    analyses : of operators with this pattern.
     """
 
     def __init__(self, matrices: Sequence[sp.csr_array]) -> None:
         self._given = list(matrices)
-        self.analyses = Analyses()
 
     @cached_property
     def _found(self) -> tuple[sp.csr_array, list[Index | None]]:

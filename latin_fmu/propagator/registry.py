@@ -34,16 +34,12 @@ class PropagatorSettings:
     interface: Form = "automatic"
 
 
-Maker = Callable[[Sequence[SubstructureModel], TimeScheme, float, bool, PropagatorSettings], Propagator]
+Members = Sequence[SubstructureModel]
+Maker = Callable[[Members, TimeScheme, float, bool, PropagatorSettings, Propagator | None], Propagator]
 
 
 def _direct(
-    members: Sequence[SubstructureModel],
-    scheme: TimeScheme,
-    dt: float,
-    energy: bool,
-    settings: PropagatorSettings,
-    twin: Propagator | None = None,
+    members: Members, scheme: TimeScheme, dt: float, energy: bool, settings: PropagatorSettings, twin: Propagator | None
 ) -> Propagator:
     if settings.precision != "float64":
         members = [m.with_factor(settings.precision) for m in members]
@@ -51,19 +47,8 @@ def _direct(
     return DirectPropagator(members, scheme, dt, energy, twin if isinstance(twin, DirectPropagator) else None)
 
 
-def _explicit(
-    members: Sequence[SubstructureModel], scheme: TimeScheme, dt: float, energy: bool, _: PropagatorSettings
-) -> Propagator:
-    return ExplicitPropagator(members, scheme, dt, energy)
-
-
 def _reduced(
-    members: Sequence[SubstructureModel],
-    scheme: TimeScheme,
-    dt: float,
-    energy: bool,
-    settings: PropagatorSettings,
-    twin: Propagator | None = None,
+    members: Members, scheme: TimeScheme, dt: float, energy: bool, settings: PropagatorSettings, twin: Propagator | None
 ) -> Propagator:
     if members[0].nodal is not None:  # a rigid body has nothing to reduce
         return DirectPropagator(members, scheme, dt, energy)
@@ -71,19 +56,18 @@ def _reduced(
     return ReducedPropagator(members, scheme, dt, energy, settings.modes, twin)
 
 
-def _cg(
-    members: Sequence[SubstructureModel], scheme: TimeScheme, dt: float, energy: bool, _: PropagatorSettings
-) -> Propagator:
-    return CgPropagator(members, scheme, dt, energy)
-
-
 PROPAGATORS: Mapping[str, Maker] = MappingProxyType(
-    {"direct": _direct, "explicit": _explicit, "reduced": _reduced, "cg": _cg}
+    {
+        "direct": _direct,
+        "explicit": lambda members, scheme, dt, energy, *_: ExplicitPropagator(members, scheme, dt, energy),
+        "reduced": _reduced,
+        "cg": lambda members, scheme, dt, energy, *_: CgPropagator(members, scheme, dt, energy),
+    }
 )
 
 
 def make_propagator(
-    members: Sequence[SubstructureModel],
+    members: Members,
     scheme: TimeScheme,
     dt: float,
     energy: bool,
@@ -102,7 +86,4 @@ def make_propagator(
     ------
     KeyError : unknown name (the scene reader checks names first).
     """
-    if settings.kind in ("direct", "reduced"):
-        make = _direct if settings.kind == "direct" else _reduced
-        return make(members, scheme, dt, energy, settings, twin)
-    return PROPAGATORS[settings.kind](members, scheme, dt, energy, settings)
+    return PROPAGATORS[settings.kind](members, scheme, dt, energy, settings, twin)

@@ -10,7 +10,6 @@ import pytest
 import scipy.sparse as sp
 
 from latin_fmu.cholesky.factor import interface_factor
-from latin_fmu.cholesky.symbolic import Analyses
 from latin_fmu.propagator.model import OperatorPattern, SubstructureModel, reduced_rank, share_patterns
 
 Make = Callable[..., Any]
@@ -44,16 +43,6 @@ def test_places_of_a_part_and_numbers_that_cancel() -> None:
     actual = pattern.sum([-1.0, 1.0], [part, whole])
     assert actual.nnz == whole.nnz
     np.testing.assert_array_equal(actual.toarray(), whole.toarray() - part.toarray())
-
-
-def test_analyses_are_told_apart() -> None:
-    known, rank = Analyses(), np.arange(4.0)
-    known.add(np.array([1, 2]), rank, "ranked")
-    known.add(np.array([1, 2]), None, "not ranked")
-    assert known.find(np.array([1, 2]), rank.copy()) == "ranked"
-    assert known.find(np.array([1, 2]), None) == "not ranked"
-    assert known.find(np.array([1, 3]), rank) is None
-    assert known.find(np.array([1, 2]), rank[::-1]) is None
 
 
 def test_equal_patterns_are_held_once(model: Make, changed: Make) -> None:
