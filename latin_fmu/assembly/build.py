@@ -19,8 +19,7 @@ from .conditions import Conditions, conditions_on
 from .face_pairs import lonely_remarks, with_found
 from .free_bodies import acting, free_groups, free_remarks, unheld, with_place
 from .inactive_substructures import arrival_times, cut_by_arrival, marched_share
-from .initial_fields import check_fields, field_remarks, initial_problems
-from .initial_state import InitialState
+from .initial_state import InitialState, check_fields, field_remarks, initial_problems
 from .interfaces import build_interface, with_behaviours
 from .kept_operators import Kept, KeptOperators
 from .models import scheme_remarks

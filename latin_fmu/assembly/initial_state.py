@@ -1,17 +1,183 @@
-"""State that a run starts from after a static equilibrium: displacements, tractions, gaps, bolts."""
+"""State at t = 0: displacements and velocities given by the scene, or an equilibrium that the run starts from.
+
+Misfits of given fields are refused, changes by the supports are remarks. A field given by a file belongs to the nodes of a mesh. Each node takes the values of the nearest point, whose distance
+may be 1 % of the smallest distance between two nodes, which leaves room for rounded coordinates.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Final
 
 import numpy as np
 
-from ..latin.assembly import Array, Assembly
+from ..errors import Problem, Problems
+from ..fem.mesh import nearest
+from ..latin.assembly import Array, Assembly, InterfaceUnit
 from ..latin.probes import BoltPlace
 from ..latin.record import BoltHistory
+from ..propagator.model import closest_reduced
+from ..scene.fields import GROUND, split_face
+from ..scene.schema import Scene
+from .body import Body
 from .bolts import BoltCut
+from .conditions import Conditions, RigidConditions
 from .models import ModelClass
+
+_BESIDE: Final = 0.01  # of the smallest distance between nodes
+_TEARS: Final = 1e-3  # of the largest displacement: meshes that do not match interpolate a curved field differently
+_CHANGED: Final = 1e-9  # of the largest value of a field: round-off of conditions along inclined axes
+
+
+def check_fields(bodies: Mapping[str, Body], problems: Problems, remarks: list[str]) -> None:
+    """Refuse files without a point at a node, as those of a coarser mesh are; a finer mesh is a remark."""
+    for name, body in bodies.items():
+        for key in ("initial_velocity_field", "initial_displacement_field"):
+            file = getattr(body.description, key)
+            if file is None:
+                continue
+            if file.time is not None and len(file.points) != body.mesh.n_node:
+                counts = f"the mesh of {name} in {file.file} has {len(file.points)} nodes, that of the scene "
+                counts += f"{body.mesh.n_node}"
+                if len(file.points) < body.mesh.n_node:
+                    remedy = "take the results of a run with the same mesh, or write the field at the nodes of this one"
+                    problems.append(Problem("initial_state.file", counts, None, "the same mesh", remedy))
+                    break
+                if key == "initial_velocity_field":
+                    remarks.append(f"initial state: {counts}: it starts from the values at the nodes of both")
+            distance, number = nearest(body.mesh.nodes, np.asarray(file.points, dtype=float))
+            spacing = _smallest_distance(body.mesh.nodes)
+            worst = int(np.argmax(distance))
+            if distance[worst] > _BESIDE * spacing:
+                apart = int((distance > _BESIDE * spacing).sum())
+                at, near = (_point(x) for x in (body.mesh.nodes[worst], file.points[number[worst]]))
+                problems.add(
+                    f"substructure.{name}.{key}.file",
+                    f"{apart} of {len(distance)} nodes have no point of the file: the one nearest to the node {at} is "
+                    f"{near}, {distance[worst]:.4g} m from it",
+                    file.file,
+                    f"a distance of {_BESIDE * spacing:.4g} m, {100 * _BESIDE:g} % of the smallest one between nodes",
+                    "give a row for every node of this mesh; check length_unit and the columns",
+                )
+
+
+def _smallest_distance(nodes: Array) -> float:
+    """Smallest distance between two nodes at different places, m."""
+    from scipy.spatial import cKDTree
+
+    unique = np.unique(nodes, axis=0)
+    distance = np.asarray(cKDTree(unique).query(unique, k=2)[0])
+    return float(distance[:, 1].min())
+
+
+def _point(x: object) -> str:
+    return "[" + ", ".join(f"{value:.6g}" for value in np.asarray(x, dtype=float)) + "]"
+
+
+def field_remarks(scene: Scene, bodies: Mapping[str, Body], conditions: Mapping[str, Conditions]) -> list[str]:
+    """Fields that supports change, and those of which a reduced basis keeps a part."""
+    remarks = []
+    for name, body in bodies.items():
+        held = conditions[name]
+        if isinstance(held, RigidConditions):
+            continue
+        moved = np.zeros(body.full_size()) if held.pattern.size == 0 else np.abs(held.pattern).sum(axis=1)
+        start = held.pattern @ held.start() if held.pattern.size else np.zeros(body.full_size())
+        for kind, own, whole, given, counts in (
+            ("displacement", body.displacement_field, body.initial_displacement, start, np.ones(len(moved), bool)),
+            ("velocity", body.velocity_field, body.initial_velocity, np.zeros(len(moved)), moved == 0),
+        ):
+            if own is None:
+                continue
+            free = (whole() - given)[:, None]
+            left = np.where(counts, (free - held.expansion @ closest_reduced(held.expansion, free))[:, 0], 0.0)
+            changed = np.abs(left) > _CHANGED * np.abs(free).max()
+            if changed.any():
+                unit = "m" if kind == "displacement" else "m/s"
+                remarks.append(
+                    f"substructure {name}: conditions win over the initial {kind} field at "
+                    f"{len(np.unique(np.flatnonzero(changed) // 3))} nodes; the largest change is "
+                    f"{np.abs(left).max():.3g} {unit}"
+                )
+            if scene.solver.propagator.type == "reduced":
+                remarks.append(
+                    f"substructure {name}: the reduced basis keeps of the initial {kind} field what its modes and "
+                    "static shapes represent, nearest in the norm of the mass"
+                )
+    return remarks
+
+
+def field_tractions(body: Body, impedance: float) -> Iterator[float]:
+    """Largest tractions that the fields of a body bring, Pa: its impedance (Pa s m-1) times the largest speed, and the
+    largest mean stress of an element."""
+    if body.velocity_field is not None:
+        yield impedance * float(np.linalg.norm(body.velocity_field, axis=1).max())
+    if body.displacement_field is not None:
+        yield float(np.abs(body.shape.stress(body.displacement_field)).max())
+
+
+def initial_problems(
+    scene: Scene, bodies: Mapping[str, Body], units: list[InterfaceUnit], problems: Problems, remarks: list[str]
+) -> None:
+    """Overlaps, open preloads and torn bonds that initial displacements make; velocity jumps of bonds are remarks."""
+    for unit in units:
+        first, second = (None if side == GROUND else scene.substructure[split_face(side)[0]] for side in unit.sides)
+        assert first is not None
+        where = f"interface.{unit.name}"
+        if unit.behaviour.compliant:
+            continue
+        zero = (0.0, 0.0, 0.0)
+        uniform = np.subtract(zero if second is None else second.initial_displacement, first.initial_displacement)
+        by_field, level = _jump(unit, bodies, "displacement_field")
+        jump = uniform + by_field
+        if not unit.behaviour.opens:
+            worst = jump[int(np.argmax(np.abs(jump).max(axis=1)))]
+            if np.abs(worst).max() > _TEARS * level:
+                problems.add(
+                    where,
+                    "initial displacements tear a bonded interface",
+                    str(worst.tolist()),
+                    remedy="give both sides the same initial displacement",
+                )
+            across, level = _jump(unit, bodies, "velocity_field")
+            differ = second is not None and first.initial_velocity != second.initial_velocity
+            if differ or np.abs(across).max(initial=0.0) > _TEARS * level:
+                remarks.append(
+                    f"interface {unit.name}: bonded sides start with different velocities; the jump is lost in the "
+                    "first step, with its energy"
+                )
+            continue
+        gap = unit.geometry.gap + np.einsum("pi,pi->p", unit.geometry.frames[:, 0], jump)
+        size = float(np.ptp(unit.geometry.points, axis=0).max())
+        if gap.min() < -1e-9 * max(size, float(np.abs(jump).max())):
+            problems.add(
+                where,
+                "the sides overlap at the start",
+                f"by {-gap.min():.6g} m in all",
+                remedy="change the initial displacements (with [initial_state], choose an instant at which the "
+                "contact is open), or move the meshes apart",
+            )
+        elif unit.preload > 0 and gap.max() > 1e-9 * size and not unit.geometry.gap.any():
+            problems.add(
+                f"{where}.preload",
+                "a preloaded interface cannot be open",
+                f"{gap.max():.6g} m",
+                remedy="leave out the initial displacement that opens it, or the preload",
+            )
+
+
+def _jump(unit: InterfaceUnit, bodies: Mapping[str, Body], field: str) -> tuple[Array, float]:
+    """Jump of a field across an interface (n_point, 3), side E' minus side E, and the largest value on the sides."""
+    jump, level = np.zeros((unit.geometry.n_point, 3)), 0.0
+    for side, face in enumerate(unit.sides):
+        values = None if face == GROUND else getattr(bodies[split_face(face)[0]], field)
+        trace = unit.geometry.traces[side]
+        if values is not None and trace is not None:
+            own = np.asarray(trace @ values.ravel()).reshape(-1, 3)
+            level = max(level, float(np.abs(own).max(initial=0.0)))
+            jump += (2 * side - 1) * own
+    return jump, level
 
 
 @dataclass(frozen=True)

@@ -28,8 +28,7 @@ from ..time_scheme import QuasiStatic, TimeScheme
 from .body import Body, body_sides
 from .bolts import BoltCut, OpenedMesh, OpenedStress, load_name
 from .conditions import Conditions
-from .initial_fields import field_tractions
-from .initial_state import InitialState, TightBolts
+from .initial_state import InitialState, TightBolts, field_tractions
 from .kept_operators import Kept, KeptOperators
 from .models import NO_BOLTS, ContactLayer, ModelClass, chosen_scheme, model_classes
 from .ports import port_motions, port_supports
