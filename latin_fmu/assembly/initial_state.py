@@ -1,7 +1,8 @@
 """State at t = 0: displacements and velocities given by the scene, or an equilibrium that the run starts from.
 
-Misfits of given fields are refused, changes by the supports are remarks. A field given by a file belongs to the nodes of a mesh. Each node takes the values of the nearest point, whose distance
-may be 1 % of the smallest distance between two nodes, which leaves room for rounded coordinates.
+Misfits of given fields are refused, changes by the supports are remarks. A field given by a file belongs to the nodes
+of a mesh. Each node takes the values of the nearest point, whose distance may be 1 % of the smallest distance between
+two nodes, which leaves room for rounded coordinates.
 """
 
 from __future__ import annotations

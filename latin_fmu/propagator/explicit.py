@@ -1,7 +1,7 @@
 """Explicit propagator: central differences with a lumped mass; no factor, D diagonal but for damping and ties.
 
 One instant is one product with K. The interface velocity is v_{n+1}, D = dt T (M + dt/2 C_d)^-1 T^T with C_d the
-lumped part of the damping, so that with k = 1 / D_ii the iteration needs one pass (``time_scheme.central_difference``
+lumped part of the damping, so that with k = 1 / D_ii the iteration needs one pass (``time_scheme.scheme``
 has the equations, ``stable_step`` the longest step).
 """
 

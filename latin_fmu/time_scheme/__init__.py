@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
-from .central_difference import CentralDifference
 from .implicit import HHT, GeneralizedAlpha, MasslessContact, Newmark, QuasiStatic
-from .scheme import TimeScheme
+from .scheme import CentralDifference, TimeScheme
 
 __all__ = ["HHT", "SCHEMES", "CentralDifference", "GeneralizedAlpha", "Newmark", "QuasiStatic", "TimeScheme"]
 

@@ -8,7 +8,7 @@ import scipy.sparse as sp
 
 from latin_fmu.cholesky.factor import CondensedFactor
 from latin_fmu.errors import SolverError
-from latin_fmu.propagator.conjugate_gradients import ConjugateGradients, IterativeFactor
+from latin_fmu.propagator.direct import ConjugateGradients, IterativeFactor
 
 
 def matrix(n: int = 90, seed: int = 0) -> sp.csr_array:
