@@ -14,8 +14,7 @@ from ..scene.boundaries import AXES
 from ..scene.fields import split_face
 from ..scene.laws import InputLaw, RectangularPulseLaw, StepLaw, sampled_impulse_error
 from ..scene.schema import Scene
-from ..scene.settings import HHT, AutomaticScheme, GeneralizedAlpha
-from ..scene.solver_settings import WHOLE
+from ..scene.settings import HHT, WHOLE, AutomaticScheme, GeneralizedAlpha
 from ..scene.substructures import MAX_REFINEMENTS, MeshFile, Substructure
 
 FEWEST_STEPS: Final = 8

@@ -17,8 +17,7 @@ from ..reader import scene_from_dict
 from ..results.estimates import ErrorEstimate
 from ..scene.describe import tables_in, tag_of
 from ..scene.schema import Scene
-from ..scene.settings import Time
-from ..scene.solver_settings import WHOLE, Solver
+from ..scene.settings import WHOLE, Solver, Time
 from .estimate import coarser_runs_of
 from .quantities import Quantities
 from .reference import Reference, declared

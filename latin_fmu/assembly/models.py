@@ -19,8 +19,7 @@ from ..propagator import LoadTerm, SubstructureModel
 from ..propagator.model import diagonal_matrix, share_patterns
 from ..scene.fields import split_face
 from ..scene.schema import BODY_FORCE, GRAVITY, Scene
-from ..scene.settings import AutomaticScheme
-from ..scene.solver_settings import ReducedPropagator
+from ..scene.settings import AutomaticScheme, ReducedPropagator
 from ..time_scheme import HHT, SCHEMES, GeneralizedAlpha, QuasiStatic, TimeScheme
 from .body import AddedMass, Body, body_sides
 from .bolts import BoltCut

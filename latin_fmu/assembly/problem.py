@@ -23,7 +23,7 @@ from ..scene.boundaries import Driven
 from ..scene.fields import split_face
 from ..scene.laws import InputLaw, TimeLaw, sampled
 from ..scene.schema import Scene
-from ..scene.solver_settings import WHOLE, Anderson, Uniform
+from ..scene.settings import WHOLE, Anderson, Uniform
 from ..time_scheme import QuasiStatic, TimeScheme
 from .body import Body, body_sides
 from .bolts import BoltCut, OpenedMesh, OpenedStress, load_name

@@ -23,7 +23,7 @@ from ..propagator.model import Array, SubstructureModel
 from ..propagator.registry import Kind, PropagatorSettings
 from ..scene.raw_scene import CENTRAL
 from ..scene.schema import Scene
-from ..scene.solver_settings import AutomaticPropagator, ReducedPropagator
+from ..scene.settings import AutomaticPropagator, ReducedPropagator
 from ..time_scheme import QuasiStatic, TimeScheme
 from .kept_operators import KeptOperators
 from .models import ModelClass

@@ -32,7 +32,7 @@ from ..machine import memory_room
 from ..propagator.interface_sweeps import SET_UP
 from ..propagator.registry import PropagatorSettings
 from ..scene.schema import Scene
-from ..scene.solver_settings import WHOLE
+from ..scene.settings import WHOLE
 
 OPERATIONS: Final = ("flop", "entry", "sparse", "value", "call")
 """``flop`` : multiplications of a factorisation. ``entry`` : entries of factors and condensed operators that are read.

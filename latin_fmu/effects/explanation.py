@@ -11,7 +11,7 @@ from ..assembly.build import discretise
 from ..results.summary import readable
 from ..scene.overrides import key_lines, line_of
 from ..scene.schema import Scene
-from ..scene.solver_settings import WHOLE, Anderson
+from ..scene.settings import WHOLE, Anderson
 from .cost import Prediction
 from .scene_effects import EFFECTS, Effect
 from .suggestions import Suggestion, suggestions

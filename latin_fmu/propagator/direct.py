@@ -3,15 +3,13 @@
 The operator A = M + (1 + alpha)(gamma dt C + beta dt^2 K) is factorised once per class and step, interface dofs last;
 identical substructures are members of one class and are solved together.
 
-Solutions without a factor: conjugate gradients with the interface dofs last, for what does not fit in memory.
+Where the factor does not fit in memory: conjugate gradients with the interface dofs last.
 
 The half solves of ``condensed`` with A_II^-1 replaced by conjugate gradients, preconditioned by the diagonal. For the
 operator of a march, M + c dt^2 K, the number of iterations grows with the step over the time a wave needs for an
 element, not with the mesh. What is kept is the matrix and the dense Schur complement of the interface.
 
 Two solutions per instant, each from zero: nothing depends on the instants before, a restart is bit for bit the same.
-
-
 """
 
 from __future__ import annotations

@@ -3,8 +3,7 @@
 ===================================  ================================================================================
 schema                               `Scene`, the whole description, and its TOML text
 substructures, interfaces,           its tables, one class each; checks between the keys of one table stand there, too
-boundaries, laws, settings,
-solver_settings
+boundaries, laws, settings
 fields                               types of the keys: strict numbers, names, faces; description, unit and range
 relations                            checks between tables: unknown names, contradictions
 raw_scene                            the scene as it was written, for these checks

@@ -30,8 +30,7 @@ from .raw_scene import (
     unknown_name,
 )
 from .sensors import sensor_problems
-from .settings import MAX_INSTANTS
-from .solver_settings import STATIC_TOLERANCE
+from .settings import MAX_INSTANTS, STATIC_TOLERANCE
 from .substructures import DAMPING_KEYS
 
 _EXPLICIT, _REDUCED, _REDUCIBLE = "explicit", "reduced", ("hht", "newmark")

@@ -19,8 +19,7 @@ from .problems import field_problems, path_text
 from .raw_scene import endless_numbers, named_tables, plain
 from .relations import relation_problems, with_defaults
 from .sensors import Sensor
-from .settings import Accuracy, Output, Time
-from .solver_settings import Solver
+from .settings import Accuracy, Output, Solver, Time
 from .substructures import Bolt, Gravity, Load, Material, MeshParts, Substructure
 
 

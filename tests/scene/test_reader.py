@@ -17,8 +17,17 @@ from latin_fmu.scene.boundaries import Absorbing, Fixed
 from latin_fmu.scene.interfaces import GroundVelocity, Interface
 from latin_fmu.scene.laws import CsvLaw
 from latin_fmu.scene.schema import Scene
-from latin_fmu.scene.settings import AutomaticScheme, Newmark, Time
-from latin_fmu.scene.solver_settings import Anderson, Automatic, NoAcceleration, Row, Solver, Uniform
+from latin_fmu.scene.settings import (
+    Anderson,
+    Automatic,
+    AutomaticScheme,
+    Newmark,
+    NoAcceleration,
+    Row,
+    Solver,
+    Time,
+    Uniform,
+)
 from latin_fmu.scene.substructures import Box, Material, Substructure
 
 
