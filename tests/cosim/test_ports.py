@@ -19,6 +19,7 @@ from latin_fmu.cosim import Session, Settings
 from latin_fmu.cosim.loads import Loads
 from latin_fmu.cosim.variables import HOLD, RATE
 from latin_fmu.cosim.waveform_relaxation import Coupling, Side, WaveformMaster
+from latin_fmu.stability.scenes import Box, Material, column
 
 E, RHO, SIDE, EDGE = 200e9, 8000.0, 0.01, 0.01
 C, AREA = np.sqrt(E / RHO), SIDE**2
@@ -30,20 +31,14 @@ CUT = "port.cut.incident[3]", "port.cut.reflected[3]"
 
 def bar(n: int, steps: int, dt: float = 0.5 * EDGE / C, propagator: str = "direct", **tables: Any) -> latin_fmu.Scene:
     """A bar of n elements along z, one-dimensional, without supports along z."""
-    data = {
-        "name": "bar",
-        "material": {"steel": {"young_modulus": E, "poisson_ratio": 0.0, "density": RHO}},
-        "substructure": {
-            "bar": {
-                "material": "steel",
-                "box": {"origin": [0, 0, 0], "size": [SIDE, SIDE, n * EDGE], "elements": [1, 1, n]},
-                "bending_modes": propagator != "explicit",
-            }
-        },
-        "boundary": {k: {"type": "fixed", "face": f"bar.{k}", "components": ["x", "y"]} for k in ("xmin", "xmax")},
-        "time": {"end": steps * dt, "step": dt},
-        "solver": {"propagator": propagator},
-    }
+    steel, keys = Material(E, RHO, name="steel"), {"bending_modes": propagator != "explicit"}
+    data = column(
+        {"bar": Box(steel, (SIDE, SIDE, n * EDGE), (1, 1, n), keys=keys)},
+        {},
+        {"end": steps * dt, "step": dt},
+        boundary={k: {"type": "fixed", "face": f"bar.{k}", "components": ["x", "y"]} for k in ("xmin", "xmax")},
+        solver={"propagator": propagator},
+    )
     return latin_fmu.scene_from_dict(data | tables)
 
 

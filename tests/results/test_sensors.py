@@ -13,7 +13,7 @@ import latin_fmu
 from latin_fmu.fem.location import locate
 from latin_fmu.fem.mesh import Mesh, cell_blocks
 from latin_fmu.results.vtk import export_vtu
-from latin_fmu.stability.scenes import STEEL, Box, column, half_sine
+from latin_fmu.stability.scenes import STEEL, Box, Material, column, half_sine
 
 INSIDE = [0.0013, 0.0041, 0.0137]
 SENSORS = {
@@ -138,22 +138,16 @@ def test_nodes_without_mass_have_the_difference_quotient() -> None:
 def test_a_falling_body(rigid: bool) -> None:
     """u = g t^2 / 2, v = g t, a = g at every sensor, of an elastic or rigid body."""
     g, density = 9.81, STEEL.density
+    keys = {"body_force": [0.0, 0.0, -density * g], "rigid": rigid}
+    body = Box(Material(210e9, density, 0.3), elements=(2, 2, 2), keys=keys)
     scene = latin_fmu.scene_from_dict(
-        {
-            "name": "falling",
-            "material": {"steel": {"young_modulus": 210e9, "poisson_ratio": 0.3, "density": density}},
-            "substructure": {
-                "body": {
-                    "material": "steel",
-                    "box": {"size": [1.0, 1.0, 1.0], "elements": [2, 2, 2]},
-                    "body_force": [0.0, 0.0, -density * g],
-                    "rigid": rigid,
-                }
-            },
-            "interface": {"floor": {"sides": ["body.zmin", "ground"], "gap": 1.0}},
-            "sensor": {"point": {"substructure": "body", "point": [0.3, 0.7, 0.2]}, "face": {"face": "body.ymax"}},
-            "time": {"end": 0.1, "instants": 10},
-        }
+        column(
+            {"body": body},
+            {},
+            {"end": 0.1, "instants": 10},
+            interface={"floor": {"sides": ["body.zmin", "ground"], "gap": 1.0}},
+            sensor={"point": {"substructure": "body", "point": [0.3, 0.7, 0.2]}, "face": {"face": "body.ymax"}},
+        )
     )
     solution = latin_fmu.solve(scene)
     t = solution.time

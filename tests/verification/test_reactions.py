@@ -9,24 +9,23 @@ import numpy as np
 import pytest
 
 import latin_fmu
+from latin_fmu.stability.scenes import Box, Material, column
 
 E, RHO, L, SIDE = 210e9, 7800.0, 1.0, 0.1
 C, AREA = np.sqrt(E / RHO), SIDE**2
-MATERIAL = {"steel": {"young_modulus": E, "poisson_ratio": 0.0, "density": RHO}}
 
 
 def bar(n: int = 40, **tables: Any) -> latin_fmu.Scene:
     """A bar along z that moves along its axis only, held at its foot; reactions and fields are kept."""
-    box = {"size": [SIDE, SIDE, L], "elements": [1, 1, n]}
+    steel = Material(E, RHO, name="steel")
     sides = {s: {"type": "symmetry", "face": f"bar.{s}"} for s in ("xmin", "ymin")}
-    data: dict[str, Any] = {
-        "name": "bar",
-        "material": MATERIAL,
-        "substructure": {"bar": {"material": "steel", "box": box}},
-        "boundary": {"foot": {"type": "fixed", "face": "bar.zmin"}, **sides},
-        "time": {"end": 2.8 * L / C, "instants": 280},
-        "output": {"reactions": True, "fields": True},
-    }
+    data = column(
+        {"bar": Box(steel, (SIDE, SIDE, L), (1, 1, n))},
+        {},
+        {"end": 2.8 * L / C, "instants": 280},
+        boundary={"foot": {"type": "fixed", "face": "bar.zmin"}, **sides},
+        output={"reactions": True, "fields": True},
+    )
     for key, table in tables.items():
         data[key] = {**data.get(key, {}), **table}
     return latin_fmu.scene_from_dict(data)
@@ -108,30 +107,25 @@ def test_a_support_carries_its_own_mass() -> None:
 
 def sheared(**changes: Any) -> latin_fmu.Scene:
     """A block pressed and pushed on a fixed one; a symmetry plane holds the edge of the contact face, too."""
-    box = {"size": [0.02, 0.02, 0.01], "elements": [3, 3, 2]}
+    block = Box(Material(E, RHO, 0.3, "steel"), (0.02, 0.02, 0.01), (3, 3, 2))
     law = {"type": "table", "times": [0.0, 1.0], "values": [0.0, 1.0]}
-    data = {
-        "name": "sheared",
-        "material": {"steel": {**MATERIAL["steel"], "poisson_ratio": 0.3}},
-        "substructure": {
-            "low": {"material": "steel", "box": box},
-            "up": {"material": "steel", "box": {**box, "origin": [0.0, 0.0, 0.01]}},
-        },
-        "interface": {"joint": {"sides": ["low.zmax", "up.zmin"], "friction_coefficient": 0.4}},
-        "boundary": {
+    data = column(
+        {"low": block, "up": block},
+        {"joint": {"friction_coefficient": 0.4}},
+        {"end": 1.0, "instants": 4, "quasi_static": True},
+        boundary={
             "base": {"type": "fixed", "face": "low.zmin"},
             "wall": {"type": "fixed", "face": "low.xmin"},
             "plane": {"type": "symmetry", "face": "up.ymin"},
             "stop": {"type": "fixed", "face": "up.xmax", "components": ["x"]},
         },
-        "load": {
+        load={
             "press": {"face": "up.zmax", "pressure": 50e6, "law": law},
             "push": {"face": "up.zmax", "traction": [15e6, 3e6, 0.0], "law": law},
         },
-        "time": {"end": 1.0, "instants": 4, "quasi_static": True},
-        "solver": {"tolerance": 1e-8},
-        "output": {"reactions": True},
-    }
+        solver={"tolerance": 1e-8},
+        output={"reactions": True},
+    )
     return latin_fmu.scene_from_dict(data | changes)
 
 
