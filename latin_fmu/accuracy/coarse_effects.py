@@ -95,8 +95,7 @@ def _of_contact(name: str, history: InterfaceHistory, solution: Solution) -> Ite
         gap = "" if history.gap is None else f": the smallest gap is {history.gap.min():.3g} m"
         yield f"interface {name} never touches{gap}"
         return
-    mu = history.friction_coefficient
-    share = slipping / touching
+    mu, share = history.mu, slipping / touching
     if mu and share <= NEGLIGIBLE:
         yield f"interface {name}: nothing slips at mu = {mu:g} ({100 * share:.2g} % of the contact does)"
     elif mu and share >= 1.0 - NEGLIGIBLE:

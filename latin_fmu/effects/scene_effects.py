@@ -9,7 +9,7 @@ from typing import Any
 from ..assembly.build import discretise
 from ..assembly.problem import DiscretisedProblem
 from ..errors import InputError
-from ..interface.laws import bonds
+from ..interface.laws import FRICTION, bonds
 from ..latin.assembly import InterfaceUnit
 from ..reader import scene_from_dict
 from ..scene.boundaries import Absorbing, Driven
@@ -28,7 +28,7 @@ class Effect:
     Attributes
     ----------
     name : of the effect. on : whether the scene calls for it.
-    why : keys of the scene that decide, e.g. ``interface.crush.friction_coefficient``; a key that is not written
+    why : keys of the scene that decide, e.g. ``interface.crush.behaviour``; a key that is not written
         stands for its default.
     reason : the same in words. switch : what would turn it the other way.
     kernels : functions that are called because of it. cost : predicted CPU seconds per instant.
@@ -251,9 +251,9 @@ def friction(p: Prediction) -> Effect:
     units = [u for u in p.discretised.units if u.behaviour.opens and u.behaviour.n_component > 1]
     n = sum(4 * u.geometry.n_point for u in units)
     reason = "tangential unknowns where mu > 0, or where nothing slips"
-    switch = "friction_coefficient > 0", "friction_coefficient = 0"
+    switch = f"{FRICTION} > 0", f"{FRICTION} = 0"
     kernel = "local stage, cone projection"
-    return _interface(p, "friction", units, "friction_coefficient", n, kernel, reason, switch)
+    return _interface(p, "friction", units, FRICTION, n, kernel, reason, switch)
 
 
 def gap(p: Prediction) -> Effect:

@@ -16,6 +16,7 @@ import numpy as np
 from ..assembly.inactive_substructures import arrival_times, marched_share
 from ..assembly.problem import DiscretisedProblem
 from ..fem.elements import wave_speeds
+from ..interface.laws import FRICTION, coulomb_coefficient
 from ..latin.assembly import Array
 from ..propagator.explicit import ExplicitPropagator
 from ..scene.boundaries import Driven
@@ -79,14 +80,13 @@ def suggestions(p: Prediction, effects: list[Effect]) -> list[Suggestion]:
 
 def _friction(p: Prediction, _: list[Effect]) -> Iterator[Suggestion]:
     """Friction with a negligible coefficient."""
-    for name, interface in p.scene.interface.items():
-        mu = interface.friction_coefficient
+    for unit in p.discretised.units:
+        mu = coulomb_coefficient(unit.behaviour) or 0.0
         if 0 < mu < TINY_FRICTION:
-            unit = next(u for u in p.discretised.units if u.name == name)
             yield Suggestion(
-                f"interface {name}: friction with mu = {mu:g} changes forces by less than {100 * mu:.2g} %; without it "
-                f"{4 * unit.geometry.n_point} of {p.run.n_flat} interface unknowns are gone",
-                (f"interface.{name}.friction_coefficient=0",),
+                f"interface {unit.name}: friction with mu = {mu:g} changes forces by less than {100 * mu:.2g} %; without "
+                f"it {4 * unit.geometry.n_point} of {p.run.n_flat} interface unknowns are gone",
+                (f"interface.{unit.name}.{FRICTION}=0",),
                 _factor(p, without_friction(p, [unit])),
                 f"tangential forces, up to {100 * mu:.2g} % of the normal ones",
             )

@@ -94,7 +94,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import ClassVar, Protocol, cast
+from typing import ClassVar, Final, Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -192,9 +192,13 @@ def as_layer(behaviour: Behaviour) -> Layer | None:
     return cast(Layer, behaviour) if behaviour.elastic else None
 
 
+FRICTION: Final = "friction_coefficient"
+"""Key of Coulomb's mu."""
+
+
 def coulomb_coefficient(behaviour: Behaviour) -> float | None:
     """Coulomb's mu of a behaviour, of the caller's own too; 0 without friction, None where the law has no mu."""
-    coefficient: float | None = getattr(behaviour, "friction_coefficient", None)
+    coefficient: float | None = getattr(behaviour, FRICTION, None)
     return coefficient
 
 
@@ -205,7 +209,7 @@ class Contact(PointLaw):
     friction_coefficient: float = 0.0
     name: ClassVar[str] = "contact"
     opens: ClassVar[bool] = True
-    tangential: ClassVar[str] = "friction_coefficient"
+    tangential: ClassVar[str] = FRICTION
 
     @staticmethod
     def status(traction: Array, parameters: Array) -> Status:
@@ -245,7 +249,7 @@ class SoftContact(PointLaw):
     opens: ClassVar[bool] = True
     compliant: ClassVar[bool] = True
     elastic: ClassVar[bool] = True
-    tangential: ClassVar[str] = "friction_coefficient"
+    tangential: ClassVar[str] = FRICTION
     status = staticmethod(Contact.status)
 
     @staticmethod

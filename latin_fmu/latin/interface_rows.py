@@ -215,14 +215,14 @@ def interface_history(
     if behaviour.compliant and layer is None:
         joint_power = (f_hat * (w_hat[:, 1] - w_hat[:, 0])).sum(axis=-1) @ geometry.areas
     return InterfaceHistory(
-        name=unit.name,
-        behaviour=behaviour.name,
-        sides=unit.sides,
-        points=geometry.points,
-        areas=geometry.areas,
-        normals=geometry.frames[:, 0],
-        initial_gap=geometry.gap,
-        friction_coefficient=coulomb_coefficient(behaviour),
+        unit.name,
+        behaviour.name,
+        unit.sides,
+        geometry.points,
+        geometry.areas,
+        geometry.frames[:, 0],
+        geometry.gap,
+        coulomb_coefficient(behaviour),
         traction=traction,
         velocity=velocity,
         gap=gap,

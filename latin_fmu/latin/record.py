@@ -71,9 +71,14 @@ class InterfaceHistory:
     peak_duration: float | None = None
 
     @property
+    def mu(self) -> float:
+        """Coulomb's coefficient; 0 also for a law without one."""
+        return self.friction_coefficient or 0.0
+
+    @property
     def has_friction(self) -> bool:
         """Whether Coulomb friction acts (mu > 0)."""
-        return bool(self.friction_coefficient)
+        return self.mu > 0.0
 
     @property
     def points_over_time(self) -> PointFields:

@@ -25,7 +25,7 @@ MOST_POINTS: Final = 20_000
 MOST_PARAMETERS: Final = 8
 _TRIED: Final = 200  # points of which one must be valid
 
-_FORM: Final = "name.key=from:to:count or name.key=value,value,..., e.g. interface.crush.friction_coefficient=0:0.6:13"
+_FORM: Final = "name.key=from:to:count or name.key=value,value,..., e.g. load.press.pressure=0:2e8:5"
 _RANGE: Final = re.compile(r"\s*([^:,\[\]\"'{}]+):([^:,\[\]\"'{}]+):\s*([0-9]+)\s*")
 _HEADING: Final = "the study cannot be made"
 _NO_FIELDS: Final = ("fields", "stress", "nodal_stress", "principal_stress", "strain", "surfaces")
@@ -64,8 +64,8 @@ def read_parameter(text: str) -> Parameter:
 
     >>> read_parameter("load.push.pressure=1e5,2e5").values
     (100000.0, 200000.0)
-    >>> read_parameter("interface.crush.friction_coefficient=0:0.6:3").values
-    (0.0, 0.3, 0.6)
+    >>> read_parameter("load.push.pressure=0:6e5:3").values
+    (0.0, 300000.0, 600000.0)
 
     Raises
     ------

@@ -220,7 +220,7 @@ def contact_laws(solution: Solution) -> list[Measure]:
         normal = np.einsum("tpc,pc->tp", history.traction, history.normals)
         shear = np.linalg.norm(history.traction - normal[..., None] * history.normals, axis=2)
         tension = max(tension, float(normal.max()) / size)
-        excess = shear - (history.friction_coefficient or 0.0) * np.maximum(-normal, 0.0)
+        excess = shear - history.mu * np.maximum(-normal, 0.0)
         cone = max(cone, float(excess.max()) / size)
     return [Measure("tension", tension, 1e-12), Measure("friction outside the cone", cone, 1e-9)]
 
