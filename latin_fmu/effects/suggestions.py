@@ -84,8 +84,8 @@ def _friction(p: Prediction, _: list[Effect]) -> Iterator[Suggestion]:
         mu = coulomb_coefficient(unit.behaviour) or 0.0
         if 0 < mu < TINY_FRICTION:
             yield Suggestion(
-                f"interface {unit.name}: friction with mu = {mu:g} changes forces by less than {100 * mu:.2g} %; without "
-                f"it {4 * unit.geometry.n_point} of {p.run.n_flat} interface unknowns are gone",
+                f"interface {unit.name}: friction with mu = {mu:g} changes forces by less than {100 * mu:.2g} %; "
+                f"without it {4 * unit.geometry.n_point} of {p.run.n_flat} interface unknowns are gone",
                 (f"interface.{unit.name}.{FRICTION}=0",),
                 _factor(p, without_friction(p, [unit])),
                 f"tangential forces, up to {100 * mu:.2g} % of the normal ones",
