@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -19,6 +19,8 @@ from ..latin.status import WindowList
 from ..latin.windows import Run
 from ..machine import one_thread
 from ..propagator import Propagator
+from ..propagator.forcing import MotionState
+from ..propagator.image import COMMUNICATION_ROWS
 from ..scene.laws import InputLaw
 from ..scene.schema import Scene
 from .build import discretise, starting_equilibrium
@@ -86,6 +88,11 @@ class SegmentedRun:
     scene : forces whose law is ``input`` take the histories given to ``advance``; the others keep their law.
     tolerance : replaces the tolerance of the scene (the force tolerance in proportion).
 
+    Attributes
+    ----------
+    dt : time step of the scene, s. run : windows of the present segment, None before the first. running : energies
+    (J) that the interfaces have dissipated so far, by kind. ground : state of the moving ground by interface.
+
     Raises
     ------
     SceneError : the scene cannot be built.
@@ -108,11 +115,12 @@ class SegmentedRun:
         self._amplitudes: dict[str, float] | None = None  # of the static start
         self.timings = Timings()
         self.time = 0.0
-        self._running: dict[str, float] = {}  # interface energies so far
-        self._run: Run | None = None
-        self._ground = dict(self.problem.assembly.ground_start)
+        self.running: dict[str, float] = {}
+        self.run: Run | None = None
+        self.ground = dict(self.problem.assembly.ground_start)
         self._stored: float | None = None  # energy at t = 0
         self._steps: list[float] = []
+        self.dt = self.problem.assembly.dt
         self._kind = hashlib.sha256(scene.text().encode()).hexdigest()
 
     def settle(self, amplitudes: Mapping[str, float]) -> None:
@@ -131,7 +139,7 @@ class SegmentedRun:
             problem = self._discretised.build(starting_equilibrium(self._discretised, start))
         output = replace(before.output, bolts=problem.output.bolts)
         self.problem = replace(problem, settings=before.settings, output=output)
-        self._amplitudes, self._run = start, None
+        self._amplitudes, self.run = start, None
 
     def _at_start(self, amplitudes: Mapping[str, float]) -> dict[str, float]:
         """Amplitudes at t = 0 of all loads that are set from outside."""
@@ -162,51 +170,51 @@ class SegmentedRun:
         except Exception:  # of any kind: the state must not be half of the next one
             before()
             raise
-        if not segment.converged and (not accept or (self._run is not None and self._run.stopped)):
+        if not segment.converged and (not accept or (self.run is not None and self.run.stopped)):
             before()
             return replace(segment, accepted=False)
         self.time = end
         if segment.energy is not None:
             for term in _RUNNING:
                 if term in segment.energy:
-                    self._running[term] = float(segment.energy[term][-1])
-        self._ground = self.problem.assembly.ground_end(n)
+                    self.running[term] = float(segment.energy[term][-1])
+        self.ground = self.problem.assembly.ground_end(n)
         return segment
 
     def keep_state(self) -> Callable[[], None]:
         """A function that returns to the present state."""
-        if self._run is None:
+        if self.run is None:
             return self.reset
-        own = (self.time, self._running.copy(), self._ground, self._stored, list(self._steps), self._run)
-        state = self._run.keep_state()
+        own = (self.time, self.running.copy(), self.ground, self._stored, list(self._steps), self.run)
+        state = self.run.keep_state()
 
         def return_to() -> None:
-            self.time, running, self._ground, self._stored, self._steps, self._run = own
-            self._running = dict(running)
+            self.time, running, self.ground, self._stored, self._steps, self.run = own
+            self.running = dict(running)
             state()
 
         return return_to
 
     def _solve(self, time: Array, loads: Mapping[str, Array], solve: Callable[[Run], None]) -> Segment:
-        if self._run is None:
+        if self.run is None:
             self.settle({name: float(values[0]) for name, values in loads.items()})
             for propagator in self.problem.assembly.propagators:
                 propagator.restart()  # the motions given from outside may start otherwise than those it was built with
         problem, assembly = self.problem, self.problem.assembly
         step = self._known_step(float(time[1] - time[0]))
-        problem.timeline.begin(assembly, time, loads, self._ground, step)
+        problem.timeline.begin(assembly, time, loads, self.ground, step)
         recorder = Recorder(assembly, problem.output, problem.info)
-        if self._run is None:
-            self._run = Run(assembly, problem.settings, recorder, self.timings)
+        if self.run is None:
+            self.run = Run(assembly, problem.settings, recorder, self.timings)
         else:
-            self._run.begin_segment(recorder)
-        run = self._run
+            self.run.begin_segment(recorder)
+        run = self.run
         solve(run)
         energy = recorder.assembly_energy(assembly)
         if energy is not None:
             for term in _RUNNING:
                 if term in energy:
-                    energy[term] = energy[term] + self._running.get(term, 0.0)
+                    energy[term] = energy[term] + self.running.get(term, 0.0)
             first = float(energy["kinetic"][0] + energy["elastic"][0])
             self._stored = first if self._stored is None else self._stored
             energy["balance"] = energy["balance"] + (first - self._stored)
@@ -228,11 +236,50 @@ class SegmentedRun:
     def _known_step(self, dt: float) -> float:
         """Earlier step that equals dt within round-off, else dt itself: part of the state, so that a run that is
         rolled back and repeated uses the same operators to the last bit."""
-        for known in self._steps:
+        for known in (self.dt, *self._steps):
             if abs(known - dt) <= _SAME_STEP * dt:
                 return known
         self._steps = [*self._steps[-_STEPS_KEPT + 1 :], dt]
         return dt
+
+    # -- communication steps in kernels ---------------------------------------------------------------------------
+    @property
+    def stored(self) -> float:
+        """Kinetic and elastic energy at t = 0, J; 0 where it is not accounted for."""
+        return 0.0 if self._stored is None else self._stored
+
+    def lay_out(self, amplitudes: Mapping[str, Array], communication: Mapping[str, Any]) -> Run:
+        """Begin a segment of time steps of the scene that the kernels drive, after the first segment.
+
+        amplitudes : (n,) by name, of all that drives; the first two are those of the next time step. communication : as
+        for ``Run``.
+        """
+        assert self.run is not None
+        problem, n = self.problem, max(map(len, amplitudes.values()), default=COMMUNICATION_ROWS)
+        time: Array = self.time + self.dt * np.arange(float(n))
+        with one_thread():
+            problem.timeline.begin(problem.assembly, time, amplitudes, self.ground, self.dt)
+            recorder = Recorder(problem.assembly, problem.output, problem.info, n)
+            self.run.begin_segment(recorder, communication)
+            self.run.open_bonds()
+        return self.run
+
+    def go_on(
+        self,
+        time: float,
+        motions: Sequence[list[MotionState]],
+        ground: Mapping[int, GroundState],
+        losses: Mapping[str, float],
+    ) -> None:
+        """Continue from the state in the image of the run, which the kernels moved to a time, s.
+
+        motions : of the classes. ground : by interface. losses : as ``running``, those that have changed.
+        """
+        assert self.run is not None
+        self.time, self.ground = time, dict(ground)
+        self.running |= losses
+        for c, (propagator, given) in enumerate(zip(self.problem.assembly.propagators, motions, strict=True)):
+            propagator.resume(self.run.image, c, given)
 
     def displacement(self, substructure: str) -> Array:
         """Displacements of all nodes of a substructure at the present time, (n_node, 3), m."""
@@ -253,7 +300,7 @@ class SegmentedRun:
     # -- snapshots ------------------------------------------------------------------------------------------------
     def snapshot(self) -> bytes:
         """State that determines the next segment to the last bit, with a version number."""
-        return encode(None if self._run is None else self._tree(), self._kind)
+        return encode(None if self.run is None else self._tree(), self._kind)
 
     def restore(self, blob: bytes, check: bool = False) -> None:
         """Back to a snapshot of the same scene, taken by this or another instance.
@@ -271,12 +318,12 @@ class SegmentedRun:
         if check:
             self._check_opening(tree)
         self.settle(tree["start"] or {})
-        if self._run is None:  # not started yet: histories and a run must exist
+        if self.run is None:  # not started yet: histories and a run must exist
             assembly = self.problem.assembly
             recorder = Recorder(assembly, self.problem.output, self.problem.info)
             with one_thread():
-                self.problem.timeline.begin(assembly, assembly.time, {}, self._ground)
-                self._run = Run(assembly, self.problem.settings, recorder, self.timings)
+                self.problem.timeline.begin(assembly, assembly.time, {}, self.ground)
+                self.run = Run(assembly, self.problem.settings, recorder, self.timings)
         if check:
             check_like(tree, self._tree(), "state", _OWN_SIZES, _MAY_BE_NONE)
         self._resume(tree)
@@ -300,7 +347,7 @@ class SegmentedRun:
         """Compare the gaps of the present state with those stated (n_point,) by interface, and with the size of the
         assembly. Raises InputError."""
         assembly = self.problem.assembly
-        if self._run is None:  # at t = 0: the displacements are set when the run starts
+        if self.run is None:  # at t = 0: the displacements are set when the run starts
             return
         nodes = np.concatenate([about.nodes for about in self.problem.info.values()])
         size = float(np.ptp(nodes, axis=0).max())
@@ -322,33 +369,33 @@ class SegmentedRun:
         """
         for propagator in self.problem.assembly.propagators:
             vars(propagator).clear()
-        self._run = None
+        self.run = None
 
     def reset(self) -> None:
         """Back to t = 0."""
         for propagator in self.problem.assembly.propagators:
             propagator.restart()
-        self._ground = {i: GroundState(np.zeros(3), None) for i in self._ground}
-        self.time, self._running, self._stored, self._run, self._steps = 0.0, {}, None, None, []
+        self.ground = {i: GroundState(np.zeros(3), None) for i in self.ground}
+        self.time, self.running, self._stored, self.run, self._steps = 0.0, {}, None, None, []
 
     def _tree(self) -> dict[str, Any]:
-        assert self._run is not None
+        assert self.run is not None
         return {
             "time": self.time,
             "start": self._amplitudes,
-            "running": dict(self._running),
-            "fields": self._run.get_state(),
+            "running": dict(self.running),
+            "fields": self.run.get_state(),
             "stored": self._stored,
             "steps": self._steps,
-            "ground": {str(i): list(g) for i, g in self._ground.items()},
+            "ground": {str(i): list(g) for i, g in self.ground.items()},
             "propagators": [p.get_state() for p in self.problem.assembly.propagators],
         }
 
     def _resume(self, tree: dict[str, Any]) -> None:
-        assert self._run is not None
-        self.time, self._running = tree["time"], dict(tree["running"])
-        self._run.set_state(tree["fields"])
+        assert self.run is not None
+        self.time, self.running = tree["time"], dict(tree["running"])
+        self.run.set_state(tree["fields"])
         self._stored, self._steps = tree["stored"], list(tree["steps"])
-        self._ground = {int(i): GroundState(*g) for i, g in tree["ground"].items()}
+        self.ground = {int(i): GroundState(*g) for i, g in tree["ground"].items()}
         for propagator, part in zip(self.problem.assembly.propagators, tree["propagators"], strict=True):
             propagator.set_state(part)

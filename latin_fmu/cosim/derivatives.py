@@ -95,7 +95,7 @@ class Derivatives:
     def _column(self, name: str, what: str) -> Array:
         """d outputs / d input, (n_output,)."""
         mode, step = self._mode, self._step
-        now, kept = mode.run.keep_state(), (mode.row, mode.time, mode.segment)
+        now = mode.keep_state()
         try:
             if self._laws is None:
                 self._laws = self._linearise()
@@ -103,7 +103,6 @@ class Derivatives:
             rows = [self._row(self._perturbed(name, what, sign * size)) for sign in (1.0, -1.0)]
         finally:
             now()
-            mode.row, mode.time, mode.segment = kept
         assert step is mode.last_step
         column = (rows[0] - rows[1]) / (2.0 * size)
         for i, output in enumerate(self._outputs):

@@ -103,6 +103,7 @@ class Drives:
 
     def __init__(self, run: SegmentedRun, sources: Sources) -> None:
         self.assembly, self._timeline, self.sources = run.problem.assembly, run.problem.timeline, sources
+        self._dt = run.dt
         for propagator in self.assembly.propagators:
             propagator.forcing.sources = frozenset((*sources.inputs, *sources.laws))
         self._start = dict(self.assembly.ground_start)
@@ -112,7 +113,7 @@ class Drives:
 
     def begin(self, amplitudes: Array, state: Array | None = None) -> None:
         """Begin a segment with these amplitudes (n_time, n_source) from a motion state, None: from that at t = 0."""
-        assembly, dt, at = self.assembly, self.assembly.dt, 0
+        assembly, dt, at = self.assembly, self._dt, 0
         for propagator, (k, m) in zip(assembly.propagators, self._shapes, strict=True):
             propagator.restart()
             if state is not None:
@@ -180,7 +181,7 @@ def _matrix(of: Callable[[Array], Array], n: int) -> sp.csr_array:
 
 
 def history_fields(drives: Drives) -> dict[str, Any]:
-    """Columns and motion state of a time step, and those at t = 0, as matrices over the drives."""
+    """Columns and motion state of a time step, and those at t = 0, as matrices over the drives; the sources."""
     n_x, n_s = drives.n_state, len(drives.sources)
 
     def step(z: Array) -> Array:
@@ -204,8 +205,10 @@ def history_fields(drives: Drives) -> dict[str, Any]:
             fields[f"{prefix}column"], fields[f"{prefix}motion"] = matrix, matrix[:0]
     fields.pop("start_motion", None)
     products = drives.force_products() if static else np.zeros(0)
-    sizes = {"n_motion_state": n_x, "n_drive": n_x + 2 * n_s + 1}
-    return fields | sizes | {"force_products": products}
+    sources, sizes = drives.sources, {"n_motion_state": n_x, "n_drive": n_x + 2 * n_s + 1, "n_source": n_s}
+    inputs = {"n_input": len(sources.inputs), "input_kind": np.array(sources.kinds, dtype=np.int64)}
+    laws = {"law_table": sources.table, "law_end": sources.end}
+    return fields | sizes | inputs | laws | {"force_products": products}
 
 
 def opening_fields(drives: Drives, settled: bool) -> dict[str, Any]:
@@ -248,11 +251,6 @@ def opening_fields(drives: Drives, settled: bool) -> dict[str, Any]:
         "opening": sp.csr_array(table[place]),
         "input_held": held.astype(np.int64),
         "input_start": sources.start,
-        "input_kind": kinds,
-        "law_table": sources.table,
-        "law_end": sources.end,
-        "n_input": len(kinds),
-        "n_source": n_s,
     }
 
 

@@ -207,6 +207,17 @@ class Loads:
         self._reached = {name: float(a[-1]) for name, a in amplitudes.items()}
         self._slope = {name: float(a[-1] - a[-2]) / dt for name, a in amplitudes.items()}
 
+    def memory(self) -> tuple[list[dict[str, float]], float]:
+        """What steps before have left, by load: amplitude reached and its rate, value at the start of the last step, 1
+        where that was held and where rates count; length of the last step, s (as ``set_memory`` takes them)."""
+        return [self._reached, self._slope, self._before, self._still, self._rated], self._span
+
+    def set_memory(self, rows: Sequence[Sequence[float]], span: float) -> None:
+        """Set what ``memory`` returned, the values in the order of the loads."""
+        tables = [dict(zip(self._start, row, strict=True)) for row in rows]
+        self._reached, self._slope, self._before, self._still, self._rated = tables
+        self._span = span
+
     def copy(self) -> Loads:
         """The same loads, independent of these."""
         twin = copy(self)

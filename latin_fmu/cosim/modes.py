@@ -10,7 +10,7 @@ import hashlib
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from ..latin.windows import Run
 from ..machine import one_thread
 from ..scene.schema import Scene
 from .events import COLUMNS, ContactEvents, between, first_event, shifted
+from .kernel_steps import Carried, KernelSteps
 from .loads import Loads
 from .outputs import InterfaceSeries, faces_of, impulses, output_rows, series_of
 from .settings import MAX_INSTANTS, SHORTEST, Settings, StepReport, refused
@@ -32,6 +33,7 @@ from .variable import variable_of
 from .variables import LINE, opening, scalar_table
 
 ROUND_OFF = 1e-9  # of a time step: times closer than this are one instant
+_ENTRIES: Final = ("run", "impulse", "events", "row", "time", "gaps", "fields")  # of a state
 
 
 class LastStep(NamedTuple):
@@ -49,31 +51,49 @@ class LastStep(NamedTuple):
 class Windowed:
     """A run advanced by communication steps.
 
+    A step in kernels is one call of them (``KernelSteps``); the Python driver makes the others: steps of other sizes or
+    that need a fall-back, and what the kernels do not hold.
+
     Attributes
     ----------
-    row : scalar outputs now, (n_output,). time : instants of the last step, (n + 1,), s, counted from the start.
-    rule : of interpolation. segment : the last step, None before the first and after a state was restored.
-    last_step : what it started from.
+    row : scalar outputs now, (n_output,). n_instant : instants of the last step. rule : of interpolation.
+    segment : the last step, None before the first, after a state was restored, and where it was not recorded.
     """
 
     def __init__(self, scene: Scene, settings: Settings) -> None:
         self.run = SegmentedRun(scene, settings.tolerance)
-        self.rule, self._time_step = settings.interpolation, settings.step_of(scene)
+        self.rule, self._time_step, self._keeps = settings.interpolation, settings.step_of(scene), settings.keep
+        self._kernels = KernelSteps(scene, self.rule, self.run)
         self._impulse = np.zeros((len(scene.joints), 3))
         self._events = ContactEvents(opening(scene))
         self.row = np.zeros(0)
-        self.time = np.zeros(1)
-        self._interfaces: dict[str, InterfaceHistory] | None = {}  # None: those of the segment
+        self._instants: tuple[float, float, int] | Array = np.zeros(1)  # first, last, how many; or all
+        self._interfaces: dict[str, InterfaceHistory] | None = {}  # None: those of the last step
+        self._known: dict[str, InterfaceHistory] = {}  # of each interface, for its geometry
         self._faces: dict[str, tuple[Array, Array, Array]] = {}  # ``faces_of`` each interface
+        self._loads: Loads | None = None  # of the last step
         self.segment: Segment | None = None
-        self.last_step: LastStep | None = None
+        self._last_step: LastStep | None = None
+
+    @property
+    def time(self) -> Array:
+        """Instants of the last step, (n + 1,), s, counted from the start."""
+        return np.linspace(*self._instants) if isinstance(self._instants, tuple) else self._instants
+
+    @property
+    def n_instant(self) -> int:
+        """Number of instants of the last step."""
+        return self._instants[2] if isinstance(self._instants, tuple) else len(self._instants)
 
     @property
     def interfaces(self) -> dict[str, InterfaceHistory]:
         """Histories over the instants of the last step."""
         if self._interfaces is None:
-            assert self.segment is not None
-            self._interfaces = self.segment.interfaces
+            if self.segment is not None:
+                self._interfaces = self.segment.interfaces
+            else:
+                assert self._loads is not None
+                self._interfaces = self._kernels.histories(self._loads)
         return self._interfaces
 
     def start(self, loads: Loads) -> None:
@@ -84,13 +104,15 @@ class Windowed:
         self.run.settle(loads.value)
         problem = self.run.problem
         assembly = problem.assembly
+        self._kernels.name_sources()
         problem.timeline.begin(assembly, assembly.time, loads.at_rest(len(assembly.time)), assembly.ground_start)
         recorder = Recorder(assembly, problem.output, problem.info)
         with one_thread():
             Run(assembly, problem.settings, recorder, Timings())
         self._interfaces = recorder.interfaces()
-        self._faces = {name: faces_of(history) for name, history in self.interfaces.items()}
-        self.time, self.segment = np.zeros(1), None
+        self._known = self._interfaces
+        self._faces = {name: faces_of(history) for name, history in self._known.items()}
+        self._instants, self.segment = np.zeros(1), None
         self._impulse = np.zeros_like(self._impulse)
         self._events.reset()
         series, sensors = series_of(self.interfaces), recorder.sensors(assembly)
@@ -99,7 +121,7 @@ class Windowed:
         ports = port_columns(self.run.scene, assembly, recorder)
         rows = output_rows(series, self._impulse[None], sensors, ports, bolts, (0.0, 0.0, 1.0, 0.0), energy, 1)
         self.row = np.concatenate([rows[0], self._events.row])
-        self.run.reset()
+        self.reset()
 
     def step(self, loads: Loads, t: float, h: float, t0: float, early: bool = False) -> StepReport:
         """Solve from t to t + h, s; ``t0`` is the start of the simulation.
@@ -111,13 +133,68 @@ class Windowed:
         SolverError : the solver cannot continue; nothing has changed.
         """
         n = max(1, math.ceil(h / self._time_step * (1.0 - SHORTEST)))
-        before, given = self.run.keep_state(), loads.copy()
         if n > MAX_INSTANTS:
             return refused(
                 f"a step of {h:g} s would take {n} time steps of {self._time_step:g} s; at most {MAX_INSTANTS}: "
                 "make shorter steps, or a longer timeStep",
                 again=True,
             )
+        report = self._by_kernels(loads, t, h, t0, n, early)
+        return self._by_python(loads, t, h, t0, n, early) if report is None else report
+
+    # -- steps in kernels -----------------------------------------------------------------------------------------
+    def _by_kernels(self, loads: Loads, t: float, h: float, t0: float, n: int, early: bool) -> StepReport | None:
+        """A step in one call of the kernels; None where the Python driver has to make it, for which nothing changes."""
+        kernels, end = self._kernels, t + h - t0
+        now = kernels.time if kernels.valid else self.run.time
+        if not kernels.fit(now, end, n):
+            return None
+        kernels.take_over(loads, end, n, self._carried())
+        segment, row = None, kernels.march(loads, end, n)
+        if row is None:
+            return None
+        if early and n > 1 and kernels.has_event(row):
+            kernels.take_back()
+            return None
+        if self._keeps or kernels.must_record:
+            segment = kernels.recorded(loads)
+            if not segment.accepted:
+                return None
+        self._instants, self._interfaces, self.segment = (now, end, n + 1), None, segment
+        self._loads, self._last_step = loads, None
+        self.row = row if t0 == 0.0 else self._with_start(row, t0)
+        return StepReport(True, "", n, *kernels.iterations(row))
+
+    def _carried(self) -> Carried:
+        return Carried(self.row[: len(self.row) - self._events.row.size], self._impulse, self._events.state)
+
+    def _with_start(self, row: Array, t0: float) -> Array:
+        """Outputs with the instants of events counted from a zero that is ``t0``, s, earlier."""
+        k = len(row) - self._events.row.size
+        return np.concatenate([row[:k], shifted(row[k:], t0)])
+
+    def rates(self, loads: Loads) -> dict[str, float]:
+        """Rates of the loads over the next step, 1/s (``Loads.rates``)."""
+        self._give_back(loads)
+        return loads.rates(self.rule)
+
+    # -- the Python driver ----------------------------------------------------------------------------------------
+    def _give_back(self, loads: Loads) -> None:
+        """Give the present state to the Python driver."""
+        if self._kernels.valid:
+            _, self._impulse, self._events.state = self._kernels.give_back(loads)
+
+    def keep_state(self) -> Callable[[], None]:
+        """A function that returns to the present state, for steps of ``run``."""
+        if self._loads is not None:
+            self._give_back(self._loads)
+        self._kernels.leave()
+        return self.run.keep_state()
+
+    def _by_python(self, loads: Loads, t: float, h: float, t0: float, n: int, early: bool) -> StepReport:
+        self._give_back(loads)
+        self._kernels.leave()
+        before, given = self.run.keep_state(), loads.copy()
         amplitudes = loads.amplitudes(h, n, self.rule)
         dt, early_end = h / n, None
         segment = self._advance(t + h - t0, n, loads.driving(amplitudes, dt))
@@ -131,9 +208,11 @@ class Windowed:
         if not segment.accepted:
             return refused(f"no convergence in the step of {h:g} s at {t:g} s: {segment.status}", again=True)
         loads.accept(amplitudes, h, n)
-        self.last_step = LastStep(before, given, (t + h if early_end is None else early_end) - t0, h, n, self._impulse)
+        end = (t + h if early_end is None else early_end) - t0
+        self._last_step = LastStep(before, given, end, h, n, self._impulse)
         if early_end is not None and self.rule == LINE:
-            self.last_step = None  # these loads over this step are other lines
+            self._last_step = None  # these loads over this step are other lines
+        self._kernels.reset()
         self._take_outputs(segment, t0)
         return StepReport(True, "", n, segment.iterations, segment.error_indicator, early=early_end)
 
@@ -147,9 +226,8 @@ class Windowed:
 
     def _take_outputs(self, segment: Segment, t0: float) -> None:
         row, self._impulse, self._events.state = self.outputs_of(segment, self._impulse)
-        k = len(row) - len(self._events.row)
-        self.row = np.concatenate([row[:k], shifted(row[k:], t0)])
-        self.time, self.segment, self._interfaces = segment.time, segment, None
+        self.row = self._with_start(row, t0)
+        self._instants, self.segment, self._interfaces = segment.time, segment, None
 
     def outputs_of(self, segment: Segment, start: Array) -> tuple[Array, Array, Array]:
         """Scalar outputs (n_output,), impulses (n_interface, 3) and state of the events at the end of a segment.
@@ -172,9 +250,19 @@ class Windowed:
         series = {name: InterfaceSeries.of(points[name], *given) for name, given in self._faces.items()}
         return series, *self._events.follow(segment.time, points, series, self._faces)
 
+    @property
+    def last_step(self) -> LastStep | None:
+        """What the last step started from; None before the first, and after a state was restored."""
+        step = self._kernels.origin
+        if self._last_step is None and step is not None and self._loads is not None:
+            given, impulse = self._kernels.at_origin(self._loads)
+            before, h = self._kernels.return_to_origin, step.end - step.time
+            self._last_step = LastStep(before, given, step.end, h, step.n, impulse)
+        return self._last_step
+
     def instant(self, _time: float) -> int:
         """Index in ``time`` of the present instant."""
-        return len(self.time) - 1
+        return self.n_instant - 1
 
     def close(self) -> None:
         """Free the operators."""
@@ -183,16 +271,19 @@ class Windowed:
     def reset(self) -> None:
         """Return to t = 0; operators are kept."""
         self.run.reset()
-        self.last_step = None
+        self._kernels.reset()
+        self._last_step = None
 
-    def get_state(self) -> dict[str, Any]:
-        """Everything that determines the next steps and the present outputs."""
+    def get_state(self, loads: Loads) -> dict[str, Any]:
+        """Everything that determines the next steps and the present outputs; completes that of the loads."""
+        self._give_back(loads)
         return {
             "run": np.frombuffer(self.run.snapshot(), dtype=np.uint8),
             "impulse": self._impulse,
             "events": self._events.state,
             "row": self.row,
             "time": self.time,
+            "gaps": self._kernels.gaps if self._kernels.valid else None,
             "fields": self._fields(),
         }
 
@@ -201,27 +292,34 @@ class Windowed:
 
         check : compare its numbers with those of this run before.
         """
-        if self.run.scene.joints and not self.interfaces:
+        if not len(self.row):
             self._outputs_now(loads)  # gives the geometry of the interfaces
         if check:
             self._check(state)
         self.run.restore(state["run"].tobytes(), check)
-        self._impulse, self.row, self.time = state["impulse"], state["row"], state["time"]
+        self._kernels.name_sources()
+        self._impulse, self.row, self._instants = state["impulse"], state["row"], state["time"]
         self._events.state = state["events"]
         if check:
             self.run.check_gaps({n: None if f["gap"] is None else f["gap"][-1] for n, f in state["fields"].items()})
-        known = self.interfaces
-        self._interfaces = {name: replace(known[name], **f) for name, f in state["fields"].items()}
-        self.segment = self.last_step = None
+            self._kernels.check(state["gaps"])
+        self._interfaces = {name: replace(self._known[name], **f) for name, f in state["fields"].items()}
+        self._kernels.reset(state["gaps"])
+        self.segment = self._last_step = self._loads = None
 
     def _check(self, state: Mapping[str, Any]) -> None:
         """Compare a state that came from outside with this run. Raises InputError."""
-        time = state["time"]
-        check_like(state, self.get_state(), "state", free=("run", "time", "fields"))
+        time = state.get("time")
+        check_like(state, dict.fromkeys(_ENTRIES), "state", free=_ENTRIES)
+        check_numbers(state["impulse"], "state.impulse", self._impulse)
+        check_numbers(state["events"], "state.events", self._events.state)
+        check_numbers(state["row"], "state.row", self.row)
         check_numbers(time, "state.time")
         if not isinstance(time, np.ndarray) or time.ndim != 1 or not len(time) or (np.diff(time) <= 0.0).any():
             raise unlike("state.time", "times that do not increase")
-        for name, fields in self._fields().items():
+        check_like(state["fields"], dict.fromkeys(self._known), "state.fields", free=tuple(self._known))
+        for name, history in self._known.items():
+            fields = {f: getattr(history, f) for f in INTERFACE_FIELDS}
             known = {f: None if v is None else np.zeros((len(time), *v.shape[1:]), v.dtype) for f, v in fields.items()}
             check_like(state["fields"].get(name), known, f"state.fields.{name}")
 
@@ -312,6 +410,11 @@ class Prescribed:
         return np.zeros(0) if self.segment is None else self.segment.time
 
     @property
+    def n_instant(self) -> int:
+        """Number of instants of the solution."""
+        return len(self.time)
+
+    @property
     def interfaces(self) -> dict[str, InterfaceHistory]:
         """Interface histories over the whole interval."""
         return {} if self.segment is None else self.segment.interfaces
@@ -346,7 +449,7 @@ class Prescribed:
     def reset(self) -> None:
         """Return to before ``start``; the solution is kept."""
 
-    def get_state(self) -> dict[str, Any]:
+    def get_state(self, _loads: Loads) -> dict[str, Any]:
         """The present outputs; the solution follows from the loads."""
         return {"row": self.row}
 

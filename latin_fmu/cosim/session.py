@@ -140,7 +140,7 @@ class Session:
             return refused(trouble)
         if bad := self._loads.not_finite():
             return refused(f"{bad} is not a finite number", again=True)
-        rates = self._loads.rates(self.settings.interpolation)
+        rates = self._rates(mode) if self.settings.keep else {}
         try:
             report = mode.step(self._loads, t, h, self._t0, early)
         except LatinError as error:
@@ -150,6 +150,11 @@ class Session:
             if self.settings.keep:
                 self._keep(t, mode, rates)
         return report
+
+    def _rates(self, mode: Windowed | Prescribed) -> dict[str, float]:
+        """Rates of the loads over the next step, 1/s."""
+        rule = self.settings.interpolation
+        return mode.rates(self._loads) if isinstance(mode, Windowed) else self._loads.rates(rule)
 
     def _keep(self, t: float, mode: Windowed | Prescribed, rates: dict[str, float]) -> None:
         segment = mode.segment if isinstance(mode, Windowed) else None
@@ -194,7 +199,7 @@ class Session:
     @property
     def n_instant(self) -> int:
         """Number of instants in ``window``."""
-        return 0 if self._mode is None else len(self._mode.time)
+        return 0 if self._mode is None else self._mode.n_instant
 
     def instant(self) -> int:
         """Index of the present instant in ``window``."""
@@ -239,6 +244,7 @@ class Session:
     def snapshot(self) -> bytes:
         """Everything that determines the next steps and the outputs, as bytes, bit for bit."""
         mode = self._mode if self.started else None
+        of_mode = None if mode is None else mode.get_state(self._loads)
         state: dict[str, Any] = {
             "time": self.time,
             "t0": self._t0,
@@ -246,7 +252,7 @@ class Session:
             "row": self.row,
             "loads": self._loads.get_state(),
             "last": self.step_history.identity,
-            "mode": None if mode is None else mode.get_state(),
+            "mode": of_mode,
         }
         return encode(state, self._kind)
 

@@ -140,7 +140,7 @@ class RunState:
         state, motions = self.image.state.copy(), [p.motions() for p in self.assembly.propagators]
 
         def return_to() -> None:
-            self.image.state[:] = state  # of any image of this run: they have the same sizes
+            self.image.state[: len(state)] = state  # of any image of this run; what some have besides is the end
             for c, (propagator, given) in enumerate(zip(self.assembly.propagators, motions, strict=True)):
                 propagator.resume(self.image, c, given)
 
@@ -179,12 +179,17 @@ class RunState:
         direction.bind()
         self.image.bind(key, direction.run_fields(), direction.group_fields())
 
-    def begin_segment(self, recorder: Recorder) -> None:
-        """Continue after the assembly has begun a new segment of time."""
+    def begin_segment(self, recorder: Recorder, communication: Mapping[str, Any] | None = None) -> None:
+        """Continue after the assembly has begun a new segment of time.
+
+        communication : as for the run, from here on; None: as before.
+        """
         self.recorder = recorder
         self._clear()
         operators = [p.operators for p in self.assembly.propagators]
-        if any(a is not b for a, b in zip(operators, self._operators, strict=True)):
+        more = communication is not None and communication is not self._communication
+        self._communication = communication if communication is not None else self._communication
+        if more or any(a is not b for a, b in zip(operators, self._operators, strict=True)):
             kept = self.get_state()
             self._set_up(kept["f_hat"], kept["w_hat"], kept["scales"])
             self.set_state(kept)

@@ -165,6 +165,11 @@ class Run(RunState):
         """Whether the kernels hold every factor and every law, and the bonds where those are solved directly."""
         return self._bonds is None and self._in_kernels
 
+    @property
+    def on_threads(self) -> bool:
+        """Whether the substructures are distributed over threads."""
+        return self._threads.several
+
     def _solve_bonds_directly(self) -> None:
         """Start every instant with the solution of its perfect interfaces, one linear solve; there are no others."""
         bonds, direction = PerfectInterfaceSolve(self.assembly), self.direction(1)
@@ -186,18 +191,23 @@ class Run(RunState):
         image.set({"first_row": first})
         done = self._march_instants(first, n)
         if done:
-            self._set_instant(first + done - 1)
-            self._sample()
-            self._record(done)
-            most = self.settings.max_iterations
-            errors, residuals = (image.field(name, done, most) for name in ("errors", "force_residuals"))
-            counts = np.stack([image.counts(name, done) for name in ("iterations", "newton_steps")], axis=1)
-            self.windows.keep(first, counts, errors, residuals)
-            self._read_indicator()
+            self.keep_marched(first, done)
         self._refused = done < n
         self._count(before)
         self._per_instant = (clock.perf_counter() - before) / max(done, 1)
         return done
+
+    def keep_marched(self, first: int, n: int, row: int = 0) -> None:
+        """Record n instants from ``first`` on that one call of the kernels has solved, rows of the image's output from
+        ``row`` on."""
+        image, most = self.image, self.settings.max_iterations
+        self._set_instant(first + n - 1)
+        self._sample()
+        self._record(n, row)
+        errors, residuals = (image.field(name, n, most) for name in ("errors", "force_residuals"))
+        counts = np.stack([image.counts(name, n) for name in ("iterations", "newton_steps")], axis=1)
+        self.windows.keep(first, counts, errors, residuals)
+        self._read_indicator()
 
     def _until(self, first: int) -> int:
         """Instants from ``first`` on that may be solved before something is kept or looked at."""

@@ -1,0 +1,432 @@
+"""Communication steps of a session in one call of the kernels each (``kernels.communication``).
+
+The image of the run serves both drivers: displacements, velocities, tractions and gaps are in the same places. What the
+kernels keep beside them (inputs, prescribed motions, impulses, contact events, the present outputs) is written into the
+image after a step of the Python driver, and read from it before the next one.
+"""
+
+from __future__ import annotations
+
+from math import prod
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from ..assembly.segments import Segment, SegmentedRun
+from ..kernels import entries
+from ..latin.assembly import GroundState
+from ..latin.interface_rows import InterfaceRows
+from ..latin.record import Array, InterfaceHistory
+from ..latin.recorder import Recorder
+from ..latin.state_serialization import check_like
+from ..latin.windows import Run
+from ..machine import one_thread
+from ..propagator.forcing import MotionState
+from ..propagator.image import COMMUNICATION_ROWS, Image
+from ..scene.schema import Scene
+from .drives import Drives, Sources, history_fields
+from .events import COLUMNS
+from .loads import Loads
+from .signals import Signals
+from .variables import ENERGIES, opening
+
+LARGEST: Final = 10_000
+"""Interface channels of a run up to which steps are made in kernels alone: from there on a step costs so much that
+nothing is gained."""
+_SAME_STEP, _ON_GRID = 1e-9, 1e-6  # of a time step: differences that are round-off
+_MEMORY: Final = ("reached", "slope", "before", "held", "rated")  # of ``Loads.memory``
+_IN_BODIES: Final = ("damping_dissipation", "landing_dissipation", "scheme_dissipation")
+_WORK: Final = list(ENERGIES).index("interface_work")
+_CANCELLED: Final = 1e-6  # of the work of the interfaces, as there
+_SAFE: Final = 0.25  # of the energy put in: half of what ``latin.status.with_energy`` allows to be gained
+
+
+class Carried(NamedTuple):
+    """What the outputs go on from: the present ones without those of the events, impulses (n_interface, 3), state of
+    the events (``ContactEvents``)."""
+
+    row: Array
+    impulse: Array
+    events: Array
+
+
+class Origin(NamedTuple):
+    """What the last step in kernels started from: state of the image, time since the start, s, values and rates of the
+    inputs; its end, s, and number of time steps."""
+
+    state: Array
+    time: float
+    value: dict[str, float]
+    rate: dict[str, float]
+    end: float
+    n: int
+
+
+class KernelSteps:
+    """The image of a run as the kernels advance it.
+
+    Parameters
+    ----------
+    scene : of the run. rule : of interpolation.
+
+    Attributes
+    ----------
+    valid : whether the image holds the present state of inputs, motions and outputs, too. must_record : whether a step
+    has to be recorded, because its energies do not follow from the outputs. origin : of the last step, None where the
+    Python driver made it.
+    """
+
+    def __init__(self, scene: Scene, rule: int, run: SegmentedRun) -> None:
+        self._scene, self._rule, self._run = scene, rule, run
+        self.sources = Sources.of(scene)
+        opens = opening(scene)
+        self._opening = [i for i, name in enumerate(scene.joints) if name in opens]
+        self._moved = any(port.causality == "motion_in" for port in scene.port.values())
+        self._problem: Any = None  # that the fields are of
+        self._fields: dict[str, Any] = {}
+        self._gaps: list[Array] | None = None  # of a state that was restored
+        self._states = np.zeros(0), np.zeros(0)  # before this step, before the last one
+        self.origin: Origin | None = None
+        self.reset()
+
+    def reset(self, gaps: list[Array] | None = None) -> None:
+        """The state in the image is that of the Python driver. ``gaps`` : those of ``gaps``, where they are known."""
+        self.valid = self._read = self._has_rows = self.must_record = False
+        self._room = 0  # time steps that histories are laid out for
+        self._gaps, self.origin = gaps, None
+
+    def name_sources(self) -> None:
+        """Let the sums of loads have a term for every source, whatever its history is."""
+        for propagator in self._run.problem.assembly.propagators:
+            propagator.forcing.sources = frozenset((*self.sources.inputs, *self.sources.laws))
+
+    # -- what the kernels can do ------------------------------------------------------------------------------------
+    def fit(self, time: float, end: float, n: int) -> bool:
+        """Whether the kernels can make the n time steps from a time to an end, s since the start."""
+        run, dt, last = self._run.run, self._run.dt, self.sources.end
+        if run is None or time <= 0.0 or abs((end - time) / n - dt) > _SAME_STEP * dt:
+            return False
+        problem, made = self._run.problem, self._made(time)
+        if last >= 0 and (made + n > last or abs(time - made * dt) > _ON_GRID * dt):
+            return False
+        if problem.settings.window != 1 or run.image.n_flat > LARGEST or run.on_threads or not run.compiles():
+            return False
+        return not (self._moved and problem.assembly.scheme.explicit)
+
+    def _made(self, time: float) -> int:
+        """Time steps made at a time after the first step, s since the start."""
+        return max(1, round(time / self._run.dt))
+
+    @property
+    def _follows_energy(self) -> bool:
+        """Whether the outputs show a scheme that gains energy: where contacts and friction alone dissipate at the
+        interfaces, and nothing moves from outside."""
+        problem = self._run.problem
+        grounds = [joint.ground_velocity for joint in self._scene.joints.values()]
+        if any(velocity is not None for velocity in grounds):
+            return False
+        behaviours = [unit.behaviour for unit in problem.assembly.interfaces]
+        return not any(b.elastic or b.compliant for b in behaviours) and not any(
+            propagator.forcing.moves for propagator in problem.assembly.propagators
+        )
+
+    # -- from the Python driver -----------------------------------------------------------------------------------
+    def take_over(self, loads: Loads, end: float, n: int, carried: Carried) -> None:
+        """Write what the kernels need into the image, which the Python driver has left at the present time.
+
+        loads, end, n : of the step that is made next.
+        """
+        if self.valid and self._room >= min(n, COMMUNICATION_ROWS - 1):
+            return
+        if self.valid:
+            self.give_back(loads)
+        kept, motions = self._image.state.copy() if self.valid else None, self._motion_state()
+        self._lay_out(loads, end, n)
+        if kept is not None:
+            self._image.state[:] = kept
+        else:
+            self._write(loads, carried, motions)
+            self.time, self._unrecorded = self._run.time, False
+        self.valid, self._room, self._read, self._gaps = True, COMMUNICATION_ROWS - 1, False, None
+
+    @property
+    def _image(self) -> Image:
+        assert self._run.run is not None
+        return self._run.run.image
+
+    def _lay_out(self, loads: Loads, end: float, n: int) -> None:
+        """Lay the histories out for as many time steps as one call makes, the first of them that to come."""
+        run, h = self._run, end - self._run.time
+        if self._problem is not run.problem:
+            self._fields, self._problem = self._made_fields(), run.problem
+        given = loads.driving(loads.amplitudes(h, n, self._rule), h / n)
+        rows, own, made = np.ones((COMMUNICATION_ROWS, len(self.sources))), self.sources.table, self._made(run.time)
+        for e, name in enumerate(self.sources.inputs):
+            rows[:2, e] = given[name][:2]
+        for row in (0, 1):
+            rows[row, len(self.sources.inputs) :] = own[min(made + row, len(own) - 1)]
+        image = run.lay_out(self.sources.named(rows), self._fields).image
+        image.set({"first_row": 0})
+        self._n_output, self._of_event = int(image.run[0]["n_output"]), int(image.run[0]["of_event"])
+        self._of_solver = int(image.run[0]["of_solver"])
+        accounted = run.problem.output.energy and not run.problem.assembly.quasi_static
+        self._followed = accounted and self._follows_energy
+        self.must_record = accounted and not self._followed
+        if len(self._states[0]) != len(image.state):
+            self._states = np.empty(len(image.state)), np.empty(len(image.state))
+
+    def _made_fields(self) -> dict[str, Any]:
+        """Fields of the record of the run for communication steps."""
+        run, back = self._run, self._run.keep_state()
+        problem = run.problem
+        with one_thread():
+            drives = Drives(run, self.sources)
+            recorder = Recorder(problem.assembly, problem.output, problem.info, len(problem.assembly.time))
+            fields = Signals(drives, recorder).fields(self._scene) | history_fields(drives)
+        back()
+        return fields
+
+    def _motion_state(self) -> Array:
+        """Prescribed motions of the classes and displacements of the ground, as the Python driver keeps them."""
+        run, parts = self._run, [np.zeros(0)]
+        for propagator in run.problem.assembly.propagators:
+            u, a, v = (np.stack(kind, axis=-1) for kind in zip(*propagator.motions(), strict=True))
+            parts.append(np.stack([u, v, a]).ravel())
+        return np.concatenate([*parts, *(state.displacement for state in run.ground.values())])
+
+    def _write(self, loads: Loads, carried: Carried, motions: Array) -> None:
+        """Write what the Python driver keeps elsewhere."""
+        image, run = self._image, self._run
+        (memory, span), inputs = loads.memory(), self.sources.inputs
+        for name, kept in zip(_MEMORY, memory, strict=True):
+            image.field(name, len(inputs))[:] = [kept[e] for e in inputs]
+        image.field("motion_state", len(motions))[:] = motions
+        image.field("impulse", carried.impulse.size)[:] = carried.impulse.ravel()
+        present = image.field("present", self._n_output)
+        present[: self._of_event], present[self._of_event :] = carried.row, carried.events[:, :COLUMNS].ravel()
+        rates = image.field("event_rates", len(self._scene.joints), 2)
+        rates[:] = 0.0
+        rates[self._opening] = carried.events[:, COLUMNS:]
+        progress = image.field("progress", 8)
+        progress[:] = 0.0
+        progress[3:6] = span, run.stored, run.running.get("friction_dissipation", 0.0)
+        if self._gaps is not None:
+            for own, values in zip(self._gap_fields(), self._gaps, strict=True):
+                own[:] = values  # read from the displacements of a moving ground they differ by round-off
+
+    def _gap_fields(self) -> list[Array]:
+        """Gaps of the groups at the present instant, and jumps of those with layers, views."""
+        image, fields = self._image, []
+        for g, group in enumerate(self._run.problem.assembly.layout.groups):
+            fields.append(image.group_field(g, "gap", group.n_point))
+            if group.behaviour.elastic:
+                fields.append(image.group_field(g, "layer", group.n_point * group.n_component))
+        return fields
+
+    @property
+    def gaps(self) -> list[Array]:
+        """Copies of the gaps of the groups at the present instant, and of the jumps of those with layers."""
+        return [values.copy() for values in self._gap_fields()]
+
+    def check(self, gaps: Any) -> None:
+        """Compare ``gaps`` that came from outside with the displacements of the Python driver. Raises InputError."""
+        if gaps is None:
+            return
+        assembly, known, own = self._run.problem.assembly, list[Array](), list[int]()
+        for group in assembly.layout.groups:
+            own.append(len(known))
+            known.append(np.zeros(group.n_point))
+            known += [np.zeros(group.n_point * group.n_component)] if group.behaviour.elastic else []
+        check_like(gaps, known, "state.gaps")
+        stated: dict[str, Array | None] = {}
+        for at, group in zip(own, assembly.layout.groups, strict=True):
+            stated |= {assembly.interfaces[i].name: gaps[at][members] for i, members in group.members.items()}
+        self._run.check_gaps(stated)
+
+    # -- steps ----------------------------------------------------------------------------------------------------
+    def march(self, loads: Loads, end: float, n: int) -> Array | None:
+        """Make a communication step of n time steps up to ``end``, s; outputs at its end, None where one of them did
+        not converge: then nothing has changed."""
+        now, last = self._states
+        np.copyto(now, self._image.state)
+        begun = Origin(now, self.time, dict(loads.value), dict(loads.rate), end, n)
+        row = self._marched(begun)
+        if row is None or (self._followed and self._gains_energy(row)):
+            self._image.state[:] = now
+            return None
+        self._undo = self._states, self.origin, self._read, self._unrecorded
+        self._states, self.origin, self.time, self._read = (last, now), begun, end, False
+        self._has_rows, self._unrecorded = n < COMMUNICATION_ROWS, True
+        return row
+
+    def take_back(self) -> None:
+        """Return to before the ``march`` that was just made."""
+        assert self.origin is not None
+        self._image.state[:], self.time = self.origin.state, self.origin.time
+        self._states, self.origin, self._read, self._unrecorded = self._undo
+        self._has_rows = False
+
+    def has_event(self, row: Array) -> bool:
+        """Whether there was a contact event in the last ``march``, whose outputs are ``row``."""
+        assert self.origin is not None
+        before, first = self._part(self.origin.state, "present", self._n_output), self._of_event
+        return bool((row[first::2] != before[first::2]).any())
+
+    def recorded(self, loads: Loads) -> Segment:
+        """The ``march`` that was just made as the Python driver records it; taken back where it is not accepted."""
+        segment = self._recorded(loads)
+        self._read = self._unrecorded = False
+        self._room = len(segment.time) - 1
+        if not segment.accepted:
+            self.take_back()
+        return segment
+
+    def _recorded(self, loads: Loads) -> Segment:
+        """The last step from its origin on; the state afterwards is that of now. ``loads`` : as for ``at_origin``."""
+        assert self.origin is not None
+        step, after, has_rows = self.origin, self._image.state.copy(), self._has_rows
+        given, _ = self.at_origin(loads)
+        self.return_to_origin()
+        self.leave()
+
+        def solve(run: Run) -> None:
+            if has_rows and run.recorder.until_fields() >= step.n:
+                run.image.state[:] = after
+                run.keep_marched(1, step.n, 1)
+            else:
+                run.image.state[:] = step.state
+                run.image.set({"first_row": 0})
+                self._marched(step, run)
+
+        h = step.end - step.time
+        driving = given.driving(given.amplitudes(h, step.n, self._rule), h / step.n)
+        with np.errstate(all="ignore"):
+            return self._run.advance(step.end, step.n, driving, solve=solve)
+
+    def _marched(self, step: Origin, run: Run | None = None) -> Array | None:
+        """Outputs at the end of a step from the state in the image, None where a time step did not converge; ``run`` :
+        records the instants."""
+        image, inputs, self._has_rows = self._image, self.sources.inputs, False
+        image.field("input_value", len(inputs))[:] = [step.value[name] for name in inputs]
+        image.field("input_rate", len(inputs))[:] = [step.rate[name] for name in inputs]
+        made, dt, progress = self._made(step.time), self._run.dt, image.field("progress", 8)
+        off = step.time - made * dt
+        progress[0], progress[6] = made, off if abs(off) > _ON_GRID * dt else 0.0
+        most, done, some = COMMUNICATION_ROWS - 1, 0, 0
+        if run is not None and run.recorder.until_fields() < step.n:
+            most = 1  # fields of the instants in between are kept
+        while done < step.n:
+            some = min(most, step.n - done)
+            if image.call(entries.COMMUNICATE, some, self._rule, done, step.n) != some:
+                return None
+            if run is not None:
+                run.keep_marched(done + 1, some, 1)
+            done += some
+        outputs: Array = image.field("output", image.rows, self._n_output)[some].copy()
+        return outputs
+
+    def _gains_energy(self, row: Array) -> bool:
+        """Whether the energies may be those of a scheme that gains energy: ``latin.status.with_energy`` has to look."""
+        first = self._of_solver + 4
+        energy = dict(zip(ENERGIES, row[first : first + len(ENERGIES)].tolist(), strict=True))
+        work = energy["interface_work"]
+        lost = sum(energy[name] for name in _IN_BODIES) - work
+        put_in = self._run.stored + max(energy["work_of_loads"], 0.0) + _CANCELLED * abs(work)
+        return not -lost <= _SAFE * put_in
+
+    def iterations(self, row: Array) -> tuple[int, float]:
+        """Iterations and largest error indicator of the step with these outputs."""
+        return int(row[self._of_solver]), float(row[self._of_solver + 1])
+
+    # -- to the Python driver -------------------------------------------------------------------------------------
+    def leave(self) -> None:
+        """The Python driver changes the image."""
+        self._room, self._has_rows = 0, False
+
+    def give_back(self, loads: Loads) -> Carried:
+        """Give inputs, motions and times to the Python driver; what the outputs go on from."""
+        if not self._read:
+            self._give(loads, self._image.state, self.time, self._unrecorded)
+            self._read, self._unrecorded = True, False
+        return self._carried(self._image.state)
+
+    def return_to_origin(self) -> None:
+        """Return to before the last step, for the Python driver."""
+        assert self.origin is not None
+        self._image.state[:] = self.origin.state
+        self._give(Loads(self._scene), self.origin.state, self.origin.time, self._undo[-1])
+
+    def at_origin(self, loads: Loads) -> tuple[Loads, Array]:
+        """Loads as they were before the last step, and impulses (n_interface, 3); ``loads`` : those of now."""
+        assert self.origin is not None
+        given = loads.copy()
+        given.value, given.rate = dict(self.origin.value), dict(self.origin.rate)
+        self._give_memory(given, self.origin.state)
+        return given, self._carried(self.origin.state).impulse
+
+    def _part(self, state: Array, name: str, *shape: int) -> Array:
+        """A field of the state of the image, a view."""
+        at = int(self._image.run[0][name])
+        return state[at : at + prod(shape)].reshape(shape)
+
+    def _carried(self, state: Array) -> Carried:
+        present, interfaces = self._part(state, "present", self._n_output), len(self._scene.joints)
+        rates = self._part(state, "event_rates", interfaces, 2)[self._opening]
+        events = np.concatenate([present[self._of_event :].reshape(-1, COLUMNS), rates], axis=1)
+        impulse = self._part(state, "impulse", interfaces, 3)
+        return Carried(present[: self._of_event].copy(), impulse.copy(), events)
+
+    def _give(self, loads: Loads, state: Array, time: float, unrecorded: bool) -> None:
+        run, at, slopes = self._run, 0, self._give_memory(loads, state)
+        moved = self._part(state, "motion_state", int(self._image.run[0]["n_motion_state"]))
+        motions: list[list[MotionState]] = []
+        for propagator in run.problem.assembly.propagators:
+            k, m = propagator.members[0].imposed_pattern.shape[1], len(propagator.members)
+            u, v, a = moved[at : at + 3 * k * m].reshape(3, k, m)
+            motions.append([(u[:, j].copy(), a[:, j].copy(), v[:, j].copy()) for j in range(m)])
+            at += 3 * k * m
+        ground = {}
+        for i in run.ground:
+            ground[i] = GroundState(moved[at : at + 3].copy(), self._ground_acceleration(i, slopes, time))
+            at += 3
+        losses = {}
+        if run.problem.output.energy:
+            friction = losses["friction_dissipation"] = float(self._part(state, "progress", 8)[5])
+            if self._followed and unrecorded:  # the interfaces dissipate the work that the bodies do on them
+                work = self._part(state, "present", self._n_output)[self._of_solver + 4 + _WORK]
+                losses["contact_dissipation"] = -float(work) - friction
+        run.go_on(time, motions, ground, losses)
+
+    def _give_memory(self, loads: Loads, state: Array) -> list[float]:
+        """Give the loads what steps before have left; the rates of their amplitudes reached, 1/s."""
+        memory: list[list[float]] = [self._part(state, name, len(self.sources.inputs)).tolist() for name in _MEMORY]
+        loads.set_memory(memory, float(self._part(state, "progress", 8)[3]))
+        return memory[1]
+
+    def _ground_acceleration(self, interface: int, slopes: list[float], time: float) -> Array:
+        """Acceleration (3,) of the ground of an interface over the last time step, m s-2."""
+        name = self._run.problem.assembly.interfaces[interface].name
+        velocity, source = self._scene.joints[name].ground_velocity, f"ground.{name}"
+        if velocity is None:
+            return np.zeros(3)
+        if source in self.sources.inputs:
+            slope = slopes[self.sources.inputs.index(source)]
+        else:
+            law, made = self.sources.table[:, self.sources.laws.index(source)], self._made(time)
+            slope = float(law[made] - law[made - 1]) / self._run.dt if len(law) > 1 else 0.0
+        return slope * np.asarray(velocity.vector, dtype=float)
+
+    def histories(self, loads: Loads) -> dict[str, InterfaceHistory]:
+        """Histories of the interfaces over the instants of the last step."""
+        assert self.origin is not None
+        run, n = self._run, self.origin.n + 1
+        assembly, duration = run.problem.assembly, run.problem.output.peak_duration
+        rows = InterfaceRows(assembly, np.zeros((n, InterfaceRows.width_of(assembly))))
+        if self._has_rows and not rows.slide:
+            rows.keep(self._image, None, 0, n, 0)
+            return rows.histories(n, duration)
+        self.give_back(loads)
+        back = run.keep_state()
+        segment = self._recorded(loads)
+        back()
+        return segment.interfaces
