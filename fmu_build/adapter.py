@@ -123,7 +123,7 @@ class Adapter:
     def get_numbers(self, references: memoryview, values: memoryview) -> int:
         """Write numbers by value reference; elements of arrays in row-major order, the first one alone for a host that
         reads one number per variable because it does not know arrays."""
-        numbers = self._array(references, "u4").tolist()
+        numbers = self._array(references, "u4")
         read = self.fmi_instance.get(numbers)
         if values.nbytes == 8 * len(numbers) < 8 * len(read):
             read = [self.fmi_instance.get([number])[0] for number in numbers]

@@ -95,6 +95,7 @@ class Drive:
         if self.description.coSimulation is None:
             raise InputError([Problem(str(path), "not an FMU for co-simulation")], "the FMU cannot be opened")
         self._by_name = {v.name: v for v in self.description.modelVariables}
+        self._references = {v.name: int(v.valueReference) for v in self.description.modelVariables}
         self._inputs = dict(inputs or {})
         self._time = list(self._inputs.pop("time", []))
         self._check([*(start or {}), *self._inputs])
@@ -159,11 +160,11 @@ class Drive:
 
     def read(self, names: Sequence[str]) -> list[float]:
         """Values of real variables, read at once."""
-        return self.read_references([self.reference(name) for name in names])
+        return self.read_references([self._references[name] for name in names])
 
     def reference(self, name: str) -> int:
         """Value reference of a variable."""
-        return int(self._by_name[name].valueReference)
+        return self._references[name]
 
     def read_references(self, references: Sequence[int]) -> list[float]:
         """Values of real variables by value reference."""
@@ -326,8 +327,8 @@ class FmuPeer(Drive):
 
     def set_load(self, name: str, value: float, rate: float = 0.0) -> None:
         """Amplitude of a load at the start of the next step and its rate, 1/s."""
-        self.set(input_variable(name, "value"), value)
-        self.set(input_variable(name, "rate"), rate)
+        references = [self._references[input_variable(name, what)] for what in ("value", "rate")]
+        (self._fmu.setFloat64 if self.three else self._fmu.setReal)(references, [value, rate])
 
     def value(self, name: str) -> float:
         """Value of a scalar output."""

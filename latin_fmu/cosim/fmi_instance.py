@@ -17,6 +17,8 @@ from .variable import Variable, input_variable
 from .variable_store import DISCARD, ERROR, WARNING, Log, VariableStore, exception_barrier
 
 if TYPE_CHECKING:  # imported at initialization: hosts instantiate an FMU only to look at it
+    from ..latin.assembly import Index
+    from ..latin.record import Array
     from ..scene.schema import Scene
     from .session import Session
     from .settings import Settings
@@ -49,6 +51,7 @@ class FmiInstance:
         self._open_scene, self.log, self._digest = scene, log, digest
         self._variables = VariableStore(table, log)
         self._session: Session | None = None
+        self._inputs: list[tuple[str, int, int]] | None = None  # value references by name, once they are known
         self.clear()
 
     @property
@@ -76,15 +79,16 @@ class FmiInstance:
             self._session.reset()
 
     # -- variables ------------------------------------------------------------------------------------------------
-    def get(self, references: Sequence[int]) -> Sequence[float]:
+    def get(self, references: Sequence[int] | Index) -> Array:
         """Numbers by value reference, arrays in row-major order; zeros, and an error is logged, on failure."""
-        return self._get(references) or [0.0] * self._variables.size(references)
+        numbers = self._get(references)
+        return np.zeros(self._variables.size(list(references))) if numbers is None else numbers
 
-    @exception_barrier(())
-    def _get(self, references: Sequence[int]) -> Sequence[float]:
+    @exception_barrier(None, computes=False)
+    def _get(self, references: Sequence[int] | Index) -> Array | None:
         return self._variables.get(references, self._session)
 
-    @exception_barrier(False)
+    @exception_barrier(False, computes=False)
     def set(self, references: Sequence[int], values: Sequence[float]) -> bool:
         """Set numbers; an array takes as many values as it has elements."""
         self._variables.set(references, values)
@@ -166,9 +170,12 @@ class FmiInstance:
         return self._session
 
     def _set_loads(self, session: Session) -> None:
-        number = self._variables.number
-        for name in session.loads:
-            session.set_load(name, number(input_variable(name, "value")), number(input_variable(name, "rate")))
+        place, numbers = self._variables.place, self._variables.numbers
+        if self._inputs is None:
+            named = [(n, input_variable(n, "value"), input_variable(n, "rate")) for n in session.loads]
+            self._inputs = [(name, place[value], place[rate]) for name, value, rate in named]
+        for name, value, rate in self._inputs:
+            session.set_load(name, numbers[value], numbers[rate])
 
     def _set_histories(self, session: Session) -> None:
         """Set the histories of a session in prescribed mode: those of the file, then those given as arrays."""
@@ -196,25 +203,30 @@ class FmiInstance:
         if not self._variables.fixed or session is None:
             self.log(ERROR, self._failure or "a step before initialization")
             return False
-        before = {name: session.load(name) for name in session.loads}
+        before = [(name, *session.load(name)) for name in session.loads]
         self._set_loads(session)
-        wanted = (t, h, [session.load(name) for name in session.loads])
-        if self._discarded and repr(wanted) == self._discarded:  # some hosts repeat it for ever
+        if self._discarded and self._step(session, t, h) == self._discarded:  # some hosts repeat it for ever
             self.log(ERROR, "this very step was discarded before: make it shorter, or with another input")
             return False
         report = session.step(t, h, early)
         if not report.accepted:
-            for name, (value, rate) in before.items():
-                session.set_load(name, value, rate)
+            wanted = self._step(session, t, h)
+            for given in before:
+                session.set_load(*given)
             again = (
                 "; the step before was discarded: repeat it, shorter or with another input" if self._discarded else ""
             )
             self.log(DISCARD if report.again else ERROR, report.message + again)
-            self._discarded = repr(wanted)
+            self._discarded = wanted
             return False
         self._discarded = ""
         self._variables.update(session)
         return True
+
+    @staticmethod
+    def _step(session: Session, t: float, h: float) -> str:
+        """A step and its inputs, as text."""
+        return repr((t, h, [session.load(name) for name in session.loads]))
 
     @exception_barrier(())
     def directional_derivative(

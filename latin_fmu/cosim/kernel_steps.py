@@ -35,7 +35,6 @@ LARGEST: Final = 10_000
 nothing is gained."""
 _SAME_STEP, _ON_GRID = 1e-9, 1e-6  # of a time step: differences that are round-off
 _MEMORY: Final = ("reached", "slope", "before", "held", "rated")  # of ``Loads.memory``
-_IN_BODIES: Final = ("damping_dissipation", "landing_dissipation", "scheme_dissipation")
 _WORK: Final = list(ENERGIES).index("interface_work")
 _CANCELLED: Final = 1e-6  # of the work of the interfaces, as there
 _SAFE: Final = 0.25  # of the energy put in: half of what ``latin.status.with_energy`` allows to be gained
@@ -103,15 +102,21 @@ class KernelSteps:
     # -- what the kernels can do ------------------------------------------------------------------------------------
     def fit(self, time: float, end: float, n: int) -> bool:
         """Whether the kernels can make the n time steps from a time to an end, s since the start."""
-        run, dt, last = self._run.run, self._run.dt, self.sources.end
-        if run is None or time <= 0.0 or abs((end - time) / n - dt) > _SAME_STEP * dt:
+        dt, last = self._run.dt, self.sources.end
+        if time <= 0.0 or abs((end - time) / n - dt) > _SAME_STEP * dt:
             return False
-        problem, made = self._run.problem, self._made(time)
-        if last >= 0 and (made + n > last or abs(time - made * dt) > _ON_GRID * dt):
+        if last >= 0:
+            made = self._made(time)
+            if made + n > last or abs(time - made * dt) > _ON_GRID * dt:
+                return False
+        return self.valid or self._compiles()
+
+    def _compiles(self) -> bool:
+        """Whether nothing in a step of this run needs Python."""
+        run, problem = self._run.run, self._run.problem
+        if run is None or problem.settings.window != 1 or run.image.n_flat > LARGEST or run.on_threads:
             return False
-        if problem.settings.window != 1 or run.image.n_flat > LARGEST or run.on_threads or not run.compiles():
-            return False
-        return not (self._moved and problem.assembly.scheme.explicit)
+        return run.compiles() and not (self._moved and problem.assembly.scheme.explicit)
 
     def _made(self, time: float) -> int:
         """Time steps made at a time after the first step, s since the start."""
@@ -131,13 +136,15 @@ class KernelSteps:
         )
 
     # -- from the Python driver -----------------------------------------------------------------------------------
+    def ready(self, n: int) -> bool:
+        """Whether a step of n time steps needs no ``take_over``."""
+        return self.valid and self._room >= min(n, COMMUNICATION_ROWS - 1)
+
     def take_over(self, loads: Loads, end: float, n: int, carried: Carried) -> None:
         """Write what the kernels need into the image, which the Python driver has left at the present time.
 
         loads, end, n : of the step that is made next.
         """
-        if self.valid and self._room >= min(n, COMMUNICATION_ROWS - 1):
-            return
         if self.valid:
             self.give_back(loads)
         kept, motions = self._image.state.copy() if self.valid else None, self._motion_state()
@@ -307,8 +314,9 @@ class KernelSteps:
         """Outputs at the end of a step from the state in the image, None where a time step did not converge; ``run`` :
         records the instants."""
         image, inputs, self._has_rows = self._image, self.sources.inputs, False
-        image.field("input_value", len(inputs))[:] = [step.value[name] for name in inputs]
-        image.field("input_rate", len(inputs))[:] = [step.rate[name] for name in inputs]
+        if inputs:
+            image.field("input_value", len(inputs))[:] = [step.value[name] for name in inputs]
+            image.field("input_rate", len(inputs))[:] = [step.rate[name] for name in inputs]
         made, dt, progress = self._made(step.time), self._run.dt, image.field("progress", 8)
         off = step.time - made * dt
         progress[0], progress[6] = made, off if abs(off) > _ON_GRID * dt else 0.0
@@ -328,11 +336,9 @@ class KernelSteps:
     def _gains_energy(self, row: Array) -> bool:
         """Whether the energies may be those of a scheme that gains energy: ``latin.status.with_energy`` has to look."""
         first = self._of_solver + 4
-        energy = dict(zip(ENERGIES, row[first : first + len(ENERGIES)].tolist(), strict=True))
-        work = energy["interface_work"]
-        lost = sum(energy[name] for name in _IN_BODIES) - work
-        put_in = self._run.stored + max(energy["work_of_loads"], 0.0) + _CANCELLED * abs(work)
-        return not -lost <= _SAFE * put_in
+        _, _, of_loads, work, _, damping, landing, scheme, _ = row[first : first + len(ENERGIES)].tolist()
+        put_in = self._run.stored + max(of_loads, 0.0) + _CANCELLED * abs(work)
+        return not work - damping - landing - scheme <= _SAFE * put_in
 
     def iterations(self, row: Array) -> tuple[int, float]:
         """Iterations and largest error indicator of the step with these outputs."""

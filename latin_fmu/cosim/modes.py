@@ -149,7 +149,8 @@ class Windowed:
         now = kernels.time if kernels.valid else self.run.time
         if not kernels.fit(now, end, n):
             return None
-        kernels.take_over(loads, end, n, self._carried())
+        if not kernels.ready(n):
+            kernels.take_over(loads, end, n, self._carried())
         segment, row = None, kernels.march(loads, end, n)
         if row is None:
             return None

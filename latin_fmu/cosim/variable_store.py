@@ -12,6 +12,7 @@ from ..errors import InputError, LatinError, Problem
 from .variable import Variable, input_of
 
 if TYPE_CHECKING:  # imported when arrays are read: hosts instantiate an FMU only to look at it
+    from ..latin.assembly import Index
     from ..latin.record import Array
     from .session import Session
 
@@ -30,8 +31,9 @@ class HasErrorLog(Protocol):
         ...
 
 
-def exception_barrier(fallback: object) -> Callable[[Method], Method]:
-    """Log what a method raises and return ``fallback``.
+def exception_barrier(fallback: object, computes: bool = True) -> Callable[[Method], Method]:
+    """Log what a method raises and return ``fallback``; no warning is printed for values that overflow where the method
+    ``computes``.
 
     The instance goes on after it, and the host is given a status with the message.
     """
@@ -40,7 +42,9 @@ def exception_barrier(fallback: object) -> Callable[[Method], Method]:
         @wraps(method)
         def call(self: HasErrorLog, *args: Any) -> Any:
             try:
-                with np.errstate(all="ignore"):  # no warning is printed for values that overflow
+                if not computes:
+                    return method(self, *args)
+                with np.errstate(all="ignore"):
                     return method(self, *args)
             except LatinError as error:
                 self.log_error(str(error))
@@ -72,6 +76,7 @@ class VariableStore:
         self.outputs = [i for i, v in enumerate(self.table) if v.causality == "output" and not v.is_array]
         self._output_places = np.array(self.outputs, dtype=np.int64)
         self._array_references = frozenset(i for i, v in enumerate(self.table) if v.is_array)
+        self._first_array = min(self._array_references, default=len(self.table))
         self.clear()
 
     def clear(self) -> None:
@@ -92,15 +97,15 @@ class VariableStore:
         return self._texts[self.place[name]]
 
     # -- by reference ---------------------------------------------------------------------------------------------
-    def get(self, references: Sequence[int], session: Session | None = None) -> Sequence[float]:
+    def get(self, references: Sequence[int] | Index, session: Session | None = None) -> Array:
         """Numbers; elements of arrays in row-major order. ``session``: its arrays are read."""
-        if self._array_references.isdisjoint(references):
-            values: list[float] = self.numbers[references].tolist()
-            return values
+        places = np.asarray(references, dtype=np.int64)
+        if not places.size or places.max() < self._first_array:
+            return self.numbers[places]
         flat: list[float] = []
-        for r in references:
+        for r in places.tolist():
             flat += self._elements(r, session) if self.table[r].is_array else [float(self.numbers[r])]
-        return flat
+        return np.array(flat)
 
     def size(self, references: Sequence[int]) -> int:
         """How many numbers ``get`` returns."""
@@ -173,11 +178,11 @@ class VariableStore:
         from .loads import given_rows
 
         amplitudes = {
-            input_of(self.table[reference].name)[0]: np.array(self.get([reference]))
+            input_of(self.table[reference].name)[0]: self.get([reference])
             for reference in sorted(self._array_parameters)
             if self.table[reference].name != "history.time"
         }
-        return given_rows(np.array(self.get([self.place["history.time"]])), amplitudes)
+        return given_rows(self.get([self.place["history.time"]]), amplitudes)
 
     # -- from a session, states -----------------------------------------------------------------------------------
     def update(self, session: Session) -> None:
