@@ -18,9 +18,9 @@ from ..errors import InputError, Problem, SolverError
 from ..latin.linearised_step import PointLaws, Tangents, march
 from ..latin.record import Array
 from ..latin.windows import Run
-from .modes import LastStep, Windowed
 from .variable import input_of, is_wave
 from .variables import EVENTS
+from .windowed import LastStep, Windowed
 
 _EFFECT = 1e-2  # on the tractions, relative: smaller ones are enlarged, as far as round-off says what they are
 _LARGEST = 1e8  # factor

@@ -26,10 +26,11 @@ from ..scene.laws import InputLaw
 from ..scene.schema import Scene
 from .derivatives import Derivatives
 from .loads import Loads
-from .modes import Prescribed, Windowed
+from .prescribed import Prescribed
 from .settings import Settings, StepReport, refused, why_not
 from .step_history import AcceptedStep, StepHistory
 from .variables import PRESCRIBED, scalar_table, with_laws
+from .windowed import Windowed
 
 
 class Session:

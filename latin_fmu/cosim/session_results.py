@@ -18,11 +18,12 @@ from ..results.solution import Solution
 from ..scene.laws import TableLaw
 from ..scene.schema import Scene
 from .loads import Curve
-from .modes import Prescribed, Windowed
+from .prescribed import Prescribed
 from .settings import Settings
 from .step_history import AcceptedStep, curves_of, joined
 from .variable import Variable, input_of
 from .variables import with_laws
+from .windowed import Windowed
 
 _COMPONENT = re.compile(r"(.+)\[(\d)\]")
 _SAME_STEP = 1e-6  # relative difference of time steps that count as equal

@@ -1,12 +1,7 @@
-"""Windowed mode (solves each communication step) and prescribed mode (solves the whole window at once) of a session.
-
-Windowed: a communication step is one segment of the run, and the state is carried on. Prescribed: the whole interval is
-solved from given histories at initialization, then played back.
-"""
+"""Windowed mode of a session: a communication step is one segment of the run, and the state is carried on."""
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -19,20 +14,18 @@ from ..assembly.segments import Segment, SegmentedRun
 from ..errors import SolverError
 from ..latin.record import Array, InterfaceHistory, Timings
 from ..latin.recorder import Recorder
-from ..latin.state_serialization import check_like, check_numbers, encode, unlike
+from ..latin.state_serialization import check_like, check_numbers, unlike
 from ..latin.windows import Run
 from ..machine import one_thread
 from ..scene.schema import Scene
-from .events import COLUMNS, ContactEvents, between, first_event, shifted
+from .events import ContactEvents, first_event, shifted
 from .kernel_steps import Carried, KernelSteps
 from .loads import Loads
 from .outputs import InterfaceSeries, faces_of, impulses, output_rows, series_of
 from .settings import MAX_INSTANTS, SHORTEST, Settings, StepReport, refused
 from .step_history import INTERFACE_FIELDS
-from .variable import variable_of
-from .variables import LINE, opening, scalar_table
+from .variables import LINE, opening
 
-ROUND_OFF = 1e-9  # of a time step: times closer than this are one instant
 _ENTRIES: Final = ("run", "impulse", "events", "row", "time", "gaps", "fields")  # of a state
 
 
@@ -326,154 +319,3 @@ class Windowed:
 
     def _fields(self) -> dict[str, dict[str, Any]]:
         return {n: {f: getattr(h, f) for f in INTERFACE_FIELDS} for n, h in self.interfaces.items()}
-
-
-class Prescribed:
-    """The solution over [0, T] and its playback.
-
-    Attributes
-    ----------
-    run : the solver. segment : the whole interval. row : scalar outputs at the present time, (n_output,).
-    time : instants (n + 1,), s, counted from the start; none before ``start``.
-    """
-
-    def __init__(self, scene: Scene, settings: Settings) -> None:
-        self._scene, self._tolerance = scene, settings.tolerance
-        self._n_output = sum(v.causality == "output" for v in scalar_table(scene))
-        self._first_event = self._n_output - COLUMNS * len(opening(scene))
-        self._solved_for = ""
-        self.run: SegmentedRun | None = None
-        self.segment: Segment | None = None
-        self.row = np.zeros(0)
-        self._table = np.zeros((0, 0))  # rows of all instants
-
-    def start(self, loads: Loads) -> None:
-        """Solve the interval and take the outputs of its first instant.
-
-        Raises
-        ------
-        SolverError : the solution did not converge.
-        """
-        self._solve(loads)
-        self.row = self._row_at(0.0)
-
-    def _solve(self, loads: Loads) -> None:
-        """Solve for these loads, histories or constants, unless the present solution is theirs."""
-        histories = {name: list(pair) for name, pair in loads.histories.items()}
-        given = {"value": loads.initial_values(), "history": histories}
-        key = hashlib.sha256(encode(given, "histories")).hexdigest()
-        if key == self._solved_for:
-            return
-        self._solved_for = ""
-        try:
-            run = SegmentedRun(self._scene, self._tolerance)
-            end, n = self._scene.time.end, self._scene.time.n_step
-            instants = np.linspace(0.0, end, n + 1)
-            with np.errstate(all="ignore"):
-                segment = run.advance(end, n, loads.over(instants))
-        except (ArithmeticError, ValueError, RuntimeError, np.linalg.LinAlgError) as error:
-            raise SolverError(f"the solver cannot continue: {error}") from error
-        if not segment.converged:
-            raise SolverError(segment.status)
-        self._table = _rows(segment, n, ContactEvents(opening(self._scene)))
-        self.run, self.segment, self._solved_for = run, segment, key
-
-    def step(self, loads: Loads, t: float, h: float, t0: float, early: bool = False) -> StepReport:
-        """Play back from t to t + h, s; ``t0`` is the start of the simulation.
-
-        early : up to the first instant after a contact event.
-        """
-        if changed := loads.changed():
-            return refused(
-                f"{variable_of(changed)} was changed after initialization, which has no effect in prescribed mode: "
-                "give a history before initialization, or use mode 0 (windowed)",
-                again=True,
-            )
-        assert self.segment is not None
-        end = float(self.time[-1])
-        if t + h - t0 > end * (1.0 + ROUND_OFF):
-            return refused(f"the interval solved ends at {t0 + end:g} s: set endTime before initialization", again=True)
-        stop, ended = t + h - t0, None
-        if early:
-            first = self.instant(t - t0)
-            event = first_event(self._table[first : self.instant(stop) + 1, self._first_event :])
-            if event is not None and self.time[first + event] < stop - ROUND_OFF * h:
-                stop = float(self.time[first + event])
-                ended = t0 + stop
-        row, k = self._row_at(stop), self._first_event
-        self.row = np.concatenate([row[:k], shifted(row[k:], t0)])
-        n, iterations, indicator = len(self.time) - 1, self.segment.iterations, self.segment.error_indicator
-        return StepReport(True, "", n, iterations, indicator, early=ended)
-
-    @property
-    def time(self) -> Array:
-        """Instants of the solution, s; none before ``start``."""
-        return np.zeros(0) if self.segment is None else self.segment.time
-
-    @property
-    def n_instant(self) -> int:
-        """Number of instants of the solution."""
-        return len(self.time)
-
-    @property
-    def interfaces(self) -> dict[str, InterfaceHistory]:
-        """Interface histories over the whole interval."""
-        return {} if self.segment is None else self.segment.interfaces
-
-    def _row_at(self, time: float) -> Array:
-        """Scalar outputs at a time within the interval: those of an instant, linear between two instants."""
-        place = self._place(time)
-        near = round(place)
-        if abs(place - near) <= ROUND_OFF * max(1.0, abs(place)):
-            row: Array = self._table[min(max(near, 0), len(self._table) - 1)].copy()
-            return row
-        i = int(np.clip(np.floor(place), 0, len(self._table) - 2))
-        share = place - i
-        mixed: Array = (1.0 - share) * self._table[i] + share * self._table[i + 1]
-        k = self._first_event
-        mixed[k:] = between(self._table[i, k:], self._table[i + 1, k:], time)
-        return mixed
-
-    def _place(self, time: float) -> float:
-        return time / float(self.time[1] - self.time[0])
-
-    def instant(self, time: float) -> int:
-        """Index in ``time`` of the last instant that is not after a time since the start, s."""
-        place = self._place(time)
-        return int(np.clip(np.floor(place + ROUND_OFF * max(1.0, abs(place))), 0, len(self._table) - 1))
-
-    def close(self) -> None:
-        """Free the operators."""
-        if self.run is not None:
-            self.run.close()
-
-    def reset(self) -> None:
-        """Return to before ``start``; the solution is kept."""
-
-    def get_state(self, _loads: Loads) -> dict[str, Any]:
-        """The present outputs; the solution follows from the loads."""
-        return {"row": self.row}
-
-    def set_state(self, state: Mapping[str, Any], loads: Loads, check: bool = False) -> None:
-        """Restore a state; solves where these loads are not solved yet.
-
-        Raises
-        ------
-        SolverError : no convergence. InputError : with ``check``, outputs that do not fit.
-        """
-        if check:
-            check_numbers(state["row"], "state.row", np.zeros(self._n_output))
-        self._solve(loads)
-        self.row = state["row"]
-
-
-def _rows(segment: Segment, n: int, events: ContactEvents) -> Array:
-    """Scalar outputs at every instant, (n + 1, n_output); ``events`` : none so far."""
-    series = series_of(segment.interfaces)
-    impulse = [history.impulse(segment.time) for history in segment.interfaces.values()]
-    running = np.stack(impulse, axis=1) if impulse else impulses(series, 0.0, np.zeros((0, 3)))
-    solver = (segment.iterations, segment.error_indicator, float(segment.converged), n)
-    rows = output_rows(series, running, segment.sensors, segment.ports, segment.bolts, solver, segment.energy, n + 1)
-    points = {name: history.points_over_time for name, history in segment.interfaces.items()}
-    faces = {name: faces_of(history) for name, history in segment.interfaces.items()}
-    return np.concatenate([rows, events.follow(segment.time, points, series, faces)[0]], axis=1)
