@@ -1,4 +1,4 @@
-"""Prescribed mode of a session: solves the whole interval from given histories at initialization, then plays it back."""
+"""Prescribed mode of a session: solves the interval from given histories at initialization, then plays it back."""
 
 from __future__ import annotations
 
