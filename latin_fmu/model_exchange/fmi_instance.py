@@ -141,7 +141,7 @@ class ReducedModelInstance:
             row = self._outputs.row(self.y, self.modes, self._evaluation(), self.events)
             self.variables.numbers[self.variables.outputs] = row
             self.variables.numbers[0], self._outputs_are_set = self.time, True
-        return [self._number(reference) for reference in references]
+        return [self._number(int(reference)) for reference in references]
 
     def _number(self, reference: int) -> float:
         names = self._names
