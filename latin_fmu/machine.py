@@ -1,4 +1,4 @@
-"""The machine: peak memory of the process, memory there is, one thread for the dense linear algebra of the solver.
+"""Machine and software of a run: memory, cores, one thread for the dense linear algebra of the solver, versions.
 
 Threads on small dense products cost more than they give, and the sums would depend on their number.
 """
@@ -6,8 +6,10 @@ Threads on small dense products cost more than they give, and the sums would dep
 from __future__ import annotations
 
 import os
+import platform
 import sys
 from contextlib import AbstractContextManager, nullcontext, suppress
+from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
 
@@ -128,3 +130,37 @@ def _controller() -> ThreadpoolController:
     import scipy.linalg.cython_blas  # noqa: F401, loads the library that the kernels call
 
     return ThreadpoolController()
+
+
+def package_version() -> str:
+    """Version of this package."""
+    version: str = sys.modules[__name__.rpartition(".")[0]].__version__  # of the package, loaded before its modules
+    return version
+
+
+PAPER = (
+    "P. Ladeveze, H. Lemoussu, P.A. Boucard, A modular approach to 3-D impact computation with frictional "
+    "contact, Computers and Structures 78 (2000) 45-51"
+)
+
+
+def provenance() -> dict[str, str]:
+    """Versions, source and time of creation, ready to be root attributes of a results file."""
+    now = datetime.now(UTC).isoformat(timespec="seconds")
+    version = package_version()
+    return {
+        "source": f"latin_fmu {version}: LATIN method",
+        "history": f"{now} computed by latin_fmu {version}",
+        "references": PAPER,
+        "latin_fmu_version": version,
+        "python_version": platform.python_version(),
+        **_libraries(),
+    }
+
+
+@cache
+def _libraries() -> dict[str, str]:
+    """Versions of the libraries, read from their metadata once (a millisecond each: as much as a small run)."""
+    from importlib import metadata
+
+    return {f"{name}_version": metadata.version(name) for name in ("numpy", "scipy", "xarray")}

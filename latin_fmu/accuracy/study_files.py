@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import xarray as xr
 
-from ..results.dataset import provenance
+from ..machine import provenance
 from ..results.groups import CONVENTIONS
 from ..results.quantities_of_interest import FLOOR, FORCE_HISTORY, QUANTITIES_OF_INTEREST, definition_of
 from ..results.summary import percent

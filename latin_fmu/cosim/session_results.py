@@ -11,7 +11,8 @@ import xarray as xr
 
 from ..assembly.segments import Segment
 from ..latin.record import Array
-from ..results.dataset import AXES, datatree, provenance, result_groups
+from ..machine import provenance
+from ..results.dataset import AXES, datatree, result_groups
 from ..results.estimates import ErrorEstimate
 from ..results.groups import SCHEMA_VERSION
 from ..results.solution import Solution

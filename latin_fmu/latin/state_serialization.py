@@ -18,13 +18,13 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-import sys
 from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
 
 from ..errors import InputError, Problem, SolverError
+from ..machine import package_version
 
 _DTYPE: Final = re.compile(r"[<>|][biufcSU]\d{1,4}")
 _MAGIC = b"LATIN-STATE-1\n"
@@ -37,12 +37,6 @@ _FACTS: Final = {
     "machine": ("written on another kind of machine", "use a machine like the one that wrote it"),
     "digest": ("a state of another scene or of other settings", "use it with the scene and the settings it is of"),
 }
-
-
-def package_version() -> str:
-    """Version of this package."""
-    version: str = sys.modules[__name__.rsplit(".", 2)[0]].__version__  # of the package, loaded before its modules
-    return version
 
 
 def sealed(payload: bytes, kind: str, digest: str, machine: str = "") -> bytes:

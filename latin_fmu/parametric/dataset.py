@@ -21,7 +21,8 @@ from typing import Any, Final
 import numpy as np
 import xarray as xr
 
-from ..results.dataset import AXES, provenance
+from ..machine import provenance
+from ..results.dataset import AXES
 from ..results.groups import CONVENTIONS, SCHEMA_VERSION
 from ..scene.schema import Scene
 from .grid import Grid, Index, Parameter, value_text

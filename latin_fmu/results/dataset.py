@@ -36,20 +36,15 @@ has. What a run does not have (the gap of a perfect connection, fields not reque
 
 from __future__ import annotations
 
-import platform
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
-from functools import cache
-from importlib import metadata
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from ..fem.stress import Recovery, principal
 from ..latin.record import Array, InterfaceHistory, Outcome, Resultants, SubstructureHistory, WindowRecord
-from ..latin.state_serialization import package_version
 from ..latin.status import WindowList
 from ..scene.sensors import Sensor
 from .groups import (
@@ -107,32 +102,6 @@ LABELS: Final[Mapping[str, Any]] = {
     "principal": np.array([1, 2, 3], dtype=np.int32),
 }
 """Coordinates of the dimensions of tensors."""
-
-
-PAPER = (
-    "P. Ladeveze, H. Lemoussu, P.A. Boucard, A modular approach to 3-D impact computation with frictional "
-    "contact, Computers and Structures 78 (2000) 45-51"
-)
-
-
-def provenance() -> dict[str, str]:
-    """Versions, source and time of creation, ready to be root attributes of a results file."""
-    now = datetime.now(UTC).isoformat(timespec="seconds")
-    version = package_version()
-    return {
-        "source": f"latin_fmu {version}: LATIN method",
-        "history": f"{now} computed by latin_fmu {version}",
-        "references": PAPER,
-        "latin_fmu_version": version,
-        "python_version": platform.python_version(),
-        **_libraries(),
-    }
-
-
-@cache
-def _libraries() -> dict[str, str]:
-    """Versions of the libraries, read from their metadata once (a millisecond each: as much as a small run)."""
-    return {f"{name}_version": metadata.version(name) for name in ("numpy", "scipy", "xarray")}
 
 
 _PEAK: Final = 100_000  # instants of which the largest mean of a force is taken, at most

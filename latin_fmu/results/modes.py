@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from ..latin.record import Array
 from ..latin.recorder import SubstructureInfo
-from .dataset import AXES, datatree, provenance
+from ..machine import provenance
+from .dataset import AXES, datatree
 from .files import write_groups
 from .groups import CONVENTIONS, MODES, SCHEMA_VERSION, Columns, Group, annotated, describe_mesh
 from .summary import aligned, readable

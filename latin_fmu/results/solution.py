@@ -20,8 +20,9 @@ from ..latin.record import (
     Timings,
     WindowRecord,
 )
+from ..machine import provenance
 from ..scene.sensors import Sensor
-from .dataset import Recovered, datatree, provenance, result_blocks, result_groups
+from .dataset import Recovered, datatree, result_blocks, result_groups
 from .estimates import ErrorEstimate
 from .files import write_groups
 from .groups import Group
