@@ -17,6 +17,7 @@ from ..fem.elements import (
     Elements,
     RigidBody,
     body_load,
+    lame,
     lumped_mass,
     mass,
     rigid_body,
@@ -28,7 +29,7 @@ from ..fem.location import Location, MeanMotion, locate, nearest_surface_point
 from ..fem.mesh import Array, FacetSet, Index, Mesh, boundary, box_mesh, dissection, nearest
 from ..fem.stress import MeanStress, Recovery
 from ..fem.surface import Surface
-from ..latin.assembly import InterfaceUnit
+from ..latin.assembly import InterfaceUnit, Layout
 from ..latin.probes import SensorPlace
 from ..scene.fields import ALL_OF_IT, GROUND, split_face
 from ..scene.initial_fields import DISPLACEMENT_FIELDS, VELOCITY_FIELDS, DisplacementFile, Gradient, VelocityFile
@@ -259,6 +260,37 @@ def body_sides(units: Sequence[InterfaceUnit]) -> Iterator[tuple[int, int, str]]
         for side, face in enumerate(unit.sides):
             if face != GROUND:
                 yield i, side, split_face(face)[0]
+
+
+def side_impedance(bodies: dict[str, Body], units: list[InterfaceUnit], layout: Layout) -> Array:
+    """Material impedance of every channel, (n_flat,), Pa s m-1; 0 on the ground and on rigid bodies."""
+    impedance = np.zeros(layout.n_flat)
+    for i, side, name in body_sides(units):
+        if not bodies[name].rigid:
+            channels = layout.channels(i, side)
+            impedance[channels[:, 0]], impedance[channels[:, 1:]] = bodies[name].shape.impedances
+    return impedance
+
+
+def side_stiffness(bodies: dict[str, Body], units: list[InterfaceUnit], layout: Layout) -> Array:
+    """Stiffness per area of the body behind every channel (n_flat,), Pa m-1, 0 on the ground: modulus over length, E
+    along the normal (lambda + 2 mu would make nearly incompressible bodies too stiff), mu along the face."""
+    stiffness = np.zeros(layout.n_flat)
+    for i, side, name in body_sides(units):
+        material, length = bodies[name].shape.material, _length(bodies[name], units[i])
+        channels = layout.channels(i, side)
+        stiffness[channels[:, 0]] = material.young_modulus / length
+        stiffness[channels[:, 1:]] = lame(material.young_modulus, material.poisson_ratio)[1] / length
+    return stiffness
+
+
+def _length(body: Body, unit: InterfaceUnit) -> float:
+    """Size of a body behind an interface, m: along the normal; where the face is wider, the geometric mean with its
+    width, for the bending and the shear lag of thin bodies."""
+    normal = unit.geometry.frames[:, 0].mean(axis=0)
+    along = float(np.ptp(body.mesh.nodes @ normal))
+    along = max(along, 1e-3 * body.mesh.size)
+    return float(np.sqrt(along * max(along, np.sqrt(unit.geometry.areas.sum()))))
 
 
 def sensor_places(scene: Scene, bodies: dict[str, Body], problems: Problems) -> dict[str, SensorPlace]:

@@ -10,7 +10,6 @@ from typing import Final
 
 import numpy as np
 
-from ..fem.elements import lame
 from ..fem.mesh import padded_cells
 from ..latin.assembly import Array, Assembly, GroundState, InterfaceUnit, Layout
 from ..latin.probes import SensorPlace
@@ -25,7 +24,7 @@ from ..scene.laws import InputLaw, TimeLaw, sampled
 from ..scene.schema import Scene
 from ..scene.settings import WHOLE, Anderson, Uniform
 from ..time_scheme import QuasiStatic, TimeScheme
-from .body import Body, body_sides
+from .body import Body, side_impedance, side_stiffness
 from .bolts import BoltCut, OpenedMesh, OpenedStress, load_name
 from .conditions import Conditions
 from .initial_state import InitialState, TightBolts, field_tractions
@@ -393,37 +392,6 @@ def _motions(scene: Scene, body: Body) -> Iterator[Motion]:
     for name, port in scene.ports_of(body.name).items():
         if port.causality == "motion_in":
             yield from port_motions(body, name, port)
-
-
-def side_impedance(bodies: dict[str, Body], units: list[InterfaceUnit], layout: Layout) -> Array:
-    """Material impedance of every channel, (n_flat,), Pa s m-1; 0 on the ground and on rigid bodies."""
-    impedance = np.zeros(layout.n_flat)
-    for i, side, name in body_sides(units):
-        if not bodies[name].rigid:
-            channels = layout.channels(i, side)
-            impedance[channels[:, 0]], impedance[channels[:, 1:]] = bodies[name].shape.impedances
-    return impedance
-
-
-def side_stiffness(bodies: dict[str, Body], units: list[InterfaceUnit], layout: Layout) -> Array:
-    """Stiffness per area of the body behind every channel (n_flat,), Pa m-1, 0 on the ground: modulus over length, E
-    along the normal (lambda + 2 mu would make nearly incompressible bodies too stiff), mu along the face."""
-    stiffness = np.zeros(layout.n_flat)
-    for i, side, name in body_sides(units):
-        material, length = bodies[name].shape.material, _length(bodies[name], units[i])
-        channels = layout.channels(i, side)
-        stiffness[channels[:, 0]] = material.young_modulus / length
-        stiffness[channels[:, 1:]] = lame(material.young_modulus, material.poisson_ratio)[1] / length
-    return stiffness
-
-
-def _length(body: Body, unit: InterfaceUnit) -> float:
-    """Size of a body behind an interface, m: along the normal; where the face is wider, the geometric mean with its
-    width, for the bending and the shear lag of thin bodies."""
-    normal = unit.geometry.frames[:, 0].mean(axis=0)
-    along = float(np.ptp(body.mesh.nodes @ normal))
-    along = max(along, 1e-3 * body.mesh.size)
-    return float(np.sqrt(along * max(along, np.sqrt(unit.geometry.areas.sum()))))
 
 
 def static_traction(scene: Scene, bodies: dict[str, Body], time: Array) -> float:

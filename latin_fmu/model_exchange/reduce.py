@@ -13,9 +13,10 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
+from ..assembly.body import side_impedance
 from ..assembly.build import discretise
 from ..assembly.face_pairs import completed
-from ..assembly.problem import DiscretisedProblem, characteristic_traction, side_impedance
+from ..assembly.problem import DiscretisedProblem, characteristic_traction
 from ..cholesky.factor import interface_factor
 from ..errors import Problem, SceneError
 from ..interface.laws import coulomb_coefficient
