@@ -17,6 +17,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
+import numpy as np
+
 from ..errors import LatinError
 from ..latin.processes import Processes
 from ..latin.record import Array
@@ -48,7 +50,7 @@ from .resolution import (
     mesh_files,
     sampling_error,
 )
-from .runs import Run, measure_solution, message_of, run_at
+from .runs import Run, cost_exponent, measure_solution, message_of, run_at
 
 ORDER_BAND: Final = 0.3
 """A sequence whose observed order lies within this of the expected one is regular: its error is an estimate, else a
@@ -307,8 +309,34 @@ def crossing(scene: Scene, mesh: float, steps: float) -> Resolution:
     return Resolution(mesh, aligned(scene, CROSS * steps))
 
 
+class _Shares:
+    """Shares of the work of several runs, by their predicted cost; ``report`` is called with the share done."""
+
+    def __init__(self, scene: Scene, runs: list[Resolution], report: Callable[[float], None] | None) -> None:
+        costs = np.array([r.mesh ** cost_exponent(scene) * r.time for r in runs])
+        ends = np.cumsum(costs) / costs.sum()
+        self._parts = dict(zip(runs, zip([0.0, *ends[:-1]], ends, strict=True), strict=True))
+        self._report = report
+        self._first, self._last = 0.0, 0.0
+
+    def of(self, run: Resolution) -> _Shares | None:
+        """Receiver of the progress of this run, None where nobody asks for it."""
+        self._first, self._last = self._parts[run]
+        return None if self._report is None else self
+
+    def update(self, done: int, total: int, iteration: int, error: float) -> None:
+        """Report how far the present run is, see ``api.ProgressSink``."""
+        del iteration, error
+        if self._report is not None:
+            self._report(float(self._first + (self._last - self._first) * done / max(total, 1)))
+
+
 def estimate_error(
-    scene: Scene, solution: Solution, tell: Callable[[str], None] | None = None, processes: Processes | None = None
+    scene: Scene,
+    solution: Solution,
+    tell: Callable[[str], None] | None = None,
+    processes: Processes | None = None,
+    report: Callable[[float], None] | None = None,
 ) -> ErrorEstimate:
     """Estimated relative error of every quantity of a finished run of ``scene``.
 
@@ -318,6 +346,7 @@ def estimate_error(
     Parameters
     ----------
     tell : called with a line of text before each coarser run. processes : as for ``api.solve``; all of them call this.
+    report : called with the share of the work that is done.
     """
     start = clock.process_time()
     plan = coarser_runs_of(scene)
@@ -326,12 +355,14 @@ def estimate_error(
     remarks, spectra = list(plan.remarks), dict[str, Array]()
     coarser: dict[str, Quantities] = {}
     lean = in_short_windows(scene)
+    shares = _Shares(scene, list(plan.by_name().values()), report)
     for name, resolution in plan.by_name().items():
         text = f"mesh x {resolution.mesh:.3g}, steps x {resolution.time:.3g}"
         if tell is not None:
             tell(f"error estimate: {text}")
         try:
-            run = run_at(lean, resolution, processes=processes)
+            run = run_at(lean, resolution, progress=shares.of(resolution), processes=processes)
+            shares.update(1, 1, run.iterations[1], 0.0)
         except LatinError as error:
             remarks.append(f"no coarser run ({text}): {message_of(error)}")
             continue

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError, Problem, ResultsError, did_you_mean, listed
 from . import CONVERGED, AddParser, add_scene, declare, output_file, read_scene
+from .progress import Waiting
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -82,7 +83,8 @@ def _modes(arguments: argparse.Namespace) -> int:
         check_target(arguments.output)
     if arguments.vtk is not None:
         check_export_folder(arguments.vtk)
-    modes = vibration_modes(read_scene(arguments), arguments.joints, arguments.count)
+    with Waiting("natural frequencies"):
+        modes = vibration_modes(read_scene(arguments), arguments.joints, arguments.count)
     print("\n".join(modes.lines()))
     if arguments.output is not None:
         modes.save(arguments.output)
@@ -103,8 +105,8 @@ def _srs(arguments: argparse.Namespace) -> int:
     targets = [stem.with_name(f"{stem.name}.{suffix}") for suffix in ("csv", "nc", "png")]
     for target in targets:
         check_target(target)
-    with closing(open_results(arguments.results)) as tree:
-        spectra = dict(_spectra(tree, arguments))
+    with closing(open_results(arguments.results)) as tree, Waiting("spectra") as waiting:
+        spectra = dict(_spectra(tree, arguments, waiting))
         made = _tree(tree, {name: spectrum_group(*pair).dataset() for name, pair in spectra.items()})
     print("\n".join(spectrum_lines({name: spectrum for name, (spectrum, _) in spectra.items()})))
     write_bytes(targets[0], as_csv([(name, spectrum) for name, (spectrum, _) in spectra.items()]).encode())
@@ -124,7 +126,7 @@ def _tree(results: xr.DataTree, spectra: Mapping[str, xr.Dataset]) -> xr.DataTre
 
 
 def _spectra(
-    tree: xr.DataTree, arguments: argparse.Namespace
+    tree: xr.DataTree, arguments: argparse.Namespace, waiting: Waiting
 ) -> Iterator[tuple[str, tuple[ShockSpectrum, Array | None]]]:
     """Spectra and their estimated errors by sensor."""
     known = list(tree["sensors"].children) if "sensors" in tree.children else []
@@ -142,7 +144,9 @@ def _spectra(
     given = {key: value for key in _OPTIONS if (value := getattr(arguments, key)) is not None}
     stored = [name for name in known if "spectrum" in tree[f"sensors/{name}"].children]
     request = _request(given)
-    for name in arguments.sensor or (stored if stored and not given else known):
+    chosen = arguments.sensor or (stored if stored and not given else known)
+    for number, name in enumerate(chosen):
+        waiting.update(number / len(chosen), f"spectrum of {name}")
         node = tree[f"sensors/{name}"]
         yield (
             name,

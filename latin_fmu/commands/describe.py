@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from ..errors import InputError, Problem, ResultsError
 from . import CONVERGED, AddParser, add_scene, add_settings, declare, output_file, read_scene
+from .progress import Waiting
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -57,7 +58,9 @@ def _register_plot(add: AddParser) -> None:
 def _check(arguments: argparse.Namespace) -> int:
     from .. import api
 
-    print("\n".join(api.check(read_scene(arguments))))
+    with Waiting("check"):
+        lines = api.check(read_scene(arguments))
+    print("\n".join(lines))
     return CONVERGED
 
 
@@ -65,15 +68,18 @@ def _explain(arguments: argparse.Namespace) -> int:
     from ..effects.explanation import explain
 
     scene = read_scene(arguments)
-    explanation = explain(scene, arguments.scene.read_text(encoding="utf-8-sig"))
+    with Waiting("prediction of the cost"):
+        explanation = explain(scene, arguments.scene.read_text(encoding="utf-8-sig"))
     report, text = explanation.report(), explanation.text()
     if arguments.run:
         from ..accuracy.coarse_effects import coarse_run
 
-        coarse = coarse_run(scene)
+        with Waiting("coarse run"):
+            coarse = coarse_run(scene)
         report, text = report | {"coarse_run": coarse.report()}, f"{text}\n\n{coarse.text()}"
     if arguments.fmu is not None:
-        size = _compiled_size(arguments)
+        with Waiting("size of the compiled FMU"):
+            size = _compiled_size(arguments)
         report, text = report | {"compiled_fmu_bytes": size}, f"{text}\n\nCompiled FMU: {size / 1e6:.2g} MB"
     print(json.dumps(report, indent=2, allow_nan=False) if arguments.json else text)
     return CONVERGED

@@ -9,10 +9,14 @@ import sys
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError, Problem
 from . import BAD_INPUT, CONVERGED, SOLVER_FAILED, AddParser, add_scene, declare, output_file, read_scene
+from .progress import Waiting
+
+if TYPE_CHECKING:
+    from ..scene.schema import Scene
 
 _BUILD_EXAMPLES = """\
 examples:
@@ -109,28 +113,14 @@ def _fmu(arguments: argparse.Namespace) -> int:
     scene = read_scene(arguments)
     target = arguments.output or Path(f"{scene.name}.fmu")
     check_target(target)
-    names = [name.strip() for name in arguments.inputs.split(",") if name.strip()]
     try:
-        check = import_module("fmu_build.checks")
-        inputs, note = check.with_inputs(scene, names), ""
-        if arguments.compiled and arguments.modes is not None:
-            inputs, note = _reduced(arguments, inputs, names)
-        files: dict[str, bytes] = check.cross_check_files(inputs) if arguments.cross_check else {}
-        for name in files:
-            check_target(target.with_name(name))
-        inside = {f"{check.FOLDER}/{name}": content for name, content in files.items()}
-        if arguments.model_exchange:
-            sizes = {"n_mode": arguments.modes, "n_patch": arguments.patches}
-            given = {name: size for name, size in sizes.items() if size is not None}
-            import_module("fmu_build.build").build_model_exchange(inputs.scene, target, **given)
-        else:
-            import_module("fmu_build.build").build_fmu(
-                inputs.scene, target, arguments.fmi or "2", inside, arguments.compiled, note
-            )
-        problems = import_module("fmu_build.checks").validate(target)
+        with Waiting("FMU") as waiting:
+            files, lines = _made(arguments, scene, target, waiting)
+            problems = import_module("fmu_build.checks").validate(target)
     except ModuleNotFoundError as error:
         print(f"latin-fmu: {error.msg}; pip install 'latin-fmu[fmu]' gives what FMUs need", file=sys.stderr)
         return BAD_INPUT
+    print("".join(f"{line}\n" for line in lines), end="")
     if problems:
         print("\n".join([f"{target} is not valid:", *(f"  {problem}" for problem in problems)]))
         return BAD_INPUT
@@ -140,11 +130,38 @@ def _fmu(arguments: argparse.Namespace) -> int:
     return CONVERGED
 
 
-def _reduced(arguments: argparse.Namespace, inputs: Any, names: Sequence[str]) -> tuple[Any, str]:
-    """The inputs of the scene with its bodies reduced to ``--modes``, and a note on the error for its documentation.
+def _made(
+    arguments: argparse.Namespace, scene: Scene, target: Path, waiting: Waiting
+) -> tuple[dict[str, bytes], list[str]]:
+    """Make the FMU; the files of the cross-check by name, and lines on the error of reduced bodies."""
+    from importlib import import_module
 
-    The error is printed.
-    """
+    from ..results.writing import check_target
+
+    names = [name.strip() for name in arguments.inputs.split(",") if name.strip()]
+    check = import_module("fmu_build.checks")
+    inputs, note, lines = check.with_inputs(scene, names), "", list[str]()
+    if arguments.compiled and arguments.modes is not None:
+        waiting.update(0.0, "FMU: reduced bodies and their error")
+        inputs, note, lines = _reduced(arguments, inputs, names)
+    waiting.update(0.0, "FMU")
+    files: dict[str, bytes] = check.cross_check_files(inputs) if arguments.cross_check else {}
+    for name in files:
+        check_target(target.with_name(name))
+    inside = {f"{check.FOLDER}/{name}": content for name, content in files.items()}
+    build = import_module("fmu_build.build")
+    if arguments.model_exchange:
+        sizes = {"n_mode": arguments.modes, "n_patch": arguments.patches}
+        given = {name: size for name, size in sizes.items() if size is not None}
+        build.build_model_exchange(inputs.scene, target, **given)
+    else:
+        build.build_fmu(inputs.scene, target, arguments.fmi or "2", inside, arguments.compiled, note)
+    return files, lines
+
+
+def _reduced(arguments: argparse.Namespace, inputs: Any, names: Sequence[str]) -> tuple[Any, str, list[str]]:
+    """The inputs of the scene with its bodies reduced to ``--modes``, a note on the error for its documentation, and
+    the error in words."""
     from importlib import import_module
 
     from ..reader import load_scene
@@ -153,14 +170,12 @@ def _reduced(arguments: argparse.Namespace, inputs: Any, names: Sequence[str]) -
     setting = reduction.SETTING.format(arguments.modes)
     reduced = check.with_inputs(load_scene(arguments.scene, [*arguments.overrides, setting]), names)
     errors = reduction.reduction_errors(inputs, reduced)
+    lines = [
+        "the error of the reduced bodies is not known: no load acts (--inputs NAME keeps the law of a load for it)"
+    ]
     if errors:
-        print(f"{arguments.modes} modes a body, under the laws of the scene:")
-        print("\n".join(f"  {error}" for error in errors))
-    else:
-        print(
-            "the error of the reduced bodies is not known: no load acts (--inputs NAME keeps the law of a load for it)"
-        )
-    return reduced, reduction.reduction_note(arguments.modes, errors)
+        lines = [f"{arguments.modes} modes a body, under the laws of the scene:", *(f"  {error}" for error in errors)]
+    return reduced, reduction.reduction_note(arguments.modes, errors), lines
 
 
 def _contradictions(arguments: argparse.Namespace) -> Iterator[Problem]:
@@ -194,14 +209,12 @@ def _simulate(arguments: argparse.Namespace) -> int:
     step, stop = arguments.step or drive.step_size, arguments.stop or drive.stop_time
     rows: list[Sequence[float]] = []
     try:
-        for row in drive.run(step, stop):
-            rows.append(row)
-            if not arguments.quiet:
-                print(f"\r{100 * row[0] / stop:5.1f} %", end="", file=sys.stderr, flush=True)
+        with Waiting("simulation", quiet=arguments.quiet) as waiting:
+            for row in drive.run(step, stop):
+                rows.append(row)
+                waiting.update(min(row[0] / stop, 1.0), f"simulation, {100 * row[0] / stop:.0f} %")
     finally:
         drive.close()
-        if not arguments.quiet:
-            print(file=sys.stderr)
     write_csv(target, ["time", *drive.outputs], rows)
     if not arguments.quiet:
         print(f"{len(rows)} rows: {target}")

@@ -5,17 +5,15 @@ from __future__ import annotations
 import argparse
 import gc
 import json
-import math
 import os
 import re
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Final, TextIO
+from typing import TYPE_CHECKING, Any, Final
 
 from ..errors import InputError, Problem, SolverError
 from . import (
@@ -30,6 +28,7 @@ from . import (
     read_scene,
     started_together,
 )
+from .progress import Progress, Waiting
 
 if TYPE_CHECKING:
     from ..accuracy.adaptive_resolution import Choice
@@ -49,7 +48,6 @@ examples:
 Named items are addressed by name: --set load.press.pressure=100e6
 """
 _UNITS: Final = MappingProxyType({"s": 1.0, "min": 60.0, "h": 3600.0})
-_EVERY_ON_TERMINAL, _EVERY_IN_LOG = 0.1, 3.0  # seconds between two lines of progress
 
 
 def register(add: AddParser) -> None:
@@ -141,14 +139,16 @@ def _distributed(arguments: argparse.Namespace, processes: Processes) -> int:
                 from ..results.vtk import check_export_folder
 
                 check_export_folder(arguments.vtk)
-    progress = None if arguments.quiet else Progress(sys.stderr, scene.solver.tolerance)
+    progress = None if arguments.quiet else Progress(sys.stderr, scene.solver.tolerance).begin()
     try:
         solution = api.solve(scene, progress=progress, processes=processes)
     finally:
         if progress is not None:
             progress.close()
     if not arguments.no_estimate and scene.accuracy.estimate and solution.converged:
-        solution = replace(solution, estimate=estimate_error(scene, solution, processes=processes))
+        with Waiting("error estimate", quiet=arguments.quiet) as waiting:
+            estimate = estimate_error(scene, solution, processes=processes, report=waiting.update)
+        solution = replace(solution, estimate=estimate)
     with processes.agreed():
         if first:
             written: list[str] = []
@@ -183,7 +183,8 @@ def _run_alone(arguments: argparse.Namespace) -> int:
         solution = choice.solution
     written = [] if choice is None else [choice.sentence]
     arguments.signals.noted = True
-    lost = _write(solution, target, arguments.vtk, written)
+    with Waiting("writing the results", quiet=arguments.quiet):
+        lost = _write(solution, target, arguments.vtk, written)
     if solution.outcome.stream is not None:
         solution.outcome.stream.close()
     if solution.complete and not lost:
@@ -308,7 +309,7 @@ def _log(text: str) -> None:
 def _solve(scene: Scene, arguments: argparse.Namespace, checkpoint: Checkpoint) -> Solution:
     from .. import api
 
-    progress = None if arguments.quiet else Progress(sys.stderr, scene.solver.tolerance)
+    progress = None if arguments.quiet else Progress(sys.stderr, scene.solver.tolerance).begin()
     try:
         folder = Path(os.path.realpath(checkpoint.path)).parent
         return api.solve(scene, progress=progress, checkpoint=checkpoint, stream=folder)
@@ -325,7 +326,8 @@ def _estimated(scene: Scene, solution: Solution, arguments: argparse.Namespace) 
     from ..accuracy.estimate import estimate_error
 
     try:
-        return replace(solution, estimate=estimate_error(scene, solution))
+        with Waiting("error estimate", quiet=arguments.quiet) as waiting:
+            return replace(solution, estimate=estimate_error(scene, solution, report=waiting.update))
     except KeyboardInterrupt:  # the results are written without it
         return solution
 
@@ -348,87 +350,3 @@ def _json(report: dict[str, Any]) -> str:
     """Strict JSON with one key a line: the count of iterations of a thousand windows stays on one."""
     lines = (f"  {json.dumps(key)}: {json.dumps(value, allow_nan=False)}" for key, value in report.items())
     return "{\n" + ",\n".join(lines) + "\n}"
-
-
-class Progress:
-    """Prints how far a run is.
-
-    On a terminal one line is refreshed in place; elsewhere (a log file) a line is written every few
-    seconds, so that a short run writes none.
-
-    Parameters
-    ----------
-    stream : where to write, usually ``sys.stderr``.
-    tolerance : value of sqrt(eta) at which a window is done; used to foresee the end of a single window.
-    clock : seconds from any origin; replaced in tests.
-    """
-
-    def __init__(self, stream: TextIO, tolerance: float, clock: Callable[[], float] = time.monotonic) -> None:
-        self._stream = stream
-        self._tolerance = tolerance
-        self._clock = clock
-        self._terminal = stream.isatty()
-        self._shown = -math.inf if self._terminal else clock()
-        self._width = 0
-        self._first: tuple[float, float] | None = None  # time and log10 of the first error of a single window
-        self._origin: tuple[float, int] | None = None  # time and windows done at the first call
-
-    def update(self, done: int, total: int, iteration: int, error: float) -> None:
-        """Tell that ``done`` of ``total`` windows are finished and how the current one goes.
-
-        ``iteration`` counts from 1 in the current window and ``error`` is its sqrt(eta). Cheap: most calls
-        only look at the clock.
-        """
-        now = self._clock()
-        if self._origin is None:
-            self._origin = (now, done)
-        if total == 1 and self._first is None and 0.0 < error < math.inf:
-            self._first = (now, math.log10(error))
-        if now - self._shown < (_EVERY_ON_TERMINAL if self._terminal else _EVERY_IN_LOG):
-            return
-        self._shown = now
-        left = self._single_window_left(now, error) if total == 1 else self._windows_left(now, done, total)
-        if total == 1:
-            text = f"iteration {iteration}"
-        else:
-            text = f"{100 * done // max(total, 1)} % ({done} of {total} windows), iteration {iteration}"
-        self._write(f"{text}, sqrt(eta) {error:.1e}{_left(left)}")
-
-    def close(self) -> None:
-        """Clear the refreshed line; does nothing elsewhere."""
-        if self._terminal and self._width:
-            self._stream.write("\r" + " " * self._width + "\r")
-            self._stream.flush()
-            self._width = 0
-
-    def _write(self, text: str) -> None:
-        if self._terminal:
-            self._stream.write("\r" + text.ljust(self._width))
-            self._width = len(text)
-        else:
-            self._stream.write(text + "\n")
-        self._stream.flush()
-
-    def _windows_left(self, now: float, done: int, total: int) -> float | None:
-        since, before = self._origin or (now, done)
-        return (now - since) * (total - done) / (done - before) if done > before else None
-
-    def _single_window_left(self, now: float, error: float) -> float | None:
-        """Extrapolates log(error), which falls about linearly with the iterations, to the tolerance."""
-        if self._first is None or not (0.0 < error < math.inf and self._tolerance > 0.0):
-            return None
-        since, at_first = self._first
-        fallen = at_first - math.log10(error)
-        if fallen <= 0.0 or now <= since:
-            return None
-        return max(0.0, (math.log10(error) - math.log10(self._tolerance)) * (now - since) / fallen)
-
-
-def _left(seconds: float | None) -> str:
-    if seconds is None:
-        return ""
-    if seconds < 90.0:
-        return f", about {seconds:.0f} s left"
-    if seconds < 5400.0:
-        return f", about {seconds / 60.0:.0f} min left"
-    return f", about {seconds / 3600.0:.1f} h left"

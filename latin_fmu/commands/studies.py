@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+import time
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -14,6 +15,7 @@ from typing import TYPE_CHECKING
 
 from ..errors import InputError, Problem
 from . import CONVERGED, NOT_CONVERGED, AddParser, add_scene, add_settings, declare, output_file
+from .progress import Waiting
 
 if TYPE_CHECKING:
     from ..accuracy.study import Study
@@ -140,10 +142,10 @@ def _cost(arguments: argparse.Namespace) -> int:
         raise InputError([Problem("--budget", "not a length of time", f"{budget:g}", "seconds > 0")], "bad argument")
     if arguments.output is not None:
         _check_studies(scenes, arguments.output)
-    log = (lambda _: None) if arguments.quiet else _log
     studies = []
     for scene in scenes:
-        studies.append(study(scene, budget, log))
+        with Waiting(f"study of {scene.name}", budget, arguments.quiet, clock=time.process_time) as waiting:
+            studies.append(study(scene, budget, waiting.log))
         if not arguments.json:
             print(as_text(studies[-1]), flush=True)
     if arguments.output is not None:
@@ -195,7 +197,16 @@ def _stress(arguments: argparse.Namespace) -> int:
     if arguments.output is not None:
         check_target(arguments.output)  # before the long part
         check_target(arguments.output.with_suffix(".png"))
-    rows = run_suite(cases(arguments.quick), _log_row)
+    every = list(cases(arguments.quick))
+    done: list[Row] = []
+    with Waiting("hard cases") as waiting:
+
+        def report(row: Row) -> None:
+            done.append(row)
+            waiting.log(f"{'holds ' if row.passed else 'FAILS '} {row.case}: {row.measured}")
+            waiting.update(len(done) / len(every), f"hard cases, {len(done)} of {len(every)}")
+
+        rows = run_suite(every, report)
     if arguments.output is not None:
         _write_rows(rows, arguments.output, arguments.quick)
     print(as_json(rows) if arguments.json else verdict(rows))
@@ -229,10 +240,6 @@ def _sweep(arguments: argparse.Namespace) -> int:
     if not arguments.quiet:
         print(f"study: {output} ({', '.join(f'{n} {name}' for name, n in counts.items() if n)})")
     return CONVERGED if not states.any() else NOT_CONVERGED
-
-
-def _log_row(row: Row) -> None:
-    print(f"{'holds ' if row.passed else 'FAILS '} {row.case}: {row.measured}", file=sys.stderr, flush=True)
 
 
 def _write_rows(rows: list[Row], target: Path, quick: bool) -> None:

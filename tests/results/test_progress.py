@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import io
+import time
+from pathlib import Path
 
 import pytest
 
-from latin_fmu.commands.run import Progress
+import latin_fmu
+from latin_fmu.commands import progress
+from latin_fmu.commands.progress import PATIENCE, Progress, Waiting
+
+MODELS = Path(__file__).parents[2] / "models"
 
 
 class Clock:
@@ -103,3 +109,56 @@ def test_long_times_are_told_in_hours(clock: Clock) -> None:
     clock.now += 360.0
     progress.update(1, 100, 1, 0.1)
     assert "about 9.9 h left" in stream.getvalue()
+
+
+def test_a_wait_shows_the_time_left_by_its_share(clock: Clock) -> None:
+    waiting = Waiting("spectra", stream=Terminal(), clock=clock)
+    clock.now += 0.9 * PATIENCE
+    assert waiting.line() is None
+    clock.now += 10.0 - 0.9 * PATIENCE
+    assert waiting.line() == "spectra: 10 s so far"
+    waiting.update(0.25, "spectrum of tip")
+    assert waiting.line() == "spectrum of tip: 10 s so far, about 30 s left"
+    clock.now += 10_000.0
+    assert str(waiting.line()).endswith("8.3 h left")
+
+
+def test_a_wait_of_known_length(clock: Clock) -> None:
+    waiting = Waiting("study", 20.0, stream=Terminal(), clock=clock)
+    clock.now += 15.0
+    assert waiting.line() == "study: 15 s so far, about 5 s left"
+    clock.now += 15.0
+    assert waiting.line() == "study: 30 s so far, about 0 s left"
+
+
+@pytest.mark.parametrize("stream", [Terminal(), io.StringIO()], ids=["terminal", "log"])
+def test_a_wait_prints_by_itself_and_clears_its_line(stream: io.StringIO, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(progress, "PATIENCE", 0.01)
+    monkeypatch.setattr(progress, "_AGAIN_ON_TERMINAL", 0.01)
+    monkeypatch.setattr(progress, "_AGAIN_IN_LOG", 0.01)
+    with Waiting("work", stream=stream) as waiting:
+        while "so far" not in stream.getvalue():
+            time.sleep(0.005)
+        waiting.log("a line that stays")
+    assert "a line that stays\n" in stream.getvalue()
+    assert stream.getvalue().endswith(("\r", "\n"))  # no text is left on the line
+
+
+def test_a_quiet_wait_prints_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(progress, "PATIENCE", 0.0)
+    stream = io.StringIO()
+    with Waiting("work", quiet=True, stream=stream) as waiting:
+        waiting.log("a line")
+        time.sleep(0.02)
+    assert stream.getvalue() == ""
+
+
+def test_the_error_estimate_reports_its_share() -> None:
+    """Runs of the estimate count by their cost; the share never falls, and ends at 1."""
+    scene = latin_fmu.load_scene(MODELS / "impact_bar" / "scene.toml", ["time.end=0.6", "time.instants=120"])
+    shares: list[float] = []
+    latin_fmu.estimate_error(scene, latin_fmu.solve(scene), report=shares.append)
+    assert len(shares) > 3
+    assert shares == sorted(shares)
+    assert shares[0] < 0.5
+    assert shares[-1] == pytest.approx(1.0)
