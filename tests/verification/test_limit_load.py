@@ -90,6 +90,21 @@ def test_a_tall_block_topples() -> None:
     assert "upper turns about y" in found.what
 
 
+def test_a_tall_block_topples_while_it_slides_along_what_pushes_it() -> None:
+    """A guided block pushes at 3/4 of the height, with friction on its face: F (3/4 h - mu b) = W b / 2."""
+    made = inclined(2e6, degrees=0.0, friction=1.0)
+    made["substructure"]["upper"]["box"] |= {"size": [0.02, 0.04, 0.08], "elements": [2, 3, 4]}
+    add_block(made, "pusher", (-0.02, 0.0, 0.06), (0.02, 0.04, 0.02), (2, 3, 1))
+    made["interface"]["side"] = {"sides": ["pusher.xmax", "upper.xmin"], "friction_coefficient": 0.1}
+    for face in ("zmin", "zmax"):
+        made["boundary"][f"guide_{face}"] = {"type": "fixed", "face": f"pusher.{face}", "components": ["y", "z"]}
+    made["load"]["push"]["face"] = "pusher.xmin"
+    lost_at = lost(made)
+    assert lost_at is not None
+    assert lost_at.time == pytest.approx(WEIGHT * 0.02 * 0.08 * 0.01 / (0.06 - 0.1 * 0.02) / (2e6 * 0.02), rel=1e-9)
+    assert lost_at.what.startswith("upper turns about y, pusher moves along x")
+
+
 def test_plates_sheared_slide_on_the_weakest_face() -> None:
     """Pressed first, then sheared: all plates above the smoothest face move, at mu p / tau of the shear."""
     made = plates(4, (0.04, 0.04, 0.005), (4, 4, 1), friction=0.3, pressure=50e6, shear=20e6)
