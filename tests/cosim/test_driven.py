@@ -10,6 +10,7 @@ import pytest
 import latin_fmu
 from latin_fmu.cosim import Session, Settings
 from latin_fmu.scene.schema import Scene
+from latin_fmu.stability.scenes import Material, bar, column
 
 SPEED, IMPEDANCE = 30.0, 30.0  # m/s; Pa s/m, on 1 m2: E = 900 Pa, 1 kg/m3, no lateral strain
 GROWTH, END, STEP = 10.0, 0.3, 0.005  # m/s2 of the driven face, s, s
@@ -21,20 +22,14 @@ def bars(law: Any, kind: str = "velocity", **changes: Any) -> Scene:
 
     The ground moves up against the lower end instead, where ``kind`` is ``ground``.
     """
-    material = {"young_modulus": 900.0, "poisson_ratio": 0.0, "density": 1.0}
-    box = {"size": [1.0, 1.0, 5.0], "elements": [1, 1, 25]}
-    data: dict[str, Any] = {
-        "name": "driven",
-        "material": {"soft": material},
-        "substructure": {
-            name: {"material": "soft", "box": {**box, "origin": [0.0, 0.0, z]}}
-            for name, z in (("lower", 0.0), ("upper", 5.0))
-        },
-        "interface": {"joint": {"sides": ["lower.zmax", "upper.zmin"], "behaviour": "perfect"}},
-        "boundary": {"far": {"type": "absorbing", "face": "lower.zmin"}},
-        "time": {"end": END, "step": STEP},
-        "solver": {"tolerance": 1e-6},
-    }
+    part = bar(Material(900.0), 5.0, 25)
+    data = column(
+        {"lower": part, "upper": part},
+        {"joint": {"behaviour": "perfect"}},
+        {"end": END, "step": STEP},
+        boundary={"far": {"type": "absorbing", "face": "lower.zmin"}},
+        solver={"tolerance": 1e-6},
+    )
     if kind == "ground":
         data["boundary"] = {"far": {"type": "absorbing", "face": "upper.zmax"}}
         moving = {"direction": [0.0, 0.0, 1.0], "amplitude": 2.0, "law": law}

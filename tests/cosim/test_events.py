@@ -11,6 +11,7 @@ import latin_fmu
 from latin_fmu.cosim import Session, Settings
 from latin_fmu.cosim.variables import PRESCRIBED
 from latin_fmu.scene.schema import Scene
+from latin_fmu.stability.scenes import Box, Material, column, rubbing
 
 from .scenes import bar, blocks
 
@@ -31,15 +32,12 @@ def ramp(first: float, last: float, end: float) -> dict[str, Any]:
 
 def block(end: float, step: float, gap: float = 0.0, **changes: Any) -> Scene:
     """A rigid block above or on the ground."""
-    box = {"origin": [0.0, 0.0, gap], "size": [EDGE] * 3, "elements": [1, 1, 1]}
-    data = {
-        "name": "block",
-        "material": {"stuff": {"young_modulus": 1e9, "poisson_ratio": 0.0, "density": DENSITY}},
-        "substructure": {"block": {"material": "stuff", "box": box, "rigid": True, **changes.pop("body", {})}},
-        "interface": {"floor": {"sides": ["block.zmin", "ground"], "gap": gap, "friction_coefficient": FRICTION}},
-        "time": {"end": end, "step": step},
-        "solver": {"tolerance": 1e-8},
-    }
+    body = Box(Material(1e9, DENSITY), (EDGE,) * 3, (1, 1, 1), keys={"rigid": True})
+    floor = rubbing("block.zmin", "ground", FRICTION) | {"gap": gap}
+    time, solver = {"end": end, "step": step}, {"tolerance": 1e-8}
+    data = column({"block": body}, {}, time, interface={"floor": floor}, solver=solver)
+    data["substructure"]["block"] |= changes.pop("body", {})
+    data["substructure"]["block"]["box"]["origin"][2] = gap
     return latin_fmu.scene_from_dict(data | changes)
 
 

@@ -13,6 +13,7 @@ import pytest
 import latin_fmu
 from latin_fmu.assembly.modes import Joints, vibration_modes
 from latin_fmu.cli import main
+from latin_fmu.stability.scenes import Box, Material, column
 
 E, RHO, L, N = 210e9, 7800.0, 1.0, 20
 C = np.sqrt(E / RHO)
@@ -106,16 +107,10 @@ def test_an_interface_declared_twice_changes_nothing() -> None:
 
 def blocks(**joint: Any) -> latin_fmu.Scene:
     """Two free blocks, one on the other, tilted out of the axes by nothing; ``joint``: keys of the interface."""
-    box = {"size": [1.0, 0.8, 0.5], "elements": [2, 2, 2]}
-    above = {**box, "origin": [0.0, 0.0, 0.5]}
-    data = {
-        "name": "blocks",
-        "material": {"steel": {**MATERIAL["steel"], "poisson_ratio": 0.3}},
-        "substructure": {"low": {"material": "steel", "box": box}, "up": {"material": "steel", "box": above}},
-        "interface": {"joint": {"sides": ["low.zmax", "up.zmin"], **joint}},
-        "time": {"end": 1e-3, "instants": 10},
-    }
-    return latin_fmu.scene_from_dict(data)
+    steel = MATERIAL["steel"]
+    block = Box(Material(steel["young_modulus"], steel["density"], 0.3), (1.0, 0.8, 0.5), (2, 2, 2))
+    bodies, time = {"low": block, "up": block}, {"end": 1e-3, "instants": 10}
+    return latin_fmu.scene_from_dict(column(bodies, {"joint": joint}, time))
 
 
 @pytest.mark.parametrize(
@@ -175,21 +170,12 @@ def test_a_quasi_static_scene_has_frequencies() -> None:
 def test_bolt_without_tension_slides_in_the_thread() -> None:
     """A bar of three boxes, the one in the middle a bolt: open, its ends come apart along it, one zero mode more;
     bending keeps its frequencies."""
-
-    def box(z: float, length: float, n: int) -> dict[str, Any]:
-        return {"material": "steel", "box": {"origin": [0, 0, z], "size": [0.01, 0.01, length], "elements": [2, 2, n]}}
-
-    sides = {"below": ["low.zmax", "bolt.zmin"], "above": ["bolt.zmax", "high.zmin"]}
-    scene = latin_fmu.scene_from_dict(
-        {
-            "name": "bolt",
-            "material": {"steel": {"young_modulus": 200e9, "poisson_ratio": 0.3, "density": 7800.0}},
-            "substructure": {"low": box(0.0, 0.03, 4), "bolt": box(0.03, 0.04, 6), "high": box(0.07, 0.03, 4)},
-            "interface": {name: {"sides": pair, "behaviour": "perfect"} for name, pair in sides.items()},
-            "bolt": {"b": {"substructure": "bolt", "axis": [0, 0, 1], "shortening": 1e-5}},
-            "time": {"end": 1e-5, "instants": 10},
-        }
-    )
+    steel = Material(200e9, 7800.0, 0.3)
+    lengths = {"low": (0.03, 4), "bolt": (0.04, 6), "high": (0.03, 4)}
+    bodies = {name: Box(steel, (0.01, 0.01, length), (2, 2, n)) for name, (length, n) in lengths.items()}
+    bonds = {key: {"behaviour": "perfect"} for key in ("below", "above")}
+    bolt = {"b": {"substructure": "bolt", "axis": [0, 0, 1], "shortening": 1e-5}}
+    scene = latin_fmu.scene_from_dict(column(bodies, bonds, {"end": 1e-5, "instants": 10}, bolt=bolt))
     slides, tight = (vibration_modes(scene, joints, 4) for joints in ("open", "bonded"))
     assert (slides.n_rigid, tight.n_rigid) == (7, 6)
     np.testing.assert_allclose(slides.frequency[7:9], tight.frequency[6:8], rtol=1e-6)

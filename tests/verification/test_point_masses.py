@@ -11,25 +11,21 @@ from scipy.optimize import brentq
 import latin_fmu
 from latin_fmu.assembly.build import discretise
 from latin_fmu.errors import SceneError
+from latin_fmu.stability.scenes import Box, Material, column
 
 E, RHO, L, SIDE, N = 210e9, 7800.0, 1.0, 0.05, 20
 MASS = RHO * L * SIDE**2
 SPEED = np.sqrt(E / RHO)
-STEEL = {"young_modulus": E, "poisson_ratio": 0.0, "density": RHO}
 WALLS = {wall: {"type": "symmetry", "face": f"bar.{wall}"} for wall in ("ymin", "ymax", "zmin", "zmax")}
 ROOT = {"root": {"type": "fixed", "face": "bar.xmin"}}
 
 
 def bar(material: dict[str, Any] | None = None, free: bool = False, **tables: Any) -> latin_fmu.Scene:
     """A bar along x that moves along its axis only, held at x = 0; ``free``: held nowhere."""
-    body = {"material": "steel", "box": {"size": [L, SIDE, SIDE], "elements": [N, 1, 1]}, **tables.pop("body", {})}
-    data: dict[str, Any] = {
-        "name": "bar",
-        "material": {"steel": STEEL | (material or {})},
-        "substructure": {"bar": body},
-        "boundary": {} if free else WALLS | ROOT,
-        "time": {"end": 1e-4, "instants": 100},
-    }
+    steel = Material(E, RHO, name="steel", keys=material or {})
+    body = Box(steel, (L, SIDE, SIDE), (N, 1, 1), keys=tables.pop("body", {}))
+    time = {"end": 1e-4, "instants": 100}
+    data = column({"bar": body}, {}, time, boundary={} if free else WALLS | ROOT)
     return latin_fmu.scene_from_dict(data | tables)
 
 

@@ -11,6 +11,7 @@ from scipy.optimize import brentq
 import latin_fmu
 from latin_fmu.cosim.variables import scalar_table
 from latin_fmu.errors import SceneError
+from latin_fmu.stability.scenes import Box, Material, column
 
 E, RHO, EDGE = 210e9, 7800.0, 0.1
 MASS = RHO * EDGE**3
@@ -120,15 +121,14 @@ def test_lateral_stiffness_acts_on_an_arm(arm: float) -> None:
 def bar(spring: dict[str, Any], n: int = 20, **tables: Any) -> latin_fmu.Scene:
     """A bar along x, 1 m, that moves along its axis only."""
     walls = ("ymin", "ymax", "zmin", "zmax")
-    data: dict[str, Any] = {
-        "name": "bar",
-        "material": {"steel": STEEL},
-        "substructure": {"bar": {"material": "steel", "box": {"size": [1.0, EDGE, EDGE], "elements": [n, 1, 1]}}},
-        "boundary": {w: {"type": "symmetry", "face": f"bar.{w}"} for w in walls},
-        "spring": {"s": spring},
-        "sensor": {"tip": {"face": "bar.xmax"}},
-        "time": {"end": 1e-3, "instants": 100},
-    }
+    data = column(
+        {"bar": Box(Material(E, RHO, name="steel"), (1.0, EDGE, EDGE), (n, 1, 1))},
+        {},
+        {"end": 1e-3, "instants": 100},
+        boundary={w: {"type": "symmetry", "face": f"bar.{w}"} for w in walls},
+        spring={"s": spring},
+        sensor={"tip": {"face": "bar.xmax"}},
+    )
     return latin_fmu.scene_from_dict(data | tables)
 
 

@@ -299,17 +299,16 @@ def test_a_projectile_takes_no_part_until_it_arrives() -> None:
 
 def test_a_stretched_bar_is_stretched_from_the_start() -> None:
     """A face displaced at t = 0 strains the bar evenly, and lets it go when the displacement is taken back."""
-    tables: Tables = {
-        "name": "bar",
-        "material": {"steel": replace(STEEL, poisson=0.0).table()},
-        "substructure": {"bar": {"material": "steel", "box": {"size": [0.1, 0.01, 0.01], "elements": [10, 1, 1]}}},
-        "boundary": {
+    tables = column(
+        {"bar": Box(replace(STEEL, poisson=0.0), (0.1, 0.01, 0.01), (10, 1, 1))},
+        {},
+        {"end": 1e-5, "instants": 50, "start": "static"},
+        boundary={
             "foot": {"type": "fixed", "face": "bar.xmin"},
             "head": {"type": "displacement", "face": "bar.xmax", "components": ["x"], "value": [1e-5]},
         },
-        "time": {"end": 1e-5, "instants": 50, "start": "static"},
-        "output": {"fields": True},
-    }
+        output={"fields": True},
+    )
     bar = solved(tables).substructures["bar"]
     np.testing.assert_allclose(bar.displacement[0, :, 0], 1e-4 * bar.nodes[:, 0], rtol=0, atol=1e-15)
     assert np.abs(bar.velocity).max() < 1e-9
