@@ -254,6 +254,12 @@ def own_points(body: Body, facets: FacetSet, face: Face) -> tuple[Array, sp.csr_
     return values @ places, sp.csr_array(sp.kron(values, sp.eye_array(3)) @ selected)
 
 
+def consecutive(sizes: Mapping[str, int]) -> tuple[dict[str, slice], int]:
+    """Slices of parts of these sizes one behind the other, by name, and the size of the whole."""
+    ends = np.cumsum([*sizes.values()]).tolist()
+    return {n: slice(end - size, end) for (n, size), end in zip(sizes.items(), ends, strict=True)}, ends[-1]
+
+
 def body_sides(units: Sequence[InterfaceUnit]) -> Iterator[tuple[int, int, str]]:
     """Number of the interface, side (0 or 1) and substructure of every side that is not the ground."""
     for i, unit in enumerate(units):

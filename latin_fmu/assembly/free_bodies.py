@@ -23,7 +23,7 @@ from ..latin.assembly import InterfaceUnit
 from ..propagator.model import closest_reduced
 from ..scene.laws import InputLaw
 from ..scene.schema import Scene
-from .body import Body, body_sides
+from .body import Body, body_sides, consecutive
 from .conditions import Conditions, RigidConditions
 from .limit_load import HELD, allowed_motions
 from .models import load_terms
@@ -87,9 +87,7 @@ def free_groups(
 def free_motions(motions: Mapping[str, Array], units: Sequence[InterfaceUnit]) -> dict[str, Array]:
     """Factors (n_motion, n_free) of the motions of every body (3 n_node, n_motion) in the motions without relative
     motion at any interface."""
-    ends = np.cumsum([m.shape[1] for m in motions.values()])
-    where = {n: slice(int(e) - m.shape[1], int(e)) for (n, m), e in zip(motions.items(), ends, strict=True)}
-    total = int(ends[-1])
+    where, total = consecutive({n: m.shape[1] for n, m in motions.items()})
     if not total:
         return {n: np.zeros((0, 0)) for n in motions}
     squares = np.zeros((total, total))
@@ -108,8 +106,7 @@ def free_motions(motions: Mapping[str, Array], units: Sequence[InterfaceUnit]) -
 def _groups(factors: Mapping[str, Array], motions: Mapping[str, Array]) -> list[FreeGroup]:
     """Free motions of bodies, by the bodies that they couple; ``factors`` as of ``free_motions``."""
     names, free = list(factors), np.concatenate([*factors.values()])
-    ends = np.cumsum([len(f) for f in factors.values()])
-    where = {n: slice(int(e) - len(f), int(e)) for (n, f), e in zip(factors.items(), ends, strict=True)}
+    where, _ = consecutive({n: len(f) for n, f in factors.items()})
     projection = free @ free.T
     coupled = [[float(np.abs(projection[where[a], where[b]]).max(initial=0.0)) for b in names] for a in names]
     moving = [i for i in range(len(names)) if coupled[i][i] > _SAME_GROUP]

@@ -34,7 +34,7 @@ from ..interface.laws import coulomb_coefficient
 from ..latin.assembly import Array, Index, InterfaceUnit, NoEquilibrium
 from ..propagator import SubstructureModel
 from ..propagator.model import closest_reduced
-from .body import Body, body_sides
+from .body import Body, body_sides, consecutive
 from .conditions import Conditions, RigidConditions
 from .problem import DiscretisedProblem
 
@@ -87,11 +87,8 @@ class LimitLoad:
     def __init__(self, problem: DiscretisedProblem) -> None:
         self._problem = problem
         self.motions = {n: allowed_motions(b, problem.conditions[n]) for n, b in problem.bodies.items()}
-        ends = np.cumsum([m.shape[1] for m in self.motions.values()])
-        self.where = {
-            n: slice(int(e) - m.shape[1], int(e)) for (n, m), e in zip(self.motions.items(), ends, strict=True)
-        }
-        self.path = np.zeros((len(problem.time), int(ends[-1])))
+        self.where, total = consecutive({n: m.shape[1] for n, m in self.motions.items()})
+        self.path = np.zeros((len(problem.time), total))
         self.varying: dict[str, Array] = {}  # amplitudes of the loads
         self.raised = True  # whether all loads start from zero
         for c in problem.classes:

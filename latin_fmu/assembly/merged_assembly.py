@@ -24,6 +24,7 @@ from ..latin.recorder import SubstructureInfo
 from ..propagator import Histories, LoadTerm, SubstructureModel
 from ..propagator.model import is_selection as copies
 from ..scene.fields import split_face
+from .body import consecutive
 from .problem import Timeline
 
 _NOTHING = 1e-9  # entries below this share of 1 are round-off
@@ -71,10 +72,9 @@ def merge(
     if not all(copies(m.expansion) for m in members):
         raise ValueError("faces held along directions that are no axes, or rigid ones")
     names = list(models)
-    ends = np.cumsum([models[n].n_full for n in names])
-    where = {n: slice(int(e) - models[n].n_full, int(e)) for n, e in zip(names, ends, strict=True)}
+    where, total = consecutive({n: model.n_full for n, model in models.items()})
     paired = [unit for unit in interfaces if is_selection(unit)]
-    same = _same_dofs(paired, where, int(ends[-1]))
+    same = _same_dofs(paired, where, total)
     expansion = _merged_expansion(models, where, same)
     imposed: Array = sp.block_diag([models[n].imposed_pattern for n in names]).toarray()
     # a tied dof that is driven in one body is driven in all
@@ -83,7 +83,7 @@ def merge(
     pattern = driven[same]
     if len(paired) < len(interfaces):
         mixed = [unit for unit in interfaces if not is_selection(unit)]
-        expansion, pattern = tied(constraints(mixed, where, int(ends[-1])), expansion, pattern)
+        expansion, pattern = tied(constraints(mixed, where, total), expansion, pattern)
         _check_start([models[n] for n in names])
     model = SubstructureModel(
         name="bonded",
@@ -91,13 +91,9 @@ def merge(
         damping=_damping([models[n] for n in names]),
         stiffness=_blocks([models[n].stiffness for n in names]),
         expansion=expansion,
-        trace=sp.csr_array((0, int(ends[-1]))),
+        trace=sp.csr_array((0, total)),
         channel_area=np.zeros(0),
-        loads=[
-            LoadTerm(load.name, _placed(load.pattern, where[n], int(ends[-1])))
-            for n in names
-            for load in models[n].loads
-        ],
+        loads=[LoadTerm(load.name, _placed(load.pattern, where[n], total)) for n in names for load in models[n].loads],
         displacement=np.concatenate([models[n].displacement for n in names]),
         velocity=np.concatenate([models[n].velocity for n in names]),
         imposed_pattern=pattern,

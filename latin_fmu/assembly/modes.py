@@ -34,6 +34,7 @@ from ..results.modes import VibrationModes
 from ..scene.fields import split_face
 from ..scene.schema import Scene
 from ..scene.settings import HHT, GivenStart
+from .body import consecutive
 from .build import discretise
 from .merged_assembly import tied
 from .problem import DiscretisedProblem
@@ -102,8 +103,7 @@ class _Parts:
     @staticmethod
     def of(models: Sequence[SubstructureModel]) -> _Parts:
         """The parts in the order given."""
-        ends = np.cumsum([m.n_full for m in models])
-        where = {m.name: slice(int(end) - m.n_full, int(end)) for m, end in zip(models, ends, strict=True)}
+        where, _ = consecutive({m.name: m.n_full for m in models})
         blocks = [
             sp.csr_array(sp.block_diag(matrices, format="csr"))
             for matrices in zip(*((m.stiffness, m.inertia, m.expansion) for m in models), strict=True)
