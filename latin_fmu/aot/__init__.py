@@ -107,29 +107,29 @@ def _make(targets: Sequence[str]) -> dict[str, bytes]:
     return made
 
 
-def declared() -> Iterator[Entry]:
-    """Entries of all modules with kernels."""
+def _kernels() -> Iterator[Kernel]:
+    """Kernels and entries of all modules that declare some."""
     root = library.__name__.removesuffix(".compiled.library")
     for source in library.kernel_sources(library.PACKAGE):
         if source.parts[0] == "compiled":
             continue
         module = import_module(".".join((root, *source.with_suffix("").parts)))
         for value in vars(module).values():
-            if isinstance(value, Entry) and value.py_func.__module__ == module.__name__:
+            if isinstance(value, Kernel) and value.py_func.__module__ == module.__name__:
                 yield value
+
+
+def declared() -> Iterator[Entry]:
+    """Entries of all modules with kernels."""
+    return (kernel for kernel in _kernels() if isinstance(kernel, Entry))
 
 
 def shared() -> Iterator[str]:
     """Beginnings of the names that numba gives the kernels that keep one body of machine code."""
-    root = library.__name__.removesuffix(".compiled.library")
-    for source in library.kernel_sources(library.PACKAGE):
-        if source.parts[0] == "compiled":
-            continue
-        module = import_module(".".join((root, *source.with_suffix("").parts)))
-        for value in vars(module).values():
-            if isinstance(value, Kernel) and value.shared and value.py_func.__module__ == module.__name__:
-                path = (*module.__name__.split("."), value.py_func.__name__)
-                yield "_ZN" + "".join(f"{len(part)}{part}" for part in path) + "B"
+    for kernel in _kernels():
+        if kernel.shared:
+            path = (*kernel.py_func.__module__.split("."), kernel.py_func.__name__)
+            yield "_ZN" + "".join(f"{len(part)}{part}" for part in path) + "B"
 
 
 def host() -> str | None:

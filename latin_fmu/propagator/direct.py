@@ -23,7 +23,7 @@ import scipy.linalg as la
 import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 
-from ..cholesky.factor import CholeskyFactor, InterfaceFactor, interface_factor
+from ..cholesky.factor import CholeskyFactor, interface_factor
 from ..errors import SolverError
 from ..time_scheme import TimeScheme
 from .base import MassFactor, Propagator
@@ -163,42 +163,26 @@ def build_operators(model: SubstructureModel, scheme: TimeScheme, dt: float) -> 
     if damping is not None:
         factors, matrices = [*factors, c_damping], [*matrices, damping]
     gain = scheme.interface_gain(dt) * scheme.traction_weight
+    on_dashpots: Callable[[Array, Any], CholeskyFactor] | None = None
+    factor: Any
     if model.swept:
         pattern = DashpotPattern(model)
-        swept = pattern.factor(factors, np.zeros(len(model.channel_area)), model.factor)
-        return ImplicitOperators(
-            mass,
-            damping,
-            stiffness,
-            swept,
-            dofs,
-            trace,
-            model.spread,
-            model.channel_area,
-            InterfaceCompliance(swept, dofs, trace, gain, pattern.on_interface),
-            model.massless,
-            gain,
-            lambda dashpots, dtype: pattern.factor(factors, gain * dashpots, dtype),
-        )
-    matrix = model.operator_pattern.sum(factors, matrices)
-    factor: InterfaceFactor
-    if model.factor == "cg":
-        factor = IterativeFactor(matrix, dofs)
+        factor = pattern.factor(factors, np.zeros(len(model.channel_area)), model.factor)
+        compliance: Any = InterfaceCompliance(factor, dofs, trace, gain, pattern.on_interface)
+
+        def on_dashpots(dashpots: Array, dtype: Any) -> CholeskyFactor:
+            return pattern.factor(factors, gain * dashpots, dtype)
+
     else:
-        factor = interface_factor(matrix, dofs, rank, np.dtype(model.factor))
-    return ImplicitOperators(
-        mass,
-        damping,
-        stiffness,
-        factor,
-        dofs,
-        trace,
-        model.spread,
-        model.channel_area,
-        projected(trace, gain, factor.schur_inverse),
-        model.massless,
-        gain,
-    )
+        matrix = model.operator_pattern.sum(factors, matrices)
+        if model.factor == "cg":
+            factor = IterativeFactor(matrix, dofs)
+        else:
+            factor = interface_factor(matrix, dofs, rank, np.dtype(model.factor))
+        compliance = projected(trace, gain, factor.schur_inverse)
+    area, massless = model.channel_area, model.massless
+    same = (mass, damping, stiffness, factor, dofs, trace, model.spread, area, compliance, massless)
+    return ImplicitOperators(*same, gain, on_dashpots)
 
 
 _HEAVY = 1e30

@@ -36,7 +36,7 @@ from ..errors import SolverError
 from ..time_scheme import QuasiStatic
 from .base import Propagator
 from .interface_sweeps import DashpotPattern, InterfaceCompliance, all_columns, face_stiffness
-from .model import Array, Index, SubstructureModel, reduced_rank
+from .model import Array, Index, SubstructureModel
 
 WEAK: Final = 1e-6
 """Share of k of the dashpots that hold a floating body in a Newton step."""
@@ -102,52 +102,30 @@ class StaticOperators:
 
 def build_static_operators(model: SubstructureModel, springs: Array, dt: float) -> StaticOperators:
     """Reduce, factorise and condense (once per class); ``springs`` (n_channel,), Pa m-1."""
+    stiffness, area = model.reduced_stiffness, model.channel_area
+    dofs, trace, rank = model.at_interface
+    factor_on: Callable[[Array], CholeskyFactor] | None = None
+    factor: Any
     if model.swept:
-        return _swept_operators(model, springs, dt)
-    p = model.expansion
-    stiffness = model.reduced_stiffness
-    trace = sp.csc_array(model.reduced_trace)
-    dofs = np.flatnonzero(np.diff(trace.indptr)).astype(np.int64)
-    rank = None if model.ordering is None else reduced_rank(p, model.ordering)
-    held = sp.csr_array(trace.T @ sp.diags_array(model.channel_area * springs) @ trace)
-    factor = interface_factor(sp.csr_array(stiffness + held), dofs, rank)
-    local = sp.csr_array(trace[:, dofs])
-    own = np.einsum("ij,ij->i", local @ factor.schur, local.toarray()) / model.channel_area
-    moves = np.diff(local.indptr) > 0
-    diagonal = np.where(moves, np.maximum(own - springs, springs), 0.0)  # a rigid body has none of its own
-    compliance = local @ (local @ factor.schur_inverse).T / dt
-    return StaticOperators(
-        stiffness,
-        factor,
-        dofs,
-        local,
-        sp.csr_array(local.T),
-        model.channel_area,
-        springs,
-        diagonal,
-        0.5 * (compliance + compliance.T),
-    )
+        pattern = DashpotPattern(model)
 
+        def factor_on(own_springs: Array) -> CholeskyFactor:
+            return pattern.factor([1.0], area * own_springs, np.float64)
 
-def _swept_operators(model: SubstructureModel, springs: Array, dt: float) -> StaticOperators:
-    """The same without dense matrices (``interface_sweeps``)."""
-    dofs, trace, _ = model.at_interface
-    pattern, area = DashpotPattern(model), model.channel_area
-    factor = pattern.factor([1.0], area * springs, np.float64)
-    own = face_stiffness(model.reduced_stiffness, dofs, trace) / area
+        factor = factor_on(springs)
+        own = face_stiffness(stiffness, dofs, trace) / area
+        compliance: Any = InterfaceCompliance(factor, dofs, trace, 1.0 / dt, pattern.on_interface)
+    else:
+        whole = sp.csc_array(model.reduced_trace)
+        held = sp.csr_array(whole.T @ sp.diags_array(area * springs) @ whole)
+        factor = interface_factor(sp.csr_array(stiffness + held), dofs, rank)
+        own = np.einsum("ij,ij->i", trace @ factor.schur, trace.toarray()) / area - springs
+        dense = trace @ (trace @ factor.schur_inverse).T / dt
+        compliance = 0.5 * (dense + dense.T)
     moves = np.diff(trace.indptr) > 0
-    return StaticOperators(
-        model.reduced_stiffness,
-        factor,
-        dofs,
-        trace,
-        model.spread,
-        area,
-        springs,
-        np.where(moves, np.maximum(own, springs), 0.0),
-        InterfaceCompliance(factor, dofs, trace, 1.0 / dt, pattern.on_interface),
-        lambda own_springs: pattern.factor([1.0], area * own_springs, np.float64),
-    )
+    diagonal = np.where(moves, np.maximum(own, springs), 0.0)  # a rigid body has none of its own
+    same = (stiffness, factor, dofs, trace, model.spread, area, springs, diagonal, compliance)
+    return StaticOperators(*same, factor_on)
 
 
 class StaticPropagator(Propagator):
