@@ -69,7 +69,7 @@ FUNCTIONS: Final = frozenset(
     ]
 )
 
-# What stub.c defines: memory of kernels that allocate, and error paths that are never reached.
+# What stub.c defines: memory of kernels that allocate, error paths that are never reached, the end of a time slice.
 STUB: Final = frozenset(
     [
         "NRT_Allocate",
@@ -82,6 +82,7 @@ STUB: Final = frozenset(
         "PyObject_Hash",
         "PyTuple_Pack",
         "PyUnicode_FromKindAndData",
+        "latin_fmu_yield",
     ]
 )
 

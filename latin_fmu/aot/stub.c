@@ -7,6 +7,13 @@
 #include <string.h>
 
 #if defined(_WIN32)
+#define WIN32_LEAN_AND_MEAN
+#include <windows.h>
+#else
+#include <sched.h>
+#endif
+
+#if defined(_WIN32)
 #define EXPORT __declspec(dllexport)
 #else
 #define EXPORT __attribute__((visibility("default")))
@@ -38,6 +45,13 @@ EXPORT int latin_fmu_fits(void)
     return 1;
 #endif
 }
+
+/* A thread that waits gives up its core. */
+#if defined(_WIN32)
+int latin_fmu_yield(void) { return SwitchToThread(); }
+#else
+int latin_fmu_yield(void) { return sched_yield(); }
+#endif
 
 /* Memory of arrays, as numba lays it out: the compiled code reads the fields. */
 typedef struct {

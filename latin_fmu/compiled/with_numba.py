@@ -10,6 +10,7 @@ compiled anew.
 
 from __future__ import annotations
 
+import ctypes
 import hashlib
 import io
 import logging
@@ -43,6 +44,7 @@ def dispatcher(function: Callable[..., Any], ordered: bool = False) -> Any:
     options = OPTIONS | ORDERED if ordered else OPTIONS
     if BUILD:
         return _by_types(numba.njit(**options, **BUILD)(function))
+    _name_yield()
     placed = _placed(function)
     if placed is not None:
         with suppress(RuntimeError):  # the folder went away: compile in this process only
@@ -50,6 +52,16 @@ def dispatcher(function: Callable[..., Any], ordered: bool = False) -> Any:
             made._cache._cache_file.__class__ = _checked_files()
             return _by_types(made)
     return _by_types(numba.njit(**options)(function))
+
+
+@cache
+def _name_yield() -> None:
+    """Give compiled code the function by which a thread gives up its core (``kernels.team``)."""
+    import llvmlite.binding as llvm
+
+    system: Any = ctypes
+    give_way = system.windll.kernel32.SwitchToThread if os.name == "nt" else ctypes.CDLL(None).sched_yield
+    llvm.add_symbol("latin_fmu_yield", ctypes.cast(give_way, ctypes.c_void_p).value)
 
 
 def _by_types(made: Any) -> Any:

@@ -44,8 +44,8 @@ from .energy_parts import (
     whole_field,
     whole_product,
 )
-from .matrices import DAMPING, DASHPOTS, LANDING, MASS, STIFFNESS, add_product
 from .records import EXPLICIT, STATIC
+from .splits import DAMPING, DASHPOTS, LANDING, MASS, STIFFNESS, add_product
 
 Array = NDArray[np.float64]
 

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiled import kernel
-from .matrices import DAMPING, DASHPOTS, LANDING, LOADS, MASS, STIFFNESS, add_product, add_spread, add_sum
+from .matrices import LOADS, add_spread, add_sum
 from .records import STATIC
+from .splits import DAMPING, DASHPOTS, LANDING, MASS, STIFFNESS, add_product
 
 Array = NDArray[np.float64]
 

@@ -10,10 +10,8 @@ from typing import Any, Final
 
 from ..compiled import entry, fields, kernel, share
 from .communication import communicate, present
-from .indicator import accept, error_indicator, force_norms, force_residual, relative_forces
+from .indicator import accept, class_norms, error_indicator, relative_forces
 from .instants import (
-    after_class,
-    end_class,
     end_instant,
     end_window_instant,
     first_guess,
@@ -21,20 +19,30 @@ from .instants import (
     march_instants,
     open_accounts,
     read_start,
-    solve_instant,
 )
 from .iteration import (
     begin_window,
     end_of_step,
+    force_norms,
+    force_residual,
     judge,
     linear_stage,
     local_error,
-    local_stage,
     measure,
     next_stage,
     rewind,
 )
-from .local_stage import finish, open_window, outgoing, prepare, read_gaps, read_jumps, read_motion, solve_points
+from .local_stage import (
+    finish,
+    open_window,
+    outgoing,
+    points_stage,
+    prepare,
+    read_gaps,
+    read_jumps,
+    read_motion,
+    solve_points,
+)
 from .newton import (
     active_matrix,
     admit_residual,
@@ -52,11 +60,11 @@ from .newton import (
 from .outputs import gather_fields
 from .records import CLASS, GROUP, RUN, Pools
 from .substructure import advance, commit, free_load, free_velocity, interface_load, linear_response, predict
+from .tasks import after_class, end_class, serve
 
 (
     MARCH,
     PREDICT,
-    SOLVE,
     END_CLASS,
     END_INSTANT,
     FIRST_GUESS,
@@ -105,6 +113,7 @@ from .substructure import advance, commit, free_load, free_velocity, interface_l
     CHANGE,
     FULL_STEP,
     SEARCH,
+    SERVE,
 ) = range(51)
 """Actions of ``call``."""
 
@@ -140,8 +149,9 @@ share(
     march_instants,
     open_accounts,
     read_start,
-    local_stage,
+    points_stage,
     error_indicator,
+    class_norms,
     force_norms,
     relative_forces,
     read_gaps,
@@ -161,8 +171,6 @@ def call(pools: Any, action: int, a: int, b: int, c: int, d: int) -> int:
     run = pools.run[0]
     if action == MARCH:
         return march_instants(pools, a, b)
-    if action == SOLVE:
-        return int(solve_instant(pools, a, b))
     if action == JUDGE:
         return judge(pools, a, b, c, d == 1)
     if action == COMMUNICATE:
@@ -180,13 +188,14 @@ def call(pools: Any, action: int, a: int, b: int, c: int, d: int) -> int:
     elif action == LINEAR_STAGE:
         linear_stage(pools, a, b, c)
     elif action == OUTGOING:
-        outgoing(pools, a)
+        for g in range(len(pools.groups)):
+            outgoing(pools, g, a, 0, pools.groups[g].n_point)
     elif action == PREPARE:
-        prepare(pools, a, b)
+        prepare(pools, a, b, 0, pools.groups[a].n_point)
     elif action == POINTS:
-        solve_points(pools, a)
+        solve_points(pools, a, 0, pools.groups[a].n_point)
     elif action == FINISH:
-        finish(pools, a, b, c)
+        finish(pools, a, b, c, 0, pools.groups[a].n_point)
     elif action == MEASURE:
         measure(pools, a)
     elif action == NEXT:
@@ -209,6 +218,8 @@ def call(pools: Any, action: int, a: int, b: int, c: int, d: int) -> int:
         force_residual(pools, a)
     elif action == FIELDS:
         gather_fields(pools, a)
+    elif action == SERVE:
+        serve(pools, a)
     elif action >= LOCAL_ERROR:
         return _call_of_process(pools, action, a, b)
     elif action >= PROPOSE:

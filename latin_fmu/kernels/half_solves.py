@@ -17,20 +17,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cholesky.substitution import (
-    LANES,
-    SPARE,
-    TILED,
-    backward_one,
-    backward_tile,
-    forward_four,
-    forward_one,
-    forward_tile,
-)
+from ..cholesky.substitution import LANES, TILED, forward_four, forward_tile
 from ..compiled import kernel
 from .matrices import add_spread, add_trace
 from .products import tile_width
 from .records import STATIC
+from .splits import substitute
 
 Array = NDArray[np.float64]
 
@@ -58,52 +50,6 @@ def on_springs(pools: Any, c: int) -> bool:
 def gain_of(row: Any, run: Any) -> float:
     """Velocities of the interface dofs per solution with the operator of the march."""
     return float(1.0 / run.dt if row.kind == STATIC else run.interface_gain * run.traction_weight)
-
-
-@kernel
-def substitute(pools: Any, c: int, at: int, with_k: bool, backwards: bool, whole: bool) -> None:
-    """Forward or backward substitution of the vectors of all members in elimination order, in place: from ``at`` on,
-    one after the other or in tiles from TILED members on. ``with_k``: with the factor that has the dashpots k. Not
-    ``whole``: for the face alone."""
-    row, work, numbers = pools.classes[c], pools.moving, pools.fixed_int
-    n, m, n_super = row.n, row.m, row.n_super
-    first, row_start = (
-        numbers[row.first : row.first + n_super + 1],
-        numbers[row.row_start : row.row_start + n_super + 1],
-    )
-    panel_start = numbers[row.panel_start : row.panel_start + n_super + 1]
-    face_start = numbers[row.face_start : row.face_start + (n_super if row.swept == 1 else 0)]
-    rows = numbers[row.rows : row.rows + row.n_rows]
-    halved = row.single == 1 or (with_k and row.single == 2)
-    panels_at = row.k_panels if with_k else row.panels
-    panels = pools.fixed[panels_at : panels_at + (0 if halved else row.n_panels)]
-    single = pools.fixed_single[panels_at : panels_at + (row.n_panels if halved else 0)]
-    grouped = row.grouped == 1
-    if m < TILED:
-        for j in range(m):
-            x = work[at + n * j : at + n * (j + 1)]
-            if halved:
-                if backwards:
-                    backward_one(grouped, whole, first, row_start, rows, panel_start, face_start, single, x)
-                else:
-                    forward_one(grouped, whole, first, row_start, rows, panel_start, face_start, single, x)
-            elif backwards:
-                backward_one(grouped, whole, first, row_start, rows, panel_start, face_start, panels, x)
-            else:
-                forward_one(grouped, whole, first, row_start, rows, panel_start, face_start, panels, x)
-        return
-    tail = work[row.tile : row.tile + SPARE * LANES]
-    for start in range(0, m, LANES):
-        x = work[at + n * start : at + n * (start + LANES)]
-        if halved:
-            if backwards:
-                backward_tile(whole, first, row_start, rows, panel_start, face_start, single, x, tail)
-            else:
-                forward_tile(whole, first, row_start, rows, panel_start, face_start, single, x, tail)
-        elif backwards:
-            backward_tile(whole, first, row_start, rows, panel_start, face_start, panels, x, tail)
-        else:
-            forward_tile(whole, first, row_start, rows, panel_start, face_start, panels, x, tail)
 
 
 @kernel

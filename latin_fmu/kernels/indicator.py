@@ -27,7 +27,8 @@ from numpy.typing import NDArray
 from ..cholesky.substitution import LANES, SPARE, TILED
 from ..compiled import kernel
 from .half_solves import forward_on_face, gain_of
-from .products import product, symmetric_size, two_norms
+from .products import symmetric_size, two_norms
+from .splits import dense
 
 Array = NDArray[np.float64]
 
@@ -66,37 +67,39 @@ def error_indicator(pools: Any, window: int) -> float:
 
 
 @kernel
-def force_residual(pools: Any, window: int) -> float:
-    """Largest relative force residual over the instants of the window; ``measure[3:5]``: largest norms of normal
-    and tangential forces with this iterate."""
-    force_norms(pools, window)
-    return relative_forces(pools, window)
+def class_norms(pools: Any, c: int, window: int) -> None:
+    """Squared norms of the forces and of their half residuals of a class at the instants of the window, into
+    ``class_norms``."""
+    parts, row = 1 + pools.run[0].tangential, pools.classes[c]
+    pools.moving[row.class_norms : row.class_norms + 4 * window] = 0.0
+    for i in range(window):
+        start, at = 0, 0
+        if row.swept == 1:
+            _add_swept_norms(pools, c, i, parts)
+            continue
+        for part in range(parts):
+            n = row.n_normal if part == 0 else row.n_live - row.n_normal
+            if n > 0:
+                _add_norms(pools, c, i, start, n, row.compliance + at, 2 * part)
+            start += n
+            at += symmetric_size(n, row.plain_response, row.m)
 
 
 @kernel
-def force_norms(pools: Any, window: int) -> None:
-    """Squared norms of the forces and of their half residuals at the instants of the window, into ``norms``."""
-    run = pools.run[0]
-    parts = 1 + run.tangential
-    pools.moving[run.norms : run.norms + 4 * window] = 0.0
-    for i in range(window):
+def add_class_norms(pools: Any, window: int) -> None:
+    """Sums of the ``class_norms`` over the classes, into ``norms``."""
+    run, work = pools.run[0], pools.moving
+    for e in range(4 * window):
+        total = 0.0
         for c in range(len(pools.classes)):
-            row = pools.classes[c]
-            start, at = 0, 0
-            if row.swept == 1:
-                _add_swept_norms(pools, c, i, parts)
-                continue
-            for part in range(parts):
-                n = row.n_normal if part == 0 else row.n_live - row.n_normal
-                if n > 0:
-                    _add_norms(pools, c, i, start, n, row.compliance + at, 2 * part)
-                start += n
-                at += symmetric_size(n, row.plain_response, row.m)
+            total += work[pools.classes[c].class_norms + e]
+        work[run.norms + e] = total
 
 
 @kernel
 def relative_forces(pools: Any, window: int) -> float:
-    """Force residual by the ``norms`` of all substructures."""
+    """Largest relative force residual over the instants of the window by the ``norms`` of all substructures;
+    ``measure[3:5]``: largest norms of normal and tangential forces with this iterate."""
     run, work = pools.run[0], pools.moving
     measure = work[run.measure : run.measure + 8]
     parts, error_n, error_t = 1 + run.tangential, 0.0, 0.0
@@ -139,12 +142,12 @@ def _add_norms(pools: Any, c: int, i: int, start: int, n: int, compliance: int, 
                 at = channels[measured[e] * m + j]
                 x[e * 2 * m + 2 * j], x[e * 2 * m + 2 * j + 1] = area[at] * f_hat[at], 0.5 * area[at] * r[at]
         y = work[row.answers : row.answers + 2 * m * n]
-        product(n, table, row.plain_response, 2 * m, x, y, work[row.tile : row.tile + (n + SPARE) * LANES])
+        dense(pools, c, n, table, row.plain_response, 2 * m, x, y)
         for e in range(n * m):
             force += x[2 * e] * y[2 * e]
             half += x[2 * e + 1] * y[2 * e + 1]
-    work[run.norms + 4 * i + into] += force
-    work[run.norms + 4 * i + into + 1] += half
+    work[row.class_norms + 4 * i + into] += force
+    work[row.class_norms + 4 * i + into + 1] += half
 
 
 @kernel
@@ -181,7 +184,7 @@ def _add_swept_norms(pools: Any, c: int, i: int, parts: int) -> None:
             for d in range(n):
                 total += x[step * d + apart * lane] ** 2
             part, half = (first + lane) // (2 * m), (first + lane) // m % 2
-            work[run.norms + 4 * i + 2 * part + half] += gain * total
+            work[row.class_norms + 4 * i + 2 * part + half] += gain * total
 
 
 @kernel

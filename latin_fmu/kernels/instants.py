@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiled import kernel
-from .energy import account, open_account
+from .energy import open_account
 from .energy_parts import N_TERM
 from .indicator import accept
 from .iteration import iterate
@@ -16,7 +16,7 @@ from .local_stage import open_window, read_gaps
 from .matrices import probe, read_channels
 from .newton import MADE
 from .products import add_dense
-from .substructure import commit, linear_response, predict
+from .tasks import END, END_OF_WINDOW, PREDICT, each_class
 
 Array = NDArray[np.float64]
 
@@ -27,12 +27,10 @@ def march_instants(pools: Any, first: int, n: int) -> int:
     that did not (which leaves state and output as they were at its start)."""
     for call in range(n):
         instant = first + call
-        for c in range(len(pools.classes)):
-            predict(pools, c, instant)
+        each_class(pools, PREDICT, instant, 0)
         if not solve_instant(pools, instant, call):
             return call
-        for c in range(len(pools.classes)):
-            end_class(pools, c, instant)
+        each_class(pools, END, instant, 0)
         end_instant(pools, instant, 0)
     return n
 
@@ -127,33 +125,6 @@ def free_motion(pools: Any, instant: int, w: Array) -> None:
 
 
 @kernel
-def end_class(pools: Any, c: int, instant: int) -> None:
-    """End an instant solved as a window of its own for one class: motion, energies, probed velocities, displacements of
-    its channels. The tractions of the local stage act, so that action equals reaction to round-off; a class without
-    inertia takes the incoming quantity q, which determines the position of a floating body."""
-    run, work, row = pools.run[0], pools.moving, pools.classes[c]
-    flat = work[run.local_f : run.local_f + run.n_flat]
-    incoming = work[run.q : run.q + run.n_flat] if run.static == 1 else flat
-    marched = commit(pools, c, instant, incoming)
-    work[row.marched] += marched
-    acting = work[run.f : run.f + run.n_flat] if run.static == 1 else flat
-    after_class(pools, c, instant, acting, marched > 0)
-
-
-@kernel
-def after_class(pools: Any, c: int, instant: int, tractions: Array, marched: bool) -> None:
-    """Energies, probed velocities and channel displacements of a class at the end of an instant with tractions (N,)."""
-    run, work = pools.run[0], pools.moving
-    account(pools, c, instant, tractions, marched)
-    probe(pools, c, instant)
-    displacement = work[run.displacement : run.displacement + run.n_flat]
-    read_channels(pools, c, instant, 1.0, run.gap_offset, 0.0, True, displacement)
-    if run.layers == 1:
-        layer = work[run.layer : run.layer + run.n_flat]
-        read_channels(pools, c, instant, 1.0, run.gap_offset + run.layer_v, run.layer_a, False, layer)
-
-
-@kernel
 def end_instant(pools: Any, instant: int, i: int) -> None:
     """Gaps at the end of an instant, and its accepted fields among histories and as the start of the next one; they
     are those of instant i of the window."""
@@ -181,23 +152,9 @@ def keep_fields(pools: Any, instant: int, i: int) -> None:
 
 @kernel
 def end_window_instant(pools: Any, instant: int, i: int) -> None:
-    """March every class over instant i of a window with the accepted q, and read gaps, energies and probes. The
-    tractions of the linear stage act: their dashpots k keep the two sides of an interface together."""
-    run, work = pools.run[0], pools.moving
-    n = run.n_flat
-    q, w = work[run.q + i * n : run.q + (i + 1) * n], work[run.w + i * n : run.w + (i + 1) * n]
-    f = work[run.f + i * n : run.f + (i + 1) * n]
-    for c in range(len(pools.classes)):
-        row = pools.classes[c]
-        predict(pools, c, instant)
-        linear_response(pools, c, q, w)
-        for e in range(row.n_channel * row.m):
-            at = pools.fixed_int[row.channels + e]
-            f[at] = q[at] - pools.fixed[run.k + at] * w[at]
-        marched = commit(pools, c, instant, f)
-        work[row.marched] += marched
-        after_class(pools, c, instant, f, marched > 0)
-    if run.shared == 0:
+    """March every class over instant i of a window with the accepted q, and read gaps, energies and probes."""
+    each_class(pools, END_OF_WINDOW, instant, i)
+    if pools.run[0].shared == 0:
         end_instant(pools, instant, i)
 
 

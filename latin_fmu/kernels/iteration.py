@@ -3,10 +3,6 @@
 ``stage`` is one iteration up to its measures, ``judge`` compares these with the tolerances; ``iterate`` repeats both
 until the window has converged or stalled, or the iterations are used up. The Python driver calls the same functions one
 by one.
-
-Over several instants the march of a class is repeated for every iterate (``march_window``). Where q of the class has
-changed negligibly up to some instant (criterion of ``interface_response``), its solution up to there is kept, and the
-march starts from the last kept state before. States are kept every isqrt(window) + 1 instants.
 """
 
 from __future__ import annotations
@@ -17,11 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiled import kernel
-from .indicator import error_indicator, force_residual
-from .local_stage import finish, outgoing, prepare, solve_points
+from .indicator import add_class_norms, error_indicator, relative_forces
 from .matrices import add_matrix
 from .newton import ACTIVE, BEGUN, GAIN, PHASE, advance_iterate, keep_end, leave, propose, search
-from .substructure import commit, interface_response, linear_response, predict
+from .tasks import NORMS, RESPONSE, WINDOW, each_class, each_point
 
 Array = NDArray[np.float64]
 
@@ -42,13 +37,12 @@ def linear_stage(pools: Any, window: int, first: int, iteration: int) -> None:
     One instant is condensed on the interfaces: W = W_0 + Y q. Several instants are marched in every iteration.
     """
     run, work = pools.run[0], pools.moving
-    solved = 0
+    if window == 1:
+        each_class(pools, RESPONSE, 1 if iteration > 0 and run.reuse >= 0.0 else 0, 0)
+    else:
+        each_class(pools, WINDOW, window, first)
     for c in range(len(pools.classes)):
-        if window == 1:
-            solved += interface_response(pools, c, 0, iteration > 0 and run.reuse >= 0.0)
-        elif pools.classes[c].factored == 1:  # the Python driver marches the others
-            work[run.counts] += march_window(pools, c, window, first)
-    work[run.counts + 1] += solved
+        work[run.counts + (1 if window == 1 else 0)] += work[pools.classes[c].solved]
     for i in range(window):
         w = work[run.w + i * run.n_flat : run.w + (i + 1) * run.n_flat]
         at = run.ground_velocity + (first + i) * run.n_ground
@@ -92,22 +86,25 @@ def measure(pools: Any, window: int) -> None:
 
 
 @kernel
-def stage(pools: Any, window: int, first: int, iteration: int) -> None:
-    """One iteration from the q of ``work``: fields of both stages, residual, measures."""
-    linear_stage(pools, window, first, iteration)
-    local_stage(pools, window)
-    measure(pools, window)
+def force_residual(pools: Any, window: int) -> float:
+    """Largest relative force residual over the instants of the window."""
+    force_norms(pools, window)
+    return relative_forces(pools, window)
 
 
 @kernel
-def local_stage(pools: Any, window: int) -> None:
-    """Fields of the local stage over the window."""
-    for i in range(window):
-        outgoing(pools, i)
-        for g in range(len(pools.groups)):
-            prepare(pools, g, i)
-            solve_points(pools, g)
-            finish(pools, g, i, window)
+def force_norms(pools: Any, window: int) -> None:
+    """Squared norms of the forces and of their half residuals at the instants of the window, into ``norms``."""
+    each_class(pools, NORMS, window, 0)
+    add_class_norms(pools, window)
+
+
+@kernel
+def stage(pools: Any, window: int, first: int, iteration: int) -> None:
+    """One iteration from the q of ``work``: fields of both stages, residual, measures."""
+    linear_stage(pools, window, first, iteration)
+    each_point(pools, window)
+    measure(pools, window)
 
 
 @kernel
@@ -115,7 +112,7 @@ def local_error(pools: Any, window: int) -> bool:
     """Local stage after the exchange of the W of all processes; whether sqrt(eta) is within tolerance."""
     if pools.run[0].n_coarse > 0:
         balance(pools)
-    local_stage(pools, window)
+    each_point(pools, window)
     return bool(error_indicator(pools, window) <= pools.run[0].tolerance)
 
 
@@ -242,73 +239,3 @@ def rewind(pools: Any) -> None:
         row = pools.classes[c]
         for e in range(row.n_state):
             pools.moving[row.state + e] = pools.moving[row.kept_states + e]
-
-
-@kernel
-def stride_of(window: int) -> int:
-    """Instants between kept states, isqrt(window) + 1."""
-    stride = 1
-    while stride * stride <= window:
-        stride += 1
-    return stride
-
-
-@kernel
-def first_changed(pools: Any, c: int, window: int) -> int:
-    """First instant of the window whose q requires a new solution of the class; ``window`` where none does."""
-    row, run, work = pools.classes[c], pools.run[0], pools.moving
-    if work[row.known] == 0.0 or run.reuse < 0.0:
-        return 0
-    size, change = row.n_checked, 0.0
-    checked = pools.fixed_int[row.checked : row.checked + size]
-    weights = pools.fixed[run.weights : run.weights + run.n_flat]
-    level = run.reuse * max(pools.moving[run.scales], work[run.measure + 6]) * window / run.n_class
-    for i in range(window):
-        q, solved_q = work[run.q + i * run.n_flat : run.q + (i + 1) * run.n_flat], row.solved_q + i * size
-        for at in range(size):
-            moved = q[checked[at]] - work[solved_q + at]
-            change += weights[checked[at]] * moved * moved
-        if change > level:
-            return i
-    return window
-
-
-@kernel
-def march_window(pools: Any, c: int, window: int, first: int) -> int:
-    """W of the class for the q of the window, from the first instant on whose q has changed; substructure-instants
-    marched."""
-    row, run, work = pools.classes[c], pools.run[0], pools.moving
-    n, size, stride = run.n_flat, row.n_channel * row.m, stride_of(window)
-    channels = pools.fixed_int[row.channels : row.channels + size]
-    checked = pools.fixed_int[row.checked : row.checked + row.n_checked]
-    changed, marched = first_changed(pools, c, window), 0
-    for i in range(changed):
-        for at in range(size):
-            work[run.w + i * n + channels[at]] = work[row.solved_w + i * size + at]
-    if changed == window:
-        return 0
-    begin = changed // stride
-    for e in range(row.n_state):
-        pools.moving[row.state + e] = work[row.kept_states + begin * row.n_state + e]
-    for i in range(begin * stride, window):
-        if i % stride == 0 and i > 0:
-            kept = row.kept_states + (i // stride) * row.n_state
-            for e in range(row.n_state):
-                work[kept + e] = pools.moving[row.state + e]
-        q, f = work[run.q + i * n : run.q + (i + 1) * n], work[run.f + i * n : run.f + (i + 1) * n]
-        w = work[run.w + i * n : run.w + (i + 1) * n]
-        predict(pools, c, first + i)
-        linear_response(pools, c, q, w)
-        for at in range(size):
-            f[channels[at]] = q[channels[at]] - pools.fixed[run.k + channels[at]] * w[channels[at]]
-        marched += commit(pools, c, first + i, f)
-        for at in range(size):
-            if i < changed:
-                w[channels[at]] = work[row.solved_w + i * size + at]
-            else:
-                work[row.solved_w + i * size + at] = w[channels[at]]
-        if i >= changed:
-            for at in range(row.n_checked):
-                work[row.solved_q + i * row.n_checked + at] = q[checked[at]]
-    work[row.known] = 1.0
-    return marched

@@ -23,9 +23,9 @@ from numpy.typing import NDArray
 from ..compiled import kernel
 from .half_solves import face_response, gain_of
 from .laws import apply
-from .matrices import tile_of
 from .products import product, symmetric_size
 from .records import STATIC
+from .splits import tile_of
 
 Array = NDArray[np.float64]
 

@@ -25,52 +25,58 @@ Array = NDArray[np.float64]
 
 
 @kernel
-def outgoing(pools: Any, i: int) -> None:
-    """F = q - k W of the linear stage (12), (13) and s = W - F / k at instant i of the window."""
-    run, work, direction = pools.run[0], pools.moving, pools.fixed
-    n, at = run.n_flat, i * run.n_flat
-    q, w = work[run.q + at : run.q + at + n], work[run.w + at : run.w + at + n]
-    f, s = work[run.f + at : run.f + at + n], work[run.s + at : run.s + at + n]
-    k, z = direction[run.k : run.k + n], direction[run.z : run.z + n]
-    for j in range(n):
-        traction = q[j] - k[j] * w[j]
-        f[j] = traction
-        s[j] = w[j] - z[j] * traction
+def outgoing(pools: Any, g: int, i: int, low: int, high: int) -> None:
+    """F = q - k W of the linear stage (12), (13) and s = W - F / k at instant i of the window, on both sides of the
+    points from ``low`` to ``high`` of a group."""
+    group, run, work, direction = pools.groups[g], pools.run[0], pools.moving, pools.fixed
+    h = group.n_component
+    for side in range(2):
+        first, n = group.start + (side * group.n_point + low) * h, (high - low) * h
+        at = i * run.n_flat + first
+        q, w = work[run.q + at : run.q + at + n], work[run.w + at : run.w + at + n]
+        f, s = work[run.f + at : run.f + at + n], work[run.s + at : run.s + at + n]
+        k, z = direction[run.k + first : run.k + first + n], direction[run.z + first : run.z + first + n]
+        for j in range(n):
+            traction = q[j] - k[j] * w[j]
+            f[j] = traction
+            s[j] = w[j] - z[j] * traction
 
 
 @kernel
-def prepare(pools: Any, g: int, i: int) -> None:
-    """Arguments of the law of a group at instant i of the window: ``jump`` and ``reach``."""
+def prepare(pools: Any, g: int, i: int, low: int, high: int) -> None:
+    """Arguments of the law of the points from ``low`` to ``high`` of a group at instant i of the window: ``jump`` and
+    ``reach``."""
     group, run, work = pools.groups[g], pools.run[0], pools.moving
-    size = group.n_point * group.n_component
-    s = work[run.s + i * run.n_flat : run.s + (i + 1) * run.n_flat]
-    jump, first, second = work[group.jump : group.jump + size], group.start, group.start + size
+    h = group.n_component
+    size, first = (high - low) * h, run.s + i * run.n_flat + group.start + low * h
+    second = first + group.n_point * h
+    jump, near, far = work[group.jump + low * h : group.jump + high * h], work[first : first + size], work[second:]
     for j in range(size):
-        jump[j] = s[second + j] - s[first + j]
-    width = group.n_component if group.elastic == 1 else 1
-    count = group.n_point * width
+        jump[j] = far[j] - near[j]
+    width = h if group.elastic == 1 else 1
+    count, begin, end = group.n_point * width, low * width, high * width
     if i == 0:
-        opening, opened = (
-            work[group.opening : group.opening + 4 * count],
-            work[group.opened : group.opened + 4 * count],
-        )
-        for j in range(4 * count):
-            opening[j] = opened[j]
-    start = work[group.opening + 3 * count : group.opening + 4 * count]
-    reach = work[group.reach : group.reach + count]
+        for kind in range(4):
+            at = kind * count
+            opening = work[group.opening + at + begin : group.opening + at + end]
+            opened = work[group.opened + at + begin : group.opened + at + end]
+            for j in range(end - begin):
+                opening[j] = opened[j]
+    start = work[group.opening + 3 * count + begin : group.opening + 3 * count + end]
+    reach = work[group.reach + begin : group.reach + end]
     if group.elastic == 1:
         rate = run.layer_rate
-        for j in range(count):
+        for j in range(end - begin):
             reach[j] = start[j] * rate
     else:
         rate, deepest = 1.0 / run.dt, run.deepest
-        for j in range(count):
+        for j in range(end - begin):
             reach[j] = max(start[j], deepest) * rate
 
 
 @kernel
-def solve_points(pools: Any, g: int) -> None:
-    """Tractions of a group whose law is compiled."""
+def solve_points(pools: Any, g: int, low: int, high: int) -> None:
+    """Tractions of the points from ``low`` to ``high`` of a group whose law is compiled."""
     group, run, work = pools.groups[g], pools.run[0], pools.moving
     h, n_parameter = group.n_component, group.n_parameter
     width = h if group.elastic == 1 else 1
@@ -79,7 +85,7 @@ def solve_points(pools: Any, g: int) -> None:
     jump, traction = (work[group.jump : group.jump + n_point * h], work[group.traction : group.traction + n_point * h])
     z, reach = (pools.fixed[group.z_sum : group.z_sum + 2 * n_point], work[group.reach : group.reach + n_point * width])
     parameters = pools.fixed[group.parameters : group.parameters + n_point * n_parameter]
-    for p in range(n_point):
+    for p in range(low, high):
         apply(
             law,
             jump[p * h : (p + 1) * h],
@@ -92,26 +98,38 @@ def solve_points(pools: Any, g: int) -> None:
 
 
 @kernel
-def finish(pools: Any, g: int, i: int, window: int) -> None:
-    """F_hat and W_hat of both sides at instant i; in a window of several instants the opening that follows."""
+def finish(pools: Any, g: int, i: int, window: int, low: int, high: int) -> None:
+    """F_hat and W_hat of both sides of the points from ``low`` to ``high`` of a group at instant i; in a window of
+    several instants the opening that follows."""
     group, run, work = pools.groups[g], pools.run[0], pools.moving
-    size, at = group.n_point * group.n_component, i * run.n_flat
+    h = group.n_component
+    size, at = group.n_point * h, i * run.n_flat
     s, z = work[run.s + at : run.s + at + run.n_flat], pools.fixed[run.z : run.z + run.n_flat]
     f_hat = work[run.local_f + at : run.local_f + at + run.n_flat]
     w_hat = work[run.local_w + at : run.local_w + at + run.n_flat]
     traction = work[group.traction : group.traction + size]
     first, second = group.start, group.start + size
-    for j in range(size):
+    for j in range(low * h, high * h):
         f_hat[first + j] = traction[j]
         f_hat[second + j] = -traction[j]
         w_hat[first + j] = s[first + j] + z[first + j] * traction[j]
         w_hat[second + j] = s[second + j] - z[second + j] * traction[j]
     if window > 1:
-        _follow(pools, g, w_hat)
+        _follow(pools, g, work[run.local_w + at : run.local_w + at + run.n_flat], low, high)
 
 
 @kernel
-def _follow(pools: Any, g: int, w_hat: Array) -> None:
+def points_stage(pools: Any, g: int, window: int, low: int, high: int) -> None:
+    """Fields of the local stage over the window at the points from ``low`` to ``high`` of a group."""
+    for i in range(window):
+        outgoing(pools, g, i, low, high)
+        prepare(pools, g, i, low, high)
+        solve_points(pools, g, low, high)
+        finish(pools, g, i, window, low, high)
+
+
+@kernel
+def _follow(pools: Any, g: int, w_hat: Array, low: int, high: int) -> None:
     """Opening of the next instant of the window from the velocities W_hat of this one."""
     group, run, work = pools.groups[g], pools.run[0], pools.moving
     if group.opens == 0 and group.elastic == 0:
@@ -123,7 +141,7 @@ def _follow(pools: Any, g: int, w_hat: Array) -> None:
     at = group.opening
     gap, velocity = work[at : at + count], work[at + count : at + 2 * count]
     rate, start = work[at + 2 * count : at + 3 * count], work[at + 3 * count : at + 4 * count]
-    for p in range(group.n_point):
+    for p in range(low, high):
         for c in range(width):
             j = p * width + c
             moved = w_hat[group.start + size + p * h + c] - w_hat[group.start + p * h + c]

@@ -7,49 +7,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cholesky.substitution import LANES, SPARE
 from ..compiled import kernel
-from .products import add_dense, add_rows, add_symmetric, add_terms, product, symmetric_size
+from .products import add_dense, add_rows, add_terms, symmetric_size
+from .splits import dense
 
 Array = NDArray[np.float64]
 
-MASS, STIFFNESS, DAMPING, DASHPOTS, LANDING = range(5)
-"""Matrices of ``add_product``."""
 FORCES, INERTIA, DISPLACEMENTS, VELOCITIES, ACCELERATIONS, LOADS = range(6)
 """Sums of ``add_sum``."""
-
-
-@kernel
-def tile_of(row: Any, work: Array) -> Array:
-    """Scratch of the products with tiles."""
-    return work[row.tile : row.tile + (max(row.n, row.n_channel) + SPARE) * LANES]
-
-
-@kernel
-def add_product(pools: Any, c: int, which: int, factor: float, x: Array, out: Array) -> None:
-    """out += factor A x for A = M, K, C or a part of C (``MASS`` ...); nothing where the class has none."""
-    row = pools.classes[c]
-    rows, starts_at, columns_at = row.mass_rows, row.mass_starts, row.mass_columns
-    values_at, diagonal_at = row.mass_values, row.mass_diagonal
-    if which == STIFFNESS:
-        rows, starts_at, columns_at = row.stiffness_rows, row.stiffness_starts, row.stiffness_columns
-        values_at, diagonal_at = row.stiffness_values, row.stiffness_diagonal
-    elif which == DAMPING:
-        rows, starts_at, columns_at = row.damping_rows, row.damping_starts, row.damping_columns
-        values_at, diagonal_at = row.damping_values, row.damping_diagonal
-    elif which == DASHPOTS:
-        rows, starts_at, columns_at = row.dashpots_rows, row.dashpots_starts, row.dashpots_columns
-        values_at, diagonal_at = row.dashpots_values, row.dashpots_diagonal
-    elif which == LANDING:
-        rows, starts_at, columns_at = row.landing_rows, row.landing_starts, row.landing_columns
-        values_at, diagonal_at = row.landing_values, row.landing_diagonal
-    if rows == 0:
-        return
-    starts = pools.fixed_int[starts_at : starts_at + rows + 1]
-    columns = pools.fixed_col[columns_at : columns_at + starts[rows]]
-    values = pools.fixed[values_at : values_at + starts[rows]]
-    diagonal = pools.fixed[diagonal_at : diagonal_at + rows]
-    add_symmetric(rows, diagonal, starts, columns, values, factor, row.m, x, out, tile_of(row, pools.moving))
 
 
 @kernel
@@ -67,7 +32,7 @@ def springs(pools: Any, c: int, x: Array, out: Array) -> None:
     """out = (S + T^T area k/dt T)^-1 x of a STATIC class."""
     row = pools.classes[c]
     inverse = pools.fixed[row.spring_inverse : row.spring_inverse + symmetric_size(row.n_inner, 0, row.m)]
-    product(row.n_inner, inverse, 0, row.m, x, out, tile_of(row, pools.moving))
+    dense(pools, c, row.n_inner, inverse, 0, row.m, x, out)
 
 
 @kernel

@@ -326,7 +326,8 @@ def trial_fields(pools: Any, length: float) -> None:
     for j in range(n):
         q[j] = old_q[j] + length * (new_q[j] - old_q[j])
         w[j] = old_w[j] + length * (new_w[j] - old_w[j])
-    outgoing(pools, 0)
+    for g in range(len(pools.groups)):
+        outgoing(pools, g, 0, 0, pools.groups[g].n_point)
 
 
 @kernel
@@ -348,9 +349,10 @@ def try_length(pools: Any, length: float) -> float:
     """Both stages at a share of the step; its residual."""
     trial_fields(pools, length)
     for g in range(len(pools.groups)):
-        prepare(pools, g, 0)
-        solve_points(pools, g)
-        finish(pools, g, 0, 1)
+        n_point = pools.groups[g].n_point
+        prepare(pools, g, 0, 0, n_point)
+        solve_points(pools, g, 0, n_point)
+        finish(pools, g, 0, 1, 0, n_point)
     return trial_size(pools)
 
 

@@ -40,24 +40,25 @@ def add_symmetric(
         sparse_product(n, starts, columns, values, factor, m, x, out, scratch)
         return
     if m == 1:
-        _half_product(n, diagonal, starts, columns, values, factor, x, out)
+        half_product(0, n, diagonal, starts, columns, values, factor, x, out)
         return
     own, total = scratch[:n], scratch[n : 2 * n]
     for j in range(m):
         for i in range(n):
             own[i] = x[i * m + j]
             total[i] = 0.0
-        _half_product(n, diagonal, starts, columns, values, factor, own, total)
+        half_product(0, n, diagonal, starts, columns, values, factor, own, total)
         for i in range(n):
             out[i * m + j] += total[i]
 
 
 @kernel
-def _half_product(
-    n: int, diagonal: Array, starts: Any, columns: Any, values: Array, factor: float, x: Array, out: Array
+def half_product(
+    low: int, high: int, diagonal: Array, starts: Any, columns: Any, values: Array, factor: float, x: Array, out: Array
 ) -> None:
-    """out (n,) += factor A x for one vector; see ``add_symmetric``."""
-    for i in range(n):
+    """out (n,) += factor A x for one vector and the rows of A from ``low`` to ``high``, each with its reflection; see
+    ``add_symmetric``."""
+    for i in range(low, high):
         column, value = columns[starts[i] : starts[i + 1]], values[starts[i] : starts[i + 1]]
         own = factor * x[i]
         total = diagonal[i] * x[i]
@@ -234,34 +235,57 @@ def sparse_product(
     n: int, starts: Any, columns: Any, values: Array, factor: float, m: int, x: Array, out: Array, tile: Array
 ) -> None:
     """out (n m,) += factor A x for A (n, n) in compressed rows; tile ((n + 1) 8,) is scratch."""
-    row = tile[n * LANES : (n + 1) * LANES]
     for first in range(0, m, LANES):
-        lanes = min(m - first, LANES)
         gather(n, m, first, x, tile)
-        for i in range(n):
-            _sparse_row(columns[starts[i] : starts[i + 1]], values[starts[i] : starts[i + 1]], tile, row)
-            for j in range(lanes):
-                out[i * m + first + j] += factor * row[j]
+        sparse_rows(0, n, starts, columns, values, factor, m, first, tile, out, tile[n * LANES : (n + 1) * LANES])
+
+
+@kernel
+def sparse_rows(
+    low: int,
+    high: int,
+    starts: Any,
+    columns: Any,
+    values: Array,
+    factor: float,
+    m: int,
+    first: int,
+    tile: Array,
+    out: Array,
+    row: Array,
+) -> None:
+    """Rows from ``low`` to ``high`` of ``sparse_product`` for the tile that begins with the member ``first``; row (8,)
+    is scratch."""
+    lanes = min(m - first, LANES)
+    for i in range(low, high):
+        _sparse_row(columns[starts[i] : starts[i + 1]], values[starts[i] : starts[i + 1]], tile, row)
+        for j in range(lanes):
+            out[i * m + first + j] += factor * row[j]
 
 
 @kernel
 def dense_product(n: int, matrix: Array, m: int, x: Array, out: Array, tile: Array) -> None:
     """out (n m,) = A x for A (n, n); tile ((n + 4) 8,) is scratch."""
-    answer = tile[n * LANES : (n + SPARE) * LANES]
     for first in range(0, m, LANES):
-        lanes = min(m - first, LANES)
-        gather(n, m, first, x, tile)
-        i = 0
-        while i < n:
-            together = 4 if i + 4 <= n else 1
-            if together == 4:
-                four_rows(matrix[i * n :], n, n, tile, answer)
-            else:
-                one_row(matrix[i * n :], n, tile, answer)
-            for r in range(together):
-                for j in range(lanes):
-                    out[(i + r) * m + first + j] = answer[r * LANES + j]
-            i += together
+        dense_tile(n, matrix, m, first, x, out, tile)
+
+
+@kernel
+def dense_tile(n: int, matrix: Array, m: int, first: int, x: Array, out: Array, tile: Array) -> None:
+    """``dense_product`` for the tile that begins with the member ``first``."""
+    answer, lanes = tile[n * LANES : (n + SPARE) * LANES], min(m - first, LANES)
+    gather(n, m, first, x, tile)
+    i = 0
+    while i < n:
+        together = 4 if i + 4 <= n else 1
+        if together == 4:
+            four_rows(matrix[i * n :], n, n, tile, answer)
+        else:
+            one_row(matrix[i * n :], n, tile, answer)
+        for r in range(together):
+            for j in range(lanes):
+                out[(i + r) * m + first + j] = answer[r * LANES + j]
+        i += together
 
 
 # -- from matrices of SciPy and NumPy to the forms above ----------------------------------------------------------

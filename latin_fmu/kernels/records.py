@@ -44,7 +44,11 @@ _MATRIX: Final = (
     ("{0}_columns", "constants, uint32: columns of the entries"),
     ("{0}_values", "constants: the entries"),
 )
-_HALF: Final = (*_MATRIX, ("{0}_diagonal", "constants (n,): diagonal where only the strict lower triangle is kept"))
+_HALF: Final = (
+    *_MATRIX,
+    ("{0}_diagonal", "constants (n,): diagonal where only the strict lower triangle is kept"),
+    ("{0}_parts", "constants, int64 (PARTS, 3) of classes in pieces: first row, last row + 1, least column of a part"),
+)
 _TERM: Final = (
     ("{0}_terms", "number of patterns of {1}"),
     ("{0}_starts", "histories, int64 (terms + 1,): first entry of each pattern"),
@@ -98,6 +102,11 @@ CLASS_FIELDS: Final[tuple[Field, ...]] = (
     ("face", "constants, int64 (g,) of swept classes: place of the interface dofs in elimination order"),
     ("component", "constants, int64 (c,) of swept classes: 0 for normal channels, 1 for others"),
     ("k_panels", "direction of swept classes: panels of the operator with the dashpots k on the interfaces"),
+    # pieces of a large factor (``splits``)
+    ("n_piece", "pieces, 0 where the factor is small"),
+    ("n_level", "levels of the tree of pieces"),
+    ("pieces", "constants, int64: n_level + 1 first pieces, then the pieces, then their lists (``splits``)"),
+    ("split", "1 where threads share the pieces and products of the class, 0 where each class has one thread"),
     # interface
     ("dofs", "constants, int64 (g,): interface dofs"),
     ("area", "constants (c,): areas, m2"),
@@ -152,7 +161,14 @@ CLASS_FIELDS: Final[tuple[Field, ...]] = (
     ("answer", "work (c, m)"),
     ("vectors", "work (2 m, n_live)"),
     ("answers", "work (2 m, n_live)"),
-    ("tile", "work ((max(n, c) + SPARE) x LANES,)"),
+    (
+        "tile",
+        "work (tiles, (max(n, c) + SPARE) x LANES): tiles of twice the members from TILED members on, else members",
+    ),
+    ("piece_work", "work (PARTS - 1, n), tiles from TILED members on: vectors of the pieces; sums of the products"),
+    ("piece_tile", "work (n_piece, SPARE x LANES)"),
+    ("solved", "work (1,): substructures solved, or substructure-instants marched, in this iteration"),
+    ("class_norms", "work (w, 4): part of the class in ``norms``"),
     ("extended", "work (4, n + n_motion, m): scratch of the account of energies"),
     # histories
     ("constant", "histories (n, m): constant forces, N"),
@@ -212,6 +228,10 @@ GROUP_FIELDS: Final[tuple[Field, ...]] = (
 RUN_FIELDS: Final[tuple[Field, ...]] = (
     ("n_flat", "channels N of the assembly"),
     ("n_class", "classes of the assembly, those of other processes among them"),
+    ("threads", "threads of the run"),
+    ("team", "work, int64: numbers of the threads (``team``)"),
+    ("n_alone", "classes that have one thread each"),
+    ("order", "work, int64: these classes, in the order of their threads"),
     ("shared", "1 where other processes hold substructures: the caller exchanges what they compute"),
     ("n_point", "points of all groups"),
     ("n_interface", "interfaces"),

@@ -31,32 +31,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiled import kernel
-from .half_solves import (
-    add_on_face,
-    add_reference,
-    backward,
-    forward,
-    from_face,
-    on_springs,
-    substitute,
-    swept_response,
-)
-from .matrices import (
-    DAMPING,
-    FORCES,
-    INERTIA,
-    MASS,
-    STIFFNESS,
-    VELOCITIES,
-    add_product,
-    add_spread,
-    add_sum,
-    add_trace,
-    springs,
-    tile_of,
-)
-from .products import product, symmetric_size, tile_width
+from .half_solves import add_on_face, add_reference, backward, forward, from_face, on_springs, swept_response
+from .matrices import FORCES, INERTIA, VELOCITIES, add_spread, add_sum, add_trace, springs
+from .products import symmetric_size, tile_width
 from .records import STATIC
+from .splits import DAMPING, MASS, STIFFNESS, add_product, dense, substitute
 
 Array = NDArray[np.float64]
 
@@ -148,7 +127,6 @@ def free_velocity(pools: Any, c: int, instant: int) -> None:
     )
     free_a, w_free = work[row.free_a : row.free_a + n_inner * m], work[row.w_free : row.w_free + size]
     dofs = pools.fixed_int[row.dofs : row.dofs + n_inner]
-    tile = tile_of(row, work)
     w_free[:] = 0.0
     if row.swept == 1:
         half = work[row.half_solution : row.half_solution + row.n * tile_width(m)]
@@ -174,7 +152,7 @@ def free_velocity(pools: Any, c: int, instant: int) -> None:
         return
     if row.swept == 0:
         inverse = pools.fixed[row.schur_inverse : row.schur_inverse + symmetric_size(n_inner, row.plain_inverse, m)]
-        product(n_inner, inverse, row.plain_inverse, m, inner, free_a, tile)
+        dense(pools, c, n_inner, inverse, row.plain_inverse, m, inner, free_a)
     u, u_free = state[row.u : row.u + row.n * m], work[row.u_free : row.u_free + row.n * m]
     v_free = work[row.v_free : row.v_free + row.n * m]
     of_old, of_u, of_v, gain = run.w_u_old, run.w_u, run.w_v, run.interface_gain
@@ -239,7 +217,6 @@ def linear_response(pools: Any, c: int, q: Array, w: Array) -> None:
     k, w_free = pools.fixed[row.k : row.k + row.n_channel], work[row.w_free : row.w_free + size]
     damped = work[row.w_damped : row.w_damped + size]
     incoming, answer = (work[row.channel : row.channel + n_live * m], work[row.answer : row.answer + n_live * m])
-    tile = tile_of(row, work)
     for i in range(n_live):
         for j in range(m):
             at = live[i] * m + j
@@ -248,15 +225,8 @@ def linear_response(pools: Any, c: int, q: Array, w: Array) -> None:
         swept_response(pools, c, q, w)
         return
     plain = row.plain_response
-    product(
-        n_live,
-        pools.fixed[row.response : row.response + symmetric_size(n_live, plain, m)],
-        plain,
-        m,
-        incoming,
-        answer,
-        tile,
-    )
+    table = pools.fixed[row.response : row.response + symmetric_size(n_live, plain, m)]
+    dense(pools, c, n_live, table, plain, m, incoming, answer)
     for at in range(size):
         w[channels[at]] = w_free[at]
     for i in range(n_live):
@@ -303,7 +273,6 @@ def interface_load(pools: Any, c: int, flat: Array) -> bool:
     pools.moving[row.rest] = 0.0
     inner, last = (work[row.inner : row.inner + n_inner * m], work[row.inner_answer : row.inner_answer + n_inner * m])
     free_a = work[row.free_a : row.free_a + n_inner * m]
-    tile = tile_of(row, work)
     inner[:] = 0.0
     if row.kind == STATIC:
         moved = work[row.w_damped : row.w_damped + size]  # the prescribed part of the channel velocities
@@ -327,7 +296,7 @@ def interface_load(pools: Any, c: int, flat: Array) -> bool:
         add_on_face(pools, c, inner)
         return True
     inverse = pools.fixed[row.schur_inverse : row.schur_inverse + symmetric_size(n_inner, row.plain_inverse, m)]
-    product(n_inner, inverse, row.plain_inverse, m, inner, last, tile)
+    dense(pools, c, n_inner, inverse, row.plain_inverse, m, inner, last)
     for i in range(n_inner * m):
         last[i] += free_a[i]
     return True

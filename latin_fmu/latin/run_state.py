@@ -15,7 +15,7 @@ from .probes import Probes
 from .processes import Exchange, Processes, SharedStages, check_newton, checked_channels, own_part
 from .record import Timings
 from .recorder import Recorder
-from .run_image import Stages, Threads, all_in_kernels, histories, make_image, negligible_scales, still
+from .run_image import Stages, Team, all_in_kernels, histories, make_image, negligible_scales, still
 from .search_direction import Direction
 from .settings import Settings
 from .status import WindowList, status, with_energy
@@ -97,7 +97,7 @@ class RunState:
             if scales is None
             else scales
         )
-        self._threads = Threads([float(r["n_panels"] * r["m"]) for r in self.image.classes], self.settings.threads)
+        self._team = Team(self.image, self.settings.threads)
         self._per_instant, self._refused, self._in_kernels = 0.0, False, all_in_kernels(self.image)
         self._operators, self._still = [p.operators for p in assembly.propagators], still(assembly)
 

@@ -215,21 +215,12 @@ class Run(RunState):
         return until if self._watch is None else min(until, self._watch.instants(self))
 
     def _march_instants(self, first: int, n: int) -> int:
-        """The same in one call of the kernels, or with the substructures on several threads or processes: same
-        functions, same order within a substructure."""
+        """The same in one call of the kernels, or with the substructures on several processes."""
         image, stages = self.image, self.stages(1, first)
         if isinstance(stages, SharedStages):
             return stages.march(first, n)
-        if not self._threads.several:
+        with self._team.at_work():
             return image.call(entries.MARCH, first, n)
-        for call in range(n):
-            instant = first + call
-            self._threads.each(lambda c, at=instant: image.call(entries.PREDICT, c, at))  # type: ignore[misc]
-            if not image.call(entries.SOLVE, instant, call):
-                return call
-            self._threads.each(lambda c, at=instant: image.call(entries.END_CLASS, c, at))  # type: ignore[misc]
-            image.call(entries.END_INSTANT, instant)
-        return n
 
     def _count(self, before: float) -> None:
         """Add the work and the time since ``before``."""
@@ -241,6 +232,10 @@ class Run(RunState):
     # -- the Python driver ----------------------------------------------------------------------------------------
     def advance(self, n: int, number: int, count: int) -> WindowRecord:
         """Solve the next window of n instants, ``number`` of ``count``, with the Python driver."""
+        with self._team.at_work():
+            return self._advance(n, number, count)
+
+    def _advance(self, n: int, number: int, count: int) -> WindowRecord:
         before, first = clock.perf_counter(), self.assembly.instant + 1
         record = WindowRecord(first, first + n - 1)
         if not self.assembly.interfaces:

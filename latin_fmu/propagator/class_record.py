@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
+from itertools import pairwise
 from types import MappingProxyType
 from typing import Any
 
@@ -12,6 +13,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from ..cholesky.factor import CholeskyFactor, DiagonalFactor
+from ..cholesky.pieces import pieces
 from ..cholesky.substitution import LANES, SPARE, TILED
 from ..kernels.energy import FIELDS
 from ..kernels.energy_parts import N_TERM
@@ -19,6 +21,7 @@ from ..kernels.krylov import SMALL, VECTORS
 from ..kernels.newton import SCRATCH
 from ..kernels.products import lower_count, lower_pattern, lower_values, pack_triangle, padded
 from ..kernels.records import DIRECT, EXPLICIT, LINE, STATIC
+from ..kernels.team import PARTS
 from .forcing import SUMS, Sum
 from .model import Array, Index
 
@@ -101,6 +104,8 @@ def put_symmetric(block: Block, row: Row, name: str, matrix: sp.csr_array | None
     taken eight at a time."""
     if matrix is None:
         return
+    if row["n_piece"]:
+        row[f"{name}_parts"] = block.put(_parts(matrix), np.int64)
     if row["m"] >= TILED:
         put_matrix(block, row, name, matrix)
         return
@@ -117,6 +122,18 @@ def put_symmetric(block: Block, row: Row, name: str, matrix: sp.csr_array | None
     )
     row[f"{name}_rows"], row[f"{name}_starts"], row[f"{name}_columns"] = n, starts, 2 * columns
     row[f"{name}_values"], row[f"{name}_diagonal"] = values, diagonal
+
+
+def _parts(matrix: sp.csr_array) -> Index:
+    """Rows of a symmetric matrix in parts with equal numbers of entries (PARTS, 3): first row, last row + 1, least
+    column."""
+    n, starts = matrix.shape[0], matrix.indptr
+    cuts = np.searchsorted(starts, np.linspace(0, starts[-1], PARTS + 1)[1:-1])
+    table = []
+    for low, high in pairwise([0, *cuts.tolist(), n]):
+        columns = matrix.indices[starts[low] : starts[high]]
+        table.append([low, high, min(int(columns.min(initial=n)), low)])
+    return np.array(table, dtype=np.int64)
 
 
 def _fill_pattern(pattern: tuple[Any, Any], n: int, half: tuple[int, int, int], data: Array) -> None:
@@ -256,7 +273,7 @@ def _put_traces(block: Block, row: Row, ops: Any) -> None:
 
 def _factor(block: Block, row: Row, factor: Any) -> None:
     """Arrays of the substitutions; a diagonal matrix has all dofs on the interface and no supernode."""
-    row["factored"] = 1
+    row["factored"], row["n_piece"] = 1, 0
     if isinstance(factor, CholeskyFactor):
         shape = factor.symbolic
         row |= {
@@ -275,6 +292,8 @@ def _factor(block: Block, row: Row, factor: Any) -> None:
             ("order", shape.order),
         ):
             row[name] = block.put(array, np.int64)
+        row["n_piece"], row["n_level"], table = pieces(shape)
+        row["pieces"] = block.put(table, np.int64)
         numbers = 8 // factor.dtype.itemsize  # in one of float64
         row["panels"] = numbers * block.reserve(-(-factor.panels.size // numbers), factor)
         return
@@ -381,8 +400,12 @@ def work(block: Block, row: Row, window: int, stride: int) -> None:
         "answer": c * m,
         "vectors": 2 * m * row["n_live"],
         "answers": 2 * m * max(row["n_live"], c),
-        "tile": (max(n, c) + SPARE) * LANES,
+        "tile": -(-2 * m // LANES) * (max(n, c) + SPARE) * LANES if m >= TILED else m * (max(n, c) + SPARE) * LANES,
         "extended": 4 * wide * row["accounted"],
+        "piece_work": (PARTS - 1) * (n if m < TILED else n * LANES) * (row["n_piece"] > 0),
+        "piece_tile": row["n_piece"] * SPARE * LANES,
+        "solved": 1,
+        "class_norms": 4 * window,
     }
     for name, size in sizes.items():
         row[name] = block.reserve(size)

@@ -17,9 +17,11 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from ..compiled import PLAIN, bound
-from ..kernels import entries
+from ..kernels import entries, team
 from ..kernels.energy_parts import N_TERM
 from ..kernels.records import CLASS, GROUP, RUN, Pools
+from ..kernels.tasks import CHUNK
+from ..kernels.team import MARKS, PARTS
 from ..time_scheme.scheme import coefficients
 from . import class_record
 from .class_record import Block
@@ -165,6 +167,9 @@ class Image:
         sizes |= {"coarse": 2 * int(run.get("n_coarse", 0)), "displacement": n, "layer": n}
         sizes |= {"shares": n_interface, "norms": 4 * self.window, "merits": 6 * most + 128}
         sizes |= {"measure": 8, "counts": 2, "course": 8}
+        chunks = sum(-(-group["n_point"] // CHUNK) for group in self._groups)
+        tasks = max([len(self._rows), PARTS, chunks, *(row["n_piece"] for row in self._rows)])
+        sizes |= {"team": MARKS + team.LINE * tasks, "order": len(self._rows)}
         sizes |= class_record.newton_sizes(run, n) | _communication_work(run)
         for name, size in sizes.items():
             run[name] = block.reserve(size)
@@ -274,12 +279,26 @@ class Image:
         self._entry = bound(entries.call, self.pools)
         self._written = True
 
+    def write(self) -> None:
+        """Bring the records up to date."""
+        if not self._written:
+            self._write_records()
+
     # -- use ----------------------------------------------------------------------------------------------------
     def call(self, action: int, a: int = 0, b: int = 0, c: int = 0, d: int = 0) -> int:
         """Do an action of ``kernels.entries``; what it returns."""
-        if not self._written:
-            self._write_records()
+        self.write()
         return int(self._entry(action, a, b, c, d))
+
+    def use_threads(self, count: int, alone: Sequence[Index]) -> None:
+        """March with so many threads, the caller's among them; ``alone`` : classes of each that have one thread, the
+        others are shared by all."""
+        order = np.concatenate([np.zeros(0, dtype=np.int64), *alone])
+        self._run |= {"threads": count, "n_alone": len(order)}
+        for c, row in enumerate(self._rows):
+            row["split"] = int(c not in order)
+        self.counts("order", len(self._rows))[: len(order)] = order
+        self._written = False
 
     # factors that the kernels do not hold are solved with here, between the kernels' halves of an instant
     def predict(self, c: int, instant: int) -> None:

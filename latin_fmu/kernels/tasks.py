@@ -1,0 +1,249 @@
+"""Tasks of a march that threads share (``team``): the classes, and the points of the interfaces.
+
+Classes of substructures are independent of each other between two local stages. A class that is large against the
+others is not one task: the first thread takes its steps, and the threads share its pieces (``splits``).
+
+Over several instants the march of a class is repeated for every iterate (``march_window``). Where q of the class has
+changed negligibly up to some instant (criterion of ``interface_response``), its solution up to there is kept, and the
+march starts from the last kept state before. States are kept every isqrt(window) + 1 instants.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..compiled import kernel
+from .energy import account
+from .indicator import class_norms
+from .local_stage import points_stage
+from .matrices import probe, read_channels
+from .splits import leaf
+from .substructure import commit, interface_response, linear_response, predict
+from .team import ARGUMENTS, LINE, MARKS, claimed, close_region, end_task, next_ticket, open_region
+
+Array = NDArray[np.float64]
+
+PREDICT, RESPONSE, WINDOW, NORMS, END, END_OF_WINDOW, POINTS = range(7)
+"""Actions of ``task``."""
+CHUNK = 64
+"""Points of an interface in a task."""
+
+
+@kernel
+def task(pools: Any, action: int, t: int, a: int, b: int) -> None:
+    """Task t of an action: of the class t, or of the t-th chunk of points."""
+    if action == PREDICT:
+        predict(pools, t, a)
+    elif action == RESPONSE:
+        pools.moving[pools.classes[t].solved] = interface_response(pools, t, 0, a == 1)
+    elif action == WINDOW:
+        # the Python driver marches the classes without a factor
+        marched = march_window(pools, t, a, b) if pools.classes[t].factored == 1 else 0
+        pools.moving[pools.classes[t].solved] = marched
+    elif action == NORMS:
+        class_norms(pools, t, a)
+    elif action == END:
+        end_class(pools, t, a)
+    elif action == END_OF_WINDOW:
+        end_class_of_window(pools, t, a, b)
+    elif action == POINTS:
+        _chunk_stage(pools, t, a)
+
+
+@kernel
+def each_class(pools: Any, action: int, a: int, b: int) -> None:
+    """Do the tasks of an action on all classes."""
+    run, n = pools.run[0], len(pools.classes)
+    if run.threads <= 1 or run.n_alone == 0:
+        for c in range(n):
+            task(pools, action, c, a, b)
+        return
+    for c in range(n):
+        if pools.classes[c].split == 1:
+            task(pools, action, c, a, b)
+    ticket = open_region(pools, run.n_alone, action, 0, a, b, 0, 0.0)
+    _work(pools, ticket, 0)
+    close_region(pools)
+
+
+@kernel
+def each_point(pools: Any, window: int) -> None:
+    """Local stage over the window at all points."""
+    count = 0
+    for g in range(len(pools.groups)):
+        count += chunks(pools.groups[g].n_point)
+    if pools.run[0].threads <= 1 or count <= 1:
+        for g in range(len(pools.groups)):
+            points_stage(pools, g, window, 0, pools.groups[g].n_point)
+        return
+    ticket = open_region(pools, count, POINTS, 0, window, 0, 0, 0.0)
+    _work(pools, ticket, 0)
+    close_region(pools)
+
+
+@kernel
+def chunks(n_point: int) -> int:
+    """Chunks of so many points."""
+    return (n_point + CHUNK - 1) // CHUNK
+
+
+@kernel
+def _chunk_stage(pools: Any, t: int, window: int) -> None:
+    """Local stage of the t-th chunk of points."""
+    first = 0
+    for g in range(len(pools.groups)):
+        n_point = pools.groups[g].n_point
+        count = chunks(n_point)
+        if first <= t < first + count:
+            low = (t - first) * CHUNK
+            points_stage(pools, g, window, low, min(low + CHUNK, n_point))
+        first += count
+
+
+@kernel
+def _work(pools: Any, ticket: int, thread: int) -> None:
+    """Do tasks of a region until none is left."""
+    numbers = pools.moving_int
+    at = pools.run[0].team + ARGUMENTS + LINE * (ticket % 2)
+    n, action, c, a = numbers[at], numbers[at + 1], numbers[at + 2], numbers[at + 3]
+    b, d, factor = numbers[at + 4], numbers[at + 5], pools.moving[at + 6]
+    home = n * thread // pools.run[0].threads
+    order = pools.run[0].order
+    k = claimed(pools, ticket, n, home, 0)
+    while k < n:
+        t = (home + k) % n
+        if action < POINTS:
+            task(pools, action, numbers[order + t], a, b)
+        elif action == POINTS:
+            task(pools, action, t, a, b)
+        else:
+            leaf(pools, action, t, c, a, b, d, factor)
+        end_task(pools)
+        k = claimed(pools, ticket, n, home, k + 1)
+
+
+@kernel
+def serve(pools: Any, thread: int) -> None:
+    """Do tasks with the number ``thread`` of the run until the threads are dismissed."""
+    ticket = next_ticket(pools, 0)
+    while ticket > 0:
+        _work(pools, ticket, thread)
+        ticket = next_ticket(pools, ticket)
+
+
+@kernel
+def end_class(pools: Any, c: int, instant: int) -> None:
+    """End an instant solved as a window of its own for one class: motion, energies, probed velocities, displacements of
+    its channels. The tractions of the local stage act, so that action equals reaction to round-off; a class without
+    inertia takes the incoming quantity q, which determines the position of a floating body."""
+    run, work, row = pools.run[0], pools.moving, pools.classes[c]
+    flat = work[run.local_f : run.local_f + run.n_flat]
+    incoming = work[run.q : run.q + run.n_flat] if run.static == 1 else flat
+    marched = commit(pools, c, instant, incoming)
+    work[row.marched] += marched
+    acting = work[run.f : run.f + run.n_flat] if run.static == 1 else flat
+    after_class(pools, c, instant, acting, marched > 0)
+
+
+@kernel
+def after_class(pools: Any, c: int, instant: int, tractions: Array, marched: bool) -> None:
+    """Energies, probed velocities and channel displacements of a class at the end of an instant with tractions (N,)."""
+    run, work = pools.run[0], pools.moving
+    account(pools, c, instant, tractions, marched)
+    probe(pools, c, instant)
+    displacement = work[run.displacement : run.displacement + run.n_flat]
+    read_channels(pools, c, instant, 1.0, run.gap_offset, 0.0, True, displacement)
+    if run.layers == 1:
+        layer = work[run.layer : run.layer + run.n_flat]
+        read_channels(pools, c, instant, 1.0, run.gap_offset + run.layer_v, run.layer_a, False, layer)
+
+
+@kernel
+def end_class_of_window(pools: Any, c: int, instant: int, i: int) -> None:
+    """March a class over instant i of a window with the accepted q; energies and probes. The tractions of the linear
+    stage act: their dashpots k keep the two sides of an interface together."""
+    run, work, row = pools.run[0], pools.moving, pools.classes[c]
+    n = run.n_flat
+    q, w = work[run.q + i * n : run.q + (i + 1) * n], work[run.w + i * n : run.w + (i + 1) * n]
+    f = work[run.f + i * n : run.f + (i + 1) * n]
+    predict(pools, c, instant)
+    linear_response(pools, c, q, w)
+    for e in range(row.n_channel * row.m):
+        at = pools.fixed_int[row.channels + e]
+        f[at] = q[at] - pools.fixed[run.k + at] * w[at]
+    marched = commit(pools, c, instant, f)
+    work[row.marched] += marched
+    after_class(pools, c, instant, f, marched > 0)
+
+
+@kernel
+def stride_of(window: int) -> int:
+    """Instants between kept states, isqrt(window) + 1."""
+    stride = 1
+    while stride * stride <= window:
+        stride += 1
+    return stride
+
+
+@kernel
+def first_changed(pools: Any, c: int, window: int) -> int:
+    """First instant of the window whose q requires a new solution of the class; ``window`` where none does."""
+    row, run, work = pools.classes[c], pools.run[0], pools.moving
+    if work[row.known] == 0.0 or run.reuse < 0.0:
+        return 0
+    size, change = row.n_checked, 0.0
+    checked = pools.fixed_int[row.checked : row.checked + size]
+    weights = pools.fixed[run.weights : run.weights + run.n_flat]
+    level = run.reuse * max(pools.moving[run.scales], work[run.measure + 6]) * window / run.n_class
+    for i in range(window):
+        q, solved_q = work[run.q + i * run.n_flat : run.q + (i + 1) * run.n_flat], row.solved_q + i * size
+        for at in range(size):
+            moved = q[checked[at]] - work[solved_q + at]
+            change += weights[checked[at]] * moved * moved
+        if change > level:
+            return i
+    return window
+
+
+@kernel
+def march_window(pools: Any, c: int, window: int, first: int) -> int:
+    """W of the class for the q of the window, from the first instant on whose q has changed; substructure-instants
+    marched."""
+    row, run, work = pools.classes[c], pools.run[0], pools.moving
+    n, size, stride = run.n_flat, row.n_channel * row.m, stride_of(window)
+    channels = pools.fixed_int[row.channels : row.channels + size]
+    checked = pools.fixed_int[row.checked : row.checked + row.n_checked]
+    changed, marched = first_changed(pools, c, window), 0
+    for i in range(changed):
+        for at in range(size):
+            work[run.w + i * n + channels[at]] = work[row.solved_w + i * size + at]
+    if changed == window:
+        return 0
+    begin = changed // stride
+    for e in range(row.n_state):
+        pools.moving[row.state + e] = work[row.kept_states + begin * row.n_state + e]
+    for i in range(begin * stride, window):
+        if i % stride == 0 and i > 0:
+            kept = row.kept_states + (i // stride) * row.n_state
+            for e in range(row.n_state):
+                work[kept + e] = pools.moving[row.state + e]
+        q, f = work[run.q + i * n : run.q + (i + 1) * n], work[run.f + i * n : run.f + (i + 1) * n]
+        w = work[run.w + i * n : run.w + (i + 1) * n]
+        predict(pools, c, first + i)
+        linear_response(pools, c, q, w)
+        for at in range(size):
+            f[channels[at]] = q[channels[at]] - pools.fixed[run.k + channels[at]] * w[channels[at]]
+        marched += commit(pools, c, first + i, f)
+        for at in range(size):
+            if i < changed:
+                w[channels[at]] = work[row.solved_w + i * size + at]
+            else:
+                work[row.solved_w + i * size + at] = w[channels[at]]
+        if i >= changed:
+            for at in range(row.n_checked):
+                work[row.solved_q + i * row.n_checked + at] = q[checked[at]]
+    work[row.known] = 1.0
+    return marched
