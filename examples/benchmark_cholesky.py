@@ -22,8 +22,9 @@ from numpy.typing import NDArray
 
 from latin_fmu.cholesky.factor import CholeskyFactor
 from latin_fmu.cholesky.symbolic import analyse
+from latin_fmu.fem.dissection import nested_dissection
 from latin_fmu.fem.elements import Elements, mass, stiffness
-from latin_fmu.fem.mesh import box_mesh, nested_dissection
+from latin_fmu.fem.mesh import box_mesh
 from latin_fmu.machine import one_thread
 
 Array = NDArray[np.float64]

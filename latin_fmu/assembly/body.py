@@ -12,6 +12,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..errors import MeshError, Problem, Problems, shown
+from ..fem.dissection import dissection
 from ..fem.elements import (
     BENDING_CELLS,
     Elements,
@@ -26,7 +27,7 @@ from ..fem.elements import (
 )
 from ..fem.faces import Face, face_of, nodal_values
 from ..fem.location import Location, MeanMotion, locate, nearest_surface_point
-from ..fem.mesh import Array, FacetSet, Index, Mesh, boundary, box_mesh, dissection, nearest
+from ..fem.mesh import Array, FacetSet, Index, Mesh, boundary, box_mesh, nearest
 from ..fem.stress import MeanStress, Recovery
 from ..fem.surface import Surface
 from ..latin.assembly import InterfaceUnit, Layout

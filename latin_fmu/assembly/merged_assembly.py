@@ -18,7 +18,8 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 from scipy.sparse.csgraph import connected_components
 
-from ..fem.mesh import Array, CellBlock, Index, Mesh, cell_blocks, nested_dissection
+from ..fem.dissection import nested_dissection
+from ..fem.mesh import Array, CellBlock, Index, Mesh, cell_blocks
 from ..latin.assembly import InterfaceUnit
 from ..latin.recorder import SubstructureInfo
 from ..propagator import Histories, LoadTerm, SubstructureModel

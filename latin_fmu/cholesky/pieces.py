@@ -144,10 +144,8 @@ def _take_vectors(tree: _Tree, piece: Piece, slot: int, free: int) -> int:
     """Give a piece and those below it their vectors, and the rows that sums in those reach; the next free vector."""
     piece.slot, rows = slot, [tree.rows_of(piece)]
     for i, child in enumerate(piece.children):
-        if i == 0:
-            free = _take_vectors(tree, child, slot, free)
-        else:
-            free = _take_vectors(tree, child, free, free + 1)
+        own = slot if i == 0 else free
+        free = _take_vectors(tree, child, own, max(free, own + 1))
         rows.append(child.rows)
     piece.rows = np.setdiff1d(np.unique(np.concatenate(rows)), tree.columns_of(piece))
     return free
@@ -164,8 +162,8 @@ def _ranges(piece: Piece) -> Index:
 
 
 def _cleared(tree: _Tree, top: Piece, piece: Piece) -> Index:
-    """Entries that the lowest piece of a vector sets to zero: those that sums reach, and the columns of the pieces above
-    it with the same vector."""
+    """Entries that the lowest piece of a vector sets to zero: those that sums reach, and the columns of the pieces
+    above it with the same vector."""
     if piece.slot == 0 or piece.children:
         return np.zeros(0, dtype=np.int64)
     above, reached = piece, [piece.rows]

@@ -1,4 +1,4 @@
-"""Meshes of one substructure: nodes, blocks of cells, named faces; nearest nodes, elimination order."""
+"""Meshes of one substructure: nodes, blocks of cells, named faces; nearest nodes."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from .reference_cells import CELL_FACES, CELL_OF_N_NODE, FACET_CORNERS, FACET_KIND, HEX_FACES
@@ -16,7 +15,6 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 BOX_FACES = ("xmin", "xmax", "ymin", "ymax", "zmin", "zmax")
 _FEW: Final = 300_000  # pairs of points up to which all distances cost less than to load SciPy's tree
-_LEAF = 24
 
 
 @dataclass(frozen=True)
@@ -219,45 +217,3 @@ def nearest(points: Array, candidates: Array) -> tuple[Array, Index]:
 
     distance, number = cKDTree(candidates).query(points)
     return np.atleast_1d(np.asarray(distance, dtype=float)), np.atleast_1d(np.asarray(number, dtype=np.int64))
-
-
-def nested_dissection(mesh: Mesh) -> Array:
-    """Elimination rank of each node, (n_node,): halves first, the nodes between them last, recursively."""
-    return dissection(mesh)[0]
-
-
-def dissection(mesh: Mesh) -> tuple[Array, Array]:
-    """The rank of ``nested_dissection``, and for each node the rank behind the leaf or separator that it belongs to,
-    (n_node,) each: nodes of one part may be eliminated in any order among themselves."""
-    n = mesh.n_node
-    rows = np.concatenate([np.repeat(b.cells, b.cells.shape[1], axis=1).ravel() for b in mesh.blocks])
-    columns = np.concatenate([np.tile(b.cells, (1, b.cells.shape[1])).ravel() for b in mesh.blocks])
-    graph = sp.coo_array((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(n, n)).tocsr()
-    order = np.empty(n, dtype=np.int64)
-    behind = np.empty(n)
-    side = np.zeros(n, dtype=np.int8)  # 1 and 2: the halves at hand
-    stack: list[tuple[Index, int]] = [(np.arange(n, dtype=np.int64), n)]
-    while stack:  # each entry fills order[end - len : end]
-        part, end = stack.pop()
-        if len(part) <= _LEAF:
-            order[end - len(part) : end] = part
-            behind[part] = end
-            continue
-        x = mesh.nodes[part]
-        axis = int(np.argmax(np.ptp(x, axis=0)))
-        upper = x[:, axis] > np.median(x[:, axis])
-        if not upper.any():
-            upper = np.arange(len(part)) >= len(part) // 2
-        high, low = part[upper], part[~upper]
-        side[high] = 1
-        touches = (graph[low] @ side.astype(np.float64)) > 0
-        side[high] = 0
-        between, low = low[touches], low[~touches]
-        order[end - len(between) : end] = between
-        behind[between] = end
-        end -= len(between)
-        stack.append((high, end))
-        stack.append((low, end - len(high)))
-    rank = np.empty(n)
-    rank[order] = np.arange(n)
-    return rank, behind

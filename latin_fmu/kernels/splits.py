@@ -81,7 +81,7 @@ def sweep(
     """Forward or backward substitution through the supernodes from ``low`` to ``high``, in place, of one vector or tile
     at ``at``; ``tile`` : place of scratch."""
     row, work, numbers = pools.classes[c], pools.moving, pools.fixed_int
-    n, n_super = row.n, row.n_super
+    n = row.n
     first = numbers[row.first + low : row.first + high + 1]
     row_start = numbers[row.row_start + low : row.row_start + high + 1]
     panel_start = numbers[row.panel_start + low : row.panel_start + high + 1]
@@ -336,7 +336,9 @@ def dense(pools: Any, c: int, n: int, matrix: Array, plain: int, m: int, x: Arra
         product(n, matrix, plain, m, x, out, tile_of(pools.classes[c], pools.moving))
         return
     table = place_in(pools.fixed, matrix)
-    each_leaf(pools, tiles(m), DENSE, c, table, place_in(pools.moving, x), place_in(pools.moving, out), m + n * MOST)
+    each_leaf(
+        pools, tiles(m), DENSE, c, table, place_in(pools.moving, x), place_in(pools.moving, out), 1.0 * (m + n * MOST)
+    )
 
 
 @kernel

@@ -22,7 +22,7 @@ from .local_stage import points_stage
 from .matrices import probe, read_channels
 from .splits import leaf
 from .substructure import commit, interface_response, linear_response, predict
-from .team import ARGUMENTS, LINE, MARKS, claimed, close_region, end_task, next_ticket, open_region
+from .team import ARGUMENTS, LINE, claimed, close_region, end_task, next_ticket, open_region
 
 Array = NDArray[np.float64]
 

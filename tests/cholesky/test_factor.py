@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 from latin_fmu.cholesky.factor import CholeskyFactor, CondensedFactor, interface_factor
 from latin_fmu.cholesky.symbolic import analyse
 from latin_fmu.errors import LatinError, SolverError
+from latin_fmu.fem.dissection import dissection, nested_dissection
 from latin_fmu.fem.elements import Elements, mass, stiffness
 from latin_fmu.fem.faces import face
-from latin_fmu.fem.mesh import box_mesh, dissection, nested_dissection
+from latin_fmu.fem.mesh import box_mesh
 
 if os.environ.get("LATIN_FMU_COMPILE", "1") == "0":
     pytest.skip("the Cholesky factor is compiled", allow_module_level=True)

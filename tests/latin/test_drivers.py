@@ -13,7 +13,6 @@ import latin_fmu
 from latin_fmu.assembly.segments import SegmentedRun
 from latin_fmu.compiled import PLAIN
 from latin_fmu.latin import windows
-from latin_fmu.latin.run_image import distributed
 from latin_fmu.stability.scenes import ALUMINIUM, STEEL, Box, column, half_sine
 
 pytestmark = pytest.mark.skipif(PLAIN, reason="the kernels of a run are plain Python: too slow")
@@ -386,24 +385,6 @@ def test_segments_and_snapshots_of_layers(change: Callable[[Tables], None], pyth
             np.testing.assert_array_equal(cut, ends[False, name])
 
 
-@pytest.mark.parametrize(
-    "change", [unlike, thrown, driven_face, frictionless, layers], ids=lambda change: change.__name__
-)
-def test_threads_change_nothing(change: Callable[[Tables], None]) -> None:
-    """To the last bit."""
-    outcomes = []
-    for threads in (1, 2, 3):
-        tables = stack(4)
-        change(tables)
-        tables["solver"]["threads"] = threads
-        outcomes.append(latin_fmu.solve(latin_fmu.scene_from_dict(tables)).outcome)
-    for other in outcomes[1:]:
-        assert other.marched == outcomes[0].marched
-        for name, history in outcomes[0].interfaces.items():
-            for field in ("traction", "velocity", "gap"):
-                np.testing.assert_array_equal(getattr(history, field), getattr(other.interfaces[name], field))
-
-
 @pytest.mark.parametrize("change", [thrown, layers, explicit_layers], ids=lambda change: change.__name__)
 def test_the_length_of_a_call_changes_nothing(
     change: Callable[[Tables], None], monkeypatch: pytest.MonkeyPatch
@@ -419,12 +400,6 @@ def test_the_length_of_a_call_changes_nothing(
     for name, history in outcomes[0].interfaces.items():
         for other in outcomes[1:]:
             np.testing.assert_array_equal(history.traction, other.interfaces[name].traction)
-
-
-def test_classes_are_distributed_by_cost() -> None:
-    hands = distributed([1.0, 8.0, 2.0, 5.0], 2)
-    assert [hand.tolist() for hand in hands] == [[1], [0, 2, 3]]
-    assert len(distributed([1.0], 4)) == 1
 
 
 def test_an_instant_that_needs_a_fall_back_is_solved_from_python(python_driver: Callable[[], None]) -> None:

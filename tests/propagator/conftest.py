@@ -11,9 +11,10 @@ import pytest
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from latin_fmu.fem.dissection import nested_dissection
 from latin_fmu.fem.elements import Elements, mass, stiffness
 from latin_fmu.fem.faces import face
-from latin_fmu.fem.mesh import Mesh, box_mesh, nested_dissection
+from latin_fmu.fem.mesh import Mesh, box_mesh
 from latin_fmu.interface.geometry import local_frames
 from latin_fmu.propagator import DirectPropagator, Histories, LoadTerm, SubstructureModel
 from latin_fmu.time_scheme import HHT, Newmark, TimeScheme
