@@ -1,4 +1,5 @@
-"""A large factor in pieces that several threads can take: sets of supernodes cut from the elimination tree.
+"""A large factor in pieces that several threads can take: sets of supernodes cut from the elimination tree; a matrix
+in parts of its rows.
 
 The tree is cut twice. Its upper supernodes make the trunk, as few of them as leave two halves of about the same size
 below; each half is cut in the same way. Pieces of one level are coupled by supernodes above them alone. The cuts depend
@@ -8,17 +9,18 @@ on the factor, not on the number of threads.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
+import scipy.sparse as sp
 
+from .substitution import STRIDE
 from .symbolic import Index, Symbolic, running_sum
 
 SMALLEST: Final = 200_000
 """Numbers of the panels from which on a factor is cut; those of each piece are at least a tenth of it."""
 DEPTH: Final = 2
-SLOT, RANGES, CLEARED, CHILDREN, FRONT, STRIDE = 0, 1, 3, 5, 7, 9
-"""Numbers of a piece in the table: its vector, then place and length of its lists."""
 _BALANCE = 0.56  # of the rest, the larger half at most
 _TRUNK = 0.5  # of all, the trunk at most
 
@@ -181,3 +183,15 @@ def _parent(top: Piece, piece: Piece) -> Piece | None:
 
 def _numbers(piece: Piece) -> Index:
     return np.array([child.number for child in piece.children], dtype=np.int64)
+
+
+def row_parts(matrix: sp.csr_array, count: int) -> Index:
+    """Rows of a symmetric matrix in parts with equal numbers of entries (count, 3): first row, last row + 1, least
+    column."""
+    n, starts = matrix.shape[0], matrix.indptr
+    cuts = np.searchsorted(starts, np.linspace(0, starts[-1], count + 1)[1:-1])
+    table = []
+    for low, high in pairwise([0, *cuts.tolist(), n]):
+        columns = matrix.indices[starts[low] : starts[high]]
+        table.append([low, high, min(int(columns.min(initial=n)), low)])
+    return np.array(table, dtype=np.int64)

@@ -24,6 +24,8 @@ TILED: Final = 3
 """Number of members from which on eight at a time cost less than one after the other."""
 SPARE: Final = 4
 """Rows of eight that scratch has beyond those of the dofs."""
+SLOT, RANGES, CLEARED, CHILDREN, FRONT, STRIDE = 0, 1, 3, 5, 7, 9
+"""Numbers of a piece of a factor in its table (``pieces``): its vector, then place and length of its lists."""
 
 _FACE = "i8[::1], i8[::1], i8[::1], i8[::1], i8[::1]"
 _SWEEP = f"b1, {_FACE}"

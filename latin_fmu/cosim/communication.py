@@ -43,7 +43,8 @@ from numpy.typing import NDArray
 from ..assembly.segments import SegmentedRun
 from ..errors import InputError, Problem
 from ..kernels import entries
-from ..kernels.records import CLASS, GROUP, RUN, Pools
+from ..kernels.entries import Pools
+from ..kernels.records import CLASS, GROUP, RUN
 from ..latin.record import Array, Timings
 from ..latin.recorder import Recorder
 from ..latin.windows import Run

@@ -99,13 +99,13 @@ def _middle(x: Array, graph: tuple[Index, Index]) -> Index:
 def _better(x: Array, graph: tuple[Index, Index], side: Index) -> Index | None:
     """A clearly better cut than ``side``; None where there is none."""
     n = len(x)
-    now = _score(np.count_nonzero(side == 1), np.count_nonzero(side == 0), np.count_nonzero(side == 2))
+    now = _score(*(int(np.count_nonzero(side == value)) for value in (1, 0, 2)))
     best, lower = min((_best_cut(graph, values) for values in _candidates(x)), key=lambda found: found[0])
     if best > now:
         return None
     side = np.where(lower, 0, 2)
     side[_cover(graph, lower)] = 1
-    low, between, high = np.bincount(side, minlength=3)[:3]
+    low, between, high = np.bincount(side, minlength=3)[:3].tolist()
     return side if low and high and n > low and _score(between, low, high) < _BETTER * now else None
 
 

@@ -6,7 +6,10 @@ common is compiled once.
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ..compiled import entry, fields, kernel, share
 from .communication import communicate, present
@@ -58,7 +61,7 @@ from .newton import (
     trial_size,
 )
 from .outputs import gather_fields
-from .records import CLASS, GROUP, RUN, Pools
+from .records import CLASS, GROUP, RUN
 from .substructure import advance, commit, free_load, free_velocity, interface_load, linear_response, predict
 from .tasks import after_class, end_class, serve
 
@@ -116,6 +119,23 @@ from .tasks import after_class, end_class, serve
     SERVE,
 ) = range(51)
 """Actions of ``call``."""
+
+Array = NDArray[np.float64]
+
+
+class Pools(NamedTuple):
+    """Records and the two blocks of memory as kernels take them; names with an ending are views of the same block."""
+
+    run: NDArray[Any]  # (1,) of RUN
+    classes: NDArray[Any]  # (n_class,) of CLASS
+    groups: NDArray[Any]  # (n_group,) of GROUP
+    fixed: Array  # constants and direction
+    fixed_int: NDArray[np.int64]
+    fixed_col: NDArray[np.uint32]
+    fixed_single: NDArray[np.float32]
+    moving: Array  # histories, state, work, output
+    moving_int: NDArray[np.int64]
+
 
 _ITEM: Final = "f8[::1], i8[::1]"
 POOLS: Final = fields(

@@ -23,19 +23,14 @@ unknown in the local frame: one component (N, t1 or t2) at one point of one side
 
 from __future__ import annotations
 
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
 Field = tuple[str, str]  # name, meaning with shape, pool and unit
 
 DIRECT, EXPLICIT, STATIC = 0, 1, 2
 """Kinds of motion of a class: implicit (a reduced body is one), central differences, without inertia."""
-
-LINE: Final = 8
-"""Numbers in a line of the cache: arrays begin on one."""
 
 # an array of matrix entries in compressed rows: starts (rows + 1,) int64, columns uint32, values
 _MATRIX: Final = (
@@ -102,7 +97,6 @@ CLASS_FIELDS: Final[tuple[Field, ...]] = (
     ("face", "constants, int64 (g,) of swept classes: place of the interface dofs in elimination order"),
     ("component", "constants, int64 (c,) of swept classes: 0 for normal channels, 1 for others"),
     ("k_panels", "direction of swept classes: panels of the operator with the dashpots k on the interfaces"),
-    # pieces of a large factor (``splits``)
     ("n_piece", "pieces, 0 where the factor is small"),
     ("n_level", "levels of the tree of pieces"),
     ("pieces", "constants, int64: n_level + 1 first pieces, then the pieces, then their lists (``splits``)"),
@@ -454,17 +448,3 @@ def _dtype(integers: tuple[Field, ...], numbers: tuple[Field, ...] = ()) -> np.d
 CLASS: Final = _dtype(CLASS_FIELDS)
 GROUP: Final = _dtype(GROUP_FIELDS)
 RUN: Final = _dtype(RUN_FIELDS, RUN_NUMBERS)
-
-
-class Pools(NamedTuple):
-    """Records and the two blocks of memory as kernels take them; names with an ending are views of the same block."""
-
-    run: NDArray[Any]  # (1,) of RUN
-    classes: NDArray[Any]  # (n_class,) of CLASS
-    groups: NDArray[Any]  # (n_group,) of GROUP
-    fixed: Array  # constants and direction
-    fixed_int: NDArray[np.int64]
-    fixed_col: NDArray[np.uint32]
-    fixed_single: NDArray[np.float32]
-    moving: Array  # histories, state, work, output
-    moving_int: NDArray[np.int64]

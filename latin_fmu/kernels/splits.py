@@ -19,8 +19,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cholesky.pieces import CHILDREN, CLEARED, FRONT, RANGES, SLOT, STRIDE
-from ..cholesky.substitution import LANES, SPARE, TILED, backward_one, backward_tile, forward_one, forward_tile
+from ..cholesky.substitution import (
+    CHILDREN,
+    CLEARED,
+    FRONT,
+    LANES,
+    RANGES,
+    SLOT,
+    SPARE,
+    STRIDE,
+    TILED,
+    backward_one,
+    backward_tile,
+    forward_one,
+    forward_tile,
+)
 from ..compiled import kernel
 from .products import add_symmetric, dense_tile, gather, half_product, packed_product, product, sparse_rows
 from .team import PARTS, claimed, close_region, end_task, open_region, place_in

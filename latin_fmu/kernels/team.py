@@ -22,6 +22,7 @@ from typing import Any, Final
 from ..compiled import kernel, lazy_intrinsic
 
 LINE: Final = 8
+"""Numbers in a line of the cache: arrays begin on one."""
 TICKET, DONE, DISMISSED, ARGUMENTS, OPENED, MARKS = 0, LINE, 2 * LINE, 3 * LINE, 5 * LINE, 6 * LINE
 """Places of the numbers of the team."""
 PATIENCE: Final = 4000
@@ -33,10 +34,11 @@ PARTS: Final = 4
 def _pointer(context: Any, builder: Any, signature: Any, values: Any) -> Any:
     """Address of entry ``values[1]`` of the array ``values[0]``."""
     from numba.core import cgutils
-    from numba.np.arrayobj import make_array
+    from numba.np import arrayobj
 
-    array: Any = make_array(signature.args[0])(context, builder, values[0])
     tools: Any = cgutils
+    arrays: Any = arrayobj
+    array = arrays.make_array(signature.args[0])(context, builder, values[0])
     return tools.gep(builder, array.data, values[1])
 
 
@@ -89,10 +91,11 @@ def _place(_context: Any, block: Any, part: Any) -> Any:
     from numba import types
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        from numba.np.arrayobj import make_array
+        from numba.np import arrayobj
 
+        arrays: Any = arrayobj
         first, second = (
-            builder.ptrtoint(make_array(kind)(context, builder, value).data, context.get_value_type(types.int64))
+            builder.ptrtoint(arrays.make_array(kind)(context, builder, value).data, context.get_value_type(types.int64))
             for kind, value in zip(signature.args, values, strict=True)
         )
         return builder.sdiv(builder.sub(second, first), context.get_constant(types.int64, 8))
@@ -122,10 +125,10 @@ def _place_in_python(block: Any, part: Any) -> int:
     return int(part.ctypes.data - block.ctypes.data) // 8
 
 
-load: Any = lazy_intrinsic(_load, _load_in_python)
-store: Any = lazy_intrinsic(_store, _store_in_python)
-add: Any = lazy_intrinsic(_changed("add"), _add_in_python)
-largest: Any = lazy_intrinsic(_changed("max"), _largest_in_python)
+read_shared: Any = lazy_intrinsic(_load, _load_in_python)
+write_shared: Any = lazy_intrinsic(_store, _store_in_python)
+add_shared: Any = lazy_intrinsic(_changed("add"), _add_in_python)
+raise_shared: Any = lazy_intrinsic(_changed("max"), _largest_in_python)
 give_way: Any = lazy_intrinsic(_yield, lambda: None)
 place_in: Any = lazy_intrinsic(_place, _place_in_python)
 """Place of an array in a block of memory, both of numbers of 8 bytes: ``place_in(block, array)``."""
@@ -141,7 +144,7 @@ def open_region(pools: Any, n: int, action: int, c: int, a: int, b: int, d: int,
     numbers[at + 4], numbers[at + 5] = b, d
     pools.moving[at + 6] = factor
     numbers[team + OPENED] += n
-    store(numbers, team + TICKET, ticket)
+    write_shared(numbers, team + TICKET, ticket)
     return int(ticket)
 
 
@@ -152,9 +155,9 @@ def claimed(pools: Any, ticket: int, n: int, home: int, k: int) -> int:
     team, numbers = pools.run[0].team, pools.moving_int
     while k < n:
         mark = team + MARKS + LINE * ((home + k) % n)
-        if load(numbers, mark) < ticket and largest(numbers, mark, ticket) < ticket:
+        if read_shared(numbers, mark) < ticket and raise_shared(numbers, mark, ticket) < ticket:
             # a thread that is late may have read the arguments of a later region
-            return k if load(numbers, team + TICKET) == ticket else n
+            return k if read_shared(numbers, team + TICKET) == ticket else n
         k += 1
     return n
 
@@ -162,14 +165,14 @@ def claimed(pools: Any, ticket: int, n: int, home: int, k: int) -> int:
 @kernel
 def end_task(pools: Any) -> None:
     """Count a task as done."""
-    add(pools.moving_int, pools.run[0].team + DONE, 1)
+    add_shared(pools.moving_int, pools.run[0].team + DONE, 1)
 
 
 @kernel
 def close_region(pools: Any) -> None:
     """Wait until all tasks are done."""
     team, numbers, looks = pools.run[0].team, pools.moving_int, 0
-    while load(numbers, team + DONE) < numbers[team + OPENED]:
+    while read_shared(numbers, team + DONE) < numbers[team + OPENED]:
         looks += 1
         if looks > PATIENCE:
             give_way()
@@ -180,10 +183,10 @@ def next_ticket(pools: Any, last: int) -> int:
     """Ticket of the next region after ``last``, as soon as there is one; 0 where the threads are dismissed."""
     team, numbers, looks = pools.run[0].team, pools.moving_int, 0
     while True:
-        ticket = load(numbers, team + TICKET)
+        ticket = read_shared(numbers, team + TICKET)
         if ticket > last:
             return int(ticket)
-        if load(numbers, team + DISMISSED) == 1:
+        if read_shared(numbers, team + DISMISSED) == 1:
             return 0
         looks += 1
         if looks > PATIENCE:

@@ -1,27 +1,20 @@
-"""The image of a run for the kernels: its records and blocks of memory, the stages of a window on it, its threads.
+"""The image of a run for the kernels: its records and blocks of memory, the stages of a window on it.
 
 The record of the run holds the rules of the iteration, those of the groups the interfaces, those of the classes the
-substructures (``kernels.records``). Classes of substructures are independent of each other between two local stages:
-they are distributed over the given number of threads, the costliest first; a class that is large against the others is
-shared by all threads. Results are equal to the last bit with any number of threads (``kernels.team``).
+substructures (``kernels.records``).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 
-from ..cholesky.substitution import LANES
-from ..compiled import PLAIN
 from ..kernels import entries
 from ..kernels.laws import LAWS
 from ..kernels.newton import ACTIVE, DECREASE, HALVINGS, LEFT, MADE, SIZE
-from ..kernels.team import DISMISSED
 from ..propagator.image import Image
 from .assembly import Array, Assembly, Index
 from .probes import Probes
@@ -217,79 +210,6 @@ def continuation(assembly: Assembly) -> Array:
     part[:2] = 1.0  # at the start of a run there are no velocities; a segment continues the one before
     share: Array = np.clip(part, 0.0, 1.0)
     return share
-
-
-_IDLE = 20_000  # numbers that an instant reads, below which a thread costs more than it gives
-_APART = 1.1  # longest share of the classes of a thread, over the mean, up to which no class is shared by the threads
-
-
-def distributed(costs: Sequence[float], threads: int, large: Collection[int]) -> list[Index]:
-    """Numbers of the classes of each thread; those of the ``large`` ones that would leave other threads idle are in
-    none: all threads share them.
-
-    >>> [part.tolist() for part in distributed([4.0, 3.0, 3.0, 2.0], 2, ())]
-    [[0, 3], [1, 2]]
-    >>> [part.tolist() for part in distributed([9.0, 3.0, 3.0], 2, (0,))]
-    [[1], [2]]
-    """
-    left = sorted(range(len(costs)), key=lambda c: -costs[c])
-    while True:
-        parts: list[list[int]] = [[] for _ in range(threads)]
-        loads = [0.0] * threads
-        for c in left:
-            lightest = loads.index(min(loads))
-            parts[lightest].append(c)
-            loads[lightest] += costs[c]
-        costliest = next((c for c in left if c in large), None)
-        if costliest is None or max(loads) <= _APART * sum(loads) / threads:
-            return [np.array(part, dtype=np.int64) for part in parts]
-        left.remove(costliest)
-
-
-def _cost(row: Mapping[str, int]) -> float:
-    """Numbers that an instant of a class reads, about."""
-    interface = 2 * row["n_panels"] if row.get("swept") else 2 * row["n_live"] ** 2 + row["n_inner"] ** 2
-    return float(row["m"] * (2 * row.get("n_panels", 0) + interface + 60 * row["n"]))
-
-
-class Team:
-    """Threads of one run (``kernels.team``): while a call of the kernels is at work, the others wait in it for tasks.
-
-    Parameters
-    ----------
-    image : of the run. count : number of threads.
-    """
-
-    def __init__(self, image: Image, count: int) -> None:
-        self._image, self._busy = image, False
-        self._pool: ThreadPoolExecutor | None = None
-        costs = [_cost(image.row(c)) for c in range(len(image.propagators))]
-        if count == 1 or PLAIN or sum(costs) < _IDLE:
-            image.use_threads(1, [])
-            return
-        rows = [image.row(c) for c in range(len(costs))]
-        large = [c for c, row in enumerate(rows) if row["n_piece"] or row["m"] == 2 or row["m"] > LANES]
-        image.use_threads(count, distributed(costs, count, large))
-        self._pool = ThreadPoolExecutor(count - 1, thread_name_prefix="latin-fmu")
-        self._others = range(1, count)
-
-    @contextmanager
-    def at_work(self) -> Iterator[None]:
-        """Context of calls of the kernels that the threads share."""
-        if self._pool is None or self._busy:
-            yield
-            return
-        self._busy = True
-        numbers = self._image.counts("team", DISMISSED + 1)
-        self._image.write()
-        numbers[DISMISSED] = 0
-        waiting = [self._pool.submit(self._image.call, entries.SERVE, thread) for thread in self._others]
-        try:
-            yield
-        finally:
-            numbers[DISMISSED], self._busy = 1, False
-            for one in waiting:
-                one.result()
 
 
 _ITERATE = ("q", "local_f", "local_w", "r", "measure")  # fields of the image that make an iterate

@@ -1,27 +1,111 @@
-"""State of a run between windows: image and search directions, what is recorded, segments of time, snapshots."""
+"""State of a run between windows: image, search directions, threads, what is recorded, segments of time, snapshots."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 
+from ..cholesky.substitution import LANES
+from ..compiled import PLAIN
 from ..kernels import entries
-from .assembly import Array, Assembly
+from ..kernels.team import DISMISSED
+from ..propagator.image import Image
+from .assembly import Array, Assembly, Index
 from .initial_conditions import initial_conditions
 from .instant_solve import PerfectInterfaceSolve
 from .probes import Probes
 from .processes import Exchange, Processes, SharedStages, check_newton, checked_channels, own_part
 from .record import Timings
 from .recorder import Recorder
-from .run_image import Stages, Team, all_in_kernels, histories, make_image, negligible_scales, still
+from .run_image import Stages, all_in_kernels, histories, make_image, negligible_scales, still
 from .search_direction import Direction
 from .settings import Settings
 from .status import WindowList, status, with_energy
 
 ONE, LONG = 1, 2  # keys of the search directions in the image: windows of one instant, longer ones
 SAMPLED = 64  # instants between two samples of the states, wherever the calls of the kernels end
+
+
+_IDLE = 20_000  # numbers that an instant reads, below which a thread costs more than it gives
+_APART = 1.1  # longest share of the classes of a thread, over the mean, up to which no class is shared by the threads
+
+
+def distributed(costs: Sequence[float], threads: int, large: Collection[int]) -> list[Index]:
+    """Numbers of the classes of each thread; those of the ``large`` ones that would leave other threads idle are in
+    none: all threads share them.
+
+    >>> [part.tolist() for part in distributed([4.0, 3.0, 3.0, 2.0], 2, ())]
+    [[0, 3], [1, 2]]
+    >>> [part.tolist() for part in distributed([9.0, 3.0, 3.0], 2, (0,))]
+    [[1], [2]]
+    """
+    left = sorted(range(len(costs)), key=lambda c: -costs[c])
+    while True:
+        parts: list[list[int]] = [[] for _ in range(threads)]
+        loads = [0.0] * threads
+        for c in left:
+            lightest = loads.index(min(loads))
+            parts[lightest].append(c)
+            loads[lightest] += costs[c]
+        costliest = next((c for c in left if c in large), None)
+        if costliest is None or max(loads) <= _APART * sum(loads) / threads:
+            return [np.array(part, dtype=np.int64) for part in parts]
+        left.remove(costliest)
+
+
+def _cost(row: Mapping[str, int]) -> float:
+    """Numbers that an instant of a class reads, about."""
+    interface = 2 * row["n_panels"] if row.get("swept") else 2 * row["n_live"] ** 2 + row["n_inner"] ** 2
+    return float(row["m"] * (2 * row.get("n_panels", 0) + interface + 60 * row["n"]))
+
+
+class Team:
+    """Threads of one run (``kernels.team``): while a call of the kernels is at work, the others wait in it for tasks.
+
+    Parameters
+    ----------
+    image : of the run. count : number of threads.
+    """
+
+    def __init__(self, image: Image, count: int) -> None:
+        self._image, self._busy = image, False
+        self._pool: ThreadPoolExecutor | None = None
+        costs = [_cost(image.row(c)) for c in range(len(image.propagators))]
+        if count == 1 or PLAIN or sum(costs) < _IDLE:
+            image.use_threads(1, [])
+            return
+        rows = [image.row(c) for c in range(len(costs))]
+        large = [c for c, row in enumerate(rows) if row["n_piece"] or row["m"] == 2 or row["m"] > LANES]
+        image.use_threads(count, distributed(costs, count, large))
+        self._pool = ThreadPoolExecutor(count - 1, thread_name_prefix="latin-fmu")
+        self._others = range(1, count)
+
+    @property
+    def several(self) -> bool:
+        """Whether there is more than one thread."""
+        return self._pool is not None
+
+    @contextmanager
+    def at_work(self) -> Iterator[None]:
+        """Context of calls of the kernels that the threads share."""
+        if self._pool is None or self._busy:
+            yield
+            return
+        self._busy = True
+        numbers = self._image.counts("team", DISMISSED + 1)
+        self._image.write()
+        numbers[DISMISSED] = 0
+        waiting = [self._pool.submit(self._image.call, entries.SERVE, thread) for thread in self._others]
+        try:
+            yield
+        finally:
+            numbers[DISMISSED], self._busy = 1, False
+            for one in waiting:
+                one.result()
 
 
 class RunState:

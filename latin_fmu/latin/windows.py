@@ -168,7 +168,7 @@ class Run(RunState):
     @property
     def on_threads(self) -> bool:
         """Whether the substructures are distributed over threads."""
-        return self._threads.several
+        return self._team.several
 
     def _solve_bonds_directly(self) -> None:
         """Start every instant with the solution of its perfect interfaces, one linear solve; there are no others."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from itertools import pairwise
 from types import MappingProxyType
 from typing import Any
 
@@ -13,15 +12,15 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from ..cholesky.factor import CholeskyFactor, DiagonalFactor
-from ..cholesky.pieces import pieces
+from ..cholesky.pieces import pieces, row_parts
 from ..cholesky.substitution import LANES, SPARE, TILED
 from ..kernels.energy import FIELDS
 from ..kernels.energy_parts import N_TERM
 from ..kernels.krylov import SMALL, VECTORS
 from ..kernels.newton import SCRATCH
 from ..kernels.products import lower_count, lower_pattern, lower_values, pack_triangle, padded
-from ..kernels.records import DIRECT, EXPLICIT, LINE, STATIC
-from ..kernels.team import PARTS
+from ..kernels.records import DIRECT, EXPLICIT, STATIC
+from ..kernels.team import LINE, PARTS
 from .forcing import SUMS, Sum
 from .model import Array, Index
 
@@ -105,7 +104,7 @@ def put_symmetric(block: Block, row: Row, name: str, matrix: sp.csr_array | None
     if matrix is None:
         return
     if row["n_piece"]:
-        row[f"{name}_parts"] = block.put(_parts(matrix), np.int64)
+        row[f"{name}_parts"] = block.put(row_parts(matrix, PARTS), np.int64)
     if row["m"] >= TILED:
         put_matrix(block, row, name, matrix)
         return
@@ -122,18 +121,6 @@ def put_symmetric(block: Block, row: Row, name: str, matrix: sp.csr_array | None
     )
     row[f"{name}_rows"], row[f"{name}_starts"], row[f"{name}_columns"] = n, starts, 2 * columns
     row[f"{name}_values"], row[f"{name}_diagonal"] = values, diagonal
-
-
-def _parts(matrix: sp.csr_array) -> Index:
-    """Rows of a symmetric matrix in parts with equal numbers of entries (PARTS, 3): first row, last row + 1, least
-    column."""
-    n, starts = matrix.shape[0], matrix.indptr
-    cuts = np.searchsorted(starts, np.linspace(0, starts[-1], PARTS + 1)[1:-1])
-    table = []
-    for low, high in pairwise([0, *cuts.tolist(), n]):
-        columns = matrix.indices[starts[low] : starts[high]]
-        table.append([low, high, min(int(columns.min(initial=n)), low)])
-    return np.array(table, dtype=np.int64)
 
 
 def _fill_pattern(pattern: tuple[Any, Any], n: int, half: tuple[int, int, int], data: Array) -> None:

@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from ..compiled import PLAIN, bound
 from ..kernels import entries, team
 from ..kernels.energy_parts import N_TERM
-from ..kernels.records import CLASS, GROUP, RUN, Pools
+from ..kernels.entries import Pools
+from ..kernels.records import CLASS, GROUP, RUN
 from ..kernels.tasks import CHUNK
 from ..kernels.team import MARKS, PARTS
 from ..time_scheme.scheme import coefficients

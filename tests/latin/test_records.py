@@ -24,7 +24,8 @@ from latin_fmu.kernels.energy_parts import TERMS
 from latin_fmu.kernels.krylov import SMALL, VECTORS
 from latin_fmu.kernels.newton import SCRATCH
 from latin_fmu.kernels.products import padded
-from latin_fmu.kernels.records import CLASS_FIELDS, GROUP_FIELDS, LINE, RUN_FIELDS, RUN_NUMBERS
+from latin_fmu.kernels.records import CLASS_FIELDS, GROUP_FIELDS, RUN_FIELDS, RUN_NUMBERS
+from latin_fmu.kernels.team import LINE
 from latin_fmu.reader import scene_from_dict
 from latin_fmu.stability.scenes import STEEL, Box, column, half_sine
 

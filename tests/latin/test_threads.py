@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu.cholesky import pieces
+from latin_fmu.cholesky import pieces, substitution
 from latin_fmu.cholesky.symbolic import analyse
 from latin_fmu.compiled import PLAIN
 from latin_fmu.fem.dissection import nested_dissection
 from latin_fmu.fem.elements import Elements, mass
 from latin_fmu.fem.mesh import box_mesh
-from latin_fmu.latin import run_image
-from latin_fmu.latin.run_image import distributed
+from latin_fmu.latin import run_state
+from latin_fmu.latin.run_state import distributed
 
 pytestmark = pytest.mark.skipif(PLAIN, reason="the kernels of a run are plain Python: one thread")
 
@@ -28,7 +28,7 @@ STEEL = {"young_modulus": 210e9, "poisson_ratio": 0.3, "density": 7800.0}
 def small_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
     """Small factors are cut, and threads help small scenes."""
     monkeypatch.setattr(pieces, "SMALLEST", 15_000)
-    monkeypatch.setattr(run_image, "_IDLE", 0)
+    monkeypatch.setattr(run_state, "_IDLE", 0)
 
 
 def stack(blocks: int, elements: int, **solver: Any) -> Tables:
@@ -154,10 +154,10 @@ def test_pieces_of_a_tree(elements: tuple[int, int, int], kept: int) -> None:
     count, levels, table = pieces.pieces(shape)
     assert count >= 3
     assert levels in (2, 3)
-    numbers = table[levels + 1 : levels + 1 + pieces.STRIDE * count].reshape(count, -1)
+    numbers = table[levels + 1 : levels + 1 + substitution.STRIDE * count].reshape(count, -1)
     own, handed = [], []
     for line in numbers:
-        ranges, front = (table[line[k] : line[k] + line[k + 1]] for k in (pieces.RANGES, pieces.FRONT))
+        ranges, front = (table[line[k] : line[k] + line[k + 1]] for k in (substitution.RANGES, substitution.FRONT))
         own.append({s for a, b in ranges.reshape(-1, 2) for s in range(a, b)})
         handed.append(front)
     assert sorted(s for piece in own for s in piece) == list(range(len(shape.first) - 1))
