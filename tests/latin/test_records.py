@@ -17,7 +17,7 @@ import pytest
 
 from latin_fmu.assembly.build import build
 from latin_fmu.assembly.segments import SegmentedRun
-from latin_fmu.cholesky.substitution import LANES, SPARE
+from latin_fmu.cholesky.substitution import LANES, SPARE, TILED
 from latin_fmu.compiled import PLAIN
 from latin_fmu.kernels import entries, records
 from latin_fmu.kernels.energy_parts import TERMS
@@ -25,7 +25,8 @@ from latin_fmu.kernels.krylov import SMALL, VECTORS
 from latin_fmu.kernels.newton import SCRATCH
 from latin_fmu.kernels.products import padded
 from latin_fmu.kernels.records import CLASS_FIELDS, GROUP_FIELDS, RUN_FIELDS, RUN_NUMBERS
-from latin_fmu.kernels.team import LINE
+from latin_fmu.kernels.tasks import CHUNK
+from latin_fmu.kernels.team import LINE, MARKS, PARTS
 from latin_fmu.reader import scene_from_dict
 from latin_fmu.stability.scenes import STEEL, Box, column, half_sine
 
@@ -199,7 +200,11 @@ def class_sizes(row: Any, run: Any, rows: int) -> dict[str, int]:
         "answer": c * m,
         "vectors": 2 * m * w,
         "answers": 2 * m * w,
-        "tile": (max(n, c) + SPARE) * LANES,
+        "tile": (m if m < TILED else padded_(2 * m) // LANES) * (max(n, c) + SPARE) * LANES,
+        "piece_work": (PARTS - 1) * n * (1 if m < TILED else LANES) * (row["n_piece"] > 0),
+        "piece_tile": int(row["n_piece"]) * SPARE * LANES,
+        "solved": 1,
+        "class_norms": 4 * window,
         "extended": 4 * wide * counted,
         "kept_states": (window // (isqrt(window) + 1) + 1) * int(row["n_state"]) if window > 1 else 0,
         "probed": rows * int(row["n_probe"]) * m,
@@ -290,7 +295,10 @@ def group_sizes(group: Any) -> dict[str, int]:
 def arrays(image: Any) -> Iterator[tuple[str, str, int, int]]:
     """Name, documented pool, first number and size of each array of the moving block."""
     run = image.run[0]
-    parts = [("run", RUN_FIELDS, run, run_sizes(run, image.rows))]
+    chunks = sum(-(-int(group["n_point"]) // CHUNK) for group in image.groups)
+    tasks = max([len(image.classes), PARTS, chunks, *(int(row["n_piece"]) for row in image.classes)])
+    team = {"team": MARKS + LINE * tasks, "order": len(image.classes)}
+    parts = [("run", RUN_FIELDS, run, run_sizes(run, image.rows) | team)]
     parts += [
         (f"class {c}", CLASS_FIELDS, row, class_sizes(row, run, image.rows)) for c, row in enumerate(image.classes)
     ]
