@@ -95,8 +95,8 @@ def _modes(arguments: argparse.Namespace) -> int:
 
 
 def _srs(arguments: argparse.Namespace) -> int:
+    from ..pictures.summary_picture import save_figure
     from ..results.files import open_results, write_netcdf
-    from ..results.plots import save_figure
     from ..results.sensors import spectrum_lines
     from ..results.spectra import as_csv, spectra_figure, spectrum_group
     from ..results.writing import check_target, write_bytes

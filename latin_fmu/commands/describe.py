@@ -100,7 +100,7 @@ def _compiled_size(arguments: argparse.Namespace) -> int:
 
 
 def _plot(arguments: argparse.Namespace) -> int:
-    from ..results.plots import check_figure_path, save_figure
+    from ..pictures.summary_picture import check_figure_path, save_figure
     from ..results.writing import check_target
 
     target = arguments.output or arguments.file.with_suffix(".png")
@@ -129,8 +129,8 @@ def _scene_figure(arguments: argparse.Namespace) -> Figure:
 
 def _results_figure(arguments: argparse.Namespace) -> Figure:
     from ..pictures.result_picture import result_figure
+    from ..pictures.summary_picture import summary_figure
     from ..results.files import open_results
-    from ..results.plots import summary_figure
 
     with closing(open_results(arguments.file)) as tree:
         if "kind" in tree.attrs:  # a parametric study

@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from ..errors import Problem, ResultsError, did_you_mean, listed
-from ..results.plots import colours
+from ..pictures.summary_picture import colours
 from ..results.summary import prefix_for, unit_text
 from .point import CONVERGED, FAILED, QUANTITIES, Quantity
 

@@ -14,7 +14,6 @@ from ..assembly.checks import check_faces
 from ..errors import Problems, SceneError
 from ..fem.mesh import Array, Index
 from ..latin.assembly import InterfaceUnit
-from ..results.plots import Colour, colours
 from ..results.summary import readable
 from ..scene.boundaries import Driven, Periodic
 from ..scene.fields import GROUND, split_face
@@ -22,6 +21,7 @@ from ..scene.interfaces import Interface
 from ..scene.schema import Scene
 from .frame import arrow, axes_with_units, draw
 from .skin import Skin, View, skin_of
+from .summary_picture import Colour, colours
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -17,10 +17,10 @@ import xarray as xr
 
 from ..errors import Problem, ResultsError
 from ..latin.record import Array
-from .dataset import has_friction
-from .quantities_of_interest import InterfaceFields, friction_sum, normal_resultant, status_shares
-from .summary import prefix_for
-from .writing import write_whole
+from ..results.dataset import has_friction
+from ..results.quantities_of_interest import InterfaceFields, friction_sum, normal_resultant, status_shares
+from ..results.summary import prefix_for
+from ..results.writing import write_whole
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -12,7 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from latin_fmu import ResultsError
-from latin_fmu.results.plots import save_figure, summary_figure
+from latin_fmu.pictures.summary_picture import save_figure, summary_figure
 from latin_fmu.results.solution import Solution
 
 
