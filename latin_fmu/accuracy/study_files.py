@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 
 from ..machine import provenance
+from ..pictures.style import BAD, SEQUENTIAL, curve_styles, styled
 from ..results.groups import CONVENTIONS
 from ..results.quantities_of_interest import FLOOR, FORCE_HISTORY, QUANTITIES_OF_INTEREST, definition_of
 from ..results.summary import percent
@@ -116,10 +117,10 @@ def _texts(values: list[str]) -> np.ndarray:
     return np.array(values, dtype=np.str_)
 
 
-_MARKS: Final = "osD^vP*X"
 _PARTS: Final = (("setup", "set-up"), ("march", "march"), ("other", "other"), ("output", "output"))
 
 
+@styled
 def cost_figure(study: Study) -> Figure:
     """Panels: error against CPU seconds per quantity, map of the tolerance, iterations, split of the cost."""
     from matplotlib.figure import Figure
@@ -154,11 +155,11 @@ def quantities_shown(study: Study) -> list[str]:
 def work_precision(axes: Axes, study: Study, quantity: str) -> None:
     """Error against CPU seconds, log-log, one curve per scheme or propagator."""
     names = dict.fromkeys(r.variant for r in study.rows if r.series == TOGETHER)
-    for mark, name in zip(_MARKS * 3, names, strict=False):
+    for look, name in zip(curve_styles(len(names), markers=True), names, strict=True):
         rows = [r for r in study.of(TOGETHER, name) if np.isfinite(study.error(r, quantity))]
         cost = [r.run.cpu for r in rows if r.run is not None]
         errors = np.maximum([study.error(r, quantity) for r in rows], 1e-5)
-        axes.plot(cost, 100 * errors, marker=mark, markersize=4, linewidth=1.2, label=name)
+        axes.plot(cost, 100 * errors, label=name, **look)
     own = study.reference.own_error
     if own is not None and quantity in study.reference.quantities.values:
         axes.axhspan(0, 100 * own[quantity].error, color="0.92", zorder=0, label="error of the reference")
@@ -183,7 +184,7 @@ def tolerance_map(axes: Axes, study: Study, quantity: str) -> None:
         if factor in meshes:
             table[meshes.index(factor), tolerances.index(r.tolerance)] = study.error(r, quantity)
     if table.size and np.isfinite(table).any():
-        image = axes.imshow(np.log10(np.maximum(table, 1e-5)), aspect="auto", cmap="viridis_r", origin="lower")
+        image = axes.imshow(np.log10(np.maximum(table, 1e-5)), aspect="auto", cmap=f"{SEQUENTIAL}_r", origin="lower")
         axes.figure.colorbar(image, ax=axes, label="log10 relative error").ax.tick_params(labelsize=7)
         for i, j in np.ndindex(*table.shape):
             box = {"facecolor": "black", "alpha": 0.35, "pad": 1, "linewidth": 0}
@@ -208,16 +209,16 @@ def _line(axes: Axes, useful: Sequence[float], tolerances: Sequence[float]) -> N
     places = [tolerances.index(t) - 0.5 if t in tolerances else len(tolerances) - 0.5 for t in useful]
     xs = [x for x in places for _ in range(2)]
     ys = [y for i in range(len(places)) for y in (i - 0.5, i + 0.5)]
-    axes.plot(xs, ys, color="#c1121f", linewidth=2.5)
+    axes.plot(xs, ys, color=BAD, linewidth=2.5)
 
 
 def iterations(axes: Axes, study: Study) -> None:
     """Passes against window length, one curve per search direction."""
     lengths = list(dict.fromkeys(length for length, _ in study.windows))
     directions = list(dict.fromkeys(direction for _, direction in study.windows))
-    for mark, direction in zip(_MARKS, directions, strict=False):
+    for look, direction in zip(curve_styles(len(directions), markers=True), directions, strict=True):
         passes = [study.windows.get((n, direction), (np.nan, np.nan))[1] for n in lengths]
-        axes.plot(range(len(lengths)), passes, marker=mark, markersize=4, linewidth=1.2, label=direction)
+        axes.plot(range(len(lengths)), passes, label=direction, **look)
     axes.set_xticks(range(len(lengths)), lengths)
     axes.set_ylim(bottom=0)
     _label(axes, "instants in a window", "passes", "iterations, counted as sweeps over all substructures")
@@ -235,7 +236,8 @@ def cost_split(axes: Axes, study: Study) -> None:
     shares = 100 * table / np.maximum(table.sum(axis=1, keepdims=True), 1e-12)
     bottom = np.zeros(len(rows))
     for i, (_, name) in enumerate(_PARTS):
-        axes.bar(range(len(rows)), shares[:, i], bottom=bottom, label=name, width=0.7)
+        hatch = ("", "//", "..", "xx")[i % 4]
+        axes.bar(range(len(rows)), shares[:, i], 0.7, bottom, label=name, edgecolor="black", linewidth=0.5, hatch=hatch)
         bottom += shares[:, i]
     axes.set_xticks(range(len(rows)), labels)
     _label(axes, "mesh and steps", "share of CPU time (%)", "parts of the CPU time")
@@ -243,6 +245,7 @@ def cost_split(axes: Axes, study: Study) -> None:
     axes.legend(fontsize=6, loc="upper center", ncols=3)
 
 
+@styled
 def comparison_figure(studies: Sequence[Study]) -> Figure:
     """One row a scene: impulse, first contact and force history against CPU seconds, and the map of the tolerance."""
     from matplotlib.figure import Figure

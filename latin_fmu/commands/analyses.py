@@ -95,10 +95,11 @@ def _modes(arguments: argparse.Namespace) -> int:
 
 
 def _srs(arguments: argparse.Namespace) -> int:
-    from ..pictures.summary_picture import save_figure
+    from ..pictures.style import save_figure
+    from ..pictures.summary_picture import spectra_figure
     from ..results.files import open_results, write_netcdf
     from ..results.sensors import spectrum_lines
-    from ..results.spectra import as_csv, spectra_figure, spectrum_group
+    from ..results.spectra import as_csv, spectrum_group
     from ..results.writing import check_target, write_bytes
 
     stem = arguments.output or arguments.results.with_name(f"{arguments.results.stem}_srs")
@@ -129,6 +130,8 @@ def _spectra(
     tree: xr.DataTree, arguments: argparse.Namespace, waiting: Waiting
 ) -> Iterator[tuple[str, tuple[ShockSpectrum, Array | None]]]:
     """Spectra and their estimated errors by sensor."""
+    from ..results.spectra import stored_spectrum
+
     known = list(tree["sensors"].children) if "sensors" in tree.children else []
     if not known:
         what = "the results have no sensors"
@@ -148,10 +151,8 @@ def _spectra(
     for number, name in enumerate(chosen):
         waiting.update(number / len(chosen), f"spectrum of {name}")
         node = tree[f"sensors/{name}"]
-        yield (
-            name,
-            _stored(node["spectrum"]) if name in stored and not given else (_computed(name, node, request), None),
-        )
+        made = name in stored and not given
+        yield name, stored_spectrum(node["spectrum"]) if made else (_computed(name, node, request), None)
 
 
 def _request(given: Mapping[str, Any]) -> Spectrum:
@@ -172,15 +173,6 @@ def _request(given: Mapping[str, Any]) -> Spectrum:
         problems = field_problems(Spectrum, error, given)
         named = [Problem(f"--{p.where.replace('_', '-')}", p.what, p.value, p.allowed, p.remedy) for p in problems]
         raise InputError(named, "bad argument") from None
-
-
-def _stored(node: Any) -> tuple[ShockSpectrum, Array | None]:
-    """A spectrum of the results file and its estimated error."""
-    from ..results.spectra import ShockSpectrum
-
-    values = [node[name].values for name in ("acceleration", "pseudo_velocity")]
-    error = node["relative_error"].values if "relative_error" in node else None
-    return ShockSpectrum(node["frequency"].values, float(node.attrs["quality"]), values[0], values[1]), error
 
 
 def _computed(name: str, node: Any, request: Spectrum) -> ShockSpectrum:

@@ -39,7 +39,11 @@ def _register_plot(add: AddParser) -> None:
     parser = declare(add, "plot", text, _plot)
     parser.add_argument("file", metavar="FILE", type=Path, help="scene (.toml), or file written by run or sweep (.nc)")
     parser.add_argument(
-        "-o", "--output", metavar="FIGURE", type=output_file, help="png, pdf or svg (default: beside the file, as png)"
+        "-o",
+        "--output",
+        metavar="FIGURE",
+        type=output_file,
+        help="png, pdf or svg; gif: a film of the bodies, or of maps (default: beside the file, as png)",
     )
     add_settings(parser, "of a scene: change one setting; may be repeated")
     parser.add_argument(
@@ -50,9 +54,16 @@ def _register_plot(add: AddParser) -> None:
     parser.add_argument(
         "--quantity", metavar="NAME", action="append", help="of a study: draw this quantity; may be repeated"
     )
-    parser.add_argument("--interface", metavar="NAME", help="with --bodies: the interface (default: largest force)")
-    parser.add_argument("--time", metavar="S", type=float, help="with --bodies: the instant (default: largest force)")
+    parser.add_argument(
+        "--map", action="store_true", help="of a results file: pressure, friction and contact states of an interface"
+    )
+    both = "with --bodies or --map"
+    parser.add_argument("--interface", metavar="NAME", help=f"{both}: the interface (default: largest force)")
+    parser.add_argument("--time", metavar="S", type=float, help=f"{both}: the instant (default: largest force)")
     parser.add_argument("--magnify", metavar="X", type=float, help="with --bodies: factor on the displacements")
+    parser.add_argument("--from", metavar="S", type=float, dest="first", help="of a film: its first instant")
+    parser.add_argument("--to", metavar="S", type=float, dest="last", help="of a film: its last instant")
+    parser.add_argument("--frames", metavar="N", type=int, help="of a film: number of pictures (default: 40)")
 
 
 def _check(arguments: argparse.Namespace) -> int:
@@ -100,16 +111,31 @@ def _compiled_size(arguments: argparse.Namespace) -> int:
 
 
 def _plot(arguments: argparse.Namespace) -> int:
-    from ..pictures.summary_picture import check_figure_path, save_figure
+    from ..pictures.interface_map import FILM
+    from ..pictures.style import FORMATS, check_figure_path, save_figure
     from ..results.writing import check_target
 
     target = arguments.output or arguments.file.with_suffix(".png")
-    check_figure_path(target)
+    check_figure_path(target, FORMATS if _is_scene(arguments.file) else (*FORMATS, FILM))
     check_target(target)
-    _check_options(arguments)
-    save_figure(_scene_figure(arguments) if _is_scene(arguments.file) else _results_figure(arguments), target)
+    _check_options(arguments, target.suffix.lower() == FILM)
+    with Waiting("figure") as waiting:
+        if target.suffix.lower() == FILM:
+            _film(arguments, target, waiting)
+        else:
+            save_figure(_scene_figure(arguments) if _is_scene(arguments.file) else _results_figure(arguments), target)
     print(f"figure: {target}")
     return CONVERGED
+
+
+def _film(arguments: argparse.Namespace, target: Path, waiting: Waiting) -> None:
+    from ..pictures.interface_map import Window, save_film
+    from ..results.files import open_results
+
+    window = Window(arguments.first, arguments.last, arguments.frames or Window.frames)
+    waiting.update(0.0, "film")
+    with closing(open_results(arguments.file)) as tree:
+        save_film(tree, target, window, arguments.interface, arguments.magnify, arguments.map, waiting.update)
 
 
 def _is_scene(file: Path) -> bool:
@@ -128,41 +154,66 @@ def _scene_figure(arguments: argparse.Namespace) -> Figure:
 
 
 def _results_figure(arguments: argparse.Namespace) -> Figure:
+    from ..pictures.interface_map import map_figure
     from ..pictures.result_picture import result_figure
-    from ..pictures.summary_picture import summary_figure
+    from ..pictures.summary_picture import spectra_figure, summary_figure
     from ..results.files import open_results
+    from ..results.spectra import stored_spectra
 
     with closing(open_results(arguments.file)) as tree:
         if "kind" in tree.attrs:  # a parametric study
             from ..parametric.figure import study_figure
 
             return study_figure(tree.to_dataset(), arguments.quantity)
+        if arguments.map:
+            return map_figure(tree, arguments.interface, arguments.time)
         if arguments.bodies:
             return result_figure(tree, arguments.interface, arguments.time, arguments.magnify)
+        if "interfaces" not in tree.children and (spectra := stored_spectra(tree)):
+            return spectra_figure(spectra)
         return summary_figure(tree)
 
 
-def _check_options(arguments: argparse.Namespace) -> None:
+def _check_options(arguments: argparse.Namespace, film: bool) -> None:
     """Options that the file cannot have are refused, all at once.
 
     Raises
     ------
-    ResultsError : options of a scene with results, of bodies without --bodies, numbers out of range.
+    ResultsError : options of a scene with results, of one kind of figure with another, numbers out of range.
     """
     problems: list[Problem] = []
-    if arguments.overrides and not _is_scene(arguments.file):
+    scene, bodies = _is_scene(arguments.file), arguments.bodies or (film and not arguments.map)
+    if arguments.overrides and not scene:
         problems.append(Problem("--set", "the settings of results cannot be changed", allowed="a scene (.toml)"))
+    of_bodies = {"interface": bodies or arguments.map, "time": arguments.bodies or arguments.map, "magnify": bodies}
     problems += [
-        Problem(f"--{key}", "this option is for the figure of bodies", remedy="add --bodies")
-        for key in ("interface", "time", "magnify")
-        if getattr(arguments, key) is not None and not arguments.bodies
+        Problem(f"--{key}", "this option is for the figure of bodies or of a map", remedy="add --bodies or --map")
+        for key, fits in of_bodies.items()
+        if getattr(arguments, key) is not None and not fits
     ]
-    if arguments.bodies and _is_scene(arguments.file):
-        problems.append(Problem("--bodies", "a scene has no results", remedy="leave it out, or name a results file"))
+    problems += [
+        Problem(f"--{key}", "this option is for a film", remedy="name a file that ends in .gif")
+        for key, value in (("from", arguments.first), ("to", arguments.last), ("frames", arguments.frames))
+        if value is not None and not film
+    ]
+    problems += [
+        Problem(f"--{key}", "a scene has no results", remedy="leave it out, or name a results file")
+        for key in ("bodies", "map")
+        if getattr(arguments, key) and scene
+    ]
+    if arguments.bodies and arguments.map:
+        problems.append(Problem("--map", "one figure at a time", remedy="leave --bodies or --map out"))
+    if film and arguments.time is not None:
+        problems.append(Problem("--time", "a film has a window of time", remedy="give --from and --to"))
+    if arguments.frames is not None and not 2 <= arguments.frames <= 1000:
+        problems.append(Problem("--frames", "out of range", str(arguments.frames), "2 to 1000"))
     if arguments.magnify is not None and not 0.0 <= arguments.magnify < float("inf"):
         problems.append(Problem("--magnify", "out of range", str(arguments.magnify), "a number >= 0"))
-    if arguments.time is not None and not arguments.time >= 0.0:
-        problems.append(Problem("--time", "out of range", str(arguments.time), "a number >= 0 [s]"))
+    problems += [
+        Problem(f"--{key}", "out of range", str(value), "a number >= 0 [s]")
+        for key, value in (("time", arguments.time), ("from", arguments.first), ("to", arguments.last))
+        if value is not None and not value >= 0.0
+    ]
     if problems:
         raise ResultsError(problems, "the figure cannot be drawn")
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import xarray as xr
 
 from ..errors import Problem, ResultsError, did_you_mean, listed
-from ..pictures.summary_picture import colours
+from ..pictures.style import BAD, SEQUENTIAL, curve_styles, styled
 from ..results.summary import prefix_for, unit_text
 from .point import CONVERGED, FAILED, QUANTITIES, Quantity
 
@@ -22,6 +23,7 @@ _MOST_CURVES: Final = 6  # values of a second parameter that are drawn as curves
 _MOST_PARTS: Final = 6  # interfaces, sensors ... of one quantity that are drawn
 
 
+@styled
 def study_figure(study: xr.Dataset, names: list[str] | None = None) -> Figure:
     """Panels of the quantities ``names`` (some of all where None) against the first two parameters; of further
     parameters the first value is taken, which the title says. Points that failed or did not converge are marked.
@@ -47,7 +49,7 @@ def study_figure(study: xr.Dataset, names: list[str] | None = None) -> Figure:
     counts = [f"{int((states == FAILED).sum())} failed", f"{int((states == 1).sum())} not converged"]
     bad = (states != CONVERGED).any()
     title = f"{study.attrs.get('scene_name', 'study')}: {states.size} points{rest}"
-    figure.suptitle(title + (f" ({', '.join(counts)})" if bad else ""), color="#B00000" if bad else "black")
+    figure.suptitle(title + (f" ({', '.join(counts)})" if bad else ""), color=BAD if bad else "black")
     return figure
 
 
@@ -80,7 +82,7 @@ def _chosen(study: xr.Dataset, names: list[str] | None) -> list[Quantity]:
 def _panels(study: xr.Dataset, quantity: Quantity) -> list[tuple[str, str, xr.DataArray]]:
     """Title, unit and values of the panels of a quantity: one for each of its parts."""
     values = study[quantity.name]
-    title = quantity.name.replace("_", " ")
+    title = quantity.name.replace("_", " ").replace("cpu", "CPU")
     if not quantity.of:
         return [(title, quantity.unit, values)]
     parts = [str(part) for part in study[quantity.of].values][:_MOST_PARTS]
@@ -96,16 +98,16 @@ def _draw(axis: Axes, study: xr.Dataset, parameters: list[str], title: str, unit
     numbers = values.transpose(*parameters).values / divisor
     states = study["state"].transpose(*parameters).values
     if len(parameters) == 1:
-        _curve(axis, study[parameters[0]].values, numbers, states, colours(1)[0], None)
+        _curve(axis, study[parameters[0]].values, numbers, states, curve_styles(1, True)[0], None)
     elif len(study[parameters[1]]) <= _MOST_CURVES:
         others = study[parameters[1]].values
-        for i, (other, colour) in enumerate(zip(others, colours(len(others)), strict=True)):
+        for i, (other, look) in enumerate(zip(others, curve_styles(len(others), True), strict=True)):
             _curve(
                 axis,
                 study[parameters[0]].values,
                 numbers[:, i],
                 states[:, i],
-                colour,
+                look,
                 f"{other:g}" if others.dtype.kind in "fiu" else str(other),
             )
         axis.legend(title=_label(study[parameters[1]]), fontsize="x-small", title_fontsize="x-small")
@@ -128,15 +130,17 @@ def _places(axis: Any, values: np.ndarray) -> np.ndarray:
     return np.arange(len(values))
 
 
-def _curve(axis: Axes, x: np.ndarray, y: np.ndarray, states: np.ndarray, colour: Any, label: str | None) -> None:
+def _curve(
+    axis: Axes, x: np.ndarray, y: np.ndarray, states: np.ndarray, look: Mapping[str, Any], label: str | None
+) -> None:
     """One curve; points that did not converge are crosses, failed ones crosses at the bottom."""
     places = _places(axis.xaxis, x)
     axis.ticklabel_format(axis="y", useOffset=False)
     order = np.argsort(places)
-    axis.plot(places[order], y[order], "o-", color=colour, markersize=3, linewidth=1.2, label=label)
+    axis.plot(places[order], y[order], label=label, **look)
     bad, lost = (states != CONVERGED) & np.isfinite(y), states == FAILED
-    axis.plot(places[bad], y[bad], "x", color="#B00000", markersize=7)
-    axis.plot(places[lost], np.full(int(lost.sum()), 0.02), "x", color="#B00000", transform=axis.get_xaxis_transform())
+    axis.plot(places[bad], y[bad], "x", color=BAD, markersize=7)
+    axis.plot(places[lost], np.full(int(lost.sum()), 0.02), "x", color=BAD, transform=axis.get_xaxis_transform())
 
 
 def _map(axis: Axes, values: list[np.ndarray], numbers: np.ndarray, states: np.ndarray) -> None:
@@ -144,7 +148,7 @@ def _map(axis: Axes, values: list[np.ndarray], numbers: np.ndarray, states: np.n
     x, y = _places(axis.xaxis, values[0]), _places(axis.yaxis, values[1])
     along, across = np.argsort(x), np.argsort(y)
     x, y, numbers, states = x[along], y[across], numbers[along][:, across], states[along][:, across]
-    mesh = axis.pcolormesh(x, y, np.ma.masked_invalid(numbers.T), shading="nearest", cmap="viridis")
+    mesh = axis.pcolormesh(x, y, np.ma.masked_invalid(numbers.T), shading="nearest", cmap=SEQUENTIAL)
     axis.figure.colorbar(mesh, ax=axis)
     i, j = np.nonzero(states != CONVERGED)
-    axis.plot(x[i], y[j], "x", color="#B00000", markersize=7)
+    axis.plot(x[i], y[j], "x", color=BAD, markersize=7)

@@ -21,7 +21,7 @@ from ..scene.interfaces import Interface
 from ..scene.schema import Scene
 from .frame import arrow, axes_with_units, draw
 from .skin import Skin, View, skin_of
-from .summary_picture import Colour, colours
+from .style import Colour, colours, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -79,6 +79,7 @@ class _Assembly:
     joints: list[_Joint]
 
 
+@styled
 def assembly_figure(scene: Scene, warnings: list[str]) -> Figure:
     """The parts in place, and apart with their interfaces coloured; loads and motions as arrows.
 

@@ -104,12 +104,12 @@ _TICK: Final = 0.02
 _LABEL: Final = 0.17  # of the width of the picture, for the label of an arrow
 
 
-def draw(axis: Axes, skins: Sequence[Skin], view: View) -> None:
-    """Draw bodies, without axes, as large as the axes allow."""
+def draw(axis: Axes, skins: Sequence[Skin], view: View, around: Array | None = None) -> None:
+    """Draw bodies, without axes, as large as the axes allow; with the points ``around`` (n, 3) in view, where given."""
     paint(axis, skins, view)
     axis.set_aspect("equal")
     axis.set_axis_off()
-    flat = np.concatenate([view.project(s.points) for s in skins])
+    flat = view.project(np.concatenate([s.points for s in skins]) if around is None else around)
     low, high = flat.min(axis=0), flat.max(axis=0)
     room = 0.04 * float(np.max(high - low))
     axis.set_xlim(low[0] - room, high[0] + room)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -14,6 +14,7 @@ from ..fem.mesh import Array, Mesh, cell_blocks, nearest
 from ..results.summary import prefix_for, readable
 from .frame import axes_with_units, draw
 from .skin import Skin, View, skin_of
+from .style import PRESSURE, SEQUENTIAL, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,6 +27,7 @@ _AROUND: Final = 0.35  # of the size of the interface, left around it
 _PLAIN: Final = np.array([0.80, 0.82, 0.85])
 
 
+@styled
 def result_figure(
     tree: xr.DataTree, interface: str | None = None, time: float | None = None, magnify: float | None = None
 ) -> Figure:
@@ -40,22 +42,85 @@ def result_figure(
     ------
     ResultsError : the file has no displacements of bodies, or no interface of this name.
     """
+    chosen = _interface(tree, interface)
+    instants = stored_instants(tree)
+    wanted = _busiest(tree, chosen) if time is None else time
+    at = int(np.abs(instants - wanted).argmin())
+    figure, drawn = bodies_in_motion(tree, chosen, instants[at : at + 1], magnify)
+    drawn(float(instants[at]))
+    return figure
+
+
+Frame = Callable[[float], None]
+"""Draws the picture of an instant, s, in a figure, in the place of the one before."""
+
+
+def bodies_in_motion(
+    tree: xr.DataTree, interface: str | None, instants: Array, magnify: float | None
+) -> tuple[Figure, Frame]:
+    """An empty figure of the bodies (``result_figure``), and what draws an instant in it; colours, limits and the
+    factor on the displacements are those of all ``instants``.
+
+    Raises
+    ------
+    ResultsError : as ``result_figure``.
+    """
     from matplotlib.figure import Figure
 
-    bodies = _bodies(tree)
-    chosen = _interface(tree, interface)
-    instants = next(iter(bodies.values()))["time"].values
-    wanted = _busiest(tree, chosen) if time is None else time
-    index = int(np.abs(instants - wanted).argmin())
+    bodies, chosen = _bodies(tree), _interface(tree, interface)
     meshes = {name: _mesh(dataset) for name, dataset in bodies.items()}
-    moved = {n: np.nan_to_num(d["displacement"].isel(time=index).values) for n, d in bodies.items()}
-    figure = Figure(figsize=(11.0 if chosen else 7.5, 5.6), layout="constrained")
-    axes = figure.subplots(1, 2 if chosen else 1, squeeze=False, width_ratios=(1.5, 1.0) if chosen else (1.0,))[0]
-    _draw_deformed(figure, axes[0], meshes, moved, magnify)
-    if chosen:
-        _draw_pressure(figure, axes[1], tree, chosen, float(instants[index]), meshes)
-    figure.suptitle(f"{tree.attrs.get('scene_name', 'run')}, {readable(float(instants[index]), 's', figure=True)}")
-    return figure
+    rest = np.concatenate([mesh.nodes for mesh in meshes.values()])
+    size, largest = float(np.ptp(rest, axis=0).max()), _largest_displacement(bodies, instants)
+    if magnify is None:
+        magnify = _round(_SEEN * size / largest) if largest > 0 else 1.0
+    scales = _Scales(largest, 0.0 if chosen is None else _largest_pressure(tree, chosen, instants), magnify, rest)
+    flat = np.ptp(View.at(_AZIMUTH, _ELEVATION).project(rest), axis=0)
+    height = float(np.clip(6.6 * flat[1] / max(float(flat[0]), 1e-300) + 2.2, 3.6, 6.4))
+    figure = Figure(figsize=(11.0 if chosen else 7.5, height), layout="constrained")
+
+    def draw_instant(time: float) -> None:
+        figure.clear()
+        axes = figure.subplots(1, 2 if chosen else 1, squeeze=False, width_ratios=(1.5, 1.0) if chosen else (1.0,))[0]
+        at = {name: dataset.sel(time=time, method="nearest") for name, dataset in bodies.items()}
+        moved = {name: np.nan_to_num(dataset["displacement"].values) for name, dataset in at.items()}
+        _draw_deformed(figure, axes[0], meshes, moved, scales)
+        if chosen:
+            _draw_pressure(figure, axes[1], tree, chosen, time, meshes, scales.pressure)
+        figure.suptitle(f"{tree.attrs.get('scene_name', 'run')}, {readable(time, 's', figure=True)}")
+
+    return figure, draw_instant
+
+
+@dataclass(frozen=True)
+class _Scales:
+    """Largest displacement, m, and pressure, Pa, that the colours reach to; factor on the displacements in the picture;
+    nodes at rest (n, 3)."""
+
+    displacement: float
+    pressure: float
+    factor: float
+    rest: Array
+
+
+def stored_instants(tree: xr.DataTree) -> Array:
+    """Instants at which the displacements of the bodies are stored, s.
+
+    Raises
+    ------
+    ResultsError : the file has no displacements of bodies.
+    """
+    return np.asarray(next(iter(_bodies(tree).values()))["time"].values, dtype=float)
+
+
+def _largest_displacement(bodies: Mapping[str, xr.Dataset], instants: Array) -> float:
+    fields = (dataset["displacement"].sel(time=t, method="nearest") for dataset in bodies.values() for t in instants)
+    return max(float(np.linalg.norm(np.nan_to_num(field.values), axis=1).max()) for field in fields)
+
+
+def _largest_pressure(tree: xr.DataTree, interface: str, instants: Array) -> float:
+    dataset = tree[f"interfaces/{interface}"].to_dataset()
+    chosen = dataset["traction"].sel(time=instants, method="nearest").values
+    return float(np.abs(np.einsum("tpi,pi->tp", np.nan_to_num(chosen), dataset["normal"].values)).max(initial=0.0))
 
 
 def _bodies(tree: xr.DataTree) -> dict[str, xr.Dataset]:
@@ -97,24 +162,22 @@ def _mesh(dataset: xr.Dataset) -> Mesh:
 
 
 def _draw_deformed(
-    figure: Figure, axis: Axes, meshes: Mapping[str, Mesh], moved: Mapping[str, Array], magnify: float | None
+    figure: Figure, axis: Axes, meshes: Mapping[str, Mesh], moved: Mapping[str, Array], scales: _Scales
 ) -> None:
-    everything = np.concatenate([mesh.nodes for mesh in meshes.values()])
-    size = float(np.ptp(everything, axis=0).max())
-    largest = max(float(np.linalg.norm(u, axis=1).max()) for u in moved.values())
-    factor = magnify if magnify is not None else _round(_SEEN * size / largest) if largest > 0 else 1.0
-    divisor, unit = prefix_for(largest, "m", figure=True)
+    divisor, unit = prefix_for(scales.displacement, "m", figure=True)
     skins = []
     for name, mesh in meshes.items():
         skin = skin_of(mesh, _PLAIN)
         length = np.linalg.norm(moved[name], axis=1)
-        shade = _map("viridis", length[skin.facets].mean(axis=1) / max(largest, 1e-300))
-        skins.append(replace(skin, colours=shade).moved(factor * moved[name]))
-    view = View.at(_AZIMUTH, _ELEVATION)
-    draw(axis, skins, view)
-    axes_with_units(axis, everything, view)
-    axis.set_title(f"displacement, drawn {factor:g} times as large", fontsize=9)
-    _colour_bar(figure, axis, "viridis", largest / divisor, f"displacement ({unit})")
+        shade = _map(SEQUENTIAL, length[skin.facets].mean(axis=1) / max(scales.displacement, 1e-300))
+        skins.append(replace(skin, colours=shade).moved(scales.factor * moved[name]))
+    view, reach = View.at(_AZIMUTH, _ELEVATION), scales.factor * scales.displacement
+    box = np.array([scales.rest.min(axis=0) - 0.5 * reach, scales.rest.max(axis=0) + 0.5 * reach])
+    corners = box[np.array(list(np.ndindex(2, 2, 2))), np.arange(3)]
+    draw(axis, skins, view, np.concatenate([corners, *(skin.points for skin in skins)]))
+    axes_with_units(axis, scales.rest, view)
+    axis.set_title(f"displacement, drawn {scales.factor:g} times as large", fontsize=9)
+    _colour_bar(figure, axis, SEQUENTIAL, scales.displacement / divisor, f"displacement ({unit})")
 
 
 def _round(factor: float) -> float:
@@ -124,7 +187,7 @@ def _round(factor: float) -> float:
 
 
 def _draw_pressure(
-    figure: Figure, axis: Axes, tree: xr.DataTree, name: str, time: float, meshes: Mapping[str, Mesh]
+    figure: Figure, axis: Axes, tree: xr.DataTree, name: str, time: float, meshes: Mapping[str, Mesh], most: float
 ) -> None:
     dataset = tree[f"interfaces/{name}"].to_dataset().sel(time=time, method="nearest")
     points = np.stack([dataset[axis_name].values for axis_name in "xyz"], axis=1)
@@ -137,20 +200,20 @@ def _draw_pressure(
         axis.set_title(f"{name}: its bodies have no displacements in the file", fontsize=9)
         return
     outward = normal if owner == sides[0] else -normal
-    largest = max(float(np.abs(pressure).max()), 1e-300)
+    largest = max(most, 1e-300)
     skin = skin_of(meshes[owner], _PLAIN)
     share = _on_facets(skin, points, outward, pressure / largest, np.sqrt(dataset["area"].values))
-    colours = np.where(np.isfinite(share)[:, None], _map("inferno_r", np.nan_to_num(share)), skin.colours)
+    colours = np.where(np.isfinite(share)[:, None], _map(PRESSURE, np.nan_to_num(share)), skin.colours)
     view = _towards(outward.mean(axis=0))
     draw(axis, [replace(skin, colours=colours)], view)
     # facets have the mean of their corners: the values themselves are those of the points
     place = view.project(points)
-    dots = _map("inferno_r", pressure / largest)
+    dots = _map(PRESSURE, pressure / largest)
     axis.scatter(place[:, 0], place[:, 1], s=22, c=dots, edgecolors="0.35", linewidths=0.4, zorder=4)
     _zoom(axis, place)
     divisor, unit = prefix_for(largest, "Pa", figure=True)
     axis.set_title(f"{name}: pressure on {owner}", fontsize=9)
-    _colour_bar(figure, axis, "inferno_r", largest / divisor, f"pressure ({unit})")
+    _colour_bar(figure, axis, PRESSURE, largest / divisor, f"pressure ({unit})")
 
 
 def _owner(points: Array, sides: list[str], meshes: Mapping[str, Mesh]) -> str | None:

@@ -1,64 +1,32 @@
-"""The summary figure of a run, drawn from its DataTree.
-
-Only matplotlib's object interface is used: no window system, no global state.
-"""
+"""The summary figure of a run, drawn from its DataTree, and the figure of spectra."""
 
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import xarray as xr
 
-from ..errors import Problem, ResultsError
 from ..latin.record import Array
 from ..results.dataset import has_friction
 from ..results.quantities_of_interest import InterfaceFields, friction_sum, normal_resultant, status_shares
+from ..results.spectra import ShockSpectrum
 from ..results.summary import prefix_for
-from ..results.writing import write_whole
+from .style import BAD, DISTINCT, TimeAxis, curve_styles, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
 
-Colour = str | tuple[float, float, float, float]
-
-# Okabe and Ito: distinct for colour-blind readers and in grey print.
-DISTINCT = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#999933")
 FEW = 4
 """Up to this many curves a legend fits inside its panel, and as many strips below the forces."""
 
-FORMATS = (".png", ".pdf", ".svg")
-
 STATUS_COLOURS = ("#0072B2", "#E69F00", "#EEEEEE")
 STATUS_LABELS = ("stick", "slip, or closed without friction", "separation")
-
-
-def colours(count: int) -> list[Colour]:
-    """One colour per curve: distinct ones as far as they reach, else a scale in the order of the curves."""
-    if count <= len(DISTINCT):
-        return list(DISTINCT[:count])
-    from matplotlib import colormaps
-
-    return [colormaps["viridis"](float(share)) for share in np.linspace(0.0, 0.92, count)]
-
-
-@dataclass(frozen=True)
-class TimeAxis:
-    """Horizontal axis of time: seconds of its ``unit``."""
-
-    divisor: float
-    unit: str
-
-    def set(self, axis: Axes, first: float, last: float) -> None:
-        """Label and limits (s) of the horizontal axis."""
-        axis.set_xlabel(f"time ({self.unit})")
-        axis.set_xlim(first / self.divisor, last / self.divisor)
 
 
 def force_panel(
@@ -74,8 +42,8 @@ def force_panel(
         axis.set_ylim(-1.0, 1.0)
     size, label = prefix_for(peak, "N", figure=True)
     axis.axhline(0.0, color="0.6", linewidth=0.6, zorder=0)
-    for (name, curve), colour in zip(curves.items(), colours(len(curves)), strict=True):
-        axis.plot(time / scale.divisor, curve / size, color=colour, label=name, linewidth=1.2)
+    for (name, curve), look in zip(curves.items(), curve_styles(len(curves)), strict=True):
+        axis.plot(time / scale.divisor, curve / size, label=name, linewidth=1.3, **look)
     axis.set(title=title, ylabel=f"force ({label})")
     scale.set(axis, time[0], time[-1])
     if len(curves) <= FEW:
@@ -157,8 +125,8 @@ def energy_panel(axis: Axes, energy: xr.Dataset, scale: TimeAxis) -> None:
     largest = max((float(np.abs(term).max(initial=0.0)) for term in terms.values()), default=0.0)
     size, label = prefix_for(largest, "J", figure=True)
     shown = {name.replace("_", " "): x for name, x in terms.items() if np.abs(x).max(initial=0.0) > 1e-6 * largest}
-    for (name, term), colour in zip(shown.items(), colours(len(shown)), strict=True):
-        axis.plot(time / scale.divisor, term / size, color=colour, linewidth=1.2, label=name)
+    for (name, term), look in zip(shown.items(), curve_styles(len(shown)), strict=True):
+        axis.plot(time / scale.divisor, term / size, linewidth=1.3, label=name, **look)
     axis.set(title="Energy of the assembly", ylabel=f"energy ({label})")
     scale.set(axis, time[0], time[-1])
     axis.legend(fontsize="x-small", loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
@@ -172,6 +140,7 @@ class _Panel:
     draw: Callable[[Axes], None]
 
 
+@styled
 def summary_figure(tree: xr.DataTree) -> Figure:
     """Forces, contact states, convergence and, when present, energy of a run.
 
@@ -193,7 +162,7 @@ def summary_figure(tree: xr.DataTree) -> Figure:
     figure = Figure(figsize=(6.2 * max(1, len(columns)), height), layout="constrained")
     unfinished = not tree.attrs.get("converged", 1)
     title = f"{tree.attrs.get('scene_name', 'run')}{' (NOT CONVERGED)' if unfinished else ''}"
-    figure.suptitle(title, fontweight="bold", color="#B00000" if unfinished else "black")
+    figure.suptitle(title, fontweight="bold", color=BAD if unfinished else "black")
     parts: list[SubFigure] = list(figure.subfigures(1, max(1, len(columns)), squeeze=False).flat)
     for part, column in zip(parts, columns, strict=False):
         _draw_column(part, column)
@@ -278,26 +247,42 @@ def _energy_panels(tree: xr.DataTree, scale: TimeAxis) -> list[_Panel]:
     return [_Panel(2.6, partial(energy_panel, energy=tree["energy"].to_dataset(), scale=scale))]
 
 
-def check_figure_path(path: str | Path) -> None:
-    """Make sure the suffix names a format figures can be saved in.
+@styled
+def spectra_figure(spectra: Mapping[str, tuple[ShockSpectrum, Array | None]], along: str | None = None) -> Figure:
+    """Spectra of sensors, one row each: absolute acceleration and pseudo-velocity, with the estimated error as a band.
 
-    Raises
-    ------
-    ResultsError : another suffix.
+    Parameters
+    ----------
+    spectra : by sensor, with the relative error (3, n, 3) or None. along : x, y or z; the axis of the largest
+        acceleration where None.
     """
-    suffix = Path(path).suffix
-    if suffix.lower() not in FORMATS:
-        what, value = "figures cannot be saved in this format", suffix or "no suffix"
-        problem = Problem(str(path), what, value, ", ".join(FORMATS), "change the suffix")
-        raise ResultsError([problem], "cannot write the figure")
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7.6, 3.3 * len(spectra)), layout="constrained")
+    rows = figure.subplots(len(spectra), 2, squeeze=False)
+    for (name, (spectrum, error)), panels in zip(spectra.items(), rows, strict=True):
+        largest = spectrum.acceleration[0].max(axis=0)
+        axis = int(np.argmax(largest)) if along is None else "xyz".index(along)
+        kinds = (("absolute acceleration (m/s²)", "acceleration"), ("pseudo-velocity (m/s)", "pseudo_velocity"))
+        for panel, (label, kind) in zip(panels, kinds, strict=True):
+            values = getattr(spectrum, kind)[:, :, axis]
+            _draw_spectrum(panel, spectrum.frequency, values, None if error is None else error[0, :, axis])
+            title = f"{name}, along {'xyz'[axis]}, Q = {spectrum.quality:g}"
+            panel.set(title=title, xlabel="natural frequency (Hz)", ylabel=label)
+        panels[0].legend(fontsize="small")
+    return figure
 
 
-def save_figure(figure: Figure, path: str | Path) -> None:
-    """Write the figure, whole or not at all; the suffix chooses the format (png, pdf or svg).
-
-    Raises
-    ------
-    ResultsError : the format is not known or the file cannot be written (``UnwrittenError``).
-    """
-    check_figure_path(path)
-    write_whole(path, partial(figure.savefig, dpi=150))
+def _draw_spectrum(panel: Axes, frequency: Array, values: Array, error: Array | None) -> None:
+    """Maximax, primary and residual (3, n) on logarithmic axes, told apart by line and grey as well as by colour."""
+    styles = (("maximax", "#000000", "-", 2.2), ("primary", "#56B4E9", "--", 1.3), ("residual", "#D55E00", ":", 1.8))
+    top = max(float(values[0].max(initial=0.0)), 1e-300)
+    if error is not None:
+        low, high = values[0] / (1 + error), values[0] * (1 + error)
+        panel.fill_between(frequency, low, high, color="0.82", linewidth=0, label="estimated error of maximax")
+    for row, (label, colour, line, width) in zip(values, styles, strict=True):
+        panel.plot(frequency, np.maximum(row, 1e-12 * top), line, color=colour, linewidth=width, label=label)
+    lowest = float(values[0].min(initial=top))
+    panel.set(xscale="log", yscale="log", ylim=(max(0.3 * lowest, 1e-5 * top), 3.0 * top))
+    panel.grid(which="major", color="0.75", linewidth=0.6)
+    panel.grid(which="minor", color="0.9", linewidth=0.4)

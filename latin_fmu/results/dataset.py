@@ -211,12 +211,16 @@ def interface_group(
 
 
 def _in_plane(history: InterfaceHistory) -> Array:
-    """Coordinates (n_point, 2) of the points along the two axes of their largest extent, m."""
+    """Coordinates (n_point, 2) of the points in their mean plane, m, from their centre; along the global axes where the
+    plane is across one, else along the projection of the global axis nearest to the plane and the direction across."""
     weights = history.areas / history.areas.sum()
     arms = history.points - weights @ history.points
-    axes = np.linalg.eigh((weights[:, None] * arms).T @ arms)[1][:, [2, 1]]
-    axes *= np.sign(axes[np.abs(axes).argmax(axis=0), [0, 1]])  # along the global axes rather than against them
-    return np.asarray(arms @ axes)
+    across = np.linalg.eigh((weights[:, None] * arms).T @ arms)[1][:, 0]
+    across = across * np.sign(across[np.abs(across).argmax()])
+    first = np.eye(3)[int(np.argmin(np.abs(np.round(across, 9))))]
+    first = first - (first @ across) * across
+    first /= np.linalg.norm(first)
+    return np.asarray(arms @ np.stack([first, np.cross(across, first)], axis=1))
 
 
 def _describe_surface(group: Group) -> None:

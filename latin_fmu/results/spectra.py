@@ -21,9 +21,9 @@ Primary: during the record. Residual: after it, with a = 0, from the free motion
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -34,8 +34,7 @@ from ..scene.sensors import Spectrum, spectrum_problems
 from .groups import SPECTRUM, Columns, Group, annotated
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    import xarray as xr
 
 RESPONSES: Final = ("maximax", "primary", "residual")
 SAMPLES: Final = 32
@@ -221,6 +220,19 @@ def spectrum_group(spectrum: ShockSpectrum, error: Array | None = None) -> Group
     return annotated(Group.of(columns, labels, attrs), SPECTRUM)
 
 
+def stored_spectrum(node: Any) -> tuple[ShockSpectrum, Array | None]:
+    """A spectrum of a results file (``sensors/<name>/spectrum``) and its estimated error."""
+    values = [node[name].values for name in ("acceleration", "pseudo_velocity")]
+    error = node["relative_error"].values if "relative_error" in node else None
+    return ShockSpectrum(node["frequency"].values, float(node.attrs["quality"]), values[0], values[1]), error
+
+
+def stored_spectra(tree: xr.DataTree) -> dict[str, tuple[ShockSpectrum, Array | None]]:
+    """Spectra of the sensors of a file with their estimated errors, by sensor."""
+    sensors = tree["sensors"].children if "sensors" in tree.children else {}
+    return {name: stored_spectrum(node["spectrum"]) for name, node in sensors.items() if "spectrum" in node.children}
+
+
 def spectrum_error(fine: ShockSpectrum, coarse: ShockSpectrum, ratio: float) -> Array:
     """Estimated relative error (3, n, 3) of a spectrum from that of a run coarser by ``ratio`` in mesh and step.
 
@@ -251,43 +263,3 @@ def as_csv(spectra: Sequence[tuple[str, ShockSpectrum]]) -> str:
                 columns += list(values[r].T)
     rows = [",".join(f"{value:.9g}" for value in row) for row in np.stack(columns, axis=1)]
     return "\n".join([",".join(head), *rows]) + "\n"
-
-
-def spectra_figure(spectra: Mapping[str, tuple[ShockSpectrum, Array | None]], along: str | None = None) -> Figure:
-    """Spectra of sensors, one row each: absolute acceleration and pseudo-velocity, with the estimated error as a band.
-
-    Parameters
-    ----------
-    spectra : by sensor, with the relative error (3, n, 3) or None. along : x, y or z; the axis of the largest
-        acceleration where None.
-    """
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(7.6, 3.3 * len(spectra)), layout="constrained")
-    rows = figure.subplots(len(spectra), 2, squeeze=False)
-    for (name, (spectrum, error)), panels in zip(spectra.items(), rows, strict=True):
-        largest = spectrum.acceleration[0].max(axis=0)
-        axis = int(np.argmax(largest)) if along is None else "xyz".index(along)
-        kinds = (("absolute acceleration (m/s²)", "acceleration"), ("pseudo-velocity (m/s)", "pseudo_velocity"))
-        for panel, (label, kind) in zip(panels, kinds, strict=True):
-            values = getattr(spectrum, kind)[:, :, axis]
-            _draw(panel, spectrum.frequency, values, None if error is None else error[0, :, axis])
-            title = f"{name}, along {'xyz'[axis]}, Q = {spectrum.quality:g}"
-            panel.set(title=title, xlabel="natural frequency (Hz)", ylabel=label)
-        panels[0].legend(fontsize="small")
-    return figure
-
-
-def _draw(panel: Axes, frequency: Array, values: Array, error: Array | None) -> None:
-    """Maximax, primary and residual (3, n) on logarithmic axes, told apart by line and grey as well as by colour."""
-    styles = (("maximax", "#000000", "-", 2.2), ("primary", "#56B4E9", "--", 1.3), ("residual", "#D55E00", ":", 1.8))
-    top = max(float(values[0].max(initial=0.0)), 1e-300)
-    if error is not None:
-        low, high = values[0] / (1 + error), values[0] * (1 + error)
-        panel.fill_between(frequency, low, high, color="0.82", linewidth=0, label="estimated error of maximax")
-    for row, (label, colour, line, width) in zip(values, styles, strict=True):
-        panel.plot(frequency, np.maximum(row, 1e-12 * top), line, color=colour, linewidth=width, label=label)
-    lowest = float(values[0].min(initial=top))
-    panel.set(xscale="log", yscale="log", ylim=(max(0.3 * lowest, 1e-5 * top), 3.0 * top))
-    panel.grid(which="major", color="0.75", linewidth=0.6)
-    panel.grid(which="minor", color="0.9", linewidth=0.4)

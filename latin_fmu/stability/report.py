@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..pictures.style import BAD, styled
 from .case import Bench, Row, energies, impulse, pressure_force
 from .impact import bouncing, kept
 from .scenes import thrown
@@ -69,9 +70,10 @@ def _cell(text: str) -> str:
 
 
 _SMALLEST = 1e-8  # margins below it are drawn there
-_GOOD, _BAD, _QUIET = "#2a6f97", "#c1121f", "#adb5bd"
+_GOOD, _QUIET = "#0072B2", "#adb5bd"
 
 
+@styled
 def stability_figure(rows: Sequence[Row]) -> Figure:
     """Left: measured over allowed (1 is the limit); right: LATIN iterations per window, mean and largest."""
     from matplotlib.figure import Figure
@@ -98,10 +100,11 @@ def stability_figure(rows: Sequence[Row]) -> Figure:
 
 def _margins(axes: Axes, rows: Sequence[Row], place: np.ndarray) -> None:
     values = np.clip([row.margin for row in rows], _SMALLEST, 1e3)
-    colours = [_GOOD if row.passed else _BAD for row in rows]
     axes.hlines(place, _SMALLEST, values, color="0.85", linewidth=1)
-    axes.scatter(values, place, c=colours, s=14, zorder=3)
-    axes.axvline(1.0, color=_BAD, linewidth=1.2)
+    passed = np.array([row.passed for row in rows], dtype=bool)
+    axes.scatter(values[passed], place[passed], color=_GOOD, s=14, zorder=3)
+    axes.scatter(values[~passed], place[~passed], color=BAD, marker="X", s=30, zorder=3)
+    axes.axvline(1.0, color=BAD, linewidth=1.2)
     axes.set_xscale("log")
     axes.set_xlim(_SMALLEST / 2, max(4.0, 2 * float(values.max())))
     axes.set_xlabel("worst measured value over its limit (limit: red line)", fontsize=8)
@@ -115,7 +118,7 @@ def _counts(axes: Axes, rows: Sequence[Row], place: np.ndarray) -> None:
     axes.scatter(largest, place, marker="|", color="0.3", s=22, label="largest", zorder=3)
     axes.scatter(mean, place, color=_GOOD, s=10, label="mean", zorder=3)
     helped = [i for i, row in enumerate(rows) if row.fallbacks]
-    hollow: dict[str, Any] = {"marker": "D", "facecolors": "none", "edgecolors": _BAD, "zorder": 4}
+    hollow: dict[str, Any] = {"marker": "D", "facecolors": "none", "edgecolors": BAD, "zorder": 4}
     axes.scatter(largest[helped], place[helped], s=26, label="fall-back used", **hollow)
     axes.set_xscale("log")
     axes.set_xlim(0.7, max(300.0, 1.3 * float(largest.max())))

@@ -12,7 +12,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from latin_fmu import ResultsError
-from latin_fmu.pictures.summary_picture import save_figure, summary_figure
+from latin_fmu.pictures.style import save_figure
+from latin_fmu.pictures.summary_picture import summary_figure
 from latin_fmu.results.solution import Solution
 
 

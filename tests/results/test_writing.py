@@ -15,7 +15,7 @@ from fmu_build.contents import write_archive
 from fmu_build.ssp import write_ssp
 from latin_fmu import ResultsError
 from latin_fmu.commands.fmu import write_csv
-from latin_fmu.pictures.summary_picture import save_figure
+from latin_fmu.pictures.style import save_figure
 from latin_fmu.results import writing
 from latin_fmu.results.files import write_netcdf
 from latin_fmu.results.vtk import export_vtu
