@@ -27,6 +27,7 @@ def bars(law: Any, kind: str = "velocity", **changes: Any) -> Scene:
         {"lower": part, "upper": part},
         {"joint": {"behaviour": "perfect"}},
         {"end": END, "step": STEP},
+        name="driven",
         boundary={"far": {"type": "absorbing", "face": "lower.zmin"}},
         solver={"tolerance": 1e-6},
     )

@@ -36,6 +36,7 @@ def bar(n: int, steps: int, dt: float = 0.5 * EDGE / C, propagator: str = "direc
         {"bar": Box(steel, (SIDE, SIDE, n * EDGE), (1, 1, n), keys=keys)},
         {},
         {"end": steps * dt, "step": dt},
+        name="bar",
         boundary={k: {"type": "fixed", "face": f"bar.{k}", "components": ["x", "y"]} for k in ("xmin", "xmax")},
         solver={"propagator": propagator},
     )
