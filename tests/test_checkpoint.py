@@ -287,7 +287,8 @@ def check_kills(scene: Path, kills: int) -> None:
     assert done == kills
     assert main(["run", str(scene), "-o", "a.nc", "--resume", "--quiet", *LONG]) == 0
     assert_equal(Path("whole.nc"), Path("a.nc"))
-    assert sorted(path.name for path in Path().iterdir()) == ["a.nc", "scene.toml", "whole.nc"]
+    names = {path.name for path in Path().iterdir() if not path.name.startswith(".latin-fmu-")}  # drafts of killed runs
+    assert names == {"a.nc", "scene.toml", "whole.nc"}
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs signals")
