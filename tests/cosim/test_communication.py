@@ -7,7 +7,7 @@ differs by round-off ends in another iterate within the tolerance of 1e-5.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ import latin_fmu
 from latin_fmu.assembly.face_pairs import completed
 from latin_fmu.cosim import Session, Settings
 from latin_fmu.cosim.communication import CommunicationRun, read, write
+from latin_fmu.cosim.variable import Variable
 from latin_fmu.cosim.variables import CAUSAL, HOLD, LINE, RATE, scalar_table
 from latin_fmu.errors import InputError
 from latin_fmu.kernels import entries
@@ -25,7 +26,7 @@ from latin_fmu.scene.schema import Scene
 
 from . import test_driven as driven
 from . import test_ports as ports
-from .scenes import bar, blocks
+from .scenes import bar, blocks, by_python
 
 LIMIT, WITHOUT_INERTIA = 1e-12, 1e-10
 RULES = (HOLD, RATE, LINE, CAUSAL)
@@ -40,8 +41,22 @@ def push(t: float) -> float:
 PRESS: Give = {"press": push}
 
 
+def peaks_apart(table: Sequence[Variable], known: np.ndarray, got: np.ndarray, duration: float) -> dict[str, float]:
+    """Largest difference of every output over the peak of its kind, over rows of outputs during a time, s."""
+    outputs = [v for v in table if v.causality == "output"]
+    kinds = ["gap" if "ap" in v.name.rpartition(".")[2] else v.unit for v in outputs]
+    peaks: dict[Any, float] = {}
+    for k, kind in enumerate(kinds):
+        peaks[kind] = max(peaks.get(kind, 0.0), float(np.abs(known[:, k]).max()), 1.0 if kind == "1" else 1e-300)
+    kinds[[v.name for v in outputs].index("solver.errorIndicator")] = "indicator"
+    peaks["indicator"] = 1e-10 / LIMIT
+    peaks["gap"] = max(peaks.get("gap", 0.0), peaks.get("m s-1", 0.0) * duration)
+    largest = np.abs(known - got).max(axis=0)
+    return {v.name: float(largest[k] / peaks[kinds[k]]) for k, v in enumerate(outputs)}
+
+
 class Both:
-    """A session and a run in kernels of one scene, with the same inputs, step by step."""
+    """A session by the Python driver and a run in kernels of one scene, with the same inputs, step by step."""
 
     def __init__(self, scene: Scene, n: int = 1, rule: int = CAUSAL, give: Give | None = None) -> None:
         self.scene, self.n, self.rule, self.give = completed(scene), n, rule, give or {}
@@ -50,6 +65,7 @@ class Both:
         self.h = n * self.scene.time.time_step
         self._set(0.0)
         self.session.initialize()
+        by_python(self.session)
         assert self.run.image.call(entries.PRESENT) == 0
         self.rows = [(self.session.row.copy(), self.run.outputs().copy())]
 
@@ -72,17 +88,7 @@ class Both:
     def apart(self) -> dict[str, float]:
         """Largest difference of every output over the peak of its kind."""
         known, got = (np.array([pair[i] for pair in self.rows]) for i in (0, 1))
-        outputs = [v for v in self.session.table if v.causality == "output"]
-        kinds = ["gap" if "ap" in v.name.rpartition(".")[2] else v.unit for v in outputs]
-        peaks: dict[Any, float] = {}
-        for k, kind in enumerate(kinds):
-            peaks[kind] = max(peaks.get(kind, 0.0), float(np.abs(known[:, k]).max()), 1.0 if kind == "1" else 1e-300)
-        duration = self.h * (len(self.rows) - 1)
-        kinds[[v.name for v in outputs].index("solver.errorIndicator")] = "indicator"
-        peaks["indicator"] = 1e-10 / LIMIT
-        peaks["gap"] = max(peaks.get("gap", 0.0), peaks.get("m s-1", 0.0) * duration)
-        largest = np.abs(known - got).max(axis=0)
-        return {v.name: float(largest[k] / peaks[kinds[k]]) for k, v in enumerate(outputs)}
+        return peaks_apart(self.session.table, known, got, self.h * (len(self.rows) - 1))
 
 
 def agree(both: Both, limit: float = LIMIT) -> None:

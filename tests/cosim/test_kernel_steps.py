@@ -1,0 +1,154 @@
+"""Sessions whose steps are kernels against the Python driver, along random walks.
+
+Three sessions take the same steps: one straight on, one that makes other steps in between and takes them back, goes on
+from bytes or in a session that was opened anew, and one by the Python driver. The first two are equal bit for bit, the
+third but for the order of sums. Limit, set before the runs: that of ``test_communication``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pytest
+
+from latin_fmu.cosim import Session, Settings
+from latin_fmu.cosim.kernel_steps import KernelSteps
+from latin_fmu.cosim.variables import CAUSAL, LINE, RATE
+from latin_fmu.scene.schema import Scene
+
+from . import test_driven as driven
+from . import test_ports as ports
+from .scenes import blocks, by_python
+from .test_communication import LIMIT, WITHOUT_INERTIA, peaks_apart
+
+STEPS = 14
+PRESS = {"press": (0.1, 1.0)}
+LONG = {"end": 60e-6, "step": 0.2e-6}
+
+
+def smooth_blocks(**changes: Any) -> Scene:
+    """The two blocks without friction and without energies: tangential velocities come from the bodies."""
+    joint = {"sides": ["lower.zmax", "upper.zmin"]}
+    return blocks(interface={"crush": joint}, output={}, time=LONG, **changes)
+
+
+def held_blocks() -> Scene:
+    """Without inertia; no load but the one from outside, so that steps of any length have their place in time."""
+    scene = blocks().model_dump()
+    base = {"type": "fixed", "face": "lower.zmin"}
+    held = {"type": "fixed", "face": "upper.xmax", "components": ["x", "y"]}
+    time = {"end": 1.0, "instants": 30, "quasi_static": True}
+    load = {"press": scene["load"]["press"]}
+    return blocks(time=time, boundary={"base": base, "held": held}, output={}, load=load)
+
+
+def wave_bar() -> Scene:
+    port = {"face": "bar.zmax", "causality": "wave", "components": ["z"], "impedance": [0.7 * ports.Z]}
+    return ports.bar(20, 400, port={"foot": port}, output={"energy": False})
+
+
+FREE: dict[str, Any] = {"load": {"press": {"face": "upper.zmax", "pressure": 100e6, "law": {"type": "input"}}}}
+WALKS: Mapping[str, tuple[Any, Mapping[str, tuple[float, float]], float]] = {
+    "blocks": (lambda: blocks(time=LONG), PRESS, LIMIT),
+    "free load": (lambda: blocks(time=LONG, output={"energy": False}, **FREE), PRESS, LIMIT),
+    "smooth": (smooth_blocks, PRESS, LIMIT),
+    "fields": (lambda: blocks(time=LONG, output={"fields": True, "every": 2, "energy": True}), PRESS, LIMIT),
+    "reduced": (lambda: blocks(time=LONG, solver={"propagator": {"type": "reduced", "modes": 20}}), PRESS, LIMIT),
+    "explicit": (lambda: blocks(time={"end": 20e-6, "step": 0.1e-6}, solver={"propagator": "explicit"}), PRESS, LIMIT),
+    "held": (held_blocks, PRESS, WITHOUT_INERTIA),
+    "wave": (wave_bar, {"port.foot.incident[3]": (-1.0, 1.0)}, LIMIT),
+    **{
+        kind: (lambda kind=kind: driven.bars({"type": "input"}, kind), {driven.name_of(kind): (0.0, 0.05)}, LIMIT)
+        for kind in driven.KINDS
+    },
+}
+
+
+class Walk:
+    """The three sessions, and their rows."""
+
+    def __init__(self, scene: Scene, inputs: Mapping[str, tuple[float, float]], seed: int, keep: bool) -> None:
+        self.draw, self.inputs, self.scene = np.random.default_rng(seed), inputs, scene
+        self.settings = Settings(interpolation=(CAUSAL, RATE, LINE)[seed % 3], keep=keep)
+        self.dt, self.t = scene.time.time_step, (0.0, 3.0 * scene.time.time_step)[seed % 2]
+        self.sessions = [Session(scene, self.settings) for _ in range(3)]
+        for session in self.sessions:
+            for name in inputs:
+                session.set_load(name, 0.0)
+            session.initialize(self.t)
+        by_python(self.sessions[2])
+        self.rows: list[list[np.ndarray]] = [[], []]
+        self.start = self.t
+
+    def give(self, sessions: list[Session]) -> None:
+        for name, (low, high) in self.inputs.items():
+            value = float(self.draw.uniform(low, high))
+            rate = float(self.draw.choice([0.0, (high - low) / (5.0 * self.dt)])) if self.draw.random() < 0.3 else 0.0
+            for session in sessions:
+                session.set_load(name, value, rate)
+
+    def size(self) -> float:
+        """Of a step: one time step, several, more than one call of the kernels makes, or none of them."""
+        parts = self.draw.choice([1.0, 1.0, 1.0, 3.0, 8.0, 0.37], p=[0.3, 0.2, 0.1, 0.2, 0.1, 0.1])
+        return float(parts) * self.dt
+
+    def stray(self) -> None:
+        """Steps of the second session that are taken back."""
+        other = self.sessions[1]
+        saved = other.snapshot()
+        loads = [(name, *other.load(name)) for name in self.inputs]
+        for _ in range(int(self.draw.integers(0, 3))):
+            self.give([other])
+            h = self.size()
+            assert other.step(other.time, h)
+        if self.draw.random() < 0.3:
+            other = self.sessions[1] = Session(self.scene, self.settings)
+        elif self.draw.random() < 0.2:
+            other.reset()
+        other.restore(saved, check=True)
+        assert [(name, *other.load(name)) for name in self.inputs] == loads
+
+    def step(self) -> None:
+        if self.draw.random() < 0.5:
+            self.stray()
+        self.give(self.sessions)
+        h, reports = self.size(), []
+        for session in self.sessions:
+            reports.append(session.step(self.t, h, early=False))
+        assert all(reports), [report.message for report in reports]
+        self.t = self.t + h
+        straight, other, python = (session.row for session in self.sessions)
+        assert np.array_equal(straight, other)
+        self.rows[0].append(python)
+        self.rows[1].append(straight)
+
+    def agree(self, limit: float) -> None:
+        straight, other, python = self.sessions
+        known, got = (np.array(rows) for rows in self.rows)
+        apart = peaks_apart(straight.table, known, got, self.t - self.start)
+        worst = max(apart, key=lambda name: apart[name])
+        assert apart[worst] <= limit, (worst, apart[worst])
+        for name, history in python.window()[1].items():
+            own = straight.window()[1][name]
+            for field in ("traction", "velocity", "gap", "contact_status"):
+                values, mine = getattr(history, field), getattr(own, field)
+                if values is not None:
+                    scale = np.abs(values).max(initial=0.0)
+                    assert mine.shape == values.shape
+                    assert np.abs(mine - values).max(initial=0.0) <= limit * scale + 1e-15 * (field == "gap")
+        assert straight.snapshot()[:22] == other.snapshot()[:22]
+        if not self.settings.keep:
+            assert straight.snapshot() == other.snapshot()
+
+
+@pytest.mark.parametrize("keep", [False, True])
+@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 12))])
+@pytest.mark.parametrize("name", list(WALKS))
+def test_a_random_walk_is_that_of_the_python_driver(name, seed, keep):
+    make, inputs, limit = WALKS[name]
+    walk = Walk(make(), inputs, seed, keep)
+    for _ in range(STEPS):
+        walk.step()
+    walk.agree(limit)
