@@ -1,9 +1,9 @@
 """What the session and the FMI layer cost on top of the solver, and what hosts pay for instances and reading.
 
-Crushing of two specimens, communication steps of 50 instants. The solver inside the FMU is timed from within: what a
-host pays for setting the load, `doStep` and reading every output, less the solver's own time, is the layers'. Steps of
-one instant are compared with the same steps as one call of the kernels each, which a compiled FMU makes. Then a
-thousand steps whose sizes differ by round-off: operators are made once. Last, a host of its own, with a fresh
+Communication steps of one instant of three models: what a host pays for setting the loads, `doStep` and reading every
+output, against the same step as a call of the kernels alone, one after the other, so that both find the machine alike.
+Crushing of two specimens in communication steps of 50 instants: the kernels inside the FMU are timed from within. Then
+a thousand steps whose sizes differ by round-off: operators are made once. Last, a host of its own, with a fresh
 extraction.
 """
 
@@ -27,8 +27,10 @@ from latin_fmu.cosim.communication import CommunicationRun
 from latin_fmu.cosim.variables import RATE
 from latin_fmu.kernels import entries
 
-MODEL = Path(__file__).parents[1] / "models" / "two_specimen_crushing" / "scene.toml"
-N_INSTANT, N_REPEAT, N_ROUNDED, N_SINGLE = 50, 9, 1000, 100
+MODELS = Path(__file__).parents[1] / "models"
+CRUSHING = "two_specimen_crushing"
+LOADS = {CRUSHING: ("press",), "impact_bar": (), "hammer_on_plate": ()}  # set from outside
+N_INSTANT, N_REPEAT, N_ROUNDED, N_SINGLE = 50, 9, 1000, 200
 
 
 class Watch:
@@ -51,6 +53,13 @@ class Watch:
         return timed
 
 
+def scene_of(model: str) -> latin_fmu.Scene:
+    """A shipped model with loads from outside."""
+    return latin_fmu.load_scene(
+        MODELS / model / "scene.toml", [f"load.{n}.law={{type='input', start_value=0.8}}" for n in LOADS[model]]
+    )
+
+
 def inside(name: str) -> Any:
     """A module of the solver that travels in the FMU of this process."""
     return next(
@@ -66,41 +75,40 @@ def seconds(action: Callable[[], object]) -> float:
 
 
 def overhead(peer: FmuPeer, h: float) -> tuple[float, float]:
-    """Medians over repeated steps: solver, s, and what the layers add, s."""
-    state = peer.snapshot()
-    peer.step(0.0, h)  # compiles, where nothing is kept yet
-    watch = Watch(inside("assembly.segments").SegmentedRun, "advance")
-    solver, layers = [], []
-    for _ in range(N_REPEAT):
-        peer.restore(state)
-        before = watch.seconds
-        total = seconds(lambda: (peer.set_load("press", 0.8), peer.step(0.0, h), peer.read(peer.outputs)))
-        solver.append(watch.seconds - before)
-        layers.append(total - solver[-1])
+    """Medians over steps: kernels, s, and what the layers add, s."""
+    state, watch = peer.snapshot(), Watch(inside("propagator.image").Image, "call")
+    kernels, layers = [], []
+    for i in range(N_REPEAT):
+        before, start = watch.seconds, i * h
+        total = seconds(lambda t=start: (peer.set_load("press", 0.8), peer.step(t, h), peer.read(peer.outputs)))  # type: ignore[misc]
+        kernels.append(watch.seconds - before)
+        layers.append(total - kernels[-1])
     peer.restore(state)
-    return statistics.median(solver), statistics.median(layers)
+    return statistics.median(kernels), statistics.median(layers)
 
 
-def single_steps(peer: FmuPeer, scene: latin_fmu.Scene) -> tuple[float, float]:
-    """CPU seconds of a step of one instant: all that a host pays, and a call of the kernels."""
-    dt, state = scene.time.time_step, peer.snapshot()
-    run = CommunicationRun(completed(scene))
+def single_steps(model: str) -> tuple[float, float]:
+    """Medians of the CPU seconds of a step of one instant: all that a host pays, and a call of the kernels."""
+    loads = LOADS[model]
+    scene = scene_of(model)
+    dt, run, spent = scene.time.time_step, CommunicationRun(completed(scene)), list[tuple[float, float]]()
+    with tempfile.TemporaryDirectory() as folder, closing(FmuPeer(build_fmu(scene, Path(folder) / "a.fmu"))) as peer:
 
-    def advance(first: int) -> None:
-        for i in range(first, first + N_SINGLE):
-            peer.set_load("press", 0.8)
+        def hosted(i: int) -> None:
+            for name in loads:
+                peer.set_load(name, 0.8)
             assert peer.step(i * dt, dt), peer.complaint
             peer.read(peer.outputs)
 
-    def march() -> None:
-        for _ in range(N_SINGLE):
-            run.set("press", 0.8, 0.0)
+        def in_kernels() -> None:
+            for name in loads:
+                run.set(name, 0.8, 0.0)
             assert run.image.call(entries.COMMUNICATE, 1, RATE, 0, 1) == 1
 
-    advance(0)
-    march()
-    host, kernels = seconds(lambda: advance(N_SINGLE)) / N_SINGLE, seconds(march) / N_SINGLE
-    peer.restore(state)
+        for i in range(min(N_SINGLE, scene.time.n_step)):
+            host = seconds(lambda i=i: hosted(i))  # type: ignore[misc]
+            spent.append((host, seconds(in_kernels)))
+    host, kernels = (statistics.median(part[10:]) for part in zip(*spent, strict=True))
     return host, kernels
 
 
@@ -129,7 +137,7 @@ def first_step(fmu: Path) -> float:
 def main() -> dict[str, float]:
     """Measure; numbers that tests look at."""
     # scene
-    scene = latin_fmu.load_scene(MODEL, ["load.press.law={type='input', start_value=0.8}"])
+    scene = scene_of(CRUSHING)
     dt = scene.time.time_step
 
     # solve
@@ -142,22 +150,25 @@ def main() -> dict[str, float]:
         drive.close()
         with closing(FmuPeer(fmu)) as peer:
             solver, layers = overhead(peer, N_INSTANT * dt)
-            host, kernels = single_steps(peer, scene)
             made = rounded_steps(peer, 1.1 * dt)
             references = [peer.reference(peer.outputs[i % len(peer.outputs)]) for i in range(1000)]
             at_once = statistics.median(seconds(lambda: peer.read_references(references)) for _ in range(20))
             singly = seconds(lambda: [peer.read_references([r]) for r in references])
         first = first_step(fmu)
+    single = {model: single_steps(model) for model in LOADS}
 
     # check
     share = layers / solver
-    print(f"solver, {N_INSTANT} instants                {1e3 * solver:8.1f} ms")
+    for model, (host, kernels) in single.items():
+        times = f"{1e3 * host:8.3f} ms, {1e3 * kernels:.3f} in kernels alone, ratio {host / kernels:.2f}"
+        print(f"one instant, {model:21s}{times}")
+    print(f"kernels, {N_INSTANT} instants               {1e3 * solver:8.1f} ms")
     print(f"session and FMI on top            {1e3 * layers:8.2f} ms ({100 * share:.1f} %)")
-    print(f"step of one instant               {1e3 * host:8.2f} ms, {1e3 * kernels:.2f} in kernels alone")
     print(f"factorisations in {N_ROUNDED} rounded steps {made:6d} (one for each of the two specimens)")
     print(f"extract, instantiate, free        {1e3 * instantiated:8.1f} ms")
     print(f"start and first step              {first:8.2f} s")
     print(f"read 1000 outputs, at once        {1e3 * at_once:8.2f} ms, one by one {1e3 * singly:.1f} ms")
+    host, kernels = single[CRUSHING]
     return {"overhead": share, "operators": made, "reading": at_once, "single": host, "kernels": kernels}
 
 
