@@ -89,4 +89,4 @@ def test_overhead(example):
     assert numbers["overhead"] < 0.05
     assert numbers["operators"] == 2  # one for each of the two specimens, in a thousand steps
     assert numbers["reading"] < 2e-3
-    assert numbers["kernels"] < numbers["single"]
+    assert numbers["kernels"] < numbers["single"] < 2.0 * numbers["kernels"]  # 1.5 where nothing else runs
