@@ -197,6 +197,22 @@ def test_a_gap_that_cannot_close_is_noticed() -> None:
     assert not suggested(scene, "cannot close")
 
 
+def test_factors_in_single_precision_are_suggested_for_large_parts() -> None:
+    scene = tables()
+    scene["substructure"]["a"]["box"] |= {"elements": [13, 13, 13]}
+    scene["time"]["instants"] = 5000
+    scene.setdefault("solver", {})["propagator"] = "direct"
+    found = [s for s in told(scene).suggestions if s.settings == ("solver.precision=float32",)]
+    assert len(found) == 1
+    assert "single precision" in found[0].what
+    assert "balance to 1e-6" in found[0].loss
+    assert found[0].factor is not None
+    assert found[0].factor < 0.9
+    scene["solver"]["precision"] = "float32"
+    assert not suggested(scene, "single precision")
+    assert not suggested(tables(), "single precision")
+
+
 def test_what_could_be_rigid_is_noticed() -> None:
     scene = tables()
     assert not suggested(scene, "as a rigid body")

@@ -35,6 +35,9 @@ SLOW = 10.0  # duration of the run over the longest transit
 CHEAP = 0.4  # cost of another propagator over that of the chosen one
 MORE_STEPS = 10.0  # most steps of an explicit march over those of the scene
 LUMPED = "with a lumped mass: contact forces change by some per cent on coarse meshes"
+LARGE = 2e6  # numbers of a factor that does not stay in the cache
+CLEARLY = 0.9  # cost with factors in single precision over that in double precision
+ROUNDED = "results move by 1e-8 to 1e-6, and forces and momentum balance to 1e-6 instead of round-off"
 TRUNCATED = "with some modes instead of the mesh: the response above them is lost, a warning of the run states how much"
 
 
@@ -74,7 +77,7 @@ Maker = Callable[[Prediction, list[Effect]], Iterator[Suggestion]]
 
 def suggestions(p: Prediction, effects: list[Effect]) -> list[Suggestion]:
     """All suggestions for a scene with these effects."""
-    makers: tuple[Maker, ...] = (_friction, _open_gaps, _rigid, _stored, _slow, _late, _propagator)
+    makers: tuple[Maker, ...] = (_friction, _open_gaps, _rigid, _stored, _slow, _late, _single, _propagator)
     return [s for make in makers for s in make(p, effects)]
 
 
@@ -251,6 +254,19 @@ def _late(p: Prediction, _: list[Effect]) -> Iterator[Suggestion]:
             ("solver.skip_at_rest=tolerance",),
             _factor(p, fewer),
         )
+
+
+def _single(p: Prediction, _: list[Effect]) -> Iterator[Suggestion]:
+    """Factors larger than the cache in single precision: half of them is read."""
+    settings, marched = ("solver.precision=float32",), p.run.propagator
+    largest = max((c.size.factor for c in p.run.classes), default=0.0)
+    if marched.kind != "direct" or marched.precision != "float64" or largest < LARGE:
+        return
+    factor = _factor(p, replace(p.run, propagator=replace(marched, precision="float32")))
+    if factor < CLEARLY and changed(p, settings) is not None:
+        size = f"{8e-6 * largest:.0f} MB"
+        what = f"the largest factor has {size}, more than a cache holds; in single precision half of it is read"
+        yield Suggestion(what, settings, factor, ROUNDED)
 
 
 def _propagator(p: Prediction, _: list[Effect]) -> Iterator[Suggestion]:

@@ -39,7 +39,7 @@ class Settings:
     window : instants per window, 0 for the whole interval.
     quasi_static : no inertia.
     direct_bonds : where all interfaces are perfect, windows of one instant are one linear solve each.
-    threads : cores for the substructures (windows of one instant).
+    threads : of the march.
     skip_unchanged : reuse the previous solve of a substructure whose interface load has not changed.
     newton : end windows of one instant in which the iteration is slow by Newton steps.
     sequential_start : a window of several instants starts from the solution of windows of one instant (else from its

@@ -397,7 +397,10 @@ class Solver(Table):
     propagator: Annotated[Propagator, about("how substructures are integrated in time")] = AutomaticPropagator()
     precision: Annotated[
         Literal["float64", "float32"],
-        about("of the factors of the direct propagator; float32 halves their memory and moves results by 1e-8 to 1e-6"),
+        about(
+            "of the factors of the direct propagator; float32 halves their memory and moves results by 1e-8 to 1e-6; "
+            "forces and momentum then balance to 1e-6"
+        ),
     ] = "float64"
     interface_operator: Annotated[
         Literal["automatic", "dense", "exact"],
@@ -415,8 +418,8 @@ class Solver(Table):
         int,
         Field(ge=1, le=256),
         about(
-            "cores that solve substructures in parallel (windows of one instant); of use from some thousands of "
-            "unknowns per substructure; results are the same to the last bit",
+            "threads of the march, one a core: they share the substructures, the points of the interfaces and the "
+            "pieces of large factors; of use from some thousands of unknowns; results are the same to the last bit",
             "1",
         ),
     ] = 1
