@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import importlib.util
 import json
 from pathlib import Path
 from types import ModuleType
@@ -53,6 +54,7 @@ def test_every_example_is_tested_here() -> None:
         "joint_damping",
         "landing",
         "large_faces",
+        "growth",
     }
 
 
@@ -208,6 +210,16 @@ def test_large_faces(example: ModuleType, tmp_path: Path) -> None:
     assert _figures(tmp_path) == {"large_faces.png"}
     assert [c.points for c in costs] == [81, 169]
     assert all(c.ratio > 1.0 and c.set_up > 0.0 and 2.0 < c.iterations < 5.0 for c in costs)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(importlib.util.find_spec("mpi4py") is None, reason="no MPI")
+@pytest.mark.parametrize("example", ["growth"], indirect=True)
+def test_growth(example: ModuleType, tmp_path: Path) -> None:
+    lines = example.main(["--quick", "-o", str(tmp_path)])
+    assert _figures(tmp_path) == {"growth.png"}
+    assert [[n for n, _ in line] for line in lines.values()] == [[49, 81], [192, 375], [2, 4], [1, 2]]
+    assert all(cost > 0.0 for line in lines.values() for _, cost in line)
 
 
 @pytest.mark.parametrize("example", ["joint_damping"], indirect=True)
