@@ -18,6 +18,7 @@ from matplotlib.figure import Figure
 
 import latin_fmu
 from latin_fmu.latin.record import InterfaceHistory
+from latin_fmu.pictures.style import LINES
 
 SCENE = MODELS / "two_specimen_crushing" / "scene.toml"
 FRICTION = (0.0, 0.05, 0.1, 10.0)
@@ -178,9 +179,10 @@ def figure_of_friction(found: dict[float, Crush]) -> Figure:
     figure.suptitle("Crushing of two specimens: the influence of friction", fontweight="bold")
     left, right = halves(figure, 1.1)
     lines = left.subplots(3, 1, sharex=True)
-    for (friction, curves), colour in zip(found.items(), COLOURS, strict=False):
+    for (friction, curves), colour, line in zip(found.items(), COLOURS, LINES, strict=False):
+        style = {"color": colour, "linestyle": line, "linewidth": 1.5, "label": f"$\\mu$ = {friction:g}"}
         for axis, (label, values) in zip(lines, quantities(curves), strict=True):
-            axis.plot(1e6 * curves.time, values, color=colour, linewidth=1.5, label=f"$\\mu$ = {friction:g}")
+            axis.plot(1e6 * curves.time, values, **style)
             axis.set_ylabel(label)
     for axis in lines:
         axis.axhline(0.0, color="0.6", linewidth=0.6, zorder=0)

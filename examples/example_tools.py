@@ -12,11 +12,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 from numpy.typing import NDArray
 
+from latin_fmu.pictures.style import DISTINCT
+
 Array = NDArray[np.float64]
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
-# Okabe and Ito: told apart by colour-blind readers and in grey print.
-BLUE, VERMILION, GREEN, PURPLE, ORANGE = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00"
+BLUE, VERMILION, GREEN, PURPLE, ORANGE = DISTINCT[:5]
 COLOURS = (BLUE, GREEN, ORANGE, VERMILION, PURPLE)
 EXACT = {"color": "black", "linewidth": 0.9, "linestyle": (0, (5, 2)), "label": "exact"}
 

@@ -12,10 +12,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from example_tools import BLUE, EXACT, GREEN, ORANGE, VERMILION, Array, options, save, table, tidy
+from example_tools import EXACT, Array, options, save, table, tidy
 from matplotlib.figure import Figure
 
 import latin_fmu
+from latin_fmu.pictures.style import curve_styles
 
 SIDE, END = 0.1, 2.6
 SCHEMES: dict[str, dict[str, Any]] = {
@@ -24,7 +25,7 @@ SCHEMES: dict[str, dict[str, Any]] = {
     "hht": {"type": "hht"},
     "massless_contact": {"type": "massless_contact"},
 }
-COLOURS = dict(zip(SCHEMES, (BLUE, GREEN, VERMILION, ORANGE), strict=True))
+LOOKS = dict(zip(SCHEMES, curve_styles(len(SCHEMES), markers=True), strict=True))
 COURANT, PHASES = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 4.0), (0.02, 0.2, 0.4, 0.6, 0.9)
 QUICK_COURANT, QUICK_PHASES = (0.2, 1.0), (0.4,)
 
@@ -55,7 +56,7 @@ def main(argv: Sequence[str] | None = None) -> dict[str, float]:
     force, peak, error, energy = figure.subplots(1, 4)
     for name in reversed(SCHEMES):
         time, history = shown[name]
-        force.plot(time, history, color=COLOURS[name], linewidth=0.9, label=name)
+        force.plot(time, history, **LOOKS[name] | {"marker": ""}, linewidth=0.9, label=name)
     force.plot([0, 0, 2, 2, END], [0, 1, 1, 0, 0], **EXACT)
     force.set(title="Force at Courant number 0.1", xlabel="t c / L", ylabel="force / (rho c A v)", ylim=(-0.2, 3))
     for j, (axis, title) in enumerate(
@@ -63,7 +64,7 @@ def main(argv: Sequence[str] | None = None) -> dict[str, float]:
     ):
         for name, rows in measured.items():
             values = 1 - rows[:, j] if j == 2 else rows[:, j]
-            axis.plot(courants, values, "o-", color=COLOURS[name], markersize=3.5, linewidth=1.1, label=name)
+            axis.plot(courants, values, **LOOKS[name], markersize=4, linewidth=1.1, label=name)
         axis.set(title=title, xlabel="Courant number", xscale="log")
         axis.set_xticks(courants, [f"{c:g}" for c in courants])
         axis.minorticks_off()
