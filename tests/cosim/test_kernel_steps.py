@@ -128,14 +128,14 @@ class Walk:
         apart = peaks_apart(straight.table, known, got, self.t - self.start)
         worst = max(apart, key=lambda name: apart[name])
         assert apart[worst] <= limit, (worst, apart[worst])
-        for name, history in python.window()[1].items():
-            own = straight.window()[1][name]
-            for field in ("traction", "velocity", "gap", "contact_status"):
-                values, mine = getattr(history, field), getattr(own, field)
-                if values is not None:
-                    scale = np.abs(values).max(initial=0.0)
-                    assert mine.shape == values.shape
-                    assert np.abs(mine - values).max(initial=0.0) <= limit * scale + 1e-15 * (field == "gap")
+        known_fields, own_fields = python.window()[1], straight.window()[1]
+        for field in ("traction", "velocity", "gap", "contact_status"):
+            values = {n: f for n, h in known_fields.items() if (f := getattr(h, field)) is not None}
+            scale = max((np.abs(f).max(initial=0.0) for f in values.values()), default=0.0)
+            for name, kept in values.items():
+                mine = getattr(own_fields[name], field)
+                assert mine.shape == kept.shape
+                assert np.abs(mine - kept).max(initial=0.0) <= limit * scale + 1e-15 * (field == "gap")
         if not self.settings.keep:  # else a session opened anew does not know the steps before
             assert straight.snapshot() == other.snapshot()
 
