@@ -17,6 +17,7 @@ from ..latin.recorder import OutputRequest, SubstructureInfo
 from ..latin.search_direction import inertial_impedance, unresolved_sides
 from ..latin.settings import SearchDirection, Settings
 from ..propagator import Histories, SubstructureModel
+from ..propagator.interface_probing import SHARE
 from ..results.dataset import Recovered
 from ..scene.boundaries import Driven
 from ..scene.fields import split_face
@@ -323,6 +324,7 @@ def settings_of(scene: Scene) -> Settings:
         threads=solver.threads,
         skip_unchanged=solver.skip_unchanged,
         newton=solver.newton,
+        tables={"automatic": SHARE, "sparse": 1.0}.get(solver.interface_operator, 0.0),
         sequential_start=solver.start == "sequential",
     )
 

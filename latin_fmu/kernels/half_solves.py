@@ -22,6 +22,7 @@ from ..compiled import kernel
 from .matrices import add_spread, add_trace
 from .products import tile_width
 from .records import STATIC
+from .sparse_response import add_response
 from .splits import substitute
 
 Array = NDArray[np.float64]
@@ -80,11 +81,17 @@ def backward(pools: Any, c: int) -> None:
     n, m, n_interior = row.n, row.m, row.n_interior
     order = pools.fixed_int[row.order : row.order + n]
     out, last = work[row.load : row.load + n * m], work[row.inner_answer : row.inner_answer + row.n_inner * m]
-    x = work[row.half_solution : row.half_solution + n * tile_width(m)]
+    at = row.half_solution
+    x = work[at : at + n * tile_width(m)]
+    if row.sparse == 1:  # the half solution is needed again where the instant goes on
+        half, at = x, row.face_vector
+        x = work[at : at + n * tile_width(m)]
+        for i in range(len(x)):
+            x[i] = half[i]
     for i in range(n - n_interior):
         for j in range(m):
             x[place_of(n, m, n_interior + i, j)] = last[i * m + j]
-    substitute(pools, c, row.half_solution, on_springs(pools, c), True, True)
+    substitute(pools, c, at, on_springs(pools, c), True, True)
     for i in range(n):
         for j in range(m):
             out[order[i] * m + j] = x[place_of(n, m, i, j)]
@@ -158,9 +165,10 @@ def face_response(pools: Any, c: int, with_k: bool, force: Array, answer: Array)
 
 @kernel
 def swept_response(pools: Any, c: int, q: Array, w: Array) -> None:
-    """``linear_response`` by substitution on the face with the factor that has the dashpots k on the interfaces. With
-    the reference F_0 among the loads, w_free is the velocity under these tractions, W = w_free + Y area (q - q_0) with
-    q_0 = F_0 + k w_free, and W = w_free for q_0 itself, the first guess of an instant."""
+    """``linear_response`` by substitution on the face with the factor that has the dashpots k on the interfaces, or by
+    the table of Y. With the reference F_0 among the loads, w_free is the velocity under these tractions,
+    W = w_free + Y area (q - q_0) with q_0 = F_0 + k w_free, and W = w_free for q_0 itself, the first guess of an
+    instant."""
     row, run, work = pools.classes[c], pools.run[0], pools.moving
     m, size = row.m, row.n_channel * row.m
     channels = pools.fixed_int[row.channels : row.channels + size]
@@ -181,7 +189,10 @@ def swept_response(pools: Any, c: int, q: Array, w: Array) -> None:
         for at in range(size):
             w[channels[at]] = answer[at]
         return
-    face_response(pools, c, True, incoming, answer)
+    if row.sparse == 1:
+        add_response(pools, c, incoming, answer)
+    else:
+        face_response(pools, c, True, incoming, answer)
     for at in range(size):
         w[channels[at]] = answer[at]
 

@@ -28,6 +28,7 @@ from ..cholesky.substitution import LANES, SPARE, TILED
 from ..compiled import kernel
 from .half_solves import forward_on_face, gain_of
 from .products import symmetric_size, two_norms
+from .sparse_response import add_table_norms
 from .splits import dense
 
 Array = NDArray[np.float64]
@@ -74,6 +75,10 @@ def class_norms(pools: Any, c: int, window: int) -> None:
     pools.moving[row.class_norms : row.class_norms + 4 * window] = 0.0
     for i in range(window):
         start, at = 0, 0
+        if row.swept == 1 and row.normal_points > 0:
+            for part in range(parts):
+                add_table_norms(pools, c, i, part, gain_of(row, pools.run[0]))
+            continue
         if row.swept == 1:
             _add_swept_norms(pools, c, i, parts)
             continue

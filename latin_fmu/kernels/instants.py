@@ -16,9 +16,13 @@ from .local_stage import open_window, read_gaps
 from .matrices import probe, read_channels
 from .newton import MADE
 from .products import add_dense
-from .tasks import END, END_OF_WINDOW, PREDICT, each_class
+from .sparse_response import MOST_CORRECTIONS, defect
+from .tasks import END, END_OF_WINDOW, PREDICT, SOLUTION, each_class
 
 Array = NDArray[np.float64]
+
+WITHIN, CORRECTED, FAILED = 1, 0, -1
+"""Results of ``correct``."""
 
 
 @kernel
@@ -30,6 +34,13 @@ def march_instants(pools: Any, first: int, n: int) -> int:
         each_class(pools, PREDICT, instant, 0)
         if not solve_instant(pools, instant, call):
             return call
+        while pools.run[0].sparse == 1:
+            each_class(pools, SOLUTION, instant, 0)
+            verdict = correct(pools, instant, call)
+            if verdict == FAILED:
+                return call
+            if verdict == WITHIN:
+                break
         each_class(pools, END, instant, 0)
         end_instant(pools, instant, 0)
     return n
@@ -48,14 +59,36 @@ def solve_instant(pools: Any, instant: int, call: int) -> bool:
         return True
     first_guess(pools, instant)
     solved = work[run.counts + 1]
-    used = iterate(pools, 1, instant, call)
+    used = iterate(pools, 1, instant, call, 0)
     pools.moving_int[run.iterations + call] = used
     pools.moving_int[run.newton_steps + call] = int(work[run.course + MADE])
     if used <= 0:
         work[run.counts + 1] = solved  # the Python driver solves this instant again, and counts
         return False
-    accept(pools, 1)
+    pools.moving[run.defects + call] = 0.0
+    pools.moving_int[run.corrections + call] = 0
+    if run.sparse == 0:
+        accept(pools, 1)
     return True
+
+
+@kernel
+def correct(pools: Any, instant: int, call: int) -> int:
+    """Compare the defect of the solutions under its tractions with the tolerance: WITHIN, or CORRECTED after further
+    iterations from their tractions and exact velocities, to be followed by new solutions; or FAILED."""
+    run = pools.run[0]
+    size = defect(pools)
+    if size <= run.tolerance:
+        pools.moving[run.defects + call] = size
+        accept(pools, 1)
+        return WITHIN
+    if pools.moving_int[run.corrections + call] == MOST_CORRECTIONS or not np.isfinite(size):
+        return FAILED
+    pools.moving_int[run.corrections + call] += 1
+    guess_from_reference(pools, pools.moving[run.q : run.q + run.n_flat], True)
+    used = iterate(pools, 1, instant, call, int(pools.moving_int[run.iterations + call]))
+    pools.moving_int[run.iterations + call] = used
+    return CORRECTED if used > 0 else FAILED
 
 
 @kernel
@@ -83,7 +116,7 @@ def first_guess(pools: Any, instant: int) -> None:
         q[j] = f_hat[j] + k[j] * carry * w_hat[j]
         touched = touched or f_hat[j] != 0.0
     if touched or run.static == 1:
-        guess_from_reference(pools, q)
+        guess_from_reference(pools, q, False)
         return
     w = work[run.w : run.w + n]
     free_motion(pools, instant, w)
@@ -92,15 +125,16 @@ def first_guess(pools: Any, instant: int) -> None:
 
 
 @kernel
-def guess_from_reference(pools: Any, q: Array) -> None:
-    """q of the last tractions and of the velocities that they give at the channels of swept classes with inertia. Not
-    where steps are so long that Newton steps end them: there the last velocities are closer to the new ones."""
+def guess_from_reference(pools: Any, q: Array, sparse: bool) -> None:
+    """q of the reference tractions and of the velocities that they give at the channels of swept classes with inertia,
+    ``sparse``: of those with a table of Y alone. Not where steps are so long that Newton steps end them: there the last
+    velocities are closer to the new ones."""
     run, work = pools.run[0], pools.moving
     if run.newton == 1:
         return
     for c in range(len(pools.classes)):
         row = pools.classes[c]
-        if row.swept == 0 or run.static == 1:
+        if row.swept == 0 or run.static == 1 or (sparse and row.sparse == 0):
             continue
         for at in range(row.n_channel * row.m):
             j = pools.fixed_int[row.channels + at]

@@ -206,19 +206,20 @@ def judge(pools: Any, window: int, phase: int, iteration: int, accelerated: bool
 
 
 @kernel
-def iterate(pools: Any, window: int, first: int, call: int) -> int:
-    """Iterate from the q of ``work``; iterations used where the window converged, else minus that number."""
+def iterate(pools: Any, window: int, first: int, call: int, begin: int) -> int:
+    """Iterate from the q of ``work``, with ``begin`` iterations made before in this window under another reference;
+    iterations used where the window converged, else minus that number."""
     run = pools.run[0]
-    for iteration in range(run.max_iterations):
-        next_stage(pools, window, first, iteration)
+    for iteration in range(begin, run.max_iterations):
+        next_stage(pools, window, first, iteration - begin)
         pools.moving[run.errors + call * run.max_iterations + iteration] = pools.moving[run.measure]
         pools.moving[run.force_residuals + call * run.max_iterations + iteration] = pools.moving[run.measure + 1]
-        bits = judge(pools, window, 0, iteration, run.depth > 0)
+        bits = judge(pools, window, begin, iteration, run.depth > 0)
         if bits & CONVERGED:
             return iteration + 1
         if bits & (STALLED | BROKEN):
             return -(iteration + 1)
-        advance_iterate(pools, window, iteration, 0)
+        advance_iterate(pools, window, iteration, begin)
     return -int(run.max_iterations)
 
 

@@ -15,10 +15,10 @@ A block is one allocation, a pool a range of it; a snapshot is a copy of the ran
 float64, int64, uint32 or float32 numbers. A record holds sizes, and for every array the position of its first number in
 its block; kernels slice. A record holds no address: blocks can be copied, saved, mapped and shared.
 
-Dimensions: n dofs of a member, m members of a class, g interface dofs, c channels (interface unknowns) of a member,
-N = n_flat channels of the assembly, p points of a group, h components per point, T instants of the segment, w instants
-of the longest window, R rows of output. Arrays over members have the member as last index. A channel is one interface
-unknown in the local frame: one component (N, t1 or t2) at one point of one side of one interface.
+Dimensions: n dofs of a member, m members of a class, g interface dofs, c channels of a member, N = n_flat channels of
+the assembly, p points of a group, h components per point, T instants of the segment, w instants of the longest window,
+R rows of output. Arrays over members have the member as last index. A channel is one interface unknown in the local
+frame: a component (N, t1 or t2) at a point of a side.
 """
 
 from __future__ import annotations
@@ -27,12 +27,13 @@ from typing import Any, Final
 
 import numpy as np
 
+from . import sparse_response
+
 Field = tuple[str, str]  # name, meaning with shape, pool and unit
 
 DIRECT, EXPLICIT, STATIC = 0, 1, 2
 """Kinds of motion of a class: implicit (a reduced body is one), central differences, without inertia."""
 
-# an array of matrix entries in compressed rows: starts (rows + 1,) int64, columns uint32, values
 _MATRIX: Final = (
     ("{0}_rows", "rows of {1}, 0 where there is none"),
     ("{0}_starts", "constants, int64 (rows + 1,): first entry of each row of {1}"),
@@ -192,8 +193,9 @@ CLASS_FIELDS: Final[tuple[Field, ...]] = (
     *_fields(_TERM, "displacement", "their displacements, m"),
     *_fields(_TERM, "acceleration", "their accelerations, m s-2"),
     *_fields(_TERM, "work", "loads alone, that work on the dofs, N"),
+    *sparse_response.CLASS_FIELDS,
 )
-"""A class of identical substructures."""
+"""A class of identical substructures; the fields of tables of large interfaces are in ``sparse_response``."""
 
 GROUP_FIELDS: Final[tuple[Field, ...]] = (
     ("law", "code of the law (``laws.LAWS``), -1 where the Python driver calls it"),
@@ -345,10 +347,7 @@ RUN_FIELDS: Final[tuple[Field, ...]] = (
     ("input_start", "constants (n_input,): amplitude that the initial state of the image is for"),
     ("input_held", "constants, int64 (n_input,): ``communication.FREE``, BY_VALUE or BY_BOTH"),
     ("law_table", "constants (max(law_end, 0) + 1, n_source - n_input)"),
-    (
-        "opening_place",
-        "constants, int64 (opening_rows,): places among u, v, a, residual of the classes, f_hat and w_hat",
-    ),
+    ("opening_place", "constants, int64 (opening_rows,): places in u, v, a, residual of classes, f_hat, w_hat"),
     ("summary", "constants, int64 (n_interface, 6): outputs of force, impulse, smallest gap or -1; group, its points"),
     ("area_share", "constants (n_point,): share of the area of the interface"),
     *_fields(_MATRIX, "column", "the columns (sums and motions of the classes, ground) of a time step from its drives"),
@@ -384,6 +383,7 @@ RUN_FIELDS: Final[tuple[Field, ...]] = (
     ("shear", "work (3 n_interface,): tangential resultants, N"),
     ("friction_ratio", "work (R, n_interface): |T| / N"),
     ("output", "output (R, n_output): row 0 at the start of the call"),
+    *sparse_response.RUN_FIELDS,
 )
 """The run as a whole: sizes and arrays."""
 

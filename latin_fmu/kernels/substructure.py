@@ -119,15 +119,13 @@ def free_load(pools: Any, c: int, instant: int) -> None:
 @kernel
 def free_velocity(pools: Any, c: int, instant: int) -> None:
     """Velocities of the channels without tractions, from the interface part of the half solution in ``inner``."""
-    row, run, work, state = pools.classes[c], pools.run[0], pools.moving, pools.moving
+    row, run, work = pools.classes[c], pools.run[0], pools.moving
     m, n_inner, size = row.m, row.n_inner, row.n_channel * row.m
     inner, reached = (
         work[row.inner : row.inner + n_inner * m],
         work[row.inner_answer : row.inner_answer + n_inner * m],
     )
     free_a, w_free = work[row.free_a : row.free_a + n_inner * m], work[row.w_free : row.w_free + size]
-    dofs = pools.fixed_int[row.dofs : row.dofs + n_inner]
-    w_free[:] = 0.0
     if row.swept == 1:
         half = work[row.half_solution : row.half_solution + row.n * tile_width(m)]
         vector = work[row.face_vector : row.face_vector + row.n * tile_width(m)]
@@ -143,6 +141,7 @@ def free_velocity(pools: Any, c: int, instant: int) -> None:
         dt = run.dt
         for i in range(n_inner * m):
             reached[i] /= dt
+        w_free[:] = 0.0
         add_trace(pools, c, reached, w_free, False)
         damped = work[row.w_damped : row.w_damped + size]
         damped[:] = 0.0
@@ -153,6 +152,21 @@ def free_velocity(pools: Any, c: int, instant: int) -> None:
     if row.swept == 0:
         inverse = pools.fixed[row.schur_inverse : row.schur_inverse + symmetric_size(n_inner, row.plain_inverse, m)]
         dense(pools, c, n_inner, inverse, row.plain_inverse, m, inner, free_a)
+    channel_velocity(pools, c, instant)
+
+
+@kernel
+def channel_velocity(pools: Any, c: int, instant: int) -> None:
+    """Velocities of the channels in ``w_free`` from the accelerations of the interface dofs in ``free_a``; not without
+    inertia."""
+    row, run, work, state = pools.classes[c], pools.run[0], pools.moving, pools.moving
+    m, n_inner = row.m, row.n_inner
+    reached, free_a = (
+        work[row.inner_answer : row.inner_answer + n_inner * m],
+        work[row.free_a : row.free_a + n_inner * m],
+    )
+    w_free = work[row.w_free : row.w_free + row.n_channel * m]
+    dofs = pools.fixed_int[row.dofs : row.dofs + n_inner]
     u, u_free = state[row.u : row.u + row.n * m], work[row.u_free : row.u_free + row.n * m]
     v_free = work[row.v_free : row.v_free + row.n * m]
     of_old, of_u, of_v, gain = run.w_u_old, run.w_u, run.w_v, run.interface_gain
@@ -160,6 +174,7 @@ def free_velocity(pools: Any, c: int, instant: int) -> None:
         for j in range(m):
             at, own = dofs[i] * m + j, i * m + j
             reached[own] = of_old * u[at] + of_u * u_free[at] + of_v * v_free[at] + gain * free_a[own]
+    w_free[:] = 0.0
     add_trace(pools, c, reached, w_free, False)
     add_sum(pools, c, VELOCITIES, instant, 1.0, w_free)
 
@@ -238,11 +253,34 @@ def linear_response(pools: Any, c: int, q: Array, w: Array) -> None:
 def commit(pools: Any, c: int, instant: int, flat: Array) -> int:
     """End the instant with tractions (STATIC: incoming quantities q) flat (N,) over the assembly; number of
     substructures marched."""
-    if not interface_load(pools, c, flat):
+    work, row = pools.moving, pools.classes[c]
+    if row.sparse == 1 and work[row.ended] == 1.0:
+        work[row.ended] = 0.0
+    elif interface_load(pools, c, flat):
+        backward(pools, c)
+    else:
         return 0
-    backward(pools, c)
     advance(pools, c, instant)
-    return int(pools.classes[c].m)
+    return int(row.m)
+
+
+@kernel
+def solve_under_tractions(pools: Any, c: int, instant: int) -> None:
+    """Solution at the end of the instant under the tractions of the local stage, in ``load``, of a class with a table
+    of Y. These tractions become the reference, with their exact velocities in ``w_free``."""
+    row, run, work = pools.classes[c], pools.run[0], pools.moving
+    m = row.m
+    f_hat = work[run.local_f : run.local_f + run.n_flat]
+    work[row.ended] = 1.0 if interface_load(pools, c, f_hat) else 0.0
+    if work[row.ended] == 0.0:
+        return
+    backward(pools, c)
+    for i in range(row.n_inner):
+        for j in range(m):
+            work[row.free_a + i * m + j] = work[row.load + pools.fixed_int[row.dofs + i] * m + j]
+    channel_velocity(pools, c, instant)
+    for at in range(row.n_channel * m):
+        work[row.reference + at] = f_hat[pools.fixed_int[row.channels + at]]
 
 
 @kernel
@@ -270,7 +308,6 @@ def interface_load(pools: Any, c: int, flat: Array) -> bool:
             return False
         work[row.half_solution : row.half_solution + row.n * tile_width(m)] = 0.0
         work[row.passed] = 0.0
-    pools.moving[row.rest] = 0.0
     inner, last = (work[row.inner : row.inner + n_inner * m], work[row.inner_answer : row.inner_answer + n_inner * m])
     free_a = work[row.free_a : row.free_a + n_inner * m]
     inner[:] = 0.0
@@ -312,6 +349,7 @@ def advance(pools: Any, c: int, instant: int) -> None:
     u, v, a = state[row.u : row.u + size], state[row.v : row.v + size], state[row.a : row.a + size]
     u_free, v_free = work[row.u_free : row.u_free + size], work[row.v_free : row.v_free + size]
     solved = work[row.load : row.load + size]
+    state[row.rest] = 0.0
     if row.kind == STATIC:
         for i in range(size):
             u[i] = u_free[i] + solved[i]

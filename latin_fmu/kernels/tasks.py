@@ -21,12 +21,12 @@ from .indicator import class_norms
 from .local_stage import points_stage
 from .matrices import probe, read_channels
 from .splits import leaf
-from .substructure import commit, interface_response, linear_response, predict
+from .substructure import commit, interface_response, linear_response, predict, solve_under_tractions
 from .team import ARGUMENTS, LINE, claimed, close_region, end_task, next_ticket, open_region
 
 Array = NDArray[np.float64]
 
-PREDICT, RESPONSE, WINDOW, NORMS, END, END_OF_WINDOW, POINTS = range(7)
+PREDICT, RESPONSE, WINDOW, NORMS, SOLUTION, END, END_OF_WINDOW, POINTS = range(8)
 """Actions of ``task``."""
 CHUNK = 64
 """Points of an interface in a task."""
@@ -45,6 +45,9 @@ def task(pools: Any, action: int, t: int, a: int, b: int) -> None:
         pools.moving[pools.classes[t].solved] = marched
     elif action == NORMS:
         class_norms(pools, t, a)
+    elif action == SOLUTION:
+        if pools.classes[t].sparse == 1:
+            solve_under_tractions(pools, t, a)
     elif action == END:
         end_class(pools, t, a)
     elif action == END_OF_WINDOW:

@@ -23,6 +23,7 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 from ..interface import Behaviour, InterfaceGeometry
 from ..interface.laws import NoSlip
 from ..propagator import Propagator
+from ..propagator.interface_probing import Points
 from ..time_scheme import QuasiStatic, TimeScheme
 
 Array = NDArray[np.float64]
@@ -136,6 +137,20 @@ class Layout:
         return picked
 
 
+def class_points(layout: Layout, interfaces: Sequence[InterfaceUnit], channels: Index) -> Points:
+    """Points of the interfaces of a class with channels (n_channel, n_member); channels of its first member."""
+    row = np.full(layout.n_flat, -1)
+    row[channels[:, 0]] = np.arange(len(channels))
+    positions, at = list[Array](), list[Index]()
+    for i, unit in enumerate(interfaces):
+        for side in (0, 1):
+            own = row[layout.channels(i, side)]
+            if own[0, 0] >= 0:
+                positions.append(unit.geometry.points)
+                at.append(np.pad(own, ((0, 0), (0, 3 - own.shape[1])), constant_values=-1))
+    return Points(np.concatenate(positions), np.concatenate(at), np.repeat(np.arange(len(at)), list(map(len, at))))
+
+
 _TOUCH = 0.1  # gap that counts as closed without slip, over the distance that the loads close within an instant
 
 
@@ -206,6 +221,10 @@ class Assembly:
     def swept(self) -> bool:
         """Whether interfaces of a substructure are solved with by substitution (``propagator.interface_sweeps``)."""
         return any(p.swept for p in self.propagators)
+
+    def points_of(self, c: int) -> Points:
+        """Points of the interfaces of a class."""
+        return class_points(self.layout, self.interfaces, self.channels[c])
 
     @property
     def impedance(self) -> Array:

@@ -221,7 +221,9 @@ class WindowRecord:
     residual (NaN where it was not evaluated). ``accepted`` is the index of the iterate from which the run continues:
     the last one where the window converged, else the best. ``fallbacks`` names the fall-backs used, in order;
     ``newton_steps`` counts the iterations whose q is that of a Newton step. ``disagreement`` : in a window of several
-    instants, largest difference of the tractions of both stages over their largest size.
+    instants, largest difference of the tractions of both stages over their largest size. ``defect`` : where large
+    interfaces are solved with by truncated tables, what the exact velocities under the tractions at the end leave of
+    the laws, in the norm of the indicator, after so many ``corrections``; 0 elsewhere.
     """
 
     first_instant: int
@@ -233,6 +235,8 @@ class WindowRecord:
     accepted: int = -1
     newton_steps: int = 0
     disagreement: float = 0.0
+    defect: float = 0.0
+    corrections: int = 0
 
     @property
     def final_error(self) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -21,12 +22,13 @@ from .probes import Probes
 from .processes import Exchange, Processes, SharedStages, check_newton, checked_channels, own_part
 from .record import Timings
 from .recorder import Recorder
-from .run_image import Stages, all_in_kernels, histories, make_image, negligible_scales, still
+from .run_image import Stages, all_in_kernels, histories, law_of, make_image, negligible_scales, still
 from .search_direction import Direction
 from .settings import Settings
 from .status import WindowList, status, with_energy
 
-ONE, LONG = 1, 2  # keys of the search directions in the image: windows of one instant, longer ones
+ONE, LONG, EXACT = 1, 2, 3
+"""Keys of the search directions in the image: windows of one instant, longer ones, the first without tables of Y."""
 SAMPLED = 64  # instants between two samples of the states, wherever the calls of the kernels end
 
 
@@ -122,6 +124,7 @@ class RunState:
     held : the assembly with the substructures of this process alone.
     windows : records of the windows of the segment. interface_indicator : (n_interface,) largest indicator of each.
     marched, condensed : substructure-instants marched, and solved through the condensed operator, since the start.
+    refusals : windows of one instant that the compiled driver left to the Python driver.
     stopped : whether a window ended so far from a solution that the run cannot continue.
     """
 
@@ -182,6 +185,7 @@ class RunState:
             else scales
         )
         self._team = Team(self.image, self.settings.threads)
+        self.refusals = 0
         self._per_instant, self._refused, self._in_kernels = 0.0, False, all_in_kernels(self.image)
         self._operators, self._still = [p.operators for p in assembly.propagators], still(assembly)
 
@@ -232,13 +236,13 @@ class RunState:
 
     def snapshot(self) -> dict[str, Any]:
         """All that the next window of this segment depends on, beside what has been recorded."""
-        own = {"marched": self.marched, "condensed": self.condensed, "stopped": self.stopped}
+        own = {"marched": self.marched, "condensed": self.condensed, "stopped": self.stopped, "refusals": self.refusals}
         samples = [p.sampled for p in self.assembly.propagators]
         return own | {"instant": self.assembly.instant, "state": self.image.state, "samples": samples}
 
     def restore(self, snapshot: Mapping[str, Any]) -> None:
         """Return to a ``snapshot``; the caller restores windows and recorder."""
-        for name in ("marched", "condensed", "stopped"):
+        for name in ("marched", "condensed", "stopped", "refusals"):
             setattr(self, name, snapshot[name])
         self.image.state[:] = snapshot["state"]
         self._set_instant(snapshot["instant"])
@@ -251,16 +255,21 @@ class RunState:
         """Search direction for windows of n instants (kept: one for n = 1, one for longer windows)."""
         key = min(n, LONG)
         if key not in self._directions:
-            self._directions[key] = Direction(self.assembly, self.settings, n)
+            compiled = all(law_of(group.behaviour) >= 0 for group in self.assembly.layout.groups)
+            usable = self.settings.window == 1 and self.processes is None and compiled
+            settings = self.settings if usable else replace(self.settings, tables=0.0)
+            self._directions[key] = Direction(self.assembly, settings, n)
         return self._directions[key]
 
-    def _use(self, n: int) -> None:
-        """Bind propagators and image to the search direction for windows of n instants."""
-        key = min(n, LONG)
+    def _use(self, n: int, exact: bool = False) -> None:
+        """Bind propagators and image to the search direction for windows of n instants; ``exact``: without tables of Y,
+        which the compiled driver takes alone."""
+        direction = self.direction(n)
+        exact &= direction.sparse
+        key = EXACT if exact else min(n, LONG)
         if self.image.bound == key:
             return
-        direction = self.direction(n)
-        direction.bind()
+        direction.bind(exact)
         self.image.bind(key, direction.run_fields(), direction.group_fields())
 
     def begin_segment(self, recorder: Recorder, communication: Mapping[str, Any] | None = None) -> None:

@@ -37,6 +37,7 @@ import scipy.sparse as sp
 
 from ..propagator.base import Propagator
 from ..propagator.interface_matrices import resistance
+from ..propagator.interface_probing import ROUGH, Table, interface_tables, long_steps, truncation_of
 from ..propagator.interface_sweeps import applied
 from ..propagator.static import StaticPropagator
 from .assembly import LARGEST, LARGEST_STATIC, Array, Assembly, Index, InterfaceUnit, owners, relative_operator
@@ -197,8 +198,7 @@ def _inverse(values: Array) -> Array:
 
 def _median(values: Array) -> float:
     """Median of a few numbers (ten times as fast as that of NumPy)."""
-    ordered = np.sort(values)
-    half = len(ordered) // 2
+    ordered, half = np.sort(values), len(values) // 2
     return float(0.5 * (ordered[half] + ordered[-half - 1]))
 
 
@@ -296,13 +296,11 @@ def _pseudo_inverse(matrix: Array) -> Array:
     return inverse
 
 
-_LONG = 100.0  # diagonals of the stiffness over those of the mass in the operator: Courant number of about 7
-_ROUGH = 1e-5  # tolerances from which on the iteration may take factors in single precision
 FLOOR = 1e-3
-"""Fields below this fraction of the characteristic traction are negligible."""
+"""Fraction of the characteristic traction below which fields are negligible."""
 _WIDENING = 3.0
-"""Factor on z in the laws of Newton steps by products: points that slip after one Newton step of two plates of 1,681
-points return to sticking with it; without, they change the direction of slip from step to step."""
+"""Factor on z in the laws of Newton steps by products: with it, points that slip after one step return to sticking;
+without, they change the direction of slip from step to step."""
 _PROXIMAL, _PROXIMAL_STATIC = 1e-2, 1e-4  # of z in the relative operator; z of the static k is far above its diagonal
 
 
@@ -312,7 +310,7 @@ class Direction:
     Attributes
     ----------
     k : (n_flat,), Pa s m-1. choice : its kind, in words. z : 1/k, 0 where k is 0. metric : (n_flat,) squared weights of
-    the norm sum area / k q^2 (a power) in which iterates are compared.
+    the norm sum area / k q^2 (a power) in which iterates are compared. tables : ``interface_probing``, from ``bind``.
     newton : whether Newton steps may end an instant (``kernels.newton``). too_large : whether they may not because of
     the size of their matrix. relative : fields of the record of the run that describe it.
     """
@@ -332,26 +330,24 @@ class Direction:
             self.relative |= {"krylov": 1, "n_matrix": 0}
             largest = numbers
         self.newton, self.too_large = 0 < numbers <= largest, numbers > largest
+        self.tables: list[dict[str, Table]] | None = None
+
+    @cached_property
+    def _short(self) -> bool:
+        """Whether windows have one instant, in which a force on a swept class reaches little beyond its point."""
+        return self.assembly.swept and self._n == 1 and not self.assembly.quasi_static and not self._long_steps()
 
     @property
     def _single(self) -> bool:
-        """Whether the iteration may take factors in single precision, which are read in half the time: the motion is
-        marched with the others, so that only the contact laws are met to some 1e-6 of what changes within an instant.
-        """
-        tolerance = min(self._settings.tolerance, self._settings.force_tolerance)
-        short = self._n == 1 and not self.assembly.quasi_static and tolerance >= _ROUGH
-        return bool(self.assembly.swept) and short and not self._long_steps()
+        """Whether the iteration may take factors in single precision, read in half the time: the motion is marched with
+        the others, so that the contact laws alone are met to some 1e-6 of what changes within an instant."""
+        return self._short and min(self._settings.tolerance, self._settings.force_tolerance) >= ROUGH
 
     def _long_steps(self) -> bool:
-        """Whether steps are so long that the iteration alone is slow: the stiffness in the operator of a swept class is
-        many times its mass."""
-        of_mass, _, of_stiffness = self.assembly.scheme.operator(self.assembly.dt)
-        for p in self.assembly.propagators:
-            mass, stiffness = p.operators.mass.diagonal(), p.operators.stiffness.diagonal()
-            heavy = mass > 0.0
-            if p.swept and _median(of_stiffness * stiffness[heavy] / (of_mass * mass[heavy])) > _LONG:
-                return True
-        return False
+        """Whether steps are so long that the iteration alone is slow."""
+        weights = self.assembly.scheme.operator(self.assembly.dt)
+        swept = [p.operators for p in self.assembly.propagators if p.swept]
+        return any(long_steps(weights, ops.mass, ops.stiffness) for ops in swept)
 
     @cached_property
     def points(self) -> PointByPoint:
@@ -374,12 +370,28 @@ class Direction:
         level = FLOOR * self.assembly.characteristic_traction
         return np.where(self.assembly.layout.normal, level, 0.0)
 
-    def bind(self) -> None:
-        """Condense the propagators on this direction."""
+    def bind(self, exact: bool = False) -> None:
+        """Condense the propagators on this direction; ``exact``: without tables of Y."""
         for propagator, channels in zip(self.assembly.propagators, self.assembly.channels, strict=True):
             propagator.bind(self.k[channels[:, 0]], self._single)
+        if self._short:
+            self.tables = self._made_tables() if self.tables is None else self.tables
+            for propagator, tables in zip(self.assembly.propagators, self.tables, strict=True):
+                propagator.tables = {name: table for name, table in tables.items() if not (exact and name == "y")}
         if self.assembly.quasi_static:
             self.coarse = CoarseProblem(self.assembly, self.k)
+
+    def _made_tables(self) -> list[dict[str, Table]]:
+        """Tables of the classes: of Y where the form of the interfaces allows it and the tolerance is not too small."""
+        tolerance = min(self._settings.tolerance, self._settings.force_tolerance)
+        rule = truncation_of(tolerance), self._settings.tables
+        classes = enumerate(self.assembly.propagators)
+        return [interface_tables(p, self.assembly.points_of(c), *rule) if p.swept else {} for c, p in classes]
+
+    @property
+    def sparse(self) -> bool:
+        """Whether some class has a table of Y."""
+        return any("y" in tables for tables in self.tables or ())
 
     def incoming(self, f_hat: Array, w_hat: Array) -> Array:
         """Quantity q = F_hat + k W_hat that the linear stage starts from."""
@@ -399,7 +411,8 @@ class Direction:
         proximal = _PROXIMAL_STATIC if self.assembly.quasi_static else _PROXIMAL
         if self.relative.get("krylov"):
             proximal /= _WIDENING  # the same share of z
-        fields |= {"newton": int(self.newton), "proximal": proximal}
+        sparse = any("y" in p.tables for p in self.assembly.propagators)
+        fields |= {"newton": int(self.newton), "proximal": proximal, "sparse": int(sparse)}
         fields["newton_z"] = self._newton_z
         if self.coarse is not None and self.coarse.size:
             fields |= self.coarse.fields()

@@ -42,6 +42,8 @@ class Settings:
     threads : of the march.
     skip_unchanged : reuse the previous solve of a substructure whose interface load has not changed.
     newton : end windows of one instant in which the iteration is slow by Newton steps.
+    tables : largest share of the entries of a large interface up to which the iteration takes a sparse table of them
+        (``propagator.interface_probing``); 0: never.
     sequential_start : a window of several instants starts from the solution of windows of one instant (else from its
         initial values).
     """
@@ -59,6 +61,7 @@ class Settings:
     threads: int = 1
     skip_unchanged: bool = True
     newton: bool = True
+    tables: float = 0.0
 
 
 def tolerance_for(accuracy: float, iteration_error: float = ITERATION_ERROR) -> float:

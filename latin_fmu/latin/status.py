@@ -113,7 +113,7 @@ def _where(assembly: Assembly, interface_indicator: Array | None) -> str:
 def _converged(settings: Settings, windows: WindowList) -> str:
     """The sentence on a run without failed windows."""
     helped = windows.with_fallbacks()
-    iterations, steps = windows.counts().T
+    iterations, steps, _ = windows.counts().T
     most = int(iterations.max(initial=0))
     sentence = f"converged: {len(windows)} window(s), at most {most} iteration(s) "
     sentence += f"to sqrt(eta) <= {settings.tolerance:g}"
@@ -165,9 +165,9 @@ class WindowList(Sequence[WindowRecord]):
 
     def __init__(self, records: Sequence[WindowRecord] = ()) -> None:
         self._records: dict[int, WindowRecord] = {}
-        # converged windows of one instant: number of the first, its instant, iterations and Newton steps, ends of the
-        # curves of each window, curves one after the other (padded, they would take several times as much memory)
-        self._tables: list[tuple[int, int, Index, Index, Array, Array]] = []
+        # converged windows of one instant: number of the first, its instant, counts, defects, ends of the curves of
+        # each window, curves one after the other (padded, they would take several times as much memory)
+        self._tables: list[tuple[int, int, Index, Array, Index, Array, Array]] = []
         self._n = 0
         for record in records:
             self.append(record)
@@ -177,17 +177,17 @@ class WindowList(Sequence[WindowRecord]):
         self._records[self._n] = record
         self._n += 1
 
-    def keep(self, first: int, counts: Index, errors: Array, residuals: Array) -> None:
+    def keep(self, first: int, counts: Index, errors: Array, residuals: Array, defects: Array) -> None:
         """Add converged windows of one instant, from the instant ``first`` on.
 
         Parameters
         ----------
-        counts : (n, 2) iterations, and Newton steps among them. errors, residuals : (n, most) indicators and force
-            residuals after each iteration, copied.
+        counts : (n, 3) iterations, Newton steps among them, corrections. errors, residuals : (n, most) indicators and
+            force residuals after each iteration, copied. defects : (n,) at the end, copied.
         """
         held = np.arange(errors.shape[1]) < counts[:, :1]
         curves = errors[held], residuals[held]
-        self._tables.append((self._n, first, counts.copy(), np.cumsum(counts[:, 0]), *curves))
+        self._tables.append((self._n, first, counts.copy(), defects.copy(), np.cumsum(counts[:, 0]), *curves))
         self._n += len(counts)
 
     def cut(self, length: int) -> list[WindowRecord]:
@@ -195,11 +195,11 @@ class WindowList(Sequence[WindowRecord]):
         removed = self[length:]
         self._records = {at: record for at, record in self._records.items() if at < length}
         tables, self._tables = self._tables, []
-        for at, first, counts, ends, *curves in tables:
+        for at, first, counts, defects, ends, *curves in tables:
             if at < length:
                 last = min(length - at, len(counts))
                 errors, residuals = (curve[: ends[last - 1]] for curve in curves)
-                self._tables.append((at, first, counts[:last], ends[:last], errors, residuals))
+                self._tables.append((at, first, counts[:last], defects[:last], ends[:last], errors, residuals))
         self._n = min(self._n, length)
         return removed
 
@@ -222,16 +222,21 @@ class WindowList(Sequence[WindowRecord]):
     def largest_error(self) -> float:
         """Largest sqrt(eta) of the accepted iterates."""
         errors = [record.final_error for record in self._records.values()]
-        for _, _, _, ends, curve, _ in self._tables:
+        for *_, ends, curve, _ in self._tables:
             errors += curve[ends - 1].tolist()
         return max(errors, default=0.0)
 
+    def largest_defect(self) -> float:
+        """Largest defect of the interface laws that a truncated operator has left at an instant."""
+        tables = (float(table[3].max(initial=0.0)) for table in self._tables)
+        return max((*tables, *(record.defect for record in self._records.values())), default=0.0)
+
     def counts(self) -> Index:
-        """Iterations and Newton steps among them of the windows, (n, 2), in any order."""
+        """Iterations, Newton steps among them and corrections of the windows, (n, 3), in any order."""
         tables = [table[2] for table in self._tables]
         if self._records or not tables:
-            records = [(record.iterations, record.newton_steps) for record in self._records.values()]
-            tables.insert(0, np.array(records, dtype=np.int64).reshape(-1, 2))
+            records = [(r.iterations, r.newton_steps, r.corrections) for r in self._records.values()]
+            tables.insert(0, np.array(records, dtype=np.int64).reshape(-1, 3))
         return np.concatenate(tables) if len(tables) > 1 else tables[0]
 
     def part(self, first: int) -> dict[str, Any]:
@@ -241,13 +246,22 @@ class WindowList(Sequence[WindowRecord]):
         return {
             "numbers": np.array(
                 [
-                    (r.first_instant, r.last_instant, r.converged, r.accepted, r.iterations, r.newton_steps)
+                    (
+                        r.first_instant,
+                        r.last_instant,
+                        r.converged,
+                        r.accepted,
+                        r.iterations,
+                        r.newton_steps,
+                        r.corrections,
+                    )
                     for r in records
                 ],
                 dtype=np.int64,
-            ).reshape(-1, 6),
+            ).reshape(-1, 7),
             **dict(zip(_CURVES, curves, strict=True)),
             "disagreement": np.array([r.disagreement for r in records]),
+            "defect": np.array([r.defect for r in records]),
             "fallbacks": {str(i): list(r.fallbacks) for i, r in enumerate(records) if r.fallbacks},
         }
 
@@ -261,14 +275,14 @@ class WindowList(Sequence[WindowRecord]):
             n = _plain(numbers[at:], fallbacks, at)
             if n:
                 counts = np.ascontiguousarray(numbers[at : at + n, 4:])
-                tables = (_padded(curve[at : at + n], counts[:, 0]) for curve in curves)
-                self.keep(int(numbers[at, 0]), counts, *tables)
+                errors, residuals = (_padded(curve[at : at + n], counts[:, 0]) for curve in curves)
+                self.keep(int(numbers[at, 0]), counts, errors, residuals, part["defect"][at : at + n])
             else:
-                first, last, done, accepted, _, steps = numbers[at].tolist()
-                errors, residuals = (curve[at].tolist() for curve in curves)
+                first, last, done, accepted, _, steps, corrections = numbers[at].tolist()
+                curve, forces = (own[at].tolist() for own in curves)
                 used = list(fallbacks.get(str(at), []))
-                apart = float(part["disagreement"][at])
-                self.append(WindowRecord(first, last, errors, residuals, used, bool(done), accepted, steps, apart))
+                rest = float(part["disagreement"][at]), float(part["defect"][at]), corrections
+                self.append(WindowRecord(first, last, curve, forces, used, bool(done), accepted, steps, *rest))
             at += max(n, 1)
 
     def __len__(self) -> int:
@@ -284,16 +298,17 @@ class WindowList(Sequence[WindowRecord]):
         at = range(self._n)[at]
         if at in self._records:
             return self._records[at]
-        start, first, counts, ends, *flat = self._tables[bisect_right(self._tables, at, key=itemgetter(0)) - 1]
-        row, instant, (count, steps) = at - start, first + at - start, counts[at - start].tolist()
+        start, first, counts, defects, ends, *flat = self._tables[bisect_right(self._tables, at, key=itemgetter(0)) - 1]
+        row, instant, (count, steps, corrections) = at - start, first + at - start, counts[at - start].tolist()
         errors, residuals = (curve[ends[row] - count : ends[row]].tolist() for curve in flat)
-        return WindowRecord(instant, instant, errors, residuals, [], True, count - 1, steps)
+        rest = 0.0, float(defects[row]), corrections
+        return WindowRecord(instant, instant, errors, residuals, [], True, count - 1, steps, *rest)
 
 
 def _plain(numbers: Index, fallbacks: Mapping[str, Any], at: int) -> int:
     """Number of windows at the start of ``numbers`` that are successive instants, converged without fall-back; ``at``:
     number of the first one among the keys of ``fallbacks``."""
-    first, last, converged, accepted, counts, _ = numbers.T
+    first, last, converged, accepted, counts, *_ = numbers.T
     plain = (first == last) & (converged == 1) & (accepted == counts - 1) & (first == first[0] + np.arange(len(first)))
     plain &= [str(at + i) not in fallbacks for i in range(len(first))]
     return len(plain) if plain.all() else int(np.argmin(plain))

@@ -30,6 +30,7 @@ from .run_state import ONE, SAMPLED, RunState
 from .settings import Settings
 from .solver import COLD, FROM_REST, SOFTENED, Observer, WindowSolver, softened_start
 
+_MOST_REFUSALS = 3  # instants that need a fall-back, after which all others take the exact operator
 _PASS = 0.1  # of the tolerances, for the pass over the instants of a window that its iteration starts from
 # Stop the run if a window ends with sqrt(eta) above this value.
 HOPELESS = 0.3
@@ -98,6 +99,7 @@ class Run(RunState):
     ) -> None:
         self._observer, self._progress, self._watch, self._fields = observer, progress, watch, fields
         self.interrupted = False
+        settings = settings if observer is None else replace(settings, tables=0.0)
         super().__init__(assembly, settings, recorder, timings, communication, processes)
 
     def status(self, energy: Mapping[str, Array] | None = None, stored: float | None = None) -> tuple[bool, str]:
@@ -183,30 +185,29 @@ class Run(RunState):
 
     # -- the compiled driver --------------------------------------------------------------------------------------
     def _march(self, n: int) -> int:
-        """Solve up to n windows of one instant in one call; how many converged (fewer: the next one needs a
-        fall-back)."""
+        """Solve up to n windows of one instant in one call; how many converged, fewer where one needs a fall-back."""
         image, before, first = self.image, clock.perf_counter(), self.assembly.instant + 1
+        self._use(1, exact=self.refusals > _MOST_REFUSALS)
         longest = max(1, int(_SECONDS / self._per_instant)) if self._per_instant > 0 else _FIRST
         n = min(n, image.rows, longest, image.rows if self._sequence is not None else self._until(first))
         image.set({"first_row": first})
         done = self._march_instants(first, n)
         if done:
             self.keep_marched(first, done)
-        self._refused = done < n
+        self._refused, self.refusals = done < n, self.refusals + (done < n)
         self._count(before)
         self._per_instant = (clock.perf_counter() - before) / max(done, 1)
         return done
 
     def keep_marched(self, first: int, n: int, row: int = 0) -> None:
-        """Record n instants from ``first`` on that one call of the kernels has solved, rows of the image's output from
-        ``row`` on."""
+        """Record n instants from ``first`` on that a call of the kernels solved: rows of its output from ``row`` on."""
         image, most = self.image, self.settings.max_iterations
         self._set_instant(first + n - 1)
         self._sample()
         self._record(n, row)
         errors, residuals = (image.field(name, n, most) for name in ("errors", "force_residuals"))
-        counts = np.stack([image.counts(name, n) for name in ("iterations", "newton_steps")], axis=1)
-        self.windows.keep(first, counts, errors, residuals)
+        counts = np.stack([image.counts(name, n) for name in ("iterations", "newton_steps", "corrections")], axis=1)
+        self.windows.keep(first, counts, errors, residuals, image.field("defects", n))
         self._read_indicator()
 
     def _until(self, first: int) -> int:
@@ -246,7 +247,7 @@ class Run(RunState):
         given = guess is not None
         if not given:
             guess = self._own_guess(n)
-        self._use(n)
+        self._use(n, exact=True)
         stages = self.stages(n, first)
 
         def report(iteration: int, error: float) -> None:
@@ -262,7 +263,7 @@ class Run(RunState):
             self.image.call(entries.REWIND)
             record.fallbacks.append(COLD)
             guess = self._own_guess(n)
-            self._use(n)
+            self._use(n, exact=True)
             self._begin_window(stages, guess)
             solver.solve(stages, record, number)
         if self.assembly.quasi_static and not record.converged:
@@ -335,8 +336,8 @@ class Run(RunState):
             after(i)
 
     def use_single_instants(self) -> None:
-        """Bind the search direction of windows of one instant."""
-        self._use(1)
+        """Bind the search direction of windows of one instant, without tables."""
+        self._use(1, exact=True)
 
     def end_instant(self, stages: Stages) -> None:
         """Move the substructures over a window of one instant with the fields of its local stage, and record it."""

@@ -34,6 +34,7 @@ from ..time_scheme import TimeScheme
 from .forcing import Forcing, MotionState
 from .image import Image
 from .interface_matrices import condensed
+from .interface_probing import Table
 from .interface_sweeps import MassCompliance
 from .model import Array, Histories, SubstructureModel, closest_reduced
 
@@ -69,11 +70,11 @@ class Propagator(ABC):
 
     Attributes
     ----------
-    instant : time index of the present state. operators : constant for the step: area (n_channel,), m2; dofs
-        (n_gamma,) of the interface; trace (n_channel, n_gamma); compliance (n_channel, n_channel), velocities of the
-        channels per nodal force on them, m s-1 N-1; admittance, the same per traction.
+    instant : of the present state. operators : constant for the step: area (n_channel,), m2; dofs (n_gamma,) of the
+        interface; trace (n_channel, n_gamma); compliance (n_channel, n_channel), m s-1 N-1; admittance, per traction.
     condensed : Y per nodal force for the k of the last ``bind``, (n_channel, n_channel), made when first used.
     swept : whether interfaces are solved with by substitution; then ``condensed`` is a factor (``interface_sweeps``).
+    tables : compliances of the interfaces of a swept class for the kernels (``interface_probing``), of the present k.
     dashpots : lumped damping (n_full, n_full) of an explicit propagator, else None.
     """
 
@@ -106,9 +107,8 @@ class Propagator(ABC):
         self._account: Array | None = None  # of energies, where a state was set before there is an image
         self.sampled = np.zeros(2)  # data of ``remarks``
         self._opening: Array | None = None  # tractions with which the account of a march alone opens
-        # histories and search direction of the image that holds this class only
-        self._alone_since: Any = None
-        self._bound_alone: Array | None = None
+        self._alone_since: Any = None  # histories of the image that holds this class only
+        self._bound_alone: Array | None = None  # its search direction
 
     # -- operators ----------------------------------------------------------------------------------------------
     @abstractmethod
@@ -127,7 +127,7 @@ class Propagator(ABC):
         self.dt, self.operators = dt, operators
         self._detach()
         self.k: Array = np.zeros((self.n_channel, 1))
-        self.single = False
+        self.single, self.tables = False, dict[str, Table]()
         self._condensed: Any = operators.factor if self.swept else operators.compliance  # for k = 0
         self._response: Array | None = None
 
@@ -136,7 +136,7 @@ class Propagator(ABC):
         the factor that gives Y of a swept class may be float32."""
         if np.array_equal(k, self.k[:, 0]) and single == self.single:
             return
-        self.k, self.single, self._condensed, self._response = k[:, None], single, None, None
+        self.k, self.single, self.tables, self._condensed, self._response = k[:, None], single, {}, None, None
 
     @property
     def condensed(self) -> Any:

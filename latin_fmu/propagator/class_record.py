@@ -20,6 +20,7 @@ from ..kernels.krylov import SMALL, VECTORS
 from ..kernels.newton import SCRATCH
 from ..kernels.products import lower_count, lower_pattern, lower_values, pack_triangle, padded
 from ..kernels.records import DIRECT, EXPLICIT, STATIC
+from ..kernels.sparse_response import TABLES
 from ..kernels.team import LINE, PARTS
 from .forcing import SUMS, Sum
 from .model import Array, Index
@@ -321,11 +322,16 @@ def _borders(block: Block, row: Row, propagator: Any) -> None:
 
 
 def direction(block: Block, propagator: Any, constant: Row, run: Row) -> Row:
-    """Search direction and responses of a class with the constants ``constant``, put into the fixed block; ``run`` :
-    fields of the direction in the record of the run."""
+    """Search direction and responses of a class with constants, put into the fixed block; ``run`` : its fields."""
     m, row = constant["m"], {}
     live = np.flatnonzero(propagator.operators.compliance.diagonal())
     row["k"] = block.put(propagator.k[:, 0].copy())
+    row |= {"sparse": int("y" in propagator.tables), **dict.fromkeys((f"{name}_points" for name in TABLES), 0)}
+    for name, table in propagator.tables.items():
+        row |= table.fields(name, block.put)
+    if row["sparse"]:
+        propagator.release()
+        return row
     if propagator.swept:
         factor = propagator.condensed
         numbers = 8 // factor.dtype.itemsize
@@ -375,6 +381,8 @@ def work(block: Block, row: Row, window: int, stride: int) -> None:
         "half_solution": padded(m) * n,
         "face_vector": max(padded(m), LANES) * n * row.get("swept", 0),
         "reference": c * m * row.get("swept", 0),
+        "point_vectors": 6 * c * row.get("swept", 0),
+        "ended": row.get("swept", 0),
         "inner": g * m,
         "inner_answer": g * m,
         "free_a": g * m,

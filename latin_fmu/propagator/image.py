@@ -183,8 +183,8 @@ class Image:
             row["probed"] = block.reserve(self.rows * row["n_probe"] * row["m"])
             row["sensed"] = block.reserve(self.rows * 3 * row["n_sensor"] * row["m"])
             row["energies"] = block.reserve(self.rows * N_TERM * row["m"] * row["accounted"])
-        sizes = {"errors": most, "force_residuals": most, "iterations": 1, "newton_steps": 1}
-        sizes |= {"history_f": n, "history_w": n, "history_gap": run["n_point"]}
+        sizes = {"history_gap": run["n_point"], "iterations": 1, "newton_steps": 1, "defects": 1, "corrections": 1}
+        sizes |= {"errors": most, "force_residuals": most, "history_f": n, "history_w": n}
         outputs, interfaces = int(run.get("n_output", 0)), int(run.get("n_interface", 0))
         sizes |= {"drive": run.get("n_drive", 0), "output": outputs, "friction_ratio": interfaces * min(outputs, 1)}
         for name, size in sizes.items():

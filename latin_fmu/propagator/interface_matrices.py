@@ -26,7 +26,7 @@ from ..errors import SolverError
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-_STILL = 1e-12  # admittances below this share of the largest are round-off of held directions
+STILL = 1e-12  # admittances below this share of the largest are round-off of held directions
 
 
 def _rows(matrix: sp.csr_array) -> tuple[Index, Index]:
@@ -107,7 +107,7 @@ def resistance(compliance: Any, rows: Index) -> float:
     if not isinstance(compliance, np.ndarray):
         return float(compliance.resistance(rows))
     diagonal = compliance.diagonal()
-    moving = rows[diagonal[rows] > _STILL * diagonal.max(initial=0.0)]
+    moving = rows[diagonal[rows] > STILL * diagonal.max(initial=0.0)]
     if not len(moving):
         return 0.0
     if COMPILES:

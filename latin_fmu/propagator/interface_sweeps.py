@@ -27,10 +27,11 @@ from ..cholesky.factor import CholeskyFactor
 from ..cholesky.numeric import mirror
 from ..cholesky.symbolic import Pattern, Symbolic, shared_analysis
 from ..compiled import COMPILES
+from .interface_matrices import STILL
 from .model import Array, Index, OperatorPattern, SubstructureModel, with_data
 
-Form = Literal["automatic", "dense", "exact"]
-"""How interfaces are solved with: by dense matrices, by substitution (exact too), or by what costs less."""
+Form = Literal["automatic", "dense", "exact", "sparse"]
+"""How interfaces are solved with: by dense matrices, by substitution (exact too), by tables, or by what costs less."""
 
 NONE = np.zeros(0, dtype=np.int64)
 _SMALL: Final = 2100
@@ -42,13 +43,13 @@ _SMALL_STATIC: Final = 4000
 """The same without inertia, where Newton steps take a dense matrix in either case."""
 _INSTANTS, _ITERATIONS = 500.0, 4.0  # of the march that the two forms are compared in
 _FLOP, _ENTRY = 3.5e-11, 1.8e-10  # CPU time of a multiplication, and of an entry that is read, s
-_STILL = 1e-12  # compliances below this share of the largest are round-off of held directions
 _COLUMNS = 128  # solved at a time
 _ENOUGH, _MOST = 1e-4, 200  # residual and iterations of the conjugate gradients of a resistance
 
 
 def in_form(members: Sequence[SubstructureModel], form: Form) -> list[SubstructureModel]:
-    """Identical substructures, with sweeps where the form is "exact", or where that costs less than dense matrices."""
+    """Identical substructures, with sweeps where the form is "exact" or "sparse", or where that costs less than dense
+    matrices."""
     return [m.with_sweeps() for m in members] if takes_sweeps(members[0], form) else list(members)
 
 
@@ -62,7 +63,7 @@ def takes_sweeps(model: SubstructureModel, form: Form) -> bool:
     channels = model.channel_area.size
     if not COMPILES or form == "dense" or model.nodal is not None or model.factor == "cg" or not channels:
         return False
-    if form == "exact":
+    if form in ("exact", "sparse"):
         return True
     if channels < (_SMALL if model.mass is not None else _SMALL_STATIC):
         return False
@@ -125,7 +126,7 @@ class InterfaceCompliance:
 
     def resistance(self, rows: Index) -> float:
         """1^T C^-1 1 of the rows that can move, by conjugate gradients; see ``interface_matrices.resistance``."""
-        moving = rows[self._diagonal[rows] > _STILL * self._diagonal.max(initial=0.0)]
+        moving = rows[self._diagonal[rows] > STILL * self._diagonal.max(initial=0.0)]
         x, rest = np.zeros(len(moving)), np.ones(len(moving))
         direction, size, full = np.zeros(len(moving)), 0.0, np.zeros(len(self._diagonal))
         for _ in range(_MOST):

@@ -24,7 +24,7 @@
                            order, target_force
     /convergence           error_indicator, force_mismatch (window, iteration), padded with NaN;
                            iterations, newton_steps, converged, first_instant, last_instant, end_time (window);
-                           passes
+                           defect, corrections (window) where interfaces have truncated tables; passes
     /energy                terms of the assembly (time), where requested
     /resultants            forces and moments of the loads, interfaces and supports of every body at the end, and what
                            is not in balance (substructure, component), without inertia
@@ -362,6 +362,9 @@ def convergence_group(
     end = np.array([window.last_instant for window in chosen], dtype=np.int32)
     columns["iterations"] = ("window", np.array([window.iterations for window in chosen], dtype=np.int32))
     columns["newton_steps"] = ("window", np.array([window.newton_steps for window in chosen], dtype=np.int32))
+    if numbers.largest_defect() > 0.0:
+        columns["defect"] = ("window", np.array([window.defect for window in chosen]))
+        columns["corrections"] = ("window", np.array([window.corrections for window in chosen], dtype=np.int32))
     columns["converged"] = ("window", np.array([window.converged for window in chosen], dtype=np.int8))
     columns["first_instant"] = ("window", np.array([w.first_instant for w in chosen], dtype=np.int32))
     columns["last_instant"] = ("window", end)

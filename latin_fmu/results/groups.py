@@ -275,6 +275,8 @@ CONVERGENCE: Final[Mapping[str, Meaning]] = {
     "force_mismatch": Meaning("1", "relative mismatch of the forces of both sides after each iteration"),
     "iterations": Meaning("1", "LATIN iterations of the window"),
     "newton_steps": Meaning("1", "iterations of the window that were Newton steps"),
+    "defect": Meaning("1", "residual of the laws of interfaces with truncated tables, relative, as the indicator"),
+    "corrections": Meaning("1", "corrections of the window by exact velocities"),
     "converged": Meaning(None, "whether the window converged"),
     "first_instant": Meaning("1", "index in time of the first instant of the window"),
     "last_instant": Meaning("1", "index in time of the last instant of the window"),

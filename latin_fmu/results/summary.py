@@ -95,7 +95,8 @@ def report(outcome: Outcome) -> dict[str, Any]:
     """Plain data that strict JSON can hold (a number that is not finite becomes None).
 
     Keys: ``status``, ``converged``, ``iterations`` and ``newton_steps`` (one count per window), ``passes``,
-    ``error_indicator`` (the amplitude sqrt(eta), largest over windows), ``cpu_seconds`` by part, ``peak_memory_bytes``,
+    ``error_indicator`` (the amplitude sqrt(eta), largest over windows), ``defect`` (likewise, 0 without truncated
+    tables of large interfaces), ``cpu_seconds`` by part, ``peak_memory_bytes``,
     ``penetration`` (m), ``resultants`` (of bodies in equilibrium, by part: force and moment, N and N m),
     ``warnings``, and ``interfaces``: per name ``impulse`` (vector, N s), ``peak_force`` (N, largest mean of the normal
     resultant over ``peak_duration``, s), ``peak_force_raw`` (N, its largest value, which has no limit where bodies
@@ -110,6 +111,7 @@ def report(outcome: Outcome) -> dict[str, Any]:
         "newton_steps": [window.newton_steps for window in outcome.windows],
         "passes": finite(outcome.passes),
         "error_indicator": finite(outcome.error_indicator),
+        "defect": finite(max((window.defect for window in outcome.windows), default=0.0)),
         "cpu_seconds": cpu_seconds(outcome.timings),
         "peak_memory_bytes": int(outcome.timings.peak_memory),
         "penetration": finite(outcome.penetration()),

@@ -367,8 +367,12 @@ def propagator_problems(raw: Any) -> Iterator[Problem]:
             'solver.propagator = "direct" or "automatic"',
             "leave out solver.precision",
         )
-    form = single_table(raw, "solver").get("interface_operator")
-    if form == "exact" and (scheme == CENTRAL or kind in (_EXPLICIT, _REDUCED, "cg")):
+    form, window = (single_table(raw, "solver").get(name) for name in ("interface_operator", "window"))
+    if form == "sparse" and (window not in (None, 1) or _is_static(raw)):
+        what = "a force reaches the points around it only within an instant, and not without inertia"
+        remedy = 'use solver.interface_operator = "exact" or "automatic"'
+        yield Problem("solver.interface_operator", what, shown(form), "solver.window = 1, with inertia", remedy)
+    if form in ("exact", "sparse") and (scheme == CENTRAL or kind in (_EXPLICIT, _REDUCED, "cg")):
         yield Problem(
             "solver.interface_operator",
             "interfaces are solved with by substitution through factors, which only the direct propagator has",

@@ -403,11 +403,13 @@ class Solver(Table):
         ),
     ] = "float64"
     interface_operator: Annotated[
-        Literal["automatic", "dense", "exact"],
+        Literal["automatic", "dense", "exact", "sparse"],
         about(
             "how direct propagators solve with the interfaces of a substructure: by dense matrices, which suits small "
             "interfaces; exactly, by substitution through the part of its factor next to them, which suits large ones; "
-            "or by what costs less. The converged result is the same"
+            "by sparse tables, truncated at a tenth of the tolerance and corrected by the exact motion at the end of "
+            "every instant, where steps are short (else exactly); or by what costs less. The converged result is the "
+            "same within the tolerance"
         ),
     ] = "automatic"
     share_identical: Annotated[

@@ -143,6 +143,7 @@ CASES: list[tuple[Tables, Callable[[Tables], None]]] = [
     (blocks(3), layers),
     (blocks(2), bonded),
     (blocks(2), static),
+    *((blocks(n, interface_operator="sparse"), driven) for n in (2, 4)),
     (blocks(3, propagator={"type": "reduced", "modes": 12}), driven),
     *((blocks(n, propagator="explicit"), driven) for n in (1, 4)),
     (blocks(3, propagator="cg", window=3), plain),
@@ -188,6 +189,10 @@ def class_sizes(row: Any, run: Any, rows: int) -> dict[str, int]:
         "turn": counted,
         "marched": 1,
         "passed": 1,
+        "ended": int(row["swept"]),
+        "face_vector": max(padded_(m), LANES) * n * int(row["swept"]),
+        "reference": c * m * int(row["swept"]),
+        "point_vectors": 6 * c * int(row["swept"]),
         "known": 1,
         **dict.fromkeys(("u_free", "v_free", "load", "mass_a"), n * m),
         "weighted_v": n * m * counted,
@@ -250,6 +255,8 @@ def run_sizes(run: Any, rows: int) -> dict[str, int]:
         "force_residuals": rows * most,
         "iterations": rows,
         "newton_steps": rows,
+        "defects": rows,
+        "corrections": rows,
         "history_f": rows * n,
         "history_w": rows * n,
         "history_gap": rows * int(run["n_point"]),
@@ -459,7 +466,7 @@ def test_segments_keep_what_they_use_and_no_more() -> None:
     sizes = []
     for i in range(4):
         run.advance((i + 1) * 1e-6, 5, {"press_top": np.full(6, 1.0 + i)})
-        assert run._run is not None
-        image = run._run.image
+        assert run.run is not None
+        image = run.run.image
         sizes.append((len(image.moving), len(image.fixed), image._n_fixed))
     assert len(set(sizes[1:])) == 1

@@ -13,15 +13,27 @@ from latin_fmu.latin.status import WindowList
 def both() -> tuple[WindowList, list[WindowRecord]]:
     """A list with windows of both kinds, and what it should hold."""
     errors = np.array([[0.5, 1e-4, np.nan], [1e-5, 7.0, 7.0], [0.3, 0.2, 1e-4]])
-    windows, counts = WindowList(), np.array([[2, 0], [1, 0], [3, 1]])
+    windows, counts = WindowList(), np.array([[2, 0, 0], [1, 0, 0], [3, 1, 2]])
     first = WindowRecord(1, 4, [0.1, 0.01], [np.nan, 0.5], ["relaxation 1/2"], False, 1)
     windows.append(first)
-    windows.keep(5, counts, errors, 2.0 * errors)
+    windows.keep(5, counts, errors, 2.0 * errors, np.array([0.0, 1e-4, 1e-5]))
     last = WindowRecord(8, 8, [0.1], [0.2], [], True, 0)
     windows.append(last)
     kept = [
-        WindowRecord(5 + i, 5 + i, row[:n].tolist(), (2.0 * row[:n]).tolist(), [], True, int(n) - 1, int(steps))
-        for i, ((n, steps), row) in enumerate(zip(counts, errors.copy(), strict=True))
+        WindowRecord(
+            5 + i,
+            5 + i,
+            row[:n].tolist(),
+            (2.0 * row[:n]).tolist(),
+            [],
+            True,
+            int(n) - 1,
+            int(steps),
+            0.0,
+            defect,
+            int(c),
+        )
+        for i, ((n, steps, c), row, defect) in enumerate(zip(counts, errors.copy(), (0.0, 1e-4, 1e-5), strict=True))
     ]
     errors[:] = -1.0  # the tables of a march are used again
     return windows, [first, *kept, last]
