@@ -26,6 +26,7 @@ from latin_fmu.cholesky.substitution import LANES, SPARE
 from latin_fmu.compiled import COMPILES, declare, fields, library, with_numba
 from latin_fmu.compiled.declare import Entry, MismatchError, Signature, address
 from latin_fmu.interface import BEHAVIOURS
+from latin_fmu.kernels import sparse_response
 from latin_fmu.kernels.acceleration import Anderson
 from latin_fmu.kernels.laws import LAWS, law_tangents
 from latin_fmu.propagator import stable_step
@@ -301,6 +302,10 @@ def test_every_entry_equals_its_python_function(monkeypatch):
     accelerated = Anderson(np.ones(7), 3, 0.8)
     for q in np.random.default_rng(2).normal(size=(3, 7)):
         accelerated.next(q, -0.1 * q)
+    for width in (1, 2, 3):  # two points with a run of components each
+        starts, runs = np.array([0, 1, 2]), np.array([0, 2 * width, width, width])
+        values = np.random.default_rng(5).normal(size=3 * width * width).astype(np.float32)
+        sparse_response.multiply(2, width, starts, runs, values, np.arange(2.0 * width), np.zeros(2 * width))
     jump = np.random.default_rng(3).normal(size=(6, 3))
     for law in BEHAVIOURS.values():
         behaviour = law()
