@@ -54,7 +54,7 @@ def test_symmetric_sparse_product(m: int) -> None:
     matrix = definite(41)
     x, out = RNG.normal(size=(2, 41, m))
     expected = out - 0.5 * (matrix @ x)
-    block, row = Block(), {"m": m}
+    block, row = Block(), {"m": m, "n_piece": 0}
     put_symmetric(block, row, "a", matrix, {})
     data = written(block)
     form = data.view(np.int64)[row["a_starts"] :], data.view(np.uint32)[row["a_columns"] :], data[row["a_values"] :]

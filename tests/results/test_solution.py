@@ -28,6 +28,7 @@ def test_report_has_its_keys(crushing: Solution) -> None:
         "newton_steps",
         "passes",
         "error_indicator",
+        "defect",
         "cpu_seconds",
         "peak_memory_bytes",
         "penetration",
