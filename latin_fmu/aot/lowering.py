@@ -7,7 +7,7 @@ an object file for a target.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from typing import Any, Final
 
 import llvmlite.binding as llvm
@@ -43,12 +43,14 @@ class _Library(codegen.JITCodeLibrary):
     def has_dynamic_globals(self) -> bool:
         return False
 
-    def everything(self) -> Iterator[_Library]:
-        """This one and those it calls."""
-        yield self
+    def collect(self, known: dict[int, _Library]) -> None:
+        """Add this one and those it calls to the known ones, by their identity."""
+        if id(self) in known:  # a kernel is reached over as many ways as there are chains of calls to it
+            return
+        known[id(self)] = self
         for other in self._linking_libraries:
             if isinstance(other, _Library):  # numba's run time of this process is another
-                yield from other.everything()
+                other.collect(known)
 
     @property
     def code(self) -> Any:
@@ -96,8 +98,7 @@ def lower(context: Any, declared: Iterable[Entry]) -> tuple[list[Any], list[str]
             arguments = tuple(numba_type(a) for a in signature.arguments)
             dispatcher.compile(arguments)
             result = dispatcher.overloads[arguments]
-            for library in result.library.everything():
-                libraries[id(library)] = library
+            result.library.collect(libraries)
             wrappers.append(_entry_wrapper(context, symbol, signature, result))
             exported.append(symbol)
     if not any(library.name == "nrt" for library in libraries.values()):

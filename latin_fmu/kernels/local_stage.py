@@ -81,11 +81,11 @@ def solve_points(pools: Any, g: int, low: int, high: int) -> None:
     h, n_parameter = group.n_component, group.n_parameter
     width = h if group.elastic == 1 else 1
     rate = run.layer_rate if group.elastic == 1 else 1.0 / run.dt
-    law, n_point = group.law, group.n_point
-    jump, traction = (work[group.jump : group.jump + n_point * h], work[group.traction : group.traction + n_point * h])
-    z, reach = (pools.fixed[group.z_sum : group.z_sum + 2 * n_point], work[group.reach : group.reach + n_point * width])
-    parameters = pools.fixed[group.parameters : group.parameters + n_point * n_parameter]
-    for p in range(low, high):
+    law = group.law
+    jump, traction = work[group.jump + low * h : group.jump + high * h], work[group.traction + low * h :]
+    z, reach = pools.fixed[group.z_sum + 2 * low : group.z_sum + 2 * high], work[group.reach + low * width :]
+    parameters = pools.fixed[group.parameters + low * n_parameter : group.parameters + high * n_parameter]
+    for p in range(high - low):
         apply(
             law,
             jump[p * h : (p + 1) * h],
@@ -103,17 +103,16 @@ def finish(pools: Any, g: int, i: int, window: int, low: int, high: int) -> None
     several instants the opening that follows."""
     group, run, work = pools.groups[g], pools.run[0], pools.moving
     h = group.n_component
-    size, at = group.n_point * h, i * run.n_flat
-    s, z = work[run.s + at : run.s + at + run.n_flat], pools.fixed[run.z : run.z + run.n_flat]
-    f_hat = work[run.local_f + at : run.local_f + at + run.n_flat]
-    w_hat = work[run.local_w + at : run.local_w + at + run.n_flat]
-    traction = work[group.traction : group.traction + size]
-    first, second = group.start, group.start + size
-    for j in range(low * h, high * h):
-        f_hat[first + j] = traction[j]
-        f_hat[second + j] = -traction[j]
-        w_hat[first + j] = s[first + j] + z[first + j] * traction[j]
-        w_hat[second + j] = s[second + j] - z[second + j] * traction[j]
+    at, n = i * run.n_flat, (high - low) * h
+    traction = work[group.traction + low * h : group.traction + high * h]
+    for side in range(2):
+        first, sign = group.start + (side * group.n_point + low) * h, 1.0 - 2.0 * side
+        s, z = work[run.s + at + first : run.s + at + first + n], pools.fixed[run.z + first : run.z + first + n]
+        f_hat = work[run.local_f + at + first : run.local_f + at + first + n]
+        w_hat = work[run.local_w + at + first : run.local_w + at + first + n]
+        for j in range(n):
+            f_hat[j] = sign * traction[j]
+            w_hat[j] = s[j] + z[j] * f_hat[j]
     if window > 1:
         _follow(pools, g, work[run.local_w + at : run.local_w + at + run.n_flat], low, high)
 

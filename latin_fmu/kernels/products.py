@@ -58,14 +58,16 @@ def half_product(
 ) -> None:
     """out (n,) += factor A x for one vector and the rows of A from ``low`` to ``high``, each with its reflection; see
     ``add_symmetric``."""
-    for i in range(low, high):
-        column, value = columns[starts[i] : starts[i + 1]], values[starts[i] : starts[i + 1]]
-        own = factor * x[i]
-        total = diagonal[i] * x[i]
+    # indices counted from 0 need no test for negative ones
+    begin, middle, own_x, own_out = starts[low : high + 1], diagonal[low:high], x[low:high], out[low:high]
+    for i in range(high - low):
+        column, value = columns[begin[i] : begin[i + 1]], values[begin[i] : begin[i + 1]]
+        own = factor * own_x[i]
+        total = middle[i] * own_x[i]
         for e in range(len(column)):
             total += value[e] * x[column[e]]
             out[column[e]] += value[e] * own
-        out[i] += factor * total
+        own_out[i] += factor * total
 
 
 @kernel
@@ -256,11 +258,11 @@ def sparse_rows(
 ) -> None:
     """Rows from ``low`` to ``high`` of ``sparse_product`` for the tile that begins with the member ``first``; row (8,)
     is scratch."""
-    lanes = min(m - first, LANES)
-    for i in range(low, high):
-        _sparse_row(columns[starts[i] : starts[i + 1]], values[starts[i] : starts[i + 1]], tile, row)
+    lanes, begin, into = min(m - first, LANES), starts[low : high + 1], out[low * m + first :]
+    for i in range(high - low):
+        _sparse_row(columns[begin[i] : begin[i + 1]], values[begin[i] : begin[i + 1]], tile, row)
         for j in range(lanes):
-            out[i * m + first + j] += factor * row[j]
+            into[i * m + j] += factor * row[j]
 
 
 @kernel

@@ -6,8 +6,8 @@ thread is there: a thread that is late, or whose core is taken, holds up nothing
 begins with tasks of its own, the same ones in every region, so that their data stay in its cache.
 
 Tasks of one region write to places of their own, and sums over tasks are taken by the first thread in the order of the
-tasks: results are equal to the last bit with any number of threads. A region costs about a microsecond. A thread that
-waits looks at the ticket some thousand times, then gives up its core after every look.
+tasks: results are equal to the last bit with any number of threads. A waiting thread reads the ticket some thousand
+times, then yields its core after every read.
 
 Numbers of the team, from ``run.team`` on, in lines of the cache:
 
@@ -26,7 +26,7 @@ LINE: Final = 8
 TICKET, DONE, DISMISSED, ARGUMENTS, OPENED, MARKS = 0, LINE, 2 * LINE, 3 * LINE, 5 * LINE, 6 * LINE
 """Places of the numbers of the team."""
 PATIENCE: Final = 4000
-"""Looks at a number before a waiting thread gives up its core."""
+"""Reads of a number before a waiting thread yields its core."""
 PARTS: Final = 4
 """Parts of a product with a large matrix: one for each thread, of four at most."""
 
