@@ -1,4 +1,5 @@
-"""Which propagator marches the substructures of a scene: sizes and memory of its operators, and its stable step.
+"""Propagators by name, and which of them marches the substructures of a scene: sizes and memory of its operators, and
+its stable step.
 
 Where kernels are not compiled the pattern of a factor is not analysed: factors of three-dimensional meshes in nested
 dissection hold about 21 n^(4/3) entries and take about 26 n^2 multiplications (George 1973 for the powers).
@@ -7,8 +8,10 @@ dissection hold about 21 n^(4/3) entries and take about 26 n^2 multiplications (
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from types import MappingProxyType
+from typing import Any, Final, Literal
 
 import numpy as np
 
@@ -16,14 +19,16 @@ from ..compiled import COMPILES
 from ..errors import Problem, SceneError
 from ..latin.processes import distributed
 from ..machine import memory_room
-from ..propagator import Propagator, StaticPropagator, make_propagator
+from ..propagator import StaticPropagator
+from ..propagator.base import Propagator
+from ..propagator.direct import CgPropagator, DirectPropagator
 from ..propagator.explicit import ExplicitPropagator
 from ..propagator.interface_sweeps import Form, flops, in_form, swept_shape, takes_sweeps
 from ..propagator.model import Array, SubstructureModel
-from ..propagator.registry import Kind, PropagatorSettings
+from ..propagator.reduced import ReducedPropagator
+from ..scene import settings as tables
 from ..scene.raw_scene import CENTRAL
 from ..scene.schema import Scene
-from ..scene.settings import AutomaticPropagator, ReducedPropagator
 from ..time_scheme import QuasiStatic, TimeScheme
 from .kept_operators import KeptOperators
 from .models import ModelClass
@@ -33,6 +38,79 @@ _CELL_BYTES = 20e3  # of matrices while they are assembled, per hexahedron, at l
 _ENTRIES, _FLOPS = 21.0, 26.0  # of a factor, see the module docstring
 _SPARSE_BYTES = 12  # per entry of a sparse matrix
 _STATE_VECTORS = 12  # per member: displacement, velocity, acceleration, loads and work space
+
+Kind = Literal["direct", "explicit", "reduced", "cg"]
+
+
+@dataclass(frozen=True)
+class PropagatorSettings:
+    """Settings of the propagators of a run.
+
+    Attributes
+    ----------
+    kind : registry key. modes : elastic modes of each reduced substructure. precision : of the direct factors.
+    interface : how direct propagators solve with interfaces (``interface_sweeps.Form``).
+    """
+
+    kind: Kind = "direct"
+    modes: int = 50
+    precision: Literal["float64", "float32"] = "float64"
+    interface: Form = "automatic"
+
+
+Members = Sequence[SubstructureModel]
+Maker = Callable[[Members, TimeScheme, float, bool, PropagatorSettings, Propagator | None], Propagator]
+
+
+def _direct(
+    members: Members, scheme: TimeScheme, dt: float, energy: bool, settings: PropagatorSettings, twin: Propagator | None
+) -> Propagator:
+    if settings.precision != "float64":
+        members = [m.with_factor(settings.precision) for m in members]
+    members = in_form(members, settings.interface)
+    return DirectPropagator(members, scheme, dt, energy, twin if isinstance(twin, DirectPropagator) else None)
+
+
+def _reduced(
+    members: Members, scheme: TimeScheme, dt: float, energy: bool, settings: PropagatorSettings, twin: Propagator | None
+) -> Propagator:
+    if members[0].nodal is not None:  # a rigid body has nothing to reduce
+        return DirectPropagator(members, scheme, dt, energy)
+    twin = twin if isinstance(twin, ReducedPropagator) else None
+    return ReducedPropagator(members, scheme, dt, energy, settings.modes, twin)
+
+
+PROPAGATORS: Mapping[str, Maker] = MappingProxyType(
+    {
+        "direct": _direct,
+        "explicit": lambda members, scheme, dt, energy, *_: ExplicitPropagator(members, scheme, dt, energy),
+        "reduced": _reduced,
+        "cg": lambda members, scheme, dt, energy, *_: CgPropagator(members, scheme, dt, energy),
+    }
+)
+
+
+def make_propagator(
+    members: Members,
+    scheme: TimeScheme,
+    dt: float,
+    energy: bool,
+    settings: PropagatorSettings,
+    twin: Propagator | None = None,
+) -> Propagator:
+    """Propagator of a class of identical substructures.
+
+    Parameters
+    ----------
+    members : models with equal matrices and traces. scheme, dt : time scheme and step, s. energy : whether to account
+        for energies. settings : which propagator, and how. twin : one with the same operators, to share them with
+        (where the kind can).
+
+    Raises
+    ------
+    KeyError : unknown name (the scene reader checks names first).
+    """
+    return PROPAGATORS[settings.kind](members, scheme, dt, energy, settings, twin)
 
 
 @dataclass(frozen=True)
@@ -212,7 +290,7 @@ def made_propagators(
 def chosen_propagators(scene: Scene, classes: list[ModelClass]) -> tuple[PropagatorSettings, list[str]]:
     """Settings of the propagators, and warnings about an automatic choice."""
     asked = propagator_settings(scene)
-    if scene.time.quasi_static or not isinstance(scene.solver.propagator, AutomaticPropagator):
+    if scene.time.quasi_static or not isinstance(scene.solver.propagator, tables.AutomaticPropagator):
         return asked, []
     chosen = fitting(classes, asked)
     if chosen.kind == asked.kind:
@@ -232,10 +310,10 @@ def interface_form(scene: Scene) -> Form:
 def propagator_settings(scene: Scene) -> PropagatorSettings:
     """Settings of the propagators that the scene asks for, whether they fit or not."""
     asked = scene.solver.propagator
-    if isinstance(asked, AutomaticPropagator):
+    if isinstance(asked, tables.AutomaticPropagator):
         kind: Kind = "explicit" if scene.time.scheme.type == CENTRAL else "direct"
         return PropagatorSettings(kind, precision=scene.solver.precision, interface=scene.solver.interface_operator)
-    if isinstance(asked, ReducedPropagator):
+    if isinstance(asked, tables.ReducedPropagator):
         return PropagatorSettings("reduced", modes=asked.modes)
     return PropagatorSettings(asked.type, precision=scene.solver.precision, interface=scene.solver.interface_operator)
 

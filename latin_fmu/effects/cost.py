@@ -23,14 +23,20 @@ import numpy as np
 
 from ..assembly.inactive_substructures import arrival_times, marched_share
 from ..assembly.problem import DiscretisedProblem
-from ..assembly.propagator_choice import ClassSize, chosen_propagators, class_size, interface_form, operator_bytes
+from ..assembly.propagator_choice import (
+    ClassSize,
+    PropagatorSettings,
+    chosen_propagators,
+    class_size,
+    interface_form,
+    operator_bytes,
+)
 from ..errors import SceneError
 from ..interface.laws import bonds
 from ..kernels.energy_parts import TERMS
 from ..latin.assembly import Array, InterfaceUnit
 from ..machine import memory_room
 from ..propagator.interface_sweeps import SET_UP
-from ..propagator.registry import PropagatorSettings
 from ..scene.schema import Scene
 from ..scene.settings import WHOLE
 
@@ -302,11 +308,6 @@ class Prediction:
     def memory(self) -> float:
         """Operators and states, bytes."""
         return sum(operator_bytes(c.size, self.run.propagator) for c in self.run.classes)
-
-    @property
-    def n_dof(self) -> int:
-        """Unknowns of all substructures."""
-        return self.total("unknowns")
 
     def total(self, name: str) -> int:
         """Sum of a size (name in ``ClassSize``) over all substructures."""

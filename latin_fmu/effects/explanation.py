@@ -139,7 +139,7 @@ def explain(scene: Scene, text: str = "") -> Explanation:
         "cpu_seconds_instants": round(p.march, 4),
         "cpu_seconds_instant": p.instant,
         "memory_bytes": int(p.memory + kept),
-        "unknowns": p.n_dof,
+        "unknowns": p.total("unknowns"),
         "interface_unknowns": p.run.n_flat,
         "instants": p.run.n_instant,
         "iterations_per_instant": p.run.iterations,

@@ -217,7 +217,7 @@ def static_start(p: Prediction) -> Effect:
         return _off(name, why, "bodies start as given", switch)
     reason = f"an equilibrium in {start.increments} increment(s) before the first instant"
     cost, kernels = saved(p, replace(p.run, increments=0)), ("static factorisation", "static solution")
-    return Effect(name, True, why, reason, 'time.start = "given"', kernels, cost, memory=8 * p.n_dof)
+    return Effect(name, True, why, reason, 'time.start = "given"', kernels, cost, memory=8 * p.total("unknowns"))
 
 
 def prescribed_motion(p: Prediction) -> Effect:
@@ -233,7 +233,7 @@ def prescribed_motion(p: Prediction) -> Effect:
 def _driven(p: Prediction, name: str, keys: Sequence[str], none: str, reason: str, switch: str) -> Effect:
     if not keys:
         return _off(name, [none], "the scene has none", switch)
-    return Effect(name, True, tuple(keys), reason, "remove it", ("forcing",), memory=8 * p.n_dof)
+    return Effect(name, True, tuple(keys), reason, "remove it", ("forcing",), memory=8 * p.total("unknowns"))
 
 
 # -- at interfaces ----------------------------------------------------------------------------------------------------

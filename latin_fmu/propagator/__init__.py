@@ -3,17 +3,6 @@
 from .base import Propagator
 from .direct import DirectPropagator
 from .model import Histories, LoadTerm, SubstructureModel
-from .registry import PROPAGATORS, PropagatorSettings, make_propagator
 from .static import StaticPropagator
 
-__all__ = [
-    "PROPAGATORS",
-    "DirectPropagator",
-    "Histories",
-    "LoadTerm",
-    "Propagator",
-    "PropagatorSettings",
-    "StaticPropagator",
-    "SubstructureModel",
-    "make_propagator",
-]
+__all__ = ["DirectPropagator", "Histories", "LoadTerm", "Propagator", "StaticPropagator", "SubstructureModel"]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from latin_fmu.assembly.propagator_choice import PROPAGATORS
 from latin_fmu.cosim import Session
-from latin_fmu.propagator import PROPAGATORS
 
 from .scenes import blocks
 

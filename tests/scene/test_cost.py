@@ -12,13 +12,19 @@ import pytest
 import latin_fmu
 from latin_fmu.api import run
 from latin_fmu.assembly.build import discretise
-from latin_fmu.assembly.propagator_choice import class_size, factor_bytes, fitting, operator_bytes
+from latin_fmu.assembly.propagator_choice import (
+    PROPAGATORS,
+    PropagatorSettings,
+    class_size,
+    factor_bytes,
+    fitting,
+    operator_bytes,
+)
 from latin_fmu.compiled import COMPILES
 from latin_fmu.effects import cost
 from latin_fmu.effects.cost import Prediction, march_counts, operator_counts, run_size, seconds
 from latin_fmu.effects.explanation import explain
 from latin_fmu.machine import physical_memory
-from latin_fmu.propagator import PROPAGATORS, PropagatorSettings
 from latin_fmu.results.summary import summary
 from latin_fmu.stability.scenes import STEEL, Box, column, half_sine
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import latin_fmu
+from latin_fmu.assembly.propagator_choice import PROPAGATORS
 from latin_fmu.assembly.segments import SegmentedRun
 from latin_fmu.errors import SceneError
-from latin_fmu.propagator import PROPAGATORS
 
 from .blocks import solve, stack
 from .test_explicit import closes
