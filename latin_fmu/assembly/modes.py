@@ -11,26 +11,41 @@ Springs of layers add to K. Held and prescribed directions do not move.
 Rows of C with one or two entries (nodes against nodes) make dofs one, or hold them: exact. Of other rows (mortar) each
 gives one dof by the others (``merged_assembly.tied``; where they depend on each other, by a dense elimination). Only
 a large number of dependent rows becomes springs ``_STIFF`` times as stiff as the stiffest dof.
+
+Results are a table, files for ParaView, and the groups of a file::
+
+    /                      provenance and scene, as attributes
+    /modes                 frequency, rigid, modal_mass (mode); joints and interfaces as attributes
+    /substructures/<name>  shape (mode, node, component), and the mesh
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final, Literal
 
 import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
+import xarray as xr
+from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
 from ..fem.elements import wave_speeds
 from ..interface import Rods
 from ..interface.laws import coulomb_coefficient
 from ..latin.assembly import Array, InterfaceUnit
+from ..latin.recorder import SubstructureInfo
+from ..machine import provenance
 from ..propagator import SubstructureModel
 from ..propagator.reduction import Vibration
-from ..results.modes import VibrationModes
+from ..results.dataset import AXES, datatree
+from ..results.files import write_groups
+from ..results.groups import CONVENTIONS, MODES, SCHEMA_VERSION, Columns, Group, annotated, describe_mesh
+from ..results.summary import aligned, readable
+from ..results.vtk import export_vtu
 from ..scene.fields import split_face
 from ..scene.schema import Scene
 from ..scene.settings import HHT, GivenStart
@@ -288,3 +303,110 @@ def _named(
         meshes=discretised.info,
         remarks=tuple(remarks),
     )
+
+
+@dataclass(frozen=True)
+class VibrationModes:
+    """Modes of an assembly, undamped.
+
+    Attributes
+    ----------
+    scene, name : text and name of the scene. joints : how interfaces that may open were taken.
+    frequency : (n_mode,), Hz, 0 for rigid motions, which come first. rigid : (n_mode,) whether it is one.
+    modal_mass : (n_mode,), kg, with shapes whose largest nodal displacement is 1.
+    shapes : (n_mode, n_node, 3) by substructure. meshes : of the substructures. remarks : on every interface.
+    """
+
+    scene: str
+    name: str
+    joints: str
+    frequency: Array
+    rigid: NDArray[np.bool_]
+    modal_mass: Array
+    shapes: Mapping[str, Array]
+    meshes: Mapping[str, SubstructureInfo]
+    remarks: tuple[str, ...]
+
+    @property
+    def n_rigid(self) -> int:
+        """Number of rigid motions."""
+        return int(self.rigid.sum())
+
+    def lines(self) -> list[str]:
+        """Text: the joints, and a table of the modes."""
+        head = f"{self.name}: joints {self.joints}, {self.n_rigid} rigid motion(s), {int((~self.rigid).sum())} mode(s)"
+        rows: list[tuple[str, ...]] = [("mode", "frequency", "modal mass", "moves most", "mean squares along x, y, z")]
+        if self.n_rigid:
+            rows.append((f"1 to {self.n_rigid}" if self.n_rigid > 1 else "1", "rigid", "-", "-", "-"))
+        for i in range(self.n_rigid, len(self.frequency)):
+            largest = {name: float(np.linalg.norm(shape[i], axis=1).max()) for name, shape in self.shapes.items()}
+            squares = sum(np.square(shape[i]).sum(axis=0) for shape in self.shapes.values())
+            shares = ", ".join(f"{100 * share:.0f} %" for share in squares / np.sum(squares))
+            text = f"{self.frequency[i]:.5g} Hz"
+            moves = max(largest, key=lambda name: largest[name])
+            rows.append((f"{i + 1}", text, readable(self.modal_mass[i], "kg", 3), moves, shares))
+        return [head, *(f"  {remark}" for remark in self.remarks), "", *aligned(rows)]
+
+    def groups(self) -> dict[str, Group]:
+        """Groups by path: ``modes`` and one for every substructure with its shapes and mesh."""
+        number = np.arange(1, len(self.frequency) + 1, dtype=np.int32)
+        columns: Columns = {
+            "frequency": ("mode", self.frequency),
+            "rigid": ("mode", self.rigid.astype(np.int8)),
+            "modal_mass": ("mode", self.modal_mass),
+        }
+        attrs: dict[str, object] = {"joints": self.joints, "interfaces": "\n".join(self.remarks)}
+        groups = {"/": self._root(), "/modes": annotated(Group.of(columns, {"mode": number}, attrs), MODES)}
+        for name, shape in self.shapes.items():
+            groups[f"/substructures/{name}"] = _shapes(shape, number, self.meshes[name])
+        return groups
+
+    def _root(self) -> Group:
+        return Group(
+            {},
+            attrs={
+                **provenance(),
+                "Conventions": CONVENTIONS,
+                "schema_version": SCHEMA_VERSION,
+                "title": f"{self.name}: natural frequencies and shapes",
+                "scene_name": self.name,
+                "scene": self.scene,
+            },
+        )
+
+    def to_datatree(self) -> xr.DataTree:
+        """Everything as an xarray DataTree."""
+        return datatree(self.groups(), self.name)
+
+    def save(self, path: str | Path) -> None:
+        """Write a netCDF-4 file, complete or not at all.
+
+        Raises
+        ------
+        ResultsError : the file cannot be written.
+        """
+        write_groups(self.groups(), path)
+
+    def export(self, folder: str | Path) -> Path:
+        """Write files for ParaView, in which the number of the mode stands in the place of the time; the .pvd file.
+
+        Raises
+        ------
+        ResultsError : the folder cannot be used.
+        """
+        bodies = {path: group for path, group in self.groups().items() if path.startswith("/substructures/")}
+        played = {path: group.dataset().rename(mode="time") for path, group in bodies.items()}
+        return export_vtu(xr.DataTree.from_dict(played), folder)
+
+
+def _shapes(shape: Array, number: NDArray[np.int32], mesh: SubstructureInfo) -> Group:
+    """Group of one substructure: its shapes and its mesh."""
+    columns: Columns = {
+        "shape": (("mode", "node", "component"), shape),
+        "cell_nodes": (("cell", "cell_node"), mesh.cells),
+        "mesh": ((), np.int32(0)),
+    }
+    positions = {f"node_{axis}": ("node", mesh.nodes[:, i]) for i, axis in enumerate(AXES)}
+    group = annotated(Group.of(columns, {"mode": number, "component": AXES, **positions}), MODES)
+    describe_mesh(group, mesh.cell_type, "mode")
+    return group
