@@ -10,7 +10,7 @@ import pytest
 
 from latin_fmu import api, load_scene, sweep
 from latin_fmu.latin.solver import COLD
-from latin_fmu.parametric.first_guesses import FirstGuesses
+from latin_fmu.parametric.point import FirstGuesses
 
 SCENE = Path(__file__).parents[2] / "models" / "two_specimen_crushing" / "scene.toml"
 FRICTION = "interface.crush.friction_coefficient"
