@@ -19,8 +19,7 @@ from ..scene.boundaries import Driven, Periodic
 from ..scene.fields import GROUND, split_face
 from ..scene.interfaces import Interface
 from ..scene.schema import Scene
-from .frame import arrow, axes_with_units, draw
-from .skin import Skin, View, skin_of
+from .frame import Skin, View, arrow, axes_with_units, draw, skin_of
 from .style import Colour, colours, styled
 
 if TYPE_CHECKING:

@@ -12,8 +12,7 @@ import xarray as xr
 from ..errors import Problem, ResultsError
 from ..fem.mesh import Array, Mesh, cell_blocks, nearest
 from ..results.summary import prefix_for, readable
-from .frame import axes_with_units, draw
-from .skin import Skin, View, skin_of
+from .frame import Skin, View, axes_with_units, draw, skin_of
 from .style import PRESSURE, SEQUENTIAL, styled
 
 if TYPE_CHECKING:

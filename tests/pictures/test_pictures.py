@@ -15,9 +15,8 @@ from latin_fmu.cli import main
 from latin_fmu.errors import ResultsError
 from latin_fmu.fem.mesh import Array, box_mesh
 from latin_fmu.pictures.assembly_picture import _assembly, _shifts, assembly_figure
-from latin_fmu.pictures.frame import draw
+from latin_fmu.pictures.frame import Skin, View, draw, edges_of, skin_of
 from latin_fmu.pictures.result_picture import _on_facets, _round, result_figure
-from latin_fmu.pictures.skin import Skin, View, edges_of, skin_of
 from latin_fmu.reader import scene_from_dict
 from latin_fmu.stability.scenes import Box, Material, column
 
