@@ -18,8 +18,7 @@ from latin_fmu.cosim.variables import table_of
 from latin_fmu.errors import InputError, Problem
 from latin_fmu.latin.settings import accuracy_of
 from latin_fmu.model_exchange.equations import Equations
-from latin_fmu.model_exchange.reduce import reduced_system
-from latin_fmu.model_exchange.variables import names_of
+from latin_fmu.model_exchange.reduce import names_of, reduced_system
 from latin_fmu.scene.schema import Scene
 
 from . import bridge
