@@ -164,7 +164,7 @@ def _request(given: Mapping[str, Any]) -> Spectrum:
     """
     from pydantic import ValidationError
 
-    from ..scene.problems import field_problems
+    from ..scene.describe import field_problems
     from ..scene.sensors import Spectrum
 
     try:

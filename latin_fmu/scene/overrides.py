@@ -13,9 +13,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ..errors import Problem, SceneError, did_you_mean, shown
-from .describe import is_named
+from .describe import is_named, path_text
 from .fields import NAME_PATTERN
-from .problems import path_text
 from .schema import Scene
 
 _FORM = "name.key=value, e.g. solver.tolerance=1e-4"

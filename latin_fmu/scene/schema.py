@@ -10,12 +10,12 @@ from pydantic import Field, ModelWrapValidatorHandler, PrivateAttr, ValidationEr
 from ..errors import Problem, SceneError
 from .attachments import Coupling, PointMass, Spring, joints_of
 from .boundaries import Boundary, Periodic
+from .describe import field_problems, path_text
 from .fields import BodyName, Name, Table, Text, about, split_face
 from .initial_fields import InitialState
 from .interfaces import MEANINGLESS, ContactSearch, Interface
 from .laws import TimeLaw, base_dir_of
 from .ports import Port
-from .problems import field_problems, path_text
 from .raw_scene import endless_numbers, named_tables, plain
 from .relations import relation_problems, with_defaults
 from .sensors import Sensor
