@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from fmu_build.checks import Inputs, with_inputs
-from fmu_build.reduction import SETTING, reduction_errors, reduction_note
+from fmu_build.checks import SETTING, Inputs, reduction_errors, reduction_note, with_inputs
 from latin_fmu.cosim import Session, Settings
 from latin_fmu.stability.scenes import half_sine
 
