@@ -25,8 +25,8 @@ from ..propagator.forcing import MotionState
 from ..propagator.image import COMMUNICATION_ROWS, Image
 from ..scene.schema import Scene
 from .drives import Drives, Sources, history_fields
-from .events import COLUMNS
 from .loads import Loads
+from .outputs import COLUMNS
 from .signals import Signals
 from .variables import ENERGIES, opening
 

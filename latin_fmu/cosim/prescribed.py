@@ -13,9 +13,8 @@ from ..errors import SolverError
 from ..latin.record import Array, InterfaceHistory
 from ..latin.state_serialization import check_numbers, encode
 from ..scene.schema import Scene
-from .events import COLUMNS, ContactEvents, between, first_event, shifted
 from .loads import Loads
-from .outputs import faces_of, impulses, output_rows, series_of
+from .outputs import COLUMNS, ContactEvents, between, faces_of, first_event, impulses, output_rows, series_of, shifted
 from .settings import Settings, StepReport, refused
 from .variable import variable_of
 from .variables import opening, scalar_table

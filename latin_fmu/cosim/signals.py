@@ -20,8 +20,7 @@ from ..latin.recorder import Recorder
 from ..scene.ports import COMPONENTS
 from ..scene.schema import Scene
 from .drives import Drives
-from .events import COLUMNS
-from .outputs import InterfaceSeries
+from .outputs import COLUMNS, InterfaceSeries
 from .variables import scalar_table
 
 _UNITS = 256  # unit fields that are read at a time

@@ -18,10 +18,9 @@ from ..latin.state_serialization import check_like, check_numbers, unlike
 from ..latin.windows import Run
 from ..machine import one_thread
 from ..scene.schema import Scene
-from .events import ContactEvents, first_event, shifted
 from .kernel_steps import Carried, KernelSteps
 from .loads import Loads
-from .outputs import InterfaceSeries, faces_of, impulses, output_rows, series_of
+from .outputs import ContactEvents, InterfaceSeries, faces_of, first_event, impulses, output_rows, series_of, shifted
 from .settings import MAX_INSTANTS, SHORTEST, Settings, StepReport, refused
 from .step_history import INTERFACE_FIELDS
 from .variables import LINE, opening
