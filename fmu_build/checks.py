@@ -1,12 +1,10 @@
-"""Checks of an FMU: validation by fmpy and the XML schemas, and cross-check files.
+"""Checks of an FMU: validation by fmpy and the XML schemas, cross-check files, error of one with reduced bodies.
 
 Cross-check files: X_in.csv (inputs), X_ref.csv (outputs), X_ref.opt (start, stop, step, tolerance). The reference is
 computed by a session, without the FMI: a host that reads it compares the FMU with the solver.
 
-Error of an FMU whose bodies are reduced to a few modes.
-
-The scene is solved with its elastic bodies and with the reduced ones, under the laws that its loads have before they
-become inputs.
+For the error of an FMU whose bodies are reduced to a few modes the scene is solved with its elastic bodies and with the
+reduced ones, under the laws that its loads have before they become inputs.
 """
 
 from __future__ import annotations
@@ -42,7 +40,6 @@ from .description import identifier_of, suggested_step
 
 FOLDER = "documentation/cross_check"  # inside the FMU
 _MACHINE = "solver."  # outputs that depend on round-off (iterations) are no part of the reference
-
 _TOLD: Final = tuple(quantity.key for quantity in (PEAK_FORCE, IMPULSE, FIRST_CONTACT, SEPARATION))
 SETTING: Final = "solver.propagator={{type='reduced',modes={}}}"
 """Setting of a scene whose bodies are reduced to so many modes."""

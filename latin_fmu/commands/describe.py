@@ -104,9 +104,9 @@ def _compiled_size(arguments: argparse.Namespace) -> int:
 
     if arguments.fmu < 0:
         raise InputError([Problem("--fmu", "too few modes", str(arguments.fmu), "1 or more; nothing for all dofs")])
-    reduction = import_module("fmu_build.reduction")
-    settings = [reduction.SETTING.format(arguments.fmu)] if arguments.fmu else []
-    size: int = reduction.compiled_size(load_scene(arguments.scene, [*arguments.overrides, *settings]))
+    checks = import_module("fmu_build.checks")
+    settings = [checks.SETTING.format(arguments.fmu)] if arguments.fmu else []
+    size: int = checks.compiled_size(load_scene(arguments.scene, [*arguments.overrides, *settings]))
     return size
 
 

@@ -139,13 +139,13 @@ def _made(
     from ..results.writing import check_target
 
     names = [name.strip() for name in arguments.inputs.split(",") if name.strip()]
-    check = import_module("fmu_build.checks")
-    inputs, note, lines = check.with_inputs(scene, names), "", list[str]()
+    checks = import_module("fmu_build.checks")
+    inputs, note, lines = checks.with_inputs(scene, names), "", list[str]()
     if arguments.compiled and arguments.modes is not None:
         waiting.update(0.0, "FMU: reduced bodies and their error")
         inputs, note, lines = _reduced(arguments, inputs, names)
     waiting.update(0.0, "FMU")
-    files: dict[str, bytes] = check.cross_check_files(inputs) if arguments.cross_check else {}
+    files: dict[str, bytes] = checks.cross_check_files(inputs) if arguments.cross_check else {}
     for name in files:
         check_target(target.with_name(name))
     inside = {f"{check.FOLDER}/{name}": content for name, content in files.items()}
@@ -166,16 +166,16 @@ def _reduced(arguments: argparse.Namespace, inputs: Any, names: Sequence[str]) -
 
     from ..reader import load_scene
 
-    check, reduction = import_module("fmu_build.checks"), import_module("fmu_build.reduction")
-    setting = reduction.SETTING.format(arguments.modes)
-    reduced = check.with_inputs(load_scene(arguments.scene, [*arguments.overrides, setting]), names)
-    errors = reduction.reduction_errors(inputs, reduced)
+    checks = import_module("fmu_build.checks")
+    setting = checks.SETTING.format(arguments.modes)
+    reduced = checks.with_inputs(load_scene(arguments.scene, [*arguments.overrides, setting]), names)
+    errors = checks.reduction_errors(inputs, reduced)
     lines = [
         "the error of the reduced bodies is not known: no load acts (--inputs NAME keeps the law of a load for it)"
     ]
     if errors:
         lines = [f"{arguments.modes} modes a body, under the laws of the scene:", *(f"  {error}" for error in errors)]
-    return reduced, reduction.reduction_note(arguments.modes, errors), lines
+    return reduced, checks.reduction_note(arguments.modes, errors), lines
 
 
 def _contradictions(arguments: argparse.Namespace) -> Iterator[Problem]:

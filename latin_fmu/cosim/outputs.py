@@ -1,8 +1,7 @@
-"""Outputs of a co-simulation: resultants of interfaces, sensors, bolts; rows and arrays of the table.
+"""Outputs of a co-simulation: resultants of interfaces, sensors, bolts, contact events; rows and arrays of the table.
 
-Contact events of interfaces: touch, separation, slip; how many there were and the instant of the last one.
-
-An event belongs to an interface as a whole and lies in the time step from t_(j-1) to t_j in which its state changes:
+Contact events are touch, separation and slip: how many there were, and the instant of the last one. An event belongs to
+an interface as a whole and lies in the time step from t_(j-1) to t_j in which its state changes:
 
 =============  ====================================  ===============================================================
 event          state at t_(j-1), at t_j              instant, kept inside the time step

@@ -1,12 +1,10 @@
-"""A session: one scene taken through a simulation by communication steps.
+"""A session: one scene taken through a simulation by communication steps; its results and their estimated errors.
 
 session = Session(scene)                              # windowed mode
 session.set_load("press", value=0.3, rate=1e5)
 session.initialize()
 report = session.step(0.0, 1e-6)
 force = session.value("interface.crush.force[3]")
-
-Results of a session: what was solved and exchanged as one DataTree, and its estimated errors.
 """
 
 from __future__ import annotations
@@ -145,7 +143,7 @@ class Session:
     def step(self, t: float, h: float, early: bool = False) -> StepReport:
         """Advance from t by h, s, with the loads set before. A step that is refused changes nothing.
 
-        early : end the step with the first time step in which there is a contact event (``cosim.events``).
+        early : end the step with the first time step in which there is a contact event (``cosim.outputs``).
         """
         mode = self._mode
         if mode is None or not self.started:

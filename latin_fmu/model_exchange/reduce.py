@@ -3,9 +3,8 @@
 A patch resists the mean motion of its points only. Where a body bends between the points of a patch (a punch on the
 middle of a plate) the reduced contact is too soft: forces come late and are too small, even where impulses agree.
 
-Variables of a reduced model: those it shares with co-simulation, then states, their derivatives, event indicators.
-
-The place in the table is the value reference.
+Variables are those shared with co-simulation, then states, their derivatives, event indicators; the place in the table
+is the value reference.
 """
 
 from __future__ import annotations

@@ -1,13 +1,12 @@
 """One point of a study: the run, its quantities, and what a process keeps for the points that follow.
 
-Fields of windows of several instants at neighbouring points of a study: first guesses of the next point.
-
-The iterate of a window is its history of tractions and velocities on the interfaces. Where a parameter changes a
-little, the converged history of a neighbour is close to the solution (P.A. Boucard, L. Champaney, "A suitable
-computational strategy for the parametric analysis of problems with multiple contact", Int. J. Numer. Meth. Engng 57
-(2003) 1259-1281); two neighbours on a line are continued linearly, which is exact between two changes of a contact
-state. The guess changes the number of iterations, not the tolerance that ends them: results agree with those of other
-first guesses within it. A window that does not converge from a guess starts again without it.
+Kept are operators, and fields of windows of several instants as first guesses of the next point. The iterate of a
+window is its history of tractions and velocities on the interfaces. Where a parameter changes a little, the converged
+history of a neighbour is close to the solution (P.A. Boucard, L. Champaney, "A suitable computational strategy for the
+parametric analysis of problems with multiple contact", Int. J. Numer. Meth. Engng 57 (2003) 1259-1281); two neighbours
+on a line are continued linearly, which is exact between two changes of a contact state. The guess changes the number of
+iterations, not the tolerance that ends them: results agree with those of other first guesses within it. A window that
+does not converge from a guess starts again without it.
 
 Windows of one instant have no use for it: each begins with the fields of the instant before, which are closer.
 """

@@ -1,6 +1,6 @@
 """A parametric study: the full factorial of some keys of a scene over processes, resumable, as one dataset.
 
-The dataset of a study: its parameters are the dimensions.
+The parameters are the dimensions of the dataset:
 
 ================  ==============================  ===========================================================
 variable          dimensions                      content
@@ -23,7 +23,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 import xarray as xr
@@ -45,16 +45,12 @@ from .grid import Grid, Index, Parameter, parameters_of, value_text
 from .point import CONVERGED, FAILED, QUANTITIES, STATES, Plan, Quantity, Record
 from .workers import solve_points
 
-if TYPE_CHECKING:
-    import xarray as xr
-
 Tell = Callable[[str], None]
 
 _KIND: Final = "points of a study"
 _HEAD: Final = "study"  # name of the file that says which study the points of a folder are of
 _HEADING: Final = "the study cannot be made"
 _MOST_JOBS: Final = 1024
-
 KIND: Final = "parametric study"
 """Attribute ``kind`` of the file of a study."""
 _HISTORIES: Final = {
@@ -176,7 +172,7 @@ def sweep(
 
     Returns
     -------
-    Dataset with the parameters as dimensions; see ``parametric.dataset``.
+    Dataset with the parameters as dimensions; see ``parametric.study``.
 
     Raises
     ------

@@ -1,9 +1,8 @@
 """Bodies drawn with matplotlib alone, and what surrounds them: axes with units, arrows with labels.
 
-Facets that face the viewer are drawn, the farthest first. Sorting by depth is exact only for facets that are small
-against their distance, so large ones are cut.
-
-The visible surface of a body as coloured facets and their edges; the orthographic view.
+The visible surface of a body (``Skin``) is a set of coloured facets with edges, in an orthographic view. Facets that
+face the viewer are drawn, the farthest first. Sorting by depth is exact only for facets that are small against their
+distance, so large ones are cut.
 """
 
 from __future__ import annotations
@@ -23,7 +22,6 @@ if TYPE_CHECKING:
 _PIECE: Final = 0.02  # facets and edges are cut into pieces of this share of the picture
 _MOST_CUTS: Final = 16
 _LIFT: Final = 1.2e-2  # edges are drawn this share of the picture nearer: more than half a piece
-
 _SHARP: Final = np.cos(np.radians(30.0))  # facets that meet at a larger angle make an edge of the body
 _LIGHT: Final = (-0.35, 0.55, 0.76)  # from the left and above, or below where the viewer is below (right, up, viewer)
 _AMBIENT: Final = 0.55

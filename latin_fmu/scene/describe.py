@@ -1,6 +1,5 @@
-"""Fields, units, ranges and choices of the scene tables, read from their declarations, for messages and reference.
-
-From a validation error to the problems a user reads: path in the file, value, what is allowed, remedy.
+"""Fields, units, ranges and choices of the scene tables, read from their declarations, for messages and reference; from
+a validation error to the problems a user reads: path in the file, value, what is allowed, remedy.
 """
 
 from __future__ import annotations
@@ -17,7 +16,6 @@ from pydantic_core import ErrorDetails
 from ..errors import Problem, did_you_mean, shown
 
 _SIGNS: Final = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}
-
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 _LONGEST_KEY = 100
 _WHAT: Final = {
