@@ -148,7 +148,7 @@ def _made(
     files: dict[str, bytes] = checks.cross_check_files(inputs) if arguments.cross_check else {}
     for name in files:
         check_target(target.with_name(name))
-    inside = {f"{check.FOLDER}/{name}": content for name, content in files.items()}
+    inside = {f"{checks.FOLDER}/{name}": content for name, content in files.items()}
     build = import_module("fmu_build.build")
     if arguments.model_exchange:
         sizes = {"n_mode": arguments.modes, "n_patch": arguments.patches}
