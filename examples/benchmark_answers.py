@@ -13,7 +13,7 @@ from calculix_run import run
 from example_tools import Array
 
 import latin_fmu
-from latin_fmu.latin.record import Outcome
+from latin_fmu.latin.outcome import Outcome
 
 FINER = 8  # steps of the reference
 SECTION = 1e-4  # of P1, m2

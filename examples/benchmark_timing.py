@@ -21,7 +21,7 @@ import latin_fmu
 from latin_fmu.api import run
 from latin_fmu.assembly.build import discretise
 from latin_fmu.assembly.problem import DiscretisedProblem, SolverReadyProblem
-from latin_fmu.latin.record import Outcome
+from latin_fmu.latin.outcome import Outcome
 
 
 def prepared(case: Case, solver: dict[str, Any]) -> DiscretisedProblem:

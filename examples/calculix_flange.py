@@ -27,7 +27,7 @@ import latin_fmu
 from latin_fmu.assembly.build import discretise
 from latin_fmu.fem.faces import Face, face_of
 from latin_fmu.fem.mesh_file import mesh_of
-from latin_fmu.latin.record import Outcome
+from latin_fmu.latin.outcome import Outcome
 from latin_fmu.mesh_files.reading import read_content
 
 BORE, RIM, HIGH = 20.0, 40.0, 8.0  # mm, of a ring

@@ -17,7 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 import latin_fmu
-from latin_fmu.latin.record import InterfaceHistory
+from latin_fmu.latin.outcome import InterfaceHistory
 from latin_fmu.pictures.style import LINES
 
 SCENE = MODELS / "two_specimen_crushing" / "scene.toml"

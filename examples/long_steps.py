@@ -34,7 +34,7 @@ import numpy as np
 import latin_fmu
 from latin_fmu.assembly.segments import SegmentedRun
 from latin_fmu.fem.mesh import box_mesh
-from latin_fmu.latin.record import InterfaceHistory
+from latin_fmu.latin.outcome import InterfaceHistory
 from latin_fmu.stability.scenes import STEEL, Box, Description, column, half_sine, rubbing
 
 BEAM, CLAMPS, PATCH = (0.3, 0.03, 0.008), (0.05, 0.15, 0.25), 0.02

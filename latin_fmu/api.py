@@ -25,8 +25,8 @@ from .errors import InputError, Problems, SolverError
 from .interface import Behaviour
 from .latin.assembly import Array, Assembly, InterfaceUnit
 from .latin.interface_rows import InterfaceRows, interface_history
+from .latin.outcome import InterfaceHistory, Outcome, Timings
 from .latin.processes import Processes, own_part
-from .latin.record import InterfaceHistory, Outcome, Timings
 from .latin.recorder import Recorder
 from .latin.solver import IterationEvent
 from .latin.windows import Run, WindowFields

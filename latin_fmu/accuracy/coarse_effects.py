@@ -18,7 +18,7 @@ from ..assembly.build import discretise
 from ..assembly.problem import DiscretisedProblem
 from ..fem.elements import rigid_modes, wave_speeds
 from ..interface.laws import SEPARATION, SLIP
-from ..latin.record import Array, InterfaceHistory, SubstructureHistory
+from ..latin.outcome import Array, InterfaceHistory, SubstructureHistory
 from ..results.solution import Solution
 from ..scene.schema import Scene
 from .resolution import Resolution, at_resolution, coarsens_mesh, mesh_factor

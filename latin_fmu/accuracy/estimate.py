@@ -20,8 +20,8 @@ from typing import Final
 import numpy as np
 
 from ..errors import LatinError
+from ..latin.outcome import Array
 from ..latin.processes import Processes
-from ..latin.record import Array
 from ..results.estimates import ErrorEstimate, QuantityEstimate
 from ..results.quantities_of_interest import (
     DISPLACEMENT,

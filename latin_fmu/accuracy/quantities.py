@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..latin.record import Array, InterfaceHistory
+from ..latin.outcome import Array, InterfaceHistory
 from ..results.quantities_of_interest import (
     CONTACT_SHARE,
     DISPLACEMENT,

@@ -12,8 +12,8 @@ import numpy as np
 from .. import api
 from ..assembly.propagator_choice import factor_bytes
 from ..errors import LatinError
+from ..latin.outcome import Array, SensorHistory, Timings
 from ..latin.processes import Processes
-from ..latin.record import Array, SensorHistory, Timings
 from ..results.solution import Solution
 from ..scene.schema import Scene
 from .quantities import Quantities, measure

@@ -16,8 +16,8 @@ import numpy as np
 from ..errors import Problem, Problems
 from ..fem.mesh import nearest
 from ..latin.assembly import Array, Assembly, InterfaceUnit
+from ..latin.outcome import BoltHistory
 from ..latin.probes import BoltPlace
-from ..latin.record import BoltHistory
 from ..propagator.model import closest_reduced
 from ..scene.fields import GROUND, split_face
 from ..scene.schema import Scene

@@ -21,7 +21,7 @@ import scipy.spatial as spatial
 
 from ..interface.laws import SEPARATION, bonds
 from ..latin.assembly import Array, Assembly
-from ..latin.record import InterfaceHistory, Resultants
+from ..latin.outcome import InterfaceHistory, Resultants
 from .problem import SolverReadyProblem
 
 LARGEST_ROTATION = 2.0  # degrees

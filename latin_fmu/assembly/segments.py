@@ -12,7 +12,7 @@ import numpy as np
 
 from ..fem.mesh import Array
 from ..latin.assembly import GroundState
-from ..latin.record import BoltHistory, InterfaceHistory, ReactionHistory, SensorHistory, SubstructureHistory, Timings
+from ..latin.outcome import BoltHistory, InterfaceHistory, ReactionHistory, SensorHistory, SubstructureHistory, Timings
 from ..latin.recorder import Recorder
 from ..latin.state_serialization import check_like, check_numbers, decode, encode, unlike
 from ..latin.status import WindowList

@@ -20,7 +20,7 @@ from ..errors import Problem, Problems, SceneError
 from ..fem.mesh import Array
 from ..interface.laws import bonds
 from ..latin.assembly import InterfaceUnit
-from ..latin.record import Timings
+from ..latin.outcome import Timings
 from ..latin.recorder import Recorder
 from ..latin.settings import Settings
 from ..latin.windows import Run

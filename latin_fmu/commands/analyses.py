@@ -15,7 +15,7 @@ from .progress import Waiting
 if TYPE_CHECKING:
     import xarray as xr
 
-    from ..latin.record import Array
+    from ..latin.outcome import Array
     from ..results.spectra import ShockSpectrum
     from ..scene.sensors import Spectrum
 

@@ -45,7 +45,7 @@ from ..errors import InputError, Problem
 from ..kernels import entries
 from ..kernels.entries import Pools
 from ..kernels.records import CLASS, GROUP, RUN
-from ..latin.record import Array, Timings
+from ..latin.outcome import Array, Timings
 from ..latin.recorder import Recorder
 from ..latin.windows import Run
 from ..machine import one_thread

@@ -33,7 +33,7 @@ from ..errors import InputError, Problem, SolverError
 from ..kernels import entries
 from ..kernels.laws import law_tangents
 from ..latin.assembly import Array
-from ..latin.record import WindowRecord
+from ..latin.outcome import WindowRecord
 from ..latin.run_image import Stages
 from ..latin.windows import Run
 from .variable import input_of, is_wave

@@ -19,7 +19,7 @@ from ..assembly.supports import Motion
 from ..kernels.communication import BY_BOTH, BY_VALUE, DISPLACEMENT, FREE, LOAD, MOTION, WAVE
 from ..latin.assembly import GroundState
 from ..latin.initial_conditions import initial_conditions
-from ..latin.record import Array
+from ..latin.outcome import Array
 from ..latin.run_image import histories
 from ..propagator.forcing import SUMS
 from ..scene.boundaries import Driven

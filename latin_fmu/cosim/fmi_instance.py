@@ -18,7 +18,7 @@ from .variable_store import DISCARD, ERROR, WARNING, Log, VariableStore, excepti
 
 if TYPE_CHECKING:  # imported at initialization: hosts instantiate an FMU only to look at it
     from ..latin.assembly import Index
-    from ..latin.record import Array
+    from ..latin.outcome import Array
     from ..scene.schema import Scene
     from .session import Session
     from .settings import Settings

@@ -16,7 +16,7 @@ from ..assembly.segments import Segment, SegmentedRun
 from ..kernels import entries
 from ..latin.assembly import GroundState
 from ..latin.interface_rows import InterfaceRows
-from ..latin.record import Array, InterfaceHistory
+from ..latin.outcome import Array, InterfaceHistory
 from ..latin.recorder import Recorder
 from ..latin.state_serialization import check_like
 from ..latin.windows import Run

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError, Problem
-from ..latin.record import Array
+from ..latin.outcome import Array
 from ..latin.state_serialization import check_like, check_numbers, unlike
 from ..scene.number_files import MAX_FILE_BYTES
 from ..scene.schema import Scene

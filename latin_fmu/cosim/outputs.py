@@ -26,7 +26,7 @@ from typing import Any, Final
 import numpy as np
 
 from ..interface.laws import SEPARATION, SLIP, STICK
-from ..latin.record import Array, BoltHistory, InterfaceHistory, PointFields, SensorHistory
+from ..latin.outcome import Array, BoltHistory, InterfaceHistory, PointFields, SensorHistory
 from .variables import ENERGIES, EVENTS
 
 _TOUCH, _SEPARATION = 0, 1  # of EVENTS, before slip

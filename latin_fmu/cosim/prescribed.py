@@ -10,7 +10,7 @@ import numpy as np
 
 from ..assembly.segments import Segment, SegmentedRun
 from ..errors import SolverError
-from ..latin.record import Array, InterfaceHistory
+from ..latin.outcome import Array, InterfaceHistory
 from ..latin.state_serialization import check_numbers, encode
 from ..scene.schema import Scene
 from .loads import Loads

@@ -22,7 +22,7 @@ import xarray as xr
 from ..assembly.face_pairs import completed
 from ..assembly.segments import Segment
 from ..errors import InputError, LatinError, Problem
-from ..latin.record import Array, InterfaceHistory
+from ..latin.outcome import Array, InterfaceHistory
 from ..latin.state_serialization import check_like, decode, encode, unlike
 from ..machine import provenance
 from ..results.dataset import AXES, datatree, result_groups

@@ -14,8 +14,8 @@ import scipy.sparse as sp
 
 from ..assembly.ports import port_key
 from ..latin.interface_rows import NO_CONTACT, InterfaceRows
+from ..latin.outcome import Array
 from ..latin.probes import Probes
-from ..latin.record import Array
 from ..latin.recorder import Recorder
 from ..scene.ports import COMPONENTS
 from ..scene.schema import Scene

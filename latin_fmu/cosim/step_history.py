@@ -15,7 +15,7 @@ from weakref import WeakValueDictionary
 import numpy as np
 
 from ..assembly.segments import Segment
-from ..latin.record import Array, InterfaceHistory, Outcome, SensorHistory, SubstructureHistory, Timings, WindowRecord
+from ..latin.outcome import Array, InterfaceHistory, Outcome, SensorHistory, SubstructureHistory, Timings, WindowRecord
 from .loads import Curve, rule_of
 from .variables import HOLD, LINE
 

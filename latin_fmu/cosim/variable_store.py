@@ -13,7 +13,7 @@ from .variable import Variable, input_of
 
 if TYPE_CHECKING:  # imported when arrays are read: hosts instantiate an FMU only to look at it
     from ..latin.assembly import Index
-    from ..latin.record import Array
+    from ..latin.outcome import Array
     from .session import Session
 
 WARNING, DISCARD, ERROR = 1, 2, 3

@@ -18,7 +18,7 @@ import numpy as np
 
 from ..errors import InputError, Problem, SolverError
 from ..kernels.acceleration import Anderson
-from ..latin.record import Array
+from ..latin.outcome import Array
 from .settings import StepReport
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from ..assembly.ports import port_columns
 from ..assembly.segments import Segment, SegmentedRun
 from ..errors import SolverError
-from ..latin.record import Array, InterfaceHistory, Timings
+from ..latin.outcome import Array, InterfaceHistory, Timings
 from ..latin.recorder import Recorder
 from ..latin.state_serialization import check_like, check_numbers, unlike
 from ..latin.windows import Run

@@ -10,8 +10,8 @@ import numpy as np
 from ..interface.laws import SEPARATION, as_layer, coulomb_coefficient
 from ..propagator.image import Image
 from .assembly import Array, Assembly
+from .outcome import InterfaceHistory, PointFields
 from .probes import Probes
-from .record import InterfaceHistory, PointFields
 
 NO_CONTACT = 1e-6  # pressure that does not count as contact, over the traction the loads can bring
 _BLOCK = 4096  # rows of a stream that are read at a time

@@ -14,8 +14,8 @@ import scipy.sparse as sp
 from ..fem.location import Location
 from ..propagator.image import Image
 from .assembly import Array, Assembly
+from .outcome import BoltHistory, SensorHistory
 from .reactions import Support, SupportProbes
-from .record import BoltHistory, SensorHistory
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ import scipy.sparse as sp
 
 from ..propagator import SubstructureModel
 from .assembly import Array, Assembly, Index
-from .record import ReactionHistory
+from .outcome import ReactionHistory
 
 
 @dataclass(frozen=True)

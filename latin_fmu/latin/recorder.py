@@ -16,10 +16,10 @@ from ..kernels.energy_parts import TERMS
 from ..propagator.image import Image
 from .assembly import Array, Assembly
 from .interface_rows import InterfaceRows, InterfaceStream
+from .outcome import BoltHistory, InterfaceHistory, PointFields, ReactionHistory, SensorHistory, SubstructureHistory
 from .probes import BoltPlace, Probes, SensorPlace
 from .processes import Processes
 from .reactions import Support, reaction_histories
-from .record import BoltHistory, InterfaceHistory, PointFields, ReactionHistory, SensorHistory, SubstructureHistory
 
 
 @dataclass(frozen=True)

@@ -18,9 +18,9 @@ from ..propagator.image import Image
 from .assembly import Array, Assembly, Index
 from .initial_conditions import initial_conditions
 from .instant_solve import PerfectInterfaceSolve
+from .outcome import Timings
 from .probes import Probes
 from .processes import Exchange, Processes, SharedStages, check_newton, checked_channels, own_part
-from .record import Timings
 from .recorder import Recorder
 from .run_image import Stages, all_in_kernels, histories, law_of, make_image, negligible_scales, still
 from .search_direction import Direction

@@ -25,7 +25,7 @@ from ..kernels import entries
 from ..kernels.iteration import BEST, BROKEN, CONVERGED, PATIENCE, STALLED
 from ..propagator.image import Image
 from .assembly import Array, Assembly
-from .record import WindowRecord
+from .outcome import WindowRecord
 from .run_image import Iterate, Stages, rules
 from .search_direction import Direction
 from .settings import Settings

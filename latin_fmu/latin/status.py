@@ -11,7 +11,7 @@ import numpy as np
 
 from ..interface.laws import coulomb_coefficient
 from .assembly import Array, Assembly, Index, NoEquilibrium
-from .record import WindowRecord
+from .outcome import WindowRecord
 from .settings import Settings
 
 SLOW: Final = 12

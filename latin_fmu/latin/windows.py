@@ -22,8 +22,8 @@ from ..interface.laws import bonds
 from ..kernels import entries
 from .assembly import Array, Assembly
 from .instant_solve import PerfectInterfaceSolve, pays
+from .outcome import Timings, WindowRecord
 from .processes import Processes, SharedStages
-from .record import Timings, WindowRecord
 from .recorder import Recorder
 from .run_image import Stages, rules
 from .run_state import ONE, SAMPLED, RunState

@@ -27,7 +27,7 @@ from ..accuracy.quantities import measure
 from ..accuracy.runs import message_of
 from ..assembly.kept_operators import KeptOperators
 from ..errors import LatinError
-from ..latin.record import Array, InterfaceHistory
+from ..latin.outcome import Array, InterfaceHistory
 from ..results.quantities_of_interest import (
     DISPLACEMENT,
     FORCE_HISTORY,

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 import xarray as xr
 
-from ..latin.record import Array
+from ..latin.outcome import Array
 from ..results.dataset import has_friction
 from ..results.quantities_of_interest import InterfaceFields, friction_sum, normal_resultant, status_shares
 from ..results.spectra import ShockSpectrum

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from ..latin.record import Array
+from ..latin.outcome import Array
 from .groups import Group, Variable
 from .quantities_of_interest import FLOOR, definition_of
 from .summary import aligned, finite, percent, readable

@@ -7,7 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from ..latin.record import Array, Outcome, SensorHistory
+from ..latin.outcome import Array, Outcome, SensorHistory
 from ..scene.sensors import ChannelClass, LowPass, Sensor, filter_problems
 from .groups import BOLT, REACTION, SENSOR, Columns, Group, annotated
 from .spectra import ShockSpectrum, sensor_spectrum, spectrum_group

@@ -9,7 +9,7 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..latin.record import (
+from ..latin.outcome import (
     Array,
     BoltHistory,
     InterfaceHistory,

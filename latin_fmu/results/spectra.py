@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import InputError, Problem
-from ..latin.record import Array, SensorHistory
+from ..latin.outcome import Array, SensorHistory
 from ..scene.sensors import Spectrum, spectrum_problems
 from .groups import SPECTRUM, Columns, Group, annotated
 

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from ..latin.record import InterfaceHistory, Outcome, Resultants, Timings
+from ..latin.outcome import InterfaceHistory, Outcome, Resultants, Timings
 from .quantities_of_interest import InterfaceFields, first_contact_time, largest_slip_share, separation_time
 
 _FACTOR: Final = re.compile(r"([A-Za-z%]+|1)(-?[0-9.]+)?")

@@ -20,7 +20,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from ..fem.mesh import cell_blocks
-from ..latin.record import Array
+from ..latin.outcome import Array
 from .sensors import MOTIONS
 from .writing import check_folder, unwritable, write_whole
 

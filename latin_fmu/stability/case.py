@@ -15,7 +15,7 @@ import numpy as np
 
 from ..api import solve
 from ..errors import LatinError
-from ..latin.record import Array
+from ..latin.outcome import Array
 from ..reader import scene_from_dict
 from ..results.solution import Solution
 from .scenes import Description

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import SceneError
-from ..latin.record import Array
+from ..latin.outcome import Array
 from ..results.solution import Solution
 from .case import (
     Bench,

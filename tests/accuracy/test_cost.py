@@ -31,7 +31,7 @@ from latin_fmu.accuracy.study import (
 )
 from latin_fmu.accuracy.study_report import as_text, price, sources, useful_tolerances
 from latin_fmu.cli import main
-from latin_fmu.latin.record import Timings
+from latin_fmu.latin.outcome import Timings
 from latin_fmu.reader import load_scene
 from latin_fmu.scene.settings import MasslessContact
 from latin_fmu.time_scheme import SCHEMES

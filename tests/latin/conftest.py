@@ -9,7 +9,7 @@ import pytest
 
 from latin_fmu.assembly.build import build
 from latin_fmu.assembly.problem import SolverReadyProblem
-from latin_fmu.latin.record import Timings
+from latin_fmu.latin.outcome import Timings
 from latin_fmu.latin.recorder import Recorder
 from latin_fmu.latin.windows import Run
 from latin_fmu.reader import scene_from_dict

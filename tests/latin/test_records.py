@@ -152,7 +152,7 @@ CASES: list[tuple[Tables, Callable[[Tables], None]]] = [
 
 def made(tables: Tables, change: Callable[[Tables], None]) -> Any:
     """A run of a changed scene at t = 0."""
-    from latin_fmu.latin.record import Timings
+    from latin_fmu.latin.outcome import Timings
     from latin_fmu.latin.recorder import Recorder
     from latin_fmu.latin.windows import Run
 

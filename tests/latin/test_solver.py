@@ -12,7 +12,7 @@ from latin_fmu.compiled import PLAIN
 from latin_fmu.kernels import entries
 from latin_fmu.kernels.records import CLASS, GROUP, RUN
 from latin_fmu.latin import solver as loop
-from latin_fmu.latin.record import WindowRecord
+from latin_fmu.latin.outcome import WindowRecord
 from latin_fmu.latin.run_image import Iterate, Stages
 from latin_fmu.latin.settings import Settings
 from latin_fmu.latin.solver import WindowSolver

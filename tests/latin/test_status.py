@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from latin_fmu.latin.record import WindowRecord
+from latin_fmu.latin.outcome import WindowRecord
 from latin_fmu.latin.status import WindowList
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from latin_fmu.api import run
 from latin_fmu.kernels import entries
-from latin_fmu.latin.record import Outcome
+from latin_fmu.latin.outcome import Outcome
 
 TIGHT = {"tolerance": 1e-9, "force_tolerance": 1e-8, "max_iterations": 400}
 

@@ -15,7 +15,7 @@ from latin_fmu.api import run
 from latin_fmu.assembly.build import build
 from latin_fmu.assembly.problem import SolverReadyProblem
 from latin_fmu.errors import SceneError
-from latin_fmu.latin.record import Outcome
+from latin_fmu.latin.outcome import Outcome
 from latin_fmu.propagator import DirectPropagator, Histories
 from latin_fmu.reader import scene_from_dict
 from latin_fmu.time_scheme import Newmark

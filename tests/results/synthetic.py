@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from latin_fmu.latin.record import Array, InterfaceHistory, Outcome, SubstructureHistory, Timings, WindowRecord
+from latin_fmu.latin.outcome import Array, InterfaceHistory, Outcome, SubstructureHistory, Timings, WindowRecord
 
 SIDE = 0.01
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from latin_fmu.latin.record import WindowRecord
+from latin_fmu.latin.outcome import WindowRecord
 from latin_fmu.results.dataset import convergence_group
 from latin_fmu.results.solution import Solution
 
