@@ -256,9 +256,11 @@ class WindowRecord:
 
 @dataclass
 class Timings:
-    """CPU seconds of the process by part, and the peak memory in bytes.
+    """Time of the process by part, s, and its peak memory in bytes.
 
-    ``march`` : the iteration over all windows. ``predicted`` : its value by the cost model; 0 where there is none.
+    CPU time: ``setup``, ``march`` (all windows, with what is kept of them), ``other`` (the rest of the run) and
+    ``output``. ``wall`` : set-up and run by the wall clock. ``predicted`` : ``march`` and ``other`` by the cost model;
+    0 where there is none.
     """
 
     setup: float = 0.0

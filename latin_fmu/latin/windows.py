@@ -186,7 +186,8 @@ class Run(RunState):
     # -- the compiled driver --------------------------------------------------------------------------------------
     def _march(self, n: int) -> int:
         """Solve up to n windows of one instant in one call; how many converged, fewer where one needs a fall-back."""
-        image, before, first = self.image, clock.perf_counter(), self.assembly.instant + 1
+        image, first = self.image, self.assembly.instant + 1
+        wall, cpu = clock.perf_counter(), clock.process_time()
         self._use(1, exact=self.refusals > _MOST_REFUSALS)
         longest = max(1, int(_SECONDS / self._per_instant)) if self._per_instant > 0 else _FIRST
         n = min(n, image.rows, longest, image.rows if self._sequence is not None else self._until(first))
@@ -195,8 +196,8 @@ class Run(RunState):
         if done:
             self.keep_marched(first, done)
         self._refused, self.refusals = done < n, self.refusals + (done < n)
-        self._count(before)
-        self._per_instant = (clock.perf_counter() - before) / max(done, 1)
+        self._count(cpu)
+        self._per_instant = (clock.perf_counter() - wall) / max(done, 1)
         return done
 
     def keep_marched(self, first: int, n: int, row: int = 0) -> None:
@@ -224,11 +225,11 @@ class Run(RunState):
             return image.call(entries.MARCH, first, n)
 
     def _count(self, before: float) -> None:
-        """Add the work and the time since ``before``."""
+        """Add the work, and the CPU time since ``before``, that of the process then."""
         marched, condensed = self.image.marched()
         self.marched += marched
         self.condensed += condensed
-        self.timings.march += clock.perf_counter() - before
+        self.timings.march += clock.process_time() - before
 
     # -- the Python driver ----------------------------------------------------------------------------------------
     def advance(self, n: int, number: int, count: int) -> WindowRecord:
@@ -237,7 +238,7 @@ class Run(RunState):
             return self._advance(n, number, count)
 
     def _advance(self, n: int, number: int, count: int) -> WindowRecord:
-        before, first = clock.perf_counter(), self.assembly.instant + 1
+        before, first = clock.process_time(), self.assembly.instant + 1
         record = WindowRecord(first, first + n - 1)
         if not self.assembly.interfaces:
             self._march_free(first, n, record)
