@@ -319,3 +319,38 @@ def unbalanced() -> Callable[..., float]:
         return worst
 
     return march
+
+
+@pytest.fixture
+def resumes(tractions: Callable[..., Array]) -> Callable[..., None]:
+    """Check that a march taken up again is the same to the last bit: from a snapshot, and from the state in another
+    propagator that is given the rest of the histories. ``start`` : gives the propagator at t = 0, over steps ``dt``."""
+
+    def check(m: Any, start: Callable[[], Any], dt: float) -> None:
+        given = tractions(len(m.model.channel_area))
+
+        def on(propagator: Any) -> Array:
+            for traction in given[5:9]:
+                propagator.predict()
+                propagator.commit(traction)
+            terms = [propagator.totals[t] for t in sorted(propagator.totals)]
+            fields = propagator.full_displacement(0), propagator.full_velocity(0)
+            return np.concatenate([*(field.ravel() for field in fields), *terms])
+
+        propagator = start()
+        for traction in given[1:5]:
+            propagator.predict()
+            propagator.commit(traction)
+        kept, tree = propagator.snapshot(), propagator.get_state()
+        whole = on(propagator)
+        propagator.restore(kept)
+        np.testing.assert_array_equal(on(propagator), whole)
+        other = start()
+        other.set_state(tree)
+        rest = type(m.histories)(
+            m.histories.time[4:], [a[4:] for a in m.histories.amplitudes], m.histories.imposed_velocity[4:]
+        )
+        other.begin([rest], dt)
+        np.testing.assert_array_equal(on(other), whole)
+
+    return check

@@ -11,7 +11,6 @@ import scipy.linalg as la
 import scipy.sparse as sp
 
 from latin_fmu.errors import SolverError
-from latin_fmu.kernels.energy_parts import TERMS
 from latin_fmu.propagator.explicit import ExplicitPropagator
 from latin_fmu.propagator.model import lumped
 from latin_fmu.propagator.stable_step import StableStep
@@ -115,32 +114,9 @@ def test_channels_read_the_motion_half_a_step_ahead(model: Make, tractions: Make
 
 
 @pytest.mark.parametrize("kind", ["free", "everything"])
-def test_a_march_taken_up_again_is_the_same_to_the_last_bit(kind: str, model: Make, tractions: Make) -> None:
+def test_a_march_taken_up_again_is_the_same_to_the_last_bit(kind: str, model: Make, resumes: Make) -> None:
     m = model(kind)
-    given = tractions(len(m.model.channel_area))
-
-    def on(propagator: ExplicitPropagator) -> Array:
-        for traction in given[5:9]:
-            propagator.predict()
-            propagator.commit(traction)
-        terms = [propagator.totals[t] for t in TERMS]
-        return np.concatenate([propagator.full_displacement(0).ravel(), propagator.full_velocity(0).ravel(), *terms])
-
-    propagator = started([m])
-    for traction in given[1:5]:
-        propagator.predict()
-        propagator.commit(traction)
-    kept, tree = propagator.snapshot(), propagator.get_state()
-    whole = on(propagator)
-    propagator.restore(kept)
-    np.testing.assert_array_equal(on(propagator), whole)
-    other = started([m])
-    other.set_state(tree)
-    rest = type(m.histories)(
-        m.histories.time[4:], [a[4:] for a in m.histories.amplitudes], m.histories.imposed_velocity[4:]
-    )
-    other.begin([rest], DT)
-    np.testing.assert_array_equal(on(other), whole)
+    resumes(m, lambda: started([m]), DT)
 
 
 @pytest.mark.parametrize("kind", ["free", "held", "damped", "periodic", "everything"])

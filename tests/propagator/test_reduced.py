@@ -96,31 +96,9 @@ def test_respond_is_a_march_with_dashpots(hht: Any, kind: str, model: Make, trac
 
 
 @pytest.mark.parametrize("kind", ["free", "everything"])
-def test_a_march_taken_up_again_is_the_same_to_the_last_bit(kind: str, hht: Any, model: Make, tractions: Make) -> None:
+def test_a_march_taken_up_again_is_the_same_to_the_last_bit(kind: str, hht: Any, model: Make, resumes: Make) -> None:
     m = model(kind)
-    given = tractions(len(m.model.channel_area))
-
-    def on(propagator: ReducedPropagator) -> Array:
-        for traction in given[5:9]:
-            propagator.predict()
-            propagator.commit(traction)
-        return np.concatenate([propagator.full_displacement(0).ravel(), propagator.full_velocity(0).ravel()])
-
-    propagator = started([m], hht, 5)
-    for traction in given[1:5]:
-        propagator.predict()
-        propagator.commit(traction)
-    kept, tree = propagator.snapshot(), propagator.get_state()
-    whole = on(propagator)
-    propagator.restore(kept)
-    np.testing.assert_array_equal(on(propagator), whole)
-    other = started([m], hht, 5)
-    other.set_state(tree)
-    rest = type(m.histories)(
-        m.histories.time[4:], [a[4:] for a in m.histories.amplitudes], m.histories.imposed_velocity[4:]
-    )
-    other.begin([rest], DT)
-    np.testing.assert_array_equal(on(other), whole)
+    resumes(m, lambda: started([m], hht, 5), DT)
 
 
 def test_static_answers_to_the_loads_of_every_member_are_exact(model: Make) -> None:

@@ -32,6 +32,18 @@ def bonded(built: SolverReadyProblem) -> tuple[DirectPropagator, dict[str, slice
     return propagator, merged.where
 
 
+def displacements(body: DirectPropagator, n: int) -> np.ndarray:
+    """March of a body over n instants, (n + 1, n_node, 3), m."""
+    nothing = np.zeros((0, 1))
+    body.start(nothing, body.mass_factor())
+    fields = [body.full_displacement(0)]
+    for _ in range(n):
+        body.predict()
+        body.commit(nothing)
+        fields.append(body.full_displacement(0))
+    return np.stack(fields)
+
+
 @pytest.mark.parametrize("scheme", SCHEMES)
 @pytest.mark.parametrize(("window", "bonds"), [(1, "direct"), (1, "iterate"), (7, "iterate"), ("whole", "iterate")])
 def test_perfect_interfaces_are_the_merged_mesh(scheme, window, bonds):
@@ -109,14 +121,7 @@ def test_merged_body_is_the_monolithic_march(friction):
     scene = stack(3, "perfect") if friction is None else stack(3, "contact", friction)
     built = build(latin_fmu.scene_from_dict(scene))
     body, where = bonded(built)
-    nothing = np.zeros((0, 1))
-    body.start(nothing, body.mass_factor())
-    fields = [body.full_displacement(0)]
-    for _ in range(built.assembly.n_instant):
-        body.predict()
-        body.commit(nothing)
-        fields.append(body.full_displacement(0))
-    moved = np.stack(fields)
+    moved = displacements(body, built.assembly.n_instant)
     solid, system, loads = bonded_reference(3, Scheme.hht(-0.1))
     expected = march(system, loads).displacement.reshape(len(moved), -1, 3)
     for name, rows in where.items():
@@ -136,14 +141,7 @@ def test_merged_body_of_non_matching_meshes(elements):
     built = build(latin_fmu.scene_from_dict(scene))
     assert not any(unit.geometry.matching for unit in built.assembly.interfaces)
     body, where = bonded(built)
-    nothing = np.zeros((0, 1))
-    body.start(nothing, body.mass_factor())
-    fields = [body.full_displacement(0)]
-    for _ in range(built.assembly.n_instant):
-        body.predict()
-        body.commit(nothing)
-        fields.append(body.full_displacement(0))
-    moved = np.stack(fields)
+    moved = displacements(body, built.assembly.n_instant)
     for name, rows in where.items():
         expected = solution.substructures[name].displacement
         nodes = slice(rows.start // 3, rows.stop // 3)
