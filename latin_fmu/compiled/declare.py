@@ -6,6 +6,7 @@ is itself, a named tuple is its fields one after the other. Nothing is copied bu
 
 from __future__ import annotations
 
+import ctypes
 import functools
 import os
 import re
@@ -22,6 +23,7 @@ from numpy.typing import NDArray
 from . import library, with_numba
 
 _SCALARS: Final = {"i8": "q", "f8": "d", "b1": "q", "f4": "d"}
+_RESULTS: Final = {None: None, "i8": ctypes.c_int64, "b1": ctypes.c_bool, "f8": ctypes.c_double}
 _ITEMS: Final = ("i8", "f8", "b1", "f4", "i4", "u4", "u8", "u1")
 _ARGUMENT: Final = re.compile(r"\s*(\w+)\s*(?:\[((?:\s*:\s*,)*\s*::1\s*)\])?\s*(?:,|$)")
 
@@ -215,6 +217,12 @@ class Kernel:
         return self.dispatcher(*arguments)
 
 
+def _call_of(shared: ctypes.CDLL, symbol: str) -> Callable[[bytes, Any], int]:
+    """An entry: status from the slots of the arguments and a pointer to the result."""
+    shape = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_char_p, ctypes.c_void_p)
+    return shape((symbol, shared))
+
+
 class Entry(Kernel):
     """A kernel that Python calls: in the library that was compiled with the wheel, or by numba.
 
@@ -234,7 +242,7 @@ class Entry(Kernel):
         if known is None:
             return []
         return [
-            (signature.pack, library.call_of(known, f"{self.symbol}_{number}"), library.RESULTS[signature.result])
+            (signature.pack, _call_of(known, f"{self.symbol}_{number}"), _RESULTS[signature.result])
             for number, signature in enumerate(self.signatures)
         ]
 
@@ -258,7 +266,7 @@ class Entry(Kernel):
             return functools.partial(self, first)
         signature, prefix = self.signatures[0], list[Any]()
         _fill(prefix, signature.arguments[:1], (first,))
-        call, result = library.call_of(known, f"{self.symbol}_0"), library.RESULTS[signature.result]
+        call, result = _call_of(known, f"{self.symbol}_0"), _RESULTS[signature.result]
 
         def call_with(*rest: Any, _kept: Any = first) -> Any:
             out = None if result is None else result()

@@ -1,4 +1,4 @@
-"""The library of kernels that was compiled with the wheel: where it is, whether it fits, its functions.
+"""The library of kernels that was compiled with the wheel: where it is, whether it fits.
 
 It fits where its processor extensions are there and where the sources it was compiled from are those of this package
 (a digest inside the library). It is looked for in the package, then in ``build/`` beside the package, where the build
@@ -13,14 +13,13 @@ import hashlib
 import os
 import platform
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
 
 PACKAGE: Final = Path(__file__).resolve().parents[1]
-RESULTS: Final = MappingProxyType({None: None, "i8": ctypes.c_int64, "b1": ctypes.c_bool, "f8": ctypes.c_double})
 _MARKS: Final = (b"@kernel", b"@ordered_kernel", b"@entry", b"@lazy_intrinsic")  # sources that hold kernels
 _MACHINES: Final = MappingProxyType({"amd64": "x86_64", "arm64": "aarch64"})
 
@@ -140,9 +139,3 @@ def manifest(shared: ctypes.CDLL) -> tuple[list[Path], str]:
     text = ctypes.string_at(ctypes.addressof(ctypes.c_char.in_dll(shared, "latin_fmu_manifest"))).decode()
     *sources, digest = text.split("\n")
     return [Path(source) for source in sources], digest
-
-
-def call_of(shared: ctypes.CDLL, symbol: str) -> Callable[[bytes, Any], int]:
-    """An entry: status from the slots of the arguments and a pointer to the result."""
-    shape = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_char_p, ctypes.c_void_p)
-    return shape((symbol, shared))
