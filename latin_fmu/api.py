@@ -245,10 +245,20 @@ def run(
         with nullcontext() if checkpoint is None else checkpoint.of(march, digest):
             march.all()
         march.join()
+    outcome = _outcome(problem, march, recorder)
+    timings.other = clock.process_time() - begin - timings.march
+    timings.wall = clock.perf_counter() - wall
+    timings.peak_memory = peak_memory()
+    return outcome
+
+
+def _outcome(problem: SolverReadyProblem, march: Run, recorder: Recorder) -> Outcome:
+    """Results of a run at its end."""
+    assembly = problem.assembly
     converged, sentence = march.status(energy := recorder.assembly_energy(assembly))
     histories, balance = recorder.interfaces(), resultants(problem, march.f_hat)
     time = assembly.time[: recorder.n_kept]
-    outcome = Outcome(
+    return Outcome(
         time=time,
         interfaces=histories,
         substructures=recorder.substructures(),
@@ -259,7 +269,7 @@ def run(
         passes=(march.marched + march.condensed) / (assembly.n_substructure * assembly.n_instant),
         marched=march.marched / (assembly.n_substructure * assembly.n_instant),
         energy=energy,
-        timings=timings,
+        timings=march.timings,
         warnings=(
             *problem.warnings,
             *_thinning(recorder),
@@ -275,10 +285,6 @@ def run(
         complete=assembly.instant == assembly.n_instant,
         resultants=balance,
     )
-    timings.other = clock.process_time() - begin - timings.march
-    timings.wall = clock.perf_counter() - wall
-    timings.peak_memory = peak_memory()
-    return outcome
 
 
 def _thinning(recorder: Recorder) -> list[str]:
