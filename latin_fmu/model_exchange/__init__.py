@@ -18,11 +18,9 @@ are too coarse for the bending of a body (``punched_plates``: a punch on the mid
 
 ============  =====================================================================================
 bodies        bonded substructures as bodies, patches and bonds of interfaces, Ritz coordinates
-reduce        scene -> ``ReducedSystem``, static check of the patches
+reduce        scene -> ``ReducedSystem``, static check of the patches; names, units, value references
 system        arrays of a reduced model and names of its variables, as bytes and back
-contact_law   regularised contact and friction, event indicators
-equations     laws over time, right-hand side, outputs
-variables     names, units, value references
+equations     laws over time, regularised contact and friction, event indicators, right-hand side, outputs
 fmi_instance  variables by reference, time, states and events for an adapter; no exception leaves it
 ============  =====================================================================================
 """

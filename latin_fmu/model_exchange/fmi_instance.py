@@ -14,8 +14,7 @@ from typing import NamedTuple
 from ..cosim.variable import Variable, input_of, variable_of
 from ..cosim.variable_store import ERROR, WARNING, Log, VariableStore, exception_barrier
 from ..latin.state_serialization import check_like, decode, encode, opened, sealed, unlike
-from .contact_law import Modes, Regularisation
-from .equations import Equations, Evaluation, GivenLoads, Outputs
+from .equations import Equations, Evaluation, GivenLoads, Modes, Outputs, Regularisation
 from .system import DAMPING, SLIDING, STIFFNESS, Names, ReducedSystem
 
 _STATE = "state of a reduced model"

@@ -46,7 +46,7 @@ from .bodies import (
     loads_of,
     placed,
 )
-from .contact_law import Regularisation
+from .equations import Regularisation
 from .system import DAMPING, ENERGY_NAMES, EVENTS, SLIDING, STIFFNESS, WORKS, Contacts, Local, Names, ReducedSystem
 
 MAX_STATES = 600  # an integrator fills a Jacobian of this size squared by differences

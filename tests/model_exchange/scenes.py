@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 import latin_fmu
-from latin_fmu.model_exchange.contact_law import Modes
-from latin_fmu.model_exchange.equations import Equations
+from latin_fmu.model_exchange.equations import Equations, Modes
 from latin_fmu.scene.schema import Scene
 from latin_fmu.stability.scenes import STEEL, Box, Material, column
 

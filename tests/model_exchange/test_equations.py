@@ -7,8 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from latin_fmu.model_exchange.contact_law import GAP_MARGIN, ContactLaw, Modes, Motion, Regularisation
-from latin_fmu.model_exchange.equations import N_WORK, Amplitudes, Equations
+from latin_fmu.model_exchange.equations import (
+    GAP_MARGIN,
+    N_WORK,
+    Amplitudes,
+    ContactLaw,
+    Equations,
+    Modes,
+    Motion,
+    Regularisation,
+)
 from latin_fmu.model_exchange.reduce import reduced_system
 
 from .scenes import pair, random_state, rods, thrown
