@@ -11,6 +11,6 @@ limit_load                 where contact and friction cannot hold the loads, and
 inactive_substructures     arrival times of waves, classes cut accordingly
 merged_assembly            the assembly as one body, where interfaces are perfect
 segments                   runs in consecutive pieces of time
-propagator_choice          propagator of the scene, by the memory of its operators
+propagator_choice          propagators by name; that of the scene, by the memory of its operators
 =========================  ============================================================================
 """
