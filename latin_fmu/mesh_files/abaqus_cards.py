@@ -23,7 +23,6 @@ SOLID_FACES: Final = {
 
 _SOLID_NAME = re.compile(r"C3D(\d+)[A-Z]*")
 _SHELL_NAME = re.compile(r"(?:CPS|CPE|CPEG|CAX|S|SC?AX|M3D|SFM3D|R3D|DS|STRI)(\d+)[A-Z]*")
-_MOST_LINES = 50_000_000
 
 Include = Callable[[str], str]
 """Text of a file named by *INCLUDE (MeshError where there is none)."""
