@@ -67,8 +67,8 @@ print(json.dumps([outcome.interfaces["crush"].force().tolist(), [w.iterations fo
 MUTATIONS = {
     "traction of the local stage halved": (
         "kernels.local_stage",
-        "traction = work[group.traction : group.traction + size]\n",
-        "traction = 0.5 * work[group.traction : group.traction + size]\n",
+        "traction = work[group.traction + low * h : group.traction + high * h]\n",
+        "traction = 0.5 * work[group.traction + low * h : group.traction + high * h]\n",
     ),
     "pressure of the law halved": (
         "kernels.laws",
