@@ -186,7 +186,7 @@ def test_places_that_are_no_file(place: Path) -> None:
     (place / "gone").mkdir()
     done = shell(place, "cd gone; rmdir ../gone; latin-fmu run ../scene.toml")
     assert done.returncode == 2
-    assert "current folder: cannot be used: No such file or directory; change to a folder that is there" in done.stderr
+    assert "current folder: cannot be used: No such file or directory; change to a folder that exists" in done.stderr
     assert [path.name for path in place.iterdir()] == ["scene.toml"]
 
 

@@ -339,8 +339,8 @@ class _Search:
                     break
             lasting = max(_lasting_error(q, self.sequence.scene, run) for q in names)
             if lasting > self.target:
-                off = f"up to {percent(lasting)} off at every mesh and step" if lasting < math.inf else "not bounded"
-                return f"the raw peak of a force that jumps is {off}; take peak_force, a mean over a stated time"
+                size = f"up to {percent(lasting)} at every mesh and step" if lasting < math.inf else "not bounded"
+                return f"the error of the raw peak of a force that jumps is {size}; take peak_force, a mean over time"
         except LatinError as error:
             return message_of(error)
         estimate = self.estimates[factor]
@@ -350,7 +350,7 @@ class _Search:
         return ""
 
     def _too_large(self, at: Resolution) -> str:
-        """Why a run would take too much time or memory, else an empty string; its predicted time is told."""
+        """Why a run would take too much time or memory, else an empty string; its predicted time is logged."""
         if not self.sequence.runs:
             return ""
         seconds = RunTimeFit.of(self.scene, self.sequence.runs).seconds(at.mesh, at.time)
@@ -377,7 +377,7 @@ class _Search:
         return self._choice(factor, estimate, sentence, reached=True)
 
     def _refused(self, why: str) -> Choice:
-        sentence = f"an accuracy of {percent(self.target)} cannot be promised: {why}"
+        sentence = f"an accuracy of {percent(self.target)} cannot be guaranteed: {why}"
         best = min(self.estimates, key=lambda f: self.estimates[f].error, default=None)
         if best is None:
             quantity, seconds = self.scene.accuracy.quantity, self.sequence.seconds

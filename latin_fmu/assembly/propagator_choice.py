@@ -153,7 +153,7 @@ def fitting(classes: list[ModelClass], settings: PropagatorSettings, memory: flo
 
     Parameters
     ----------
-    classes : of substructures. settings : asked for. memory : bytes; None: of this machine (0: not known).
+    classes : of substructures. settings : as requested. memory : bytes; None: of this machine (0: not known).
     """
     room = AVAILABLE * (memory_room()[0] if memory is None else memory)
     if settings.kind != "direct" or not room:
@@ -230,7 +230,7 @@ def interface_form(scene: Scene) -> Form:
 
 
 def propagator_settings(scene: Scene) -> PropagatorSettings:
-    """Settings of the propagators that the scene asks for, whether they fit or not."""
+    """Settings of the propagators that the scene requests, whether they fit into memory or not."""
     asked = scene.solver.propagator
     if isinstance(asked, AutomaticPropagator):
         kind: Kind = "explicit" if scene.time.scheme.type == CENTRAL else "direct"

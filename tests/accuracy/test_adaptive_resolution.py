@@ -168,7 +168,7 @@ def test_the_command_line_aims(tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert "mesh x" in captured.err
     settings = ["--set", "accuracy.target=0.001", "--max-cpu", "0.2"]
     assert main(["run", scene, "-o", out, *settings]) == 1
-    assert "cannot be promised" in capsys.readouterr().out
+    assert "cannot be guaranteed" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("text", ["0", "100%", "little", "-1%", "nan"])
