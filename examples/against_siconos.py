@@ -71,12 +71,12 @@ def options(argv: Sequence[str] | None) -> Namespace:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Compare and print."""
-    said = options(argv)
+    arguments = options(argv)
     if library() is None:
         print(MISSING)
         return 0
-    for case in cases(said.quick):
-        compare(case, said.rounds)
+    for case in cases(arguments.quick):
+        compare(case, arguments.rounds)
     return 0
 
 

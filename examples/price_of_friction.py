@@ -142,24 +142,24 @@ def options(argv: Sequence[str] | None) -> Namespace:
 
 def main(argv: Sequence[str] | None = None) -> list[Row]:
     """Measure, print, draw; the rows."""
-    said = options(argv)
-    cases = quick_cases() if said.quick else all_cases(said.finest)
+    arguments = options(argv)
+    cases = quick_cases() if arguments.quick else all_cases(arguments.finest)
     rows: list[Row] = []
     for case in cases:
-        if said.only not in case.case:
+        if arguments.only not in case.case:
             continue
-        found, floors = measure(case, said.rounds)
+        found, floors = measure(case, arguments.rounds)
         rows += found
-        if not said.json:
+        if not arguments.json:
             print("\n".join(lines(case, found, floors)), flush=True)
-    if said.json:
+    if arguments.json:
         print(json.dumps([asdict(row) for row in rows], indent=1))
         return rows
-    if said.more:
-        for line in tables(said.quick):
+    if arguments.more:
+        for line in tables(arguments.quick):
             print(line, flush=True)
-    said.output.mkdir(parents=True, exist_ok=True)
-    save(figure([asdict(row) for row in rows]), said.output, "price_of_friction")
+    arguments.output.mkdir(parents=True, exist_ok=True)
+    save(figure([asdict(row) for row in rows]), arguments.output, "price_of_friction")
     return rows
 
 

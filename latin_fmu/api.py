@@ -91,7 +91,7 @@ Observer = Callable[[Iteration], None]
 
 
 class ProgressSink(Protocol):
-    """Where progress goes."""
+    """Receiver of the progress of a run."""
 
     def update(self, done: int, total: int, iteration: int, error: float) -> None:
         """``done`` of ``total`` windows finished, now at ``iteration`` with indicator ``error``."""

@@ -333,7 +333,7 @@ def _at_instant(
         values: Any = np.ma.filled(np.ma.asarray(stored[kind][i], dtype=float), np.nan)
         if not np.isfinite(values).all():
             what = f"the {kind} of {name} holds values that are not finite numbers at this instant"
-            remedy = "choose an instant before the run broke off"
+            remedy = "choose an earlier instant, at which all values are finite"
             problems.append(Problem("initial_state.time", what, f"{table.time:.9g} s", remedy=remedy))
             return None
         field = {"file": table.file, "time": table.time, "points": points.tolist(), "values": values.tolist()}

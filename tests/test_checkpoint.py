@@ -158,9 +158,9 @@ def test_a_damaged_checkpoint(scene: Path) -> None:
             at = draw.randrange(len(whole))
             for damaged in (whole[:at], whole[:at] + bytes([whole[at] ^ (1 << draw.randrange(8))]) + whole[at + 1 :]):
                 path.write_bytes(damaged)
-                told = refused(scene)
-                assert "cannot be used" in told, (path, at)
-                assert path.name in told
+                message = refused(scene)
+                assert "cannot be used" in message, (path, at)
+                assert path.name in message
         path.write_bytes(whole)
     Path("c.histories").write_bytes(Path("c.histories").read_bytes() + b"a part that was being written")
     assert solve(load_scene(scene), checkpoint=Checkpoint("c", resume=True, log=lambda _: None)).complete
@@ -179,9 +179,9 @@ def test_a_checkpoint_that_cannot_be_written_stops_nothing(scene: Path, monkeypa
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(module.os, "fsync", full)
-    told: list[str] = []
-    assert solve(load_scene(scene), checkpoint=Checkpoint("c", every=1, log=told.append)).complete
-    assert told == ["the checkpoint could not be written, the run goes on: [Errno 28] No space left on device"]
+    lines: list[str] = []
+    assert solve(load_scene(scene), checkpoint=Checkpoint("c", every=1, log=lines.append)).complete
+    assert lines == ["the checkpoint could not be written, the run goes on: [Errno 28] No space left on device"]
 
 
 def test_a_second_run_on_one_checkpoint_is_refused(scene: Path) -> None:

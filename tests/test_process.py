@@ -191,7 +191,7 @@ def test_places_that_are_no_file(place: Path) -> None:
 
 
 def test_files_that_may_not_grow(place: Path) -> None:
-    """Checkpoints that cannot be written cost nothing; results that cannot be are told."""
+    """Checkpoints that cannot be written cost nothing; results that cannot be written are reported."""
     settings = "--set solver.window=1 --checkpoint 5"
     done = shell(place, f"ulimit -f 4; latin-fmu run scene.toml -o a.nc {settings}")
     assert done.returncode == 4, done.stderr

@@ -61,7 +61,7 @@ def libraries() -> dict[str, Path]:
 
     Raises
     ------
-    ModuleNotFoundError : none is there and no compiler either; it says how to get one.
+    ModuleNotFoundError : there is neither a library nor a compiler; the message names a package with one.
     """
     there = {}
     for name in PLATFORMS:

@@ -334,7 +334,7 @@ class _Shares:
 def estimate_error(
     scene: Scene,
     solution: Solution,
-    tell: Callable[[str], None] | None = None,
+    log: Callable[[str], None] | None = None,
     processes: Processes | None = None,
     report: Callable[[float], None] | None = None,
 ) -> ErrorEstimate:
@@ -345,7 +345,7 @@ def estimate_error(
 
     Parameters
     ----------
-    tell : called with a line of text before each coarser run. processes : as for ``api.solve``; all of them call this.
+    log : called with a line of text before each coarser run. processes : as for ``api.solve``; all of them call this.
     report : called with the share of the work that is done.
     """
     start = clock.process_time()
@@ -358,8 +358,8 @@ def estimate_error(
     shares = _Shares(scene, list(plan.by_name().values()), report)
     for name, resolution in plan.by_name().items():
         text = f"mesh x {resolution.mesh:.3g}, steps x {resolution.time:.3g}"
-        if tell is not None:
-            tell(f"error estimate: {text}")
+        if log is not None:
+            log(f"error estimate: {text}")
         try:
             run = run_at(lean, resolution, progress=shares.of(resolution), processes=processes)
             shares.update(1, 1, run.iterations[1], 0.0)

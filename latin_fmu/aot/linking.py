@@ -152,7 +152,7 @@ class LinkError(Exception):
 
 
 def link(content: bytes, manifest: str, target: Target, library: Path) -> None:
-    """Write the library; ``manifest`` is the text it says of itself (see ``compiled.library.manifest``).
+    """Write the library; ``manifest`` : the text in it that identifies its sources (``compiled.library.manifest``).
 
     Raises
     ------

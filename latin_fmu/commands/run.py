@@ -1,4 +1,4 @@
-"""``latin-fmu run``: solve a scene, show how far the run is, and write its results."""
+"""``latin-fmu run``: solve a scene, show its progress, and write its results."""
 
 from __future__ import annotations
 
@@ -318,7 +318,7 @@ def _solve(scene: Scene, arguments: argparse.Namespace, checkpoint: Checkpoint) 
 
 
 def _estimated(scene: Scene, solution: Solution, arguments: argparse.Namespace) -> Solution:
-    """The solution with its estimated error, where wanted and where there is a run to judge."""
+    """The solution with its estimated error, where that is requested and can be estimated."""
     if arguments.no_estimate or not scene.accuracy.estimate or not solution.converged:
         return solution
     from ..accuracy.estimate import estimate_error

@@ -60,8 +60,8 @@ class Link:
 class StepHistory:
     """The accepted steps, the last of them in ``head``.
 
-    Steps that were rolled back can be returned to while they are among the last ``RECENT`` or somebody holds their
-    link. A history moved to a step that is no longer in memory starts there anew.
+    Steps that were rolled back can be returned to while they are among the last ``RECENT`` or their link is referenced
+    elsewhere. A history moved to a step that is no longer in memory starts again from there.
     """
 
     RECENT = 256

@@ -42,7 +42,7 @@ ENERGIES: Final[Mapping[str, str]] = {
     "damping_dissipation": "energy dissipated by material damping since the start",
     "landing_dissipation": "energy dissipated by the viscosity of contact layers since the start",
     "scheme_dissipation": "energy dissipated by the time scheme since the start",
-    "balance": "what the energy balance leaves over",
+    "balance": "residual of the energy balance",
 }
 
 
@@ -134,11 +134,11 @@ _MEANINGS: Final[Mapping[str, str]] = {
     "inputInterpolation": "load inside a step. 0: held at the value; 1: value + rate x time since the start of the "
     "step; 2: straight line from the end of the last step to the value, reached at the end of this step; 3: as 1 "
     "for a load once a rate other than 0 was set, else the straight line through its last two values; held over the "
-    "first step and where a value that was held jumps. The incident wave of a port is as under 2 but for 0, or where "
-    "its rate is set",
+    "first step and over a step that begins with a jump after two equal values. The incident wave of a port follows "
+    "2, unless this is 0 or its rate is set",
     "timeStep": "longest time step inside a communication step, which is cut into equal parts",
     "endTime": "end of the interval solved in prescribed mode, a whole number of timeStep",
-    "tolerance": "tolerance on the error indicator sqrt(eta); a fifth of the importer's, if any, goes first",
+    "tolerance": "tolerance on the error indicator sqrt(eta); a fifth of the tolerance of the importer replaces it",
     "maxIterations": "largest number of iterations of a window",
     "historyFile": "prescribed mode: CSV or netCDF file with a time column or coordinate and one column or variable "
     "per input: name of the load, body_force.SUBSTRUCTURE, gravity.acceleration, boundary.NAME, or ground.INTERFACE; "

@@ -30,8 +30,8 @@ _ENTRIES: Final = ("run", "impulse", "events", "row", "time", "gaps", "fields") 
 
 
 class LastStep(NamedTuple):
-    """What the last step started from: a function that returns to the state, the loads, impulses (n_interface, 3);
-    ``end``, s, ``h``, s, and number of time steps."""
+    """Start of the last step: a function that returns to the state, the loads, impulses (n_interface, 3); and of the
+    step its ``end``, s, ``h``, s, and number of time steps."""
 
     before: Callable[[], None]
     loads: Loads

@@ -76,7 +76,7 @@ class Explanation:
         width = max((len(e.name) for e in off), default=0)
         lines += [f"  {e.name:<{width}}  {e.reason}; to switch it on: {e.switch}" for e in off]
         lines += ["", "Chosen:", *(f"  {key:<16}  {value}" for key, value in self.choices.items())]
-        lines += ["", "Suggestions (nothing is changed unasked):"]
+        lines += ["", "Suggestions (nothing is changed automatically):"]
         for suggestion in self.suggestions:
             lines += suggestion.lines(_WIDTH)
         lines += [] if self.suggestions else ["  none"]

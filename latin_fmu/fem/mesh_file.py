@@ -206,7 +206,7 @@ def refined(mesh: Mesh) -> Mesh:
     New nodes lie where the shape functions of the cell put them: the surface stays the one of the given mesh, and does
     not come closer to the shape that was meshed. The octahedron inside a tetrahedron is split along one fixed diagonal.
     A node that several cells share has the same shape functions in all of them, of the nodes that they share: sums of
-    random whole numbers of these nodes, weighted with the functions, tell it from all others without rounding.
+    random whole numbers of these nodes, weighted with the functions, identify it without rounding.
     """
     random = np.random.default_rng(0).integers(1, 2**62, mesh.n_node, dtype=np.int64)
     pieces = [(block.cell_type, block.cells) for block in mesh.blocks]

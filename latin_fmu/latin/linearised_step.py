@@ -86,7 +86,7 @@ class Tangents:
         return False
 
     def stops(self) -> bool:
-        """The run goes on."""
+        """False: the run is never stopped."""
         return False
 
 

@@ -51,8 +51,8 @@ def with_energy(
     than half of the energy put in.
 
     That is the energy at t = 0, and the largest of each work so far: of loads, moving ground, layers that relax, and of
-    driven faces on what they touch (interface work that no dissipation accounts for). An iteration that converges to
-    its relative tolerance at every instant does not notice a scheme that gains energy.
+    driven faces on what they touch (interface work that no dissipation accounts for). The convergence of the
+    iteration at every instant, to a relative tolerance, does not exclude a scheme that gains energy.
 
     Parameters
     ----------

@@ -8,7 +8,7 @@ Contact of a patch (P pressure, g gap, s sliding velocity of E' over E; k, d, v_
                    tau = mu P s / |s|          while slipping
 
 Closed or open, sticking or slipping are discrete states that change at events only; between events the right-hand side
-is smooth. A state is left a little beyond its bound (hysteresis), so that an event never calls for the next one.
+is smooth. A state is left a little beyond its bound (hysteresis), so that an event never triggers the next one.
 """
 
 from __future__ import annotations

@@ -34,7 +34,7 @@ class Evaluation(NamedTuple):
 
 
 class Equations:
-    """y = (x, x', impulse of every interface, works where asked for); see ``ReducedSystem`` for x."""
+    """y = (x, x', impulse of every interface, works where requested); see ``ReducedSystem`` for x."""
 
     def __init__(self, system: ReducedSystem, energy: bool) -> None:
         self.system, self.energy = system, energy

@@ -79,7 +79,7 @@ QUANTITIES: Final = (
 
 @dataclass(frozen=True)
 class Plan:
-    """What every process of a study has to know.
+    """Data that every process of a study needs.
 
     Attributes
     ----------
@@ -118,7 +118,7 @@ class PointSolver:
         self._lock = Lock()  # a worker of a cluster may have several threads
 
     def solve(self, point: Index) -> Record:
-        """The record of a point; whatever goes wrong in it is its message."""
+        """The record of a point; an error in it becomes its message."""
         with self._lock:
             start = clock.process_time()
             try:

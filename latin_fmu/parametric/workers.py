@@ -118,7 +118,7 @@ def _distribute(points: _Points, plan: str, workers: Sequence[Renew], keep: Keep
 
 
 def _lost_errors() -> tuple[type[BaseException], ...]:
-    """Errors that tell that the process of a worker has ended."""
+    """Types of errors that are raised when the process of a worker has ended."""
     try:
         from distributed.scheduler import KilledWorker
     except ImportError:

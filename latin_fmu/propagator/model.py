@@ -314,7 +314,7 @@ class SubstructureModel:
 
     @cached_property
     def with_lumped_mass(self) -> SubstructureModel:
-        """The same model with a lumped mass, made once; it need not have its matrices reduced anew."""
+        """The same model with a lumped mass, made once; its matrices need not be reduced again."""
         own = self.lumped_mass
         other = self.with_mass(lumped(self.inertia, nodal=False) if own is None else diagonal_matrix(own))
         mass = reduced_diagonal(self.expansion, other.inertia.diagonal())

@@ -1,6 +1,6 @@
 """Tolerant views of a scene as it was written: whatever has the wrong shape is left out without an error.
 
-The checks between keys and tables look at these, so that a wrong field somewhere hides none of them."""
+The checks between keys and tables use these views, so that a wrong field does not hide other problems."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def plain(data: Any, depth: int = _DEPTH) -> Any:
 
 
 def endless_numbers(raw: Any, path: tuple[str | int, ...] = ()) -> Iterator[tuple[str | int, ...]]:
-    """Paths of the integers too long to be printed, which no library below could even complain about."""
+    """Paths of the integers that are too long to be printed."""
     if isinstance(raw, int) and raw.bit_length() > _MAX_BITS:
         yield path
     elif len(path) < _MAX_LEVELS and isinstance(raw, Mapping):
@@ -70,7 +70,7 @@ def chosen_type(table: RawTable, key: str) -> str | None:
 
 
 def is_explicit(raw: Any) -> bool:
-    """Whether a scene asks for central differences, by its scheme or by its propagator."""
+    """Whether a scene selects central differences, by its scheme or by its propagator."""
     kind = chosen_type(single_table(raw, "solver"), "propagator")
     return kind == "explicit" or chosen_type(single_table(raw, "time"), "scheme") == CENTRAL
 

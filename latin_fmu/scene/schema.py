@@ -126,7 +126,7 @@ class Scene(Table):
     time: Annotated[Time, about("interval, instants, time scheme")]
     solver: Annotated[Solver, about("settings of the iteration")] = Solver()
     output: Annotated[Output, about("what the results keep")] = Output()
-    accuracy: Annotated[Accuracy, about("error estimate of a run, accuracy wanted")] = Accuracy()
+    accuracy: Annotated[Accuracy, about("error estimate of a run, target accuracy")] = Accuracy()
 
     _base_dir: Path = PrivateAttr(default=Path())
 

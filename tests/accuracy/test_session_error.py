@@ -54,10 +54,10 @@ def check_true(estimate: ErrorEstimate, session: Session) -> None:
     assert {q.quantity for q in estimate.quantities} >= set(KNOWN.quantities)
     for quantity in KNOWN.quantities:
         owner, _, key = quantity.rpartition(".")
-        told = estimate[quantity]
+        estimated = estimate[quantity]
         if key not in ("force_history", "displacement"):
-            true = abs(told.value - KNOWN.exact.values[quantity]) / KNOWN.exact.scales[quantity]
-            assert max(told.error, FLOOR) >= true, quantity
+            true = abs(estimated.value - KNOWN.exact.values[quantity]) / KNOWN.exact.scales[quantity]
+            assert max(estimated.error, FLOOR) >= true, quantity
         assert owner in ("meet", *session.scene.sensor)
 
 

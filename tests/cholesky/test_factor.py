@@ -252,7 +252,7 @@ def test_pivot_that_is_not_positive_is_named(where: int, ranked: bool) -> None:
 
 
 def test_semidefinite_matrix_is_refused() -> None:
-    """A graph Laplacian less a little: the last pivot of the interface tells."""
+    """A graph Laplacian less a little: the last pivot of the interface is negative."""
     n = 40
     chain = sp.diags_array([-np.ones(n - 1), np.r_[1.0, 2 * np.ones(n - 2), 1.0], -np.ones(n - 1)], offsets=[-1, 0, 1])
     with pytest.raises(SolverError, match=r"pivot of dof \d+ is not positive"):

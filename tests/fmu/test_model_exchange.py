@@ -152,9 +152,9 @@ def test_another_host_with_another_integrator(tmp_path):
 
 @pytest.mark.slow
 def test_fmutool_finds_nothing(pressed, tmp_path):
-    told = ran([tool("toolbox", "fmutool"), "-input", str(pressed), "-check"], tmp_path)
-    assert "compliant with FMI-3.0" in told
-    assert "No semantic error" in told
+    output = ran([tool("toolbox", "fmutool"), "-input", str(pressed), "-check"], tmp_path)
+    assert "compliant with FMI-3.0" in output
+    assert "No semantic error" in output
 
 
 def test_energies(pressed):

@@ -403,7 +403,7 @@ def test_the_length_of_a_call_changes_nothing(
 
 
 def test_an_instant_that_needs_a_fall_back_is_solved_from_python(python_driver: Callable[[], None]) -> None:
-    """A tolerance below round-off: nothing converges in the kernels, and the run tells the fall-backs all the same."""
+    """A tolerance below round-off: nothing converges in the kernels, and the run still reports the fall-backs."""
     tables = stack(2, tolerance=1e-20, max_iterations=20)
     fast = latin_fmu.solve(latin_fmu.scene_from_dict(tables)).outcome
     python_driver()

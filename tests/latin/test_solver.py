@@ -201,7 +201,7 @@ def test_real_chain_marks_its_windows(blocks_scene: Any, made: Any, begun: Any, 
     assert len(run.windows) == 12
     assert len(active) >= 10
     for window in active:
-        assert window.fallbacks == ["relaxation 1/2", "points one after the other"]
+        assert window.fallbacks == ["relaxation 1/2", "point by point"]
         assert window.iterations >= 2 * loop.PATIENCE
         assert not window.converged or window.final_error == 0.0  # point by point may hit the answer to the bit
     assert np.isfinite(run.f_hat).all()

@@ -106,10 +106,10 @@ def texts(figure: Figure) -> str:
 
 def test_assembly_names_what_it_draws() -> None:
     warnings: list[str] = []
-    told = texts(assembly_figure(scene_from_dict(tower()), warnings))
+    labels = texts(assembly_figure(scene_from_dict(tower()), warnings))
     assert warnings == []
     for words in ("a (steel)", "ab: contact, 9 points", "fixed: bed", "press\n1.00 MPa", "x (mm)", "from below"):
-        assert words in told
+        assert words in labels
 
 
 def test_bodies_move_apart_along_the_normals() -> None:
@@ -123,10 +123,10 @@ def test_a_scene_that_does_not_build_is_drawn_all_the_same() -> None:
     data = tower()
     data["substructure"]["c"]["box"]["origin"] = [1.0, 0.0, 0.02]
     warnings: list[str] = []
-    told = texts(assembly_figure(scene_from_dict(data), warnings))
+    labels = texts(assembly_figure(scene_from_dict(data), warnings))
     assert len(warnings) == 1
     assert "interface.bc" in warnings[0]
-    assert "bc: contact" in told
+    assert "bc: contact" in labels
 
 
 @pytest.fixture(scope="module")
@@ -135,9 +135,9 @@ def results() -> Any:
 
 
 def test_bodies_of_results(results: Any) -> None:
-    told = texts(result_figure(results, "bc"))
-    assert "bc: pressure on b" in told
-    assert "times as large" in told
+    labels = texts(result_figure(results, "bc"))
+    assert "bc: pressure on b" in labels
+    assert "times as large" in labels
     assert "drawn 7 times" in texts(result_figure(results, magnify=7.0, time=1e-6))
 
 

@@ -29,7 +29,7 @@ QUANTITIES = [
 
 
 def chosen(model: str, quantity: str, target: float, limit: float = 120.0) -> tuple[Choice, float, Reference]:
-    """What is chosen, its true error, and the reference that tells."""
+    """What is chosen, its true error, and the reference for it."""
     scene = shipped(model)
     reference = declared(scene)
     assert reference is not None

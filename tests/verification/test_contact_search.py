@@ -1,4 +1,4 @@
-"""Interfaces found between boundaries: which pairs, where, what is told; refusals with numbers."""
+"""Interfaces found between boundaries: which pairs, where, what is printed; refusals with numbers."""
 
 from __future__ import annotations
 

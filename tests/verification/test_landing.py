@@ -322,9 +322,9 @@ def test_a_run_that_gains_energy_is_not_called_converged() -> None:
 )
 def test_unfit_schemes_are_told_when_chosen(scheme: str | None, courant: float, words: str | None) -> None:
     lines = latin_fmu.check(latin_fmu.scene_from_dict(Bars(20, courant, scheme=scheme).scene()))
-    told = [line for line in lines if "time.scheme" in line]
-    assert bool(told) == (words is not None)
-    assert words is None or words in told[0]
+    remarks = [line for line in lines if "time.scheme" in line]
+    assert bool(remarks) == (words is not None)
+    assert words is None or words in remarks[0]
 
 
 def test_the_scheme_is_chosen_by_the_bodies() -> None:

@@ -247,12 +247,12 @@ def test_refused_over_longer_windows(change: Tables) -> None:
         solved(plates(4, 12), "sparse", **change)
 
 
-def test_truncation_and_reach_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    """``explain`` tells the distance that the tables of the run have, without a factor."""
+def test_truncation_and_reach_are_predicted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """``explain`` predicts the distance that the tables of the run have, without a factor."""
     scene = latin_fmu.scene_from_dict(plates(28, 1))
-    told = choices(Prediction(discretise(scene)))["interfaces"]
-    assert told.startswith("sparse tables, truncated at 0.0001 of the largest entry (points within ")
-    assert told.endswith("in lower, upper")
+    text = choices(Prediction(discretise(scene)))["interfaces"]
+    assert text.startswith("sparse tables, truncated at 0.0001 of the largest entry (points within ")
+    assert text.endswith("in lower, upper")
     made, radii = search_direction.interface_tables, list[float]()
 
     def tables(*given: Any) -> dict[str, Table]:
@@ -262,7 +262,7 @@ def test_truncation_and_reach_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(search_direction, "interface_tables", tables)
     latin_fmu.solve(scene)
-    assert abs(float(told.split("points within ")[1].split(" mm")[0]) / max(radii) - 1.0) < 0.2
+    assert abs(float(text.split("points within ")[1].split(" mm")[0]) / max(radii) - 1.0) < 0.2
 
 
 def test_colours_keep_their_distance() -> None:
