@@ -1,8 +1,8 @@
 """The estimated error against the true one, on scenes with closed solutions at several resolutions.
 
-Promise, raw peaks aside: the estimate is at least the true error in 95 % of the (scene, resolution, quantity) cases;
-estimated over true error has a median of at most 2 and is at most 3 in 90 % of the cases. Errors below 0.1 % count as 0.1 %.
-A raw peak is judged by its coverage alone: where a force jumps it carries a floor of 12 %. The safety factors were
+Limits, raw peaks aside: the estimate is at least the true error in 95 % of the (scene, resolution, quantity) cases;
+estimated over true error has a median of at most 2 and is at most 3 in 90 % of the cases. Errors below 0.1 % count as
+0.1 %. Of a raw peak the coverage alone counts: where a force jumps it carries a floor of 12 %. The safety factors were
 chosen with the resolutions SEEN; UNSEEN ones check that they are not fitted to them.
 """
 
