@@ -138,6 +138,38 @@ def test_a_useless_table_is_left_for_the_exact_operator(monkeypatch: pytest.Monk
     assert apart(sparse, exact) <= 2e-4
 
 
+@pytest.mark.parametrize(
+    ("wrong", "left"),
+    [
+        ("none", {"normal", "tangential", "y"}),
+        ("y", {"normal", "tangential"}),
+        ("normal", {"y"}),
+        ("tangential", {"y"}),
+    ],
+)
+def test_an_inaccurate_table_is_left_out(wrong: str, left: set[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Tables are verified by solutions: Y by a fifth too small, those of the force residual by half too large."""
+    probed, made, names = interface_probing._probed, search_direction.interface_tables, set[str]()
+    truncations = {rough: name for name, _, rough in interface_probing._OF_NORMS}
+
+    def spoiled_probe(solve: Any, points: Any, n: int, truncation: float, most: float) -> Table | None:
+        table, name = probed(solve, points, n, truncation, most), truncations.get(truncation, "y")
+        if table is None or name != wrong:
+            return table
+        return replace(table, values=table.values * np.float32(0.8 if name == "y" else 1.5))
+
+    def tables(*given: Any) -> dict[str, Table]:
+        own = made(*given)
+        names.update(own)
+        return own
+
+    monkeypatch.setattr(interface_probing, "_probed", spoiled_probe)
+    monkeypatch.setattr(search_direction, "interface_tables", tables)
+    solution = solved(plates(12, 3, tolerance=1e-4, force_tolerance=1e-3), "sparse")
+    assert names == left
+    assert (max(window.defect for window in solution.windows) > 0.0) == ("y" in left)
+
+
 def bodies(interface: Tables, **solver: Any) -> Tables:
     """Blocks of two classes, one with several members, on moving ground."""
     names = [f"b{i}" for i in range(4)]
