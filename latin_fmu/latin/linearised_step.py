@@ -165,7 +165,7 @@ class _Instant:
         left = float(np.linalg.norm(self._residual(q)))
         if not left <= _ENOUGH * np.linalg.norm(q):
             raise SolverError(
-                "there is no derivative here: the interfaces about the present solution have no unique answer "
+                "there is no derivative here: the interfaces about the present solution have no unique solution "
                 f"(residual {left:.2g} of {np.linalg.norm(q):.2g})"
             )
 
