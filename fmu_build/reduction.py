@@ -1,4 +1,4 @@
-"""Error of an FMU whose bodies are reduced to a few modes.
+"""Error and size of an FMU whose bodies are reduced to a few modes, for its documentation and for ``explain``.
 
 The scene is solved with its elastic bodies and with the reduced ones, under the laws that its loads have before they
 become inputs.

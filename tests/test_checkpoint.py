@@ -67,10 +67,10 @@ class Stopping(Checkpoint):
         super().__init__(path, stop=lambda: self.seen >= at, log=lambda _: None, **options)
         self.seen, self.written = 0, [0]
 
-    def look(self, run: Any) -> bool:
+    def check(self, run: Any) -> bool:
         self.seen = run.assembly.instant
         before = self._last
-        stopped = super().look(run)
+        stopped = super().check(run)
         if self._last != before:
             self.written.append(self._last)
         return stopped
@@ -188,10 +188,10 @@ def test_a_second_run_on_one_checkpoint_is_refused(scene: Path) -> None:
     first = Checkpoint("c", every=5)
 
     class Second(Checkpoint):
-        def look(self, run: Any) -> bool:
+        def check(self, run: Any) -> bool:
             with pytest.raises(InputError, match="another run writes its checkpoint here"):
                 solve(load_scene(scene), checkpoint=first)
-            return super().look(run)
+            return super().check(run)
 
     assert solve(load_scene(scene, ["time.instants=3"]), checkpoint=Second("c", every=2)).complete
 

@@ -1,4 +1,4 @@
-"""Targets; object file and C files to a library, by the compiler of ``ziglang``: no compiler of the machine is needed.
+"""Link object file and C files to a library for a target by the compiler of ``ziglang``; allowed symbols.
 
 The C files are a stub, which kernels need, and the functions of the FMI, for compiled FMUs (``fmu_build.compiled``).
 Undefined symbols of an object file and of a library are compared to the lists of those that they may need.

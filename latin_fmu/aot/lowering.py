@@ -1,4 +1,4 @@
-"""Kernels to LLVM code that no optimisation has touched: what numba's front end makes of them.
+"""Kernels to LLVM code by numba's front end, joined, optimised and emitted as one object file.
 
 numba optimises and loads a kernel at every level of calls. Here its code generator is replaced, in the process of a
 build only, by one that keeps the code of each kernel as it is. All of them are joined, optimised once, and emitted as

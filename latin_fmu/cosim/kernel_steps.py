@@ -28,7 +28,7 @@ from .drives import Drives, Sources, history_fields
 from .events import COLUMNS
 from .loads import Loads
 from .signals import Signals
-from .variables import ENERGIES, opening
+from .variables import ENERGIES, opening_interfaces
 
 LARGEST: Final = 10_000
 """Interface channels of a run up to which steps are made in kernels alone: from there on a step costs so much that
@@ -78,7 +78,7 @@ class KernelSteps:
     def __init__(self, scene: Scene, rule: int, run: SegmentedRun) -> None:
         self._scene, self._rule, self._run = scene, rule, run
         self.sources = Sources.of(scene)
-        opens = opening(scene)
+        opens = opening_interfaces(scene)
         self._opening = [i for i, name in enumerate(scene.joints) if name in opens]
         self._moved = any(port.causality == "motion_in" for port in scene.port.values())
         self._problem: Any = None  # that the fields are of

@@ -118,12 +118,12 @@ def scalar_table(scene: Scene) -> tuple[Variable, ...]:
     rows += _solver()
     if scene.output.energy:
         rows += [output(f"energy.{name}", "J", text) for name, text in ENERGIES.items()]
-    for name in opening(scene):
+    for name in opening_interfaces(scene):
         rows += _events(name)
     return tuple(rows)
 
 
-def opening(scene: Scene) -> list[str]:
+def opening_interfaces(scene: Scene) -> list[str]:
     """Names of the interfaces that can open, which have contact events."""
     return [name for name, interface in scene.joints.items() if interface.behaves_open]
 

@@ -24,7 +24,7 @@ from .loads import Loads
 from .outputs import InterfaceSeries, faces_of, impulses, output_rows, series_of
 from .settings import MAX_INSTANTS, SHORTEST, Settings, StepReport, refused
 from .step_history import INTERFACE_FIELDS
-from .variables import LINE, opening
+from .variables import LINE, opening_interfaces
 
 _ENTRIES: Final = ("run", "impulse", "events", "row", "time", "gaps", "fields")  # of a state
 
@@ -58,7 +58,7 @@ class Windowed:
         self.rule, self._time_step, self._keeps = settings.interpolation, settings.step_of(scene), settings.keep
         self._kernels = KernelSteps(scene, self.rule, self.run)
         self._impulse = np.zeros((len(scene.joints), 3))
-        self._events = ContactEvents(opening(scene))
+        self._events = ContactEvents(opening_interfaces(scene))
         self.row = np.zeros(0)
         self._instants: tuple[float, float, int] | Array = np.zeros(1)  # first, last, how many; or all
         self._interfaces: dict[str, InterfaceHistory] | None = {}  # None: those of the last step

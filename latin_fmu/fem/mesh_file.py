@@ -32,7 +32,7 @@ def mesh_of(content: MeshContent, where: str, group: str | None = None, scale: f
     node_ids, inverse = np.unique(np.concatenate([c.ravel() for c in chosen.values()]), return_inverse=True)
     nodes = np.ascontiguousarray(content.points[node_ids], dtype=float) * scale
     if not np.all(np.abs(nodes) < _FAR):
-        raise MeshError.of("unusable mesh", where, "node coordinates are not finite")
+        raise MeshError.of("unusable mesh", where, f"node coordinates are not finite, or beyond {_FAR:g} m")
     blocks, start = [], 0
     for cell_type, cells in chosen.items():
         own = inverse[start : start + cells.size].reshape(cells.shape).astype(np.int64)

@@ -64,7 +64,7 @@ class PointLaws:
 
 
 class Tangents:
-    """A ``Watch`` that keeps the laws about the solution of each instant, one window after the other.
+    """A ``WindowMonitor`` that keeps the laws about the solution of each instant, one window after the other.
 
     Attributes
     ----------
@@ -78,7 +78,7 @@ class Tangents:
         """One instant a call: after it the fields of the local stage are those of the solution."""
         return 1
 
-    def look(self, run: Run) -> bool:
+    def check(self, run: Run) -> bool:
         """Keep the laws about the last solved instant."""
         if run.assembly.instant > len(self.laws):
             stages = Stages(run.image, run.direction(1), 1, run.assembly.instant)

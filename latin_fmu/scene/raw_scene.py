@@ -17,7 +17,7 @@ RawTable = Mapping[str, Any]
 CENTRAL = "central_difference"
 """Name of the scheme of the explicit propagator."""
 _DEPTH = 6  # of the deepest table a scene has
-_MAX_LEVELS = 50  # far deeper than any scene: stops at endless nesting
+_MAX_LEVELS = 50  # far deeper than any scene: stops at oversized nesting
 _MAX_BITS = 4096  # some 1200 digits; Python prints 4300
 
 
@@ -31,16 +31,16 @@ def plain(data: Any, depth: int = _DEPTH) -> Any:
     return tolist() if callable(tolist) else data
 
 
-def endless_numbers(raw: Any, path: tuple[str | int, ...] = ()) -> Iterator[tuple[str | int, ...]]:
+def oversized_integers(raw: Any, path: tuple[str | int, ...] = ()) -> Iterator[tuple[str | int, ...]]:
     """Paths of the integers that are too long to be printed."""
     if isinstance(raw, int) and raw.bit_length() > _MAX_BITS:
         yield path
     elif len(path) < _MAX_LEVELS and isinstance(raw, Mapping):
         for key, item in raw.items():
-            yield from endless_numbers(item, (*path, str(key)))
+            yield from oversized_integers(item, (*path, str(key)))
     elif len(path) < _MAX_LEVELS and isinstance(raw, (list, tuple)):
         for index, item in enumerate(raw):
-            yield from endless_numbers(item, (*path, index))
+            yield from oversized_integers(item, (*path, index))
 
 
 def named_tables(raw: Any, key: str) -> dict[str, RawTable]:
