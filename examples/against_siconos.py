@@ -9,7 +9,7 @@ CPU time of one thread, everything from the matrices on in the timed region, in 
   distance   of the normal resultants of all interfaces to the package's (other scheme, impulses between instants:
              a few per cent are the discretisation)
 
-Without Siconos it only says so.
+Without Siconos it prints a message only.
 """
 
 from __future__ import annotations

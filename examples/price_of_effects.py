@@ -1,7 +1,7 @@
 """What each effect costs when a scene calls for it, and when it is there but idle: CPU time, unknowns, memory.
 
 Two elastic blocks in frictionless contact, one pushed, are the base: what is off there is not allocated and not called.
-Every row adds one effect, idle (its answer is that of the base) and at work; rows of one base are measured in turns.
+Every row adds one effect, idle (its result is that of the base) and at work; rows of one base are measured in turns.
 A chain of eight blocks, of which the wave reaches three, shows what substructures at rest save. Writes one figure:
   price_of_effects.png  CPU time of the march relative to the base, idle and at work
 """

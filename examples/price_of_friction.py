@@ -13,7 +13,7 @@ floor, the linear transient of the bonded mesh, and prints the ratio of the CPU 
   iterations  mean number of times that a substructure is marched over an instant
   propagator  direct: every block has a factor of its own, identical or not; explicit: central differences, lumped
             mass, with as many steps as the others, or the fewest that are stable; reduced: vibration modes and
-            static answers, set-up not in the time (it is for repeated runs); with _batched identical blocks share
+            static responses, set-up not in the time (it is for repeated runs); with _batched identical blocks share
             operators and are marched together
 
 Writes price_of_friction.png, or with --json one list of objects to standard output and no figure.

@@ -132,7 +132,7 @@ def joined(nodes: Mapping[str, Array], displacement: Mapping[str, Array | None],
     for number, name in enumerate(BARS):
         moved = displacement[name]
         if moved is None:
-            raise ValueError("the scene must ask for fields: output.fields = true")
+            raise ValueError("the scene must request fields: output.fields = true")
         x, stress = bar_stress(nodes[name], moved)
         places.append(x - nodes[name][:, 2].min() + number * LENGTH)
         stresses.append(1e-6 * stress)

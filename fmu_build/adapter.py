@@ -343,7 +343,7 @@ class ModelExchangeAdapter(Adapter):
 
     def _write(self, target: memoryview, values: Any) -> int:
         self._array(target)[:] = values
-        return self._status() & PENDING  # NaN stops an integrator; some take no notice of a status in its callbacks
+        return self._status() & PENDING  # NaN stops an integrator; some ignore a status in its callbacks
 
 
 # -- checks at instantiation --------------------------------------------------------------------------------------

@@ -200,7 +200,7 @@ def _listed_groups(name: str, table: MeshParts, content: MeshContent, problems: 
 
 
 def _substructure(part: str, group: str | None, table: MeshParts, own: Any, problems: list[Problem]) -> Any:
-    """The table of a part: material and mesh of the file, then what [substructure.PART] says."""
+    """The table of a part: material and mesh of the file, then the keys of [substructure.PART]."""
     mesh: dict[str, Any] = {"file": table.file, "scale": table.scale, "refine": table.refine}
     if group is not None:
         mesh["group"] = group
@@ -208,7 +208,7 @@ def _substructure(part: str, group: str | None, table: MeshParts, own: Any, prob
     if own is None:
         return {**default, "mesh": mesh}
     if not isinstance(own, Mapping):
-        return own  # the check of the fields says what it must be
+        return own  # reported by the check of the fields
     for key in ("box", "mesh"):
         if given(own, key):
             what = "the mesh of this part comes from a file with several parts"

@@ -37,7 +37,7 @@ class _Library(codegen.JITCodeLibrary):
         self._finalized = True
 
     def get_pointer_to_function(self, name: str) -> int:
-        return 1  # numba wants an address to make a Python function of; nobody calls it
+        return 1  # numba requires an address to make a Python function of; it is never called
 
     @property
     def has_dynamic_globals(self) -> bool:

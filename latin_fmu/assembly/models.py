@@ -80,7 +80,7 @@ def model_classes(
     free: Collection[str] = (),
     kept: KeptOperators | None = None,
 ) -> list[ModelClass]:
-    """Matrices of every substructure, grouped into classes of identical ones (of one each where the scene asks).
+    """Matrices of every substructure, grouped into classes of identical ones (of one each where the scene requests it).
 
     moved : contact layers with which body forces act, where it is not those of ``scheme`` (static start).
     cuts : of the bolts. free : those whose tension is given, and not their shortening.

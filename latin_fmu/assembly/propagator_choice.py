@@ -211,12 +211,12 @@ def made_propagators(
 
 def chosen_propagators(scene: Scene, classes: list[ModelClass]) -> tuple[PropagatorSettings, list[str]]:
     """Settings of the propagators, and warnings about an automatic choice."""
-    asked = propagator_settings(scene)
+    requested = propagator_settings(scene)
     if scene.time.quasi_static or not isinstance(scene.solver.propagator, AutomaticPropagator):
-        return asked, []
-    chosen = fitting(classes, asked)
-    if chosen.kind == asked.kind:
-        return asked, []
+        return requested, []
+    chosen = fitting(classes, requested)
+    if chosen.kind == requested.kind:
+        return requested, []
     return chosen, [
         "the factors do not fit in the memory of this machine: conjugate gradients are used, which are slow"
     ]
@@ -224,20 +224,22 @@ def chosen_propagators(scene: Scene, classes: list[ModelClass]) -> tuple[Propaga
 
 def interface_form(scene: Scene) -> Form:
     """How the interfaces of directly marched substructures are solved with; dense where none are."""
-    asked = scene.solver.propagator.type
-    direct = asked == "direct" or (asked == "automatic" and scene.time.scheme.type != CENTRAL)
+    requested = scene.solver.propagator.type
+    direct = requested == "direct" or (requested == "automatic" and scene.time.scheme.type != CENTRAL)
     return scene.solver.interface_operator if direct or scene.time.quasi_static else "dense"
 
 
 def propagator_settings(scene: Scene) -> PropagatorSettings:
     """Settings of the propagators that the scene requests, whether they fit into memory or not."""
-    asked = scene.solver.propagator
-    if isinstance(asked, AutomaticPropagator):
+    requested = scene.solver.propagator
+    if isinstance(requested, AutomaticPropagator):
         kind: Kind = "explicit" if scene.time.scheme.type == CENTRAL else "direct"
         return PropagatorSettings(kind, precision=scene.solver.precision, interface=scene.solver.interface_operator)
-    if isinstance(asked, ReducedPropagator):
-        return PropagatorSettings("reduced", modes=asked.modes)
-    return PropagatorSettings(asked.type, precision=scene.solver.precision, interface=scene.solver.interface_operator)
+    if isinstance(requested, ReducedPropagator):
+        return PropagatorSettings("reduced", modes=requested.modes)
+    return PropagatorSettings(
+        requested.type, precision=scene.solver.precision, interface=scene.solver.interface_operator
+    )
 
 
 def box_memory(scene: Scene) -> list[Problem]:

@@ -22,7 +22,7 @@ from .variable import input_of, is_wave
 from .variables import EVENTS
 from .windowed import LastStep, Windowed
 
-_EFFECT = 1e-2  # on the tractions, relative: smaller ones are enlarged, as far as round-off says what they are
+_EFFECT = 1e-2  # on the tractions, relative: smaller ones are enlarged, as far as they exceed round-off
 _LARGEST = 1e8  # factor
 _CONSTANT = ("closed", "sticking", "slipping", *EVENTS)
 _INSTANTS = tuple(last for last, _ in EVENTS.values())

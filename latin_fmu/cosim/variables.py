@@ -18,7 +18,7 @@ from .variable import AXES, Kind, Variable, input_variable, is_wave, output, par
 WINDOWED, PRESCRIBED = 0, 1
 HOLD, RATE, LINE, CAUSAL = 0, 1, 2, 3
 MAX_WINDOW = 100_000  # instants
-HISTORY = 101  # instants of the load histories, where the host does not say: one array element each
+HISTORY = 101  # instants of the load histories, where the host sets no size: one array element each
 _INSTANTS = ("window.size",)
 _SHARES: Final[Mapping[str, str]] = {
     "closed": "in contact",

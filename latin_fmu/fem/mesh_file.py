@@ -173,7 +173,7 @@ def oriented(nodes: Array, block: CellBlock) -> tuple[Index, NDArray[np.bool_]]:
 
     Returns
     -------
-    cells (n_cell, n_node), and which of them (n_cell,) have no volume somewhere or change sign, judged by the
+    cells (n_cell, n_node), and which of them (n_cell,) have no volume somewhere or change sign, by the
     Jacobians at all nodes but those in the middle of faces and cells, and at the integration points.
     """
     places = cell_functions(block.cell_type).nodes[:20]

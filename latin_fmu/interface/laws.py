@@ -151,8 +151,8 @@ class Layer(Behaviour, Protocol):
 class PointLaw:
     """Base of behaviours: frozen dataclasses whose fields are the parameters of the law.
 
-    The law is the one of that name in ``kernels.laws``; the sides stay together unless a subclass says else. A law in
-    NumPy overrides ``local`` and sets ``compiled = False``.
+    The law is the one of that name in ``kernels.laws``; the sides stay together unless a subclass sets ``opens``. A law
+    in NumPy overrides ``local`` and sets ``compiled = False``.
     """
 
     name: ClassVar[str]

@@ -26,7 +26,7 @@ _CANCELLED = 1e-6  # of the work of the interfaces
 def status(
     assembly: Assembly, settings: Settings, windows: WindowList, interface_indicator: Array | None
 ) -> tuple[bool, str]:
-    """Whether every window converged, and a sentence that says so, or names the worst place and a remedy."""
+    """Whether every window converged, and a sentence: the iterations, or the worst place and a remedy."""
     failed = windows.failed()
     if not failed and assembly.lost is not None and assembly.instant < assembly.n_instant:
         return False, _no_equilibrium(assembly, assembly.lost)

@@ -152,7 +152,7 @@ def failed(message: str) -> Record:
 
 @lru_cache(maxsize=1)
 def _solver(plan: str) -> PointSolver:
-    """The solver of a process, which lives as long as points of its study come."""
+    """The solver of a process, kept while the points belong to one study."""
     return PointSolver(Plan.of_text(plan))
 
 

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 Log = Callable[[str], None]
 
 _KIND: Final = "points of a study"
-_HEAD: Final = "study"  # name of the file that says which study the points of a folder are of
+_HEAD: Final = "study"  # name of the file that identifies the study of the points in a folder
 _HEADING: Final = "the study cannot be made"
 _MOST_JOBS: Final = 1024
 

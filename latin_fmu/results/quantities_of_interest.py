@@ -143,9 +143,9 @@ class Force:
     time: Array
     value: Array
 
-    def peaks(self, asked: float | None) -> tuple[float, float, float]:
-        """Peak force (N), the duration of its mean (s; ``asked``, or a share of the contact), and the raw peak (N)."""
-        duration = self.peak_duration(asked)
+    def peaks(self, requested: float | None) -> tuple[float, float, float]:
+        """Peak force, N, the duration of its mean, s (``requested``, or a share of the contact), and the raw peak, N."""
+        duration = self.peak_duration(requested)
         return self.largest_mean(duration), duration, self.raw_peak()
 
     def norm(self) -> float:

@@ -181,8 +181,8 @@ def _processing_problems(where: str, table: RawTable, time: RawTable) -> Iterato
         return
     spectrum = table.get("spectrum")
     if isinstance(spectrum, dict):
-        asked = [number(spectrum, key) for key in ("lowest", "highest")]
-        yield from spectrum_problems(f"{where}.spectrum", [f for f in asked if f is not None], step)
+        requested = [number(spectrum, key) for key in ("lowest", "highest")]
+        yield from spectrum_problems(f"{where}.spectrum", [f for f in requested if f is not None], step)
     if isinstance(table.get("filter"), dict) and (chosen := _filter(table["filter"])) is not None:
         yield from filter_problems(f"{where}.filter", chosen, step, end)
 
