@@ -102,7 +102,7 @@ other factors, which are computed when an FMU is made. The tolerance of the impo
 so.</li>
 <li>A step that was not made where another one or another input may help is <b>discarded</b>: the status is Discard, the
 simulation is not reported as terminated, a message gives the reason, the state is as before. If the host continues as
-if the step had been made, the next step is an <b>error</b>; if it ends the simulation there, so is the termination.</li>
+if the step had been made, the next step is an <b>error</b>; if it ends the simulation, so is the termination.</li>
 <li>A failure during initialization (a parameter out of range, no convergence in prescribed mode) is an error of the
 function that ends the initialization.</li>
 <li>Saved states carry a digest of the FMU and a checksum. A state that is damaged, of another FMU, or was freed is an

@@ -61,7 +61,7 @@ def assert_equal(first: Path, second: Path) -> None:
 
 
 class Stopping(Checkpoint):
-    """Stops a run at the first look from an instant on."""
+    """Stops a run at the first check from an instant on."""
 
     def __init__(self, path: Path, at: int, **options: Any) -> None:
         super().__init__(path, stop=lambda: self.seen >= at, log=lambda _: None, **options)

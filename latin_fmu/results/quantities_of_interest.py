@@ -144,7 +144,7 @@ class Force:
     value: Array
 
     def peaks(self, requested: float | None) -> tuple[float, float, float]:
-        """Peak force, N, the duration of its mean, s (``requested``, or a share of the contact), and the raw peak, N."""
+        """Peak force, N, the duration of its mean, s (``requested`` or a share of the contact), and raw peak, N."""
         duration = self.peak_duration(requested)
         return self.largest_mean(duration), duration, self.raw_peak()
 

@@ -133,7 +133,7 @@ def searched(settings: list[str]) -> tuple[Choice, list[str]]:
 
 def test_the_search_makes_no_run_twice() -> None:
     """Two coarse runs and the one across are enough for 5 %; where the scene requests no output the finer one is the
-    answer, else it is made once more with its output."""
+    result, else it is made once more with its output."""
     bare, runs = searched(["output.energy=false", "output.fields=false"])
     assert bare.reached
     assert len(runs) == 3

@@ -53,7 +53,7 @@ def test_the_three_changes_add_up(front: bool) -> None:
 
 
 def test_an_error_of_the_courant_number_alone_is_met() -> None:
-    """Nothing changes along the diagonal; four times the steps change 8 %: bound, not promised below it."""
+    """Nothing changes along the diagonal; four times the steps change 8 %: bound, not guaranteed below it."""
     error, bound_only = estimated_error(PEAK_FORCE_RAW, Changes(half=0.0, quarter=0.0, steps=0.08))
     assert bound_only
     assert error >= 0.08

@@ -290,7 +290,7 @@ def test_numba_is_not_imported_where_compilation_is_off() -> None:
 
 
 def test_rows_in_groups_or_one_by_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Factors beyond the cache are read row by row: same answer."""
+    """Factors beyond the cache are read row by row: same result."""
     matrix, rank = body((3, 4, 5))
     last = np.arange(20, 50)
     grouped = CholeskyFactor(matrix, last, rank)

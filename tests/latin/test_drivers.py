@@ -359,7 +359,7 @@ def test_longer_windows_without_a_factor(length: Any) -> None:
     "change", [layers, massless_layers, landing_layers, explicit_layers], ids=lambda change: change.__name__
 )
 def test_segments_and_snapshots_of_layers(change: Callable[[Tables], None], python_driver: Callable[[], None]) -> None:
-    """Cut, taken back and gone through again, with both drivers: what layers remember is handed over."""
+    """Cut, taken back and gone through again, with both drivers: the state of layers is handed over."""
     ends: dict[tuple[bool, str], Any] = {}
     for compiled in (True, False):
         if not compiled:

@@ -1,4 +1,4 @@
-"""Faces that fit and faces that do not: pairing of points, gaps, preloads; every refusal says what to do."""
+"""Faces that fit and faces that do not: pairing of points, gaps, preloads; every refusal has a remedy."""
 
 from __future__ import annotations
 

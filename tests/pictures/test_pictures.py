@@ -1,4 +1,4 @@
-"""Pictures of bodies: what is in front is seen, faces have their colours, every file is refused or drawn."""
+"""Pictures of bodies: what is in front is visible, faces have their colours, every file is refused or drawn."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def test_skin_of_a_box() -> None:
 
 
 def test_sharp_edges_of_a_box() -> None:
-    """From a corner three faces are seen: 9 edges of the box, each of three pieces, are strong."""
+    """From a corner three faces are visible: 9 edges of the box, each of three pieces, are strong."""
     skin = block([0, 0, 0], [1, 1, 1], 3, RED)
     edges, strength = edges_of(skin, View.at(-45.0, 35.0))
     assert (strength == 1.0).sum() == 9 * 3

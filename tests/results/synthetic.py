@@ -86,7 +86,7 @@ def block(name: str, time: Array, every: int = 2, level: float = 0.0) -> Substru
 
 
 def silent_block(name: str, time: Array) -> SubstructureHistory:
-    """A substructure of which nothing was asked."""
+    """A substructure without requested output."""
     full = block(name, time)
     nothing = {"displacement": None, "velocity": None, "stress": None, "energy": None}
     return SubstructureHistory(**full.__dict__ | nothing)

@@ -1,4 +1,4 @@
-"""Whatever is written into a scene, the answer is a scene or a SceneError."""
+"""Whatever is written into a scene, the outcome is a scene or a SceneError."""
 
 from __future__ import annotations
 

@@ -188,7 +188,7 @@ def _lumped(nodes):
 
 
 def test_drift_of_a_bond_is_told():
-    """Loose tolerance, long ring-down: the sides of a joint stand apart and the run says so; tight: it does not."""
+    """Loose tolerance, long ring-down: the sides of a joint stand apart and the run reports it; tight: it does not."""
     scene = stack(2, "perfect", tolerance=0.3, force_tolerance=3.0, bonds="iterate")
     scene["time"] = {"end": 2e-4, "instants": 1000}
     assert any("drifted apart" in w for w in solve(scene).warnings)

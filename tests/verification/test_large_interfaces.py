@@ -1,4 +1,4 @@
-"""Interfaces solved with by substitution against dense matrices: equal answers, whatever a scene has in it."""
+"""Interfaces solved with by substitution against dense matrices: equal results, whatever a scene has in it."""
 
 from __future__ import annotations
 
