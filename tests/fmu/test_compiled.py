@@ -173,14 +173,14 @@ def test_a_host_in_c_gets_the_forces_of_the_run(fmus, programs, tmp_path):
     values = [0.25 + 0.1 * i for i in range(given.time.n_step + 1)]
     rates = [*(np.diff(values) / DT), 0.0]
     rows = [f"{value!r} {float(rate)!r}" for value, rate in zip(values, rates, strict=True)]
-    outputs = []
+    printed = []
     for back in ("", "back "):
         steps = [f"{back if i % 4 == 3 else ''}{DT!r} {row}" for i, row in enumerate(rows[:-1])]
         done = ran(programs["steps"], *files, inputs, outputs, lines="\n".join([rows[0], *steps]))
         assert done.returncode == 0, done.stderr
-        outputs.append(done.stdout)
-    assert outputs[0] == outputs[1]
-    force = np.array([[float.fromhex(word) for word in line.split()] for line in outputs[0].splitlines()])
+        printed.append(done.stdout)
+    assert printed[0] == printed[1]
+    force = np.array([[float.fromhex(word) for word in line.split()] for line in printed[0].splitlines()])
     law = TableLaw(type="table", times=[0.0, given.time.end], values=[values[0], values[-1]])
     whole = solve(with_laws(given, {"press": law})).interfaces["crush"].force()
     assert np.abs(force - whole).max() <= LIMIT * np.abs(whole).max()
