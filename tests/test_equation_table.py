@@ -143,7 +143,8 @@ def test_the_expressions_of_the_mutants_are_there_once() -> None:
 
 def forces_of(folder: Path, mutation: str | None) -> list[object]:
     """Forces and iterations of the crushing, with the kernels of a copy of the package compiled from that copy."""
-    shutil.copytree(PACKAGE, folder / "latin_fmu", ignore=shutil.ignore_patterns("__pycache__"))
+    for package in (PACKAGE, ROOT / "fmu_build"):  # whose C files are linked into the library
+        shutil.copytree(package, folder / package.name, ignore=shutil.ignore_patterns("__pycache__"))
     if mutation is not None:
         module, own, changed = MUTATIONS[mutation]
         path = folder / "latin_fmu" / f"{module.replace('.', '/')}.py"

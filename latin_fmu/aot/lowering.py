@@ -54,7 +54,7 @@ class _Library(codegen.JITCodeLibrary):
 
     @property
     def code(self) -> Any:
-        """Its LLVM module."""
+        """LLVM module of this function."""
         return self._final_module
 
 

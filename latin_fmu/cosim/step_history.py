@@ -161,7 +161,7 @@ def _joined_arrays(parts: Sequence[Array]) -> Array:
 
 
 def _joined_fields(parts: Sequence[Any], names: Sequence[str]) -> dict[str, Any]:
-    """Those of the fields that are kept, over the instants of all parts."""
+    """The kept ones of some fields over the instants of all parts."""
     kept = (name for name in names if getattr(parts[0], name) is not None)
     return {name: _joined_arrays([getattr(part, name) for part in parts]) for name in kept}
 

@@ -67,7 +67,7 @@ class Explanation:
         }
 
     def text(self) -> str:
-        """For a reader."""
+        """The explanation as lines of text."""
         on, off = ([e for e in self.effects if e.on is state] for state in (True, False))
         lines = [self._headline(), "", "On:"]
         for effect in on:

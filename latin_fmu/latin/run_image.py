@@ -240,7 +240,7 @@ class Stages:
         self._compiled = all_in_kernels(image)
 
     def of(self, direction: Direction) -> Stages:
-        """Those of one instant with another search direction."""
+        """Stages of one instant with another search direction."""
         return Stages(self.image, direction, 1, self.first)
 
     def predict(self) -> None:

@@ -59,7 +59,7 @@ class Points:
     faces: Index
 
     def of(self, components: slice, moving: NDArray[np.bool_]) -> Points:
-        """The same with some of the components, and the channels alone that can move."""
+        """These points with some of the components, and with channels that can move only."""
         channels = self.channels[:, components]
         channels = np.where((channels >= 0) & moving[channels], channels, -1)
         channels = channels[:, : 1 + np.flatnonzero((channels >= 0).any(axis=0)).max(initial=0)]
@@ -67,7 +67,7 @@ class Points:
         return Points(self.positions[kept], channels[kept], self.faces[kept])
 
     def in_rows(self) -> Points:
-        """The same in an order in which neighbours follow each other, as rows of a table are read."""
+        """These points in an order in which neighbours follow each other, as rows of a table are read."""
         if len(self.positions) < 2:
             return self
         nearest = np.asarray(cKDTree(self.positions).query(self.positions, 2)[0])[:, 1]

@@ -262,7 +262,7 @@ class SubstructureModel:
 
     @cached_property
     def reduced_spread(self) -> sp.csr_array:
-        """Its transpose, (n, n_channel)."""
+        """Transpose of ``reduced_trace``, (n, n_channel)."""
         return sp.csr_array(self.reduced_trace.T)
 
     @cached_property

@@ -60,7 +60,7 @@ class Bench:
         return solution
 
     def converged(self, description: Description, counted: bool = True) -> Solution:
-        """Same; raises ArithmeticError with the status where the run did not converge."""
+        """As ``solve``; raises ArithmeticError with the status where the run did not converge."""
         solution = self.solve(description, counted)
         if not solution.converged:
             raise ArithmeticError(solution.status)

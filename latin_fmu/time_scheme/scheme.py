@@ -137,7 +137,7 @@ class TimeScheme(Protocol):
         """Weights of forces at (n-1, n, n+1) and of accelerations at (n, n+1) in the work over one step."""
 
     def traction_weights(self) -> tuple[float, float, float]:
-        """The same weights for the interface tractions."""
+        """Weights of the interface tractions at (n-1, n, n+1) in the work over one step."""
         return self.energy_weights()[0]
 
     @property
